@@ -211,8 +211,6 @@ def origins() -> dict[str, str]:
 class Unloadable(Solver):
     """What stands for a solver of another distribution that cannot be loaded."""
 
-    law = None
-
     def __init__(self, name: str, problem: str) -> None:
         self.name, self._problem = name, problem
 
