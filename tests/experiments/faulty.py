@@ -53,7 +53,7 @@ class Slow(Shifted):
     """Takes its time for each collision, so that a run can be ended in the middle."""
 
     def solve_many(self, collisions, settings):
-        time.sleep(0.1 * len(collisions))
+        time.sleep(0.05 * len(collisions))
         return super().solve_many(collisions, settings)
 
 
