@@ -3,6 +3,7 @@
 The integration in time is tests/model/column_reference.py, the one in impulse space tests/model/oracle.py.
 """
 
+import contextlib
 import math
 
 import numpy as np
@@ -25,10 +26,13 @@ CUTOFFS = [(SUPPLEMENT_CUTOFF, SUPPLEMENT_CUTOFF), ("exact", 1e8)]
 
 
 def compare_in_time(cell, ours, _):
-    for resolution in (0.1, 0.02):  # it can miss a pair of events
-        theirs = integrate(Collision.from_ratios(*cell), resolution=resolution)
-        if math.dist(ours.velocities, theirs.velocities) < 1e-9:
-            break
+    theirs = None
+    for resolution in (0.1, 0.05, 0.02):  # it can miss a pair of events, or meet one again and again
+        with contextlib.suppress(AssertionError):
+            theirs = integrate(Collision.from_ratios(*cell), resolution=resolution, most=500)
+            if math.dist(ours.velocities, theirs.velocities) < 1e-9:
+                break
+    assert theirs is not None, cell
     assert (ours.status == "limit") == theirs.limit, cell
     assert ours.velocities == pytest.approx(theirs.velocities, abs=1e-9, rel=0), cell
     if not theirs.limit:
