@@ -15,7 +15,7 @@ run = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/default")
 # A row of divergence.parquet is a cell and a compared solver; velocities and impulses are in cells.parquet.
 print("pandas: median of D by solver")
 divergence = pd.read_parquet(run / "divergence.parquet", columns=["solver", "marked", "velocity_divergence"])
-divergence = divergence[divergence.marked.isna()]  # beside a jump a median is not told of
+divergence = divergence[divergence.marked.isna()]  # beside a jump: no statistic has them
 print(divergence.groupby("solver", observed=True)["velocity_divergence"].median().to_string())
 
 print("\nxarray: the same from an array with the axes of the grid, and its course over k2/k1")
