@@ -159,10 +159,10 @@ class Config(Strict):
             raise ValueError(f"{short(value)}; legal: {_NAME}")
         return value
 
-    @field_validator("stiffness_ratio_cutoff", mode="plain")
+    @field_validator("stiffness_ratio_cutoff", mode="before")
     @classmethod
     def _cutoff(cls, value: Any) -> Cutoff:
-        # Not the union's own validation: it would tell one mistake twice, once for each type.
+        # Before the union's own validation, which would tell one mistake twice, once for each type.
         if not legal_cutoff(value):
             raise ValueError(f"{short(value)}; legal: {LEGAL_CUTOFF}")
         return "exact" if value == "exact" else float(value)

@@ -125,7 +125,7 @@ def _regular_rows(path: Path, solver: str, config: Config) -> Frame:
     pair = config.column is None
     columns = [f"{c.name}_{number}" for c in contributions_of(gravity=pair) for number in ("norm", "share")]
     columns += [f"{name}_along" for name in corner_names(gravity=pair).values()]
-    columns += ["solver", "status", "marked", "velocity_divergence", "dominant"]
+    columns += ["solver", "status", "velocity_divergence", "dominant"]
     regular = (pc.field("solver") == solver) & (pc.field("status") == "ok") & pc.field("marked").is_null()
     return selected(path, [*(AXES if pair else COLUMN_AXES), *columns], regular).to_pandas()
 

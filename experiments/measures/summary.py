@@ -237,7 +237,7 @@ def convergence_estimates(
     """
     limits = [name for name in pq.read_schema(path).names if re.fullmatch(r"v\d+_limit", name)]
     velocities = [name.removesuffix("_limit") for name in limits]
-    known = ["solver", "status", "marked", "v0", "limit_error", "limit_distance", "order", "regularisation"]
+    known = ["solver", "status", "v0", "limit_error", "limit_distance", "order", "regularisation"]
     rows = []
     for name in solvers:
         keep = (pc.field("solver") == name) & pc.field("v1_limit").is_valid()

@@ -74,7 +74,7 @@ def trust_of(folder: RunFolder, config: Config) -> TrustMap | None:
     levels = [Levels(sorted(each.values), each.edges) for each in known]
     there = set(pq.read_schema(path).names)
     shares = {f"{c.name}_share": c.name for c in CONTRIBUTIONS if f"{c.name}_share" in there}
-    columns = ["solver", "status", "marked", *_PLANE, "velocity_divergence", *shares]
+    columns = ["solver", "status", *_PLANE, "velocity_divergence", *shares]
     rows = selected(path, columns, (pc.field("status") == "ok") & pc.field("marked").is_null()).to_pandas()
     rows = rows[rows.solver.map(is_engine).astype(bool)]
     if rows.empty or min(len(each.values) for each in levels) < 2:

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
 from impact_xval.experiments.tables import parquet
-from impact_xval.experiments.tables.parquet import blocks, table_writer
+from impact_xval.experiments.tables.parquet import blocks, selected, table_writer
 
 pytestmark = pytest.mark.smoke
 
@@ -57,3 +58,10 @@ def test_blocks_hold_whole_cells(tmp_path, monkeypatch):
     assert pa.concat_tables(read).equals(_table(333).select(["cell", "v"]))
     assert len(read) > 3
     assert all(len(block) % 3 == 0 for block in read)
+
+
+def test_rows_without_an_entry_are_found_in_a_column_of_none(tmp_path):
+    marks = pa.array([None, None, "kink"], pa.string()), pa.array([None] * 3, pa.string())
+    for mark, n in zip(marks, (2, 3), strict=True):
+        pq.write_table(pa.table({"solver": ["a"] * 3, "marked": mark}), tmp_path / "a")
+        assert len(selected(tmp_path / "a", ["solver"], pc.field("marked").is_null())) == n
