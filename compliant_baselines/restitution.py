@@ -25,9 +25,8 @@ from math import asinh, atan2, exp, inf, log, log1p, pi, sqrt
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from impact_xval.model.collision import Floats
 
 
 @njit(cache=True, error_model="numpy")

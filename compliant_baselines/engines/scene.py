@@ -13,13 +13,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.mapping import Contact
 from impact_xval.compliant_baselines.solver import MappingName, Settings
-from impact_xval.model.collision import Collision
-
-Floats = NDArray[np.float64]
+from impact_xval.model.collision import Collision, Floats
 
 #: Least radius of the balls over the depth to which they may go. Large enough that no ball comes near to passing
 #: through another; no larger, since a penetration is the difference of positions of that size and loses as many digits.

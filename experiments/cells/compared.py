@@ -187,11 +187,9 @@ def compare(problem: Collision, solvers: Sequence[str] | None = None, *, timeout
 
     Raises
     ------
-    TypeError, ValueError
-        If the problem is none; for names that are no solvers, or an illegal time. The message says what is legal.
+    ValueError
+        For names that are no solvers, or an illegal time; the message says what is legal.
     """
-    if not isinstance(problem, Collision):
-        raise TypeError(f"compare was given {type(problem).__name__}; legal: a Collision")
     names = [solvers] if isinstance(solvers, str) else list(solver_names() if solvers is None else solvers)
     try:
         config = parse_config({"scenario": "impact", "cell_timeout": timeout, "solvers": names}, where="")

@@ -1,8 +1,6 @@
 """The explorer: a page of this machine whose chart and table follow its sliders.
 
-The standard library's server is enough: a page, and an address that answers a cell with what the page is to show.
-Solvers run in processes apart, engines beside the exact ones, so that no crash or long run of an engine holds a slider
-up.
+Solvers run in processes apart, engines beside the exact ones: no crash or long run of an engine holds a slider up.
 """
 
 from __future__ import annotations
@@ -57,9 +55,9 @@ class Cells:
         self._engine = lru_cache(64)(self._solve)
 
     def answer(self, query: str) -> dict[str, Any]:
-        """Return what a page shows of a cell: ``problem``, one line; or ``results``, HTML, and ``data`` of the charts.
+        """Return what a page shows of an address, options of `solve` and ``solver`` for every engine.
 
-        The query of an address has options of `solve`, and ``solver`` for every engine.
+        That is ``problem``, one line; or ``results``, HTML, and ``data`` of the charts.
         """
         given = parse_qsl(query, keep_blank_values=True)
         asked = (("cell_timeout", "60"), *(each for each in given if each[0] != "solver"))

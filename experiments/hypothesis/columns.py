@@ -46,10 +46,11 @@ PLACES = (
     *((name, where) for name in ("chain", "cradle") for where in ("top", "middle", "bottom")),
     *((name, where) for name in ("drop", "stack") for where in ("top", "middle", "table")),
 )
-Place = tuple[Any, str]
 
 
-def draw(place: Place, points: int, balls: tuple[int, int], seed: int) -> list[tuple[Collision, int]]:
+def draw(
+    place: tuple[Any, str], points: int, balls: tuple[int, int], seed: int
+) -> list[tuple[Collision, int]]:
     """Draw columns of so many balls (least, largest), and of each the contact at a place, as stiff as the stiffest.
 
     A cradle is struck by two balls, and its middle is where.
@@ -90,10 +91,8 @@ def welded(column: Collision, contact: int) -> Collision:
 
 
 def of_each_ball(velocities: Sequence[float], contact: int, balls: int) -> tuple[float, ...]:
-    """Give the velocities of a welded column to the balls of the whole one."""
-    if contact == balls - 1:
-        return (*velocities, 0.0)
-    return (*velocities[: contact + 1], *velocities[contact:])
+    """Give the velocities of a welded column, and of the table, to the balls of the whole one."""
+    return tuple((*velocities, 0.0)[ball - (ball > contact)] for ball in range(balls))
 
 
 def column_outcomes(config: HypothesisConfig) -> Frame:

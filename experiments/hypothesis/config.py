@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator
@@ -83,10 +83,6 @@ def spaced(ends: tuple[float, float], per_decade: int) -> list[float]:
 
 
 def load(path: Path | None) -> HypothesisConfig:
-    """Read a configuration; without a path, the built-in one."""
-    return parse({} if path is None else read_toml(path), str(path) if path else "built-in hypothesis")
-
-
-def parse(data: dict[str, Any], where: str) -> HypothesisConfig:
-    """Validate a configuration given as plain values; a `UserError` is one line that says what is illegal."""
-    return validated(HypothesisConfig, data, where)
+    """Read a configuration; without a path, the built-in one. A `UserError` is one line that says what is illegal."""
+    where = str(path) if path else "built-in hypothesis"
+    return validated(HypothesisConfig, read_toml(path) if path else {}, where)

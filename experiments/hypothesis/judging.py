@@ -29,20 +29,16 @@ the closed form does not count against one that is supported.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
 from scipy.stats import theilslopes
 
 from impact_xval.experiments.measures.aggregates import Frame
-from impact_xval.model.collision import RESULT_STATUSES
-
-Floats = NDArray[np.float64]
+from impact_xval.model.collision import RESULT_STATUSES, Floats
 
 #: Least rate: over four decades a distance falls by 2.5. Least fall of the distance, from the median of the first
 #: decade of a window to that of the last: a series that falls by less may as well level out just beyond.
@@ -72,7 +68,7 @@ _ORDER = ("refuted", "no limit", "undecided", "supported")
 
 #: What is known of a series that has no window.
 _OPEN: dict[str, Any] = {"verdict": "undecided", "reason": "", "consistent": False, "settles": True}
-_OPEN |= dict.fromkeys(("rate", "rate_low", "rate_high", "last", "limit_error", "offset"), math.nan)
+_OPEN |= dict.fromkeys(("rate", "rate_low", "rate_high", "last", "limit_error", "offset"), np.nan)
 
 
 def distance(weights: Any, differences: Any) -> Any:
@@ -92,7 +88,7 @@ def judge(series: Frame) -> dict[str, Any]:
     w = np.array(used.velocities.to_list()).reshape(-1, len(scale)) * scale
     # An estimate of an error can vanish by chance: the largest of three neighbours counts.
     own = used.error.rolling(3, center=True, min_periods=1).max().to_numpy()
-    found = _OPEN | {f"limit_v{i}": math.nan for i in range(1, 1 + len(target))}
+    found = _OPEN | {f"limit_v{i}": np.nan for i in range(1, 1 + len(target))}
     columns = {"w": list(w), "D": distance(1.0, w - target), "own": own}
     path: Frame = pd.DataFrame(columns, index=np.log10(used.contrast.to_numpy()))
     window = _window(path.assign(clear=FLOOR_ERRORS * path.own < path.D), first.decades)
@@ -150,10 +146,10 @@ def _rate(window: Frame, last: float) -> dict[str, Any]:
     """Find the rate of the approach of a series that is not refuted, and decide on it."""
     x, clear, (first, final) = window.index.to_numpy(), window[window.clear], _ends(window)
     x_clear, log_D = clear.index.to_numpy(), np.log10(clear.D.to_numpy())
-    line: Any = theilslopes(log_D, x_clear, alpha=0.95) if x_clear.size >= 3 else 4 * (math.nan,)
+    line: Any = theilslopes(log_D, x_clear, alpha=0.95) if x_clear.size >= 3 else 4 * (np.nan,)
     slope, at_zero, low, high = line
     found: dict[str, Any] = {"rate": -slope, "rate_low": -high, "rate_high": -low}
-    off = np.minimum(log_D - at_zero - slope * x_clear, np.diff(log_D, prepend=log_D[:1])) > math.log10(JUMP)
+    off = np.minimum(log_D - at_zero - slope * x_clear, np.diff(log_D, prepend=log_D[:1])) > np.log10(JUMP)
     jumps = np.count_nonzero(off & (x_clear >= 0.5 * (x[0] + x[-1])))
     if jumps:
         reason = f"it jumps: {jumps} of {x.size} outcomes lie {JUMP:g} times further off than the others"

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.hypothesis.judging import CLOSE
-from impact_xval.experiments.hypothesis.run import CASES, LOSSY, ROUNDING, Results
+from impact_xval.experiments.hypothesis.run import CASES, ROUNDING, Results
 from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.measures.laws import voters
 from impact_xval.experiments.presentation.document import Block, Figure, Section, Table
@@ -136,7 +136,7 @@ def _cell(row: Any) -> str:
 
 def _draw(results: Results, folder: Path) -> None:
     """Draw how far each solver is from the closed form, over the contrast."""
-    usable: Any = results.outcomes[results.outcomes.used & results.outcomes["class"].isin(LOSSY)]
+    usable: Any = results.outcomes.query("used and `class`.str.endswith('lossy')")
     with drawing(11.0, 4.8) as figure:
         axes = figure.subplots(2, 3)
         for ax, case in zip(axes.flat, CASES, strict=True):

@@ -12,6 +12,7 @@ of its own in the folder of the test (``exact``, ``engines``), and is continued,
 from __future__ import annotations
 
 import math
+from collections import namedtuple
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -61,17 +62,9 @@ MARGIN = 0.1
 _RANGES = {"stiffness_ratio": {"log": [0.03, 30.0]}, "mass_ratio": {"log": [0.2, 10.0]}}
 BOX = Sample.model_validate(_RANGES | {e: {"linear": [0.3, 0.95]} for e in ("e1", "e2")})
 
-#: Classes of points none of whose contacts is elastic.
-LOSSY = ("both lossy", "other lossy")
 
-
-class Point(NamedTuple):
-    """A collision by its ratios, in the order of `solve_batch`; the one that goes to its limit is NaN."""
-
-    stiffness_ratio: float
-    mass_ratio: float
-    e1: float
-    e2: float
+#: A collision by its ratios; the one that goes to its limit is NaN.
+Point = namedtuple("Point", AXES)
 
 
 class Case(NamedTuple):
@@ -177,13 +170,6 @@ class Results(NamedTuple):
         return in_order_of_laws(name for name in self.config.solvers if name in set(self.points.solver))
 
 
-def run_hypothesis(config: HypothesisConfig, root: Path, **how: Any) -> Results:
-    """Test the hypothesis in a folder; `how` is for `run_sweep`."""
-    for _, solve in stages(config, root):
-        solve(**how)
-    return results(config, root)
-
-
 def stages(config: HypothesisConfig, root: Path) -> Iterator[tuple[str, Callable[..., Any]]]:
     """Prepare the folder of a test, and give its runs, each with a line that says what it is of, as a `run_sweep`.
 
@@ -214,10 +200,7 @@ def _runs(config: HypothesisConfig) -> dict[str, list[str]]:
 
 
 def _cells(config: HypothesisConfig, run: str) -> Frame:
-    """List the cells of a run: every point of a limit at every contrast.
-
-    Contrasts vary more slowly than points: neighbours take about as many steps.
-    """
+    """List the cells of a run, points before contrasts: neighbours take about as many steps."""
     contrasts = spaced(config.contrast, config.per_decade)
     plastic_contrasts = spaced(config.plastic_contrast, max(4, config.per_decade // 2))
     if run == ENGINES:  # steps grow as the root of the contrast: as far as one can wait

@@ -24,10 +24,9 @@ from impact_xval.compliant_baselines import references
 from impact_xval.compliant_baselines.marks import JUMPS, Law, jumps, marks_of
 from impact_xval.compliant_baselines.registry import KELVIN_VOIGT
 from impact_xval.model.chain.following import MAX_PIECES
-from impact_xval.model.collision import Collisions, Outcomes
+from impact_xval.model.collision import Collisions, Floats, Outcomes
 from impact_xval.model.inputs import GRAZING_THRESHOLD
 
-Floats = NDArray[np.float64]
 Texts = NDArray[np.object_]
 
 #: A corner: which of its switches (positions, law, gravity) are on, 0 or 1; that of the model.

@@ -15,10 +15,17 @@ from impact_xval.compliant_baselines.solver import MappingName
 from impact_xval.compliant_baselines.states import compared_states
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.laws import exact_for
-from impact_xval.model.collision import RESULT_STATUSES, Collision, Collisions, Outcome, Outcomes, Paths
+from impact_xval.model.collision import (
+    RESULT_STATUSES,
+    Collision,
+    Collisions,
+    Floats,
+    Outcome,
+    Outcomes,
+    Paths,
+)
 from impact_xval.model.kinetic import kinetic_norm
 
-Floats = NDArray[np.float64]
 Texts = NDArray[np.object_]
 
 #: Diagnostics in m/s; tables and JSON state them per abs(v0).

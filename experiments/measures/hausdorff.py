@@ -18,9 +18,8 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from impact_xval.model.collision import Floats
 
 #: Absolute error allowed, in units of the coordinates.
 TOLERANCE = 1e-9

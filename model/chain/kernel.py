@@ -14,7 +14,6 @@ from math import inf, pi, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from impact_xval.model.chain.laws import (
     FORCE,
@@ -73,11 +72,10 @@ from impact_xval.model.chain.state import (
     tangent,
     unite,
 )
+from impact_xval.model.collision import Floats
 from impact_xval.model.compiled import entry, merged, uncounted
 from impact_xval.model.pair.grazing import STAKE
 from impact_xval.model.pair.law import INACTIVE, RESTITUTION
-
-Floats = NDArray[np.float64]
 
 #: How a chain ended, as bits: what happened on the way.
 PLASTIC, RUNAWAY, COLLAPSE, TOO_MANY_EVENTS = 1, 2, 4, 8

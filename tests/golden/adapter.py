@@ -24,8 +24,8 @@ from scipy.interpolate import PchipInterpolator
 from impact_xval.compliant_baselines import get_solver, references
 from impact_xval.compliant_baselines.solver import Convergence, Settings
 from impact_xval.experiments.config.experiment import parse_config
-from impact_xval.experiments.hypothesis.config import parse as parse_hypothesis
-from impact_xval.experiments.hypothesis.run import run_hypothesis
+from impact_xval.experiments.hypothesis.config import HypothesisConfig
+from impact_xval.experiments.hypothesis.run import results, stages
 from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.model import Collision, Collisions
@@ -150,9 +150,11 @@ def tables(spec, folder):
 
 def hypothesis(spec, folder):
     """Tables of a test of the hypothesis by exact solvers, those that `spec` names."""
-    config = {name: value for name, value in spec.items() if name != "tables"}
-    results = run_hypothesis(parse_hypothesis(config, "golden"), folder, workers=1, isolate=False)
-    frames = {"limits": results.verdicts, "points": results.points, "columns": results.columns}
+    config = HypothesisConfig(**{name: value for name, value in spec.items() if name != "tables"})
+    for _, solve in stages(config, folder):
+        solve(workers=1, isolate=False)
+    found = results(config, folder)
+    frames = {"limits": found.verdicts, "points": found.points, "columns": found.columns}
     return {name: _columns(frames[name].to_dict("list")) for name in spec["tables"]}
 
 

@@ -20,9 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.model.collision import Collision, Path
-
-Floats = NDArray[np.float64]
+from impact_xval.model.collision import Collision, Floats, Path
 
 #: Share of the impulses that may pass after what is shown: balls may meet again long after.
 TAIL = 1e-3

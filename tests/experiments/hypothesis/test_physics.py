@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from impact_xval.compliant_baselines.mapping import damping_ratio, restitution
-from impact_xval.experiments.hypothesis.config import parse
+from impact_xval.experiments.hypothesis.config import HypothesisConfig
 from impact_xval.experiments.hypothesis.judging import distance
 from impact_xval.experiments.hypothesis.page import over_places, span
-from impact_xval.experiments.hypothesis.run import CASES, MARGIN, design, draw, run_hypothesis
+from impact_xval.experiments.hypothesis.run import CASES, MARGIN, design, draw, results, stages
 from tests.model.test_limits import ball_ball_rigid
 
 DOCS = (Path(__file__).parents[3] / "docs" / "hypothesis.md").read_text(encoding="utf-8")
@@ -28,10 +28,13 @@ FEW = {"points": 3, "balls": [4, 4]}
 
 def examined(root, **changes):
     """Test the hypothesis by exact solvers, in this process; holds the verdicts, and gives them and all results."""
-    results = run_hypothesis(parse({"solvers": list(SOLVERS)} | changes, "test"), root, isolate=False)
-    wholes = results.verdicts[results.verdicts["class"] == "all"].set_index(["case", "solver"])
+    config = HypothesisConfig(solvers=[*SOLVERS], **changes)
+    for _, solve in stages(config, root):
+        solve(isolate=False)
+    found = results(config, root)
+    wholes = found.verdicts[found.verdicts["class"] == "all"].set_index(["case", "solver"])
     assert {case.key: [wholes.verdict[case.key, name] for name in SOLVERS] for case in CASES} == EXPECTED
-    return wholes, results
+    return wholes, found
 
 
 @pytest.mark.nightly
@@ -42,7 +45,7 @@ def test_verdicts_hold_when_the_design_is_redrawn(seed, tmp_path):
 
 @pytest.mark.nightly
 def test_the_tables_of_the_docs_are_those_of_the_built_in_test(tmp_path):
-    wholes, results = examined(tmp_path)
+    wholes, found = examined(tmp_path)
     rows = []
     for case in EXPECTED:
         cells = []
@@ -52,7 +55,7 @@ def test_the_tables_of_the_docs_are_those_of_the_built_in_test(tmp_path):
             cells.append(f"{row.verdict}{'' if n == row.points == 24 else f', {n}'}{far}")
         rows.append(f"| `{case}` | {' | '.join(cells)} |")
     columns = {}
-    for solver, place, *counts, rates, away in over_places(results):
+    for solver, place, *counts, rates, away in over_places(found):
         assert all(count.endswith(" of 24" if place == "meet" else " of 48") for count in counts)
         said = zip(counts, (rates, away), strict=True)
         columns.setdefault(solver, []).append(
