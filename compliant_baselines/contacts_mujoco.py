@@ -1,9 +1,8 @@
 """The contacts that a MuJoCo scene can have, and each of them in a scene of its own, dropped and loaded there.
 
-That scene has two spheres on vertical slides; a fixed body is a plane. What decides a contact is that of the user's
-scene: parameters as the engine combines them, masses, inverse weights, options. A sphere has one contact, where a box
-that lands on a face shares its load among four. A body on joints counts with its mass in the direction in which it
-moves most easily.
+There two spheres, or one and a plane for a fixed body, are on vertical slides; parameters as the engine combines them,
+masses, inverse weights and options are those of the user's scene. A sphere has one contact, where a box that lands on a
+face shares its load among four. A body on joints has its mass in the direction in which it moves most easily.
 """
 
 from __future__ import annotations
@@ -23,29 +22,27 @@ mujoco: Any = import_module("mujoco")  # the names of the compiled module are in
 #: Places of the touch within a step, the first two far apart; two are enough for a contact of `LONG` steps.
 PLACES = tuple((18 * i % 32 + 1) / 32 for i in range(16))
 LONG = 250
-
 #: Steps after which a drop is given up.
 MOST_STEPS = 20_000
-
 #: Relative change of a rate that is rounding, and steps without another change after which a contact is over.
 ROUNDING, QUIET = 1e-12, 3
 
-#: What decides a contact, as an attribute of a <pair> and of the engine's mjContact.
-_PARAMETERS = {name: name for name in ("solref", "solimp", "friction", "solreffriction", "adhesion")}
-_PARAMETERS |= {"condim": "dim", "margin": "includemargin"}
+#: What decides a contact, by the name of the engine's arrays of pairs: attributes of its mjContact.
+_PARAMETERS = {name: name for name in ("solref", "solimp", "friction", "solreffriction", "adhesion", "dim")}
+_PARAMETERS |= {"margin": "includemargin"}
 
 
 class Bodies(NamedTuple):
-    """The two bodies of a contact, the lighter first."""
+    """The two bodies of a contact, the lighter first: masses along the normal in kg, inf if fixed, `body_invweight0`.
 
-    #: Along the normal, in kg; inf if fixed.
+    A `pair` with these numbers has this contact; `mixed` are the solrefs of two geoms, if any is direct and the engine
+    has mixed them.
+    """
+
     masses: tuple[float, float]
-    #: `body_invweight0` of each.
     weights: tuple[tuple[float, ...], ...]
-    #: Attributes of a <pair> that has this contact, names and values.
     pair: tuple[tuple[str, Any], ...]
-    #: Solrefs of two geoms, if any is direct and the engine has mixed them.
-    mixed: tuple[Any, Any] | None = None
+    mixed: tuple[Any, ...] | None = None
 
     @property
     def mass(self) -> float:
@@ -79,31 +76,21 @@ def contacts(model: Any) -> dict[Bodies, list[str]]:
     met = {tuple(sorted(each.geom.tolist())): each for each in data.contact if each.geom.min() >= 0}
     pairs = np.sort([model.pair_geom1, model.pair_geom2], axis=0).T.tolist()
     named = {tuple(geoms): i for i, geoms in enumerate(pairs)}
+    override = model.opt.enableflags & int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
     found: dict[Bodies, list[str]] = {}
     for geoms in sorted(met, key=lambda geoms: (named.get(geoms, model.npair), geoms)):
         a, b = sorted(model.geom_bodyid[[*geoms]].tolist(), key=masses.__getitem__)
         if masses[a] < math.inf:
-            values = ((name, getattr(met[geoms], its)) for name, its in _PARAMETERS.items())
-            pair = tuple((name, tuple(x.tolist()) if isinstance(x, np.ndarray) else x) for name, x in values)
+            values = ((name, np.ravel(getattr(met[geoms], its))) for name, its in _PARAMETERS.items())
+            pair = tuple((name, tuple(value.tolist())) for name, value in values)
             weights = _rounded(model.body_invweight0[a]), _rounded(model.body_invweight0[b])
-            mixed = None if geoms in named else _mixed(model, geoms, dict(pair)["solref"])
+            one, two = (tuple(model.geom_solref[geom].tolist()) for geom in geoms)
+            kept = geoms in named or override or one == two or np.ptp(model.geom_priority[[*geoms]]) > 0
+            mixed = None if kept or min(dict(pair)["solref"]) > 0 else (one, two)
             where = " and ".join(model.geom(geom).name or f"#{geom}" for geom in geoms)
             where = f"pair {model.pair(named[geoms]).name or where}" if geoms in named else f"geoms {where}"
             found.setdefault(Bodies((masses[a], masses[b]), weights, pair, mixed), []).append(where)
     return found
-
-
-def _mixed(model: Any, geoms: tuple[int, ...], solref: tuple[float, ...]) -> tuple[Any, Any] | None:
-    """Give the solrefs of two geoms that the engine has mixed, if any of them is direct."""
-    one, two = (tuple(model.geom_solref[geom].tolist()) for geom in geoms)
-    override = model.opt.enableflags & int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
-    same = one == two or np.ptp(model.geom_priority[[*geoms]]) > 0
-    return None if override or same or min(solref) > 0 else (one, two)
-
-
-def called(where: list[str]) -> str:
-    """Name places that have something in common: the first, and how many others."""
-    return where[0] + (f" and {len(where) - 1} more" if len(where) > 1 else "")
 
 
 def _mass(model: Any, data: Any, body: int) -> float:
@@ -120,16 +107,15 @@ def _rounded(values: Any) -> tuple[float, ...]:
     return tuple(float(f"{value:.12g}") for value in np.ravel(values))
 
 
-def alone(bodies: Bodies, option: Any, step: float, speed: float) -> Any:
+def _alone(bodies: Bodies, option: Any, step: float, speed: float) -> Any:
     """Compile two bodies in a scene of their own, with the user's options: heights are those of the gap between them.
 
     The lighter one is above. The radius is the depth that a drop at this speed could reach before it is given up.
     """
     fixed, radius = math.isinf(bodies.masses[1]), speed * step * MOST_STEPS
-    spec = mujoco.MjSpec.from_string(mjcf(2 - fixed, table=fixed))
+    model = mujoco.MjModel.from_xml_string(mjcf(2 - fixed, table=fixed))
     for name, value in bodies.pair:
-        setattr(spec.pairs[0], name, value)
-    model = spec.compile()
+        getattr(model, f"pair_{name}")[:] = value
     model.geom_size[1:, 0] = model.geom_rbound[1:] = radius
     model.body_pos[1:, 2] = (radius, -radius)[: model.nv]
     model.body_mass[1:] = bodies.masses[: model.nv]
@@ -144,23 +130,24 @@ def alone(bodies: Bodies, option: Any, step: float, speed: float) -> Any:
     return model
 
 
-def dropped(model: Any, mass: float, speed: float) -> dict[str, Any]:
-    """Drop bodies that are `alone`: restitution, its range, duration and steps, and k and c of a contact with the same.
+def measured(bodies: Bodies, option: Any, step: float, speed: float, gravity: float = 0.0) -> dict[str, Any]:
+    """Measure bodies alone, dropped at a speed in m/s at a step in s, and at rest in a gravity in m/s^2.
 
-    The mass is their reduced one in kg, the speed in m/s.
+    Restitution, its range, duration and steps, k and c of a contact with the same, and penetration.
     """
+    model = _alone(bodies, option, step, speed)
     drops = [_drop(model, place, speed) for place in PLACES[:2]]
     if min(steps for _, steps in drops) < LONG:
         drops += [_drop(model, place, speed) for place in PLACES[2:]]
     e, steps = np.mean(drops, axis=0).tolist()
-    duration = steps * model.opt.timestep
+    duration = steps * step
     spread = min(drops)[0], max(drops)[0]
     found = {"restitution": e, "restitution_range": spread, "duration": duration, "steps": steps}
     if e > 0:
         zeta = damping_ratio(min(e, 1.0))
-        k = mass * (contact_time(zeta) / duration) ** 2
-        found |= {"stiffness": k, "damping": 2 * zeta * math.sqrt(k * mass)}
-    return found
+        k = bodies.mass * (contact_time(zeta) / duration) ** 2
+        found |= {"stiffness": k, "damping": 2 * zeta * math.sqrt(k * bodies.mass)}
+    return found | {"penetration": _rest(model, bodies.masses[0] * gravity)}
 
 
 def _drop(model: Any, place: float, speed: float) -> tuple[float, int]:
@@ -179,8 +166,8 @@ def _drop(model: Any, place: float, speed: float) -> tuple[float, int]:
     raise RuntimeError(f"{'not over' if first else 'no force'} within {MOST_STEPS} steps")
 
 
-def rest(model: Any, load: float) -> float | None:
-    """Depth in m at which bodies that are `alone` carry a load in N; None if they carry none, or there is no load."""
+def _rest(model: Any, load: float) -> float | None:
+    """Depth in m at which bodies that are `_alone` carry a load in N; None if they carry none, or there is no load."""
     data, touch = mujoco.MjData(model), float(model.pair_margin[0])
 
     def carried(depth: float) -> bool:

@@ -1,24 +1,20 @@
 """The contacts of a MuJoCo scene: the traps in their parameters, see `_traps`, and what they do, measured.
 
-The engine documents each trap (XML reference, "Solver parameters" and the options; changelog of 3.13). For each, a test
-sets the trap and measures its effect.
-
-Dropped, without gravity, at several places of the touch within a step, a contact has a mean restitution and duration.
-Its stiffness and damping are those of F = max(0, k delta + c delta') with the same two (`restitution`); the
-engine's own law may be another. Loaded, it is at the depth where the engine has no acceleration under the weight of the
-lighter body, in the gravity of the scene.
+The engine documents each trap (XML reference, "Solver parameters" and the options; changelog of 3.13), and a test
+measures its effect. Restitution and duration are the means of drops without gravity, touching at several places within
+a step; k and c those of F = max(0, k delta + c delta') with the same two, whatever the engine's own law. At rest a
+contact carries the weight of the lighter body, in the gravity of the scene.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from importlib import import_module
-from typing import Any
+from dataclasses import astuple, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from impact_xval.compliant_baselines.contacts_mujoco import Bodies, alone, called, contacts, dropped, rest
+from impact_xval.compliant_baselines.contacts_mujoco import Bodies, contacts, measured, mujoco
 from impact_xval.compliant_baselines.engines.mujoco import Mujoco
 from impact_xval.compliant_baselines.mapping import (
     MUJOCO_DEFAULT_SOLIMP,
@@ -30,34 +26,25 @@ from impact_xval.compliant_baselines.mapping import (
 
 #: Steps in a contact below which its restitution is off by 10 % and more.
 FEWEST_STEPS = 30
-
 #: Impedance above which a contact is not at the level of forces.
 FORCE_LEVEL = 0.01
-
 #: Contacts that are measured, at most.
 MOST_ROWS = 50
-
 #: How far a contact may be from what was meant, in restitution and relatively in stiffness.
 NEAR_E, NEAR_K = 0.02, 0.05
-
 #: Restitution of a contact that is not to rebound: no finite damping gives 0.
 NO_REBOUND = 0.01
 
 
-@dataclass(frozen=True, slots=True)
-class Finding:
+class Finding(NamedTuple):
     """A trap in a scene: its name, the contact, and what the engine does, with the way out."""
 
     trap: str
     where: str
     says: str
 
-    def __str__(self) -> str:
-        return f"{self.trap}: {self.where}: {self.says}"
 
-
-@dataclass(frozen=True, slots=True)
-class Measured:
+class Measured(NamedTuple):
     """A contact in SI units, masses in kg (inf: fixed); None where `reason` says why, penetration without gravity too.
 
     `change` says what to write for what was probably meant, and what that was measured to give; empty if it is there.
@@ -85,12 +72,16 @@ def inspect_model(model: Any) -> list[Finding]:
         for (where, *_), (trap, says) in zip(found.values(), of_trap, strict=True):
             if says:
                 places.setdefault((trap, says), []).append(where)
-    return [Finding(trap, called(where), says) for (trap, says), where in places.items()]
+    return [Finding(trap, _called(where), says) for (trap, says), where in places.items()]
+
+
+def _called(where: list[str]) -> str:
+    """Name places that have something in common: the first, and how many others."""
+    return where[0] + (f" and {len(where) - 1} more" if len(where) > 1 else "")
 
 
 def _traps(option: Any, bodies: Bodies) -> dict[str, Any]:
     """All traps: of one that a contact has, what the engine does, with the way out; of another something false."""
-    mujoco: Any = import_module("mujoco")
     solref, (dmin, dmax, *_) = (dict(bodies.pair)[name] for name in ("solref", "solimp"))
     step, tolerance = option.timestep, option.tolerance
     mixed_signs = (solref[0] > 0) != (solref[1] > 0)
@@ -140,14 +131,12 @@ def measure_model(model: Any, speed: float = 1.0) -> list[Measured]:
     rows, gravity = [], float(np.linalg.norm(model.opt.gravity))
     with Mujoco().running():  # without its warnings
         for bodies, where in list(contacts(model).items())[:MOST_ROWS]:
-            row = Measured(called(where), bodies.masses)
+            row = Measured(_called(where), bodies.masses)
             try:
-                own = alone(bodies, model.opt, model.opt.timestep, speed)
-                found = dropped(own, bodies.mass, speed)
-                row = replace(row, **found, penetration=rest(own, bodies.masses[0] * gravity))
-                rows.append(replace(row, change=_change(bodies, own.opt, speed, row)))
+                row = row._replace(**measured(bodies, model.opt, model.opt.timestep, speed, gravity))
+                rows.append(row._replace(change=_change(bodies, model.opt, speed, row)))
             except Exception as error:  # of an engine that takes other numbers than these
-                rows.append(replace(row, reason=str(error)))
+                rows.append(row._replace(reason=str(error)))
     return rows
 
 
@@ -162,8 +151,7 @@ def _change(bodies: Bodies, option: Any, speed: float, row: Measured) -> str:
     if direct:
         unit = bodies.scale if solimp[0] <= FORCE_LEVEL and solref[1] <= 0 else 1.0
         meant = Contact(first * unit, second * unit, bodies.mass)
-        own = mujoco_contact(replace(meant, mass=bodies.scale))
-        solref, solimp = own.solref, own.solimp
+        solref, solimp = astuple(mujoco_contact(replace(meant, mass=bodies.scale)))
         asked = f"{meant.k:.4g} N/m and {meant.c:.4g} N s/m"
     elif first and second:
         e = math.exp(-math.pi * second / math.sqrt(1 - second**2)) if second < 1 else 0.0
@@ -178,9 +166,9 @@ def _change(bodies: Bodies, option: Any, speed: float, row: Measured) -> str:
     if off <= NEAR_E and not soft:
         return ""
     step = min(option.timestep, float(f"{min(meant.duration / 100, longest):.2g}"))
-    pair = ("solref", solref), ("solimp", solimp), ("condim", 1)
+    pair = ("solref", solref), ("solimp", solimp), ("dim", 1)
     try:
-        then = dropped(alone(bodies._replace(pair=pair), option, step, speed), bodies.mass, speed)
+        then = measured(bodies._replace(pair=pair), option, step, speed)
         gives = f"gives e = {then['restitution']:.3g} and {then.get('stiffness', math.nan):.4g} N/m"
     except RuntimeError as error:
         gives = f"was not measured: {error}"

@@ -110,8 +110,6 @@ def inspect(
 
     Example: impact-xval inspect robot.xml
     """
-    from dataclasses import asdict
-
     from impact_xval.compliant_baselines import get_solver
     from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line, show
 
@@ -127,14 +125,14 @@ def inspect(
     if json:
         # JSON knows no infinity.
         rows = [
-            asdict(row) | {"masses": [m if m < math.inf else "inf" for m in row.masses]} for row in contacts
+            row._asdict() | {"masses": [m if m < math.inf else "inf" for m in row.masses]} for row in contacts
         ]
-        print_json({"contacts": rows, "traps": [asdict(finding) for finding in findings]})
+        print_json({"contacts": rows, "traps": [finding._asdict() for finding in findings]})
     else:
         console = make_console()
         show(console, _contacts_shown(contacts, speed))
         for finding in findings:
-            print_line(console, str(finding))
+            print_line(console, ": ".join(finding))
         print_line(console, f"{scene}: {len(findings) or 'no'} trap{'s' if len(findings) != 1 else ''} found")
     if findings:
         raise typer.Exit(3)
