@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
-from impact_xval.experiments.commands.options import Solvers, Workers, folder_to_write, known_solvers, path
+from impact_xval.experiments.commands.options import Solvers, Workers, known_solvers, option, path
 from impact_xval.experiments.config.errors import UserError
 
 
 def scoreboard(
     solver: Solvers = None,
-    out: Annotated[Path | None, folder_to_write("by default runs/scoreboard")] = None,
-    baseline: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", parser=path("--baseline"), help="A scoreboard to hold this one against."),
-    ] = None,
+    out: Path | None = option("DIR", "Folder to write; by default runs/scoreboard.", path("--out")),
+    baseline: Path | None = option("DIR", "A scoreboard to hold this one against.", path("--baseline")),
     workers: Workers = None,
 ) -> None:
     """Ask every engine what happens when bodies meet at once.
@@ -46,12 +42,11 @@ def scoreboard(
     show(console, [*write_all(answers, root), f"the page is {root / 'report.html'}"])
     if before is None:
         return
-    gone = sorted(set(before.solver) - set(answers.solver))
-    show(console, [f"{name}: in {baseline}, and not here" for name in gone])
+    gone = [f"{name}: in {baseline}, and not here" for name in sorted({*before.solver} - {*answers.solver})]
     found = moved(before, answers)
-    columns = ["solver", "case", "e", "arrangement", "status_before", "status_after", "change"]
+    if found.empty:
+        show(console, [*gone, f"no answer moved from those in {baseline}"])
+        return
     caption = f"{len(found)} answers moved from those in {baseline}; the largest"
-    table = table_of(found[columns].head(20), caption, 6)
-    show(console, [f"no answer moved from those in {baseline}" if found.empty else table])
-    if len(found):
-        raise typer.Exit(3)
+    show(console, [*gone, table_of(found.head(20), caption, 6)])
+    raise typer.Exit(3)

@@ -11,19 +11,11 @@ from impact_xval.compliant_baselines.registry import engine_free_names, is_engin
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.measures.divergence import masses_and_starts, norms
-from impact_xval.experiments.scoreboard.cases import STEPS, USUAL, column
+from impact_xval.experiments.scoreboard.playing import CASES, STEPS, USUAL
 
 MODEL = "state-transition"
-
 #: Columns of the distances from all exact laws.
 FROM_LAWS = [f"D_{law}" for law in engine_free_names()]
-
-#: Change of a velocity in m/s, of balls at 1 m/s, up to which an answer has not moved.
-UNMOVED = 1e-6
-
-#: Share of an engine's cases that a law must answer to be the one that it follows.
-_ENOUGH = 0.9
-
 #: What is worst of a solver.
 _WORST = [f"D_{MODEL}", "energy_gained", "energy_lost", "momentum_error", "spread", "step_spread"]
 
@@ -33,12 +25,11 @@ _CASE = ["solver", "case", "e"]
 def judge(answers: Frame) -> Frame:
     """Judge answers as `playing.play` gives them: a row a solver and case, with its answer in the usual arrangement.
 
-    ``D_<law>`` is of each exact law, ``D_nearest`` of the ``nearest``, all that are as near to 1e-6; ``energy_gained``
-    and, at e = 1, ``energy_lost`` are over that before, ``momentum_error``, without a table, over all momenta;
-    ``spread`` is the largest D from the same case in another arrangement, ``spread_of`` which, ``step_spread`` that at
-    half and twice the step.
+    ``D_<law>`` is from each exact law, ``D_nearest`` from the ``nearest``, all as near to 1e-6. Energy, gained and, at
+    e = 1, lost, is over that before; the error of momentum, without a table, over all momenta. ``spread`` is the
+    largest D between two placements, ``spread_of`` names the other, ``step_spread`` is by half and twice the step.
     """
-    columns = [column(*each) for each in zip(answers.case, answers.e, strict=True)]
+    columns = [CASES[each] for each in zip(answers.case, answers.e, strict=True)]
     v, usual = answers.filter(regex=r"^v\d$").to_numpy(float), (answers.arrangement == USUAL).to_numpy()
     mass, before = masses_and_starts(columns, v.shape[1])
     outcomes = pd.DataFrame(v, index=pd.MultiIndex.from_frame(answers[_CASE]))[usual]
@@ -50,13 +41,13 @@ def judge(answers: Frame) -> Frame:
 
     kept = norms(mass, v, before) ** 2
     off = np.where(np.isnan(mass), 0.0, (v - before) * mass).sum(axis=1)
+    momenta = np.where([each.table for each in columns], np.nan, np.nansum(mass * np.abs(before), axis=1))
     judged = answers.assign(
         **{name: away_from(name.removeprefix("D_")) for name in FROM_LAWS},
         energy_gained=np.maximum(kept - 1, 0.0),
         energy_lost=np.where(answers.e == 1, np.maximum(1 - kept, 0.0), np.nan),
-        momentum_error=np.abs(off) / np.nansum(mass * np.abs(before), axis=1),
+        momentum_error=np.abs(off) / momenta,
     )
-    judged.loc[[each.table for each in columns], "momentum_error"] = np.nan
     away = answers[_CASE].assign(spread=away_from(answers.solver), spread_of=answers.arrangement)
     away = away[~usual].dropna(subset="spread")
     stepped = away.spread_of.isin(STEPS)
@@ -77,24 +68,25 @@ def laws(judged: Frame) -> Frame:
     judged = judged[judged.solver.map(is_engine)]
     by_engine, D = (each.groupby(judged.solver, sort=False) for each in (judged, judged[FROM_LAWS]))
     cases = by_engine.v1.count()
-    worst = D.max().where(D.count().ge(np.maximum(1, _ENOUGH * cases), axis=0))
+    last = judged.sort_values("spread", na_position="first").groupby("solver").last()
+    # A law that answers fewer than nine in ten of an engine's cases is not the one that it follows.
+    worst = D.max().where(D.count().ge(np.maximum(1, 0.9 * cases), axis=0))
     order = np.argsort(worst.to_numpy(), axis=1, kind="stable")
     names, farthest = worst.columns.str[2:].to_numpy()[order].T, np.sort(worst.to_numpy(), axis=1).T
-    last = judged.sort_values("spread", na_position="first").groupby("solver").last()
-    found = pd.DataFrame({"version": last.version, "cases": cases}, index=cases.index)
-    found = found.assign(law=names[0], farthest=farthest[0], next=names[1], next_farthest=farthest[1])
+    of_laws = {"law": names[0], "farthest": farthest[0], "next": names[1], "next_farthest": farthest[1]}
+    found = pd.DataFrame({"version": last.version, "cases": cases} | of_laws, index=cases.index)
     found = found.join([by_engine[_WORST].max(), last[["spread_of", "microseconds"]]])
     return found.dropna(subset="next_farthest")
 
 
-def moved(before: Frame, after: Frame, tolerance: float = UNMOVED) -> Frame:
-    """List the answers that are not those of before: another status, or a velocity that differs by more."""
-    both = before.merge(after, on=[*_CASE, "arrangement"], suffixes=("_before", "_after"))
+def moved(before: Frame, after: Frame, tolerance: float = 1e-6) -> Frame:
+    """List answers that are not those of before, the most changed first: another status, or velocities in m/s."""
+    answer = [*_CASE, "arrangement"]
+    both = before.merge(after, on=answer, suffixes=("_before", "_after"))
     if both.empty:
-        raise UserError(
-            "--baseline: no answer in common; legal: a folder of this command's, of the same engines"
-        )
+        raise UserError("--baseline: no answer in common; legal: a scoreboard of the same engines")
     old, new = (both.filter(regex=rf"^v\d_{side}$").to_numpy(float) for side in ("before", "after"))
     both["change"] = np.nan_to_num(np.abs(new - old)).max(axis=1)
     other = (both.status_before != both.status_after) | (np.isnan(old) != np.isnan(new)).any(axis=1)
-    return both[other | (both.change > tolerance)].sort_values("change", ascending=False)
+    found = both[other | (both.change > tolerance)].sort_values("change", ascending=False)
+    return found[[*answer, "status_before", "status_after", "change"]]

@@ -10,8 +10,8 @@ from impact_xval.experiments.presentation.document import Block, Figure, Section
 from impact_xval.experiments.presentation.html import page_of
 from impact_xval.experiments.presentation.style import drawing, save
 from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, named
-from impact_xval.experiments.scoreboard.cases import CASES, COLUMNS, RESTITUTIONS
 from impact_xval.experiments.scoreboard.judging import FROM_LAWS, MODEL, judge, laws
+from impact_xval.experiments.scoreboard.playing import CASES, COLUMNS, RESTITUTIONS
 from impact_xval.experiments.tables.folder import write_text
 from impact_xval.experiments.tables.numbers import listed, number
 from impact_xval.experiments.tables.parquet import replacing
@@ -20,11 +20,9 @@ from impact_xval.experiments.tables.parquet import replacing
 ANSWERS = "answers.parquet"
 
 TITLE = "What physics engines do when several bodies meet at once"
-
 PICTURED = "cradle 1 on 4"
 
-#: D up to which a law explains an answer, from which on an answer hangs on how exactly bodies are placed, and
-#: difference up to which the cases do not tell two laws apart.
+#: D up to which a law explains an answer, above which an answer hangs on the placement, up to which two laws are tied.
 EXPLAINED, SENSITIVE, TIED = 0.05, 0.1, 1e-9
 
 #: Exact laws as a reader knows them.
@@ -107,8 +105,7 @@ def write_all(answers: Frame, root: Path) -> list[Block]:
 
 def draw_cradle(judged: Frame, folder: Path) -> None:
     """Draw how the balls of a cradle leave, a row a solver."""
-    found = judged[(judged.case == PICTURED) & (judged.e == 1)].set_index("solver")
-    v = -found[[f"v{i}" for i in range(1, 6)]].dropna()
+    v = -judged.query("case == @PICTURED and e == 1").set_index("solver").filter(regex=r"^v\d$").dropna()
     colors = ["#0b5cad" if is_engine(name) else "#1a1a1a" for name in v.index]
     with drawing(9.5, 0.8 + 0.26 * len(v)) as figure:
         axes = figure.subplots(1, 5, sharey=True)
@@ -126,25 +123,20 @@ def called(solver: str) -> str:
     return f"{named(solver)} (mapped)" if mapped else named(solver)
 
 
-def law_words(row: Frame) -> str:
-    """Say how an engine answers, by its row of `judging.laws`."""
-    return LAW_WORDS[row.law] if row.farthest <= EXPLAINED else "as no exact law"
-
-
 def how(row: Frame) -> str:
-    """Say so, and which other law explains its answers as well."""
-    tied = row.farthest <= EXPLAINED and row.next_farthest - row.farthest < TIED
-    return law_words(row) + (f"; {row.next} says the same here" if tied else "")
+    """Say how an engine answers, by its row of `judging.laws`, and after a semicolon which law does so as well."""
+    if row.farthest > EXPLAINED:
+        return "as no exact law"
+    tied = row.next_farthest - row.farthest < TIED
+    return LAW_WORDS[row.law] + (f"; {row.next} says the same here" if tied else "")
 
 
 def answers_in_words(followed: Frame) -> list[Block]:
     """Say which engines answer by which law, and whose answers hang on what no one means."""
     if followed.empty:
         return []
-    by_law: dict[str, list[str]] = {}
-    for row in followed.itertuples():
-        by_law.setdefault(how(row), []).append(called(row.Index))
-    said = [f"{listed(names)} answer{'s' * (len(names) == 1)} {law}." for law, names in by_law.items()]
+    by_law = followed.groupby(followed.apply(how, axis=1), sort=False).groups.items()
+    said = [f"{listed(map(called, own))} answer{'s' * (len(own) == 1)} {law}." for law, own in by_law]
     least = number(followed[f"D_{MODEL}"].min(), 2)
     said.append(f"From the state-transition model each ends D = {least} or more in some case.")
     sensitive = followed[followed.spread > SENSITIVE].sort_values("spread").itertuples()
@@ -166,7 +158,7 @@ def board_of(judged: Frame, followed: Frame) -> Table:
             ("< 1e-4" if D < 1e-4 else number(D, 2)) + (" *" if spread > SENSITIVE else "")
             for D, spread in zip(its[f"D_{law.law}"], its.spread, strict=True)
         ]
-        rows.append((called(law.Index), law_words(law), *cells))
+        rows.append((called(law.Index), how(law).partition(";")[0], *cells))
     return Table(("engine", "answers", *COLUMNS), rows, BOARD, text=2)
 
 

@@ -1,37 +1,66 @@
-"""Answers of every solver, in processes apart: one that dies or hangs costs the answers that it fails to give.
+"""What every solver is asked, in several arrangements that hardly change the impact, and what it answers.
 
-What a solver has answered is kept, a file a solver, for a board that was stopped.
+Solvers are in processes apart: one that dies or hangs costs the answers that it fails to give.
 """
 
 from __future__ import annotations
 
 import contextlib
 import json
-import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import as_completed
+from dataclasses import replace
 from hashlib import sha256
 from importlib.metadata import version
+from itertools import product
 from pathlib import Path
+from timeit import timeit
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from impact_xval.compliant_baselines.answers import answer, said
 from impact_xval.compliant_baselines.engines.engine import Engine
-from impact_xval.compliant_baselines.engines.stepping import ALOFT, Run
+from impact_xval.compliant_baselines.engines.scene import Scene
+from impact_xval.compliant_baselines.engines.stepping import ALOFT
 from impact_xval.compliant_baselines.registry import engine_free_names, get_solver, is_engine, solver_names
-from impact_xval.compliant_baselines.solver import Settings
+from impact_xval.compliant_baselines.solver import Settings, Solver
+from impact_xval.experiments.config.arrangements import Arranged
 from impact_xval.experiments.config.errors import InterruptedRunError
-from impact_xval.experiments.scoreboard.cases import CASES, COLUMNS, MIRRORED, USUAL, arrangements, column
 from impact_xval.experiments.sweep.pool import TO_PREPARE, Slot, open_pool
 from impact_xval.experiments.sweep.process import FaultError
 from impact_xval.experiments.tables.folder import write_text
-from impact_xval.model.collision import RESULT_STATUSES
+from impact_xval.model.collision import Collision
+
+#: Coefficients of restitution of all contacts.
+RESTITUTIONS = (1.0, 0.9, 0.5, 0.0)
+
+#: Collisions by name, as `Arranged` takes them; where nothing else is said balls of 1 kg at 1 m/s, contacts of 1e8 N/m.
+COLUMNS: dict[str, dict[str, Any]] = {
+    "drop, k2/k1 = 0.01": {"arrangement": "drop", "balls": 2, "mass_taper": 2.0, "stiffness_taper": 0.01},
+    "drop, k2/k1 = 1": {"arrangement": "drop", "balls": 2, "mass_taper": 2.0},
+    "drop, k2/k1 = 100": {"arrangement": "drop", "balls": 2, "mass_taper": 2.0, "stiffness_taper": 100.0},
+    "cradle 1 on 2": {"arrangement": "cradle", "balls": 3},
+    "1 on 2, 1 mm apart": {"arrangement": "chain", "balls": 3, "gap": 1e-3},
+    "cradle 1 on 4": {"arrangement": "cradle", "balls": 5},
+    "cradle 2 on 3": {"arrangement": "cradle", "balls": 5, "strike": 2},
+    "stack of 3": {"arrangement": "stack", "balls": 3},
+}
+
+#: Every case, in the order of the board.
+CASES = {(name, e): Arranged(**COLUMNS[name], e=e).column() for name, e in product(COLUMNS, RESTITUTIONS)}
+
+#: Compared with the laws: bodies touch, those of a rigid engine overlap by 2^-16 radii. And its mirror image.
+USUAL, MIRRORED = "as it is", "made in the other order"
+#: Gaps, in radii, by which touching bodies are apart, or overlap.
+_GAPS = {"apart by 1e-4": 1e-4, "apart by 1e-6": 1e-6}
+_GAPS |= {"overlapping by 1e-6": -1e-6, "overlapping by 1e-4": -1e-4}
+#: Steps over the usual one.
+STEPS = {"half the step": 0.5, "twice the step": 2.0}
 
 #: Steps after which an impact is given up: ten times those of the longest.
 _SETTINGS = Settings(max_steps=200_000)
-
 #: Seconds that one case may take in all arrangements.
 _LONGEST = 120.0
 
@@ -43,94 +72,98 @@ def entrants(names: Sequence[str] = ()) -> list[str]:
     return list(dict.fromkeys([*engine_free_names(), *(names or installed)]))
 
 
-def play(
-    names: Sequence[str], root: Path, workers: int, progress: Callable[[int, int, str], None]
-) -> pd.DataFrame:
-    """Have solvers answer every case, and keep what each has answered in a folder.
+def play(names: Sequence[str], root: Path, workers: int, progress: Callable[..., None]) -> pd.DataFrame:
+    """Have solvers answer every case; what each has answered is kept in a folder, for a board that is stopped.
 
-    A row an answer: solver, its version and microseconds a step, case, e, arrangement, status, reason, and v1 ... v5 in
-    m/s.
+    A row an answer: solver, version, microseconds (a step), case, e, arrangement, status, reason, v1 ... v5 in m/s.
     """
     (root / "answers").mkdir(parents=True, exist_ok=True)
     try:
         with open_pool(None, workers) as pool:
-            asked = [pool.submit(_kept, name, root / "answers") for name in names]
+            asked = [pool.submit(_answered, name, root / "answers") for name in names]
             for done, future in enumerate(as_completed(asked), 1):
                 future.result()  # an error ends all at once
                 progress(done * len(CASES), len(names) * len(CASES), "")
     except KeyboardInterrupt:
-        line = "interrupted; solvers that have answered are kept; the same command continues"
-        raise InterruptedRunError(line) from None
+        raise InterruptedRunError("interrupted; answers are kept; the same command continues") from None
     return pd.DataFrame([row for future in asked for row in future.result()])
 
 
-def _kept(slot: Slot, name: str, folder: Path) -> list[dict[str, Any]]:
-    """Take what a solver has answered from its file, or have it answer; versions and cases are in the file's name."""
-    asked = version("impact-xval"), get_solver(name).version(), COLUMNS, CASES, str(_SETTINGS)
+def _answered(slot: Slot, name: str, folder: Path) -> list[dict[str, Any]]:
+    """Have a solver answer every case, unless its file, named by versions and cases, has the answers."""
+    facts: dict[str, Any] = {"solver": name, "version": get_solver(name).version(), "microseconds": None}
+    asked = version("impact-xval"), facts["version"], COLUMNS, list(CASES), str(_SETTINGS)
     identity = sha256(json.dumps(asked).encode()).hexdigest()[:12]
-    path = folder / f"{name.replace(':', '-')}-{identity}.json"
-    if not path.exists():
-        write_text(path, json.dumps(_played(slot, name), indent=1))
-    return json.loads(path.read_text(encoding="utf-8"))
-
-
-def _played(slot: Slot, name: str) -> list[dict[str, Any]]:
-    """Have a solver answer every case in the process of a slot."""
-    facts, rows = {"solver": name, "version": get_solver(name).version(), "microseconds": None}, []
+    path, rows = folder / f"{name.replace(':', '-')}-{identity}.json", []
+    if path.exists():
+        return json.loads(path.read_text(encoding="utf-8"))
     with contextlib.suppress(FaultError):  # then each case says so
         facts["microseconds"] = slot.call(name, _prepared, name, timeout=TO_PREPARE)
     for case, e in CASES:
         try:
             answers = slot.call(name, _answers, name, case, e, timeout=_LONGEST)
         except FaultError as fault:
-            answers = [_row(USUAL, fault.status, fault.reason)]
-        rows += [{**facts, "case": case, "e": e, **row} for row in answers]
+            answers = [(USUAL, fault.status, fault.reason, ())]
+        for arrangement, status, reason, v in answers:
+            row = {"case": case, "e": e, "arrangement": arrangement, "status": status, "reason": reason}
+            rows.append(facts | row | {f"v{i}": each for i, each in enumerate(v, 1)})
+    write_text(path, json.dumps(rows, indent=1))
     return rows
-
-
-def _row(arrangement: str, status: str, reason: str = "", v: Sequence[float] = ()) -> dict[str, Any]:
-    velocities = {f"v{i}": value for i, value in enumerate(v, 1)}
-    return {"arrangement": arrangement, "status": status, "reason": reason, **velocities}
 
 
 def _prepared(_: object, name: str) -> float | None:
     """Compile and import what a solver needs; microseconds a step of an engine, while balls touch."""
-    solver, collision, n = get_solver(name), column("drop, k2/k1 = 1", 0.9), 500
-    if not isinstance(solver, Engine) or solver.unavailable() is not None:
+    solver, collision, n = get_solver(name), CASES["drop, k2/k1 = 1", 0.9], 500
+    scenes = arrangements(solver, collision)
+    if not isinstance(solver, Engine) or not scenes:
         answer(solver, [collision], _SETTINGS)
-        return None
-    scenes = arrangements(solver, collision, _SETTINGS)
-    if isinstance(scenes, str):
         return None
     with solver.running():
         world = solver.world(scenes[USUAL])
-        start = time.perf_counter()
-        world.advance(n)
-        return 1e6 * (time.perf_counter() - start) / n
+        return 1e6 / n * timeit(lambda: world.advance(n), number=1)
 
 
-def _answers(_: object, name: str, case: str, e: float) -> list[dict[str, Any]]:
-    """Answer a case: an engine in every arrangement, others in the usual one."""
-    solver = get_solver(name)
-    if not isinstance(solver, Engine) or solver.unavailable() is not None:
-        (o,) = answer(solver, [column(case, e)], _SETTINGS)
-        return [_row(USUAL, o.status, o.reason, o.velocities if o.status in RESULT_STATUSES else ())]
+def _answers(_: object, name: str, *case: Any) -> list[tuple[str, str, str, Sequence[float]]]:
+    """Answer a case, an engine in every arrangement: which, status, reason and velocities."""
+    solver, collision, found = get_solver(name), CASES[case], []
     try:
-        scenes = arrangements(solver, column(case, e), _SETTINGS)
-        if isinstance(scenes, str):
-            return [_row(USUAL, "unrepresentable", scenes)]
+        scenes = arrangements(solver, collision)
+        if not isinstance(solver, Engine) or not scenes:
+            (o,) = answer(solver, [collision], _SETTINGS)
+            return [(USUAL, o.status, o.reason, o.velocities)]
         runs = solver.run(list(scenes.values()), _SETTINGS.max_steps)
     except Exception as error:  # of an engine that met what it does not expect
-        return [_row(USUAL, "crashed", said(error))]
-    return [_of(arrangement, run) for arrangement, run in zip(scenes, runs, strict=True)]
+        return [(USUAL, "crashed", said(error), ())]
+    for arrangement, run in zip(scenes, runs, strict=True):
+        reason = run.problem() or run.too_much_energy()
+        # A run given up in a long flight, after which balls that hardly approach would meet, has the velocities of it.
+        v = run.reported if run.over or run.end == ALOFT else ()
+        v = tuple(-each for each in v[::-1]) if arrangement == MIRRORED else v  # numbered as in the others
+        found.append((arrangement, "unconverged" if run.over and reason else run.status, reason, v))
+    return found
 
 
-def _of(arrangement: str, run: Run) -> dict[str, Any]:
-    """Make the row of a run; balls of a mirrored one are numbered as in the others.
+def arrangements(solver: Solver, collision: Collision) -> dict[str, Scene]:
+    """Arrange a collision in every way for an engine; in none for another solver, or an engine that cannot take it.
 
-    One given up in a long flight, after which balls that hardly approach would meet, has the velocities of that flight.
+    Every gap is changed at once. Without a table a column is also moved along its line, and mirrored.
     """
-    reason = run.problem() or run.too_much_energy()
-    v = run.reported if run.over or run.end == ALOFT else ()
-    v = tuple(-each for each in v[::-1]) if arrangement == MIRRORED else v
-    return _row(arrangement, "unconverged" if run.over and reason else run.status, reason, v)
+    if not isinstance(solver, Engine) or solver.unavailable() is not None:
+        return {}
+    settings = replace(_SETTINGS, **solver.as_set)
+    usual = solver.scene_or_refusal(collision, settings)
+    if isinstance(usual, str):
+        return {}
+    radius, heights = solver.radius(usual), np.array(usual.heights)
+    # Heights grow upwards: ball i is above as many changed gaps as there are contacts below it.
+    below = np.arange(len(heights), 0, -1) - (not usual.table)
+
+    def moved(by: Any) -> Scene:
+        return replace(usual, heights=tuple((heights + by * radius).tolist()))
+
+    found = {USUAL: usual} | {name: moved(gap * below) for name, gap in _GAPS.items()}
+    found |= {name: replace(usual, step=usual.step * share) for name, share in STEPS.items()}
+    if not usual.table:
+        mirrored = replace(Scene.of(collision.reversed(), settings), step=usual.step)
+        found |= {"moved by 0.37 radii": moved(0.37), MIRRORED: mirrored}
+    return found

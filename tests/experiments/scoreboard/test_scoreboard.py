@@ -1,7 +1,6 @@
 """The scoreboard: what is asked, what is made of answers, and what a new version of an engine cannot hide."""
 
 import contextlib
-import json
 import os
 import re
 from dataclasses import replace
@@ -14,12 +13,11 @@ from markupsafe import escape
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.rigid.laws import follow
-from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.scoreboard import playing
-from impact_xval.experiments.scoreboard.cases import CASES, COLUMNS, MIRRORED, USUAL, arrangements, column
 from impact_xval.experiments.scoreboard.judging import judge, laws, moved
 from impact_xval.experiments.scoreboard.page import board_of, how, worst_of, write_all
+from impact_xval.experiments.scoreboard.playing import CASES, COLUMNS, MIRRORED, USUAL, arrangements
 from impact_xval.experiments.sweep.pool import Slot
 from impact_xval.experiments.tables.numbers import number
 
@@ -33,7 +31,7 @@ def answer(solver, case, v, arrangement=USUAL, status="ok", **other):
 
 
 def of_laws(case, names=("newton-restitution", "sequential-top", "poisson-restitution")):
-    return [answer(name, case, follow(column(*case), name).v) for name in names]
+    return [answer(name, case, follow(CASES[case], name).v) for name in names]
 
 
 def test_distances_energy_and_spread_are_those_of_their_definitions():
@@ -62,7 +60,7 @@ def test_distances_energy_and_spread_are_those_of_their_definitions():
 def test_the_law_of_an_engine_is_the_one_that_is_near_to_all_it_answers():
     every = [case for case in CASES if case[1] in (1.0, 0.5) and "apart" not in case[0]]
     rows = [row for case in every for row in of_laws(case)]
-    rows += [answer("engine", case, follow(column(*case), "sequential-top").v + 1e-4) for case in every]
+    rows += [answer("engine", case, follow(CASES[case], "sequential-top").v + 1e-4) for case in every]
     found = laws(judge(pd.DataFrame(rows))).loc["engine"]
     assert (found.law, found.cases) == ("sequential-top", len(every))
     assert 1e-4 < found.farthest < 1e-3 < found.next_farthest
@@ -70,7 +68,7 @@ def test_the_law_of_an_engine_is_the_one_that_is_near_to_all_it_answers():
 
 def test_rigid_engines_end_elsewhere_where_bodies_do_not_quite_touch():
     pytest.importorskip("pymunk")
-    found = {row["arrangement"]: (row["v1"], row["v2"]) for row in playing._answers(None, "pymunk", *BASIC)}
+    found = {arrangement: v for arrangement, *_, v in playing._answers(None, "pymunk", *BASIC)}
     for name in (USUAL, "overlapping by 1e-6", "overlapping by 1e-4", "half the step", "twice the step"):
         assert found[name] == pytest.approx((1.0, 0.0), abs=1e-12), name  # at once
     for name in ("apart by 1e-6", "apart by 1e-4"):
@@ -79,15 +77,14 @@ def test_rigid_engines_end_elsewhere_where_bodies_do_not_quite_touch():
 
 def test_gaps_are_those_that_are_said_and_a_mirrored_line_is_numbered_as_the_others():
     engine, case = get_solver("mujoco"), ("cradle 2 on 3", 0.9)
-    scenes = arrangements(engine, column(*case), Settings())
+    scenes = arrangements(engine, CASES[case])
     usual, radius = scenes[USUAL], 2.0**-11  # four depths, sqrt(m/k) |v0| and less: the next power of two
     for name, gap in (("apart by 1e-4", 1e-4), ("overlapping by 1e-6", -1e-6)):
         change = np.diff(scenes[name].heights) - np.diff(usual.heights)
         assert change == pytest.approx([-gap * radius] * 4, rel=1e-9)
     assert np.ptp(np.subtract(scenes["moved by 0.37 radii"].heights, usual.heights)) == 0
-    rows = {row["arrangement"]: row for row in playing._answers(None, "mujoco", *case)}
-    for i in range(1, 6):
-        assert rows[MIRRORED][f"v{i}"] == pytest.approx(rows[USUAL][f"v{i}"], abs=1e-7)
+    found = {arrangement: v for arrangement, *_, v in playing._answers(None, "mujoco", *case)}
+    assert found[MIRRORED] == pytest.approx(found[USUAL], abs=1e-7)
 
 
 class Wrong(type(get_solver("pymunk"))):
@@ -99,7 +96,7 @@ class Wrong(type(get_solver("pymunk"))):
 
 def test_a_baseline_catches_one_per_cent_too_much_restitution(tmp_path, capsys, monkeypatch):
     pytest.importorskip("pymunk")
-    few = [case for case in CASES if case[1] == 0.9 and "apart" not in case[0]]
+    few = {case: column for case, column in CASES.items() if case[1] == 0.9 and "apart" not in case[0]}
     monkeypatch.setattr(playing, "CASES", few)
     board = ["scoreboard", "--solver", "pymunk", "--workers", "1", "--out"]
     assert main([*board, str(tmp_path / "before")]) == 0
@@ -107,11 +104,12 @@ def test_a_baseline_catches_one_per_cent_too_much_restitution(tmp_path, capsys, 
     assert "no answer moved" in capsys.readouterr().out
     # What a wrong adapter of the same version has answered, kept for the command to go on from.
     (kept,) = (tmp_path / "same" / "answers").glob("pymunk-*.json")
-    facts = {"solver": "pymunk", "version": "", "microseconds": None}
-    with monkeypatch.context() as wrong:
+    text = kept.read_text()
+    kept.unlink()
+    with monkeypatch.context() as wrong, contextlib.closing(Slot(isolate=False)) as slot:
         wrong.setattr(playing, "get_solver", lambda name: Wrong())
-        found = [(case, row) for case in few for row in playing._answers(None, "", *case)]
-    kept.write_text(json.dumps([facts | {"case": case, "e": e} | row for (case, e), row in found]))
+        playing._answered(slot, "pymunk", kept.parent)
+    assert kept.read_text() != text
     assert main([*board, str(tmp_path / "same"), "--baseline", str(tmp_path / "before")]) == 3
     assert re.search(r"\d+ answers moved from those in", capsys.readouterr().out)
 
@@ -129,13 +127,13 @@ def test_what_moved_is_a_status_an_answer_or_a_velocity():
 def dies(_, name, case, e):
     if case.startswith("stack"):
         os._exit(7)
-    return [playing._row(USUAL, "ok", v=(0.0, 0.0))]
+    return [(USUAL, "ok", "", (0.0, 0.0))]
 
 
-def test_an_engine_that_dies_costs_the_answers_it_does_not_give(monkeypatch):
+def test_an_engine_that_dies_costs_the_answers_it_does_not_give(monkeypatch, tmp_path):
     monkeypatch.setattr(playing, "_answers", dies)
     with contextlib.closing(Slot()) as slot:
-        found = pd.DataFrame(playing._played(slot, "newton-restitution"))
+        found = pd.DataFrame(playing._answered(slot, "newton-restitution", tmp_path))
     died = found.case == "stack of 3"
     assert set(found.status[died]) == {"crashed"}
     assert set(found.reason[died]) == {"its process died: exit code 7"}
@@ -167,7 +165,7 @@ def rows_of(table):
 def test_the_page_shows_the_numbers_of_the_board_and_text_stays_text(tmp_path):
     every = [case for case in CASES if case[0] == "cradle 1 on 4"]
     rows = [row for case in every for row in of_laws(case)]
-    rows += [answer("dart", case, follow(column(*case), "newton-restitution").v + 0.003) for case in every]
+    rows += [answer("dart", case, follow(CASES[case], "newton-restitution").v + 0.003) for case in every]
     rows[-1] |= {"status": "timeout", "reason": "<script>alert(1)</script>", "v1": np.nan}
     said_of = write_all(pd.DataFrame(rows), tmp_path)
     page = page_in(tmp_path)
