@@ -42,11 +42,11 @@ def scoreboard(
     show(console, [*write_all(answers, root), f"the page is {root / 'report.html'}"])
     if before is None:
         return
-    gone = [f"{name}: in {baseline}, and not here" for name in sorted({*before.solver} - {*answers.solver})]
+    gone = sorted(set(before.solver) - set(answers.solver))
+    show(console, [f"{name}: in {baseline}, and not here" for name in gone])
     found = moved(before, answers)
-    if found.empty:
-        show(console, [*gone, f"no answer moved from those in {baseline}"])
-        return
     caption = f"{len(found)} answers moved from those in {baseline}; the largest"
-    show(console, [*gone, table_of(found.head(20), caption, 6)])
-    raise typer.Exit(3)
+    table = table_of(found.head(20), caption, 6)
+    show(console, [f"no answer moved from those in {baseline}" if found.empty else table])
+    if len(found):
+        raise typer.Exit(3)

@@ -1,7 +1,4 @@
-"""What every solver is asked, in several arrangements that hardly change the impact, and what it answers.
-
-Solvers are in processes apart: one that dies or hangs costs the answers that it fails to give.
-"""
+"""What every solver is asked, and what it answers in a process apart: one that dies or hangs costs those answers."""
 
 from __future__ import annotations
 
@@ -51,8 +48,10 @@ COLUMNS: dict[str, dict[str, Any]] = {
 #: Every case, in the order of the board.
 CASES = {(name, e): Arranged(**COLUMNS[name], e=e).column() for name, e in product(COLUMNS, RESTITUTIONS)}
 
-#: Compared with the laws: bodies touch, those of a rigid engine overlap by 2^-16 radii. And its mirror image.
-USUAL, MIRRORED = "as it is", "made in the other order"
+#: The arrangement that is compared with the laws: bodies touch, those of a rigid engine overlap by 2^-16 radii.
+USUAL = "as it is"
+#: Mirrored, so that ball N comes first.
+MIRRORED = "made in the other order"
 #: Gaps, in radii, by which touching bodies are apart, or overlap.
 _GAPS = {"apart by 1e-4": 1e-4, "apart by 1e-6": 1e-6}
 _GAPS |= {"overlapping by 1e-6": -1e-6, "overlapping by 1e-4": -1e-4}
