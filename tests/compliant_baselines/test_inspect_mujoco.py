@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from impact_xval.compliant_baselines.engines.mujoco import Mujoco
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.inspect_mujoco import inspect_model
 from impact_xval.compliant_baselines.paste import mjcf
@@ -16,40 +17,33 @@ from impact_xval.model.collision import Collision
 FORCE_LEVEL = "1e-4 1e-4 .001 .5 1"
 DEFAULT = ".9 .95 .001 .5 2"
 ELASTIC, DURATION = "-1e6 -0", math.pi / 1e3  # solref, and how long its contact lasts
+OVERRIDE = {"option": f'o_solref="0.02 1" o_solimp="{FORCE_LEVEL}"', "flag": 'override="enable"'}
 
 
 def found(model):
     return {finding.trap: finding.says for finding in inspect_model(model)}
 
 
-def ball_on_plane(
-    solref, solimp=FORCE_LEVEL, *, floor=None, option="", flag="", mass=1.0, step=1e-5, gap=0.0
-):
-    """Scene of a sphere of 1 m on a free joint that meets a plane: a <pair>, or with `floor` two geoms."""
-    ours, theirs = (f'solref="{each}" solimp="{solimp}"' for each in (solref, floor))
-    pair = f'<pair geom1="floor" geom2="ball" condim="1" {ours}/>' if floor is None else ""
-    ours, theirs = ("", "") if floor is None else (ours, theirs)
+def ball_on_plane(solref, solimp=FORCE_LEVEL, floor=None, option="", flag="", mass=1.0, step=1e-5, gap=0.0):
+    """Scene of a sphere of 1 m on a free joint that meets a plane; `floor` is the solref of that, if it is another."""
+    ours, theirs = (f'condim="1" solref="{each}" solimp="{solimp}"' for each in (solref, floor or solref))
     return mujoco.MjModel.from_xml_string(f"""
     <mujoco><option timestep="{step}" gravity="0 0 0" {option}><flag {flag}/></option><worldbody>
       <geom name="floor" type="plane" size="1 1 1" {theirs}/>
       <body pos="0 0 {1 + gap}"><freejoint/><geom name="ball" size="1" mass="{mass}" {ours}/></body>
-    </worldbody><contact>{pair}</contact></mujoco>""")
+    </worldbody></mujoco>""")
 
 
 def bounce(model):
     """Restitution, and duration of the contact as the number of steps that have one."""
     data, touching = mujoco.MjData(model), 0
     data.qvel[2] = -1.0
-    before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(lambda _: None)
-    try:
+    with Mujoco().running():  # without its warnings
         for _ in range(200_000):
             mujoco.mj_step(model, data)
             touching += data.ncon > 0
             if touching and data.ncon == 0:
                 break
-    finally:
-        mujoco.set_mju_user_warning(before)
     return data.qvel[2], touching * model.opt.timestep
 
 
@@ -64,13 +58,7 @@ def test_a_sound_scene_has_no_traps_and_bounces_as_asked():
     [
         ("mixed-signs", "the default (0.02, 1) replaces it", "0.02 1", {"solref": "-1e6 100"}),
         ("refsafe", "a stiffness 2.25 times lower", "0.03 0.2", {"solref": "0.02 0.2", "step": 0.015}),
-        (
-            "override",
-            "every contact has solref (0.02, 1.0)",
-            "0.02 1",
-            {"solref": ELASTIC, "option": f'o_solref="0.02 1" o_solimp="{FORCE_LEVEL}"'}
-            | {"flag": 'override="enable"'},
-        ),
+        ("override", "every contact has solref (0.02, 1.0)", "0.02 1", {"solref": ELASTIC} | OVERRIDE),
     ],
 )
 def test_parameters_are_replaced(trap, says, acting, asked):
@@ -114,10 +102,8 @@ def test_direct_numbers_of_two_geoms_are_mixed_element_by_element():
 
 def test_an_absolute_tolerance_under_cg_loses_a_soft_contact():
     soft = "-1e-6 -0.000244"  # accelerations of 1e-3 m/s^2
-    sound, model, exact = (
-        ball_on_plane(soft, step=30.0, option=option)
-        for option in ("", 'solver="CG"', 'solver="CG" tolerance="0"')
-    )
+    options = "", 'solver="CG"', 'solver="CG" tolerance="0"'
+    sound, model, exact = (ball_on_plane(soft, step=30.0, option=option) for option in options)
     assert [set(found(each)) for each in (sound, model, exact)] == [set(), {"tolerance"}, set()]
     assert bounce(sound)[0] == pytest.approx(0.7, abs=0.01)
     assert bounce(model)[0] > bounce(sound)[0] + 0.1
@@ -125,9 +111,9 @@ def test_an_absolute_tolerance_under_cg_loses_a_soft_contact():
 
 
 def test_a_step_too_long_for_the_stiffest_contact():
+    steps = (3, 0.3), (2, 0.7), (40, 0.3)  # in a contact, and of them before it
     third, half, short = (
-        ball_on_plane(ELASTIC, step=DURATION / n, gap=gap * DURATION / n)
-        for n, gap in ((3, 0.3), (2, 0.7), (40, 0.3))
+        ball_on_plane(ELASTIC, step=DURATION / n, gap=gap * DURATION / n) for n, gap in steps
     )
     assert set(found(third)) == set(found(half)) == {"long-step"}
     assert bounce(half)[0] > 1.1  # it creates energy
@@ -148,9 +134,7 @@ def test_where_no_long_step_is_found_the_restitution_is_within_ten_percent():
 
 
 def test_a_trap_of_many_contacts_is_told_once_and_static_ones_not_at_all():
-    balls = "".join(
-        f'<body pos="{3 * i} 0 1"><freejoint/><geom size="1" solref="-1 1"/></body>' for i in range(5)
-    )
+    balls = 5 * '<body><freejoint/><geom size="1" solref="-1 1"/></body>'
     walls = '<geom type="box" size="1 1 1"/><geom type="plane" size="1 1 1"/>'
     scenes = (f"<mujoco><worldbody>{walls}{each}</worldbody></mujoco>" for each in (balls, ""))
     moving, still = (inspect_model(mujoco.MjModel.from_xml_string(scene)) for scene in scenes)
