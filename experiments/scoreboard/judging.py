@@ -80,7 +80,7 @@ def laws(judged: Frame) -> Frame:
 
 
 def moved(before: Frame, after: Frame, tolerance: float = 1e-6) -> Frame:
-    """List answers that are not those of before, the most changed first: another status, or velocities in m/s."""
+    """List answers that moved, the farthest first: another status, or a velocity that differs by more, in m/s."""
     answer = [*_CASE, "arrangement"]
     both = before.merge(after, on=answer, suffixes=("_before", "_after"))
     if both.empty:

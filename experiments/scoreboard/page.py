@@ -135,8 +135,8 @@ def answers_in_words(followed: Frame) -> list[Block]:
     """Say which engines answer by which law, and whose answers hang on what no one means."""
     if followed.empty:
         return []
-    by_law = followed.groupby(followed.apply(how, axis=1), sort=False).groups.items()
-    said = [f"{listed(map(called, own))} answer{'s' * (len(own) == 1)} {law}." for law, own in by_law]
+    by_law = followed.groupby(followed.apply(how, axis=1), sort=False)
+    said = [f"{listed(map(called, own.index))} answer{'s' * (len(own) == 1)} {law}." for law, own in by_law]
     least = number(followed[f"D_{MODEL}"].min(), 2)
     said.append(f"From the state-transition model each ends D = {least} or more in some case.")
     sensitive = followed[followed.spread > SENSITIVE].sort_values("spread").itertuples()
