@@ -84,7 +84,7 @@ class Summary:
     n_cells, n_marked : int
         Cells, and those of them in which the model is marked.
     marked_beyond : dict of int
-        Of solvers the number of cells in which they are marked and the model is not, where there are any.
+        Of solvers the number of results that are marked where that of the model is not, where there are any.
     """
 
     config: Config
@@ -132,7 +132,8 @@ def summarise(folder: RunFolder) -> Summary:
     config, outcomes = folder.config(), folder.tally()
     cells, pair = folder.table_path("cells.parquet"), config.column is None
     table = load_divergence(folder, config)
-    marked = codes(cells, "solver", config.solvers)[present(cells, "marked")]
+    counting = present(cells, "marked") & (codes(cells, "status", RESULT_STATUSES) >= 0)
+    marked = codes(cells, "solver", config.solvers)[counting]
     counts = dict(
         zip(config.solvers, np.bincount(marked, minlength=len(config.solvers)).tolist(), strict=True)
     )

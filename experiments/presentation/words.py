@@ -35,7 +35,7 @@ _NAMES = {
     "pymunk": "Pymunk",
     "dart": "DART",
     "rapier": "Rapier",
-    "sapien": "PhysX 5",
+    "sapien": "PhysX 5 (SAPIEN)",
     "drake": "Drake",
     "drake-hunt-crossley": "Drake, Hunt-Crossley",
     "newton": "Newton (SemiImplicit)",

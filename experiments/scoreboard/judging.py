@@ -17,7 +17,7 @@ MODEL = "state-transition"
 #: Columns of the distances from all exact laws.
 FROM_LAWS = [f"D_{law}" for law in engine_free_names()]
 #: What is worst of a solver.
-_WORST = [f"D_{MODEL}", "energy_gained", "energy_lost", "momentum_error", "spread", "step_spread"]
+_WORST = ["spread", "step_spread", f"D_{MODEL}", "energy_gained", "energy_lost", "momentum_error"]
 
 _CASE = ["solver", "case", "e"]
 
@@ -75,7 +75,7 @@ def laws(judged: Frame) -> Frame:
     names, farthest = worst.columns.str[2:].to_numpy()[order].T, np.sort(worst.to_numpy(), axis=1).T
     of_laws = {"law": names[0], "farthest": farthest[0], "next": names[1], "next_farthest": farthest[1]}
     found = pd.DataFrame({"version": last.version, "cases": cases} | of_laws, index=cases.index)
-    found = found.join([by_engine[_WORST].max(), last[["spread_of", "microseconds"]]])
+    found = found.join([last.spread_of, by_engine[_WORST].max(), last.microseconds])
     return found.dropna(subset="next_farthest")
 
 

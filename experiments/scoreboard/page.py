@@ -50,8 +50,9 @@ LEAD = (
     f"laws of rigid bodies. {LAWS_WITH_LAWS}",
     "“Mapped” is an engine whose own springs and dashpots were set up here for the stiffness and e asked for, at a "
     "step of a thousandth of the shorter contact period: where it follows their law it does what it was asked for. "
-    "Steps in brackets are other shares of that period; “as it ships” is an engine in which nothing is set but the e "
-    "of those that take one.",
+    "Steps in brackets are other shares of that period. “Naive” writes k and damping into an engine's parameters as "
+    "these are called, “as documented” sets MuJoCo's solref alone; “as it ships” is an engine in which nothing is set "
+    "but the e of those that take one.",
     "D = √(Σ m Δv² / Σ m v₀²), Δv the difference of final velocities, v₀ those before. D = 0 is the same outcome; a "
     "striker of 1 kg that stops instead of coming back at half its speed makes D = 0.5. The law of an engine is the "
     f"one with the smallest worst-case D, accepted up to {EXPLAINED}.",
@@ -65,9 +66,9 @@ BOARD = (
 )
 
 WORST = (
-    f"The largest of all cases that an engine answers, of {len(CASES)}. Farthest: D from the nearest law, and from "
-    "the next one; where that is as near, these cases do not tell the two apart. The nearest law "
-    f"is no engine's own where it is farther than {EXPLAINED}. Energy is over that before, lost at e = 1; "
+    f"The largest of all cases that an engine answers, of {len(CASES)}. Farthest: D from the nearest law that answers "
+    "nine in ten of them, and from the next; where that is as near, they do not tell the two apart. It is "
+    f"no engine's own where it is farther than {EXPLAINED}. Energy gained, and lost at e = 1, is over that before; "
     "momentum, of cases without a table, over the sum of its absolute values before. Spread: D by another placement "
     "(of: by which); step spread: by half and twice the step. Microseconds of a step are of one machine, while balls "
     "touch."

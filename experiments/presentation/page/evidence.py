@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pandas as pd
 
+from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.summary import HONEST, Summary
@@ -61,11 +62,19 @@ def question(summary: Summary) -> str:
         beginning = (
             "A ball falls on a ball that rests on a table, and two contacts are hit at once. Can a physics engine be "
             f"trusted with that? Here are {summary.n_cells} such collisions ({', '.join(spans) or 'of one cell'}), "
-            "solved exactly by the state-transition model of Jia, Mason and Erdmann (2013), in which bodies stay in "
-            f"place while they collide, and by {solvers}."
+            "solved by the state-transition model of Jia, Mason and Erdmann (2013), in which bodies stay in place "
+            f"while they collide, and by {solvers}."
         )
     laws = "; ".join(said for name, said in _LAWS.items() if name in summary.solvers)
-    return f"{beginning} {begun(laws + '. ') * bool(laws)}The model is the yardstick, not the truth. {LAWS_WITH_LAWS}"
+    given = [
+        beginning,
+        begun(f"{laws}.") * bool(laws),
+        "Gravity acts in all but the model." * (summary.config.scenario == "drop"),
+        f"Engines take steps of {number(summary.config.step_fraction)} of the faster contact's period."
+        * any(map(is_engine, summary.solvers)),
+        f"The model is the yardstick, not the truth. {LAWS_WITH_LAWS}",
+    ]
+    return " ".join(filter(None, given))
 
 
 def _span(summary: Summary, axis: str, label: str) -> str:
@@ -84,7 +93,7 @@ def causes(summary: Summary, figures: Sequence[Block]) -> Section:
         "Between the model and what an engine was asked for one thing is changed at a time, in every "
         "order, and the mean differences sum to the engine's divergence exactly, in every cell. The share "
         "of a cause is the component of its difference of velocities along the whole difference, over D; "
-        f"it is the mean over the {ladder.orders} orders of {several}. Over a region it is summed "
+        f"it is the mean over the {ladder.orders} orders of the first {several}. Over a region it is summed "
         "over cells, over the sum of D. Shares are signed and sum to 100 %."
     )
     regions = findings.region_table(ladder)
@@ -106,7 +115,11 @@ def sureness(summary: Summary) -> Section:
         findings.counted(summary),
     ]
     header = ["solver", "asked for", "converged", "error order", "step error", "estimated error of the limit"]
-    header += ["limit's distance from the law", "regularisation", f"within {number(HONEST)} estimates"]
+    header += [
+        "limit's distance from the law",
+        "largest regularisation",
+        f"within {number(HONEST)} estimates",
+    ]
     rows = [
         (
             named(row["solver"]),

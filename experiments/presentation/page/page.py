@@ -100,7 +100,7 @@ def _numbers(summary: Summary) -> Iterator[tuple[Value, str]]:
         if causes and cancelling(summary.ladder.region(name).share) is None:
             cause, share = next(iter(causes.items()))
             label = findings.LABELS[cause]
-            yield share, f"of {named(name)}'s mean D over all {unit} is due to {label}; by region it differs"
+            yield share, f"of {named(name)}'s mean D is due to {label}; by region it differs"
 
 
 def _advice(summary: Summary, captions: Captions) -> Section:
@@ -123,8 +123,8 @@ def _advice(summary: Summary, captions: Captions) -> Section:
         )
         blocks.append(together([said, *(_step(summary, name, step) for name, step in steps.items())]))
     blocks.append(
-        "The rest is the contact law, not the step: a smaller step does not remove it, and the sections below "
-        "show where it matters."
+        "No smaller step removes the rest of the distance from the model: the sections below show what it is, and "
+        "where it matters."
     )
     blocks += _figures(captions, "error-by-step")
     return Section("What to do with your engine", blocks, beside=True)
@@ -257,8 +257,8 @@ def _matrix(summary: Summary) -> Table:
 def _hypothesis() -> Section:
     said = say(
         "The model has a limit of its own: where one contact is infinitely stiffer than the other, its two "
-        "bodies move as one. Whether solvers go there, and how fast, is no matter of a grid: {command} "
-        "writes a page with a verdict for every limit and solver.",
+        "bodies move as one. Whether solvers go there, and how fast, other collisions than these show: {command} "
+        "solves them, and writes a page with a verdict for every limit and solver.",
         command=_code("impact-xval hypothesis"),
     )
     return Section("Hypothesis", [said])

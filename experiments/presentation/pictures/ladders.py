@@ -49,7 +49,7 @@ def _caption(over: str, ladder: LadderSummary) -> str:
     return (
         f"What the mean velocity divergence D of each engine consists of, over {over}. Line: mean D; bars "
         "below zero: causes that take the engine back towards the model; whiskers: the range over "
-        f"{ladder.orders} orders of the causes. Each cause is a difference of velocities made by one change on the "
+        f"{ladder.orders} orders of causes. Each cause is a difference of velocities made by one change on the "
         "way from the model to the engine; drawn is the mean of its component along the whole difference, in the "
         f"kinetic norm. The components of a cell sum to its D. Frozen positions, {causes} can be changed in "
         f"{ladder.orders} orders; a bar is the mean over them, and its whisker reaches from where it ends by the "
