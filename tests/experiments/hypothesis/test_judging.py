@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from numpy.random import default_rng
 
 from impact_xval.experiments.hypothesis.judging import judged, verdicts
 
@@ -14,8 +15,7 @@ CLASSES = ("both lossy", "only e1 = 1", "e1 = e2 = 1")
 def planted(departure, contrast=CONTRAST, **how):
     """Judge a solver at 12 points, whose v1 is off the closed form by `departure(contrast, index of the point)`."""
     series, usual = [], {"error": 1e-13, "decades": 4.0, "used": True, "grazing": False, "status": "ok"}
-    for i in range(12):
-        off = departure(contrast, i)
+    for i, off in ((i, departure(contrast, i)) for i in range(12)):
         one = {"contrast": contrast, "distance": abs(off), "solver": "planted", "point": i}
         lists = {"velocities": [(FORM[0] + x, FORM[1]) for x in off], "class": CLASSES[i % 3]}
         lists |= {"closed_form": [FORM] * len(off), "weights": [(1.0, 1.0)] * len(off)}
@@ -24,47 +24,20 @@ def planted(departure, contrast=CONTRAST, **how):
     return found, verdicts(found, ["solver"]).set_index("class")
 
 
-@pytest.mark.parametrize("rate", [0.25, 0.5, 1.0, 2.0])
-def test_a_solver_that_converges_is_supported_at_its_rate(rate):
-    whole = planted(lambda x, i: (2 + 0.1 * i) * x**-rate)[1].loc["all"]
-    assert whole.verdict == "supported"
-    assert whole.rate == pytest.approx(rate, abs=1e-6)
-    assert whole.rate_low - 1e-6 <= rate <= whole.rate_high + 1e-6
-    # The median of D is 2.55 x^-r, and contrasts are an eighth of a decade apart.
-    least = max(51.0, CONTRAST[0] ** rate)
-    assert 0.99 * least <= whole.close_from**rate < 1.01 * least * 10 ** (rate / 8)
-
-
-@pytest.mark.parametrize(
-    ("departure", "offset"),
-    [
-        *((lambda x, i, to=offset: to + 0.2 / x, offset) for offset in (0.3, 1e-2, 1e-4, -1e-6)),
-        (lambda x, i: 0.2 + 1e-3 * np.sin(5 * np.log(x)), 0.2),  # far off, and oscillates
-        (lambda x, i: 0.05 + 0.4 * x**-0.25 + 0.3 * x**-0.5, 0.05),  # slow
-    ],
-)
-def test_a_solver_that_converges_to_something_else_is_refuted_with_its_limit(departure, offset):
-    found, rows = planted(departure)
-    assert {*found.verdict, *rows.verdict} == {"refuted"}
-    assert (abs(found.limit_v1 - FORM[0] - offset) <= 3 * found.limit_error).all()
-    assert (found.limit_error < 0.2 * abs(offset)).all()
-    assert found.offset.to_numpy() == pytest.approx(abs(offset), rel=0.05)
-
-
-def jumping(x, i):
-    """As the model where it has no limit: a few outcomes elsewhere, at any contrast."""
-    return np.where(np.random.default_rng(i).random(x.size) < 0.15, -0.2, 0.1 / x)
-
-
 #: What an engine is judged by: two decades, and an error of its own.
 ENGINE = {"decades": 2.0, "contrast": np.logspace(0.5, 3.5, 7)}
-#: Departure from the closed form, how it is judged, the verdict, and what its reason says.
+#: Departure from the closed form, how it is judged, the verdict, and what its reason says, or the rate or the offset.
 SERIES = {
+    **{f"r {r}": (lambda x, i, r=r: (2 + i / 10) / x**r, {}, "supported", r) for r in (0.25, 0.5, 1.0, 2.0)},
+    **{f"{at} off": (lambda x, i, at=at: at + 0.2 / x, {}, "refuted", at) for at in (0.3, 1e-2, 1e-4, -1e-6)},
+    "oscillates, far off": (lambda x, i: 0.2 + 1e-3 * np.sin(5 * np.log(x)), {}, "refuted", 0.2),
+    "slow, elsewhere": (lambda x, i: 0.05 + 0.4 * x**-0.25 + 0.3 * x**-0.5, {}, "refuted", 0.05),
     # Off by 1e-12 where the last distance is 1e-9: nothing in the data can tell.
     "beyond the resolution": (lambda x, i: 1e-12 + 0.1 / x, {}, "supported", ""),
     "rings, and fades": (lambda x, i: 0.3 * np.sin(np.sqrt(x) * (1 + 0.1 * i)) / x, {}, "supported", ""),
     "oscillates": (lambda x, i: 0.1 * np.sin(3 * np.log(x)), {}, "no limit", "does not settle"),
-    "two branches": (jumping, {}, "no limit", ""),
+    # As the model where it has no limit: a few outcomes elsewhere, at any contrast.
+    "jumps": (lambda x, i: np.where(default_rng(i).random(57) < 0.15, -0.2, 0.1 / x), {}, "no limit", ""),
     "drifts": (lambda x, i: 0.5 * x**-0.05, {}, "undecided", ""),
     # What no finite range of contrasts can exclude; docs/hypothesis.md names it under what is not shown.
     "drifts slower than any power": (lambda x, i: 0.5 / np.log(x), {}, "refuted", ""),
@@ -82,11 +55,24 @@ SERIES = {
 
 @pytest.mark.parametrize("name", SERIES)
 def test_a_verdict_is_given_where_the_series_carries_one(name):
-    departure, how, verdict, reason = SERIES[name]
-    rows = planted(departure, **how)[1]
+    departure, how, verdict, says = SERIES[name]
+    found, rows = planted(departure, **how)
     whole = rows.loc["all"]
     assert whole.verdict == verdict
-    assert reason in whole.reason
+    assert whole.within_error == (says == "own error")
+    match verdict, says:
+        case "supported", float(rate):
+            assert whole.rate == pytest.approx(rate, abs=1e-6)
+            assert whole.rate_low - 1e-6 <= rate <= whole.rate_high + 1e-6
+            # The median of D is 2.55 x^-r, and contrasts are an eighth of a decade apart.
+            least = max(51.0, CONTRAST[0] ** rate)
+            assert 0.99 * least <= whole.close_from**rate < 1.01 * least * 10 ** (rate / 8)
+        case "refuted", float(offset):
+            assert {*found.verdict, *rows.verdict} == {"refuted"}
+            assert (abs(found.limit_v1 - FORM[0] - offset) <= 3 * found.limit_error).all()
+            assert (found.limit_error < 0.2 * abs(offset)).all()
+            assert found.offset.to_numpy() == pytest.approx(abs(offset), rel=0.05)
+        case _:
+            assert says in whole.reason
     assert name != "rings, and fades" or whole.rate == pytest.approx(1, abs=0.1)  # that of its envelope
-    assert whole.within_error == (reason == "own error")
     assert name != "one class" or [*rows.verdict[[*CLASSES]]] == ["refuted", "supported", "supported"]
