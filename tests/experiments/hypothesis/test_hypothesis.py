@@ -1,0 +1,214 @@
+"""The hypothesis put to the test: where laws go, by closed forms and by the docs, and what the command shows of it."""
+
+import contextlib
+import dataclasses
+import io
+import math
+import re
+import shutil
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines.mapping import damping_ratio, restitution
+from impact_xval.compliant_baselines.solver import Settings
+from impact_xval.experiments.commands.cli import main
+from impact_xval.experiments.hypothesis.columns import PLACES, draw, of_each_ball, stiffened, welded
+from impact_xval.experiments.hypothesis.judging import distance
+from impact_xval.experiments.hypothesis.page import over_places, span
+from impact_xval.experiments.hypothesis.run import CASES, MARGIN, design
+from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, named
+from impact_xval.experiments.tables.numbers import number
+from impact_xval.model import Collision, solve
+from tests.browser import opened
+from tests.model.test_limits import ball_ball_rigid
+
+ROOT = Path(__file__).parents[3]
+GOLDEN = f"{ROOT}/tests/golden/values/hypothesis-full-{{}}.csv"
+#: The tables of the docs, by limit and by solver, and the solvers of the first.
+TABLES = dict(re.findall(r"^\| `(\S+)` \| (.*) \|$", (ROOT / "docs/hypothesis.md").read_text("utf-8"), re.M))
+SOLVERS = ["state-transition", "bistiffness", "kelvin-voigt", "kelvin-voigt-anchored"]
+SOLVERS += ["kelvin-voigt-textbook", "hunt-crossley"]
+REDRAWN = [pytest.param(f"seed = {seed}", marks=pytest.mark.nightly) for seed in (2, 77)]
+
+
+@pytest.fixture(scope="module", params=["points = 6", *REDRAWN])
+def made(request, tmp_path_factory):
+    """Test the hypothesis by the solvers of the docs; gives its folder, and what the command prints."""
+    root, said = tmp_path_factory.mktemp("hypothesis"), io.StringIO()
+    columns = "[columns]\npoints = 3\nballs = [4, 4]"
+    (root / "h.toml").write_text(f"solvers = {SOLVERS}\n{request.param}\n{columns}")
+    with contextlib.redirect_stdout(said):
+        assert main(["hypothesis", str(root / "h.toml"), "--out", str(root / "out"), "--workers", "1"]) == 0
+    return root / "out", said.getvalue()
+
+
+def wholes(file):
+    return pd.read_csv(file).convert_dtypes().query("`class` == 'all'")
+
+
+def test_the_tables_of_the_docs_are_those_of_the_built_in_test():
+    """The golden values, which are held against a run of it."""
+    rows = {}
+    for row in wholes(GOLDEN.format("limits")).query("solver in @SOLVERS").itertuples():
+        n = getattr(row, f"n_{row.verdict}", row.n_undecided)
+        far = f", {span((row.offset_least, row.offset_largest))}" if row.verdict == "refuted" else ""
+        rows.setdefault(row.case, []).append(f"{row.verdict}{'' if n == row.points == 24 else f', {n}'}{far}")
+    columns = SimpleNamespace(columns=wholes(GOLDEN.format("columns")))
+    for solver, place, *counts, rates, away in over_places(columns):
+        assert all(count.endswith(" of 24" if place == "meet" else " of 48") for count in counts)
+        said = (f"{n.split()[0]}, {far}" for n, far in zip(counts, (rates, away), strict=True) if far != "-")
+        rows.setdefault(solver, []).append("; ".join(said))
+    assert {name: " | ".join(cells) for name, cells in rows.items()} == TABLES
+
+
+def test_points_are_of_their_regime_and_closed_forms_are_those_of_the_supplement():
+    drawn = design(24, 9)
+    assert not {*drawn.mass_ratio} & {*design(24, 10).mass_ratio}
+    for row in drawn.itertuples():
+        found = (row.closed_form_v1, row.closed_form_v2)
+        if row.case.startswith("zero"):
+            v1, v2, states = ball_ball_rigid(row.mass_ratio, row.e1, row.e2)
+            early = row.e1 * row.mass_ratio < 1
+            assert row.case == f"zero-{'apart' if len(states) == 3 else 'early' if early else 'late'}"
+            assert abs(row.e1 * row.mass_ratio - 1) >= MARGIN * (1 + row.mass_ratio)
+            assert found == pytest.approx((v1, v2), abs=1e-13)
+        elif row.case == "infinity":
+            pair = Collision((1.0, row.mass_ratio), (1.0, 1.0), (row.e1, row.e2), (-1.0, 0.0), table=True)
+            as_one = of_each_ball(solve(welded(pair, 1)).velocities, 1, 2)
+            assert (*found, *as_one) == pytest.approx((row.e1, 0) * 2, abs=1e-14)
+
+
+def test_a_welded_column_has_the_mass_and_the_momentum_of_all_but_what_is_part_of_the_table():
+    struck = [("chain", "top"), ("cradle", "middle"), ("drop", "top"), ("stack", "table")]
+    for place, (column, contact) in ((at, one) for at in PLACES for one in draw(at, 6, (4, 7), 1)):
+        one, n = welded(column, contact), len(column.masses) - (place[1] == "table")
+        before, after = (np.array([c.masses, np.multiply(c.masses, c.velocities)]) for c in (column, one))
+        assert after.shape[1] == before.shape[1] - 1
+        assert after.sum(axis=1) == pytest.approx(before[:, :n].sum(axis=1))
+        assert one.stiffnesses == column.stiffnesses[:contact] + column.stiffnesses[contact + 1 :]
+        assert (column.compression_rates[contact] > 0) == (place in struck)
+        velocities = of_each_ball(range(1, len(one.masses) + 1), contact, len(column.masses))
+        pair = (*velocities, 0)[contact : contact + 2]
+        assert pair == ((0, 0) if place[1] == "table" else (contact + 1, contact + 1))
+
+
+def remapped(e, mapped, mass):
+    """Restitution against a mass of a dashpot mapped with another (Schwager, Poeschel, Granular Matter 9:465, 2007)."""
+    return restitution(damping_ratio(e) * math.sqrt(mapped / mass))
+
+
+def test_a_dashpot_law_goes_where_its_own_dashpots_lead_and_not_where_it_is_mapped_anew():
+    """The welded column is given the dashpots as they were, by the restitutions with which they are mapped to it."""
+    for column, contact in draw(("drop", "middle"), 2, (4, 5), 2):
+        anew = welded(column, contact)
+        over = (1 / np.array((*one.masses, math.inf)) for one in (column, anew))
+        mapped, reduced = (1 / (each[1:] + each[:-1]) for each in over)
+        kept = tuple(map(remapped, anew.restitutions, np.delete(mapped, contact), reduced))
+        asked = [stiffened(column, contact, 1e6), anew, dataclasses.replace(anew, restitutions=kept)]
+        stiff, *forms = get_solver("kelvin-voigt").solve_many(asked, Settings())
+        ends = [of_each_ball(form.velocities, contact, len(column.masses)) for form in forms]
+        away = distance(np.divide(column.masses, column.masses[0]), np.subtract(ends, [stiff.velocities]))
+        assert away[0] > 1e-3 > 1e-5 > away[1]
+
+
+def predicted(case, solver, mu, e1, e2):
+    """Where a refuted law goes instead, or None: an infinite dashpot, of its law, joins its bodies at first touch."""
+    match case, solver:
+        case "zero-late", "bistiffness" | "kelvin-voigt":  # three single impacts: balls, table, balls
+            v = np.array([-1.0, 0.0])
+            for _ in range(2):
+                impulse = mu / (1 + mu) * (1 + e1) * (v[1] - v[0])
+                v += impulse, -impulse / mu
+                v[1] = -e2 * v[1] if v[1] < 0 else v[1]
+            return tuple(v)
+        case "infinity" | "plastic-ball-table", "kelvin-voigt":  # B1 meets a wall
+            return remapped(e1, mu / (1 + mu), 1.0), 0.0
+        case "plastic-ball-ball", "kelvin-voigt":  # one body meets the table
+            return (remapped(e2, mu, 1 + mu) / (1 + mu),) * 2
+
+
+def test_verdicts_and_that_refuted_limits_are_those_predicted_without_a_simulation(made):
+    verdicts, tried = wholes(made[0] / "verdicts.csv").set_index(["case", "solver"]).verdict, set()
+    for limit in (case.key for case in CASES):
+        assert [*verdicts[limit][SOLVERS]] == [cell.split(",")[0] for cell in TABLES[limit].split(" | ")]
+    for row in pd.read_csv(made[0] / "points.csv").query("verdict == 'refuted'").itertuples():
+        form = predicted(row.case, row.solver, row.mass_ratio, row.e1, row.e2)
+        if form is not None:
+            missed = distance((1, row.mass_ratio), np.subtract((row.limit_v1, row.limit_v2), form))
+            assert missed < min(2e-3, 0.2 * row.offset), row
+            tried.add((row.case, row.solver))
+    assert len(tried) == 5
+
+
+#: A mistake, and how its one line begins; those of any configuration are tested with it.
+BAD = {
+    "contrast = [1e5, 10]": r"contrast = \[100000.0, 10.0\].* lo < hi",
+    "plastic_contrast = [0, 10]": "plastic_contrast.* 1 < lo < hi <= 1e16",
+    "solvers = ['mujoko']": "solvers = 'mujoko' .*did you mean 'mujoco'",
+    "[columns]\nballs = [3, 7]": r"columns.balls = \[3, 7\].* whole numbers from 4 to 12",
+    "seed = 1.5": r"seed = 1.5.* a whole number from 0 to 2\^32",
+    "points = 3": r"points = 3.* from 6 to 500 \(points of each limit\)",
+}
+
+
+def test_bad_input_is_one_line_and_writes_nothing(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for text, says in BAD.items():
+        Path("h.toml").write_text(text)
+        assert main(["hypothesis", "h.toml"]) == 2, text
+        assert re.fullmatch(f"impact-xval: h.toml: {says}.*\n", "".join(capsys.readouterr())), text
+    assert [*Path().iterdir()] == [Path("h.toml")]
+
+
+def test_it_is_continued_to_the_same_tables_and_holds_no_other_test(made, tmp_path, capsys):
+    again = shutil.copytree(made[0], tmp_path / "again")
+    lost, table = sorted((again / "exact" / "parts").iterdir())[::2], (again / "verdicts.csv").read_bytes()
+    for path in (*lost, again / "verdicts.csv", again / "exact" / "cells.parquet"):
+        path.unlink()
+    assert main(["hypothesis", str(made[0].parent / "h.toml"), "--out", str(again), "--workers", "2"]) == 0
+    assert "resumed: " in capsys.readouterr().out
+    assert (again / "verdicts.csv").read_bytes() == table
+    for folder, says in ((again, "holds another test of the hypothesis"), (tmp_path, "not empty")):
+        assert main(["hypothesis", "--out", str(folder)]) == 2
+        assert f"{says}; legal: a new or empty folder" in capsys.readouterr().err
+
+
+def test_the_page_and_the_command_show_the_verdicts_of_the_tables(made):
+    root, said = made
+    page = (root / "report.html").read_text()
+    table = next(part for part in page.split("</table>") if ">zero-apart</th>" in part)
+    cells = [re.findall(r"<td[^>]*>(.*?)</td>", row, re.DOTALL) for row in table.split("<tr>")]
+    shown = {row[0]: row[1:] for row in cells if row}
+    for solver, found in wholes(root / "verdicts.csv").groupby("solver"):
+        for row, cell in zip(found.itertuples(), shown[named(solver)], strict=True):
+            close = "never" if row.close_from == float("inf") else f"≥{number(row.close_from, 1)}"
+            more = {"supported": f"r {row.rate:.2f}", "refuted": f"D {row.offset_least:.2g}"}
+            verdict = f"{row.verdict} {getattr(row, f'n_{row.verdict}', row.n_undecided)}/{row.points}"
+            assert cell.startswith(f"{verdict} {close}<br>{more.get(row.verdict, '')}")
+            assert verdict in said
+    assert "they move,<br>it parts again" in shown["the pair is one by"][2]
+    assert said.count(LAWS_WITH_LAWS) == page.count(LAWS_WITH_LAWS) == 1
+
+
+def test_columns_that_move_as_one_are_counted_on_the_page_and_in_the_terminal(made):
+    found = wholes(made[0] / "columns.csv")
+    assert found.n_supported[found.meets].sum() == 0
+    assert 0.4 < found.least_rate.min() <= found.largest_rate.max() < 2.2
+    found = found[~found.meets].groupby("solver")[["n_supported", "n_refuted", "points"]].sum()
+    assert found.loc["kelvin-voigt"].to_list() == found.loc["kelvin-voigt-textbook"].to_list() == [8, 16, 24]
+    assert found.n_refuted[["state-transition", "bistiffness"]].to_list() == [0, 0]
+    for row in found.itertuples():
+        count = f"{row.n_supported} of {row.points}"
+        assert f">{count}</td>" in (made[0] / "report.html").read_text()
+        assert f"{named(row.Index)} {count}" in " ".join(made[1].split())
+
+
+@pytest.mark.slow
+def test_the_page_is_two_screens_unfolded(made):
+    with opened((made[0] / "report.html").as_uri()) as page:
+        assert page.evaluate("document.documentElement.scrollHeight") <= 2 * 900
