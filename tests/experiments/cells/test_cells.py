@@ -1,4 +1,4 @@
-"""The explorer: what an address asks for, how it is served, and how it moves in a browser."""
+"""One cell by several solvers: what `compare` gives, what a notebook shows of it, and the explorer in a browser."""
 
 import json
 import re
@@ -7,16 +7,62 @@ import socket
 import subprocess
 import sys
 from contextlib import ExitStack, contextmanager
-from urllib.parse import quote
+from dataclasses import replace
 
+import numpy as np
 import pytest
+from markupsafe import escape
 
-from impact_xval import Collision, solve
+from impact_xval import Collision, compare, solve
+from impact_xval.experiments.cells.compared import Compared
 from impact_xval.experiments.cells.explorer import Cells
 from impact_xval.experiments.commands.options import asked_by_address
+from impact_xval.model import Outcome
 from tests.browser import opened, violations
 
 COMMAND = [sys.executable, "-m", "impact_xval", "explore", "--no-browser", "--port"]
+HOSTILE = "<script>alert('&')</script> | **bold** <img src=x onerror=alert(1)>"
+PLAIN = Collision.from_ratios(1.0, 1.0, 0.9, 0.9)
+PAIR = Collision.two_balls(m1=2.0, m2=3.0, k1=1e8, k2=4e9, e1=0.9, e2=0.7, v0=-4.0)
+COLUMN = Collision((1.0, 2.0, 1.0), (1e8, 2e8), (0.9, 0.8), (-3.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("problem", [PAIR, COLUMN, replace(COLUMN, exponent=1.5)])
+def test_the_model_is_added_and_d_is_what_a_hand_computation_gives(problem):
+    law = "kelvin-voigt" if problem.exponent == 1 else "hunt-crossley"
+    compared = compare(problem, [law])
+    model, other = compared.outcomes.values()
+    alone = solve(problem)
+    assert (model.velocities, model.states) == (alone.velocities, alone.states)
+    assert model.path.velocities[-1] == pytest.approx(model.velocities)
+    masses, away = np.array(problem.masses), np.subtract(model.velocities, other.velocities)
+    by_hand = np.sqrt(masses @ away**2 / (masses @ np.square(problem.velocities)))
+    assert by_hand > 0.01
+    assert compared.divergences == {"state-transition": 0, law: pytest.approx(by_hand, rel=1e-12)}
+    shown = compared._repr_html_()
+    assert shown.count("<table") == shown.count("<img") == shown.count("image/png;base64,iVBORw0KGgo") == 1
+    assert {law, f"{other.v1 / -problem.velocities[0]:.6f}"} <= {*re.findall(">([^<]*)</td>", shown)}
+    assert f"v{len(masses)}" in str(compared)
+
+
+def test_hostile_names_and_reasons_stay_text_and_without_a_path_there_is_no_picture():
+    failed = Outcome.failure(HOSTILE, PLAIN, "crashed", HOSTILE)
+    answered = Outcome(HOSTILE + "2", (0.5, 0.25), (1.5, 1.75), ("S1", "S4"))
+    compared = Compared(PLAIN, {"state-transition": solve(PLAIN), HOSTILE: failed, answered.solver: answered})
+    assert compared.divergences[HOSTILE] is None
+    shown = compared._repr_html_()
+    assert not {"script", "strong", "img"} & {*re.findall(r"<([a-z]+)", shown)}
+    assert re.search(rf">{re.escape(escape(HOSTILE))}</t[dh]>", shown)
+    assert HOSTILE in str(compared)
+    assert "mujoco-naive: damping 1 is " in str(compare(PLAIN, ["mujoco-naive"]))  # not what was asked for
+    with pytest.raises(ValueError, match="no solver has a path to draw"):
+        compared.plot()
+
+
+def test_what_is_illegal_is_named():
+    for options, says in (({"solvers": ["bullet"]}, "is not a solver"), ({"timeout": 0}, "greater than 0")):
+        with pytest.raises(ValueError, match=says):
+            compare(PLAIN, **options)
 
 
 @pytest.fixture(scope="module")
@@ -27,24 +73,20 @@ def cells():
 
 @contextmanager
 def served():
-    """Serve the explorer at a free port; gives the process, interrupted in the end, and its address."""
+    """Serve the explorer at a free port; gives the process, interrupted in the end, and the port."""
     process = subprocess.Popen([*COMMAND, "0"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
-        line = process.stdout.readline()
-        found = re.match(r"(http://127.0.0.1:\d+/) ", line)
-        assert found, (line, process.stderr.read() if process.poll() is not None else "")
+        found = re.match(r"http://127.0.0.1:(\d+)/ ", line := process.stdout.readline())
+        assert found, line or process.stderr.read()
         yield process, found[1]
     finally:
-        if process.poll() is None:
-            process.send_signal(signal.SIGINT)
-            process.communicate(timeout=300)
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=300)
 
 
 def wait_for(page, what):
     """Wait until what is shown is of the address, and an expression of JavaScript holds."""
-    page.wait_for_function(
-        f"() => `?${{document.documentElement.dataset.shown}}` === location.search && ({what})"
-    )
+    page.wait_for_function(f"`?${{document.documentElement.dataset.shown}}` === location.search && ({what})")
 
 
 def test_an_address_has_its_table_and_curves_that_end_where_the_model_does(cells):
@@ -67,12 +109,10 @@ def test_an_address_may_hold_a_column(cells):
 
 
 def test_what_is_illegal_in_an_address_is_one_line(cells):
-    pair = "stiffness_ratio=3&mass_ratio=1&e2=1"
     for query, says in (
-        (f"{pair}&e3=1", "'e3' is no parameter; legal: stiffness_ratio, mass_ratio, e1, e2"),
-        (f"{pair}&e1=2", "--e1 = 2.0; legal: from 0 to 1"),
-        (f"{pair}&e1={quote('<b>')}", "--e1 = '<b>'; legal: from 0 to 1"),
-        (pair, "--e1 missing; legal: "),
+        ("e1=0.5&e3=1", "'e3' is no parameter; legal: stiffness_ratio, mass_ratio, e1, e2"),
+        ("stiffness_ratio=3&mass_ratio=1&e1=%3Cb%3E&e2=1", "--e1 = '<b>'; legal: from 0 to 1"),
+        ("stiffness_ratio=3&mass_ratio=1&e2=1", "--e1 missing; legal: "),
         ("balls=3&e=1&arrangement=cube", "--arrangement = 'cube'; legal: 'chain', "),
     ):
         ((kind, said),) = cells.answer(query).items()
@@ -80,12 +120,11 @@ def test_what_is_illegal_in_an_address_is_one_line(cells):
 
 
 def test_a_port_in_use_and_ctrl_c_while_a_cell_is_solved_are_one_line():
-    with served() as (process, address):
-        host, port = re.search(r"//(.+):(\d+)/", address).groups()
+    with served() as (process, port):
         done = subprocess.run([*COMMAND, port], capture_output=True, text=True, timeout=300)
         assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done
         assert "Address already in use; legal:" in done.stderr
-        with socket.create_connection((host, int(port))) as page:
+        with socket.create_connection(("127.0.0.1", int(port))) as page:
             page.sendall(b"GET /solved?stiffness_ratio=3&mass_ratio=1&e1=1&e2=1 HTTP/1.0\r\n\r\n")
             process.send_signal(signal.SIGINT)
             _, said = process.communicate(timeout=300)
@@ -94,12 +133,12 @@ def test_a_port_in_use_and_ctrl_c_while_a_cell_is_solved_are_one_line():
 
 @pytest.mark.slow
 def test_the_page_fits_a_move_is_solved_the_button_adds_engines_and_the_address_opens_the_same_cell_again():
-    with served() as (_, address), opened(address, offline=False) as page:
+    with served() as (_, port), opened(f"http://127.0.0.1:{port}/", offline=False) as page:
         wait_for(page, "true")
         for width, scheme in ((390, "dark"), (1200, "light")):
             page.set_viewport_size({"width": width, "height": 900})
             page.emulate_media(color_scheme=scheme)
-            assert page.evaluate("document.documentElement.scrollWidth") <= width
+            page.wait_for_function(f"document.documentElement.scrollWidth <= {width}")  # charts follow it
             assert violations(page) == []
         page.fill("#stiffness_ratio", "3")
         wait_for(page, "location.search.includes('ratio=3&')")
@@ -108,8 +147,7 @@ def test_the_page_fits_a_move_is_solved_the_button_adds_engines_and_the_address_
         wait_for(page, "document.getElementById('problem').textContent")
         assert page.inner_text("#problem") == "--e1 = '<b>2'; legal: from 0 to 1"
         page.fill("#e1", "0.9")
-        page.focus("#balls ~ [type=range]")
-        page.keyboard.press("ArrowRight")
+        page.press("#balls ~ [type=range]", "ArrowRight")
         wait_for(page, "location.search.includes('balls=3')")
         page.click("button")
         wait_for(page, "document.getElementById('results').textContent.includes('mujoco')")
