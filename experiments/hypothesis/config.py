@@ -9,12 +9,11 @@ from typing import Annotated
 import numpy as np
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 
-from impact_xval.compliant_baselines.registry import solver_names
 from impact_xval.experiments.config.axes import Strict, at_most, table, whole
 from impact_xval.experiments.config.errors import read_toml, short, validated
-from impact_xval.experiments.config.experiment import solvers_problem
+from impact_xval.experiments.config.experiment import Config, solvers_problem
 
-#: Models and references beside the solvers of every run.
+#: Models and references beside the solvers that a run has by default.
 LAWS = ("kelvin-voigt-anchored", "kelvin-voigt-textbook", "hunt-crossley", "liu-zhao-brogliato")
 
 
@@ -58,7 +57,7 @@ class HypothesisConfig(Strict):
     seed: int = Field(1, ge=0, le=2**32, description="a whole number from 0 to 2^32")
     points: int = whole(24, 6, 500, " (points of each limit)")
     solvers: list[str] = Field(
-        default_factory=lambda: [*solver_names(), *LAWS], description="a list of names of solvers, each once"
+        [*Config.model_fields["solvers"].default, *LAWS], description="a list of names of solvers, each once"
     )
     contrast: _Contrast = (1e1, 1e8)  # k1/k2 or k2/k1
     plastic_contrast: _Contrast = (1e1, 1e12)  # 1/e^2

@@ -60,10 +60,11 @@ def question(summary: Summary) -> str:
     else:
         spans = [_span(summary, axis, label) for axis, label in AXES.items() if axis in summary.axes]
         beginning = (
-            "A ball falls on a ball that rests on a table, and two contacts are hit at once. Can a physics engine be "
-            f"trusted with that? Here are {summary.n_cells} such collisions ({', '.join(spans) or 'of one cell'}), "
-            "solved by the state-transition model of Jia, Mason and Erdmann (2013), in which bodies stay in place "
-            f"while they collide, and by {solvers}."
+            "A ball falls on a ball that rests on a table, and two contacts are hit at once. Solvers differ on how "
+            f"that ends: by how much, and why? Here are {summary.n_cells} such collisions "
+            f"({', '.join(spans) or 'of one cell'}), solved by the state-transition model of Jia, "
+            "Mason and Erdmann (2013), in which bodies stay in place while they collide, and by "
+            f"{solvers}."
         )
     laws = "; ".join(said for name, said in _LAWS.items() if name in summary.solvers)
     given = [
