@@ -196,9 +196,8 @@ def judged(outcomes: Frame, keys: Sequence[str]) -> Frame:
     """Judge every series of outcomes, of pairs or of columns: those with the same `keys`; a row each."""
     rows = []
     for key, series in outcomes.groupby(list(keys), sort=False):
-        lost = series[~series.status.isin(RESULT_STATUSES)]
-        by_status = lost.groupby("status") if len(lost) else ()
-        why = [f"{len(some)} {status}: {some.reason.iloc[0]}" for status, some in by_status]
+        lost = series[~series.status.isin(RESULT_STATUSES)].groupby("status")
+        why = [f"{len(some)} {status}: {some.reason.iloc[0]}" for status, some in lost]
         # The last outcome that is not close; the one after it is the first of those that stay so.
         far = np.flatnonzero(np.r_[True, ~(series.distance <= CLOSE)])[-1]
         row = dict(zip(keys, key, strict=True)) | judge(series)

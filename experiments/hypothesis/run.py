@@ -39,9 +39,9 @@ from impact_xval.model import solve_batch
 from impact_xval.model.collision import RESULT_STATUSES
 
 #: The configuration of a test, in its folder, and its runs there, with the tolerance of engines' limits. Where balls
-#: unite, laws with positions end far from the closed form, from which fewer digits tell them at a third of the steps.
+#: unite, laws with positions end far from the closed form, from which fewer digits tell them at half the steps.
 CONFIGURATION, EXACT, ENGINES, UNITED = "hypothesis.toml", "exact", "engines", "engines-united"
-_UNITED = ("zero-early", "zero-late")
+_BALLS_UNITE = ("zero-early", "zero-late")
 _TOLERANCE = {EXACT: 3e-4, ENGINES: 3e-4, UNITED: 3e-3}
 
 #: Of all runs; a cut-off would insert the closed form that is tested.
@@ -189,8 +189,7 @@ def stages(config: HypothesisConfig, root: Path) -> Iterator[tuple[str, Callable
         given = {"name": f"hypothesis, {name}", "cells": str(cells), "cell_timeout": config.cell_timeout}
         given |= {"convergence": {"tolerance": _TOLERANCE[name], "halvings": 3}}
         experiment = parse_config(_SETTINGS | given | {"solvers": [*solvers, *sorted(laws)]})
-        said = "exact solvers" if name == EXACT else "engines, and the exact solvers of their laws"
-        yield f"{said}: {', '.join(experiment.solvers)}", partial(run_sweep, experiment, root / name)
+        yield f"{name}: {', '.join(experiment.solvers)}", partial(run_sweep, experiment, root / name)
 
 
 def _runs(config: HypothesisConfig) -> dict[str, list[str]]:
@@ -210,7 +209,7 @@ def _cells(config: HypothesisConfig, run: str) -> Frame:
     cells = [
         points[points["case"] == case.key].assign(contrast=x, **case.at(x))
         for case in CASES
-        if run == EXACT or (case.key in _UNITED) == (run == UNITED)
+        if run == EXACT or (case.key in _BALLS_UNITE) == (run == UNITED)
         for x in (plastic_contrasts if case.plastic else contrasts)
     ]
     return pd.concat(cells, ignore_index=True)

@@ -132,12 +132,10 @@ def summarise(folder: RunFolder) -> Summary:
     config, outcomes = folder.config(), folder.tally()
     cells, pair = folder.table_path("cells.parquet"), config.column is None
     table = load_divergence(folder, config)
-    counting = present(cells, "marked") & (codes(cells, "status", RESULT_STATUSES) >= 0)
-    marked = codes(cells, "solver", config.solvers)[counting]
-    counts = dict(
-        zip(config.solvers, np.bincount(marked, minlength=len(config.solvers)).tolist(), strict=True)
-    )
-    n_marked = counts[REFERENCE]
+    # Rows of a cell are in the order of the solvers, the model first; where that is marked they all are.
+    marked = present(cells, "marked").reshape(-1, len(config.solvers))
+    result = (codes(cells, "status", RESULT_STATUSES) >= 0).reshape(marked.shape)
+    beyond = (marked & result & ~marked[:, :1]).sum(axis=0).tolist()
     return Summary(
         config=config,
         levels=table.levels,
@@ -147,9 +145,8 @@ def summarise(folder: RunFolder) -> Summary:
         reasons=pd.DataFrame(reasons_of(outcomes), columns=["solver", "status", "reason", "n"]),
         between=between(cells, config) if pair else pd.DataFrame(),
         n_cells=sum(n for (name, _, _), n in outcomes.items() if name == REFERENCE),
-        n_marked=n_marked,
-        # Where the model is marked every row of the cell is.
-        marked_beyond={name: n - n_marked for name, n in counts.items() if n > n_marked},
+        n_marked=int(marked[:, 0].sum()),
+        marked_beyond={name: n for name, n in zip(config.solvers, beyond, strict=True) if n},
         estimates=convergence_estimates(cells, config.solvers, config.mapping, marked=pair),
         ladder=summarise_ladder(folder, config),
     )

@@ -1,13 +1,17 @@
 """Statistics of a run are those of its tables."""
 
+import shutil
+
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.summary import SUMMARISED, between, summarise
 from impact_xval.experiments.presentation.report import write_latex, write_tables
+from impact_xval.experiments.tables.folder import RunFolder
 
 
 def test_statistics_are_those_of_the_table(crashing_run):
@@ -31,6 +35,20 @@ def test_statistics_are_those_of_the_table(crashing_run):
     assert summary.statuses.loc["mujoco"].to_dict() == {"ok": 6, "crashed": 6, "unavailable": 0}
     assert summary.worst.velocity_divergence.is_monotonic_decreasing
     assert summary.get("pybullet", "velocity_divergence").n == 0
+
+
+def test_marked_beyond_the_model_are_results_whose_model_is_not_marked(crashing_run, tmp_path):
+    run = RunFolder(shutil.copytree(crashing_run.root, tmp_path / "run"))
+    path = run.root / "cells.parquet"
+    table = pq.read_table(path)
+    cells = table.to_pandas()
+    engine = cells.solver == "mujoco"
+    ok, crashed = (cells.cell[engine & (cells.status == status)].tolist() for status in ("ok", "crashed"))
+    both = cells.cell.isin([ok[0], crashed[0]])  # in which the model is marked, and all with it
+    cells["marked"] = np.where(both | (engine & cells.cell.isin([*ok[1:4], crashed[1]])), "a jump", None)
+    pq.write_table(pa.Table.from_pandas(cells, table.schema), path)
+    summary = summarise(run)
+    assert (summary.n_marked, summary.marked_beyond) == (2, {"mujoco": 3})
 
 
 def test_tables_for_a_paper(crashing_run):
