@@ -99,7 +99,7 @@ def blocks(path: Path, columns: Sequence[str]) -> Iterator[pa.Table]:
 
 def selected(path: Path, columns: Sequence[str], keep: pc.Expression | None = None) -> pa.Table:
     """Read columns of the rows for which a condition holds; text as dictionaries, which take a byte or two a row."""
-    # not those of the condition alone: before pyarrow 23, none of a dictionary without entries is null
+    # not those of the condition alone: before pyarrow 26, none of a dictionary without entries is null
     text = [f.name for f in pq.read_schema(path) if pa.types.is_string(f.type) and f.name in columns]
     return pq.read_table(path, columns=list(columns), filters=keep, read_dictionary=text).unify_dictionaries()
 
