@@ -3,10 +3,11 @@
 An engine is run at the step h that a user takes, at 2h and at 4h; and at h/2, h/4, ... only as long as the estimate
 exceeds the tolerance, or where one of the longer steps is too long: its run comes to no end, or takes more steps than
 that at h. Of the velocities V0, ..., Vn, from the longest step to the shortest, the limit is Richardson's,
-L = 2 Vn - V(n-1), for engines of first order. Balls that part for good have v1 >= v2 >= 0: where L is outside, they
-meet once more as the step goes to zero, and L is replaced by the nearest point inside, which is what a plastic meeting
-makes of it. The error of L is the largest of four numbers, derived in docs/convergence.md: smooth errors, bent rates,
-touch times and gravity.
+Ln = 2 Vn - V(n-1), for engines of first order; where Ln - L(n-1) has fallen to a quarter, as a correction of second
+order does, and the last three runs are alike, it is the next of his table, (4 Ln - L(n-1))/3. Balls that part for good
+have v1 >= v2 >= 0: a limit outside means that they meet once more as the step goes to zero, and is replaced by the
+nearest point inside, which is what a plastic meeting makes of it. Its error is the largest of four numbers, derived in
+docs/convergence.md: smooth errors, bent rates, touch times and gravity.
 
 What the engine's own regularisation of contacts does to the velocities, which no step removes, is measured by one more
 run at 4h with `probe` times as much of it; it is of first order in the regularisation. Where it exceeds the tolerance
@@ -18,6 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import takewhile
 
 import numpy as np
 
@@ -27,7 +29,8 @@ from impact_xval.compliant_baselines.solver import Convergence
 from impact_xval.compliant_baselines.states import SHORTEST_STATE
 from impact_xval.model.chain.rest import GOING, REST, STUCK
 
-#: Share of the last correction that is doubted at least: three differences can agree by accident.
+#: Share of the last correction that is doubted at least: three differences can agree by accident. And the share of the
+#: largest correction of a velocity below which those of the others do not tell their order.
 DOUBT = 0.1
 
 #: Share of what contacts do in their first steps that may be missing from the limit: L takes twice what the shortest
@@ -48,7 +51,7 @@ GROWTH = 100.0
 #: may do so after millions of them at another.
 PATIENCE = 8
 
-#: Factor within which two measures of a regularisation agree.
+#: Factor within which two measures of a regularisation agree, and a fall of corrections with the quarter expected.
 ALIKE = 2.0
 
 
@@ -107,23 +110,26 @@ def limit_of(
     regularisation: float = 0.0,
     *,
     table: bool = True,
-    alike: bool = True,
+    alike: int = 3,
     gravity_doubt: float = 0.0,
 ) -> Limit:
     """Extrapolate final velocities in m/s, shape (n, balls), n >= 3, at steps each half of the one before, to zero.
 
     Of the last run are `Run.starts` in m/s and the step in s; weights are masses over that of the first ball. In m/s is
     also what regularisation does, and `gravity_doubt`, what the instants of a first flight and of the end may change.
-    `alike` says that the last two runs pass through the same states to the same end.
+    Of the last runs so many are `alike` that they pass through the same states to the same end.
     """
-    differences = np.abs(np.diff(velocities, axis=0))
     limits = 2 * velocities[1:] - velocities[:-1]
-    smooth = np.maximum(np.abs(limits[-1] - limits[-2]), DOUBT * differences[-1])
+    doubt = DOUBT * np.abs(velocities[-1] - velocities[-2])
+    if alike >= 3 and _of_second_order(np.diff(limits, axis=0)):
+        first, limits = limits, (4 * limits[1:] - limits[:-1]) / 3
+        doubt = np.abs(limits[-1] - first[-1])
+    smooth = np.maximum(np.abs(limits[-1] - limits[-2]), doubt)
     bodies = np.pad(velocities, ((0, 0), (0, 1))) if table else velocities
     rates = np.diff(bodies, axis=1)
     before, last = np.abs(np.diff(rates[-3:], axis=0))
     grown = last / np.maximum(before, last / GROWTH + np.finfo(float).tiny)
-    bent = (last > STRAIGHT * np.abs(rates[-1])) | (grown > 1) | (not alike)
+    bent = (last > STRAIGHT * np.abs(rates[-1])) | (grown > 1) | (alike < 2)
     error = max(
         float(smooth.max()),
         float((last * np.maximum(grown, 1))[bent].max(initial=0.0)),
@@ -131,10 +137,22 @@ def limit_of(
         gravity_doubt,
     )
     inside = parted(limits[-1].tolist(), weights, table)
-    moves, order = differences.max(axis=1), math.nan
+    moves, order = np.abs(np.diff(velocities, axis=0)).max(axis=1), math.nan
     if np.all(moves > 0):
         order = -float(np.polyfit(np.arange(len(moves)), np.log2(moves), 1)[0])
     return Limit(inside, error, regularisation, order, step)
+
+
+def _of_second_order(corrections: Floats) -> bool:
+    """Whether limits, by corrections of shape (n, balls), are of second order: each is a quarter of the one before.
+
+    A velocity that is hardly corrected has no say.
+    """
+    if len(corrections) < 2:
+        return False
+    before, last = corrections[-2:] * np.sign(corrections[-1])
+    small = np.abs(before) <= DOUBT * np.abs(before).max()
+    return bool(np.all(small | ((4 / ALIKE * last <= before) & (before <= 4 * ALIKE * last))))
 
 
 @dataclass(slots=True)
@@ -179,9 +197,9 @@ class _Case:
         if len(self.runs) < 3:
             return None
         last = self.runs[-1]
-        paths = {
-            (run.states(SHORTEST_STATE).names(False), run.fall is None, run.end) for run in self.runs[-2:]
-        }
+        paths = [
+            (run.states(SHORTEST_STATE).names(False), run.fall is None, run.end) for run in self.runs[:-4:-1]
+        ]
         limit = limit_of(
             np.array([run.reported for run in self.runs]),
             last.starts,
@@ -189,7 +207,7 @@ class _Case:
             [m / self.scene.masses[0] for m in self.scene.masses],
             *self.regularisation[-1:],
             table=self.scene.table,
-            alike=len(paths) == 1,
+            alike=sum(1 for _ in takewhile(lambda path: path == paths[0], paths)),
             gravity_doubt=max(self.flight_doubt(), self.scene.gravity * last.scene.step),
         )
         return replace(limit, flight=last.fall is not None, rest=last.end in (REST, STUCK))

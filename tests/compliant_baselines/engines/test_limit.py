@@ -33,7 +33,7 @@ def test_a_first_order_error_is_removed():
     # three differences that agree may do so by accident: a tenth of the last correction stays doubted
     assert limit.error == pytest.approx(0.1 * 0.2 / 4)
     # runs of other states, a kink between them, are doubted as a whole; a first flight as much as it is
-    for doubt, error in (({"alike": False}, 0.2 / 4), ({"gravity_doubt": 0.01}, 0.01)):
+    for doubt, error in (({"alike": 1}, 0.2 / 4), ({"gravity_doubt": 0.01}, 0.01)):
         limit = limit_of(sequence(lambda h: 0.3 + 0.2 * h), 0.0, 1e-6, PAIR, **doubt)
         assert limit.error == pytest.approx(error)
 
@@ -42,6 +42,30 @@ def test_a_second_order_error_is_estimated():
     limit = limit_of(sequence(lambda h: 0.3 + 0.01 * h + 0.2 * h**2), 0.0, 1e-6, PAIR)
     assert abs(limit.velocities[0] - 0.3) == pytest.approx(0.2 / 8)
     assert limit.error == pytest.approx(3 * 0.2 / 8)
+    # four runs show that corrections fall to a quarter, and the next row of the table removes the second order too
+    steps = np.append(H, H[-1] / 2)
+    velocities = np.column_stack([0.3 + 0.01 * steps + 0.2 * steps**2, 0 * steps])
+    limit = limit_of(velocities, 0.0, 1e-6, PAIR)
+    assert limit.velocities[0] == pytest.approx(0.3, abs=1e-15)
+    assert limit.error == pytest.approx(0.2 / 32)  # what it has removed
+    # not where the runs pass through other states: there is no order to tell then
+    limit = limit_of(velocities, 0.0, 1e-6, PAIR, alike=2)
+    assert abs(limit.velocities[0] - 0.3) == pytest.approx(0.2 / 32)
+
+
+def test_limits_gain_an_order_where_the_runs_show_it():
+    def missed(finest, n, f):
+        steps = finest * 2.0 ** np.arange(n - 1, -1, -1)
+        limit = limit_of(np.column_stack([f(steps), 0 * steps]), 0.0, finest, PAIR)
+        return abs(limit.velocities[0] - 0.3)
+
+    for n, power in ((3, 2), (4, 3), (5, 3)):  # of a smooth error
+        coarse, fine = (missed(h, n, lambda h: 0.3 + 0.1 * np.expm1(h)) for h in (2e-2, 1e-2))
+        assert np.log2(coarse / fine) == pytest.approx(power, abs=0.1)
+    # corrections of both signs are not of second order, but the chance of touch times
+    velocities = np.array([0.36, 0.334, 0.3145, 0.3067])
+    limit = limit_of(np.column_stack([velocities, 0 * velocities]), 0.0, 1e-6, PAIR)
+    assert limit.velocities[0] == 2 * velocities[-1] - velocities[-2]
 
 
 def test_the_chance_of_contact_starts_is_estimated():
