@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.model.chain.kernel import ACTS, GOING, UNITED, Followed, collide_all
+from impact_xval.model.chain.kernel import ACTS, GOING, MADE_ENERGY, UNITED, Followed, collide_all
 from impact_xval.model.chain.power_law import TOLERANCE
 from impact_xval.model.collision import STATUSES, Collisions, Floats, Outcomes, Paths, States, Status
 from impact_xval.model.compiled import in_shares
@@ -24,6 +24,9 @@ POINTS, LOG_NUMBERS = 9, 2**23
 
 #: Collisions that a thread is given at once: some ten milliseconds of work.
 SHARE = 512
+
+#: Why a chain that has more kinetic energy than before has no result.
+_MADE_ENERGY = "energy was made: double precision cannot follow masses and stiffnesses this far apart"
 
 
 class Went(NamedTuple):
@@ -124,6 +127,7 @@ class Problem:
         `lost` are the conditions of having no result, each with its status and reason; the first that holds counts.
         `happened` says by the bits of the kernel's code why an outcome is a limit; `fallen` is as of `impulses_of`.
         """
+        lost = [*lost, (went.numbers["code"] >= MADE_ENERGY, "unrepresentable", _MADE_ENERGY)]
         c, numbers, conditions = self.collisions, went.numbers, [condition for condition, _, _ in lost]
         there = ~np.any(conditions, axis=0)
         every = sum(happened)

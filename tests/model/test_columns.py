@@ -221,6 +221,19 @@ def test_ratios_beyond_double_precision_are_refused_by_name():
             assert "where one mass or stiffness exceeds 1e+150 times another" in outcome.reason
 
 
+def test_what_ends_with_more_energy_than_it_had_is_no_outcome():
+    # Elastic; by double precision they end with 1.54, 1.009 and 1.001 times the energy.
+    three = Collision((1e19, 1e-8, 1e-26), (1e14, 0.1, 1e-9), (1,) * 3, (-1, 0, 0), table=True)
+    four = Collision(
+        (1e19, 1e-10, 1e-11, 1e-26), (1e5, 1e7, 1e-21, 1e-9), (1,) * 4, (-1, 0, 0, 0), table=True
+    )
+    for column, exponent in ((three, 3.0), (three, 1.5), (four, 1.0)):
+        outcome = solved(column, exponent=exponent)
+        assert outcome.status == "unrepresentable"
+        assert "energy was made" in outcome.reason
+        assert np.isnan(outcome.velocities).all()
+
+
 def test_a_jump_has_a_margin_that_vanishes():
     """Between two columns of either side of a jump, found by bisection of one stiffness."""
     column = Collision((1,) * 3, (1,) * 3, (0.9,) * 3, (-1,) * 3, table=True)
