@@ -153,6 +153,8 @@ def show_changes(console: Console, a: str, b: str, found: Comparison) -> None:
         blocks.append(f"{name} is {before} in the first run, {after} in the second.")
     if found.alone:
         blocks.append(f"Not compared, since only one run has them: {', '.join(found.alone)}.")
+    if cells := found.cells_alone:
+        blocks.append(f"Not compared, since only one run has them: {len(cells)} cells, the first {cells[0]}.")
     by_solver = ("solver", "cells", "moved", "other status", "largest dv/|v0|", "largest dD")
     blocks.append(Table(by_solver, solvers, f"Changes from {a} to {b}"))
     by_row = ("cell", "solver", "first status", "second status", "dv/|v0|", "dD")
@@ -181,6 +183,7 @@ def changes_object(found: Comparison) -> dict[str, Any]:
             for row in found.worst
         ],
         "not_compared": found.alone,
+        "cells_not_compared": found.cells_alone,
         "settings": found.settings,
         "versions": found.versions,
     }
