@@ -85,6 +85,7 @@ def show_cell(console: Console, cell: int, rows: list[dict[str, Any]]) -> None:
     """Print a cell: the outcome of each solver, and why engines diverge."""
     from impact_xval.experiments.config.arrangements import COLUMN_AXES
     from impact_xval.experiments.config.axes import AXES
+    from impact_xval.experiments.presentation.words import told
 
     axes = COLUMN_AXES if "balls" in rows[0] else AXES
     where = [(label, rows[0][key]) for key, label in axes.items() if rows[0][key] is not None]
@@ -109,7 +110,7 @@ def show_cell(console: Console, cell: int, rows: list[dict[str, Any]]) -> None:
     causes = ["cause", *(f"dv{i}/|v0|" for i in balls), "kinetic norm", "share", "by order"]
     for row in rows:
         if row.get("sentence"):
-            blocks.append(Table(causes, _contributions(row, balls), row["sentence"]))
+            blocks.append(Table(causes, _contributions(row, balls), told(row["solver"], row["sentence"])))
     show(console, blocks)
 
 
