@@ -37,20 +37,22 @@ NO_REBOUND = 0.01
 
 
 class Finding(NamedTuple):
-    """A trap in a scene: its name, the contact, and what the engine does, with the way out."""
+    """A trap in a scene: its name, the contacts, and what the engine does, with the way out."""
 
     trap: str
-    where: str
+    where: list[str]
     says: str
 
 
 class Measured(NamedTuple):
-    """A contact in SI units, masses in kg (inf: fixed); None where `reason` says why, penetration without gravity too.
+    """Contacts that are alike, in SI units, masses in kg (inf: fixed); None where `reason` says why.
+
+    Penetration is None without gravity too.
 
     `change` says what to write for what was probably meant, and what that was measured to give; empty if it is there.
     """
 
-    where: str
+    where: list[str]
     masses: tuple[float, float]
     restitution: float | None = None
     restitution_range: tuple[float, float] | None = None
@@ -69,14 +71,14 @@ def inspect_model(model: Any) -> list[Finding]:
     places: dict[tuple[str, str], list[str]] = {}
     # By trap, and then by contact.
     for of_trap in zip(*(_traps(model.opt, bodies).items() for bodies in found), strict=True):
-        for (where, *_), (trap, says) in zip(found.values(), of_trap, strict=True):
+        for where, (trap, says) in zip(found.values(), of_trap, strict=True):
             if says:
-                places.setdefault((trap, says), []).append(where)
-    return [Finding(trap, _called(where), says) for (trap, says), where in places.items()]
+                places.setdefault((trap, says), []).extend(where)
+    return [Finding(trap, where, says) for (trap, says), where in places.items()]
 
 
-def _called(where: list[str]) -> str:
-    """Name places that have something in common: the first, and how many others."""
+def called(where: list[str]) -> str:
+    """Name contacts that have something in common, shortly: the first, and how many others."""
     return where[0] + (f" and {len(where) - 1} more" if len(where) > 1 else "")
 
 
@@ -131,7 +133,7 @@ def measure_model(model: Any, speed: float = 1.0) -> list[Measured]:
     rows, gravity = [], float(np.linalg.norm(model.opt.gravity))
     with Mujoco().running():  # without its warnings
         for bodies, where in list(contacts(model).items())[:MOST_ROWS]:
-            row = Measured(_called(where), bodies.masses)
+            row = Measured(where, bodies.masses)
             try:
                 row = row._replace(**measured(bodies, model.opt, model.opt.timestep, speed, gravity))
                 rows.append(row._replace(change=_change(bodies, model.opt, speed, row)))

@@ -191,7 +191,8 @@ def compare(
 ) -> None:
     """Show what moved between two runs.
 
-    By solver and cell: after an upgrade of an engine, or in CI. Exit code 3 if anything did: a status, a velocity or D.
+    By solver and cell: after an upgrade of an engine, or in CI. Exit code 3 if anything did: a status, a velocity
+    or D; or if one run alone has a solver or a cell.
 
     Example: impact-xval compare before after --tolerance 1e-6
     """
@@ -208,7 +209,7 @@ def compare(
         print_json(views.changes_object(found))
     else:
         views.show_changes(make_console(), str(run_a), str(run_b), found)
-    if found.moved:
+    if found.moved or found.alone or found.cells_alone:
         raise typer.Exit(3)
 
 

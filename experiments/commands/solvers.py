@@ -129,10 +129,12 @@ def inspect(
         ]
         print_json({"contacts": rows, "traps": [finding._asdict() for finding in findings]})
     else:
+        from impact_xval.compliant_baselines.inspect_mujoco import called
+
         console = make_console()
         show(console, _contacts_shown(contacts, speed))
-        for finding in findings:
-            print_line(console, ": ".join(finding))
+        for trap, where, says in findings:
+            print_line(console, f"{trap}: {called(where)}: {says}")
         print_line(console, f"{scene}: {len(findings) or 'no'} trap{'s' if len(findings) != 1 else ''} found")
     if findings:
         raise typer.Exit(3)
@@ -140,24 +142,25 @@ def inspect(
 
 def _contacts_shown(contacts: list[Measured], speed: float) -> list[Block]:
     """Table of what was measured, and what to change."""
-    from impact_xval.compliant_baselines.inspect_mujoco import MOST_ROWS
+    from impact_xval.compliant_baselines.inspect_mujoco import MOST_ROWS, called
     from impact_xval.experiments.presentation.document import Table
     from impact_xval.experiments.tables.numbers import number
 
     header = ("contact", "masses, kg", "e", "k, N/m", "c, N s/m", "duration, s", "steps", "at rest, m")
     rows, lines = [], []
     for contact in contacts:
+        where = called(contact.where)
         values = [contact.stiffness, contact.damping, contact.duration, contact.steps, contact.penetration]
         low, high = (number(e) for e in contact.restitution_range or (None, None))
         rows.append(
             (
-                contact.where,
+                where,
                 " ".join(f"{mass:.4g}" for mass in contact.masses),
                 low if low == high else f"{low} to {high}",
                 *map(number, values),
             )
         )
-        lines += [f"{contact.where}: {said}" for said in (contact.reason, contact.change) if said]
+        lines += [f"{where}: {said}" for said in (contact.reason, contact.change) if said]
     caption = (
         f"Dropped at {speed:g} m/s, and loaded with the weight of the lighter body, each two bodies alone"
     )

@@ -85,6 +85,7 @@ def show_cell(console: Console, cell: int, rows: list[dict[str, Any]]) -> None:
     """Print a cell: the outcome of each solver, and why engines diverge."""
     from impact_xval.experiments.config.arrangements import COLUMN_AXES
     from impact_xval.experiments.config.axes import AXES
+    from impact_xval.experiments.presentation.words import told
 
     axes = COLUMN_AXES if "balls" in rows[0] else AXES
     where = [(label, rows[0][key]) for key, label in axes.items() if rows[0][key] is not None]
@@ -109,7 +110,7 @@ def show_cell(console: Console, cell: int, rows: list[dict[str, Any]]) -> None:
     causes = ["cause", *(f"dv{i}/|v0|" for i in balls), "kinetic norm", "share", "by order"]
     for row in rows:
         if row.get("sentence"):
-            blocks.append(Table(causes, _contributions(row, balls), row["sentence"]))
+            blocks.append(Table(causes, _contributions(row, balls), told(row["solver"], row["sentence"])))
     show(console, blocks)
 
 
@@ -153,6 +154,8 @@ def show_changes(console: Console, a: str, b: str, found: Comparison) -> None:
         blocks.append(f"{name} is {before} in the first run, {after} in the second.")
     if found.alone:
         blocks.append(f"Not compared, since only one run has them: {', '.join(found.alone)}.")
+    if cells := found.cells_alone:
+        blocks.append(f"Not compared, since only one run has them: {len(cells)} cells, the first {cells[0]}.")
     by_solver = ("solver", "cells", "moved", "other status", "largest dv/|v0|", "largest dD")
     blocks.append(Table(by_solver, solvers, f"Changes from {a} to {b}"))
     by_row = ("cell", "solver", "first status", "second status", "dv/|v0|", "dD")
@@ -181,6 +184,7 @@ def changes_object(found: Comparison) -> dict[str, Any]:
             for row in found.worst
         ],
         "not_compared": found.alone,
+        "cells_not_compared": found.cells_alone,
         "settings": found.settings,
         "versions": found.versions,
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from impact_xval.experiments.config.arrangements import Arranged
+from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.laws import by_law
 from impact_xval.experiments.tables.numbers import listed, number
 
@@ -61,6 +62,12 @@ def named(solver: str) -> str:
     """Name a solver as a reader knows it."""
     engine, at, step = solver.partition(":step-")
     return f"{named(engine)} (step {step})" if at else _NAMES.get(solver, solver)
+
+
+def told(solver: str, text: str) -> str:
+    """Give what a ladder's row says of an engine, which begins with an identifier, with the name in its place."""
+    identifier = next(filter(text.startswith, (solver, REFERENCE)), "")
+    return named(identifier) + text.removeprefix(identifier)
 
 
 def begun(sentence: str) -> str:

@@ -21,6 +21,9 @@ _WORST = ["spread", "step_spread", f"D_{MODEL}", "energy_gained", "energy_lost",
 
 _CASE = ["solver", "case", "e"]
 
+#: How spreads are sorted: those that rounding sets apart are ties, which keep their order on every platform.
+_BY_SPREAD: dict[str, Any] = {"by": "spread", "kind": "stable", "key": lambda spread: spread.round(12)}
+
 
 def judge(answers: Frame) -> Frame:
     """Judge answers as `playing.play` gives them: a row a solver and case, with its answer in the usual arrangement.
@@ -51,7 +54,7 @@ def judge(answers: Frame) -> Frame:
     away = answers[_CASE].assign(spread=away_from(answers.solver), spread_of=answers.arrangement)
     away = away[~usual].dropna(subset="spread")
     stepped = away.spread_of.isin(STEPS)
-    placed = away[~stepped].sort_values("spread").drop_duplicates(_CASE, keep="last")
+    placed = away[~stepped].sort_values(**_BY_SPREAD).drop_duplicates(_CASE, keep="last")
     steps = away[stepped].groupby(_CASE).spread.max().rename("step_spread")
     judged = judged[usual].drop(columns="arrangement").merge(placed, "left", _CASE).join(steps, on=_CASE)
     nearest = judged[FROM_LAWS].min(axis=1)
@@ -68,7 +71,7 @@ def laws(judged: Frame) -> Frame:
     judged = judged[judged.solver.map(is_engine)]
     by_engine, D = (each.groupby(judged.solver, sort=False) for each in (judged, judged[FROM_LAWS]))
     cases = by_engine.v1.count()
-    last = judged.sort_values("spread", na_position="first").groupby("solver").last()
+    last = judged.sort_values(**_BY_SPREAD, na_position="first").groupby("solver").last()
     # A law that answers fewer than nine in ten of an engine's cases is not the one that it follows.
     worst = D.max().where(D.count().ge(np.maximum(1, 0.9 * cases), axis=0))
     order = np.argsort(worst.to_numpy(), axis=1, kind="stable")
@@ -88,5 +91,5 @@ def moved(before: Frame, after: Frame, tolerance: float = 1e-6) -> Frame:
     old, new = (both.filter(regex=rf"^v\d_{side}$").to_numpy(float) for side in ("before", "after"))
     both["change"] = np.nan_to_num(np.abs(new - old)).max(axis=1)
     other = (both.status_before != both.status_after) | (np.isnan(old) != np.isnan(new)).any(axis=1)
-    found = both[other | (both.change > tolerance)].sort_values("change", ascending=False)
+    found = both[other | (both.change > tolerance)].sort_values("change", ascending=False, kind="stable")
     return found[[*answer, "status_before", "status_after", "change"]]

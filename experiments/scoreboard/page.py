@@ -140,7 +140,7 @@ def answers_in_words(followed: Frame) -> list[Block]:
     said = [f"{listed(map(called, own.index))} answer{'s' * (len(own) == 1)} {law}." for law, own in by_law]
     least = number(followed[f"D_{MODEL}"].min(), 2)
     said.append(f"From the state-transition model each ends D = {least} or more in some case.")
-    sensitive = followed[followed.spread > SENSITIVE].sort_values("spread").itertuples()
+    sensitive = followed[followed.spread > SENSITIVE].sort_values("spread", kind="stable").itertuples()
     moved = [f"{called(row.Index)} ({row.spread_of}: {number(row.spread, 2)})" for row in sensitive]
     chance = (
         "Each case is answered again with gaps and overlaps of 1e-4 and 1e-6 radii, and, without a table, moved along "

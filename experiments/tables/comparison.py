@@ -36,8 +36,8 @@ class Comparison:
     worst : list of named tuples
         The worst rows, the worst first, at most `LISTED`: ``cell, solver, status_a, status_b, velocity, divergence``;
         changes are infinite where one run alone has a number, 0 where neither has.
-    alone : list of str
-        Solvers that one run alone has; nothing is compared of them.
+    alone, cells_alone : list
+        Solvers, and numbers of cells, that one run alone has; nothing is compared of them.
     settings, versions : dict
         Of configurations and solvers, what differs: both values by name.
     """
@@ -46,6 +46,7 @@ class Comparison:
     solvers: dict[str, dict[str, Any]]
     worst: list[Any]
     alone: list[str]
+    cells_alone: list[int]
     settings: dict[str, tuple[str, str]]
     versions: dict[str, tuple[str, str]]
 
@@ -56,7 +57,7 @@ class Comparison:
 
 
 def compare(a: RunFolder, b: RunFolder, tolerance: float) -> Comparison:
-    """Compare two finished runs; a `UserError` says where their cells are not the same, or a table is damaged."""
+    """Compare two finished runs; a `UserError` says where a cell is not the same in both, or a table is damaged."""
     configs = a.config(), b.config()
     kinds = ["collisions" if each.column is None else "columns of N balls" for each in configs]
     if kinds[0] != kinds[1]:
@@ -67,7 +68,8 @@ def compare(a: RunFolder, b: RunFolder, tolerance: float) -> Comparison:
     plain, manifests = [each.canonical() for each in configs], (a.manifest(), b.manifest())
     own = {key: value for key, value in plain[0].items() if key not in _ELSEWHERE}
     both = [name for name in configs[0].solvers if name in there]
-    rows = _rows(a, both).merge(_rows(b, both), on=["cell", "solver"], how="outer", suffixes=("_a", "_b"))
+    of_a, of_b = _rows(a, both), _rows(b, both)
+    rows = of_a.merge(of_b, on=["cell", "solver"], suffixes=("_a", "_b"))
     _check_same(a, b, rows)
     velocities = sorted(name[:-2] for name in rows if re.fullmatch(r"v[1-9]\d*_a", name))
     speed = rows.v0_a.abs()
@@ -95,6 +97,7 @@ def compare(a: RunFolder, b: RunFolder, tolerance: float) -> Comparison:
         changes.loc[both].to_dict("index"),
         worst=list(worst[shown].head(LISTED).itertuples(index=False)),
         alone=sorted(here ^ there),
+        cells_alone=np.setxor1d(of_a.cell, of_b.cell).tolist(),
         settings=_differing(own, plain[1]),
         versions=_differing(manifests[0]["versions"], manifests[1]["versions"]),
     )
@@ -125,19 +128,15 @@ def _rows(run: RunFolder, solvers: Sequence[str]) -> Frame:
 
 
 def _check_same(a: RunFolder, b: RunFolder, rows: Frame) -> None:
-    """Refuse two runs whose cells are not the same, to the last bit."""
-    legal = "legal: two runs of the same cells"
-    for folder, status in ((a, rows.status_a), (b, rows.status_b)):
-        if status.isna().any():
-            cell = rows.cell[status.isna()].iloc[0]
-            raise UserError(f"{folder.root}: has no cell {cell}, which the other run has; {legal}")
+    """Refuse two runs in which a cell of one number is not the same, to the last bit."""
     names = [name[:-2] for name in rows if name.endswith("_a")]
     for name in names[: names.index("status")]:
         x, y = rows[f"{name}_a"], rows[f"{name}_b"]
         other = (x != y) & ~(x.isna() & y.isna())
         if other.any():
             i = other.idxmax()
-            raise UserError(f"cell {rows.cell[i]}: {name} = {x[i]} in {a.root}, {y[i]} in {b.root}; {legal}")
+            where = f"cell {rows.cell[i]}: {name} = {x[i]} in {a.root}, {y[i]} in {b.root}"
+            raise UserError(f"{where}; legal: two runs of the same cells")
 
 
 def _change(rows: Frame, name: str) -> Frame:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pandas as pd
 
-from impact_xval.compliant_baselines.registry import is_engine
+from impact_xval.compliant_baselines.registry import is_engine, kind_of
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.summary import HONEST, Summary
@@ -66,11 +66,12 @@ def question(summary: Summary) -> str:
             "Mason and Erdmann (2013), in which bodies stay in place while they collide, and by "
             f"{solvers}."
         )
+    weightless = listed(named(name) for name in summary.config.solvers if kind_of(name) == "model")
     laws = "; ".join(said for name, said in _LAWS.items() if name in summary.solvers)
     given = [
         beginning,
         begun(f"{laws}.") * bool(laws),
-        "Gravity acts in all but the model." * (summary.config.scenario == "drop"),
+        f"Gravity acts in all but {weightless}." * (summary.config.scenario == "drop"),
         f"Engines take steps of {number(summary.config.step_fraction)} of the faster contact's period."
         * any(map(is_engine, summary.solvers)),
         f"The model is the yardstick, not the truth. {LAWS_WITH_LAWS}",

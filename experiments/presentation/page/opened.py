@@ -28,7 +28,7 @@ from impact_xval.compliant_baselines.registry import (
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import Config
-from impact_xval.experiments.presentation.words import named
+from impact_xval.experiments.presentation.words import named, told
 from impact_xval.experiments.sweep.curves import needed
 from impact_xval.experiments.sweep.rows import settings_of
 from impact_xval.experiments.tables.folder import RunFolder, cells_of_run
@@ -86,8 +86,8 @@ def opened_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str,
                 "end": None if None in end else end,
             }
         )
-    for row in _rows(folder, "ladder", ("cell", "sentence", "reason"), cells):
-        shown[row["cell"]]["causes"].append(row["sentence"] or row["reason"])
+    for row in _rows(folder, "ladder", ("cell", "solver", "sentence", "reason"), cells):
+        shown[row["cell"]]["causes"].append(told(row["solver"], row["sentence"] or row["reason"] or ""))
     if pair:
         index = cells_of_run(folder, config)
         collisions = [index[cell] for cell in cells]

@@ -36,6 +36,22 @@ def test_an_mjcf_file_and_its_names_as_they_are_written(tmp_path, capsys):
     assert row["change"].split(": ", 1)[1] in out
 
 
+def test_contacts_that_are_alike_are_one_line_and_all_of_them_are_named_in_json(tmp_path, capsys):
+    path, balls = tmp_path / "scene.xml", 2 * '<body><freejoint/><geom size="1" solref="-1 1"/></body>'
+    text = f'<mujoco><worldbody><geom type="plane" size="1 1 1"/>{balls}</worldbody></mujoco>'
+    assert inspected(path, text) == 3
+    out = capsys.readouterr().out
+    assert "\ngeoms #0 and #1 and 1 more  4189 inf" in out
+    assert "\nmixed-signs: geoms #0 and #1 and 2 more: solref (-1, 1) is neither" in out
+    assert inspected(path, text, "--json") == 3
+    found, names = (
+        json.loads(capsys.readouterr().out),
+        [f"geoms #{a} and #{b}" for a, b in ("01", "02", "12")],
+    )
+    assert [row["where"] for row in found["contacts"]] == [names[:2], names[2:]]
+    assert [row["where"] for row in found["traps"] if row["trap"] == "mixed-signs"] == [names]
+
+
 def test_what_cannot_be_examined_is_said_in_one_line(tmp_path, capsys):
     for name, text, says in (
         ("bad.xml", "<mujoco><oops/></mujoco>", "MuJoCo does not compile it"),

@@ -81,6 +81,8 @@ def test_its_columns_open_with_what_the_tables_hold(root, monkeypatch, capsys):
                 None if np.isnan(stored[f"v{i}"]) else stored[f"v{i}"]
                 for i in range(1, 1 + int(stored.balls))
             ]
+    (why,) = opened_cells(finished(root), [2])[2]["causes"]
+    assert why.startswith("MuJoCo: exponent = 1.5: ")
     monkeypatch.chdir(root.parent)
     show, solve, film = (shlex.split(command)[1:] for _, command in opened[0]["commands"])
     assert main(show) == 0, capsys.readouterr().err
@@ -125,6 +127,6 @@ def test_a_cell_is_shown_with_its_ladder_or_why_it_has_none(root, capsys):
     assert main(["show", str(root), "--cell", "0"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
     assert "cell 0: balls = 2, arrangement = cradle" in shown
-    assert ladder.sentence[0] in shown
+    assert ladder.sentence[0].replace("mujoco", "MuJoCo") in shown
     assert main(["show", str(root), "--cell", "2"]) == 0
     assert "mujoco: unrepresentable: exponent = 1.5" in capsys.readouterr().out

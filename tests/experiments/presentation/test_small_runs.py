@@ -17,7 +17,7 @@ _PAIR = {"balls": 2, "arrangement": "chain", "e": [0.5, 0.9], "stiffness_taper":
 RUNS = {
     "one cell": ({"grid": _ONE, "solvers": ["mujoco"]}, fakes.shifted),
     "the model alone": ({"grid": _ONE, "solvers": ["state-transition"]}, fakes.shifted),
-    "no engine": ({"solvers": ["liu-zhao-brogliato"]}, fakes.shifted),
+    "no engine": ({"solvers": ["liu-zhao-brogliato", "kelvin-voigt"], "scenario": "drop"}, fakes.shifted),
     "limits": ({"grid": _LIMITS, "grazing_threshold": 0.0}, fakes.shifted),
     "one contact": ({"column": _PAIR, "grid": None, "solvers": ["kelvin-voigt"]}, fakes.shifted),
     "agreement": ({"solvers": ["mujoco"]}, fakes.perfect),
@@ -39,6 +39,9 @@ def test_terminal_shows_it(kind, runs, capsys):
 @pytest.mark.parametrize("kind", RUNS)
 def test_its_page_is_written(kind, runs, capsys):
     assert main(["report", str(runs(kind))]) == 0, capsys.readouterr().err
+    if kind == "no engine":
+        page = (runs(kind) / "report.html").read_text(encoding="utf-8")
+        assert "Gravity acts in all but the model and Liu-Zhao-Brogliato." in page
 
 
 def test_what_has_no_result_is_counted_with_the_most_frequent_reason(runs, capsys):

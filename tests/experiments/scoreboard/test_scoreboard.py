@@ -55,6 +55,13 @@ def test_distances_energy_and_spread_are_those_of_their_definitions():
     assert (found.momentum_error, found.energy_gained) == (pytest.approx(0.1, rel=1e-12), 0)
 
 
+def test_of_placements_that_move_an_answer_alike_to_rounding_the_last_is_named():
+    moved = {USUAL: 0.0, "apart by 1e-6": 0.3, "apart by 1e-4": np.nextafter(0.3, 0)}
+    size = {case: len(column.masses) for case, column in CASES.items()}
+    rows = [answer("engine", case, [v] * n, name) for name, v in moved.items() for case, n in size.items()]
+    assert set(judge(pd.DataFrame(rows)).spread_of) == {"apart by 1e-4"}
+
+
 def test_the_law_of_an_engine_is_the_one_that_is_near_to_all_it_answers():
     every = [case for case in CASES if case[1] in (1.0, 0.5) and "apart" not in case[0]]
     rows = [row for case in every for row in of_laws(case)]
