@@ -30,9 +30,7 @@ def test_it_shows_the_tables(engine_run, cells):
             assert row["velocities"] == [stored.v1 / 2, stored.v2 / 2]
             assert row["d"] == d.get((number, row["solver"]))
             assert row["states"] == stored.states_compared
-        stored = ladder.loc[number].sentence
-        assert stored.startswith("mujoco ends ")
-        assert cell["causes"] == [stored.replace("mujoco", "MuJoCo")]
+        assert cell["causes"] == ["MuJoCo" + ladder.loc[number].sentence.removeprefix("mujoco")]
 
 
 def test_curves_end_where_the_tables_do_and_the_scene_is_one(cells):
