@@ -19,7 +19,7 @@ def scoreboard(
     """Ask every engine what happens when bodies meet at once.
 
     Installed engines and their settings against every exact law: a table, a page. With --baseline, exit code 3 if an
-    answer moved. The same command continues one that was stopped.
+    answer moved, or a solver is gone. The same command continues one that was stopped.
 
     Example: impact-xval scoreboard --out now --baseline before
     """
@@ -42,11 +42,11 @@ def scoreboard(
     show(console, [*write_all(answers, root), f"the page is {root / 'report.html'}"])
     if before is None:
         return
-    gone = sorted(set(before.solver) - set(answers.solver))
+    gone = [] if solver else sorted(set(before.solver) - set(answers.solver))
     show(console, [f"{name}: in {baseline}, and not here" for name in gone])
     found = moved(before, answers)
     caption = f"{len(found)} answers moved from those in {baseline}; the largest"
     table = table_of(found.head(20), caption, 6)
     show(console, [f"no answer moved from those in {baseline}" if found.empty else table])
-    if len(found):
+    if gone or len(found):
         raise typer.Exit(3)

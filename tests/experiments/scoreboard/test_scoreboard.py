@@ -115,6 +115,15 @@ def test_a_baseline_catches_one_per_cent_too_much_restitution(tmp_path, capsys, 
         playing._answered(slot, "pymunk", kept.parent)
     assert main([*board, str(tmp_path / "same"), "--baseline", str(tmp_path / "before")]) == 3
     assert re.search(r"\d+ answers moved from those in", capsys.readouterr().out)
+    # and an engine that is gone
+    answers = pd.read_parquet(tmp_path / "before" / "answers.parquet")
+    more = [answers, answers[answers.solver == "pymunk"].assign(solver="dart")]
+    (tmp_path / "more").mkdir()
+    pd.concat(more).to_parquet(tmp_path / "more" / "answers.parquet")
+    monkeypatch.setattr(playing, "solver_names", lambda on_request: ["pymunk"])
+    every = ["scoreboard", "--workers", "1", "--out", str(tmp_path / "before"), "--baseline"]
+    assert main([*every, str(tmp_path / "more")]) == 3
+    assert "dart: in" in capsys.readouterr().out
 
 
 def test_what_moved_is_a_status_an_answer_or_a_velocity():
