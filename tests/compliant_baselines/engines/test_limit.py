@@ -47,7 +47,7 @@ def test_a_second_order_error_is_estimated():
     velocities = np.column_stack([0.3 + 0.01 * steps + 0.2 * steps**2, 0 * steps])
     limit = limit_of(velocities, 0.0, 1e-6, PAIR)
     assert limit.velocities[0] == pytest.approx(0.3, abs=1e-15)
-    assert limit.error == pytest.approx(0.2 / 32)  # what it has removed
+    assert limit.error == pytest.approx(2 * 0.2 / 32)  # twice what it has removed
     # not where the runs pass through other states: there is no order to tell then
     limit = limit_of(velocities, 0.0, 1e-6, PAIR, alike=2)
     assert abs(limit.velocities[0] - 0.3) == pytest.approx(0.2 / 32)
@@ -66,6 +66,10 @@ def test_limits_gain_an_order_where_the_runs_show_it():
     velocities = np.array([0.36, 0.334, 0.3145, 0.3067])
     limit = limit_of(np.column_stack([velocities, 0 * velocities]), 0.0, 1e-6, PAIR)
     assert limit.velocities[0] == 2 * velocities[-1] - velocities[-2]
+    # nor is a velocity whose correction was nothing before and is something now
+    other = 0.1 + np.array([0.0, 0.0, 0.0, 1e-3])
+    limit = limit_of(np.column_stack([0.3 + 0.2 * np.array([16, 4, 1, 0.25]) * 1e-2, other]), 0.0, 1e-6, PAIR)
+    assert limit.velocities[1] == 2 * other[-1] - other[-2]
 
 
 def test_the_chance_of_contact_starts_is_estimated():
