@@ -94,12 +94,6 @@ SMALL = 1e-6
 #: With this share of the energy left in all contacts that act, their bodies are taken to be at rest.
 COLLAPSED = 1e-30
 
-#: Approaches slower than this, in rates per the largest at first touch, may be of rounding, where the gap would close
-#: after more than `LONG` times all the time before. In 5,000 chains with gaps rounding made some of up to 7.5e-16, and
-#: errors of steps (`power_law.TOLERANCE`) some of up to 1.8e-12, for p = 1.5; all but two would have taken 1e8 times as
-#: long. Of 47 cascades of infinitely many events, down to where they end (`COLLAPSED`), a gap took up to 6 times.
-SLOW, SLOW_OF_STEPS, LONG = 1e-14, 1e-11, 1e4
-
 #: Pieces, times contacts less one, after which a chain is given up: about a second.
 MOST_WORK = 1_000_000
 
@@ -286,19 +280,16 @@ def apply_event(c, n, i, what, energy):
 
 
 @uncounted
-def flight(c, n, time):
+def flight(c, n):
     """Time until the first gap closes while no contact carries force, and of which contact; -1 if none will.
 
-    The contact is n where one does. A contact at rest that acts carries none. An approach that rounding may have made
-    is none. The last ones of infinitely many events are as slow, but these take a finite time: their gaps close soon,
-    beside all the `time` since first touch.
+    The contact is n where one does. A contact at rest that acts carries none.
     """
-    first, which, slow = inf, -1, SLOW if has_series(c) else SLOW_OF_STEPS
+    first, which = inf, -1
     for i in range(n):
         if carries(c.phase[i]) and (c.delta[i] > 0 or c.w[i] != 0):
             return 0.0, n
-        latest = first if c.w[i] > slow else min(first, LONG * time)
-        if not c.frozen and c.w[i] > 0 and max(0.0, -c.delta[i] / c.w[i]) < latest:
+        if not c.frozen and c.w[i] > 0 and max(0.0, -c.delta[i] / c.w[i]) < first:
             first, which = max(0.0, -c.delta[i] / c.w[i]), i
     return first, which
 
@@ -412,9 +403,9 @@ def collide(c, work, energy, drift, tolerance, max_pieces, points, log, at, out,
     row = first
     work.cut[:] = False
     while True:
-        small = c.law <= LIU_ZHAO_BROGLIATO and 0 < energy_left(c, n) <= COLLAPSED * energy
-        if small and flight(c, n, time)[1] >= 0:
-            loss, code = loss + bring_to_rest(c, n), code | COLLAPSE
+        if c.law <= LIU_ZHAO_BROGLIATO and 0 < energy_left(c, n) <= COLLAPSED * energy:
+            dropped, lossy = bring_to_rest(c, n)
+            loss, code = loss + dropped, code | (COLLAPSE if lossy else 0)
         h, which = 0.0, n
         if c.g[0] > 0:
             end = how_ended(c, n, quiet > 0 and quiet % QUIET == 0)
@@ -422,7 +413,7 @@ def collide(c, work, energy, drift, tolerance, max_pieces, points, log, at, out,
                 c.delta[n - 1] += rest(c, n, n - 1)
                 c.g[0], fall = 0.0, time
         if c.g[0] == 0:
-            h, which = flight(c, n, time)
+            h, which = flight(c, n)
             end = FREE if which < 0 else GOING
         if end != GOING:
             break
@@ -457,8 +448,7 @@ def collide(c, work, energy, drift, tolerance, max_pieces, points, log, at, out,
                 events, quiet = events + 1, 0
         still(c, n, energy)
     for i in range(n):
-        # Where all is over an approach is of rounding (`flight`).
-        work.rates[i, 0] = c.w[i] = min(c.w[i], 0.0) if end == FREE else c.w[i]
+        work.rates[i, 0] = c.w[i]
     rows = write_path(c, n, ZERO, work, 0.0, 1.0, time, drift, ONE, log, rows)  # the end
     if end != GOING:
         if end != FREE:

@@ -242,11 +242,15 @@ def energy_left(c, n):
 
 @uncounted
 def bring_to_rest(c, n):
-    """End all that acts or approaches, with no rate left; the strain energy that is dropped."""
-    dropped = 0.0
+    """End all that acts or approaches, with no rate left: the strain energy dropped, and whether any of it is lossy.
+
+    If none is, no energy went but that of rounding, and no events without end led here.
+    """
+    dropped, lossy = 0.0, False
     for i in range(n):
         if carries(c.phase[i]) or (c.w[i] > 0 and not c.frozen):
             dropped += strain(c, n, i)
+            lossy |= c.e[i] < 1
             c.w[i] = 0.0
             spent(c, n, i)
-    return dropped
+    return dropped, lossy
