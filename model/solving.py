@@ -142,10 +142,10 @@ def solve_many(
         Status ``limit`` where a closed form was used, ``unconverged`` after `max_events`, ``unrepresentable`` where
         masses or stiffnesses lie further apart than `MASS_PRECISION`, or so far that rounding made energy, else ``ok``.
         Marked where the grazing margin is small or a cut-off changed an outcome by more than `CUTOFF_THRESHOLD`
-        (`pair.grazing`). Diagnostics:
-        ``energy_residual``, of the energy balance per kinetic energy at first touch, relative to the centre of mass or
-        the table; and ``cutoff_effect``, by how much velocities differ from the outcome without a cut-off (kinetic norm
-        per sqrt(m1) abs(v0)), not there where that is not reached within `max_events`.
+        (`pair.grazing`). Diagnostics: ``energy_residual``, of the energy balance per kinetic energy at first touch,
+        relative to the centre of mass or the table; and ``cutoff_effect``, by how much velocities differ from the
+        outcome without a cut-off (kinetic norm per sqrt(m1) abs(v0)), not there where that is not reached within
+        `max_events`.
 
     Raises
     ------

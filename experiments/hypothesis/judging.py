@@ -49,6 +49,7 @@ FLOOR_ERRORS = 3.0
 JUMP = 30.0
 EXPONENTS = np.arange(0.1, 3.01, 0.05)
 REFUTING_SHARE = 0.1
+
 #: A margin in decades: contrasts are rounded.
 _SLACK = 1e-6
 

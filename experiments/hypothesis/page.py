@@ -27,6 +27,7 @@ from impact_xval.experiments.tables.parquet import replacing
 from impact_xval.model.collision import RESULT_STATUSES
 
 TITLE = "Does an infinitely stiff pair act as one body?"
+
 MODEL, LAW_IN_TIME = "state-transition", "bistiffness"
 
 #: What makes the pair one body, by the verdicts of the model, and of its impact law with positions that move.

@@ -33,7 +33,7 @@ def test_a_first_order_error_is_removed():
     # three differences that agree may do so by accident: a tenth of the last correction stays doubted
     assert limit.error == pytest.approx(0.1 * 0.2 / 4)
     # runs of other states, a kink between them, are doubted as a whole; a first flight as much as it is
-    for doubt, error in (({"alike": 1}, 0.2 / 4), ({"gravity_doubt": 0.01}, 0.01)):
+    for doubt, error in (({"alike": False}, 0.2 / 4), ({"gravity_doubt": 0.01}, 0.01)):
         limit = limit_of(sequence(lambda h: 0.3 + 0.2 * h), 0.0, 1e-6, PAIR, **doubt)
         assert limit.error == pytest.approx(error)
 
@@ -48,8 +48,7 @@ def test_a_second_order_error_is_estimated():
     limit = limit_of(velocities, 0.0, 1e-6, PAIR)
     assert limit.velocities[0] == pytest.approx(0.3, abs=1e-15)
     assert limit.error == pytest.approx(2 * 0.2 / 32)  # twice what it has removed
-    # not where the runs pass through other states: there is no order to tell then
-    limit = limit_of(velocities, 0.0, 1e-6, PAIR, alike=2)
+    limit = limit_of(velocities, 0.0, 1e-6, PAIR, orders=1)
     assert abs(limit.velocities[0] - 0.3) == pytest.approx(0.2 / 32)
 
 
