@@ -29,8 +29,9 @@ the closed form does not count against one that is supported.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -76,61 +77,77 @@ def distance(weights: Any, differences: Any) -> Any:
     return np.sqrt((weights * np.square(differences)).sum(axis=-1))
 
 
-def judge(series: Frame) -> dict[str, Any]:
+class Series(NamedTuple):
+    """Usable outcomes at rising contrasts, an element or row each."""
+
+    #: log10 of the contrast.
+    x: Floats
+    #: Velocities, shape (n, N), as vectors whose length is the kinetic norm, and D from the closed form.
+    w: Floats
+    D: Floats
+    #: The solver's error, and whether D exceeds it.
+    own: Floats
+    clear: Any
+
+    def part(self, low: float, high: float = np.inf) -> Series:
+        """Return the outcomes between two x, both included."""
+        inside = (low - _SLACK <= self.x) & (self.x <= high + _SLACK)
+        return Series(*(each[inside] for each in self))
+
+    def ends(self) -> tuple[Series, Series]:
+        """Return the first decade, and the last."""
+        return self.part(self.x[0], self.x[0] + 1), self.part(self.x[-1] - 1)
+
+
+def judge(outcomes: dict[str, Any]) -> dict[str, Any]:
     """Judge a series of outcomes by the kinetic norm of their differences, with `weights` for masses.
 
     The result is a row of ``points.csv``. `last` is the median distance from the closed form in the last decade,
     `offset` that of the limit, `consistent` whether it is below three errors of the limit.
     """
-    used, first = series[series.used], series.iloc[0]
-    scale = np.sqrt(first.weights)
-    target = np.array(first.closed_form) * scale
-    w = np.array(used.velocities.to_list()).reshape(-1, len(scale)) * scale
+    used, decades = outcomes["used"].astype(bool), outcomes["decades"][0]
+    scale = np.sqrt(outcomes["weights"][0])
+    target = np.array(outcomes["closed_form"][0]) * scale
+    w = np.array([*outcomes["velocities"][used]]).reshape(-1, len(scale)) * scale
+    D, error = distance(1.0, w - target), np.pad(outcomes["error"][used], 1, constant_values=-np.inf)
     # An estimate of an error can vanish by chance: the largest of three neighbours counts.
-    own = used.error.rolling(3, center=True, min_periods=1).max().to_numpy()
+    own = np.maximum(np.maximum(error[:-2], error[1:-1]), error[2:])
+    series = Series(np.log10(outcomes["contrast"][used]), w, D, own, FLOOR_ERRORS * own < D)
     found = _OPEN | {f"limit_v{i}": np.nan for i in range(1, 1 + len(target))}
-    columns = {"w": list(w), "D": distance(1.0, w - target), "own": own}
-    path: Frame = pd.DataFrame(columns, index=np.log10(used.contrast.to_numpy()))
-    window = _window(path.assign(clear=FLOOR_ERRORS * path.own < path.D), first.decades)
+    window = _window(series, decades)
     if isinstance(window, str):
         return found | {"reason": window}
-    found |= _limit(window, target, scale, first.decades)
+    found |= _limit(window, target, scale, decades)
     if found["verdict"] == "refuted" or not found["settles"]:
         return found
     return found | _rate(window, found["last"])
 
 
-def _window(series: Frame, decades: float) -> Frame | str:
-    """Choose the window of w, D and own errors over log10 x, `clear` where D exceeds these, or say why not."""
-    x = series.index.to_numpy()
+def _window(series: Series, decades: float) -> Series | str:
+    """Choose the window of a series, or say why there is none."""
+    x = series.x
     span = np.ptp(x) if x.size else 0.0
     if span < decades - _SLACK:
         return f"outcomes span {span:.2g} decades of contrast, a rate needs {decades:g}: extend the range"
     end = x[series.clear].max(initial=x[0] + decades)
-    window = series.loc[end - decades - _SLACK : end + _SLACK]
-    n, reach = len(window), np.ptp(window.index)
+    window = series.part(end - decades, end)
+    n, reach = window.x.size, np.ptp(window.x)
     if reach < decades - _SLACK or n < 2 * decades + 1:
         return f"{n} outcomes over {reach:.2g} decades are too few: results are missing in between"
     return window
 
 
-def _ends(window: Frame) -> tuple[Frame, Frame]:
-    """Return the first decade of a window, and the last."""
-    x = window.index
-    return window.loc[: x[0] + 1 + _SLACK], window.loc[x[-1] - 1 - _SLACK :]
-
-
-def _limit(window: Frame, target: Floats, scale: Floats, decades: float) -> dict[str, Any]:
+def _limit(window: Series, target: Floats, scale: Floats, decades: float) -> dict[str, Any]:
     """Find where a series goes and whether that refutes the closed form, or say that it settles nowhere."""
-    first, final = _ends(window)
-    w, D, own = np.stack(final.w), final.D, final.own.max()
+    first, final = window.ends()
+    w, D, own = final.w, final.D, final.own.max()
     limit, limit_error = _extrapolate(window)
-    early, late = (pdist(np.stack(end.w)).max(initial=0.0) for end in (first, final))
+    early, late = (pdist(end.w).max(initial=0.0) for end in (first, final))
     restless = late > FLOOR_ERRORS * own and late > early * 10 ** (-LEAST_RATE * (decades - 1))
     settles = not restless
     if restless and late < 0.1 * D.min():  # it goes round a place far off
         settles, limit, limit_error = True, w.mean(axis=0), late
-    offset, last = distance(1.0, limit - target), D.median()
+    offset, last = distance(1.0, limit - target), np.median(D)
     found = {"last": last, "limit_error": limit_error, "offset": offset, "settles": settles}
     found |= {"consistent": not restless and offset <= 3 * limit_error}
     if not settles:
@@ -142,10 +159,10 @@ def _limit(window: Frame, target: Floats, scale: Floats, decades: float) -> dict
     return found | {"verdict": "refuted" if refuted else "undecided"}
 
 
-def _rate(window: Frame, last: float) -> dict[str, Any]:
+def _rate(window: Series, last: float) -> dict[str, Any]:
     """Find the rate of the approach of a series that is not refuted, and decide on it."""
-    x, clear, (first, final) = window.index.to_numpy(), window[window.clear], _ends(window)
-    x_clear, log_D = clear.index.to_numpy(), np.log10(clear.D.to_numpy())
+    x, (first, final) = window.x, window.ends()
+    x_clear, log_D = x[window.clear], np.log10(window.D[window.clear])
     line: Any = theilslopes(log_D, x_clear, alpha=0.95) if x_clear.size >= 3 else 4 * (np.nan,)
     slope, at_zero, low, high = line
     found: dict[str, Any] = {"rate": -slope, "rate_low": -high, "rate_high": -low}
@@ -154,11 +171,11 @@ def _rate(window: Frame, last: float) -> dict[str, Any]:
     if jumps:
         reason = f"it jumps: {jumps} of {x.size} outcomes lie {JUMP:g} times further off than the others"
         return found | {"verdict": "no limit", "reason": reason, "settles": False, "consistent": False}
-    if not window.clear.iloc[-1]:
+    if not window.clear[-1]:
         reason = f"it is within the solver's own error ({final.own.max():.1g}) of the closed form too soon"
     elif not -high > LEAST_RATE:
         reason = f"the rate {-slope:.2g} ({-high:.2g} to {-low:.2g}) cannot be told from none"
-    elif (fall := first.D.median() / last) < LEAST_FALL:
+    elif (fall := np.median(first.D) / last) < LEAST_FALL:
         reason = f"the distance falls by {fall:.2g} from the fit's first decade to its last: extend the range"
     else:
         return found | {"verdict": "supported"}
@@ -175,9 +192,9 @@ def _fits(x: Floats, w: Floats) -> tuple[Floats, Floats]:
     return limits, np.sqrt(np.square(residual).sum(axis=(1, 2)) / x.size)
 
 
-def _extrapolate(window: Frame) -> tuple[Floats, float]:
+def _extrapolate(window: Series) -> tuple[Floats, float]:
     """Limit of a series and its error."""
-    x, w, (_, final) = window.index.to_numpy(), np.stack(window.w), _ends(window)
+    x, w, (_, final) = window.x, window.w, window.ends()
     limits, residuals = _fits(x, w)
     best = int(np.argmin(residuals))
     limit, least = limits[best], float(residuals[best])
@@ -188,21 +205,23 @@ def _extrapolate(window: Frame) -> tuple[Floats, float]:
     others = [before[int(np.argmin(shorter_residuals))], two_terms, *limits[residuals <= 2 * least + 1e-15]]
     error = max(least, final.own.max(), float(distance(1.0, np.array(others) - limit).max()))
     if best in (0, len(EXPONENTS) - 1) and least > 1e-12:  # no exponent of those tried fits
-        last = np.stack(final.w)
-        error = max(error, float(distance(1.0, last - last.mean(axis=0)).max()))
+        error = max(error, float(distance(1.0, final.w - final.w.mean(axis=0)).max()))
     return limit, error
 
 
 def judged(outcomes: Frame, keys: Sequence[str]) -> Frame:
     """Judge every series of outcomes, of pairs or of columns: those with the same `keys`; a row each."""
     rows = []
-    for key, series in outcomes.groupby(list(keys), sort=False):
-        lost = series[~series.status.isin(RESULT_STATUSES)].groupby("status")
-        why = [f"{len(some)} {status}: {some.reason.iloc[0]}" for status, some in lost]
+    table = {name: outcomes[name].to_numpy() for name in outcomes}
+    for key, places in outcomes.groupby(list(keys), sort=False).indices.items():
+        series = {name: values[places] for name, values in table.items()}
+        lost = Counter(status for status in series["status"] if status not in RESULT_STATUSES)
+        reasons = dict(zip(series["status"][::-1], series["reason"][::-1], strict=True))
+        why = [f"{n} {status}: {reasons[status]}" for status, n in sorted(lost.items())]
         # The last outcome that is not close; the one after it is the first of those that stay so.
-        far = np.flatnonzero(np.r_[True, ~(series.distance <= CLOSE)])[-1]
+        far = np.flatnonzero(np.r_[True, ~(series["distance"] <= CLOSE)])[-1]
         row = dict(zip(keys, key, strict=True)) | judge(series)
-        row |= {"close_from": [*series.contrast, np.inf][far], "grazing_left_out": series.grazing.sum()}
+        row |= {"close_from": [*series["contrast"], np.inf][far], "grazing_left_out": series["grazing"].sum()}
         rows.append(row | {"without_result": "; ".join(why)})
     return pd.DataFrame(rows)
 
