@@ -17,7 +17,7 @@ it is measured again at the shortest step, and the step is halved further unless
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -26,7 +26,7 @@ from impact_xval.compliant_baselines.engines.scene import Floats, Scene
 from impact_xval.compliant_baselines.engines.stepping import Run
 from impact_xval.compliant_baselines.solver import Convergence
 from impact_xval.compliant_baselines.states import SHORTEST_STATE
-from impact_xval.model.chain.rest import GOING, REST, STUCK
+from impact_xval.model.chain.rest import REST, STUCK
 
 #: Share of the last correction that is doubted at least: three differences can agree by accident.
 DOUBT = 0.1
@@ -171,6 +171,8 @@ def _of_second_order(corrections: Floats) -> bool:
 class _Case:
     """A scene on its way to its limit: its runs, from the longest step to the shortest."""
 
+    #: Runs a scene for at most so many steps.
+    run: Callable[[Scene, int], Run]
     runs: list[Run]
     convergence: Convergence
     #: Steps that a run at the step h may take.
@@ -190,9 +192,9 @@ class _Case:
         self.scene, self.longest = self.runs[-1].scene, self.runs[-1].n_steps
         self.tolerance = self.convergence.tolerance * self.scene.speed
 
-    def at(self, times: float, regularisation: float = 1.0) -> Scene:
+    def at(self, times: float) -> Scene:
         """Return the scene at a multiple of the step h."""
-        return replace(self.scene, step=self.scene.step * times, regularisation=regularisation)
+        return replace(self.scene, step=self.scene.step * times)
 
     @property
     def shortest(self) -> float:
@@ -203,6 +205,25 @@ class _Case:
     def most(self) -> int:
         """Steps that the run at the next shorter step may take."""
         return round(min(self.max_steps, PATIENCE * self.longest) * 2 / self.shortest)
+
+    def approach(self) -> None:
+        """Run at the steps that the limit needs."""
+        for times in (2, 4):
+            longer = self.run(self.at(times), self.longest)
+            if not longer.over:
+                break
+            self.runs.insert(0, longer)
+        if len(self.runs) == 3:
+            self.probe(self.runs[0], self.longest)
+        while self.wants_more():
+            if self.doubtful():  # beside a grazing a probe at a long step may show what is the step's
+                self.probe(self.runs[-1], self.most)
+            if self.wants_more():
+                shorter = self.run(self.at(self.shortest / 2), self.most)
+                if shorter.over:
+                    self.runs.append(shorter)
+                else:
+                    self.failure = f"at a step of {shorter.scene.step:.3g} s: {shorter.problem()}"
 
     def limit(self) -> Limit | None:
         """Extrapolate, where there are three runs."""
@@ -240,26 +261,13 @@ class _Case:
             return 0.0
         return self.scene.gravity * 0.5 * self.scene.periods[contact]
 
-    def precede(self, run: Run) -> None:
-        """Put the run at the next longer step before the others, if there is none longer that was left out."""
-        if run.over and run.n_steps <= self.longest and run.scene.step == 2 * self.runs[0].scene.step:
-            self.runs.insert(0, run)
-
-    def take(self, run: Run) -> None:
-        """Take the run at the next shorter step; one that came to no end in its time ends the halving."""
-        most = self.most
-        if run.over and run.n_steps <= most:
-            self.runs.append(run)
-        else:
-            end = GOING if run.over else run.end  # what others of the call were given does not count
-            problem = replace(run, end=end, max_steps=most).problem()
-            self.failure = f"at a step of {run.scene.step:.3g} s: {problem}"
-
-    def probe(self, run: Run, own: Run) -> None:
-        """Take a run with more regularisation, if there is one of the same step with the engine's own."""
-        if run.over and run.scene.step == own.scene.step:
-            moved = np.abs(np.subtract(run.reported, own.reported)).max()
-            self.regularisation.append(float(moved) / (self.factor - 1))
+    def probe(self, own: Run, most: int) -> None:
+        """See what regularisation does by a run with more of it, beside one of the same step with the engine's own."""
+        if self.factor > 1:
+            run = self.run(replace(own.scene, regularisation=self.factor), most)
+            if run.over:
+                moved = np.abs(np.subtract(run.reported, own.reported)).max()
+                self.regularisation.append(float(moved) / (self.factor - 1))
 
     def wants_more(self) -> bool:
         """Whether a shorter step is to be run."""
@@ -300,44 +308,21 @@ class _Case:
         return f"{text}, at the finest step, {limit.step:.3g} s{failed}"
 
 
-def estimate_limits(
-    run: Callable[[Sequence[Scene], int], Sequence[Run]],
+def estimate_limit(
+    run: Callable[[Scene, int], Run],
     probe: float | None,
-    runs: Sequence[Run],
+    first: Run,
     convergence: Convergence,
     max_steps: int,
-) -> list[tuple[Limit | None, str]]:
-    """Find the limits of scenes that have been run at the step h that a user takes, all of them over.
+) -> tuple[Limit | None, str]:
+    """Find the limit of a scene, of which `first` is the run, which is over, at the step h that a user takes.
 
-    `run` and `probe` are the engine's `run` and `regularisation_probe`. A run at the step h, or a longer one, may take
-    `max_steps`; at shorter ones as many times more, and no more than `PATIENCE` times what the run at h took. A limit
-    is None where shorter steps did not come to an end; the text says why it is not converged, and is empty if it is.
+    `run` runs a scene for at most so many steps, and `probe` is the engine's `regularisation_probe`. A run at the step
+    h, or a longer one, may take `max_steps`; at shorter ones as many times more, and no more than `PATIENCE` times what
+    the run at h took. The limit is None where shorter steps did not come to an end; the text says why it is not
+    converged, and is empty if it is.
     """
-
-    def factor(scene: Scene) -> float:
-        return probe if probe and scene.mapping == "calibrated" else 1.0
-
-    def pairs(some: list[_Case], scenes: list[Scene]) -> Iterator[tuple[_Case, Run]]:
-        # One call for many: an engine may share out what it is given.
-        return zip(some, run(scenes, longest), strict=True)
-
-    cases = [_Case([each], convergence, max_steps, factor(each.scene)) for each in runs]
-    # What takes more steps than at h is left out one by one, so that no limit depends on the others of the call.
-    longest = max((case.longest for case in cases), default=0)
-    for times in (2, 4):
-        for case, found in pairs(cases, [case.at(times) for case in cases]):
-            case.precede(found)
-    probed = [case for case in cases if case.factor > 1]
-    for case, found in pairs(probed, [case.at(4, case.factor) for case in probed]):
-        if found.n_steps <= case.longest:
-            case.probe(found, case.runs[0])
-    while going := [case for case in cases if case.wants_more()]:
-        longest = max(case.most for case in going)
-        # Beside a grazing a probe at a long step may show what is the step's: seen again at the shortest.
-        again = [case for case in going if case.doubtful()]
-        for case, found in pairs(again, [case.at(case.shortest, case.factor) for case in again]):
-            case.probe(found, case.runs[-1])
-        going = [case for case in going if case.wants_more()]
-        for case, found in pairs(going, [case.at(case.shortest / 2) for case in going]):
-            case.take(found)
-    return [(case.limit(), case.problem()) for case in cases]
+    factor = probe if probe and first.scene.mapping == "calibrated" else 1.0
+    case = _Case(run, [first], convergence, max_steps, factor)
+    case.approach()
+    return case.limit(), case.problem()

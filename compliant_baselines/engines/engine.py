@@ -11,7 +11,7 @@ from platform import python_version
 from types import MappingProxyType
 from typing import Any
 
-from impact_xval.compliant_baselines.engines.convergence import estimate_limits
+from impact_xval.compliant_baselines.engines.convergence import Limit, estimate_limit
 from impact_xval.compliant_baselines.engines.packages import import_quietly, version_of
 from impact_xval.compliant_baselines.engines.scene import (
     BEYOND,
@@ -87,10 +87,12 @@ class Engine(Solver):
 
     def run(self, scenes: Sequence[Scene], max_steps: int, record_path: bool = False) -> list[Run]:
         """Run every scene until its collision is over or `max_steps` steps are taken; in order."""
-        if not scenes:
-            return []
         with self.running():
-            return [follow(scene, self.world(scene), max_steps, record_path) for scene in scenes]
+            return [self.follow(scene, max_steps, record_path) for scene in scenes]
+
+    def follow(self, scene: Scene, max_steps: int, record_path: bool = False) -> Run:
+        """Run a scene while `running`."""
+        return follow(scene, self.world(scene), max_steps, record_path)
 
     def scene_or_refusal(self, collision: Collision, settings: Settings) -> Scene | str:
         """Set a collision up as a scene that this engine takes, or say in one sentence why it takes none."""
@@ -118,41 +120,31 @@ class Engine(Solver):
         missing = self.unavailable()
         if missing is not None:
             return [Outcome.failure(self.name, each, "unavailable", missing) for each in collisions]
-        found = [self.scene_or_refusal(each, settings) for each in collisions]
-        scenes = [each for each in found if isinstance(each, Scene)]
-        done = iter(self.run(scenes, settings.max_steps, settings.record_path))
-        runs = [next(done) if isinstance(each, Scene) else each for each in found]
-        outcomes = [
-            outcome_of(self.name, collision, run, settings)
-            if isinstance(run, Run)
-            else Outcome.failure(self.name, collision, "unrepresentable", run)
-            for collision, run in zip(collisions, runs, strict=True)
-        ]
-        ends = self._add_limits(outcomes, runs, settings)
+        with self.running():
+            found = [self._solved(each, settings) for each in collisions]
+        outcomes = [outcome for outcome, _ in found]
         if settings.mapping != "calibrated" or self.law is None:
             return outcomes  # its contacts are not those of the law
+        ends = {i: (limit.flight, limit.rest) for i, (_, limit) in enumerate(found) if limit is not None}
         return marked(outcomes, collisions, self.law, settings, ends)
 
-    def _add_limits(
-        self, outcomes: list[Outcome], runs: Sequence[Run | str], settings: Settings
-    ) -> dict[int, tuple[bool, bool]]:
-        """Add the limits dt -> 0 to outcomes, if they are asked for; how they ended, where known, as for `mark`."""
-        over = {i: run for i, run in enumerate(runs) if isinstance(run, Run) and run.over}
-        if settings.convergence is None or not over:
-            return {}
-        limits = estimate_limits(
-            self.run, self.regularisation_probe, list(over.values()), settings.convergence, settings.max_steps
+    def _solved(self, collision: Collision, settings: Settings) -> tuple[Outcome, Limit | None]:
+        """Answer a collision, with its limit dt -> 0 if that is asked for and known."""
+        scene = self.scene_or_refusal(collision, settings)
+        if isinstance(scene, str):
+            return Outcome.failure(self.name, collision, "unrepresentable", scene), None
+        run = self.follow(scene, settings.max_steps, settings.record_path)
+        outcome = outcome_of(self.name, collision, run, settings)
+        if settings.convergence is None or not run.over:
+            return outcome, None
+        limit, reason = estimate_limit(
+            self.follow, self.regularisation_probe, run, settings.convergence, settings.max_steps
         )
-        ends = {}
-        for i, (limit, reason) in zip(over, limits, strict=True):
-            outcome = outcomes[i]
-            if reason and outcome.status == "ok":
-                outcome = replace(outcome, status="unconverged", reason=reason)
-            if limit is not None:
-                outcome = replace(outcome, diagnostics={**outcome.diagnostics, **limit.stated})
-                ends[i] = limit.flight, limit.rest
-            outcomes[i] = outcome
-        return ends
+        if reason and outcome.status == "ok":
+            outcome = replace(outcome, status="unconverged", reason=reason)
+        if limit is not None:
+            outcome = replace(outcome, diagnostics={**outcome.diagnostics, **limit.stated})
+        return outcome, limit
 
 
 def outcome_of(solver: str, collision: Collision, run: Run, settings: Settings) -> Outcome:

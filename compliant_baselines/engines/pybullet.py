@@ -18,7 +18,6 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
-from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -26,7 +25,6 @@ import numpy as np
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.packages import import_quietly
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, radius_of, reduced_masses
-from impact_xval.compliant_baselines.engines.stepping import Run
 from impact_xval.compliant_baselines.mapping import RIGID, Side, pybullet_side, shared_out
 
 #: Most sub-steps of one call.
@@ -113,12 +111,6 @@ class Pybullet(Engine):
     def world(self, scene: Scene) -> PybulletWorld:
         """Set a scene up."""
         return PybulletWorld(self._client, scene, self._made)
-
-    def run(self, scenes: Sequence[Scene], max_steps: int, record_path: bool = False) -> list[Run]:
-        """As `Engine.run`; balls of one size one after the other, for only another size takes new bodies."""
-        order = sorted(range(len(scenes)), key=lambda i: _radius(scenes[i]))
-        runs = super().run([scenes[i] for i in order], max_steps, record_path)
-        return [run for _, run in sorted(zip(order, runs, strict=True), key=itemgetter(0))]
 
     @contextmanager
     def running(self) -> Iterator[None]:
