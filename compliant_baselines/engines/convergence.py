@@ -182,6 +182,8 @@ class _Case:
     #: What regularisation was seen to do, in m/s, at ever shorter steps.
     regularisation: list[float] = field(default_factory=list)
     failure: str = ""
+    #: What is known of the limit by now.
+    limit: Limit | None = None
     #: At the step h, and the steps that the run took there: those that one at a longer step may take.
     scene: Scene = field(init=False)
     longest: int = field(init=False)
@@ -218,14 +220,15 @@ class _Case:
         while self.wants_more():
             if self.doubtful():  # beside a grazing a probe at a long step may show what is the step's
                 self.probe(self.runs[-1], self.most)
-            if self.wants_more():
-                shorter = self.run(self.at(self.shortest / 2), self.most)
-                if shorter.over:
-                    self.runs.append(shorter)
-                else:
-                    self.failure = f"at a step of {shorter.scene.step:.3g} s: {shorter.problem()}"
+                if not self.wants_more():
+                    break
+            shorter = self.run(self.at(self.shortest / 2), self.most)
+            if shorter.over:
+                self.runs.append(shorter)
+            else:
+                self.failure = f"at a step of {shorter.scene.step:.3g} s: {shorter.problem()}"
 
-    def limit(self) -> Limit | None:
+    def extrapolated(self) -> Limit | None:
         """Extrapolate, where there are three runs."""
         if len(self.runs) < 3:
             return None
@@ -270,10 +273,10 @@ class _Case:
                 self.regularisation.append(float(moved) / (self.factor - 1))
 
     def wants_more(self) -> bool:
-        """Whether a shorter step is to be run."""
+        """Extrapolate, and tell whether a shorter step is to be run."""
+        self.limit = limit = self.extrapolated()
         if self.failure or self.shortest <= 2.0**-self.convergence.halvings:
             return False
-        limit = self.limit()
         if limit is None or (self.factor > 1 and not self.regularisation):
             return True
         return limit.error > self.tolerance and not self.settled()
@@ -291,7 +294,7 @@ class _Case:
 
     def problem(self) -> str:
         """Why the limit does not satisfy; nothing if it does."""
-        limit, speed = self.limit(), self.scene.speed
+        limit, speed = self.limit, self.scene.speed
         if limit is None:
             why = self.failure or "runs at longer steps take more of them than that at h, or come to no end"
             return f"no limit dt -> 0: {why}"
@@ -325,4 +328,4 @@ def estimate_limit(
     factor = probe if probe and first.scene.mapping == "calibrated" else 1.0
     case = _Case(run, [first], convergence, max_steps, factor)
     case.approach()
-    return case.limit(), case.problem()
+    return case.limit, case.problem()
