@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.compliant_baselines.solver import MappingName
 from impact_xval.compliant_baselines.states import compared_states
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.laws import exact_for
@@ -92,14 +91,6 @@ def results_of(
     # Without a path, on which alone the times are, states stay as they are.
     both = zip(compared_states(paths, shortest), found["states"], strict=True)
     return Results(**found | {"compared": [text or own for text, own in both], "paths": paths})
-
-
-def scaled_diagnostics(outcome: Outcome, speed: float) -> dict[str, float]:
-    """Return the diagnostics of an outcome as those of `Results`."""
-    return {
-        name: value / speed if _VELOCITY.fullmatch(name) and value is not None else value
-        for name, value in outcome.diagnostics.items()
-    }
 
 
 def _of_arrays(outcomes: Outcomes, shortest: Floats | None) -> dict[str, Any]:
@@ -224,14 +215,6 @@ def retained_momentum(masses: Floats, starts: Floats, results: Results) -> Float
         return np.where(np.isnan(results.velocities).all(axis=1), np.nan, after / before)
 
 
-def velocity_divergence(collision: Collision, model: Outcome, other: Outcome) -> float | None:
-    """D of one collision; None where one of the two has no result."""
-    if model.status not in RESULT_STATUSES or other.status not in RESULT_STATUSES:
-        return None
-    difference = np.subtract(other.velocities, model.velocities)
-    return float(norms(np.array(collision.masses), difference, np.array(collision.velocities)))
-
-
 def part_at(a: Sequence[str], b: Sequence[str]) -> int | None:
     """Position, from 1, of the first state that only one of two sequences has there; None if they are equal."""
     pairs = enumerate(zip_longest(a, b), start=1)
@@ -248,26 +231,24 @@ def edit_distance(a: Sequence[str], b: Sequence[str]) -> int:
     return row[-1]
 
 
-def measures_of(
-    column: Collision, outcomes: Mapping[str, Outcome], mapping: MappingName = "calibrated"
-) -> dict[str, dict[str, float | None]]:
-    """Measure the outcomes of a column by several solvers, as in `schema`; None where there is nothing to measure.
+def measures_of(collision: Collision, outcomes: Mapping[str, Outcome]) -> dict[str, dict[str, float]]:
+    """Measure the outcomes of one collision by several solvers, as in `schema`, beside their scaled diagnostics.
 
-    A solver without a result has no measures.
+    NaN where there is nothing to measure.
     """
-    results = {name: each for name, each in outcomes.items() if each.status in RESULT_STATUSES}
-    model, speed, measured = results.get(REFERENCE), max(map(abs, column.velocities)), {}
-    for name, outcome in results.items():
-        exact, stated = results.get(exact_for(name, mapping)), scaled_diagnostics(outcome, speed)
-        limit = np.array([stated.get(f"v{i}_limit", np.nan) for i in range(1, 1 + len(outcome.velocities))])
-        distance = None
-        if exact is not None and not np.isnan(limit).any():
-            distance = float(np.abs(limit - np.divide(exact.velocities, speed)).max())
-        measured[name] = {
-            "velocity_divergence": None if model is None else velocity_divergence(column, model, outcome),
-            "limit_distance": distance,
-            "limit_error": stated.get("limit_error"),
-            "retained_energy": outcome.retained_energy(column),
-            "retained_momentum": outcome.retained_momentum(column),
-        }
+    balls, contacts = len(collision.masses), len(collision.stiffnesses)
+    masses, starts = masses_and_starts([collision], balls)
+    speed, measured = np.abs(starts).max(axis=1), {}
+    results = {name: results_of([each], speed, balls, contacts, None) for name, each in outcomes.items()}
+    for name, found in results.items():
+        model, exact = results.get(REFERENCE), results.get(exact_for(name, "calibrated"))
+        measures = {"retained_energy": retained_energy(masses, starts, found)}
+        measures["retained_momentum"] = retained_momentum(masses, starts, found)
+        if model is not None:
+            measures |= divergence(masses, starts, speed, model, found)
+        if exact is not None:
+            limit = [found.diagnostic(f"v{i}_limit") for i in range(1, 1 + balls)]
+            measures["limit_distance"] = np.abs(np.transpose(limit) - exact.velocities / speed).max(axis=1)
+        known = {key: [np.nan] for key in ("velocity_divergence", "limit_distance", "limit_error")}
+        measured[name] = {key: float(x[0]) for key, x in (known | found.diagnostics | measures).items()}
     return measured
