@@ -187,7 +187,8 @@ def divergence(
         return np.array([v if there else None for v, there in zip(values, both, strict=True)], dtype=object)
 
     def curves(paths: Paths) -> Floats:
-        return paths.impulses / np.repeat(masses[:, 0] * speed, np.diff(paths.offsets))[:, None]
+        units = np.repeat(masses[:, 0] * speed, np.diff(paths.offsets))
+        return np.ascontiguousarray(paths.impulses / units[:, None])
 
     # Here, for the import of numba takes longer than all else that one collision's D asks for.
     from impact_xval.experiments.measures.hausdorff import distances
