@@ -116,13 +116,10 @@ def _of_list(outcomes: Sequence[Outcome]) -> dict[str, Any]:
         return np.array([np.nan if value is None else value for value in values], float)
 
     names = dict.fromkeys(name for each in outcomes for name in each.diagnostics)
+    alike = ("velocities", "impulses", "status", "reason", "differences")
     return {
-        "velocities": [each.velocities for each in outcomes],
-        "impulses": [each.impulses for each in outcomes],
-        "status": [each.status for each in outcomes],
-        "reason": [each.reason for each in outcomes],
+        **{name: [getattr(each, name) for each in outcomes] for name in alike},
         "mark": [each.marked for each in outcomes],
-        "differences": [each.differences for each in outcomes],
         "states": [" ".join(each.states) for each in outcomes],
         "n_states": np.array([len(each.states) for each in outcomes], np.int64),
         "n_events": np.array([each.n_events for each in outcomes], np.int64),
@@ -179,12 +176,10 @@ def divergence(
     if model.paths is None or other.paths is None:
         return found
     pairs = list(zip(model.compared, other.compared, strict=True))
-    known = {texts: [text.split() for text in texts] for texts in set(pairs)}
-    parts = {texts: part_at(*states) for texts, states in known.items()}
-    edits = {texts: edit_distance(*states) for texts, states in known.items()}
-
-    def of_both(values: Iterable[Any]) -> NDArray[np.object_]:
-        return np.array([v if there else None for v, there in zip(values, both, strict=True)], dtype=object)
+    sequences = {texts: [text.split() for text in texts] for texts in set(pairs)}
+    known = {texts: (a == b, part_at(a, b), edit_distance(a, b)) for texts, (a, b) in sequences.items()}
+    states = [known[texts] if there else (None,) * 3 for texts, there in zip(pairs, both, strict=True)]
+    names = "states_equal", "states_part_at", "states_edit_distance"
 
     def curves(paths: Paths) -> Floats:
         units = np.repeat(masses[:, 0] * speed, np.diff(paths.offsets))
@@ -195,12 +190,8 @@ def divergence(
 
     one, two = model.paths, other.paths
     apart = distances(curves(one), curves(two), one.offsets, two.offsets)
-    return found | {
-        "states_equal": of_both(one == two for one, two in pairs),
-        "states_part_at": of_both(parts[texts] for texts in pairs),
-        "states_edit_distance": of_both(edits[texts] for texts in pairs),
-        "curve_distance": np.where(both, apart, np.nan),
-    }
+    found |= zip(names, np.array(states, dtype=object).reshape(-1, 3).T, strict=True)
+    return found | {"curve_distance": np.where(both, apart, np.nan)}
 
 
 def retained_energy(masses: Floats, starts: Floats, results: Results) -> Floats:
