@@ -16,7 +16,7 @@ from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.tables.folder import RunFolder
-from impact_xval.experiments.tables.parquet import blocks, codes, column, present, texts
+from impact_xval.experiments.tables.parquet import blocks, codes, column, present
 
 #: A pandas DataFrame or Series. Their annotations are too wide to check code against: any selection may be
 #: either.
@@ -140,7 +140,7 @@ def load_divergence(folder: RunFolder, config: Config) -> Compared:
     rows = pd.DataFrame({"solver": pd.Categorical.from_codes(codes(path, "solver", solvers), solvers)})
     levels = {}
     for axis in AXES if config.column is None else COLUMN_AXES:
-        x = texts(path, axis) if axis == "arrangement" else column(path, axis)
+        x = column(path, axis)
         levels[axis] = axis_levels(config, axis, x)
         rows[axis] = pd.Categorical.from_codes(levels[axis].codes(x), levels[axis].values)
     rows["compared"] = ~np.isnan(column(path, "velocity_divergence"))

@@ -94,8 +94,11 @@ def selected(path: Path, columns: Sequence[str], keep: pc.Expression | None = No
 
 
 def column(path: Path, name: str) -> np.ndarray:
-    """Read one column of numbers or truths as float64, nulls as NaN."""
-    return selected(path, [name])[name].cast(pa.float64()).to_numpy()
+    """Read one column whole: text as objects; numbers or truths as float64, nulls as NaN."""
+    found = selected(path, [name])[name]
+    if pa.types.is_dictionary(found.type):
+        return found.to_pandas().to_numpy(dtype=object)
+    return found.cast(pa.float64()).to_numpy()
 
 
 def present(path: Path, name: str) -> np.ndarray:
@@ -108,8 +111,3 @@ def codes(path: Path, name: str, values: Sequence[str]) -> np.ndarray:
     known = selected(path, [name])[name].combine_chunks().dictionary_encode()
     places = pd.Index(values).get_indexer(known.dictionary.to_pylist()).astype(np.int8)
     return np.append(places, np.int8(-1))[known.indices.fill_null(-1)]
-
-
-def texts(path: Path, name: str) -> np.ndarray:
-    """Read one column of text whole."""
-    return selected(path, [name])[name].to_pandas().to_numpy(dtype=object)
