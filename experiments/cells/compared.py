@@ -15,8 +15,8 @@ from rich.console import Console
 from impact_xval.compliant_baselines.registry import get_solver, law_of, solver_names
 from impact_xval.experiments.config.arrangements import Arranged
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.config.experiment import REFERENCE, parse_config
-from impact_xval.experiments.measures.divergence import measures_of, scaled_diagnostics, velocity_divergence
+from impact_xval.experiments.config.experiment import parse_config
+from impact_xval.experiments.measures.divergence import measures_of
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.presentation.document import Block, Table
 from impact_xval.experiments.presentation.html import fragment
@@ -64,8 +64,7 @@ class Compared:
     @property
     def divergences(self) -> dict[str, float | None]:
         """Velocity divergence D from the model, by solver; None where one of the two has no result."""
-        model = self.outcomes[REFERENCE]
-        return {name: velocity_divergence(self.problem, model, each) for name, each in self.outcomes.items()}
+        return {name: _finite(each["velocity_divergence"]) for name, each in self._measures.items()}
 
     @property
     def scaled(self) -> dict[str, list[float]]:
@@ -74,12 +73,16 @@ class Compared:
         return {name: [v / self._speed for v in self.outcomes[name].velocities] for name in names}
 
     @property
+    def _measures(self) -> dict[str, dict[str, float]]:
+        return measures_of(self.problem, self.outcomes)
+
+    @property
     def _speed(self) -> float:
         return max(map(abs, self.problem.velocities))
 
     def objects(self) -> list[dict[str, Any]]:
         """Return a JSON object a solver: velocities per abs(v0), impulses per m1 abs(v0), times in s."""
-        away, speed = self.divergences, self._speed
+        measures, speed = self._measures, self._speed
         return [
             {
                 "solver": name,
@@ -88,8 +91,8 @@ class Compared:
                 "impulses": [_finite(i / (self.problem.masses[0] * speed)) for i in each.impulses],
                 **{key: getattr(each, key) for key in ("states", "status", "reason", "marked")},
                 "grazing_margin": _finite(each.grazing_margin),
-                "D": away[name],
-                "diagnostics": {key: _finite(x) for key, x in scaled_diagnostics(each, speed).items()},
+                "D": _finite(measures[name]["velocity_divergence"]),
+                "diagnostics": {key: _finite(measures[name][key]) for key in each.diagnostics},
             }
             for name, each in self.outcomes.items()
         ]
@@ -153,7 +156,7 @@ class Compared:
 
     def _column_table(self) -> Table:
         """Lay out a column: a fact a row, for there are more of them than solvers."""
-        measures, facts = measures_of(self.problem, self.outcomes), {}
+        measures, facts = self._measures, {}
         for name, velocities in self.scaled.items():
             outcome, measured = self.outcomes[name], measures[name]
             facts[name] = {

@@ -108,7 +108,7 @@ Range = Annotated[float | dict[str, list[int | float]], BeforeValidator(_legal_r
 def expand_axis(axis: Axis) -> list[float]:
     """Values of a legal axis, in the order given."""
     if isinstance(axis, list):
-        return [float(value) for value in axis]
+        return list(axis)
     ((kind, (lo, hi, n)),) = axis.items()
     if kind == "linear":
         return np.linspace(lo, hi, int(n)).tolist()
@@ -132,10 +132,13 @@ class Axes(Strict):
             raise ValueError(f"the axes make {self.count()} cells; legal: 1 to {MAX_CELLS}")
         return self
 
+    def varied(self) -> dict[str, list[Any]]:
+        """Values of every axis that is there, and varies by itself."""
+        return {name: expand_axis(axis) for name, axis in self if axis is not None}
+
     def lengths(self) -> dict[str, int]:
-        """Count the values of every axis that is there."""
-        there = {name: axis for name, axis in self if axis is not None}
-        return {name: len(expand_axis(x) if isinstance(x, dict) else x) for name, x in there.items()}
+        """Count the values of every axis that varies by itself."""
+        return {name: len(values) for name, values in self.varied().items()}
 
     def count(self) -> int:
         """Count the cells."""

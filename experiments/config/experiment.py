@@ -24,7 +24,6 @@ from impact_xval.experiments.config.axes import (
     Sample,
     Strict,
     at_most,
-    expand_axis,
     parameter,
     positive,
     table,
@@ -83,16 +82,12 @@ class Grid(Axes):
 
     def varied(self) -> dict[str, list[float]]:
         """Values of every axis that varies by itself; the last one varies fastest."""
-        names = ("stiffness_ratio", "mass_ratio", *(("e1", "e2") if self.e is None else ("e",)))
-        return {name: expand_axis(getattr(self, name)) for name in names}
+        tied = () if self.e is None else ("e1", "e2")
+        return {name: values for name, values in super().varied().items() if name not in tied}
 
     def axes(self) -> dict[str, list[float]]:
         """Values of every parameter."""
         return untied(self.varied())
-
-    def lengths(self) -> dict[str, int]:
-        """Count the values of every axis that varies by itself."""
-        return {name: len(values) for name, values in self.varied().items()}
 
 
 def untied(values: dict[str, Any]) -> dict[str, Any]:

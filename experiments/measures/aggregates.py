@@ -15,7 +15,8 @@ from impact_xval.compliant_baselines.registry import law_of
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE, Config
-from impact_xval.experiments.tables.parquet import blocks, codes, column, present, texts
+from impact_xval.experiments.tables.folder import RunFolder
+from impact_xval.experiments.tables.parquet import blocks, codes, column, present
 
 #: A pandas DataFrame or Series. Their annotations are too wide to check code against: any selection may be
 #: either.
@@ -93,20 +94,6 @@ class Compared:
     levels: dict[str, Levels]
     rows: Frame
 
-    @classmethod
-    def of(cls, path: Path, config: Config) -> Compared:
-        """Read the columns by which everything is grouped."""
-        solvers = [name for name in config.solvers if name != REFERENCE]
-        rows = pd.DataFrame({"solver": pd.Categorical.from_codes(codes(path, "solver", solvers), solvers)})
-        levels = {}
-        for axis in AXES if config.column is None else COLUMN_AXES:
-            x = texts(path, axis) if axis == "arrangement" else column(path, axis)
-            levels[axis] = axis_levels(config, axis, x)
-            rows[axis] = pd.Categorical.from_codes(levels[axis].codes(x), levels[axis].values)
-        rows["compared"] = ~np.isnan(column(path, "velocity_divergence"))
-        rows["marked"] = present(path, "marked")
-        return cls(path, solvers, levels, rows)
-
     @property
     def regular(self) -> NDArray[np.bool_]:
         """Rows that statistics count: compared, and not marked."""
@@ -144,6 +131,21 @@ class Compared:
         rows = self.rows.loc[regular, ["solver", *self.levels]].reset_index(drop=True)
         levels = {axis: rows[axis].to_numpy() for axis in self.levels}
         return rows.assign(**levels, **{name: self.measure(name)[regular] for name in measures})
+
+
+def load_divergence(folder: RunFolder, config: Config) -> Compared:
+    """Read the columns of the table of divergence by which everything is grouped; measures are read as needed."""
+    path = folder.table_path("divergence.parquet")
+    solvers = [name for name in config.solvers if name != REFERENCE]
+    rows = pd.DataFrame({"solver": pd.Categorical.from_codes(codes(path, "solver", solvers), solvers)})
+    levels = {}
+    for axis in AXES if config.column is None else COLUMN_AXES:
+        x = column(path, axis)
+        levels[axis] = axis_levels(config, axis, x)
+        rows[axis] = pd.Categorical.from_codes(levels[axis].codes(x), levels[axis].values)
+    rows["compared"] = ~np.isnan(column(path, "velocity_divergence"))
+    rows["marked"] = present(path, "marked")
+    return Compared(path, solvers, levels, rows)
 
 
 def statistics_of(groups: Frame) -> dict[str, Frame]:

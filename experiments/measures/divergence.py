@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.compliant_baselines.solver import MappingName
 from impact_xval.compliant_baselines.states import compared_states
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.laws import exact_for
@@ -94,14 +93,6 @@ def results_of(
     return Results(**found | {"compared": [text or own for text, own in both], "paths": paths})
 
 
-def scaled_diagnostics(outcome: Outcome, speed: float) -> dict[str, float]:
-    """Return the diagnostics of an outcome as those of `Results`."""
-    return {
-        name: value / speed if _VELOCITY.fullmatch(name) and value is not None else value
-        for name, value in outcome.diagnostics.items()
-    }
-
-
 def _of_arrays(outcomes: Outcomes, shortest: Floats | None) -> dict[str, Any]:
     named = shortest is not None and outcomes.states is not None
     return {
@@ -125,13 +116,10 @@ def _of_list(outcomes: Sequence[Outcome]) -> dict[str, Any]:
         return np.array([np.nan if value is None else value for value in values], float)
 
     names = dict.fromkeys(name for each in outcomes for name in each.diagnostics)
+    alike = ("velocities", "impulses", "status", "reason", "differences")
     return {
-        "velocities": [each.velocities for each in outcomes],
-        "impulses": [each.impulses for each in outcomes],
-        "status": [each.status for each in outcomes],
-        "reason": [each.reason for each in outcomes],
+        **{name: [getattr(each, name) for each in outcomes] for name in alike},
         "mark": [each.marked for each in outcomes],
-        "differences": [each.differences for each in outcomes],
         "states": [" ".join(each.states) for each in outcomes],
         "n_states": np.array([len(each.states) for each in outcomes], np.int64),
         "n_events": np.array([each.n_events for each in outcomes], np.int64),
@@ -188,27 +176,22 @@ def divergence(
     if model.paths is None or other.paths is None:
         return found
     pairs = list(zip(model.compared, other.compared, strict=True))
-    known = {texts: [text.split() for text in texts] for texts in set(pairs)}
-    parts = {texts: part_at(*states) for texts, states in known.items()}
-    edits = {texts: edit_distance(*states) for texts, states in known.items()}
-
-    def of_both(values: Iterable[Any]) -> NDArray[np.object_]:
-        return np.array([v if there else None for v, there in zip(values, both, strict=True)], dtype=object)
+    sequences = {texts: [text.split() for text in texts] for texts in set(pairs)}
+    known = {texts: (a == b, part_at(a, b), edit_distance(a, b)) for texts, (a, b) in sequences.items()}
+    states = [known[texts] if there else (None,) * 3 for texts, there in zip(pairs, both, strict=True)]
+    names = "states_equal", "states_part_at", "states_edit_distance"
 
     def curves(paths: Paths) -> Floats:
-        return paths.impulses / np.repeat(masses[:, 0] * speed, np.diff(paths.offsets))[:, None]
+        units = np.repeat(masses[:, 0] * speed, np.diff(paths.offsets))
+        return np.ascontiguousarray(paths.impulses / units[:, None])
 
     # Here, for the import of numba takes longer than all else that one collision's D asks for.
     from impact_xval.experiments.measures.hausdorff import distances
 
     one, two = model.paths, other.paths
     apart = distances(curves(one), curves(two), one.offsets, two.offsets)
-    return found | {
-        "states_equal": of_both(one == two for one, two in pairs),
-        "states_part_at": of_both(parts[texts] for texts in pairs),
-        "states_edit_distance": of_both(edits[texts] for texts in pairs),
-        "curve_distance": np.where(both, apart, np.nan),
-    }
+    found |= zip(names, np.array(states, dtype=object).reshape(-1, 3).T, strict=True)
+    return found | {"curve_distance": np.where(both, apart, np.nan)}
 
 
 def retained_energy(masses: Floats, starts: Floats, results: Results) -> Floats:
@@ -222,14 +205,6 @@ def retained_momentum(masses: Floats, starts: Floats, results: Results) -> Float
     with np.errstate(over="ignore", invalid="ignore"):
         after, before = (np.nansum(weights * v, axis=1) for v in (results.velocities, starts))
         return np.where(np.isnan(results.velocities).all(axis=1), np.nan, after / before)
-
-
-def velocity_divergence(collision: Collision, model: Outcome, other: Outcome) -> float | None:
-    """D of one collision; None where one of the two has no result."""
-    if model.status not in RESULT_STATUSES or other.status not in RESULT_STATUSES:
-        return None
-    difference = np.subtract(other.velocities, model.velocities)
-    return float(norms(np.array(collision.masses), difference, np.array(collision.velocities)))
 
 
 def part_at(a: Sequence[str], b: Sequence[str]) -> int | None:
@@ -248,26 +223,24 @@ def edit_distance(a: Sequence[str], b: Sequence[str]) -> int:
     return row[-1]
 
 
-def measures_of(
-    column: Collision, outcomes: Mapping[str, Outcome], mapping: MappingName = "calibrated"
-) -> dict[str, dict[str, float | None]]:
-    """Measure the outcomes of a column by several solvers, as in `schema`; None where there is nothing to measure.
+def measures_of(collision: Collision, outcomes: Mapping[str, Outcome]) -> dict[str, dict[str, float]]:
+    """Measure the outcomes of one collision by several solvers, as in `schema`, beside their scaled diagnostics.
 
-    A solver without a result has no measures.
+    NaN where there is nothing to measure.
     """
-    results = {name: each for name, each in outcomes.items() if each.status in RESULT_STATUSES}
-    model, speed, measured = results.get(REFERENCE), max(map(abs, column.velocities)), {}
-    for name, outcome in results.items():
-        exact, stated = results.get(exact_for(name, mapping)), scaled_diagnostics(outcome, speed)
-        limit = np.array([stated.get(f"v{i}_limit", np.nan) for i in range(1, 1 + len(outcome.velocities))])
-        distance = None
-        if exact is not None and not np.isnan(limit).any():
-            distance = float(np.abs(limit - np.divide(exact.velocities, speed)).max())
-        measured[name] = {
-            "velocity_divergence": None if model is None else velocity_divergence(column, model, outcome),
-            "limit_distance": distance,
-            "limit_error": stated.get("limit_error"),
-            "retained_energy": outcome.retained_energy(column),
-            "retained_momentum": outcome.retained_momentum(column),
-        }
+    balls, contacts = len(collision.masses), len(collision.stiffnesses)
+    masses, starts = masses_and_starts([collision], balls)
+    speed, measured = np.abs(starts).max(axis=1), {}
+    results = {name: results_of([each], speed, balls, contacts, None) for name, each in outcomes.items()}
+    for name, found in results.items():
+        model, exact = results.get(REFERENCE), results.get(exact_for(name, "calibrated"))
+        measures = {"retained_energy": retained_energy(masses, starts, found)}
+        measures["retained_momentum"] = retained_momentum(masses, starts, found)
+        if model is not None:
+            measures |= divergence(masses, starts, speed, model, found)
+        if exact is not None:
+            limit = [found.diagnostic(f"v{i}_limit") for i in range(1, 1 + balls)]
+            measures["limit_distance"] = np.abs(np.transpose(limit) - exact.velocities / speed).max(axis=1)
+        known = {key: [np.nan] for key in ("velocity_divergence", "limit_distance", "limit_error")}
+        measured[name] = {key: float(x[0]) for key, x in (known | found.diagnostics | measures).items()}
     return measured

@@ -14,12 +14,9 @@ are shorter than the tolerance.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numba import njit
-
-from impact_xval.model.collision import Floats
 
 #: Absolute error allowed, in units of the coordinates.
 TOLERANCE = 1e-9
@@ -28,24 +25,18 @@ TOLERANCE = 1e-9
 LARGEST = 1e150
 
 
-def distances(a: Floats, b: Floats, offsets_a: Any, offsets_b: Any, tolerance: float = TOLERANCE) -> Floats:
+@njit(cache=True, nogil=True)
+def distances(a, b, offsets_a, offsets_b):
     """Distances of n pairs of polylines, one after the other in `a` and `b`; NaN where one has no vertex.
 
     Where a coordinate is beyond `LARGEST`, the distance is NaN too.
     """
     found = np.full(len(offsets_a) - 1, np.nan)
-    a, b = np.ascontiguousarray(a), np.ascontiguousarray(b)
-    measure_all(a, b, offsets_a, offsets_b, tolerance, found)
-    return found
-
-
-@njit(cache=True, nogil=True)
-def measure_all(a, b, offsets_a, offsets_b, tolerance, found):
-    """As `distances`, into `found`."""
     for i in range(len(found)):
         one, other = a[offsets_a[i] : offsets_a[i + 1]], b[offsets_b[i] : offsets_b[i + 1]]
         if len(one) and len(other) and np.abs(one).max() <= LARGEST and np.abs(other).max() <= LARGEST:
-            found[i] = max(directed(one, other, tolerance), directed(other, one, tolerance))
+            found[i] = max(directed(one, other), directed(other, one))
+    return found
 
 
 @njit(cache=True)
@@ -94,8 +85,8 @@ def _nearest(x, y, b, lowest, highest, enough):
 
 
 @njit(cache=True)
-def directed(a: np.ndarray, b: np.ndarray, tolerance: float) -> float:
-    """Directed Hausdorff distance from a to b, at most `tolerance` too small."""
+def directed(a: np.ndarray, b: np.ndarray) -> float:
+    """Directed Hausdorff distance from a to b, at most `TOLERANCE` too small."""
     n = max(1, len(b) - 1)
     lowest, highest = np.empty(n), np.empty(n)
     for j in range(n):
@@ -120,21 +111,21 @@ def directed(a: np.ndarray, b: np.ndarray, tolerance: float) -> float:
         start = stride
 
     for i in range(len(a) - 1):
-        worst = _within(a[i], near[i], a[i + 1], near[i + 1], b, lowest, highest, worst, tolerance)
+        worst = _within(a[i], near[i], a[i + 1], near[i + 1], b, lowest, highest, worst)
     return worst
 
 
 @njit(cache=True)
-def _within(one, near1, two, near2, b, lowest, highest, worst, tolerance):
+def _within(one, near1, two, near2, b, lowest, highest, worst):
     """Return the larger of `worst` and of all distances from b of a piece of a, with what its ends are nearest to."""
     # By convexity the farthest point of the piece is no farther from a segment than the farther end.
     bound = max(_to_segment(one[0], one[1], b, near1), _to_segment(two[0], two[1], b, near1))
     if near2 != near1:
         other = max(_to_segment(one[0], one[1], b, near2), _to_segment(two[0], two[1], b, near2))
         bound = min(bound, other)
-    if bound <= (worst + tolerance) ** 2:
+    if bound <= (worst + TOLERANCE) ** 2:
         return worst
     middle = 0.5 * (one + two)
     d, near = _nearest(middle[0], middle[1], b, lowest, highest, worst)
-    worst = _within(middle, near, two, near2, b, lowest, highest, max(worst, d), tolerance)
-    return _within(one, near1, middle, near, b, lowest, highest, worst, tolerance)
+    worst = _within(middle, near, two, near2, b, lowest, highest, max(worst, d))
+    return _within(one, near1, middle, near, b, lowest, highest, worst)

@@ -45,17 +45,15 @@ def ladders(
         some, speed = model.take(places), np.abs(collisions.velocities).max(axis=1, keepdims=True)
         gravity = np.full(len(places), config.gravity if config.scenario == "drop" else 0.0)
         balls = range(1, 1 + collisions.masses.shape[1])
-        reference = _velocities(some, speed, balls, RESULT_STATUSES)
+        reference = of_balls(some, "v{}", balls) / speed
         moving = np.where(collisions.velocities != 0, collisions.masses, 0.0).sum(axis=1, keepdims=True)
         # The corners know nothing of engines: once a law.
         laws = {name: law_of(name) or "" for name in engines}
         known = {law: corners(reference, collisions, gravity, law, pair=pair) for law in set(laws.values())}
         for name, rows in engines.items():
             engine, here = rows.take(places), known[laws[name]]
-            velocities = _velocities(engine, speed, balls, (*RESULT_STATUSES, UNCONVERGED))
-            limit = np.column_stack([_numbers(engine, f"v{i}_limit") for i in balls])
-            # A limit that did not converge is none.
-            limit[_texts(engine, "status") == UNCONVERGED] = np.nan
+            velocities = of_balls(engine, "v{}", balls, (*RESULT_STATUSES, UNCONVERGED)) / speed
+            limit = of_balls(engine, "v{}_limit", balls)  # one that did not converge is none
             ladder = split(collisions.masses / moving, here, limit, velocities)
             found = _said(name, some, engine, here, ladder)
             ok = ~np.isnan(ladder.divergence) & np.isin(found["status"].tolist(), ("ok", UNCONVERGED))
@@ -72,18 +70,11 @@ def scatter(columns: Columns, key: str, values: np.ndarray, places: np.ndarray, 
     columns.setdefault(key, np.full(n, nothing, values.dtype))[places] = values
 
 
-def failed_ladders(rows: pa.Table, engines: np.ndarray, status: str, reason: str) -> Columns:
-    """Say of the rows of engines that their ladder could not be made, and why."""
-    found = {"status": status, "reason": reason, "marked": _texts(rows, "marked")}
-    columns: Columns = {key: np.where(engines, text, _NONE) for key, text in found.items()}
-    return columns | {"limit_error": np.where(engines, _numbers(rows, "limit_error"), np.nan)}
-
-
-def _velocities(rows: pa.Table, speed: Floats, balls: range, statuses: Sequence[str]) -> Floats:
-    """Return final velocities per abs(v0), shape (n, N); NaN where the status is none of these."""
+def of_balls(rows: pa.Table, pattern: str, balls: range, statuses: Sequence[str] = RESULT_STATUSES) -> Floats:
+    """Return columns of every ball in their unit, shape (n, N); NaN where the status is none of these."""
     there = np.isin(rows["status"].to_pylist(), statuses)
-    columns = [_numbers(rows, f"v{i}") for i in balls]
-    return np.where(there[:, None], np.column_stack(columns) / speed, np.nan)
+    columns = [_numbers(rows, pattern.format(i)) for i in balls]
+    return np.where(there[:, None], np.column_stack(columns), np.nan)
 
 
 def _numbers(table: pa.Table, name: str) -> Floats:

@@ -29,6 +29,7 @@ from impact_xval.experiments.measures.aggregates import (
     Frame,
     Levels,
     cuts,
+    load_divergence,
     statistics_of,
 )
 from impact_xval.experiments.measures.ladder_summary import LadderSummary, summarise_ladder
@@ -150,11 +151,6 @@ def summarise(folder: RunFolder) -> Summary:
         estimates=convergence_estimates(cells, config.solvers, config.mapping, marked=pair),
         ladder=summarise_ladder(folder, config),
     )
-
-
-def load_divergence(folder: RunFolder, config: Config) -> Compared:
-    """Read the table of divergence, column by column as it is needed."""
-    return Compared.of(folder.table_path("divergence.parquet"), config)
 
 
 def reasons_of(outcomes: Tally) -> list[tuple[str, str, str, int]]:

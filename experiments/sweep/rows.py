@@ -25,7 +25,7 @@ from impact_xval.experiments.measures.divergence import (
     retained_energy,
     retained_momentum,
 )
-from impact_xval.experiments.measures.ladder_rows import failed_ladders, ladders, scatter
+from impact_xval.experiments.measures.ladder_rows import ladders, of_balls, scatter
 from impact_xval.experiments.measures.laws import exact_for
 from impact_xval.experiments.measures.layout import laddered, layout_of
 from impact_xval.experiments.tables.schema import Layout, to_table
@@ -168,9 +168,9 @@ def completed(experiment: Experiment, block: Block, rows: pa.Table) -> pa.Table:
 def without_ladder(experiment: Experiment, rows: pa.Table, status: str, reason: str) -> pa.Table:
     """Say of the rows of engines why they have no ladder."""
     engines = np.isin(rows["solver"].to_pylist(), laddered(experiment.config))
-    return _with(
-        rows, {f"ladder_{key}": x for key, x in failed_ladders(rows, engines, status, reason).items()}
-    )
+    known = {key: np.array(rows[key].to_pylist(), dtype=object) for key in ("marked", "limit_error")}
+    said = known | {"status": status, "reason": reason}
+    return _with(rows, {f"ladder_{key}": np.where(engines, x, np.array(None)) for key, x in said.items()})
 
 
 def _with(rows: pa.Table, columns: dict[str, Any]) -> pa.Table:
@@ -186,18 +186,12 @@ def _limit_distances(
 ) -> Floats:
     """Distance per abs(v0) of each limit dt -> 0 from the exact solver of its law; NaN without either."""
     balls, found = range(1, 1 + experiment.layout.balls), np.full(len(rows), np.nan)
-    there = np.isin(rows["status"].to_pylist(), ["ok", "limit"])
-
-    def numbers(pattern: str, places: NDArray[np.intp]) -> Floats:
-        columns = (rows[pattern.format(i)].to_numpy(zero_copy_only=False)[places] for i in balls)
-        return np.column_stack([np.asarray(x, float) for x in columns])
-
     for name, places in per_cell.items():
         law = exact_for(name, experiment.config.mapping)
         if law in per_cell and law != name:
-            exact = numbers("v{}", per_cell[law]) / _speeds(block)[:, None]
-            away = np.abs(numbers("v{}_limit", places) - exact)
-            both = there[places] & there[per_cell[law]] & ~np.isnan(away[:, 0])
+            exact = of_balls(rows.take(per_cell[law]), "v{}", balls) / _speeds(block)[:, None]
+            away = np.abs(of_balls(rows.take(places), "v{}_limit", balls) - exact)
+            both = ~np.isnan(away[:, 0])
             found[places[both]] = np.nanmax(away[both], axis=1, initial=0.0)
     return found
 

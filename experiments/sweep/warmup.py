@@ -18,7 +18,7 @@ from impact_xval.compliant_baselines.engines.stepping import scan
 from impact_xval.compliant_baselines.registry import is_engine, is_ours
 from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.experiment import REFERENCE, parse_config
-from impact_xval.experiments.measures.hausdorff import measure_all
+from impact_xval.experiments.measures.hausdorff import distances
 from impact_xval.experiments.sweep.pool import TO_STATE, Slot
 from impact_xval.experiments.sweep.process import in_halves
 from impact_xval.experiments.sweep.rows import Experiment, Resolve, settings_of, solve_by
@@ -76,7 +76,7 @@ def _kernels(name: str, *, pair: bool) -> list[Any]:
     """Kernels that rows of a solver need."""
     kernels: list[Any] = [collide_all] if pair else [follow_chains]
     if name != REFERENCE and pair:
-        kernels += [measure_all]
+        kernels += [distances]
     if name != REFERENCE and pair and is_ours(name):
         kernels += [follow_chains]
     if is_ours(name) and is_engine(name):

@@ -118,16 +118,16 @@ class RunFolder:
         with contextlib.ExitStack() as stack:
             writers = []
             for name, cut in layout.tables.items():
-                table = stack.enter_context(table_writer(self.root / f"{name}.parquet", cut.schema))
+                add = stack.enter_context(table_writer(self.root / f"{name}.parquet", cut.schema))
                 csv = None
                 if cut.text and rows <= _CSV:
                     text = stack.enter_context(replacing(self.root / f"{name}.csv"))
                     csv = stack.enter_context(pacsv.CSVWriter(str(text), cut.schema))
-                writers.append((cut, table, csv))
+                writers.append((cut, add, csv))
             for piece in _pieces((parts[number] for number in sorted(parts)), layout):
-                for cut, table, csv in writers:
+                for cut, add, csv in writers:
                     some = cut.of(piece)
-                    table.add(some)
+                    add(some)
                     if csv is not None:
                         csv.write_table(some)
 

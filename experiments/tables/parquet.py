@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -42,37 +42,26 @@ def replacing(path: Path, *, sync: bool = True) -> Iterator[Path]:
             temporary.unlink()
 
 
-class TableWriter:
-    """A Parquet table written piece by piece; its row groups do not depend on the pieces."""
-
-    def __init__(self, writer: pq.ParquetWriter, schema: pa.Schema) -> None:
-        self._writer, self._schema, self._pending = writer, schema, schema.empty_table()
-
-    def add(self, rows: pa.Table) -> None:
-        """Add rows; columns are picked by name."""
-        rows = rows.select(self._schema.names).cast(self._schema)
-        self._pending = pa.concat_tables([self._pending, rows])
-        if len(self._pending) >= GROUP:
-            self._flush(len(self._pending) // GROUP * GROUP)
-
-    def finish(self) -> None:
-        """Write what is left."""
-        if len(self._pending):
-            self._flush(len(self._pending))
-
-    def _flush(self, end: int) -> None:
-        self._writer.write_table(self._pending.slice(0, end).combine_chunks(), row_group_size=GROUP)
-        # Copied: a slice would keep alive all that it was cut from.
-        self._pending = self._pending.slice(end).combine_chunks()
-
-
 @contextlib.contextmanager
-def table_writer(path: Path, schema: pa.Schema) -> Iterator[TableWriter]:
-    """Write a Parquet table piece by piece, and put it in its place at the end."""
+def table_writer(path: Path, schema: pa.Schema) -> Iterator[Callable[[pa.Table], None]]:
+    """Give what adds rows to a Parquet table, which is put in its place at the end.
+
+    Its row groups do not depend on the pieces it comes in.
+    """
+    pending = schema.empty_table()
+
+    def add(rows: pa.Table, group: int = GROUP) -> None:
+        nonlocal pending
+        pending = pa.concat_tables([pending, rows])
+        end = len(pending) // group * group
+        if end:
+            writer.write_table(pending.slice(0, end).combine_chunks(), row_group_size=GROUP)
+            # Copied: a slice would keep alive all that it was cut from.
+            pending = pending.slice(end).combine_chunks()
+
     with replacing(path) as temporary, pq.ParquetWriter(temporary, schema, compression="zstd") as writer:
-        table = TableWriter(writer, schema)
-        yield table
-        table.finish()
+        yield add
+        add(schema.empty_table(), group=1)
 
 
 def blocks(path: Path, columns: Sequence[str]) -> Iterator[pa.Table]:
@@ -105,8 +94,11 @@ def selected(path: Path, columns: Sequence[str], keep: pc.Expression | None = No
 
 
 def column(path: Path, name: str) -> np.ndarray:
-    """Read one column of numbers or truths as float64, nulls as NaN."""
-    return selected(path, [name])[name].cast(pa.float64()).to_numpy()
+    """Read one column whole: text as objects; numbers or truths as float64, nulls as NaN."""
+    found = selected(path, [name])[name]
+    if pa.types.is_dictionary(found.type):
+        return found.to_pandas().to_numpy(dtype=object)
+    return found.cast(pa.float64()).to_numpy()
 
 
 def present(path: Path, name: str) -> np.ndarray:
@@ -119,8 +111,3 @@ def codes(path: Path, name: str, values: Sequence[str]) -> np.ndarray:
     known = selected(path, [name])[name].combine_chunks().dictionary_encode()
     places = pd.Index(values).get_indexer(known.dictionary.to_pylist()).astype(np.int8)
     return np.append(places, np.int8(-1))[known.indices.fill_null(-1)]
-
-
-def texts(path: Path, name: str) -> np.ndarray:
-    """Read one column of text whole."""
-    return selected(path, [name])[name].to_pandas().to_numpy(dtype=object)

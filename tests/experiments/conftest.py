@@ -88,12 +88,3 @@ def crashing_run(tmp_path_factory):
 def run(fake_run, tmp_path):
     """A copy of the folder of that run, to be altered."""
     return Path(shutil.copytree(fake_run.root, tmp_path / "run"))
-
-
-@pytest.fixture(scope="session")
-def kernels(tmp_path_factory):
-    """Compile what columns of N balls and their ladders need."""
-    column = {"arrangement": ["chain", "drop"], "balls": [2, 3], "stiffness_taper": 1.0, "e": 0.9}
-    solvers = ["bistiffness", "kelvin-voigt", "hunt-crossley", "liu-zhao-brogliato", "mujoco"]
-    config = parse_config({"solvers": solvers, "column": column})
-    run_sweep(config, tmp_path_factory.mktemp("kernels") / "run", isolate=False)

@@ -35,7 +35,7 @@ from impact_xval.experiments.presentation.html import render
 from impact_xval.experiments.presentation.looks import look
 from impact_xval.experiments.presentation.words import named
 from impact_xval.experiments.tables.numbers import listed, number
-from impact_xval.experiments.tables.parquet import column, texts
+from impact_xval.experiments.tables.parquet import column
 
 #: Tiles of a map at most: what a browser draws at once, and a page has room for.
 TILES = 1000
@@ -112,7 +112,7 @@ def tiles_of(table: Compared) -> Tiles:
     for axis in axes if count() > TILES else ():
         if len(levels[axis].values) > _FEW:
             levels[axis] = levels_of(column(table.path, axis))
-    rows = pd.DataFrame({axis: levels[axis].codes(_values(table, axis)) for axis in axes})
+    rows = pd.DataFrame({axis: levels[axis].codes(column(table.path, axis)) for axis in axes})
     rows["tile"] = rows.groupby(list(axes)).ngroup()  # numbered in the order of the axes
     rows["cell"] = column(table.path, "cell").astype(np.int64)
     rows["d"], rows["solver"] = table.measure("velocity_divergence"), table.rows.solver
@@ -133,10 +133,6 @@ def tiles_of(table: Compared) -> Tiles:
         medians=medians.reindex(places.index),
         n_cells=len(rows) // max(1, len(table.solvers)),
     )
-
-
-def _values(table: Compared, axis: str) -> np.ndarray:
-    return texts(table.path, axis) if axis == "arrangement" else np.array(column(table.path, axis))
 
 
 def _label(levels: dict[str, Levels], axis: str, code: int) -> str:

@@ -10,7 +10,7 @@ import pytest
 from impact_xval.compliant_baselines.engines.stepping import scan
 from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.experiment import parse_config
-from impact_xval.experiments.measures.hausdorff import measure_all
+from impact_xval.experiments.measures.hausdorff import distances
 from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.sweep.process import Worker
 from impact_xval.experiments.sweep.rows import Experiment, solve_by
@@ -108,7 +108,7 @@ def test_what_a_solver_needs_at_its_first_call_has_no_limit(tmp_path):
 
 def _compiled(experiment):
     """In a process of its own: signatures of kernels after the warm-up, and after cells by several at once."""
-    kernels, names = (collide_all, follow_chains, measure_all, scan), experiment.config.solvers
+    kernels, names = (collide_all, follow_chains, distances, scan), experiment.config.solvers
     for name in names:
         warm(None, experiment.resolve, name, True)
     before = [kernel.signatures for kernel in kernels]

@@ -118,35 +118,24 @@ def test_a_signal_while_a_solver_hangs_keeps_what_is_done_and_says_how_to_go_on(
     assert 1 <= len(_parts(root)) <= 3
 
 
-@pytest.fixture
-def left_alone(tmp_path):
-    """The tables of a run that nothing ends."""
+@pytest.mark.slow
+def test_five_kills_change_no_byte(tmp_path):
+    """SIGKILL to the run and all that it started, each time one more part is there, wherever that finds it."""
     (tmp_path / "c.toml").write_text(CONFIG % [0.7, 0.9])
-    config = load_config(tmp_path / "c.toml")
-    return tables_of(run_sweep(config, tmp_path / "whole", isolate=False, resolve=faulty.slow).root)
-
-
-@pytest.fixture(scope="module")
-def start():
-    """What starts the runner in a process whose modules are there already; importing them takes seconds."""
+    config, root = load_config(tmp_path / "c.toml"), tmp_path / "cut"
+    left_alone = run_sweep(config, tmp_path / "whole", isolate=False, resolve=faulty.slow)
+    # The runner starts in a process whose modules are there already; importing them takes seconds.
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([runner.__name__])
-    return context.Process
-
-
-@pytest.mark.slow
-def test_five_kills_change_no_byte(tmp_path, left_alone, start):
-    """SIGKILL to the run and all that it started, each time one more part is there, wherever that finds it."""
-    root = tmp_path / "cut"
     for parts in range(1, 6):
-        process = start(target=runner.run, args=(tmp_path / "c.toml", root))
+        process = context.Process(target=runner.run, args=(tmp_path / "c.toml", root))
         process.start()
         wait_until(lambda: not process.is_alive() or len(_parts(root)) >= parts)  # noqa: B023
         with contextlib.suppress(ProcessLookupError):  # it is done already
             os.killpg(process.pid, signal.SIGKILL)
         process.join()
         assert len(_parts(root)) >= parts
-    said = resumed(load_config(tmp_path / "c.toml"), root, resolve=faulty.slow)
+    said = resumed(config, root, resolve=faulty.slow)
     assert any(" of 6 parts are there and whole" in line for line in said)
     assert not list(root.rglob(".tmp-*"))
-    assert tables_of(root) == left_alone
+    assert tables_of(root) == tables_of(left_alone.root)

@@ -128,7 +128,7 @@ def test_runs_whose_cells_differ_are_refused_with_the_place(runs, tmp_path, caps
     assert "--tolerance = nan; legal: a" in capsys.readouterr().err
 
 
-def test_columns_of_n_balls_are_compared_ball_by_ball(tmp_path, capsys, runs, kernels):
+def test_columns_of_n_balls_are_compared_ball_by_ball(tmp_path, capsys, runs):
     column = {"arrangement": ["cradle", "stack"], "balls": [2, 3], "stiffness_taper": 1.0, "e": 0.9}
     changed = {"solvers": SOLVERS, "chunk_size": 1, "column": column}
     a, b, c = (

@@ -23,12 +23,12 @@ def _table(n_cells):
 
 
 def _write(path, table, pieces):
-    with table_writer(path, SCHEMA) as writer:
+    with table_writer(path, SCHEMA) as add:
         start = 0
         for size in pieces:
-            writer.add(table.slice(start, size))
+            add(table.slice(start, size))
             start += size
-        writer.add(table.slice(start))
+        add(table.slice(start))
     return path.read_bytes()
 
 
@@ -46,7 +46,7 @@ def test_a_file_does_not_depend_on_the_pieces(tmp_path, monkeypatch):
 def test_an_error_leaves_what_was_there(tmp_path):
     before = _write(tmp_path / "a", _table(3), [])
     writer = table_writer(tmp_path / "a", SCHEMA)
-    writer.__enter__().add(_table(2))
+    writer.__enter__()(_table(2))
     assert not writer.__exit__(ValueError, ValueError("no"), None)
     assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("a", before)]
 
