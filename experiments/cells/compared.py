@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import io
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -78,18 +77,20 @@ class Compared:
         return max(map(abs, self.problem.velocities))
 
     def objects(self) -> list[dict[str, Any]]:
-        """Return a JSON object a solver: velocities per abs(v0), impulses per m1 abs(v0), times in s."""
+        """Return an object a solver, for JSON: velocities per abs(v0), impulses per m1 abs(v0), times in s."""
         away, speed = self.divergences, self._speed
         return [
             {
                 "solver": name,
-                "velocities": [_finite(v / speed) for v in each.velocities],
-                **{f"v{i}": _finite(v / speed) for i, v in enumerate(each.velocities, 1)},
-                "impulses": [_finite(i / (self.problem.masses[0] * speed)) for i in each.impulses],
-                **{key: getattr(each, key) for key in ("states", "status", "reason", "marked")},
-                "grazing_margin": _finite(each.grazing_margin),
+                "velocities": [v / speed for v in each.velocities],
+                **{f"v{i}": v / speed for i, v in enumerate(each.velocities, 1)},
+                "impulses": [i / (self.problem.masses[0] * speed) for i in each.impulses],
+                **{
+                    key: getattr(each, key)
+                    for key in ("states", "status", "reason", "grazing_margin", "marked")
+                },
                 "D": away[name],
-                "diagnostics": {key: _finite(x) for key, x in scaled_diagnostics(each, speed).items()},
+                "diagnostics": scaled_diagnostics(each, speed),
             }
             for name, each in self.outcomes.items()
         ]
@@ -197,7 +198,3 @@ def compare(problem: Collision, solvers: Sequence[str] | None = None, *, timeout
         raise ValueError(str(error)) from None
     with solvers_apart(config.solvers, columns=not problem.falls_on_resting) as apart:
         return Compared(problem, apart.solve(problem, config, config.solvers, get_solver, say_waiting))
-
-
-def _finite(value: float | None) -> float | None:
-    return None if value is None or not math.isfinite(value) else float(value)

@@ -164,24 +164,14 @@ def show_changes(console: Console, a: str, b: str, found: Comparison) -> None:
 
 
 def changes_object(found: Comparison) -> dict[str, Any]:
-    """Return what moved between two runs as a JSON object; a change is null where one run alone has a number."""
-
-    def finite(change: float) -> float | None:
-        return None if math.isinf(change) else change
-
+    """Return what moved between two runs, for JSON; a change is infinite where one run alone has a number."""
     return {
         "tolerance": found.tolerance,
         "moved": found.moved,
         "solvers": found.solvers,
         "worst": [
-            {
-                "cell": row.cell,
-                "solver": row.solver,
-                "statuses": [row.status_a, row.status_b],
-                "velocity": finite(row.velocity),
-                "divergence": finite(row.divergence),
-            }
-            for row in found.worst
+            {"cell": cell, "solver": solver, "statuses": statuses, "velocity": dv, "divergence": dd}
+            for cell, solver, *statuses, dv, dd in found.worst
         ],
         "not_compared": found.alone,
         "cells_not_compared": found.cells_alone,
