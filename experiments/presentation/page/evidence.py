@@ -58,7 +58,10 @@ def question(summary: Summary) -> str:
             f"({listed(map(str, summary.levels['arrangement'].values))}) by {solvers} beside it."
         )
     else:
-        spans = [_span(summary, axis, label) for axis, label in AXES.items() if axis in summary.axes]
+        spans = [
+            f"{AXES[axis]} from {number(min(values))} to {number(max(values))}"
+            for axis, values in summary.axes.items()
+        ]
         beginning = (
             "A ball falls on a ball that rests on a table, and two contacts are hit at once. Solvers differ on how "
             f"that ends: by how much, and why? Here are {summary.n_cells} such collisions "
@@ -77,12 +80,6 @@ def question(summary: Summary) -> str:
         f"The model is the yardstick, not the truth. {LAWS_WITH_LAWS}",
     ]
     return " ".join(filter(None, given))
-
-
-def _span(summary: Summary, axis: str, label: str) -> str:
-    """Say from where to where an axis goes."""
-    values = summary.axes[axis]
-    return f"{label} from {number(min(values))} to {number(max(values))}"
 
 
 def causes(summary: Summary, figures: Sequence[Block]) -> Section:
