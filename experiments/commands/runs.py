@@ -161,12 +161,13 @@ def report(
 
     console = make_console()
     if supplement:
-        from impact_xval.experiments.presentation.pictures.supplement import write_supplement_figures
+        from impact_xval.experiments.presentation.pictures.supplement import draw_supplement_figures
+        from impact_xval.experiments.presentation.style import save_all
 
         new_folder(folder)
         with at_work("drawing the figures"):
-            for drawn, caption in write_supplement_figures(folder):
-                print_line(console, f"{drawn}: {caption}")
+            for name, caption in save_all(draw_supplement_figures(), folder).items():
+                print_line(console, f"{folder / name}.svg: {caption}")
         return
     run = finished(folder)
     with at_work("writing the report"):
