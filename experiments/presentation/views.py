@@ -69,13 +69,12 @@ def rows_of_cell(folder: RunFolder, cell: int) -> list[dict[str, Any]]:
     UserError
         If there is no such cell.
     """
-    keys, rows = ["cell", "solver"], None
-    for name in ("cells", "divergence", "ladder"):
-        path = folder.table_path(f"{name}.parquet")
-        table = pq.read_table(path, filters=[("cell", "==", cell)]).to_pandas()
-        new = [column for column in table if rows is None or column in keys or column not in rows]
-        rows = table if rows is None else rows.merge(table[new], how="left", on=keys)
-    if rows is None or not len(rows):
+    paths = (folder.table_path(f"{name}.parquet") for name in ("cells", "divergence", "ladder"))
+    rows, *others = (pq.read_table(path, filters=[("cell", "==", cell)]).to_pandas() for path in paths)
+    for table in others:
+        new = ["cell", "solver", *table.columns.difference(rows.columns, sort=False)]
+        rows = rows.merge(table[new], how="left", on=["cell", "solver"])
+    if rows.empty:
         raise UserError(f"--cell = {cell}; legal: from 0 to {folder.manifest()['cells'] - 1}")
     plain = rows.astype(object).where(rows.notna(), None)
     return [{str(name): value for name, value in row.items()} for row in plain.to_dict("records")]
