@@ -77,7 +77,10 @@ class Compared:
         return max(map(abs, self.problem.velocities))
 
     def objects(self) -> list[dict[str, Any]]:
-        """Return an object a solver, for JSON: velocities per abs(v0), impulses per m1 abs(v0), times in s."""
+        """Return an object a solver: velocities per abs(v0), impulses per m1 abs(v0), times in s.
+
+        Numbers that are not there are NaN, a margin without an end infinite; JSON has null for both.
+        """
         away, speed = self.divergences, self._speed
         return [
             {

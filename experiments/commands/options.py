@@ -185,7 +185,8 @@ def flag(name: str, what: str) -> Any:
 
 
 Workers = Annotated[
-    int | None, typer.Option(metavar="N", parser=whole(1, 4096), help="Processes; by default one a core.")
+    int | None,
+    typer.Option(metavar="N", parser=whole(1, 4096), help="Processes; by default one a core."),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 

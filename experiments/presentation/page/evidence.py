@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import pandas as pd
 
@@ -95,12 +94,10 @@ def causes(summary: Summary, figures: Sequence[Block]) -> Section:
         f"it is the mean over the {ladder.orders} orders of the first {several}. Over a region it is summed "
         "over cells, over the sum of D. Shares are signed and sum to 100 %."
     )
-    regions = findings.region_table(ladder)
-    regions = replace(regions, rows=[(named(str(row[0])), *row[1:]) for row in regions.rows])
     header = ["contribution", "from", "to", "in words"]
     rows = [(c.label, c.before, c.after, MEANINGS.get(c.name, "")) for c in ladder.present]
     details = Section("Causes in detail", [Table(header, rows, text=4), *figures], folded=True)
-    return Section("Causes", [said, regions, details])
+    return Section("Causes", [said, findings.region_table(ladder, named), details])
 
 
 def sureness(summary: Summary) -> Section:
