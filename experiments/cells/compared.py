@@ -64,7 +64,8 @@ class Compared:
     @property
     def divergences(self) -> dict[str, float | None]:
         """Velocity divergence D from the model, by solver; None where one of the two has no result."""
-        return {name: _finite(each["velocity_divergence"]) for name, each in self._measures.items()}
+        found = {name: each["velocity_divergence"] for name, each in self._measures.items()}
+        return {name: None if math.isnan(D) else D for name, D in found.items()}
 
     @property
     def scaled(self) -> dict[str, list[float]]:
@@ -81,18 +82,23 @@ class Compared:
         return max(map(abs, self.problem.velocities))
 
     def objects(self) -> list[dict[str, Any]]:
-        """Return a JSON object a solver: velocities per abs(v0), impulses per m1 abs(v0), times in s."""
+        """Return an object a solver: velocities per abs(v0), impulses per m1 abs(v0), times in s.
+
+        Numbers that are not there are NaN, a margin without an end infinite; JSON has null for both.
+        """
         measures, speed = self._measures, self._speed
         return [
             {
                 "solver": name,
-                "velocities": [_finite(v / speed) for v in each.velocities],
-                **{f"v{i}": _finite(v / speed) for i, v in enumerate(each.velocities, 1)},
-                "impulses": [_finite(i / (self.problem.masses[0] * speed)) for i in each.impulses],
-                **{key: getattr(each, key) for key in ("states", "status", "reason", "marked")},
-                "grazing_margin": _finite(each.grazing_margin),
-                "D": _finite(measures[name]["velocity_divergence"]),
-                "diagnostics": {key: _finite(measures[name][key]) for key in each.diagnostics},
+                "velocities": [v / speed for v in each.velocities],
+                **{f"v{i}": v / speed for i, v in enumerate(each.velocities, 1)},
+                "impulses": [i / (self.problem.masses[0] * speed) for i in each.impulses],
+                **{
+                    key: getattr(each, key)
+                    for key in ("states", "status", "reason", "grazing_margin", "marked")
+                },
+                "D": measures[name]["velocity_divergence"],
+                "diagnostics": {key: measures[name][key] for key in each.diagnostics},
             }
             for name, each in self.outcomes.items()
         ]
@@ -200,7 +206,3 @@ def compare(problem: Collision, solvers: Sequence[str] | None = None, *, timeout
         raise ValueError(str(error)) from None
     with solvers_apart(config.solvers, columns=not problem.falls_on_resting) as apart:
         return Compared(problem, apart.solve(problem, config, config.solvers, get_solver, say_waiting))
-
-
-def _finite(value: float | None) -> float | None:
-    return None if value is None or not math.isfinite(value) else float(value)

@@ -47,17 +47,10 @@ def contact(
 
     if engine not in ENGINES:
         raise UserError(f"--engine = {engine!r:.60}; legal: {', '.join(ENGINES)}")
-    given = {
-        "masses": masses,
-        "restitution": restitution,
-        "stiffness": stiffness,
-        "duration": duration,
-        "speed": speed,
-    }
-    given = {name: value for name, value in given.items() if value is not None}
+    given = dict(masses=masses, restitution=restitution, stiffness=stiffness, duration=duration, speed=speed)
     try:
         touch = _touch(material, radius) if material or radius else None
-        pair = _pair(given) if touch is None else _pair_of(touch, given)
+        pair = _pair({name: value for name, value in given.items() if value is not None}, touch)
     except ValueError as error:
         raise UserError(f"--{error}") from None
     solver = get_solver(engine)
@@ -89,24 +82,21 @@ def _touch(materials: list[str] | None, radii: list[float] | None) -> Touch:
     return Touch(upper, Body(MATERIALS[materials[-1]], *radii[1:]))
 
 
-def _pair(given: dict[str, Any]) -> Pair:
+def _pair(given: dict[str, Any], touch: Touch | None) -> Pair:
+    """Make a pair of what is given; a contact of two materials is linearised at the speed."""
     from impact_xval.compliant_baselines.single_contact import Pair
 
+    if touch is not None:
+        for name in ("masses", "stiffness", "duration"):
+            if name in given:
+                raise ValueError(f"{name}: given beside --material, which decides it; legal: one of the two")
+        given |= {"masses": (touch.one.mass, touch.two.mass), "stiffness": touch.linear(given["speed"])}
+        if "restitution" not in given:  # else it need not be known of the materials
+            given["restitution"] = touch.restitution
     for name in ("masses", "restitution"):
         if name not in given:
             raise ValueError(f"{name}: not given; legal: a value, or --material and --radius instead")
     return Pair(**given)
-
-
-def _pair_of(touch: Touch, given: dict[str, Any]) -> Pair:
-    """Linearise a contact of two materials at the speed; nothing but the restitution may be given as well."""
-    for name in ("masses", "stiffness", "duration"):
-        if name in given:
-            raise ValueError(f"{name}: given beside --material, which decides it; legal: one of the two")
-    made = {"masses": (touch.one.mass, touch.two.mass), "stiffness": touch.linear(given["speed"])}
-    if "restitution" not in given:  # else it need not be known of the materials
-        made["restitution"] = touch.restitution
-    return _pair(given | made)
 
 
 def _blocks(

@@ -14,8 +14,6 @@ from impact_xval.experiments.commands.options import (
     Solvers,
     argument,
     asked,
-    asked_by_address,
-    folder_to_write,
     known_solvers,
     of_one_collision,
     option,
@@ -156,7 +154,7 @@ def explore(
     from impact_xval.experiments.cells.explorer import explorer
     from impact_xval.experiments.presentation.terminal import make_console, print_line
 
-    with explorer(port, asked_by_address) as (where, wait):
+    with explorer(port, asked) as (where, wait):
         print_line(make_console(), f"{where} (Ctrl-C ends it)")
         if browser:
             import webbrowser
@@ -173,7 +171,7 @@ def scene(
     cell: int | None = argument("[N]", "Number of a cell of that run.", whole(0, 10**7), None),
     *,
     solver: list[str] | None = option("NAME", "'mujoco' or 'pybullet'; may be repeated, by default both."),
-    out: Annotated[Path | None, folder_to_write("by default in scenes/")] = None,
+    out: Path | None = option("DIR", "Folder to write; by default in scenes/.", path("--out")),
     **typed: str | None,
 ) -> None:
     """Write one cell as files for an engine alone.

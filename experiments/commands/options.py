@@ -73,8 +73,9 @@ def share(text: str) -> tuple[int, int]:
 
 
 def print_json(value: Any) -> None:
-    """Print strict JSON."""
-    typer.echo(json.dumps(value, indent=2, allow_nan=False))
+    """Print strict JSON, which has no infinity and no NaN: null stands there."""
+    plain = json.loads(json.dumps(value), parse_constant=lambda _: None)
+    typer.echo(json.dumps(plain, indent=2))
 
 
 def known_solvers(solvers: list[str] | None) -> list[str]:
@@ -95,10 +96,13 @@ def known_solvers(solvers: list[str] | None) -> list[str]:
 def asked(parameters: Mapping[str, Any]) -> tuple[Collision, Arranged | None, Config]:
     """Make a collision of what is typed for one: two balls by ratios or in SI units, or a column of N.
 
-    Parameters are those of `ONE`, None where nothing was typed. The configuration says how the collision is solved. A
-    `UserError` names the option that is illegal.
+    Parameters are those of `ONE`, typed as options or in an address, None where nothing was. The configuration says how
+    the collision is solved. A `UserError` names the option that is illegal.
     """
     given = {key: value for key, value in parameters.items() if value is not None}
+    for key in given:
+        if key not in ONE:
+            raise UserError(f"{key!r:.60} is no parameter; legal: {', '.join(ONE)}")
     column = "arrangement" in given or "balls" in given
     for key in _OF_TWO if column else OF_COLUMN:
         if key in given:
@@ -106,14 +110,6 @@ def asked(parameters: Mapping[str, Any]) -> tuple[Collision, Arranged | None, Co
             raise UserError(f"{_option(key)} = {given[key]!r:.60}; legal: none here, it is {why}")
     plain = {key: _number_or_text(value) for key, value in given.items()}
     return _column(plain) if column else _two_balls(plain)
-
-
-def asked_by_address(parameters: Mapping[str, str]) -> tuple[Collision, Arranged | None, Config]:
-    """Make a collision of the parameters of an address, which are the options of `solve`; as `asked`."""
-    unknown = [key for key in parameters if key not in ONE]
-    if unknown:
-        raise UserError(f"{unknown[0]!r:.60} is no parameter; legal: {', '.join(ONE)}")
-    return asked(parameters)
 
 
 def _two_balls(plain: dict[str, Any]) -> tuple[Collision, None, Config]:
@@ -186,16 +182,6 @@ def argument(metavar: str, what: str, parser: Callable[[str], Any] | None = None
 def flag(name: str, what: str) -> Any:
     """Return an option without a value."""
     return typer.Option(False, name, help=what)
-
-
-def config_file(what: str) -> Any:
-    """Return the argument that names a file of TOML."""
-    return typer.Argument(metavar="[FILE.toml]", parser=path("FILE"), help=what)
-
-
-def folder_to_write(which: str) -> Any:
-    """Return the option that names the folder to write."""
-    return typer.Option(metavar="DIR", parser=path("--out"), help=f"Folder to write; {which}.")
 
 
 Workers = Annotated[

@@ -9,7 +9,7 @@ import shlex
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -17,9 +17,7 @@ from impact_xval.experiments.commands.options import (
     Json,
     Workers,
     argument,
-    config_file,
     flag,
-    folder_to_write,
     number,
     option,
     path,
@@ -37,8 +35,10 @@ if TYPE_CHECKING:
 
 
 def run(
-    config: Annotated[Path | None, config_file("The experiment; without it, the built-in grid.")] = None,
-    out: Annotated[Path | None, folder_to_write("by default runs/NAME")] = None,
+    config: Path | None = argument(
+        "[FILE.toml]", "The experiment; without it, the built-in grid.", path("FILE"), None
+    ),
+    out: Path | None = option("DIR", "Folder to write; by default runs/NAME.", path("--out")),
     workers: Workers = None,
     scheduler: str | None = option("ADDRESS", "Compute on a Dask cluster, by its scheduler."),
     shard: str = option(
@@ -89,7 +89,9 @@ def run(
         from impact_xval.experiments.presentation.views import show_end
 
         show_end(console, summaries[-1], time.perf_counter() - start, str(folder.root))
-        if len(experiment.solvers) > 1 and not _compared(summaries[-1]):
+        found = summaries[-1].statistics
+        compared = found.n[(found.measure == "velocity_divergence") & (found.axis == "all")].any()
+        if len(experiment.solvers) > 1 and not compared:
             shown = shlex.join(["impact-xval", "show", str(folder.root)])
             error_line(f"no cell could be compared; {shown} says why, solver by solver")
             raise typer.Exit(1)
@@ -159,12 +161,13 @@ def report(
 
     console = make_console()
     if supplement:
-        from impact_xval.experiments.presentation.pictures.supplement import write_supplement_figures
+        from impact_xval.experiments.presentation.pictures.supplement import draw_supplement_figures
+        from impact_xval.experiments.presentation.style import save_all
 
         new_folder(folder)
         with at_work("drawing the figures"):
-            for drawn, caption in write_supplement_figures(folder):
-                print_line(console, f"{drawn}: {caption}")
+            for name, caption in save_all(draw_supplement_figures(), folder).items():
+                print_line(console, f"{folder / name}.svg: {caption}")
         return
     run = finished(folder)
     with at_work("writing the report"):
@@ -214,8 +217,10 @@ def compare(
 
 
 def hypothesis(
-    config: Annotated[Path | None, config_file("What to test; without it, the built-in design.")] = None,
-    out: Annotated[Path | None, folder_to_write("by default runs/hypothesis")] = None,
+    config: Path | None = argument(
+        "[FILE.toml]", "What to test; without it, the built-in design.", path("FILE"), None
+    ),
+    out: Path | None = option("DIR", "Folder to write; by default runs/hypothesis.", path("--out")),
     workers: Workers = None,
 ) -> None:
     """Test whether infinitely stiff pairs move as one.
@@ -277,12 +282,6 @@ def _size(experiment: Config) -> str:
     )
     unit = "cells" if experiment.column is None else "columns"
     return f"{table.count()} {unit}: {', '.join(axes)}"
-
-
-def _compared(summary: Summary) -> bool:
-    """Whether any cell has a D."""
-    found = summary.statistics
-    return bool((found.n[(found.measure == "velocity_divergence") & (found.axis == "all")] > 0).any())
 
 
 @contextlib.contextmanager

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from impact_xval.compliant_baselines.registry import is_engine, law_of
@@ -236,7 +236,7 @@ def along_axis(summary: Summary, axis: str) -> Table:
     return Table([label, *map(named, summary.solvers)], rows, caption)
 
 
-def region_table(ladder: LadderSummary) -> Table:
+def region_table(ladder: LadderSummary, called: Callable[[str], str] = str) -> Table:
     """Tabulate what the mean D of each engine consists of, by region, with the range over the orders of the causes."""
     rows = []
     for solver in ladder.solvers:
@@ -244,7 +244,9 @@ def region_table(ladder: LadderSummary) -> Table:
             region = ladder.region(solver, *place)
             if len(region):
                 known = (int(region.n.max()), number(region.total.iloc[0]))
-                rows.append((solver, label, *known, *(_share_text(region, c.name) for c in ladder.present)))
+                rows.append(
+                    (called(solver), label, *known, *(_share_text(region, c.name) for c in ladder.present))
+                )
     header = ["solver", "region", "cells", "mean D", *(c.label for c in ladder.present)]
     caption = "What the mean D of each engine consists of; in brackets the range over the "
     return Table(header, rows, f"{caption}{ladder.orders} orders of causes", text=2)

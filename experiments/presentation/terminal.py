@@ -89,60 +89,45 @@ def show_progress(console: Console) -> Iterator[Callable[[int, int, str], None]]
 
     Yields what is to be given how many are done, of how many, and a line worth saying; from any thread.
     """
-    if console.is_terminal and not console.is_dumb_terminal:
-        with _Bar(console) as bar:
-            yield bar.report
-            bar.live.transient = True  # what follows says it better
-    else:
-        yield _Log(console).report
+    if not console.is_terminal or console.is_dumb_terminal:
+        yield _log(console)
+        return
+    counts = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    slow = 3600  # s: parts may take minutes
+    bar = Progress(TextColumn("{task.description}"), *counts, console=console, speed_estimate_period=slow)
+    task = bar.add_task("cells", total=None)
 
-
-class _Bar(Progress):
-    """A bar, and above it the lines worth saying."""
-
-    def __init__(self, console: Console) -> None:
-        super().__init__(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
-            TimeRemainingColumn(),
-            console=console,
-            speed_estimate_period=3600,  # parts may take minutes
-        )
-        self._task = self.add_task("cells", total=None)
-
-    def report(self, done: int, total: int, line: str) -> None:
+    def report(done: int, total: int, line: str) -> None:
         if line:
-            self.console.print(visible(line), markup=False, highlight=False)
+            bar.console.print(visible(line), markup=False, highlight=False)
         if total:
             description = "writing" if done == total else "cells"
-            self.update(self._task, completed=done, total=total, description=description)
+            bar.update(task, completed=done, total=total, description=description)
+
+    with bar:
+        yield report
+        bar.live.transient = True  # what follows says it better
 
 
-class _Log:
-    """A line for the first report and for every tenth."""
+def _log(console: Console) -> Callable[[int, int, str], None]:
+    """Return what prints a line for the first report and for every tenth."""
+    start, said, lock = time.perf_counter(), -1, threading.Lock()
+    first: tuple[float, int] | None = None
 
-    def __init__(self, console: Console) -> None:
-        self._console = console
-        self._start, self._said, self._lock = time.perf_counter(), -1, threading.Lock()
-        self._first: tuple[float, int] | None = None
-
-    def report(self, done: int, total: int, line: str) -> None:
-        with self._lock:
+    def report(done: int, total: int, line: str) -> None:
+        nonlocal said, first
+        with lock:
+            if not line and total and 10 * done // total > said:
+                said, now = 10 * done // total, time.perf_counter()
+                first = since, before = first or (now, done)  # what was done before costs no time
+                line = f"{done} of {total} cells after {now - start:.0f} s"
+                if before < done < total:
+                    left = timedelta(seconds=round((total - done) * (now - since) / (done - before)))
+                    line += f", {left} left at this rate"
             if line:
-                print_line(self._console, line)
-            elif total and 10 * done // total > self._said:
-                self._said = 10 * done // total
-                print_line(self._console, self._line(done, total, time.perf_counter()))
+                print_line(console, line)
 
-    def _line(self, done: int, total: int, now: float) -> str:
-        self._first = since, before = self._first or (now, done)  # what was done before costs no time
-        line = f"{done} of {total} cells after {now - self._start:.0f} s"
-        if before < done < total:
-            left = timedelta(seconds=round((total - done) * (now - since) / (done - before)))
-            line += f", {left} left at this rate"
-        return line
+    return report
 
 
 class _Console(Console):

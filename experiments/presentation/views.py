@@ -69,13 +69,12 @@ def rows_of_cell(folder: RunFolder, cell: int) -> list[dict[str, Any]]:
     UserError
         If there is no such cell.
     """
-    keys, rows = ["cell", "solver"], None
-    for name in ("cells", "divergence", "ladder"):
-        path = folder.table_path(f"{name}.parquet")
-        table = pq.read_table(path, filters=[("cell", "==", cell)]).to_pandas()
-        new = [column for column in table if rows is None or column in keys or column not in rows]
-        rows = table if rows is None else rows.merge(table[new], how="left", on=keys)
-    if rows is None or not len(rows):
+    paths = (folder.table_path(f"{name}.parquet") for name in ("cells", "divergence", "ladder"))
+    rows, *others = (pq.read_table(path, filters=[("cell", "==", cell)]).to_pandas() for path in paths)
+    for table in others:
+        new = ["cell", "solver", *table.columns.difference(rows.columns, sort=False)]
+        rows = rows.merge(table[new], how="left", on=["cell", "solver"])
+    if rows.empty:
         raise UserError(f"--cell = {cell}; legal: from 0 to {folder.manifest()['cells'] - 1}")
     plain = rows.astype(object).where(rows.notna(), None)
     return [{str(name): value for name, value in row.items()} for row in plain.to_dict("records")]
@@ -164,24 +163,14 @@ def show_changes(console: Console, a: str, b: str, found: Comparison) -> None:
 
 
 def changes_object(found: Comparison) -> dict[str, Any]:
-    """Return what moved between two runs as a JSON object; a change is null where one run alone has a number."""
-
-    def finite(change: float) -> float | None:
-        return None if math.isinf(change) else change
-
+    """Return what moved between two runs, for JSON; a change is infinite where one run alone has a number."""
     return {
         "tolerance": found.tolerance,
         "moved": found.moved,
         "solvers": found.solvers,
         "worst": [
-            {
-                "cell": row.cell,
-                "solver": row.solver,
-                "statuses": [row.status_a, row.status_b],
-                "velocity": finite(row.velocity),
-                "divergence": finite(row.divergence),
-            }
-            for row in found.worst
+            {"cell": cell, "solver": solver, "statuses": statuses, "velocity": dv, "divergence": dd}
+            for cell, solver, *statuses, dv, dd in found.worst
         ],
         "not_compared": found.alone,
         "cells_not_compared": found.cells_alone,

@@ -30,7 +30,7 @@ from markupsafe import Markup
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
-from impact_xval.experiments.measures.aggregates import Compared, Frame, Levels, levels_of
+from impact_xval.experiments.measures.aggregates import Compared, Frame, levels_of
 from impact_xval.experiments.presentation.html import render
 from impact_xval.experiments.presentation.looks import look
 from impact_xval.experiments.presentation.words import named
@@ -95,49 +95,48 @@ def tiles_of(table: Compared) -> Tiles:
     cell of a grid. Of columns those that have several values in every cell.
     """
     levels = {
-        axis: each if each.edges is not None else Levels(sorted(each.values))
+        axis: table.rows[axis].cat.reorder_categories(sorted(each.values))
         for axis, each in table.levels.items()
     }
     along, *up = levels
     if along == "balls":
-        up = [axis for axis in up if len(levels[axis].values) > 1 and table.rows[axis].notna().all()]
+        up = [axis for axis in up if len(levels[axis].cat.categories) > 1 and levels[axis].notna().all()]
         up = up or ["arrangement"]
 
     def count() -> int:
-        return math.prod(len(levels[axis].values) for axis in (along, *up))
+        return math.prod(len(levels[axis].cat.categories) for axis in (along, *up))
 
     while len(up) > 1 and count() > TILES:
         up.pop()
     axes = (along, *up)
     for axis in axes if count() > TILES else ():
-        if len(levels[axis].values) > _FEW:
-            levels[axis] = levels_of(column(table.path, axis))
-    rows = pd.DataFrame({axis: levels[axis].codes(column(table.path, axis)) for axis in axes})
-    rows["tile"] = rows.groupby(list(axes)).ngroup()  # numbered in the order of the axes
+        if len(levels[axis].cat.categories) > _FEW:
+            x = column(table.path, axis)
+            bins = levels_of(x)
+            levels[axis] = pd.Series(pd.Categorical.from_codes(bins.codes(x), bins.values))
+    rows = pd.DataFrame({axis: levels[axis] for axis in axes})
+    rows["tile"] = rows.groupby(list(axes), observed=True).ngroup()  # numbered in the order of the axes
     rows["cell"] = column(table.path, "cell").astype(np.int64)
     rows["d"], rows["solver"] = table.measure("velocity_divergence"), table.rows.solver
     rows["rank"] = np.where(table.regular, rows.d, -1.0)  # those that are kept apart come last
     largest = rows.sort_values(["tile", "rank"], ascending=[True, False], kind="stable")
     places = largest.drop_duplicates("tile").reset_index(drop=True)
-    places["across"] = places[along]
-    places["above"] = places.groupby(up).ngroup()
-    places["column"] = [_label(levels, along, code) for code in places[along]]
-    codes = zip(*(places[axis] for axis in up), strict=True)
-    places["row"] = [" · ".join(map(_label, [levels] * len(up), up, row)) for row in codes]
+    said = {axis: [x if isinstance(x, str) else number(x) for x in places[axis]] for axis in axes}
+    places["across"] = places[along].cat.codes
+    places["above"] = places.groupby(up, observed=True).ngroup()
+    places["column"] = said[along]
+    places["row"] = [" · ".join(row) for row in zip(*(said[axis] for axis in up), strict=True)]
     medians = rows[table.regular].groupby(["tile", "solver"], observed=True).d.median().unstack()
     return Tiles(
         along=along,
         up=tuple(up),
-        rest=tuple(axis for axis, each in levels.items() if axis not in axes and len(each.values) > 1),
+        rest=tuple(
+            axis for axis, each in levels.items() if axis not in axes and len(each.cat.categories) > 1
+        ),
         places=places[["across", "above", "column", "row", "cell"]],
         medians=medians.reindex(places.index),
         n_cells=len(rows) // max(1, len(table.solvers)),
     )
-
-
-def _label(levels: dict[str, Levels], axis: str, code: int) -> str:
-    value = levels[axis].values[code]
-    return value if isinstance(value, str) else number(value)
 
 
 def cells_piece(tiles: Tiles, packed: str, solvers: Sequence[str]) -> Markup:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import pandas as pd
 
@@ -58,7 +57,10 @@ def question(summary: Summary) -> str:
             f"({listed(map(str, summary.levels['arrangement'].values))}) by {solvers} beside it."
         )
     else:
-        spans = [_span(summary, axis, label) for axis, label in AXES.items() if axis in summary.axes]
+        spans = [
+            f"{AXES[axis]} from {number(min(values))} to {number(max(values))}"
+            for axis, values in summary.axes.items()
+        ]
         beginning = (
             "A ball falls on a ball that rests on a table, and two contacts are hit at once. Solvers differ on how "
             f"that ends: by how much, and why? Here are {summary.n_cells} such collisions "
@@ -79,12 +81,6 @@ def question(summary: Summary) -> str:
     return " ".join(filter(None, given))
 
 
-def _span(summary: Summary, axis: str, label: str) -> str:
-    """Say from where to where an axis goes."""
-    values = summary.axes[axis]
-    return f"{label} from {number(min(values))} to {number(max(values))}"
-
-
 def causes(summary: Summary, figures: Sequence[Block]) -> Section:
     """Say what divergences consist of."""
     ladder = summary.ladder
@@ -98,12 +94,10 @@ def causes(summary: Summary, figures: Sequence[Block]) -> Section:
         f"it is the mean over the {ladder.orders} orders of the first {several}. Over a region it is summed "
         "over cells, over the sum of D. Shares are signed and sum to 100 %."
     )
-    regions = findings.region_table(ladder)
-    regions = replace(regions, rows=[(named(str(row[0])), *row[1:]) for row in regions.rows])
     header = ["contribution", "from", "to", "in words"]
     rows = [(c.label, c.before, c.after, MEANINGS.get(c.name, "")) for c in ladder.present]
     details = Section("Causes in detail", [Table(header, rows, text=4), *figures], folded=True)
-    return Section("Causes", [said, regions, details])
+    return Section("Causes", [said, findings.region_table(ladder, named), details])
 
 
 def sureness(summary: Summary) -> Section:

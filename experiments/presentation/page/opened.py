@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow.compute as pc
-import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 
 from impact_xval.compliant_baselines.engines.engine import Engine
@@ -33,6 +32,7 @@ from impact_xval.experiments.sweep.curves import needed
 from impact_xval.experiments.sweep.rows import settings_of
 from impact_xval.experiments.tables.folder import RunFolder, cells_of_run
 from impact_xval.experiments.tables.numbers import number
+from impact_xval.experiments.tables.parquet import selected
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
 
 #: Digits of an impulse of a curve: a tenth of what a screen tells apart.
@@ -103,8 +103,7 @@ def _rows(
     path = folder.root / f"{table}.parquet"
     if not path.is_file():
         return []
-    wanted = pc.field("cell").isin(list(cells))
-    return ds.dataset(path).to_table(columns=list(columns), filter=wanted).to_pylist()
+    return selected(path, columns, pc.field("cell").isin(list(cells))).to_pylist()
 
 
 def _value(value: Any) -> str:

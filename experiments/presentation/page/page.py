@@ -38,8 +38,15 @@ from impact_xval.experiments.tables.numbers import number
 #: Figures of a run: captions by name.
 Captions = Mapping[str, str]
 
-#: A question that the run answers: sentences, and the name of a picture.
-Finding = tuple[str, Sequence[Text | str], str]
+#: A command.
+_CODE = Markup("<code>{}</code>")
+
+_HYPOTHESIS = say(
+    "The model has a limit of its own: where one contact is infinitely stiffer than the other, its two bodies move as "
+    "one. Whether solvers go there, and how fast, other collisions than these show: {command} solves them, and writes "
+    "a page with a verdict for every limit and solver.",
+    command=_CODE.format("impact-xval hypothesis"),
+)
 
 
 def blocks_of(folder: RunFolder, summary: Summary, captions: Captions) -> list[Block]:
@@ -62,12 +69,13 @@ def blocks_of(folder: RunFolder, summary: Summary, captions: Captions) -> list[B
         blocks.append(Section("Divergence by solver", [findings.overall_table(summary)]))
     elif compared(summary):
         blocks.append(Section("All against all", [_matrix(summary)]))
+    along = [findings.along_axis(summary, axis) for axis in summary.axes]
     blocks += [
         evidence.causes(summary, _figures(captions, "ladder-by-restitution", "ladder-by-column")),
         evidence.sureness(summary),
-        *([_hypothesis()] if pair else []),
+        *([Section("Hypothesis", [_HYPOTHESIS])] if pair else []),
         evidence.effective(folder),
-        _by_axis(summary),
+        Section("By axis", ["All measures by all axes are in summary.csv.", *along], folded=True),
         evidence.unsolved(summary),
         evidence.method(folder, summary),
         evidence.glossary(summary),
@@ -79,11 +87,6 @@ def blocks_of(folder: RunFolder, summary: Summary, captions: Captions) -> list[B
 def _figures(captions: Captions, *names: str) -> list[Block]:
     """Return those of some figures that were drawn."""
     return [Figure(name, captions[name]) for name in names if name in captions]
-
-
-def _code(text: str) -> Markup:
-    """Show a command."""
-    return Markup("<code>{}</code>").format(text)
 
 
 def _numbers(summary: Summary) -> Iterator[tuple[Value, str]]:
@@ -109,11 +112,11 @@ def _advice(summary: Summary, captions: Captions) -> Section:
     blocks: list[Block] = [
         say(
             "Look for traps: {command} lists the contacts of a scene with what is known to go wrong.",
-            command=_code("impact-xval inspect scene.xml"),
+            command=_CODE.format("impact-xval inspect scene.xml"),
         ),
         say(
             "Map a stiffness and a restitution to the engine's own parameters, checked by a simulated drop: {command}.",
-            command=_code(example),
+            command=_CODE.format(example),
         ),
     ]
     if steps := recommended(summary):
@@ -146,34 +149,28 @@ def _step(summary: Summary, name: str, step: float) -> Text:
 
 
 def _found(summary: Summary, captions: Captions) -> list[Block]:
-    """Return the findings, each with its picture."""
+    """Return the findings: questions, the sentences that answer them, each with its picture."""
+    pair, there, engines = summary.config.column is None, subjects(summary), summary.ladder.solvers
+    axis, over = ("stiffness_ratio", "stiffness") if pair else ("balls", "balls")
+    far = [findings.how_far(summary), one_vote(summary.solvers)]
+    asked = findings.as_asked(summary)
+    why = [findings.causes(summary, name, explain=name == engines[0]) for name in engines]
+    extremes = [_extremes(summary, name, axis) for name in there]
+    found: list[tuple[str, Sequence[Text | str], str]] = [
+        ("How far are they from the model?", far, f"divergence-by-{over}"),
+        ("Do engines do what they were asked for?", asked, "impulse-curves" if pair else "wave"),
+        ("Then why do they diverge?", why, f"ladder-by-{over}"),
+        ("Where does it matter?", extremes, "trust-map" if pair else "velocities"),
+    ]
+    if pair:
+        orders = [_order(summary, name) for name in there]
+        found.append(("Do contacts open and close in the same order?", orders, "state-paths"))
     sections: list[Block] = []
-    for title, sentences, name in _findings(summary):
+    for title, sentences, name in found:
         said, picture = [each for each in sentences if str(each)], _figures(captions, name)
         if said or picture:
             sections.append(Section(title, [*said, *picture], beside=bool(said and picture)))
     return sections
-
-
-def _findings(summary: Summary) -> Iterator[Finding]:
-    pair, there = summary.config.column is None, subjects(summary)
-    axis, over = ("stiffness_ratio", "stiffness") if pair else ("balls", "balls")
-    far = [findings.how_far(summary), one_vote(summary.solvers)]
-    yield "How far are they from the model?", far, f"divergence-by-{over}"
-    asked_for = "Do engines do what they were asked for?"
-    yield asked_for, findings.as_asked(summary), "impulse-curves" if pair else "wave"
-    yield "Then why do they diverge?", _why(summary), f"ladder-by-{over}"
-    extremes = [_extremes(summary, name, axis) for name in there]
-    yield "Where does it matter?", extremes, "trust-map" if pair else "velocities"
-    if pair:
-        orders = [_order(summary, name) for name in there]
-        yield "Do contacts open and close in the same order?", orders, "state-paths"
-
-
-def _why(summary: Summary) -> list[Text]:
-    """Say what the mean D of engines consists of; the first time with what a cause is."""
-    there = summary.ladder.solvers
-    return [findings.causes(summary, name, explain=name == there[0]) for name in there]
 
 
 def _extremes(summary: Summary, name: str, axis: str) -> Text | str:
@@ -252,20 +249,3 @@ def _matrix(summary: Summary) -> Table:
     rows = [(named(a), *(cell(a, b) for b in names[1:])) for a in names[:-1]]
     caption = "Median D (largest D) between every two solvers, over the cells that both solved, marked ones left out"
     return Table(["", *map(named, names[1:])], rows, caption)
-
-
-def _hypothesis() -> Section:
-    said = say(
-        "The model has a limit of its own: where one contact is infinitely stiffer than the other, its two "
-        "bodies move as one. Whether solvers go there, and how fast, other collisions than these show: {command} "
-        "solves them, and writes a page with a verdict for every limit and solver.",
-        command=_code("impact-xval hypothesis"),
-    )
-    return Section("Hypothesis", [said])
-
-
-def _by_axis(summary: Summary) -> Section:
-    """Tabulate D along every axis that has several values."""
-    tables = [findings.along_axis(summary, axis) for axis in summary.axes]
-    said = "All measures by all axes are in summary.csv."
-    return Section("By axis", [said, *tables], folded=True)

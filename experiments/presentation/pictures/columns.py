@@ -22,19 +22,14 @@ from impact_xval.experiments.tables.numbers import number
 _ACROSS = 4
 
 
-def draw_velocities(curves: Frame, config: Config) -> Iterator[Drawn]:
-    """Draw the final velocities of the column of the figures."""
-    moved = curves[curves.velocities.notna()]
-    if len(moved):
-        solvers, by_solver = in_order_of_laws(moved.solver), moved.set_index("solver").velocities
+def draw_column(curves: Frame, config: Config) -> Iterator[Drawn]:
+    """Draw the final velocities and the forces of the column of the figures, of the solvers that have them."""
+    by_solver, followed = curves.set_index("solver").velocities.dropna(), curves[curves.time.notna()]
+    if len(by_solver):
+        solvers = in_order_of_laws(by_solver.index)
         said = "Final velocities of one column, ball by ball and solver beside solver, per |v0|, up is positive: "
         said += f"{arranged(config.figure_column)}."
         yield "velocities", velocities_figure({name: by_solver[name] for name in solvers}), said
-
-
-def draw_wave(curves: Frame, config: Config) -> Iterator[Drawn]:
-    """Draw the forces of the column of the figures."""
-    followed = curves[curves.time.notna()]
     if len(followed):
         said = (
             "The wave through one column: force of each contact over time since first touch, per m1 "

@@ -11,7 +11,7 @@ from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.measures.aggregates import FULL_PATHS, Frame
 from impact_xval.experiments.measures.summary import Summary, load_divergence
 from impact_xval.experiments.presentation.looks import look
-from impact_xval.experiments.presentation.pictures.columns import draw_velocities, draw_wave
+from impact_xval.experiments.presentation.pictures.columns import draw_column
 from impact_xval.experiments.presentation.pictures.curves import draw_cell_curves
 from impact_xval.experiments.presentation.pictures.ladders import draw_ladders
 from impact_xval.experiments.presentation.pictures.trust import draw_trust, trust_of
@@ -57,52 +57,33 @@ def write_figures(folder: RunFolder, summary: Summary) -> dict[str, str]:
     """Draw every figure of a finished run into ``figures/``: their captions by name, which ``captions.json`` holds."""
     target = folder.root / "figures"
     target.mkdir(exist_ok=True)
-    draw = draw_pair if summary.config.column is None else draw_columns
-    return save_all(draw(folder, summary), target)
+    return save_all(_figures(folder, summary), target)
 
 
-def draw_pair(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
-    """Draw the figures of a run of two balls; those with nothing to show are left out."""
+def _figures(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
+    """Draw the figures of a run; those with nothing to show are left out."""
+    config, pair = summary.config, summary.config.column is None
     curves = folder.read_table(CURVES).to_pandas()  # of a damaged folder nothing is drawn
-    table = load_divergence(folder, summary.config)
-    rows = table.frame(tuple(_LABELS))
-    levels = {axis: sorted(levels.values) for axis, levels in table.levels.items()}
+    if pair:
+        measures = {_D: "divergence-by-stiffness", FULL_PATHS: "state-paths"}
+        axis, panel, over = "stiffness_ratio", None, "the stiffness ratio k2/k1"
+    else:
+        measures = {_D: "divergence-by-balls"}
+        axis, panel, over = "balls", "arrangement", "the number of balls N, a panel an arrangement"
+    table = load_divergence(folder, config)
+    rows = table.frame(tuple(measures))
     solvers = [name for name in summary.solvers if name in set(rows.solver)]
-    if solvers:
-        for measure, name in ((_D, "divergence-by-stiffness"), (FULL_PATHS, "state-paths")):
-            figure = _over(rows, solvers, "stiffness_ratio", measure, levels["stiffness_ratio"])
-            yield name, figure, _caption(measure, "the stiffness ratio k2/k1", solvers)
-    yield from draw_trust(trust_of(folder, summary.config))
+    for measure, name in measures.items() if solvers else ():
+        figure = _over(rows, solvers, axis, measure, sorted(table.levels[axis].values), panel)
+        yield name, figure, _CAPTIONS[measure].format(over=over, votes=one_vote(solvers)).strip()
+    yield from draw_trust(trust_of(folder, config) if pair else None)
     yield from draw_ladders(summary.ladder)
     yield from draw_steps(summary)
-    yield from draw_cell_curves(curves, summary.config)
-
-
-def draw_columns(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
-    """Draw the figures of a run of columns; those with nothing to show are left out."""
-    curves = folder.read_table(CURVES).to_pandas()
-    rows = load_divergence(folder, summary.config).frame((_D,))
-    solvers = [name for name in summary.solvers if name in set(rows.solver)]
-    if solvers:
-        figure = _over(rows, solvers, "balls", _D, sorted(set(rows.balls)), "arrangement")
-        caption = _caption(_D, "the number of balls N, a panel an arrangement", solvers)
-        yield "divergence-by-balls", figure, caption
-    yield from draw_ladders(summary.ladder)
-    yield from draw_velocities(curves, summary.config)
-    yield from draw_wave(curves, summary.config)
-
-
-def _caption(measure: str, over: str, solvers: Sequence[str]) -> str:
-    return _CAPTIONS[measure].format(over=over, votes=one_vote(solvers)).strip()
+    yield from (draw_cell_curves if pair else draw_column)(curves, config)
 
 
 def _over(
-    rows: Frame,
-    solvers: Sequence[str],
-    axis: str,
-    measure: str,
-    values: Sequence[float],
-    panel: str | None = None,
+    rows: Frame, solvers: Sequence[str], axis: str, measure: str, values: Sequence[float], panel: str | None
 ) -> Figure:
     """Draw the median of a measure over an axis, and its 5 to 95 %, or a share; a panel a value of another axis."""
     panels = list(dict.fromkeys(rows[panel])) if panel else [None]
@@ -123,13 +104,8 @@ def _over(
                     ends = (grouped.quantile(q).reindex(here) for q in (0.05, 0.5, 0.95))
                     low, shown, high = (each.clip(lower=_FLOOR) for each in ends)
                     ax.vlines(at, low, high, color=style.color, linewidth=1.4, alpha=0.5)
-                line = {
-                    "marker": style.marker,
-                    "linestyle": style.dash,
-                    "linewidth": 1,
-                    "label": named(solver),
-                }
-                ax.plot(at, shown, color=style.color, **line)
+                line = {"marker": style.marker, "linestyle": style.dash, "color": style.color}
+                ax.plot(at, shown, linewidth=1, label=named(solver), **line)
             ax.set_title(name or "")
         axes[0].set_ylabel(_LABELS[measure])
         if measure == _D:

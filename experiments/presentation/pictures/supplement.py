@@ -10,14 +10,13 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from impact_xval.experiments.presentation.pictures.curves import compression_lines, impulse_labels
-from impact_xval.experiments.presentation.style import Drawn, drawing, save_all
+from impact_xval.experiments.presentation.style import Drawn, drawing
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.model import Collision, Outcome, solve
 
@@ -124,12 +123,6 @@ def _caption(row: str, panels: list[Panel]) -> str:
         "contacts active, S2 ball on table, S3 ball on ball), with the compression lines l1 (v1 = v2) and "
         f"l2 (v2 = 0, I1 = I2). {cells} {said}"
     )
-
-
-def write_supplement_figures(root: Path) -> list[tuple[Path, str]]:
-    """Draw the figures into a folder: the SVG and the caption of each; ``captions.json`` holds the captions."""
-    captions = save_all(draw_supplement_figures(), root)
-    return [(root / f"{name}.svg", caption) for name, caption in captions.items()]
 
 
 def _figure(panels: list[Panel]) -> Figure:

@@ -116,6 +116,9 @@ def test_a_run_from_end_to_end(tmp_path, capsys, monkeypatch):
         pytest.approx(0.56, abs=0.5),
         None,
     )
+    assert main(["show", str(root), "--cell", "2", "--json"]) == 0
+    (row,) = json.loads(capsys.readouterr().out)
+    assert (row["status"], row["stiffness_ratio"]) == ("limit", None)  # JSON has no infinity
 
 
 def test_ctrl_c_in_any_command_is_one_line_and_exit_code_1(capsys, monkeypatch):

@@ -44,10 +44,8 @@ def test_contacts_that_are_alike_are_one_line_and_all_of_them_are_named_in_json(
     assert "\ngeoms #0 and #1 and 1 more  4189 inf" in out
     assert "\nmixed-signs: geoms #0 and #1 and 2 more: solref (-1, 1) is neither" in out
     assert inspected(path, text, "--json") == 3
-    found, names = (
-        json.loads(capsys.readouterr().out),
-        [f"geoms #{a} and #{b}" for a, b in ("01", "02", "12")],
-    )
+    found = json.loads(capsys.readouterr().out)
+    names = [f"geoms #{a} and #{b}" for a, b in ("01", "02", "12")]
     assert [row["where"] for row in found["contacts"]] == [names[:2], names[2:]]
     assert [row["where"] for row in found["traps"] if row["trap"] == "mixed-signs"] == [names]
 

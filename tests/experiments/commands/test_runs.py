@@ -57,11 +57,7 @@ def test_a_quick_run_is_of_a_few_cells_of_the_built_in_grid_and_is_continued_as_
     assert quick.canonical() | {"name": "", "grid": {}} == whole.canonical() | {"name": "", "grid": {}}
 
 
-def test_a_quick_run_takes_neither_a_file_nor_the_folder_of_another(tmp_path, capsys):
-    (tmp_path / "my.toml").write_text(GRID)
-    assert main(["run", str(tmp_path / "my.toml"), "--quick"]) == 2
-    assert f"--quick with {tmp_path / 'my.toml'}: " in capsys.readouterr().err
-    (tmp_path / "a").mkdir()
-    RunFolder(tmp_path / "a").write_config(parse_config({}))
-    assert main(["run", "--quick", "--out", str(tmp_path / "a")]) == 2
-    assert f"--quick with --out {tmp_path / 'a'}: holds another run" in capsys.readouterr().err
+def test_a_quick_run_does_not_take_the_folder_of_another(tmp_path, capsys):
+    RunFolder(tmp_path).write_config(parse_config({}))
+    assert main(["run", "--quick", "--out", str(tmp_path)]) == 2
+    assert f"--quick with --out {tmp_path}: holds another run" in capsys.readouterr().err

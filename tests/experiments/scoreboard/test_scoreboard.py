@@ -150,17 +150,6 @@ def test_an_engine_that_dies_costs_the_answers_it_does_not_give(monkeypatch, tmp
     assert said == {(True, "crashed", "its process died: exit code 7"), (False, "ok", "")}
 
 
-def test_bad_input_is_one_line(capsys):
-    for option, value, line in (
-        ("--solver", "mujocco", "--solver 'mujocco' is not a solver (did you mean 'mujoco'?)"),
-        ("--baseline", "nowhere", "--baseline = nowhere: holds no answers.parquet of a scoreboard"),
-    ):
-        assert main(["scoreboard", option, value]) == 2
-        said = capsys.readouterr().err
-        assert line in said
-        assert said.count("\n") == 1
-
-
 def page_in(folder):
     return re.sub(' class="[a-z]+"', "", (folder / "report.html").read_text())
 
