@@ -217,21 +217,24 @@ class _Case:
             self.runs.insert(0, longer)
         if len(self.runs) == 3:
             self.probe(self.runs[0], self.longest)
+        self.extrapolate()
         while self.wants_more():
             if self.doubtful():  # beside a grazing a probe at a long step may show what is the step's
                 self.probe(self.runs[-1], self.most)
+                self.extrapolate()
                 if not self.wants_more():
                     break
             shorter = self.run(self.at(self.shortest / 2), self.most)
             if shorter.over:
                 self.runs.append(shorter)
+                self.extrapolate()
             else:
                 self.failure = f"at a step of {shorter.scene.step:.3g} s: {shorter.problem()}"
 
-    def extrapolated(self) -> Limit | None:
-        """Extrapolate, where there are three runs."""
+    def extrapolate(self) -> None:
+        """Find the limit, where there are three runs."""
         if len(self.runs) < 3:
-            return None
+            return
         last = self.runs[-1]
         paths = [
             (run.states(SHORTEST_STATE).names(False), run.fall is None, run.end) for run in self.runs[:-4:-1]
@@ -248,7 +251,7 @@ class _Case:
             orders=2 if paths[0] == paths[1] == paths[2] and resolved else 1,
             gravity_doubt=max(self.flight_doubt(), self.scene.gravity * last.scene.step),
         )
-        return replace(limit, flight=last.fall is not None, rest=last.end in (REST, STUCK))
+        self.limit = replace(limit, flight=last.fall is not None, rest=last.end in (REST, STUCK))
 
     def flight_doubt(self) -> float:
         """Bound, in m/s, what gravity does in a contact that a first flight may or may not precede.
@@ -273,13 +276,12 @@ class _Case:
                 self.regularisation.append(float(moved) / (self.factor - 1))
 
     def wants_more(self) -> bool:
-        """Extrapolate, and tell whether a shorter step is to be run."""
-        self.limit = limit = self.extrapolated()
+        """Whether a shorter step is to be run."""
         if self.failure or self.shortest <= 2.0**-self.convergence.halvings:
             return False
-        if limit is None or (self.factor > 1 and not self.regularisation):
+        if self.limit is None or (self.factor > 1 and not self.regularisation):
             return True
-        return limit.error > self.tolerance and not self.settled()
+        return self.limit.error > self.tolerance and not self.settled()
 
     def doubtful(self) -> bool:
         """Whether what regularisation leaves is not known, or seems to be more than the tolerance."""

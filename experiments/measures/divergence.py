@@ -183,6 +183,7 @@ def divergence(
 
     def curves(paths: Paths) -> Floats:
         units = np.repeat(masses[:, 0] * speed, np.diff(paths.offsets))
+        # Contiguous: for any other layout the kernel would be compiled once more.
         return np.ascontiguousarray(paths.impulses / units[:, None])
 
     # Here, for the import of numba takes longer than all else that one collision's D asks for.

@@ -87,7 +87,7 @@ def opened_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str,
             }
         )
     for row in _rows(folder, "ladder", ("cell", "solver", "sentence", "reason"), cells):
-        shown[row["cell"]]["causes"].append(told(row["solver"], row["sentence"] or row["reason"]))
+        shown[row["cell"]]["causes"].append(told(row["solver"], row["sentence"] or row["reason"] or ""))
     if pair:
         index = cells_of_run(folder, config)
         collisions = [index[cell] for cell in cells]
