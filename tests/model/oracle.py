@@ -32,7 +32,6 @@ from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
 from impact_xval.model import SUPPLEMENT_CUTOFF, Collision
-from impact_xval.model.collision import STATES
 
 INACTIVE, COMPRESSION, RESTITUTION = 0, 1, 2
 
@@ -102,7 +101,7 @@ def solve_oracle(
         if not limit:
             run.advance()
     v1, v2 = run.closed_form() if limit else run.velocities()
-    states = tuple(STATES[i] for i, _ in groupby([*run.visited, run.state, 4]))
+    states = tuple(f"S{i}" for i, _ in groupby([*run.visited, run.state, 4]))
     return Answer(v1 * -c.v0, v2 * -c.v0, states, "limit" if limit else "ok", run.n_events)
 
 
