@@ -19,9 +19,10 @@ from impact_xval.model.chain.kernel import (
     RUNAWAY,
     UNITED,
     Followed,
-    collide_all,
+    follow_chains,
 )
-from impact_xval.model.chain.power_law import TOLERANCE
+from impact_xval.model.chain.power_law import TOLERANCE, new_workspace
+from impact_xval.model.chain.state import new_chain
 from impact_xval.model.collision import Collisions, Floats, Outcomes, Paths, States, Status
 from impact_xval.model.compiled import in_shares
 from impact_xval.model.inputs import MASS_PRECISION
@@ -223,9 +224,10 @@ class Problem:
         return [masses, stiffnesses, c.restitutions.copy(), self.dampings, rates, drift, gaps, gravity]
 
     def _collide(self, cells: list[Any], points: int, log: Floats, out: tuple[Any, ...]) -> None:
-        how = self.law, self.collisions.exponent, self.frozen, *cells, self.tolerance, self.max_pieces
-        arguments: list[Any] = [*how, points, log, *out]
-        collide_all(*arguments)
+        c, contacts = self.collisions, self.collisions.stiffnesses.shape[1]
+        chain = new_chain(c.masses.shape[1], contacts, c.exponent, self.law, self.frozen)
+        arguments: list[Any] = [chain, new_workspace(contacts), *cells, self.tolerance, self.max_pieces]
+        follow_chains(*arguments, points, log, *out)
 
 
 def too_far_apart(collisions: Collisions) -> NDArray[np.bool_]:
