@@ -56,12 +56,12 @@ MAX_BALLS = 1000
 _ARRAYS = ("masses", "stiffnesses", "restitutions", "velocities", "gaps")
 
 
-def _legal(balls: int, table: bool) -> dict[Legal, int]:
+def _legal(balls: int, table: bool) -> Iterator[tuple[Legal, int]]:
     """Tell what the fields of a collision may hold, in the order of `_ARRAYS`, and how many numbers each."""
     contacts = balls - 1 + table
     stiffnesses = STIFFNESSES_WITH_LIMITS if table and balls == 2 else STIFFNESSES
     lengths = balls, contacts, contacts, balls, contacts
-    return dict(zip((MASSES, stiffnesses, RESTITUTIONS, VELOCITIES, GAPS), lengths, strict=True))
+    return zip((MASSES, stiffnesses, RESTITUTIONS, VELOCITIES, GAPS), lengths, strict=True)
 
 
 class Units(NamedTuple):
@@ -134,7 +134,7 @@ class Collision:
         balls = len(self.masses)
         if not 1 <= balls <= MAX_BALLS:
             raise ValueError(f"masses: {balls} balls; legal: from 1 to {MAX_BALLS}")
-        for legal, length in _legal(balls, self.table).items():
+        for legal, length in _legal(balls, self.table):
             numbers = _numbers(legal, getattr(self, legal.name))
             numbers = numbers or (0.0,) * length if legal is GAPS else numbers
             if len(numbers) != length:
@@ -291,7 +291,7 @@ class Collisions(Sequence[Collision]):
 
     def __post_init__(self) -> None:
         n, balls = self.masses.shape
-        for legal, wide in _legal(balls, self.table).items():
+        for legal, wide in _legal(balls, self.table):
             array = checked_array(legal, getattr(self, legal.name)).view()
             if array.shape != (n, wide):
                 raise ValueError(f"{legal.name} has the shape {array.shape}; legal: {(n, wide)}")
@@ -317,7 +317,7 @@ class Collisions(Sequence[Collision]):
         ((balls, table, exponent),) = kinds
         arrays = {
             legal.name: np.array([getattr(c, legal.name) for c in some], float).reshape(len(some), wide)
-            for legal, wide in _legal(balls, table).items()
+            for legal, wide in _legal(balls, table)
         }
         return cls(**arrays, table=table, exponent=exponent)
 
@@ -602,8 +602,8 @@ class States(NamedTuple):
 
     @classmethod
     def of(cls, counts: Floats, sets: NDArray[np.uint64], starts: Floats, units: Floats) -> States:
-        """Take numbers of states, shape (n,), NaN for none, what was logged of them, and units of time in s."""
-        offsets = np.append(0, np.cumsum(np.nan_to_num(counts))).astype(np.int64)
+        """Take numbers of states, shape (n,), what was logged of them, and units of time in s."""
+        offsets = np.append(0, np.cumsum(counts)).astype(np.int64)
         return cls(offsets, sets, in_unit(starts, np.repeat(units, np.diff(offsets))))
 
     def texts(self) -> list[str]:

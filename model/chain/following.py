@@ -125,7 +125,7 @@ class Problem:
         found = dict(zip(names, numbers.T, strict=True))
         with np.errstate(over="ignore", invalid="ignore"):  # no fall has an end where nothing falls
             found |= {name: found[name] * time for name in ("time", "fall")}
-        logged = States.of(found["n_states"], sets, starts, time) if states else None
+        logged = States.of(np.nan_to_num(found["n_states"]), sets, starts, time) if states else None
         return Went(velocities * speed[:, None], found, logged)
 
     def outcomes(
