@@ -36,7 +36,6 @@ from impact_xval.compliant_baselines.restitution import (
 from impact_xval.compliant_baselines.solver import Settings, Solver, by_kind
 from impact_xval.model import solving
 from impact_xval.model.chain.following import MAX_PIECES, Problem, Went
-from impact_xval.model.chain.kernel import COLLAPSE, RUNAWAY
 from impact_xval.model.chain.laws import COMPRESSION_DASHPOT, HUNT_CROSSLEY, KELVIN_VOIGT
 from impact_xval.model.chain.laws import STATE_TRANSITION as BISTIFFNESS
 from impact_xval.model.chain.power_law import TOLERANCE
@@ -56,10 +55,6 @@ LAWS = {
 #: Times `TOLERANCE`, the tolerance of the second run from which the error of the first is known.
 LOOSER = 100.0
 
-_HAPPENED = {
-    RUNAWAY: "a contact became rigid: its bodies are one from there on",
-    COLLAPSE: "bodies come to rest together after infinitely many events",
-}
 _PLASTIC = (
     "a restitution is 0: no finite stiffness or damping in time makes a contact perfectly plastic; take a small "
     "positive one, or the state-transition model, which knows the limit"
@@ -127,11 +122,10 @@ def solve(
     lost: list[tuple[Any, Status, str]] = [
         ((~np.isfinite(k) | (k <= 0)).any(axis=1), "unrepresentable", _LIMITS),
         ((collisions.restitutions == 0).any(axis=1), "unrepresentable", _PLASTIC),
-        (went.left_out, "unrepresentable", solving.TOO_FAR_APART),
         (went.given_up, "timeout", f"not over after {max_steps} segments"),
     ]
     return problem.outcomes(
-        law, went, _HAPPENED, lost, margin=margin, diagnostics=diagnostics, fallen=fallen, paths=paths
+        law, went, lost, margin=margin, diagnostics=diagnostics, fallen=fallen, paths=paths
     )
 
 

@@ -33,7 +33,7 @@ from impact_xval.model.inputs import (
     STIFFNESSES_WITH_LIMITS,
     V0,
     VELOCITIES,
-    broadcast_inputs,
+    Legal,
     checked_array,
 )
 from impact_xval.model.kinetic import kinetic_norm
@@ -46,12 +46,22 @@ STATUSES: tuple[str, ...] = get_args(Status)
 #: Statuses of an outcome whose numbers are its result. ``unconverged`` may carry numbers too, which are not.
 RESULT_STATUSES: tuple[Status, ...] = ("ok", "limit")
 
-#: Names of the states of two balls on a table, by the number of the state (0 is none) and by the set of contacts.
-STATES = ("", "S1", "S2", "S3", "S4")
+#: Names of the states of two balls on a table, by the set of contacts.
 _STATE_OF_SET = ("S4", "S3", "S2", "S1")
 
 #: Most balls of a collision.
 MAX_BALLS = 1000
+
+#: Fields of `Collision` and `Collisions` that hold a number a ball or a contact.
+_ARRAYS = ("masses", "stiffnesses", "restitutions", "velocities", "gaps")
+
+
+def _legal(balls: int, table: bool) -> Iterator[tuple[Legal, int]]:
+    """Tell what the fields of a collision may hold, in the order of `_ARRAYS`, and how many numbers each."""
+    contacts = balls - 1 + table
+    stiffnesses = STIFFNESSES_WITH_LIMITS if table and balls == 2 else STIFFNESSES
+    lengths = balls, contacts, contacts, balls, contacts
+    return zip((MASSES, stiffnesses, RESTITUTIONS, VELOCITIES, GAPS), lengths, strict=True)
 
 
 class Units(NamedTuple):
@@ -119,24 +129,19 @@ class Collision:
     def __post_init__(self) -> None:
         if type(self.table) is not bool:
             raise ValueError(f"table = {self.table!r}; legal: True or False")
-        two = self.table and len(tuple(self.masses)) == 2
-        stiffnesses = STIFFNESSES_WITH_LIMITS if two else STIFFNESSES
-        for legal in (MASSES, stiffnesses, RESTITUTIONS, VELOCITIES, GAPS):
-            object.__setattr__(self, legal.name, _numbers(legal, getattr(self, legal.name)))
+        object.__setattr__(self, "masses", _numbers(MASSES, self.masses))
         object.__setattr__(self, "exponent", EXPONENT.number(self.exponent))
         balls = len(self.masses)
         if not 1 <= balls <= MAX_BALLS:
             raise ValueError(f"masses: {balls} balls; legal: from 1 to {MAX_BALLS}")
-        contacts = balls - 1 + self.table
-        if not self.gaps:
-            object.__setattr__(self, "gaps", (0.0,) * contacts)
-        lengths = {"velocities": balls, "stiffnesses": contacts, "restitutions": contacts, "gaps": contacts}
-        for name, length in lengths.items():
-            given = len(getattr(self, name))
-            if given != length:
-                on = "on a table" if self.table else "without a table"
-                raise ValueError(f"{name}: {given} values; legal: {length}, for {balls} balls {on}")
-        if two:
+        for legal, length in _legal(balls, self.table):
+            numbers = _numbers(legal, getattr(self, legal.name))
+            numbers = numbers or (0.0,) * length if legal is GAPS else numbers
+            if len(numbers) != length:
+                given, on = f"{legal.name}: {len(numbers)} values", "on a" if self.table else "without a"
+                raise ValueError(f"{given}; legal: {length}, for {balls} balls {on} table")
+            object.__setattr__(self, legal.name, numbers)
+        if self.table and balls == 2:
             _check_ratios(*self.masses, *self.stiffnesses)
         if not any(rate > 0 for rate in self.compression_rates):
             raise ValueError(
@@ -233,14 +238,8 @@ class Collision:
         """Return the collision seen from below, if it has no table: order of balls and sign of velocities reversed."""
         if self.table:
             raise ValueError("table = True: a column on a table has no reverse; legal: False")
-        return replace(
-            self,
-            masses=self.masses[::-1],
-            stiffnesses=self.stiffnesses[::-1],
-            restitutions=self.restitutions[::-1],
-            velocities=tuple(-v for v in reversed(self.velocities)),
-            gaps=self.gaps[::-1],
-        )
+        seen = {name: getattr(self, name)[::-1] for name in _ARRAYS}
+        return replace(self, **(seen | {"velocities": tuple(-v for v in seen["velocities"])}))
 
 
 def _numbers(legal: Any, values: Any) -> tuple[float, ...]:
@@ -292,10 +291,8 @@ class Collisions(Sequence[Collision]):
 
     def __post_init__(self) -> None:
         n, balls = self.masses.shape
-        stiffnesses = STIFFNESSES_WITH_LIMITS if self.table and balls == 2 else STIFFNESSES
-        for legal in (MASSES, stiffnesses, RESTITUTIONS, VELOCITIES, GAPS):
+        for legal, wide in _legal(balls, self.table):
             array = checked_array(legal, getattr(self, legal.name)).view()
-            wide = balls if legal in (MASSES, VELOCITIES) else balls - 1 + self.table
             if array.shape != (n, wide):
                 raise ValueError(f"{legal.name} has the shape {array.shape}; legal: {(n, wide)}")
             array.flags.writeable = False
@@ -318,27 +315,20 @@ class Collisions(Sequence[Collision]):
                 f"collisions of {len(kinds)} kinds; legal: one number of balls, table and exponent"
             )
         ((balls, table, exponent),) = kinds
-
-        def stacked(name: str, wide: int) -> Floats:
-            return np.array([getattr(c, name) for c in some], float).reshape(len(some), wide)
-
-        contacts = balls - 1 + table
-        return cls(
-            stacked("masses", balls),
-            stacked("stiffnesses", contacts),
-            stacked("restitutions", contacts),
-            stacked("velocities", balls),
-            table,
-            stacked("gaps", contacts),
-            exponent,
-        )
+        arrays = {
+            legal.name: np.array([getattr(c, legal.name) for c in some], float).reshape(len(some), wide)
+            for legal, wide in _legal(balls, table)
+        }
+        return cls(**arrays, table=table, exponent=exponent)
 
     @classmethod
     def from_ratios(
         cls, stiffness_ratio: ArrayLike, mass_ratio: ArrayLike, e1: ArrayLike, e2: ArrayLike
     ) -> Collisions:
         """Build two balls on a table with m1 = 1 kg, k1 = 1 N/m and v0 = -1 m/s, flat from inputs that broadcast."""
-        _, (kappa, mu, e1, e2) = broadcast_inputs(stiffness_ratio, mass_ratio, e1, e2)
+        given = {STIFFNESS_RATIO: stiffness_ratio, MASS_RATIO: mass_ratio, E1: e1, E2: e2}
+        arrays = np.broadcast_arrays(*(checked_array(legal, values) for legal, values in given.items()))
+        kappa, mu, e1, e2 = map(np.ravel, arrays)
         ones, zeros = np.ones_like(mu), np.zeros_like(mu)
         pairs = ((ones, mu), (ones, kappa), (e1, e2), (-ones, zeros))
         m, k, e, v = (np.stack(pair, axis=-1) for pair in pairs)
@@ -352,14 +342,11 @@ class Collisions(Sequence[Collision]):
     @overload
     def __getitem__(self, index: slice | NDArray[Any]) -> Collisions: ...
     def __getitem__(self, index: Any) -> Collision | Collisions:
-        m, k, e, v, gaps = (
-            each[index]
-            for each in (self.masses, self.stiffnesses, self.restitutions, self.velocities, self.gaps)
-        )
-        if m.ndim == 1:
-            m, k, e, v, gaps = (tuple(x.tolist()) for x in (m, k, e, v, gaps))
-            return Collision(m, k, e, v, self.table, gaps, self.exponent)
-        return Collisions(m, k, e, v, self.table, gaps, self.exponent)
+        arrays = {name: getattr(self, name)[index] for name in _ARRAYS}
+        if arrays["masses"].ndim == 2:
+            return replace(self, **arrays)
+        numbers = {name: tuple(array.tolist()) for name, array in arrays.items()}
+        return Collision(**numbers, table=self.table, exponent=self.exponent)
 
     @property
     def compression_rates(self) -> Floats:
@@ -613,6 +600,12 @@ class States(NamedTuple):
     sets: NDArray[np.uint64]
     starts: Floats
 
+    @classmethod
+    def of(cls, counts: Floats, sets: NDArray[np.uint64], starts: Floats, units: Floats) -> States:
+        """Take numbers of states, shape (n,), what was logged of them, and units of time in s."""
+        offsets = np.append(0, np.cumsum(counts)).astype(np.int64)
+        return cls(offsets, sets, in_unit(starts, np.repeat(units, np.diff(offsets))))
+
     def texts(self) -> list[str]:
         """Name the states of all collisions of two balls on a table, each in one text."""
         codes, places = self.sets[:, 0].astype(np.uint8).tobytes(), self.offsets.tolist()
@@ -665,9 +658,9 @@ class Outcomes(Sequence[Outcome]):
     marks: tuple[str, ...]
     n_states: NDArray[np.int64]
     n_events: NDArray[np.int64]
-    states: States | None
     grazing_margin: Floats
-    diagnostics: dict[str, Floats]
+    states: States | None = None
+    diagnostics: dict[str, Floats] = field(default_factory=dict[str, Floats])
     paths: Paths | None = None
 
     v1 = property(lambda self: self.velocities[..., 0], doc="Velocities of ball 1, in m/s.")
@@ -691,25 +684,57 @@ class Outcomes(Sequence[Outcome]):
         return np.isin(self.status, [STATUSES.index(status) for status in RESULT_STATUSES])
 
     @classmethod
-    def failures(cls, solver: str, collisions: Collisions, status: Status, reason: str) -> Outcomes:
-        """Record that a solver gave no result of any of some collisions, and why."""
-        n, ones = len(collisions), np.ones(len(collisions), np.int32)
+    def of(
+        cls,
+        solver: str,
+        collisions: Collisions,
+        velocities: Floats,
+        endings: Sequence[tuple[NDArray[np.bool_] | bool, Status, str]],
+        *,
+        fallen: ArrayLike = 0.0,
+        n_states: ArrayLike = 0,
+        n_events: ArrayLike = 0,
+        grazing_margin: ArrayLike = math.nan,
+        **more: Any,
+    ) -> Outcomes:
+        """Say what became of collisions; none is marked yet.
+
+        Parameters
+        ----------
+        velocities : ndarray, shape (n, N)
+            In m/s.
+        endings : sequence of (condition, status, reason)
+            Conditions of shape (n,) or (), of which the first that holds counts; ``ok`` where none does.
+        fallen : array_like, shape (n,) or ()
+            What gravity has added to the velocities of free balls, in m/s.
+        **more
+            Other fields; no states, diagnostics and paths by default.
+        """
+        n, (conditions, statuses, reasons) = len(collisions), zip(*endings, strict=True)
+        counted = [np.broadcast_to(condition, n) for condition in conditions]
+        reason = np.select(counted, range(1, 1 + len(counted)))
+        changes = velocities - collisions.velocities + np.reshape(fallen, (-1, 1))
+        impulses = np.cumsum(collisions.masses * changes, axis=1)[:, : collisions.stiffnesses.shape[1]]
         return cls(
             solver=solver,
-            velocities=np.full(collisions.masses.shape, np.nan),
-            impulses=np.full(collisions.stiffnesses.shape, np.nan),
+            velocities=velocities,
+            impulses=impulses,
             table=collisions.table,
-            status=np.full(n, STATUSES.index(status), np.uint8),
-            reason=ones,
-            reasons=("", reason),
-            mark=ones * 0,
+            status=np.array([STATUSES.index(each) for each in ("ok", *statuses)], np.uint8)[reason],
+            reason=reason.astype(np.int32),
+            reasons=("", *reasons),
+            mark=np.zeros(n, np.int32),
             marks=("",),
-            n_states=np.zeros(n, np.int64),
-            n_events=np.zeros(n, np.int64),
-            states=None,
-            grazing_margin=np.full(n, np.nan),
-            diagnostics={},
+            n_states=np.broadcast_to(n_states, n).astype(np.int64),
+            n_events=np.broadcast_to(n_events, n).astype(np.int64),
+            grazing_margin=np.array(np.broadcast_to(grazing_margin, n), float),
+            **more,
         )
+
+    @classmethod
+    def failures(cls, solver: str, collisions: Collisions, status: Status, reason: str) -> Outcomes:
+        """Record that a solver gave no result of any of some collisions, and why."""
+        return cls.of(solver, collisions, np.nan * collisions.masses, [(True, status, reason)])
 
     def with_marks(self, says: NDArray[np.object_]) -> Outcomes:
         """Return the same with other marks: a sentence each, or the empty text."""
@@ -720,22 +745,11 @@ class Outcomes(Sequence[Outcome]):
 
     def shaped(self, shape: tuple[int, ...]) -> Outcomes:
         """Return the same with arrays of a leading shape, such as that of a grid; `[i]` is for flat ones."""
-        arrays = {
-            name: (array := getattr(self, name)).reshape(shape + array.shape[1:])
-            for name in (
-                "velocities",
-                "impulses",
-                "status",
-                "reason",
-                "mark",
-                "n_states",
-                "n_events",
-                "grazing_margin",
-            )
-        }
-        return replace(
-            self, **arrays, diagnostics={name: x.reshape(shape) for name, x in self.diagnostics.items()}
-        )
+        given = {each.name: getattr(self, each.name) for each in fields(self)}
+        arrays: dict[str, Any] = {name: x for name, x in given.items() if isinstance(x, np.ndarray)}
+        shaped = {name: x.reshape(shape + x.shape[1:]) for name, x in arrays.items()}
+        diagnostics = {name: x.reshape(shape) for name, x in self.diagnostics.items()}
+        return replace(self, **shaped, diagnostics=diagnostics)
 
     def __len__(self) -> int:
         return len(self.velocities)

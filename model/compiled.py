@@ -25,8 +25,6 @@ def compiled_with(**more: Any) -> Decorator:
     return compile_(**(_OPTIONS | more))
 
 
-compiled = compiled_with()
-
 #: Force-inlined variant for parts of a kernel. Python cannot call them: wrappers, and a cache of each part, would add
 #: half to the time that the kernel of two balls takes to compile.
 inlined = compiled_with(forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, cache=False)

@@ -76,36 +76,6 @@ def legal_cutoff(value: object) -> bool:
     return value == "exact" if isinstance(value, str) else isinstance(value, Real) and float(value) > 1
 
 
-def broadcast_inputs(
-    stiffness_ratio: ArrayLike,
-    mass_ratio: ArrayLike,
-    e1: ArrayLike,
-    e2: ArrayLike,
-) -> tuple[tuple[int, ...], list[NDArray[np.float64]]]:
-    """Check the inputs of a batch and broadcast them.
-
-    Parameters
-    ----------
-    stiffness_ratio, mass_ratio, e1, e2 : array_like
-        k2/k1, m2/m1 and the coefficients of restitution.
-
-    Returns
-    -------
-    shape : tuple of int
-        What they broadcast to.
-    arrays : list of ndarray, shape (n,)
-        All of them in order, flat.
-
-    Raises
-    ------
-    ValueError
-        If any value is illegal; the message names the parameter, the first such value and the legal range.
-    """
-    given = ((STIFFNESS_RATIO, stiffness_ratio), (MASS_RATIO, mass_ratio), (E1, e1), (E2, e2))
-    arrays = np.broadcast_arrays(*(checked_array(legal, values) for legal, values in given))
-    return arrays[0].shape, [np.ravel(a) for a in arrays]
-
-
 def checked_array(legal: Legal, values: ArrayLike) -> NDArray[np.float64]:
     """Return values as an array of numbers.
 

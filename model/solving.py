@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_xval.model.chain.following import MAX_PIECES, Problem, impulses_of
-from impact_xval.model.chain.kernel import COLLAPSE, PLASTIC, RUNAWAY
+from impact_xval.model.chain.following import HAPPENED, MAX_PIECES, TOO_FAR_APART, Problem
+from impact_xval.model.chain.kernel import COLLAPSE
 from impact_xval.model.chain.laws import LIU_ZHAO_BROGLIATO, STATE_TRANSITION
 from impact_xval.model.collision import (
-    STATUSES,
     Collision,
     Collisions,
     Floats,
@@ -27,22 +26,21 @@ from impact_xval.model.collision import (
     Outcomes,
     Paths,
     States,
+    Status,
     in_unit,
 )
 from impact_xval.model.compiled import in_shares
 from impact_xval.model.inputs import (
     GRAZING_THRESHOLD,
     LEGAL_CUTOFF,
-    MASS_PRECISION,
     Cutoff,
-    broadcast_inputs,
     legal_cutoff,
 )
 from impact_xval.model.pair import kernel
 from impact_xval.model.pair.events import MOST_WINDOWS
-from impact_xval.model.pair.grazing import MARKS, mark_codes
+from impact_xval.model.pair.grazing import CUTOFF_THRESHOLD, MARKS
 from impact_xval.model.pair.limits import BOUND
-from impact_xval.model.pair.path import LOG_COLUMNS
+from impact_xval.model.pair.path import LOG_COLUMNS, POINTS
 
 NAME = "state-transition"
 
@@ -53,8 +51,8 @@ LAWS = {"jia-mason-erdmann": STATE_TRANSITION, "liu-zhao-brogliato": LIU_ZHAO_BR
 #: them, for e of the contact that oscillates, or as many as the modes' frequencies are apart if that is fewer.
 MAX_EVENTS = 2_000_000
 
-#: Points of a path per half period of the fastest oscillation; rows a collision of the first try at their log.
-POINTS, LOG_ROWS = 48, 512
+#: Rows a collision of the first try at the log of paths.
+LOG_ROWS = 512
 
 #: Collisions that a thread is given at once.
 SHARE = 8192
@@ -62,17 +60,6 @@ SHARE = 8192
 #: Columns of what `pair.kernel.collide_all` says of each collision; their number in a row of its log.
 NUMBERS = ("code", "n_states", "n_events", "rows", "margin", "residual")
 LOG_WIDTH = len(LOG_COLUMNS)
-
-TOO_FAR_APART = (
-    f"where one mass or stiffness exceeds {MASS_PRECISION:g} times another, squares of velocities are lost"
-)
-
-#: Why outcomes of chains are limits, by the bit of the kernel's code.
-_HAPPENED = {
-    PLASTIC: "closed form of e = 0: the bodies of a contact that ended compression are one from there on",
-    RUNAWAY: "the running stiffness of a contact runs away: its bodies are one from where it is rigid to rounding",
-    COLLAPSE: "bodies come to rest together after infinitely many events",
-}
 
 
 def solve(collision: Collision, *, path: bool = False, **how: Any) -> Outcome:
@@ -174,7 +161,8 @@ def solve_many(
     there = found.has_result
     margin = found.grazing_margin if LAWS[law] == STATE_TRANSITION else np.where(there, np.inf, np.nan)
     effect = found.diagnostics.get("cutoff_effect", 0.0) if cutoff != kernel.EXACT else 0.0
-    mark = np.where(there, mark_codes(margin, effect, grazing_threshold), 0)
+    grazes, cut = np.less(margin, grazing_threshold), ~np.less_equal(effect, CUTOFF_THRESHOLD)
+    mark = np.where(there, grazes + 2 * cut, 0).astype(np.int32)
     return replace(found, grazing_margin=margin, mark=mark, marks=MARKS)
 
 
@@ -192,8 +180,7 @@ def _by_chain(collisions: Collisions, law: int, max_pieces: int, states: bool, p
     return problem.outcomes(
         NAME,
         went,
-        _HAPPENED,
-        [(went.left_out, "unrepresentable", TOO_FAR_APART), (went.given_up, "unconverged", too_long)],
+        [(went.given_up, "unconverged", too_long)],
         margin=went.numbers["margin"],
         diagnostics={"energy_residual": 1 - went.numbers["loss"]},
         paths=paths,
@@ -207,8 +194,6 @@ def _by_diagram(
     cells = _cells(c)
     velocities, numbers, sets, starts = _diagrams(cells, cutoff, max_events, stiffens, states)
     code, n_states, n_events, _, margin, residual = numbers.T
-    code = code.astype(int)
-    status = np.array([STATUSES.index(status) for status in kernel.STATUS_OF], np.uint8)[code]
     diagnostics = {"energy_residual": residual}
     if effect or 1 < cutoff < math.inf:
         used = np.flatnonzero(code == kernel.LIMIT)
@@ -219,28 +204,17 @@ def _by_diagram(
         diagnostics["cutoff_effect"] = np.zeros(len(c))
         diagnostics["cutoff_effect"][used] = np.hypot(moved[:, 0], np.sqrt(cells[1][used]) * moved[:, 1])
     time, speed = c.units
-    logged = None
-    if states:
-        offsets = np.concatenate([[0], np.cumsum(n_states)]).astype(np.int64)
-        logged = States(offsets, sets, in_unit(starts, np.repeat(time, np.diff(offsets))))
     there = ~np.isnan(velocities[:, 0])
     drawn = _diagram_paths(c[there], cutoff, max_events, stiffens).spread(there) if paths else None
-    velocities = velocities * speed[:, None]
-    reason, reasons = _why(cells, code, cutoff, max_events)
-    return Outcomes(
-        solver=NAME,
-        velocities=velocities,
-        impulses=impulses_of(c, velocities),
-        table=True,
-        status=status,
-        reason=reason,
-        reasons=reasons,
-        mark=np.zeros(len(c), np.int32),
-        marks=("",),
-        n_states=n_states.astype(np.int64),
-        n_events=n_events.astype(np.int64),
-        states=logged,
+    return Outcomes.of(
+        NAME,
+        c,
+        velocities * speed[:, None],
+        _endings(cells, code, cutoff, max_events),
+        n_states=n_states,
+        n_events=n_events,
         grazing_margin=margin,
+        states=States.of(n_states, sets, starts, time) if states else None,
         diagnostics=diagnostics,
         paths=drawn,
     )
@@ -296,32 +270,31 @@ def _diagram_paths(collisions: Collisions, cutoff: float, max_events: int, stiff
     return Paths(offsets, in_unit(passed, time[of]), velocities, impulses, forces, acting)
 
 
-def _why(
-    cells: Sequence[Floats], code: NDArray[np.int64], cutoff: float, max_events: int
-) -> tuple[NDArray[np.int32], tuple[str, ...]]:
-    """Say why outcomes of two balls are limits, or none: the index of each one's reason, and the reasons."""
+def _endings(
+    cells: Sequence[Floats], code: Floats, cutoff: float, max_events: int
+) -> list[tuple[NDArray[np.bool_] | bool, Status, str]]:
+    """Tell how two balls may end, as of `Outcomes.of`, by the kernel's code."""
     kappa, _, e1, e2 = cells
     outside = (kappa > cutoff) | (kappa < 1 / cutoff) if cutoff != kernel.EXACT else kappa < 0
     rest = "the running stiffness ratio left"
     runs_away = f"the running stiffness ratio runs away: closed form of the limit, to {BOUND:g} |v0|"
     events = f"{max_events} events, or {MOST_WINDOWS} windows of the search for them"
-    table: list[tuple[Any, str]] = [
-        (code == kernel.DONE, ""),
-        (code == kernel.TOO_MANY_EVENTS, f"not over after {events}"),
-        (code == kernel.BEYOND_PRECISION, TOO_FAR_APART),
-        (code == kernel.COLLAPSE, _HAPPENED[COLLAPSE]),
-        (kappa == 0, "closed form of k2/k1 = 0"),
-        (np.isinf(kappa), "closed form of k2/k1 = inf"),
-        (outside, f"k2/k1 lies beyond the cut-off {cutoff:g}: closed form of the limit"),
-        (code == kernel.PRECISION_LIMIT, f"{rest} double precision: closed form of the limit from there on"),
-        ((e1 == 0) & (e2 == 0), "closed form of e1 = 0 and e2 = 0"),
-        (e1 == 0, "closed form of e1 = 0"),
-        (e2 == 0, "closed form of e2 = 0"),
-        (cutoff == kernel.EXACT, runs_away),
-        (True, f"{rest} the cut-off {cutoff:g}: closed form of the limit from there on"),
+    precision = f"{rest} double precision: closed form of the limit from there on"
+    return [
+        (code == kernel.DONE, "ok", ""),
+        (code == kernel.TOO_MANY_EVENTS, "unconverged", f"not over after {events}"),
+        (code == kernel.BEYOND_PRECISION, "unrepresentable", TOO_FAR_APART),
+        (code == kernel.COLLAPSE, "limit", HAPPENED[COLLAPSE]),
+        (kappa == 0, "limit", "closed form of k2/k1 = 0"),
+        (np.isinf(kappa), "limit", "closed form of k2/k1 = inf"),
+        (outside, "limit", f"k2/k1 lies beyond the cut-off {cutoff:g}: closed form of the limit"),
+        (code == kernel.PRECISION_LIMIT, "limit", precision),
+        ((e1 == 0) & (e2 == 0), "limit", "closed form of e1 = 0 and e2 = 0"),
+        (e1 == 0, "limit", "closed form of e1 = 0"),
+        (e2 == 0, "limit", "closed form of e2 = 0"),
+        (cutoff == kernel.EXACT, "limit", runs_away),
+        (True, "limit", f"{rest} the cut-off {cutoff:g}: closed form of the limit from there on"),
     ]
-    conditions = [np.broadcast_to(condition, code.shape) for condition, _ in table]
-    return np.select(conditions, range(len(table))).astype(np.int32), tuple(text for _, text in table)
 
 
 def solve_batch(
@@ -347,6 +320,6 @@ def solve_batch(
         If any value is illegal; the message names the parameter, the first such value and the legal range.
     """
     given = stiffness_ratio, mass_ratio, e1, e2
-    shape, _ = broadcast_inputs(*given)
     how = {"states": False, **how}
-    return solve_many(Collisions.from_ratios(*given), **how).shaped(shape)
+    outcomes = solve_many(Collisions.from_ratios(*given), **how)
+    return outcomes.shaped(np.broadcast_shapes(*map(np.shape, given)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -10,9 +10,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.model.chain.kernel import ACTS, GOING, MADE_ENERGY, UNITED, Followed, collide_all
-from impact_xval.model.chain.power_law import TOLERANCE
-from impact_xval.model.collision import STATUSES, Collisions, Floats, Outcomes, Paths, States, Status
+from impact_xval.model.chain.kernel import (
+    ACTS,
+    COLLAPSE,
+    GOING,
+    MADE_ENERGY,
+    PLASTIC,
+    RUNAWAY,
+    UNITED,
+    Followed,
+    follow_chains,
+)
+from impact_xval.model.chain.power_law import TOLERANCE, new_workspace
+from impact_xval.model.chain.state import new_chain
+from impact_xval.model.collision import Collisions, Floats, Outcomes, Paths, States, Status
 from impact_xval.model.compiled import in_shares
 from impact_xval.model.inputs import MASS_PRECISION
 
@@ -25,7 +36,17 @@ POINTS, LOG_NUMBERS = 9, 2**23
 #: Collisions that a thread is given at once: some ten milliseconds of work.
 SHARE = 512
 
-#: Why a chain that has more kinetic energy than before has no result.
+#: Why outcomes of chains are limits, by the bit of the kernel's code.
+HAPPENED = {
+    PLASTIC: "closed form of e = 0: the bodies of a contact that ended compression are one from there on",
+    RUNAWAY: "the running stiffness of a contact runs away: its bodies are one from where it is rigid to rounding",
+    COLLAPSE: "bodies come to rest together after infinitely many events",
+}
+
+#: Why there is no result of a collision that was left out, and of a chain that has more kinetic energy than before.
+TOO_FAR_APART = (
+    f"where one mass or stiffness exceeds {MASS_PRECISION:g} times another, squares of velocities are lost"
+)
 _MADE_ENERGY = "energy was made: double precision cannot follow masses and stiffnesses this far apart"
 
 
@@ -104,17 +125,13 @@ class Problem:
         found = dict(zip(names, numbers.T, strict=True))
         with np.errstate(over="ignore", invalid="ignore"):  # no fall has an end where nothing falls
             found |= {name: found[name] * time for name in ("time", "fall")}
-        logged = None
-        if states:
-            offsets = np.concatenate([[0], np.cumsum(np.nan_to_num(found["n_states"]))]).astype(np.int64)
-            logged = States(offsets, sets, starts * np.repeat(time, np.diff(offsets)))
+        logged = States.of(np.nan_to_num(found["n_states"]), sets, starts, time) if states else None
         return Went(velocities * speed[:, None], found, logged)
 
     def outcomes(
         self,
         solver: str,
         went: Went,
-        happened: Mapping[int, str],
         lost: Sequence[tuple[NDArray[np.bool_], Status, str]],
         *,
         margin: Floats,
@@ -122,38 +139,34 @@ class Problem:
         fallen: Floats | float = 0.0,
         paths: bool = False,
     ) -> Outcomes:
-        """Say what became of all of them, which `went` so; none is marked yet.
-
-        `lost` are the conditions of having no result, each with its status and reason; the first that holds counts.
-        `happened` says by the bits of the kernel's code why an outcome is a limit; `fallen` is as of `impulses_of`.
-        """
-        lost = [*lost, (went.numbers["code"] >= MADE_ENERGY, "unrepresentable", _MADE_ENERGY)]
-        c, numbers, conditions = self.collisions, went.numbers, [condition for condition, _, _ in lost]
-        there = ~np.any(conditions, axis=0)
-        every = sum(happened)
-        reason = np.nan_to_num(numbers["code"]).astype(np.int32) & every
-        reasons = ["; ".join(why for bit, why in happened.items() if bit & some) for some in range(every + 1)]
-        ended = np.where(reason > 0, STATUSES.index("limit"), STATUSES.index("ok"))
-        status = np.select(conditions, [STATUSES.index(each) for _, each, _ in lost], ended)
-        velocities = np.where(there[:, None], went.velocities, np.nan)
+        """Say what became of all of them, which `went` so; `lost` are endings (`Outcomes.of`) without a result."""
+        numbers, far = went.numbers, "unrepresentable"
+        made = numbers["code"] >= MADE_ENERGY
+        lost = [*lost, (went.left_out, far, TOO_FAR_APART), (made, far, _MADE_ENERGY)]
+        there = ~np.any([condition for condition, _, _ in lost], axis=0)
+        every = sum(HAPPENED)
+        happened = np.nan_to_num(numbers["code"]).astype(int) & every
+        reasons = {
+            some: "; ".join(why for bit, why in HAPPENED.items() if bit & some)
+            for some in range(1, every + 1)
+        }
+        limits: list[tuple[Any, Status, str]] = [
+            (happened == some, "limit", why) for some, why in reasons.items()
+        ]
         drawn = None
         if paths:
             arrays = {name: getattr(self, name)[there] for name in ("collisions", "dampings", "gravity")}
             drawn = replace(self, **arrays).paths(numbers["pieces"][there]).spread(there)
-        return Outcomes(
-            solver=solver,
-            velocities=velocities,
-            impulses=impulses_of(c, velocities, fallen),
-            table=c.table,
-            status=status.astype(np.uint8),
-            reason=np.select(conditions, [len(reasons) + i for i in range(len(lost))], reason),
-            reasons=(*reasons, *(why for _, _, why in lost)),
-            mark=np.zeros(len(c), np.int32),
-            marks=("",),
-            n_states=np.where(there, numbers["n_states"], 0).astype(np.int64),
-            n_events=np.where(there, numbers["events"], 0).astype(np.int64),
-            states=went.states,
+        return Outcomes.of(
+            solver,
+            self.collisions,
+            np.where(there[:, None], went.velocities, np.nan),
+            [*lost, *limits],
+            fallen=fallen,
+            n_states=np.where(there, numbers["n_states"], 0),
+            n_events=np.where(there, numbers["events"], 0),
             grazing_margin=np.where(there, margin, np.nan),
+            states=went.states,
             diagnostics={name: np.where(there, values, np.nan) for name, values in diagnostics.items()},
             paths=drawn,
         )
@@ -211,9 +224,10 @@ class Problem:
         return [masses, stiffnesses, c.restitutions.copy(), self.dampings, rates, drift, gaps, gravity]
 
     def _collide(self, cells: list[Any], points: int, log: Floats, out: tuple[Any, ...]) -> None:
-        how = self.law, self.collisions.exponent, self.frozen, *cells, self.tolerance, self.max_pieces
-        arguments: list[Any] = [*how, points, log, *out]
-        collide_all(*arguments)
+        c, contacts = self.collisions, self.collisions.stiffnesses.shape[1]
+        chain = new_chain(c.masses.shape[1], contacts, c.exponent, self.law, self.frozen)
+        arguments: list[Any] = [chain, new_workspace(contacts), *cells, self.tolerance, self.max_pieces]
+        follow_chains(*arguments, points, log, *out)
 
 
 def too_far_apart(collisions: Collisions) -> NDArray[np.bool_]:
@@ -224,15 +238,3 @@ def too_far_apart(collisions: Collisions) -> NDArray[np.bool_]:
             found |= ~(values.max(axis=1) <= MASS_PRECISION * values.min(axis=1))
             found |= ~np.isfinite(values).all(axis=1)
     return found
-
-
-def impulses_of(collisions: Collisions, velocities: Floats, fallen: Any = 0.0) -> Floats:
-    """Impulses of the contacts that have given the balls these velocities: (n, N) to (n, C), in N s.
-
-    Parameters
-    ----------
-    fallen : ndarray, shape (n,), or 0
-        What gravity has added to the velocities of free balls, in m/s.
-    """
-    changes = collisions.masses * (velocities - collisions.velocities + np.reshape(fallen, (-1, 1)))
-    return np.cumsum(changes, axis=1)[:, : collisions.stiffnesses.shape[1]]

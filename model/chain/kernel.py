@@ -40,7 +40,6 @@ from impact_xval.model.chain.laws import (
 from impact_xval.model.chain.power_law import (
     ORDER_OF_STEP,
     advance,
-    new_workspace,
     settle,
     step,
     watch_force,
@@ -65,7 +64,6 @@ from impact_xval.model.chain.state import (
     energy_of,
     kinetic_energy,
     neighbours,
-    new_chain,
     nothing,
     oscillation,
     still,
@@ -73,7 +71,6 @@ from impact_xval.model.chain.state import (
     tangent,
     unite,
 )
-from impact_xval.model.collision import Floats
 from impact_xval.model.compiled import entry, merged, uncounted
 from impact_xval.model.pair.grazing import STAKE
 from impact_xval.model.pair.law import INACTIVE, RESTITUTION
@@ -365,7 +362,7 @@ def note_set(c, n, work, time, sets, starts, first, row):
 
 
 class Followed(NamedTuple):
-    """How a chain went: the numbers that `collide_all` gives of each."""
+    """How a chain went: the numbers that `follow_chains` gives of each."""
 
     #: Contacts that have not become rigid.
     n: Any
@@ -394,7 +391,7 @@ def collide(c, work, energy, drift, tolerance, max_pieces, points, log, at, out,
     """Follow a chain from first touch to its end, as it is left.
 
     `out` is given the numbers of `Followed`, and the number of contacts that are left is returned; the log is written
-    from row `at` on, the sets from row `first`. See `collide_all`.
+    from row `at` on, the sets from row `first`. See `follow_chains`.
     """
     n = c.k.size
     degree = ORDER if has_series(c) else ORDER_OF_STEP
@@ -459,22 +456,20 @@ def collide(c, work, energy, drift, tolerance, max_pieces, points, log, at, out,
     return n
 
 
-def collide_all(
-    law: int, p: float, frozen: bool, masses: Floats, stiffnesses: Floats, *others: Any
-) -> None:  # fmt: skip
-    """Follow chains of one number of balls, in units of about 1.
+@entry
+def follow_chains(
+    c, work, masses, stiffnesses, restitutions, dampings, rates, drifts, gaps, gravities, tolerance,
+    max_pieces, points, log, velocities, numbers, sets, starts,
+):  # fmt: skip
+    """Follow chains of one number of balls, in units of about 1; the only kernel that Python calls.
 
     No lock of Python is held meanwhile, so that threads can be given parts of the arrays. The kernel is no loop that
     numba shares out to threads: compiling one takes four times as long.
 
     Parameters
     ----------
-    law : int
-        One of `chain.laws`.
-    p : float
-        Exponent of the forces.
-    frozen : bool
-        Whether positions are frozen.
+    c, work : Chain, Workspace
+        Written over, but for the law, the exponent of the forces, and whether positions are frozen.
     masses : ndarray, shape (n, N)
         A first mass of NaN marks a chain that is left out.
     stiffnesses, restitutions, dampings, rates : ndarray, shape (n, C)
@@ -503,17 +498,6 @@ def collide_all(
     starts : ndarray, shape (capacity,)
         Time since first touch at which each set began.
     """
-    contacts = stiffnesses.shape[1]
-    chain = new_chain(masses.shape[1], contacts, p, law, frozen)
-    follow_chains(chain, new_workspace(contacts), masses, stiffnesses, *others)
-
-
-@entry
-def follow_chains(
-    c, work, masses, stiffnesses, restitutions, dampings, rates, drifts, gaps, gravities, tolerance,
-    max_pieces, points, log, velocities, numbers, sets, starts,
-):  # fmt: skip
-    """Follow chains as `collide_all` says; the only kernel that Python calls."""
     at, row = ZERO, ZERO
     for i in range(masses.shape[0]):
         numbers[i, 9], numbers[i, 10] = 0.0, 0.0

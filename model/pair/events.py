@@ -293,19 +293,8 @@ def next_turn(modes, state, signs, a, b):
     sinusoid of the stiff rate is smaller than its fast one, that rate is zero twice in each turn and the force of its
     contact is monotonic in between. The soft rate keeps its sign while its slow sinusoid stays above the amplitude of
     its fast one, and the force of its contact then is monotonic too: that neither force vanishes is seen at the end.
-    Near-misses of the soft rate closer than `CLEAR` are thereby excluded; the others are not counted.
-
-    Parameters
-    ----------
-    modes, state, signs, a, b
-        As for `first_event`.
-
-    Returns
-    -------
-    time : float
-        Zero if nothing is sure.
-    fired, state
-        As from `first_event`.
+    Near-misses of the soft rate closer than `CLEAR` are thereby excluded; the others are not counted. Gives time, fired
+    and state as `first_event` does, or a time of zero if nothing is sure.
     """
     omega = modes.omega
     first = state[0] == 0 and modes.k1 > STIFFER * modes.k2

@@ -10,11 +10,7 @@ from __future__ import annotations
 
 from math import inf
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
 from impact_xval.model.compiled import inlined
-from impact_xval.model.inputs import GRAZING_THRESHOLD
 from impact_xval.model.pair.motion import modal
 
 #: Near-misses at which an end of compression would lose less than this, as a fraction of the energy of impact, do not
@@ -37,22 +33,6 @@ CUTOFF = (
 
 #: The sentences, by the sum of 1 (grazing) and 2 (cut-off).
 MARKS = ("", GRAZING, CUTOFF, f"{GRAZING}; {CUTOFF}")
-
-
-def mark_codes(
-    grazing_margin: ArrayLike, cutoff_effect: ArrayLike, threshold: float = GRAZING_THRESHOLD
-) -> NDArray[np.uint8]:
-    """Index of each result's sentence in `MARKS`.
-
-    Parameters
-    ----------
-    grazing_margin, cutoff_effect : array_like of float
-        As in `model.Outcome`; an effect of NaN is one that could not be computed.
-    threshold : float
-        Of the grazing margin.
-    """
-    grazing = np.less(grazing_margin, threshold)
-    return np.asarray(grazing + 2 * ~np.less_equal(cutoff_effect, CUTOFF_THRESHOLD), dtype=np.uint8)
 
 
 @inlined

@@ -17,7 +17,6 @@ from math import atan2, inf, isnan, nan, pi, sqrt
 
 import numpy as np
 
-from impact_xval.model.collision import Status
 from impact_xval.model.compiled import compiled_with, inlined
 from impact_xval.model.inputs import MASS_PRECISION
 from impact_xval.model.pair.events import MOST_WINDOWS, first_event, next_turn
@@ -41,9 +40,6 @@ S1, S2, S3, S4 = 1, 2, 3, 4
 
 # How a collision ended.
 DONE, LIMIT, PRECISION_LIMIT, TOO_MANY_EVENTS, COLLAPSE, BEYOND_PRECISION = 0, 1, 2, 3, 4, 5
-
-#: Status of an outcome that ended so, by its code.
-STATUS_OF: tuple[Status, ...] = ("ok", "limit", "limit", "unconverged", "limit", "unrepresentable")
 
 #: Under a law that does not stiffen some collisions repeat one cycle of states for ever, on a fixed share of the
 #: energy each time. With this share of the first left, the bodies are taken to be at rest.
@@ -95,15 +91,9 @@ def both_contacts(mu, modes, a, b, d1, v2, one, two, stiffens, exact, loss, marg
 def seen_from(mu, M, first, d1, v2, one, two):
     """Name what is there as seen from a stiff contact, the first one or the second.
 
-    Returns
-    -------
-    stiff, soft : Contact
-    mass, rate : float
-        The mass that the stiff contact works against, and its compression rate.
-    united, soft_rate : float
-        The mass that the soft one works against if the stiff one's bodies are one, and its compression rate.
-    share : float
-        The soft contact's force that the stiff one passes on, as a share.
+    Gives the stiff contact and the soft one; the mass that the stiff one works against, and its compression rate; the
+    mass that the soft one works against if the stiff one's bodies are one, and its compression rate; and the share of
+    the soft one's force that the stiff one passes on.
     """
     if first:
         return one, two, M, d1, 1 + mu, -v2, 1 / (1 + mu)
@@ -136,16 +126,8 @@ def at_work(mu, M, state, d1, v2, one, two, rigid, highest):
     A rigid contact completes its impact where it holds energy that can part its bodies; else these are one, and the
     other contact works against them to the end (`pair.limits`).
 
-    Returns
-    -------
-    first, united : bool
-        Whether it is the ball-ball contact that works; whether the bodies of the other one are one.
-    c : Contact
-        That works.
-    mass, rate : float
-        The mass it works against, and its compression rate.
-    to_return : float
-        Impulse at which the other one returns.
+    Gives whether it is the ball-ball contact that works, and whether the bodies of the other one are one; the contact
+    that works, the mass it works against, and its compression rate; and the impulse at which the other one returns.
     """
     if rigid == 0:
         if state == S3:
@@ -184,23 +166,10 @@ def after_one_contact(mu, state, d1, v2, one, two, stiffens, rigid, first, unite
 
 @compiled_with(inline="always")
 def collide(kappa, mu, e1, e2, cutoff, max_events, stiffens, points, log, at, place, sets, starts):
-    """Follow one collision through the diagram. Compiled as a part of `collide_all`.
+    """Follow one collision through the diagram as `collide_all` says, and as a part of that.
 
-    Parameters
-    ----------
-    kappa, mu, e1, e2, cutoff, max_events, stiffens, points, log, sets, starts
-        As of `collide_all`, for one collision.
-    at, place : int
-        Its first row of the log, and of `sets` and `starts`.
-
-    Returns
-    -------
-    v1, v2 : float
-        Final velocities.
-    code, n_states, n_events, rows, margin
-        As of `collide_all`.
-    loss : float
-        Energy lost.
+    Its first row is `at` in the log, `place` in `sets` and `starts`. Gives v1, v2, code, numbers of states, of events
+    and of rows, the grazing margin, and the energy lost.
     """
     # Whole numbers that are literals are of types of their own, for which functions would be compiled once more.
     state, phase, rows = np.int64(S1), np.int64(COMPRESSION), at
@@ -304,7 +273,7 @@ def collide_all(
     velocities : ndarray, shape (n, 2)
         Filled with the final velocities; NaN where a collision was given up, or m2/m1 is beyond `MASS_PRECISION`.
     numbers : ndarray, shape (n, 6)
-        Filled with the code (`STATUS_OF`); numbers of states, of events, and of rows of the path; the grazing margin:
+        Filled with the code of how it ended; numbers of states, of events, and of rows of the path; the grazing margin:
         the smallest magnitude of a local extremum of a compression rate in S1, relative to that rate's amplitude, where
         an end of compression counts (`pair.grazing.STAKE`), infinity if there was none; and the residual of the energy
         balance, 1/2 less what was lost and what is left.

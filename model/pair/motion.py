@@ -131,12 +131,8 @@ def modes_of(mu, k1, k2):
 def amplitudes(d1, v2, u1, u2, modes):
     """Modal coordinates of a state: q_j = phi1 v1 + mu phi2 v2 and r_j = q_j'/omega_j.
 
-    u1 = F1/k1 and u2 = F2/k2 are the compressions that linear springs would have.
-
-    Returns
-    -------
-    a, b : pairs
-        So that q_j(t) = a_j cos(omega_j t) + b_j sin(omega_j t).
+    u1 = F1/k1 and u2 = F2/k2 are the compressions that linear springs would have. Gives the pairs a and b of
+    q_j(t) = a_j cos(omega_j t) + b_j sin(omega_j t).
     """
     phi1, sigma, force1, force2 = modes.phi1, modes.sigma, modes.force1, modes.force2
     return (

@@ -55,31 +55,12 @@ def write_both(log, row, points, time, state, duration, modes, a, b):
 
 @inlined
 def write_one(log, row, points, time, state, v1, v2, first, united, mu, c, other, mass, rate, until):
-    """Write a segment in which one contact works alone.
+    """Write a segment in which one contact works alone, from a state at its start on; the time and the row at its end.
 
-    Parameters
-    ----------
-    log, row, points
-    time, state, v1, v2
-        At its start.
-    first, united : bool
-        Whether it is the ball-ball contact that works, and whether the other one is rigid and passes its force on.
-    mu : float
-        m2/m1.
-    c : Contact
-        At its start.
-    other : float
-        Force of the other contact, which stands still; without meaning if that is rigid.
-    mass, rate : float
-        The mass that the contact works against, and its compression rate at the start.
-    until : float
-        theta at the end.
-
-    Returns
-    -------
-    time, row
-        At the end. The time is infinite where the contact has no stiffness, and does not pass where that is infinite;
-        the force then is infinite.
+    `first` says whether it is the ball-ball contact, c, that works, `united` whether the other one is rigid and passes
+    its force on, else that stands still at the force `other`. The mass that c works against has the compression rate
+    `rate` at the start, and `until` is theta at the end. The time is infinite where the contact has no stiffness, and
+    does not pass where that is infinite; the force then is infinite.
     """
     if first:
         on_v1, on_v2 = (-1.0, 0.0) if united else (-mu / (1 + mu), 1 / (1 + mu))

@@ -76,13 +76,7 @@ def root_before(c, t, h, low, start, end, noise, omega, a, b):
     """Root of sum c_j q_j in (t + low, t + h), at whose end it is negative; alone, so that an iteration costs little.
 
     From each point tried the step of `step_to_root`, inside a bracket that is halved now and then, whatever the step.
-
-    Returns
-    -------
-    x : float
-        The root, from t on.
-    q, r : pairs
-        Modal coordinates there.
+    Gives the root, from t on, and the modal coordinates q and r there.
     """
     w0, w1 = -omega[0] * omega[0], -omega[1] * omega[1]
     g0, g1 = c[0] * omega[0], c[1] * omega[1]

@@ -8,8 +8,3 @@ from impact_xval.model import solve
 def solved(column, *, exponent=1.0, **how):
     """Solve a collision of N balls with contacts of an exponent."""
     return solve(replace(column, exponent=exponent), **how)
-
-
-def all_solved(columns, **how):
-    """Solve several, one by one."""
-    return [solved(column, **how) for column in columns]

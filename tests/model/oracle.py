@@ -32,7 +32,6 @@ from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
 from impact_xval.model import SUPPLEMENT_CUTOFF, Collision
-from impact_xval.model.collision import STATES
 
 INACTIVE, COMPRESSION, RESTITUTION = 0, 1, 2
 
@@ -83,18 +82,15 @@ class Answer(NamedTuple):
     n_events: int
 
 
-def solve_oracle(
-    c: Collision, *, stiffness_ratio_cutoff: float = SUPPLEMENT_CUTOFF, first_step: float | None = None
-) -> Answer:
+def solve_oracle(c: Collision, *, stiffness_ratio_cutoff: float = SUPPLEMENT_CUTOFF) -> Answer:
     """Integrate one collision in impulse space: finite, positive k2/k1 within the cut-off; e1, e2 > 0.
 
     In S1, once the running k2/k1 exceeds the cut-off or falls below its inverse, the supplement's closed form (3.4)
     finishes the collision, as it is printed: status `limit`. `model.solve` first lets a stiff contact that still holds
-    energy part its bodies, which for e below about 0.03 shows at the order of 1/stiffness_ratio_cutoff. `first_step`
-    is the impulse after the paper's finite first step, in place of the series.
+    energy part its bodies, which for e below about 0.03 shows at the order of 1/stiffness_ratio_cutoff.
     """
     run = _Run(c.stiffness_ratio, c.mass_ratio, (c.e1, c.e2))
-    run.start(first_step)
+    run.start()
     limit = False
     while run.state != 4 and not limit:
         ratio = run.k[1] / run.k[0]
@@ -102,7 +98,7 @@ def solve_oracle(
         if not limit:
             run.advance()
     v1, v2 = run.closed_form() if limit else run.velocities()
-    states = tuple(STATES[i] for i, _ in groupby([*run.visited, run.state, 4]))
+    states = tuple(f"S{i}" for i, _ in groupby([*run.visited, run.state, 4]))
     return Answer(v1 * -c.v0, v2 * -c.v0, states, "limit" if limit else "ok", run.n_events)
 
 
@@ -121,15 +117,11 @@ class _Run:
         self.visited: list[int] = []
         self.n_events = self.n_steps = 0
 
-    def start(self, first_step: float | None) -> None:
-        """Place the start off the singular point: on the series, or after the paper's finite first step."""
+    def start(self) -> None:
+        """Place the start off the singular point, on the series."""
         kappa, mu = self.k[1], self.mu
-        if first_step is None:
-            I1 = SERIES_STEP / (1 + 1 / mu + kappa / mu)
-            I2, E1, E2 = series(kappa, mu, I1)
-        else:
-            I1 = first_step
-            I2, E1, E2 = straight_first_step(kappa, mu, I1)
+        I1 = SERIES_STEP / (1 + 1 / mu + kappa / mu)
+        I2, E1, E2 = series(kappa, mu, I1)
         self.y = np.array([I1, I2, math.sqrt(E1), math.sqrt(E2)])
 
     @property
@@ -250,20 +242,6 @@ def series(kappa: float, mu: float, I1: float) -> tuple[float, float, float]:
     # (14) integrated: the integral of I1 dI2, less I2^2/2, over m2
     E2 = (I1**3 * (2 / 3 * c2 + I1 * (3 / 4 * c3 + I1 * 4 / 5 * c4)) - 0.5 * I2 * I2) / mu
     return I2, E1, E2
-
-
-def straight_first_step(kappa: float, mu: float, I1: float) -> tuple[float, float, float]:
-    """I2, E1, E2 after the paper's finite first step of I1, along which dI2/dI1 = y is constant.
-
-    (13) and (14) give E1 = I1 - (1 + 1/m2) I1^2/2 + y I1^2/(2 m2) and E2 = y (1 - y) I1^2/(2 m2), and y is the one for
-    which (15) holds at the end of the step. The main paper's (27) is not at hand: this is the rule that has the limit
-    the supplement (3.1) quotes of it, y -> 1 as k2/k1 -> infinity. I2 comes out three times too large.
-    """
-    a = I1 / (2 * mu)
-    b = 1 - 0.5 * (1 + 1 / mu) * I1
-    q = b + kappa * a  # y (b + a y) = kappa a (1 - y)
-    y = 2 * kappa * a / (q + math.sqrt(q * q + 4 * kappa * a * a))
-    return y * I1, I1 * (b + a * y), y * (1 - y) * a * I1
 
 
 def first_fall(values: NDArray[np.float64], fresh: bool) -> tuple[float, int]:

@@ -68,12 +68,3 @@ def test_a_law_without_jumps_is_marked_for_none():
     moved = solve_batch(some[0] * (1 + 1e-5), *some[1:], law=LZB)
     assert np.abs(moved.v1 - there.v1[near]).max() < 1e-3
     assert solve(Collision.from_ratios(*(float(x[0]) for x in some)), law=LZB).marked == ""
-
-
-def test_momentum_along_the_path_under_the_other_law():
-    for cell in np.transpose(random_cells(40, 10)).tolist():
-        c = Collision.from_ratios(*cell)
-        p = solve(c, law=LZB, path=True).path
-        np.testing.assert_allclose(p.impulse1, c.m1 * (p.v1 - p.v1[0]), atol=1e-12)
-        np.testing.assert_allclose(p.impulse2 - p.impulse1, c.m2 * p.v2, atol=1e-12)
-        assert np.all(np.diff(p.time) >= 0)

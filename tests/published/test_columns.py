@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from impact_xval.model import Collision
-from tests.model.columns import all_solved, solved
+from tests.model.columns import solved
 
 LZB = "liu-zhao-brogliato"
 
@@ -45,11 +45,6 @@ def test_where_no_compression_is_repeated_the_two_laws_are_one():
     for column, exponent, _, _ in SICONOS[:-1]:
         here, there = (solved(column, law=law, exponent=exponent) for law in ("jia-mason-erdmann", LZB))
         assert here.velocities == there.velocities
-
-
-def test_where_one_is_repeated_they_part():
-    here, there = solved(stack(0.9)), solved(stack(0.9), law=LZB)
-    assert np.abs(np.subtract(here.velocities, there.velocities)).max() > 0.05
 
 
 def test_elastic_hertz_chains_integrated_in_time():
@@ -125,9 +120,7 @@ def test_a_hundred_random_columns_by_siconos():
     names = ("masses", "stiffnesses", "restitutions", "velocities", "table")
     for exponent, bears in ((1.0, 1e-4), (1.5, 5e-4)):
         rows = [row for row in data["columns"] if row["exponent"] == exponent]
-        outcomes = all_solved(
-            (Collision(*(row[name] for name in names)) for row in rows), law=LZB, exponent=exponent
-        )
-        for row, outcome in zip(rows, outcomes, strict=True):
+        for row in rows:
+            outcome = solved(Collision(*(row[name] for name in names)), law=LZB, exponent=exponent)
             difference = np.abs(np.subtract(outcome.velocities, row["result"])).max()
             assert difference < bears, row
