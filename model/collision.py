@@ -711,8 +711,9 @@ class Outcomes(Sequence[Outcome]):
             Other fields; no states, diagnostics and paths by default.
         """
         n, (conditions, statuses, reasons) = len(collisions), zip(*endings, strict=True)
-        counted = [np.broadcast_to(condition, n) for condition in conditions]
-        reason = np.select(counted, range(1, 1 + len(counted)))
+        reason = np.zeros(n, np.int32)
+        for i, condition in reversed([*enumerate(conditions, 1)]):
+            reason = np.where(condition, np.int32(i), reason)
         changes = velocities - collisions.velocities + np.reshape(fallen, (-1, 1))
         impulses = np.cumsum(collisions.masses * changes, axis=1)[:, : collisions.stiffnesses.shape[1]]
         return cls(
@@ -721,7 +722,7 @@ class Outcomes(Sequence[Outcome]):
             impulses=impulses,
             table=collisions.table,
             status=np.array([STATUSES.index(each) for each in ("ok", *statuses)], np.uint8)[reason],
-            reason=reason.astype(np.int32),
+            reason=reason,
             reasons=("", *reasons),
             mark=np.zeros(n, np.int32),
             marks=("",),
