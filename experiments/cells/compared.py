@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import io
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -14,7 +13,6 @@ from rich.console import Console
 
 from impact_xval.compliant_baselines.registry import get_solver, law_of, solver_names
 from impact_xval.experiments.config.arrangements import Arranged
-from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.divergence import measures_of
 from impact_xval.experiments.measures.laws import in_order_of_laws
@@ -62,10 +60,9 @@ class Compared:
         return self.arranged is not None or not self.problem.falls_on_resting
 
     @property
-    def divergences(self) -> dict[str, float | None]:
-        """Velocity divergence D from the model, by solver; None where one of the two has no result."""
-        found = {name: each["velocity_divergence"] for name, each in self._measures.items()}
-        return {name: None if math.isnan(D) else D for name, D in found.items()}
+    def divergences(self) -> dict[str, float]:
+        """Velocity divergence D from the model, by solver; NaN where one of the two has no result."""
+        return {name: each["velocity_divergence"] for name, each in self._measures.items()}
 
     @property
     def scaled(self) -> dict[str, list[float]]:
@@ -73,13 +70,8 @@ class Compared:
         names = [n for n in in_order_of_laws(self.outcomes) if self.outcomes[n].status in RESULT_STATUSES]
         return {name: [v / self._speed for v in self.outcomes[name].velocities] for name in names}
 
-    @property
-    def _measures(self) -> dict[str, dict[str, float]]:
-        return measures_of(self.problem, self.outcomes)
-
-    @property
-    def _speed(self) -> float:
-        return max(map(abs, self.problem.velocities))
+    _measures = property(lambda self: measures_of(self.problem, self.outcomes))
+    _speed = property(lambda self: max(map(abs, self.problem.velocities)))
 
     def objects(self) -> list[dict[str, Any]]:
         """Return an object a solver: velocities per abs(v0), impulses per m1 abs(v0), times in s.
@@ -200,9 +192,6 @@ def compare(problem: Collision, solvers: Sequence[str] | None = None, *, timeout
         For names that are no solvers, or an illegal time; the message says what is legal.
     """
     names = [solvers] if isinstance(solvers, str) else list(solver_names() if solvers is None else solvers)
-    try:
-        config = parse_config({"scenario": "impact", "cell_timeout": timeout, "solvers": names}, where="")
-    except UserError as error:
-        raise ValueError(str(error)) from None
+    config = parse_config({"scenario": "impact", "cell_timeout": timeout, "solvers": names}, where="")
     with solvers_apart(config.solvers, columns=not problem.falls_on_resting) as apart:
         return Compared(problem, apart.solve(problem, config, config.solvers, get_solver, say_waiting))

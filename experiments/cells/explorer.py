@@ -63,7 +63,7 @@ class Cells:
         asked = (("cell_timeout", "60"), *(each for each in given if each[0] != "solver"))
         try:
             collision, arranged, _ = self._read(dict(asked))
-        except (UserError, ValueError) as error:
+        except ValueError as error:
             return {"problem": str(error)}
         outcomes = self._solve(asked, EXACT)
         for key, name in given:
@@ -126,10 +126,7 @@ def page() -> str:
 class _Server(ThreadingHTTPServer):
     #: Threads are waited for: one that was importing when the interpreter ended aborted it ("exception not rethrown").
     daemon_threads = False
-
-    def __init__(self, port: int, cells: Cells) -> None:
-        self.cells = cells
-        super().__init__(("127.0.0.1", port), _Request)
+    cells: Cells
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of a page that was closed, nor of a cell that Ctrl-C ended."""
@@ -174,9 +171,10 @@ def explorer(port: int, read: Reader) -> Iterator[tuple[str, Callable[[], object
     with contextlib.ExitStack() as ending:
         cells = Cells(read, ending)
         try:
-            server = ending.enter_context(_Server(port, cells))
+            server = ending.enter_context(_Server(("127.0.0.1", port), _Request))
         except OSError as error:
             raise UserError(f"--port = {port}: {error.strerror}; legal: a free one (0: any)") from None
+        server.cells = cells
         # Beside the main thread: Ctrl-C, which that meets, could come while a request's thread is started.
         threading.Thread(target=server.serve_forever, daemon=True).start()
         try:

@@ -28,7 +28,7 @@ class _OneLineError(Exception):
         super().__init__(visible(" ".join(str(message).split())))
 
 
-class UserError(_OneLineError):
+class UserError(_OneLineError, ValueError):
     """What the user asked for cannot be done; the command line prints the line and ends with exit code 2."""
 
 

@@ -9,11 +9,11 @@ import hashlib
 import json
 import math
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from impact_xval.compliant_baselines.states import SHORTEST_STATE
 from impact_xval.experiments.config.arrangements import Arranged, ColumnTable
@@ -31,7 +31,6 @@ from impact_xval.experiments.config.axes import (
 )
 from impact_xval.experiments.config.errors import (
     FieldName,
-    UserError,
     dotted,
     hint,
     read_toml,
@@ -53,6 +52,17 @@ REFERENCE = "state-transition"
 KEPT = "kept"
 
 _NAME = "1 to 100 printable characters"
+
+
+def _known(names: list[str], info: ValidationInfo) -> list[str]:
+    if info.context != KEPT and (problem := solvers_problem(names)):
+        raise ValueError(problem)
+    return names
+
+
+Solvers = Annotated[
+    list[str], AfterValidator(_known), Field(description="a list of names of solvers, each once")
+]
 
 
 class Cell(Strict):
@@ -113,10 +123,7 @@ class Config(Strict):
     m1: float = positive(1.0, "kg")
     k1: float = positive(1e8, "N/m")
     v0: float = parameter(V0, -1.0)
-    solvers: list[str] = Field(
-        [REFERENCE, "bistiffness", "kelvin-voigt", "mujoco", "pybullet"],
-        description="a list of names of solvers, each once",
-    )
+    solvers: Solvers = Field([REFERENCE, "bistiffness", "kelvin-voigt", "mujoco", "pybullet"])
     step_fraction: float = at_most(1e-3, 0.1, "of a contact period")
     max_steps: int = Field(2_000_000, ge=1, le=10**12, description="a whole number >= 1")
     shortest_state: float = Field(
@@ -164,11 +171,8 @@ class Config(Strict):
 
     @field_validator("solvers")
     @classmethod
-    def _known_solvers(cls, value: list[str], info: ValidationInfo) -> list[str]:
-        problem = solvers_problem(value)
-        if problem and info.context != KEPT:
-            raise ValueError(problem)
-        # The reference leads, asked for or not: without it there is nothing to diverge from.
+    def _reference_first(cls, value: list[str]) -> list[str]:
+        # Asked for or not: without it there is nothing to diverge from.
         return [REFERENCE, *(name for name in value if name != REFERENCE)]
 
     @model_validator(mode="after")
@@ -202,10 +206,7 @@ class Config(Strict):
         if found:
             raise ValueError(found[1])
         for corner in self.column.corners() if self.column is not None else ():
-            try:
-                validated(Arranged, corner | {"m": self.m1, "k": self.k1, "v0": self.v0}, "column")
-            except UserError as error:
-                raise ValueError(str(error)) from None
+            validated(Arranged, corner | {"m": self.m1, "k": self.k1, "v0": self.v0}, "column")
         return self
 
     def beyond_precision(self, stiffness_ratios: ArrayLike, mass_ratios: ArrayLike) -> tuple[int, str] | None:

@@ -3,10 +3,6 @@
 If it does, the column goes where N - 1 balls go of which one is the pair, *welded*: of the mass and the momentum of
 both, or, at the table, part of the table. The welded column is solved by the same solver, so that a verdict is on the
 hypothesis under the solver's own law, and on nothing else.
-
-A pair of equal velocities at first, whether it moves or rests, is told apart from one that *meets*
-(docs/hypothesis.md). Dashpots of the other contacts of a welded body were mapped with its own mass, and work against
-that of both: a lossy Kelvin-Voigt column goes elsewhere.
 """
 
 from __future__ import annotations
@@ -24,10 +20,10 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.config.arrangements import Arranged
 from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced
-from impact_xval.experiments.hypothesis.judging import GRAZING, distance
+from impact_xval.experiments.hypothesis.judging import distance, usable
 from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.sweep.pool import available_cores
-from impact_xval.model.collision import RESULT_STATUSES, Collision
+from impact_xval.model.collision import Collision
 
 #: Solvers of columns that are exact for linear contacts, and fast enough where one rings a thousand times.
 SOLVERS = ("state-transition", "bistiffness", "kelvin-voigt", "kelvin-voigt-textbook")
@@ -90,9 +86,9 @@ def welded(column: Collision, contact: int) -> Collision:
     return Collision(tuple(masses), k, e, tuple(velocities), column.table)
 
 
-def of_each_ball(velocities: Sequence[float], contact: int, balls: int) -> tuple[float, ...]:
+def of_each_ball(velocities: Sequence[float], contact: int) -> tuple[float, ...]:
     """Give the velocities of a welded column, and of the table, to the balls of the whole one."""
-    return tuple((*velocities, 0.0)[ball - (ball > contact)] for ball in range(balls))
+    return tuple((*velocities, 0.0)[ball - (ball > contact)] for ball in range(len(velocities) + 1))
 
 
 def column_outcomes(config: HypothesisConfig) -> Frame:
@@ -108,7 +104,8 @@ def column_outcomes(config: HypothesisConfig) -> Frame:
     with ThreadPoolExecutor(available_cores()) as threads:  # kernels hold no lock of Python
         found = threads.map(lambda each: list(_solved(contrasts, *each)), every)
         rows = [row for some in found for row in some]
-    return pd.DataFrame(rows).assign(error=ERROR, decades=design.fit_decades)
+    outcomes: Frame = pd.DataFrame(rows).assign(error=ERROR, decades=design.fit_decades)
+    return usable(outcomes, np.sqrt(outcomes.contrast))
 
 
 def _solved(
@@ -121,14 +118,14 @@ def _solved(
     asked = [*(stiffened(column, contact, x) for x in contrasts), welded(column, contact)]
     *outcomes, as_one = get_solver(known["solver"]).solve_many(asked, Settings(mark=False))
     weights = np.array(column.masses) / np.dot(column.masses, np.square(column.velocities))
-    form = of_each_ball(as_one.velocities, contact, len(column.masses))
+    form = of_each_ball(as_one.velocities, contact)
     known = known | {name: getattr(column, name) for name in ("masses", "stiffnesses", "restitutions")}
     known |= {"incoming": column.velocities, "weights": weights, "closed_form": form}
     known |= {"meets": column.compression_rates[contact] > 0}
     known |= {"class": "elastic" if min(column.restitutions) == 1 else "lossy"}
     for x, outcome in zip(contrasts, outcomes, strict=True):
-        found = {name: getattr(outcome, name) for name in ("velocities", "status", "reason")}
-        grazing = (margin := outcome.grazing_margin) is not None and margin * math.sqrt(x) < GRAZING
-        found |= {"contrast": x, "distance": distance(weights, np.subtract(outcome.velocities, form))}
-        found |= {"grazing": grazing, "used": outcome.status in RESULT_STATUSES and not grazing}
-        yield known | found
+        found = {
+            name: getattr(outcome, name) for name in ("velocities", "status", "reason", "grazing_margin")
+        }
+        away = distance(weights, np.subtract(outcome.velocities, form))
+        yield known | found | {"contrast": x, "distance": away}

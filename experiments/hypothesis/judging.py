@@ -77,6 +77,13 @@ def distance(weights: Any, differences: Any) -> Any:
     return np.sqrt((weights * np.square(differences)).sum(axis=-1))
 
 
+def usable(outcomes: Frame, root: Any) -> Frame:
+    """Tell which outcomes can be used: those with a result, hence a distance, that lie beside no jump (`GRAZING`)."""
+    there = outcomes.distance.notna()
+    grazing = there & (outcomes.grazing_margin.fillna(np.inf) * root < GRAZING)
+    return outcomes.assign(used=there & ~grazing, grazing=grazing)
+
+
 class Series(NamedTuple):
     """Usable outcomes at rising contrasts, an element or row each."""
 

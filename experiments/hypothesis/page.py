@@ -99,10 +99,10 @@ def _wholes(table: Frame) -> Frame:
 
 def _columns_as_one(results: Results) -> Iterator[str]:
     """Say at how many columns a pair that has one velocity at first moves as one; nothing without columns."""
-    found = [(solver, supported) for solver, first, supported, *_ in over_places(results) if first != "meet"]
+    places = over_places(results)
+    found = [f"{named(solver)} {supported}" for solver, first, supported, *_ in places if first != "meet"]
     if found:
-        said = ", ".join(f"{named(solver)} {supported}" for solver, supported in found)
-        yield f"Columns whose stiff pair has one velocity at first, and moves as one: {said}."
+        yield f"Columns whose stiff pair has one velocity at first, and moves as one: {', '.join(found)}."
 
 
 def _verdicts(results: Results) -> Table:

@@ -29,7 +29,7 @@ from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import REFERENCE, parse_config
 from impact_xval.experiments.hypothesis.columns import column_outcomes
 from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced
-from impact_xval.experiments.hypothesis.judging import GRAZING, distance, judged, verdicts
+from impact_xval.experiments.hypothesis.judging import distance, judged, usable, verdicts
 from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.measures.laws import exact_for, in_order_of_laws
 from impact_xval.experiments.sweep.run import run_sweep
@@ -75,15 +75,13 @@ class Case(NamedTuple):
     regime: str
     axis: str = "stiffness_ratio"
 
-    @property
-    def plastic(self) -> bool:
-        """Whether a restitution goes to its limit."""
-        return self.axis != "stiffness_ratio"
+    plastic = property(
+        lambda self: self.axis != "stiffness_ratio", doc="Whether a restitution goes to its limit."
+    )
 
     def at(self, contrast: float) -> dict[str, float]:
         """Return the ratio that goes to its limit, by name, at a contrast."""
-        ratios = {"k1/k2": 1 / contrast, "k2/k1": contrast}
-        return {self.axis: contrast**-0.5 if self.plastic else ratios[self.variable]}
+        return {self.axis: contrast ** {"k2/k1": 1, "k1/k2": -1}.get(self.variable, -0.5)}
 
 
 CASES = (
@@ -249,13 +247,11 @@ def _outcomes(found: Frame) -> Frame:
     v = np.where(there.to_numpy()[:, None], np.where(at_no_step[:, None], limits, velocities), np.nan)
     form, weights = found[_CLOSED].to_numpy(), np.column_stack([np.ones(len(found)), found.mass_ratio])
     root = np.where(found["case"].str.startswith("plastic"), 1.0, np.sqrt(found.contrast))
-    grazing = there & (found.grazing_margin.fillna(np.inf) * root < GRAZING)
-    return found.drop(columns=["cell", *_READ]).assign(
+    found = found.drop(columns=["cell", *_READ]).assign(
         velocities=v.tolist(),
         closed_form=form.tolist(),
         weights=weights.tolist(),
         error=found[["limit_error", "velocity_error"]].max(axis=1).fillna(0.0).clip(lower=ROUNDING),
         distance=distance(weights, v - form),
-        used=there & ~grazing,
-        grazing=grazing,
     )
+    return usable(found, root)

@@ -35,21 +35,21 @@ def test_the_model_is_added_and_d_is_what_a_hand_computation_gives(problem):
     alone = solve(problem)
     assert (model.velocities, model.states) == (alone.velocities, alone.states)
     assert model.path.velocities[-1] == pytest.approx(model.velocities)
-    masses, away = np.array(problem.masses), np.subtract(model.velocities, other.velocities)
-    by_hand = np.sqrt(masses @ away**2 / (masses @ np.square(problem.velocities)))
+    away = np.square([np.subtract(model.velocities, other.velocities), problem.velocities])
+    by_hand = np.sqrt(np.divide(*(away @ problem.masses)))
     assert by_hand > 0.01
     assert compared.divergences == {"state-transition": 0, law: pytest.approx(by_hand, rel=1e-12)}
     shown = compared._repr_html_()
     assert shown.count("<table") == shown.count("<img") == shown.count("image/png;base64,iVBORw0KGgo") == 1
     assert {law, f"{other.v1 / -problem.velocities[0]:.6f}"} <= {*re.findall(">([^<]*)</td>", shown)}
-    assert f"v{len(masses)}" in str(compared)
+    assert f"v{len(problem.masses)}" in str(compared)
 
 
 def test_hostile_names_and_reasons_stay_text_and_without_a_path_there_is_no_picture():
     failed = Outcome.failure(HOSTILE, PLAIN, "crashed", HOSTILE)
     answered = Outcome(HOSTILE + "2", (0.5, 0.25), (1.5, 1.75), ("S1", "S4"))
     compared = Compared(PLAIN, {"state-transition": solve(PLAIN), HOSTILE: failed, answered.solver: answered})
-    assert compared.divergences[HOSTILE] is None
+    assert np.isnan(compared.divergences[HOSTILE])
     shown = compared._repr_html_()
     assert not {"script", "strong", "img"} & {*re.findall(r"<([a-z]+)", shown)}
     assert re.search(rf">{re.escape(escape(HOSTILE))}</t[dh]>", shown)

@@ -14,11 +14,9 @@ CLASSES = ("both lossy", "only e1 = 1", "e1 = e2 = 1")
 
 def planted(departure, contrast=CONTRAST, **how):
     """Judge a solver at 12 points, whose v1 is off the closed form by `departure(contrast, index of the point)`."""
-    series, usual = (
-        [],
-        {"error": 1e-13, "decades": 4.0, "used": True, "grazing": False, "status": "ok", "reason": ""},
-    )
-    for i, off in ((i, departure(contrast, i)) for i in range(12)):
+    usual = {"error": 1e-13, "decades": 4.0, "used": True, "grazing": False, "status": "ok", "reason": ""}
+    series = []
+    for i, off in enumerate(departure(contrast, i) for i in range(12)):
         one = {"contrast": contrast, "distance": abs(off), "solver": "planted", "point": i}
         lists = {"velocities": [(FORM[0] + x, FORM[1]) for x in off], "class": CLASSES[i % 3]}
         lists |= {"closed_form": [FORM] * len(off), "weights": [(1.0, 1.0)] * len(off)}
