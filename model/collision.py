@@ -563,11 +563,6 @@ class Outcome:
         before, after = (kinetic_norm(collision.masses, each.velocities) for each in (collision, self))
         return float((after / before) ** 2)
 
-    def retained_momentum(self, collision: Collision) -> float:
-        """Momentum after the collision over that before it, dimensionless: 1 without a table."""
-        weights = np.array(collision.masses) / max(collision.masses)
-        return float(weights @ self.velocities / (weights @ collision.velocities))
-
     @classmethod
     def failure(cls, solver: str, collision: Collision, status: Status, reason: str) -> Outcome:
         """Record that a solver gave no result, and why."""
