@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from filelock import FileLock
 from numba.core import event
 
@@ -39,8 +40,8 @@ def warm(_: object, resolve: Resolve, name: str, pair: bool) -> bool:
     Such a process may differ in a last bit from those that read the kernels. The parts of a kernel are weak symbols of
     it: where they have just been compiled alone, these are linked, and they were optimised in other surroundings.
 
-    First by the solver alone, so that other processes can compile other kernels meanwhile. One cell, and two: a column
-    of an array is contiguous where that has one row only, and numba compiles for either.
+    First by the solver alone, and distances of nothing, so that other processes can compile other kernels meanwhile.
+    One cell, and two: a column of an array is contiguous where that has one row only, and numba compiles for either.
     """
     usual = parse_config(_PAIR if pair else _COLUMN)
     experiment, cells = Experiment(usual, resolve), experiment_cells(usual)
@@ -49,6 +50,9 @@ def warm(_: object, resolve: Resolve, name: str, pair: bool) -> bool:
         with _compiling(own_kernel(name, pair=pair)):
             for block in blocks:
                 answer(resolve(name), block.collisions, alone)
+        if pair:
+            with _compiling(distances):
+                distances(np.empty((0, 2)), np.empty((0, 2)), np.zeros(1, int), np.zeros(1, int))
         with _compiling(*_kernels(name, pair=pair)):
             for block in blocks:
                 solve_by(experiment, name, block, {})
