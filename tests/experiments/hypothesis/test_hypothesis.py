@@ -48,7 +48,7 @@ def made(request, tmp_path_factory):
 
 
 def wholes(file):
-    return pd.read_csv(file).convert_dtypes().query("`class` == 'all'")
+    return pd.read_csv(file, na_values=["inf"]).convert_dtypes().query("`class` == 'all'")
 
 
 def test_the_tables_of_the_docs_are_those_of_the_built_in_test():
@@ -185,7 +185,7 @@ def test_the_page_and_the_command_show_the_verdicts_of_the_tables(made):
     shown = {row[0]: row[1:] for row in cells if row}
     for solver, found in wholes(root / "verdicts.csv").groupby("solver"):
         for row, cell in zip(found.itertuples(), shown[named(solver)], strict=True):
-            close = "never" if row.close_from == float("inf") else f"≥{number(row.close_from, 1)}"
+            close = "never" if pd.isna(row.close_from) else f"≥{number(row.close_from, 1)}"
             more = {"supported": f"r {row.rate:.2f}", "refuted": f"D {row.offset_least:.2g}"}
             verdict = f"{row.verdict} {getattr(row, f'n_{row.verdict}', row.n_undecided)}/{row.points}"
             assert cell.startswith(f"{verdict} {close}<br>{more.get(row.verdict, '')}")
