@@ -24,8 +24,8 @@ import numpy as np
 
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.packages import import_quietly
-from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, radius_of, reduced_masses
-from impact_xval.compliant_baselines.mapping import RIGID, Side, pybullet_side, shared_out
+from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, radius_of, sweeps
+from impact_xval.compliant_baselines.mapping import Side, Sides, combined, pybullet_side, sides
 
 #: Most sub-steps of one call.
 STRIDE = 256
@@ -48,8 +48,8 @@ ZERO = ("restitution", "lateralFriction", "spinningFriction", "rollingFriction")
 ZERO += ("linearDamping", "angularDamping", "contactProcessingThreshold")
 FREE = {**dict.fromkeys(ZERO, 0.0), "maxJointVelocity": 1e30}
 
-#: Of a body, what meets the body below and what meets the body above, as body and part.
-Sides = tuple[tuple[int, int], tuple[int, int]]
+#: Of a body, what meets the body above and what meets the body below, as body and part.
+Parts = tuple[tuple[int, int], tuple[int, int]]
 
 #: Part of a ball: the base meets the ball below, the link the ball above. A link is fixed and massless.
 BASE, LINK = -1, 0
@@ -125,26 +125,32 @@ class PybulletWorld(World):
 
     longest_leap = STRIDE
 
-    def __init__(self, client: int, scene: Scene, made: dict[Any, list[Sides]]) -> None:
+    def __init__(self, client: int, scene: Scene, made: dict[Any, list[Parts]]) -> None:
         p = self._p = import_quietly("pybullet")
         self._client, self._step, self._stride, self._falls = client, scene.step, 0, scene.gravity > 0
-        pairs, on, radius = _pairs(scene), {"physicsClientId": client}, _radius(scene)
+        bodies, on, radius = _sides(scene), {"physicsClientId": client}, _radius(scene)
+        pairs = combined(bodies)
         self._places = scene.places(radius)
-        self.rest = scene.masses[-1] * scene.gravity / pairs[-1].stiffness if scene.settled else 0.0
+        self.rest = scene.masses[-1] * scene.gravity / pairs[-1].stiffness
         self.heights = self._x = scene.start(radius, self.rest)
         kind = len(scene.masses), scene.table, radius
         if kind not in made:
             made.clear()
             made[kind] = self._make(scene, radius)
-        sides = made[kind]
-        self.balls = [below[0] for below, _ in sides[: len(scene.masses)]]
-        p.setPhysicsEngineParameter(
-            fixedTimeStep=scene.step, numSubSteps=0, numSolverIterations=_iterations(scene, pairs), **on
-        )
+        parts = made[kind]
+        self.balls = [ball for (ball, _), _ in parts[: len(scene.masses)]]
+        h = scene.step
+        soft = [1 / (h * (h * pair.stiffness + pair.dissipation)) for pair in pairs]
+        # Two more, for the cap at zero force to settle which contacts act.
+        most = 2 + min(1000, max(2, sweeps(scene, soft)))
+        p.setPhysicsEngineParameter(fixedTimeStep=h, numSubSteps=0, numSolverIterations=most, **on)
         for ball, mass in zip(self.balls, scene.masses, strict=True):
             p.changeDynamics(ball, BASE, mass=mass, **on)
-        for side, own in _properties(scene, sides).items():
-            p.changeDynamics(*side, contactStiffness=own.stiffness, contactDamping=own.dissipation, **on)
+        for both, own in zip(parts, bodies, strict=True):
+            for part, side in zip(both, own, strict=True):
+                p.changeDynamics(
+                    *part, contactStiffness=side.stiffness, contactDamping=side.dissipation, **on
+                )
         # Apart for a step, in which the engine forgets contact points and what it warm-starts from.
         p.setGravity(0, 0, 0, **on)
         self._place(10 * self._places, [0.0] * len(self.balls))
@@ -152,16 +158,17 @@ class PybulletWorld(World):
         p.setGravity(0, 0, -scene.gravity, **on)
         self._place(self._places + self._x, scene.velocities)
         if _linked(scene):  # of bodies in maximal coordinates it says nothing
-            said = [[Side(*p.getDynamicsInfo(*each, client)[9:7:-1]) for each in both] for both in sides]
-            pairs = [below.against(above) for (below, _), (_, above) in pairwise(said)]
+            pairs = combined(
+                [[Side(*p.getDynamicsInfo(*part, client)[9:7:-1]) for part in both] for both in parts]
+            )
         self.effective = {
             "stiffness": tuple(pair.stiffness for pair in pairs),
             "damping": tuple(pair.dissipation for pair in pairs),
             "step": (p.getPhysicsEngineParameters(client)["fixedTimeStep"],),
         }
 
-    def _make(self, scene: Scene, radius: float) -> list[Sides]:
-        """Empty the client and make table and balls; their sides, those of the upper ball first."""
+    def _make(self, scene: Scene, radius: float) -> list[Parts]:
+        """Empty the client and make table and balls; their parts, those of the upper ball first."""
         p, on, linked = self._p, {"physicsClientId": self._client}, _linked(scene)
         p.resetSimulation(**on)
         p.setPhysicsEngineParameter(contactBreakingThreshold=BREAKING_OVER_RADIUS * radius, **EXACT, **on)
@@ -171,18 +178,18 @@ class PybulletWorld(World):
         table = p.createMultiBody(0, plane, **how, **on)
         if linked:
             how = {**FIXED, "linkCollisionShapeIndices": [sphere], "linkJointTypes": [p.JOINT_FIXED]}
-        sides = [((table, BASE), (table, BASE))] if scene.table else []
+        parts = [((table, BASE), (table, BASE))] if scene.table else []
         for z in 10 * self._places[::-1]:
             ball = p.createMultiBody(1, sphere, basePosition=(0, 0, z), **how, **on)
-            sides.insert(0, ((ball, BASE), (ball, LINK if linked else BASE)))
-        for body, part in {side for both in sides for side in both}:
+            parts.insert(0, ((ball, LINK if linked else BASE), (ball, BASE)))
+        for body, part in {part for both in parts for part in both}:
             p.changeDynamics(body, part, activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING, **FREE, **on)
             if linked:
                 p.setCollisionFilterGroupMask(body, part, 0, 0, **on)
         if linked:
-            for ((upper, below), _), (_, (lower, above)) in pairwise(sides):
+            for (_, (upper, below)), ((lower, above), _) in pairwise(parts):
                 p.setCollisionFilterPair(upper, lower, below, above, 1, **on)
-        return sides
+        return parts
 
     def _place(self, heights: Floats, velocities: Sequence[float]) -> None:
         for ball, z, v in zip(self.balls, heights.tolist(), velocities, strict=True):
@@ -242,42 +249,10 @@ def _linked(scene: Scene) -> bool:
     return not (scene.table and len(scene.masses) == 2)
 
 
-def _properties(scene: Scene, sides: list[Any]) -> dict[tuple[int, int], Side]:
+def _sides(scene: Scene) -> list[Sides]:
     """Stiffness and damping of both sides of every body."""
-    carried = list(map(pybullet_side, scene.contacts))
-    if not _linked(scene):
-        bodies = shared_out(carried[0], carried[1], scene.mapping)
-        return {below: body for (below, _), body in zip(sides, bodies, strict=True)}
-    own = {side: RIGID for both in sides for side in both}
-    return own | {below: side for (below, _), side in zip(sides, carried, strict=False)}
-
-
-def _pairs(scene: Scene) -> list[Side]:
-    """Give stiffness and damping of the contacts as the engine combines them."""
-    carried = list(map(pybullet_side, scene.contacts))
-    if _linked(scene):
-        return carried
-    bodies = shared_out(carried[0], carried[1], scene.mapping)
-    return [above.against(below) for above, below in pairwise(bodies)]
+    return sides(list(map(pybullet_side, scene.contacts)), scene.mapping, whole=not _linked(scene))
 
 
 def _radius(scene: Scene) -> float:
-    return radius_of(scene.depth([pair.stiffness for pair in _pairs(scene)]))
-
-
-def _iterations(scene: Scene, pairs: list[Side]) -> int:
-    """Count the iterations after which sequential impulses are converged to rounding.
-
-    One sweep is Gauss and Seidel's on the inverse-mass matrix of the contacts with the engine's compliance
-    1/(h (h k + c)) on its diagonal; on a symmetric tridiagonal matrix its spectral radius is the square of that of
-    Jacobi's iteration: 1e-5 for two balls at a step of 1/1000 of a period, 0.02 at 1/10.
-    """
-    h, alone = scene.step, zip(reduced_masses(scene), pairs, strict=True)
-    diagonal = [1 / mass + 1 / (h * (h * pair.stiffness + pair.dissipation)) for mass, pair in alone]
-    beside = [
-        1 / (m * math.sqrt(d * e)) for m, (d, e) in zip(scene.masses[1:], pairwise(diagonal), strict=False)
-    ]
-    radius = np.abs(np.linalg.eigvalsh(np.diag(beside, 1) + np.diag(beside, -1))).max()
-    shrink = min(max(radius**2, sys.float_info.min), 1 - sys.float_info.epsilon)
-    # 36.7 = -ln(1.1e-16); two more, for the cap at zero force to settle which contacts act.
-    return 2 + min(1000, max(2, math.ceil(36.7 / -math.log(shrink))))
+    return radius_of(scene.depth([pair.stiffness for pair in combined(_sides(scene))]))

@@ -248,7 +248,7 @@ class Run:
             return 0.5 * float(m @ (v if c.table else v - m @ v / m.sum()) ** 2)
 
         # A linear support that carries m2 g at the penetration -x2 holds half their product.
-        held = -0.5 * c.masses[-1] * c.gravity * float(self.start[-1]) if c.settled else 0.0
+        held = -0.5 * c.masses[-1] * c.gravity * float(self.start[-1])
         fallen = c.gravity * float(m @ ((self.heights if self.fall is None else self.fall[1]) - self.start))
         before = kinetic(np.array(c.velocities))
         return (kinetic(self.velocities) + fallen - before - held) / before

@@ -22,7 +22,7 @@ from impact_xval.compliant_baselines.engines.pybullet import (
     connected,
 )
 from impact_xval.compliant_baselines.engines.scene import Scene
-from impact_xval.compliant_baselines.rigid.lines import RigidEngine, RigidWorld, sweeps
+from impact_xval.compliant_baselines.rigid.lines import RigidEngine, RigidWorld
 
 #: Distance in m at which it drops a contact, as it ships (gContactBreakingThreshold of btPersistentManifold.cpp).
 SHIPPED_BREAKING = 0.02
@@ -42,7 +42,7 @@ class BulletWorld(RigidWorld):
         p.resetSimulation(**on)
         exact = scene.mapping != "shipped"
         how: dict[str, Any] = (
-            {"numSolverIterations": sweeps(scene), "erp": 0, "contactERP": 0, **EXACT} if exact else {}
+            {"numSolverIterations": self.sweeps, "erp": 0, "contactERP": 0, **EXACT} if exact else {}
         )
         # The threshold is the process's: another scene may have set it.
         how["contactBreakingThreshold"] = 1e-4 * self.radius if exact else SHIPPED_BREAKING
