@@ -37,7 +37,7 @@ TEXTS = {
 <option timestep="{step}" integrator="Euler" solver="Newton"/>
 <contact>
   <pair geom1="A" geom2="B" condim="1" margin="0" gap="0"
-        solref="{solref[0]} {solref[1]}" solimp="{solimp[0]} {solimp[1]} {solimp[2]} {solimp[3]} {solimp[4]}"/>
+        solref="{solref}" solimp="{solimp}"/>
 </contact>
 """,
     "pybullet": """\
@@ -47,8 +47,8 @@ p.setPhysicsEngineParameter(
     restitutionVelocityThreshold=0, solverResidualThreshold=0,
 )
 for body, stiffness, damping in (
-    (a, {a[contactStiffness]}, {a[contactDamping]}),
-    (b, {b[contactStiffness]}, {b[contactDamping]}),
+    (a, {a}),
+    (b, {b}),
 ):
     p.changeDynamics(body, -1, contactStiffness=stiffness, contactDamping=damping,
                      restitution=0, linearDamping=0, angularDamping=0)
@@ -58,8 +58,8 @@ for body, stiffness, damping in (
 # combines in series, relaxation times add; kSap ignores a Hunt-Crossley dissipation.
 properties_a, properties_b = ProximityProperties(), ProximityProperties()
 for properties, stiffness, relaxation_time in (
-    (properties_a, {a[point_contact_stiffness]}, {a[relaxation_time]}),
-    (properties_b, {b[point_contact_stiffness]}, {b[relaxation_time]}),
+    (properties_a, {a}),
+    (properties_b, {b}),
 ):
     AddContactMaterial(properties=properties, point_stiffness=stiffness, friction=CoulombFriction(0.0, 0.0))
     properties.AddProperty("material", "relaxation_time", relaxation_time)
@@ -113,30 +113,16 @@ def paste(engine: str, contact: Contact, step: float) -> str:
     """
     if engine not in ENGINES:
         raise ValueError(f"engine = {engine!r}; legal: {', '.join(ENGINES)}")
-    parameters = _digits(_parameters(engine, contact))
-    text = TEXTS[engine].format(step=_digits(step), inverse=_digits(1 / contact.mass), **parameters)
+    pair, side = mujoco_contact(contact), (drake_side if engine == "drake" else pybullet_side)(contact)
+    numbers = {"solref": pair.solref, "solimp": pair.solimp, "a": astuple(side), "b": astuple(RIGID)}
+    numbers |= {"step": (step,), "inverse": (1 / contact.mass,)}
+    between = " " if engine == "mujoco" else ", "
+    # Always those of a float: Drake tells 0 from 0.0.
+    texts = {key: between.join(repr(float(f"{each:.12g}")) for each in some) for key, some in numbers.items()}
+    text = TEXTS[engine].format(**texts)
     if "inf" in text or "nan" in text:
         raise SolverError(engine, "unrepresentable", f"a parameter of {contact} leaves double precision")
     return text
-
-
-def _parameters(engine: str, contact: Contact) -> dict[str, Any]:
-    if engine == "mujoco":
-        pair = mujoco_contact(contact)
-        return {"solref": pair.solref, "solimp": pair.solimp, "condim": 1, "integrator": "Euler"}
-    side, names = pybullet_side(contact), ("contactStiffness", "contactDamping")
-    if engine == "drake":
-        side, names = drake_side(contact), ("point_contact_stiffness", "relaxation_time")
-    return {name: dict(zip(names, astuple(own), strict=True)) for name, own in (("a", side), ("b", RIGID))}
-
-
-def _digits(value: Any) -> Any:
-    """Numbers as texts of 12 digits, always those of a float: Drake tells 0 from 0.0."""
-    if isinstance(value, dict):
-        return {key: _digits(each) for key, each in value.items()}
-    if isinstance(value, tuple):
-        return [_digits(each) for each in value]
-    return value if isinstance(value, str) else repr(float(f"{value:.12g}"))
 
 
 def scene_files(engine: Engine, scene: Scene, max_steps: int) -> tuple[Run, dict[str, str]]:
