@@ -1,13 +1,9 @@
 """What an engine's velocities tend to as its step goes to zero, and how well that is known: the convergence estimate.
 
-An engine is run at the step h that a user takes, at 2h and at 4h; and at h/2, h/4, ... only as long as the estimate
-exceeds the tolerance, or where one of the longer steps is too long: its run comes to no end, or takes more steps than
-that at h. Of the velocities V0, ..., Vn, from the longest step to the shortest, the limit is Richardson's,
-Ln = 2 Vn - V(n-1), for engines of first order; where Ln - L(n-1) has fallen to a quarter, as a correction of second
-order does, the last three runs are alike and the last four resolve both contacts, it is the next of his table,
-(4 Ln - L(n-1))/3. Balls that part for good have v1 >= v2 >= 0: a limit outside means that they meet once more as the
-step goes to zero, and is replaced by the nearest point inside, which is what a plastic meeting makes of it. Its error
-is the largest of four numbers, derived in docs/convergence.md: smooth errors, bent rates, touch times and gravity.
+docs/convergence.md says at which steps beside h, the step that a user takes, an engine is run, how velocities are
+extrapolated, and what the error is made of. Balls that part for good have v1 >= v2 >= 0: a limit outside means that
+they meet once more as the step goes to zero, and is replaced by the nearest point inside, which is what a plastic
+meeting makes of it.
 
 What the engine's own regularisation of contacts does to the velocities, which no step removes, is measured by one more
 run at 4h with `probe` times as much of it; it is of first order in the regularisation. Where it exceeds the tolerance

@@ -97,16 +97,17 @@ class Pybullet(Engine):
         largest = scene.fastest * sum(scene.masses)
         if largest > LARGEST_IMPULSE:
             return f"m |v0| = {largest:.3g} N s: PyBullet caps a contact at {LARGEST_IMPULSE:.0e} N s a step"
-        if 2 * math.sqrt(3) * _radius(scene) <= LARGEST_BODY:
+        radius = self.radius(scene)
+        if 2 * math.sqrt(3) * radius <= LARGEST_BODY:
             return None
         return (
-            f"penetrations ask for balls of radius {_radius(scene):.3g} m: "
+            f"penetrations ask for balls of radius {radius:.3g} m: "
             f"PyBullet drops bodies larger than {LARGEST_BODY:.0e} m; scale stiffnesses, masses or v0 (Theorem 5)"
         )
 
-    def radius(self, scene: Scene) -> float:
-        """As `Engine.radius`."""
-        return _radius(scene)
+    def stiffnesses(self, scene: Scene) -> list[float]:
+        """As `Engine.stiffnesses`."""
+        return [pair.stiffness for pair in combined(_sides(scene))]
 
     def world(self, scene: Scene) -> PybulletWorld:
         """Set a scene up."""
@@ -128,8 +129,9 @@ class PybulletWorld(World):
     def __init__(self, client: int, scene: Scene, made: dict[Any, list[Parts]]) -> None:
         p = self._p = import_quietly("pybullet")
         self._client, self._step, self._stride, self._falls = client, scene.step, 0, scene.gravity > 0
-        bodies, on, radius = _sides(scene), {"physicsClientId": client}, _radius(scene)
+        bodies, on = _sides(scene), {"physicsClientId": client}
         pairs = combined(bodies)
+        radius = radius_of(scene.depth([pair.stiffness for pair in pairs]))
         self._places = scene.places(radius)
         self.rest = scene.masses[-1] * scene.gravity / pairs[-1].stiffness
         self.heights = self._x = scene.start(radius, self.rest)
@@ -252,7 +254,3 @@ def _linked(scene: Scene) -> bool:
 def _sides(scene: Scene) -> list[Sides]:
     """Stiffness and damping of both sides of every body."""
     return sides(list(map(pybullet_side, scene.contacts)), scene.mapping, whole=not _linked(scene))
-
-
-def _radius(scene: Scene) -> float:
-    return radius_of(scene.depth([pair.stiffness for pair in combined(_sides(scene))]))

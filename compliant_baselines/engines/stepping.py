@@ -19,7 +19,6 @@ references keep these rules alike.
 from __future__ import annotations
 
 import math
-from functools import cached_property
 
 import numba
 import numpy as np
@@ -185,7 +184,9 @@ class Run:
         self._memory["met"] = (scene.gaps > 0) @ (1 << np.arange(len(scene.stiffnesses)))
         self._starts: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
         self._states: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
+        # Points of the path: every `_stride`-th, borders between states, and the ends.
         self._points = [np.array([[0.0, *scene.velocities]])] if record_path else []
+        self._stride, self._size = 1, 0
 
     def feed(self, v: Floats, x: Floats) -> bool:
         """Take the next steps, up to the one after which the collision is over, given up or in its first flight.
@@ -203,7 +204,11 @@ class Run:
             self._starts.append(changes + self.n_steps)
             self._states.append(codes[changes])
             if self._points:
-                self._points.append(np.column_stack([self.n_steps + 1 + np.arange(n), v[:n]]))
+                number = self.n_steps + 1 + np.arange(n)
+                wanted = number % self._stride == 0
+                wanted[-1] = True
+                wanted[changes[changes > 0] - 1] = True
+                self._keep(number[wanted], v[:n][wanted])
             self.velocities, self.heights, self._code = v[n - 1].copy(), x[n - 1].copy(), int(codes[n - 1])
             self.n_steps += n
         if self.end != FLIGHT:
@@ -211,6 +216,24 @@ class Run:
         self.fall = self.n_steps, self.heights
         self._weight, self.end = np.zeros(6), GOING
         return True
+
+    def _keep(self, number: NDArray[np.int64], velocities: Floats) -> None:
+        self._points.append(np.column_stack([number, velocities]))
+        self._size += len(number)
+        if self._size > 4 * PATH_POINTS:
+            self.thin()
+
+    def thin(self) -> None:
+        """Double the stride until the points of the path between borders are at most `PATH_POINTS`."""
+        points = np.concatenate(self._points)
+        number = points[:, 0].astype(np.int64)
+        border = np.isin(number, self.raw.start)
+        border[[0, -1]] = True
+        keep = np.ones(len(number), bool)
+        while np.count_nonzero(keep & ~border) > PATH_POINTS:
+            self._stride *= 2
+            keep = border | (number % self._stride == 0)
+        self._points, self._size = [points[keep]], int(keep.sum())
 
     def quiet_steps(self) -> int:
         """Count the next steps in which nothing will happen (`engines.quiet`)."""
@@ -224,10 +247,11 @@ class Run:
         the accelerations from the law. That is of fourth order in the time of the n steps, and of first in their own.
         """
         if self._points:
-            number = 1 + np.arange(n)
+            first = (self.n_steps // self._stride + 1) * self._stride
+            number = np.append(np.arange(first, self.n_steps + n, self._stride), self.n_steps + n)
             ends = self.velocities, self.heights, v, x
-            how = number / n, n * self.scene.step, self._masses, self._law, self._weight[0]
-            self._points.append(np.column_stack([self.n_steps + number, between(self._code, *ends, *how)]))
+            how = (number - self.n_steps) / n, n * self.scene.step, self._masses, self._law, self._weight[0]
+            self._keep(number, between(self._code, *ends, *how))
         self.velocities, self.heights = v, x
         self.n_steps += n
         self._memory["n_steps"] += n
@@ -251,21 +275,13 @@ class Run:
         """Time in s by which its first flight began, or, negative, did not, and the contact, from 0, that decided."""
         return float(self._memory["lead"][0]) * self.scene.step, int(self._memory["lead_contact"][0])
 
-    @cached_property
+    @property
     def points(self) -> Floats | None:
         """Number of the step (0 is the start) and velocities after it, shape (n, 1 + N); None if not asked for.
 
-        Borders of raw states, the ends, and at most `PATH_POINTS` between them: every step, every second, ...
+        Every so many steps, and borders of raw states.
         """
-        if not self._points:
-            return None
-        points = np.concatenate(self._points)
-        number, stride = points[:, 0].astype(np.int64), 1
-        border = np.isin(number, self.raw.start)
-        border[[0, -1]] = True
-        while np.count_nonzero(~border & (number % stride == 0)) > PATH_POINTS:
-            stride *= 2
-        return points[border | (number % stride == 0)]
+        return self._points[0] if self._points else None
 
     @property
     def duration(self) -> float:
@@ -374,4 +390,6 @@ def follow(scene: Scene, world: World, max_steps: int, record_path: bool = False
             window = min(2 * window, WINDOW)
     except RuntimeError as error:
         run.end, run.failure = BROKEN, " ".join(str(error).split())
+    if record_path:
+        run.thin()
     return run
