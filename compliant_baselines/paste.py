@@ -7,16 +7,14 @@ has loaded, PyBullet's are the adapter's own calls. The runners step as often as
 
 from __future__ import annotations
 
-import sys
 from dataclasses import astuple
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 
-from impact_xval.compliant_baselines.engines import mujoco
+from impact_xval.compliant_baselines.engines import mujoco, pybullet
 from impact_xval.compliant_baselines.engines.engine import Engine
-from impact_xval.compliant_baselines.engines.packages import import_quietly
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.engines.stepping import Run
 from impact_xval.compliant_baselines.mapping import (
@@ -132,7 +130,7 @@ def scene_files(engine: Engine, scene: Scene, max_steps: int) -> tuple[Run, dict
     """
     (run,) = engine.run([scene], max_steps)
     files = {"scene.xml": mjcf(scene)} if engine.name == "mujoco" else {}
-    parts = MUJOCO if files else _pybullet(engine, scene)
+    parts = MUJOCO if files else _pybullet(scene)
     script = SCRIPT.format(
         engine=engine.name,
         version=engine.version(),
@@ -186,16 +184,11 @@ def mjcf(scene: Scene) -> str:
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
-def _pybullet(engine: Engine, scene: Scene) -> dict[str, str]:
+def _pybullet(scene: Scene) -> dict[str, str]:
     """Record the calls with which the adapter sets a scene up, and name the rest of the script."""
-    module = import_quietly("pybullet")
-    recorder: Any = _Recorder(module)
-    sys.modules["pybullet"] = recorder  # which the adapter imports
-    try:
-        with engine.running():
-            world: Any = engine.world(scene)
-    finally:
-        sys.modules["pybullet"] = module
+    with pybullet.connected() as client:
+        recorder = _Recorder(client.number)
+        world = pybullet.PybulletWorld(recorder, scene, {})
     return {
         "setup": "\n".join(["pybullet.connect(pybullet.DIRECT)", *recorder.calls]),
         "weightless": "pybullet.setGravity(0, 0, 0)",
@@ -204,15 +197,15 @@ def _pybullet(engine: Engine, scene: Scene) -> dict[str, str]:
     }
 
 
-class _Recorder:
-    """The module pybullet, writing down the calls that set a world up."""
+class _Recorder(pybullet.Client):
+    """A client, writing down the calls that set a world up."""
 
-    def __init__(self, module: Any) -> None:
-        self._module = module
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
         self.calls: list[str] = []
 
     def __getattr__(self, name: str) -> Any:
-        value = getattr(self._module, name)
+        value = super().__getattr__(name)
         if type(value) is int:
             return _named(value, f"pybullet.{name}")
         if not name.startswith(("create", "set", "reset", "change", "step")):
@@ -220,10 +213,7 @@ class _Recorder:
 
         def call(*args: Any, **kwargs: Any) -> Any:
             result = value(*args, **kwargs)
-            given = {key: each for key, each in kwargs.items() if key != "physicsClientId"}
-            if name == "stepSimulation":
-                args = ()  # a number of the client, which a script does without
-            words = [*map(_literal, args), *(f"{key}={_literal(each)}" for key, each in given.items())]
+            words = [*map(_literal, args), *(f"{key}={_literal(each)}" for key, each in kwargs.items())]
             inside = ", ".join(words)
             if len(inside) > 80:
                 inside = "\n    " + ",\n    ".join(words) + ",\n"

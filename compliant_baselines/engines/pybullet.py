@@ -17,6 +17,7 @@ import math
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -63,17 +64,28 @@ FIXED |= {key: [(0, 0, 0)] for key in ("linkPositions", "linkInertialFramePositi
 FIXED |= {key: [(0, 0, 0, 1)] for key in ("linkOrientations", "linkInertialFrameOrientations")}
 
 
+class Client:
+    """The module pybullet, whose functions are those of one client by its number."""
+
+    def __init__(self, number: int) -> None:
+        self.module, self.number = import_quietly("pybullet"), number
+
+    def __getattr__(self, name: str) -> Any:
+        value = getattr(self.module, name)
+        return partial(value, physicsClientId=self.number) if callable(value) else value
+
+
 @contextmanager
-def connected() -> Iterator[int]:
+def connected() -> Iterator[Client]:
     """Connect a client; one that was kept would be client 0 to whoever else uses PyBullet and names none."""
     p: Any = import_quietly("pybullet")
-    client = p.connect(p.DIRECT)
-    if client < 0:
+    client = Client(p.connect(p.DIRECT))
+    if client.number < 0:
         raise RuntimeError("PyBullet gave no client: more than 1024 are connected in this process")
     try:
         yield client
     finally:
-        p.disconnect(physicsClientId=client)
+        client.disconnect()
 
 
 class Pybullet(Engine):
@@ -126,10 +138,9 @@ class PybulletWorld(World):
 
     longest_leap = STRIDE
 
-    def __init__(self, client: int, scene: Scene, made: dict[Any, list[Parts]]) -> None:
-        p = self._p = import_quietly("pybullet")
-        self._client, self._step, self._stride, self._falls = client, scene.step, 0, scene.gravity > 0
-        bodies, on = _sides(scene), {"physicsClientId": client}
+    def __init__(self, p: Client, scene: Scene, made: dict[Any, list[Parts]]) -> None:
+        self._p, self._step, self._stride, self._falls = p, scene.step, 0, scene.gravity > 0
+        bodies = _sides(scene)
         pairs = combined(bodies)
         radius = radius_of(scene.depth([pair.stiffness for pair in pairs]))
         self._places = scene.places(radius)
@@ -145,65 +156,60 @@ class PybulletWorld(World):
         soft = [1 / (h * (h * pair.stiffness + pair.dissipation)) for pair in pairs]
         # Two more, for the cap at zero force to settle which contacts act.
         most = 2 + min(1000, max(2, sweeps(scene, soft)))
-        p.setPhysicsEngineParameter(fixedTimeStep=h, numSubSteps=0, numSolverIterations=most, **on)
+        p.setPhysicsEngineParameter(fixedTimeStep=h, numSubSteps=0, numSolverIterations=most)
         for ball, mass in zip(self.balls, scene.masses, strict=True):
-            p.changeDynamics(ball, BASE, mass=mass, **on)
+            p.changeDynamics(ball, BASE, mass=mass)
         for both, own in zip(parts, bodies, strict=True):
             for part, side in zip(both, own, strict=True):
-                p.changeDynamics(
-                    *part, contactStiffness=side.stiffness, contactDamping=side.dissipation, **on
-                )
+                p.changeDynamics(*part, contactStiffness=side.stiffness, contactDamping=side.dissipation)
         # Apart for a step, in which the engine forgets contact points and what it warm-starts from.
-        p.setGravity(0, 0, 0, **on)
+        p.setGravity(0, 0, 0)
         self._place(10 * self._places, [0.0] * len(self.balls))
-        p.stepSimulation(client)
-        p.setGravity(0, 0, -scene.gravity, **on)
+        p.stepSimulation()
+        p.setGravity(0, 0, -scene.gravity)
         self._place(self._places + self._x, scene.velocities)
         if _linked(scene):  # of bodies in maximal coordinates it says nothing
-            pairs = combined(
-                [[Side(*p.getDynamicsInfo(*part, client)[9:7:-1]) for part in both] for both in parts]
-            )
+            pairs = combined([[Side(*p.getDynamicsInfo(*part)[9:7:-1]) for part in both] for both in parts])
         self.effective = {
             "stiffness": tuple(pair.stiffness for pair in pairs),
             "damping": tuple(pair.dissipation for pair in pairs),
-            "step": (p.getPhysicsEngineParameters(client)["fixedTimeStep"],),
+            "step": (p.getPhysicsEngineParameters()["fixedTimeStep"],),
         }
 
     def _make(self, scene: Scene, radius: float) -> list[Parts]:
         """Empty the client and make table and balls; their parts, those of the upper ball first."""
-        p, on, linked = self._p, {"physicsClientId": self._client}, _linked(scene)
-        p.resetSimulation(**on)
-        p.setPhysicsEngineParameter(contactBreakingThreshold=BREAKING_OVER_RADIUS * radius, **EXACT, **on)
-        plane = p.createCollisionShape(p.GEOM_PLANE, **on)
-        sphere = p.createCollisionShape(p.GEOM_SPHERE, radius, **on)
+        p, linked = self._p, _linked(scene)
+        p.resetSimulation()
+        p.setPhysicsEngineParameter(contactBreakingThreshold=BREAKING_OVER_RADIUS * radius, **EXACT)
+        plane = p.createCollisionShape(p.GEOM_PLANE)
+        sphere = p.createCollisionShape(p.GEOM_SPHERE, radius)
         how: dict[str, Any] = {"useMaximalCoordinates": int(not linked)}
-        table = p.createMultiBody(0, plane, **how, **on)
+        table = p.createMultiBody(0, plane, **how)
         if linked:
             how = {**FIXED, "linkCollisionShapeIndices": [sphere], "linkJointTypes": [p.JOINT_FIXED]}
         parts = [((table, BASE), (table, BASE))] if scene.table else []
         for z in 10 * self._places[::-1]:
-            ball = p.createMultiBody(1, sphere, basePosition=(0, 0, z), **how, **on)
+            ball = p.createMultiBody(1, sphere, basePosition=(0, 0, z), **how)
             parts.insert(0, ((ball, LINK if linked else BASE), (ball, BASE)))
         for body, part in {part for both in parts for part in both}:
-            p.changeDynamics(body, part, activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING, **FREE, **on)
+            p.changeDynamics(body, part, activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING, **FREE)
             if linked:
-                p.setCollisionFilterGroupMask(body, part, 0, 0, **on)
+                p.setCollisionFilterGroupMask(body, part, 0, 0)
         if linked:
             for (_, (upper, below)), ((lower, above), _) in pairwise(parts):
-                p.setCollisionFilterPair(upper, lower, below, above, 1, **on)
+                p.setCollisionFilterPair(upper, lower, below, above, 1)
         return parts
 
     def _place(self, heights: Floats, velocities: Sequence[float]) -> None:
         for ball, z, v in zip(self.balls, heights.tolist(), velocities, strict=True):
-            self._p.resetBasePositionAndOrientation(
-                ball, (0, 0, z), (0, 0, 0, 1), physicsClientId=self._client
-            )
-            self._p.resetBaseVelocity(ball, (0, 0, v), (0, 0, 0), physicsClientId=self._client)
+            self._p.resetBasePositionAndOrientation(ball, (0, 0, z), (0, 0, 0, 1))
+            self._p.resetBaseVelocity(ball, (0, 0, v), (0, 0, 0))
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
         """Take n steps, or, while bodies fall, fewer: up to the first after which all gaps are open."""
         self._set_stride(0)
-        step, read, client, h = self._p.stepSimulation, self._p.getBaseVelocity, self._client, self._step
+        p, client, h = self._p.module, self._p.number, self._step  # a keyword would cost a tenth
+        step, read = p.stepSimulation, p.getBaseVelocity
         balls, velocities, upper, lower = self.balls, [], *self._x[:2].tolist()
         for _ in range(n):
             step(client)
@@ -224,25 +230,25 @@ class PybulletWorld(World):
         It divides the time n h of a call by n, and counts how often what comes out goes into it
         (btDiscreteDynamicsWorld.cpp, stepSimulation); rounding spoils that for some n. Powers of two are safe.
         """
-        h, client = self._step, self._client
+        p, h = self._p, self._step
         while n * h / n != h or int(n * h / h) != n:
             n -= 1
         self._set_stride(n)
-        self._p.stepSimulation(client)
-        v = np.array([self._p.getBaseVelocity(ball, client)[0][2] for ball in self.balls])
-        z = np.array([self._p.getBasePositionAndOrientation(ball, client)[0][2] for ball in self.balls])
+        p.stepSimulation()
+        v = np.array([p.getBaseVelocity(ball)[0][2] for ball in self.balls])
+        z = np.array([p.getBasePositionAndOrientation(ball)[0][2] for ball in self.balls])
         self._x = z - self._places
         return n, v, self._x
 
     def weightless(self, velocities: Floats, heights: Floats) -> None:
         """Switch gravity off: a flight begins with a step after which all gaps are open, the last one taken."""
-        self._p.setGravity(0, 0, 0, physicsClientId=self._client)
+        self._p.setGravity(0, 0, 0)
         self._falls = False
 
     def _set_stride(self, n: int) -> None:
         if n != self._stride:
             time = max(1, n) * self._step
-            self._p.setPhysicsEngineParameter(fixedTimeStep=time, numSubSteps=n, physicsClientId=self._client)
+            self._p.setPhysicsEngineParameter(fixedTimeStep=time, numSubSteps=n)
             self._stride = n
 
 
