@@ -205,7 +205,8 @@ def sweeps(scene: Scene, soft: Sequence[float] | float = 0.0) -> int:
     period, 0.02 at 1/10.
     """
     diagonal = 1 / np.array(reduced_masses(scene)) + soft
-    beside = 1 / (np.array(scene.masses)[1 : diagonal.size] * np.sqrt(diagonal[:-1] * diagonal[1:]))
+    with np.errstate(over="ignore"):
+        beside = 1 / (np.array(scene.masses)[1 : diagonal.size] * np.sqrt(diagonal[:-1] * diagonal[1:]))
     radius = np.abs(np.linalg.eigvalsh(np.diag(beside, 1) + np.diag(beside, -1))).max(initial=0.0)
     if radius**2 < 1e-16:
         return 0
