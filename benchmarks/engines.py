@@ -82,11 +82,11 @@ def bare_pybullet(
     """Step every scene by stepSimulation alone, many sub-steps a call, with contacts or without."""
     import pybullet as p
 
-    from impact_xval.compliant_baselines.engines.pybullet import PybulletWorld
+    from impact_xval.compliant_baselines.engines.pybullet import Client, PybulletWorld
 
     spent, client = 0.0, p.connect(p.DIRECT)
     for scene, n in zip(scenes, steps, strict=True):
-        PybulletWorld(client, scene, {})
+        PybulletWorld(Client(client), scene, {})
         for body in () if contacts else range(p.getNumBodies(client)):
             p.setCollisionFilterGroupMask(p.getBodyUniqueId(body, client), -1, 0, 0, client)
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -203,12 +203,6 @@ def checks(law: str | None = KELVIN_VOIGT) -> tuple[Check, ...]:
     return common if law in (None, "none") else (*common, converges_to(law))
 
 
-def conform(solver: Solver, law: str | None = KELVIN_VOIGT) -> Iterator[tuple[Check, str]]:
-    """Run the checks one by one: each, and what `problem_of` it says."""
-    for check in checks(law):
-        yield check, problem_of(check, solver)
-
-
 def problem_of(check: Check, solver: Solver) -> str:
     """Run a check of a solver; say what was found, an exception of the solver too, and nothing if it passed."""
     try:
@@ -218,3 +212,9 @@ def problem_of(check: Check, solver: Solver) -> str:
     except Exception as error:
         return f"it raised {said(error)}"
     return ""
+
+
+def problems(solver: Solver, law: str | None = KELVIN_VOIGT) -> dict[str, str]:
+    """Run all checks of a solver; what each that failed says, by its name."""
+    found = {check.__name__: problem_of(check, solver) for check in checks(law)}
+    return {name: problem for name, problem in found.items() if problem}

@@ -13,7 +13,9 @@ nothing is set, and the step is the engine's own.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from impact_xval.compliant_baselines.restitution import (
     contact_time,
@@ -156,13 +158,26 @@ class Side:
 RIGID = Side(1e30, 0.0)
 
 
-def shared_out(upper: Side, table: Side, mapping: MappingName = "calibrated") -> tuple[Side, Side, Side]:
-    """Give upper ball, lower ball and table their parts in the contacts of the two.
+#: Of a body, what meets the body above and what meets the body below.
+Sides = tuple[Side, Side]
 
-    Calibrated: the upper ball carries contact 1, the table contact 2; the lower ball takes part in both and is rigid
-    and undamped.
+
+def sides(carried: Sequence[Side], mapping: MappingName, *, whole: bool = False) -> list[Sides]:
+    """Give every ball, and the table, its part in the contacts, given what each of these is to have.
+
+    The lower side of a ball carries the contact with the body below; all else is rigid and undamped. Of two balls on a
+    table whose bodies are `whole`, one side as the other, the upper ball carries contact 1 and the table contact 2.
+    So they are in the naive mapping, where both balls carry contact 1.
     """
-    return upper, upper if mapping == "naive" else RIGID, table
+    if not whole and mapping != "naive":
+        return [*((RIGID, side) for side in carried), (RIGID, RIGID)]
+    ball, table = carried
+    return [(body, body) for body in (ball, ball if mapping == "naive" else RIGID, table)]
+
+
+def combined(bodies: Sequence[Sequence[Side]]) -> list[Side]:
+    """Combine the sides that meet, one pair a contact."""
+    return [below.against(above) for (_, below), (above, _) in pairwise(bodies)]
 
 
 def pybullet_side(contact: Contact) -> Side:

@@ -7,16 +7,14 @@ has loaded, PyBullet's are the adapter's own calls. The runners step as often as
 
 from __future__ import annotations
 
-import sys
 from dataclasses import astuple
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 
-from impact_xval.compliant_baselines.engines import mujoco
+from impact_xval.compliant_baselines.engines import mujoco, pybullet
 from impact_xval.compliant_baselines.engines.engine import Engine
-from impact_xval.compliant_baselines.engines.packages import import_quietly
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.engines.stepping import Run
 from impact_xval.compliant_baselines.mapping import (
@@ -37,7 +35,7 @@ TEXTS = {
 <option timestep="{step}" integrator="Euler" solver="Newton"/>
 <contact>
   <pair geom1="A" geom2="B" condim="1" margin="0" gap="0"
-        solref="{solref[0]} {solref[1]}" solimp="{solimp[0]} {solimp[1]} {solimp[2]} {solimp[3]} {solimp[4]}"/>
+        solref="{solref}" solimp="{solimp}"/>
 </contact>
 """,
     "pybullet": """\
@@ -47,8 +45,8 @@ p.setPhysicsEngineParameter(
     restitutionVelocityThreshold=0, solverResidualThreshold=0,
 )
 for body, stiffness, damping in (
-    (a, {a[contactStiffness]}, {a[contactDamping]}),
-    (b, {b[contactStiffness]}, {b[contactDamping]}),
+    (a, {a}),
+    (b, {b}),
 ):
     p.changeDynamics(body, -1, contactStiffness=stiffness, contactDamping=damping,
                      restitution=0, linearDamping=0, angularDamping=0)
@@ -58,8 +56,8 @@ for body, stiffness, damping in (
 # combines in series, relaxation times add; kSap ignores a Hunt-Crossley dissipation.
 properties_a, properties_b = ProximityProperties(), ProximityProperties()
 for properties, stiffness, relaxation_time in (
-    (properties_a, {a[point_contact_stiffness]}, {a[relaxation_time]}),
-    (properties_b, {b[point_contact_stiffness]}, {b[relaxation_time]}),
+    (properties_a, {a}),
+    (properties_b, {b}),
 ):
     AddContactMaterial(properties=properties, point_stiffness=stiffness, friction=CoulombFriction(0.0, 0.0))
     properties.AddProperty("material", "relaxation_time", relaxation_time)
@@ -113,30 +111,16 @@ def paste(engine: str, contact: Contact, step: float) -> str:
     """
     if engine not in ENGINES:
         raise ValueError(f"engine = {engine!r}; legal: {', '.join(ENGINES)}")
-    parameters = _digits(_parameters(engine, contact))
-    text = TEXTS[engine].format(step=_digits(step), inverse=_digits(1 / contact.mass), **parameters)
+    pair, side = mujoco_contact(contact), (drake_side if engine == "drake" else pybullet_side)(contact)
+    numbers = {"solref": pair.solref, "solimp": pair.solimp, "a": astuple(side), "b": astuple(RIGID)}
+    numbers |= {"step": (step,), "inverse": (1 / contact.mass,)}
+    between = " " if engine == "mujoco" else ", "
+    # Always those of a float: Drake tells 0 from 0.0.
+    texts = {key: between.join(repr(float(f"{each:.12g}")) for each in some) for key, some in numbers.items()}
+    text = TEXTS[engine].format(**texts)
     if "inf" in text or "nan" in text:
         raise SolverError(engine, "unrepresentable", f"a parameter of {contact} leaves double precision")
     return text
-
-
-def _parameters(engine: str, contact: Contact) -> dict[str, Any]:
-    if engine == "mujoco":
-        pair = mujoco_contact(contact)
-        return {"solref": pair.solref, "solimp": pair.solimp, "condim": 1, "integrator": "Euler"}
-    side, names = pybullet_side(contact), ("contactStiffness", "contactDamping")
-    if engine == "drake":
-        side, names = drake_side(contact), ("point_contact_stiffness", "relaxation_time")
-    return {name: dict(zip(names, astuple(own), strict=True)) for name, own in (("a", side), ("b", RIGID))}
-
-
-def _digits(value: Any) -> Any:
-    """Numbers as texts of 12 digits, always those of a float: Drake tells 0 from 0.0."""
-    if isinstance(value, dict):
-        return {key: _digits(each) for key, each in value.items()}
-    if isinstance(value, tuple):
-        return [_digits(each) for each in value]
-    return value if isinstance(value, str) else repr(float(f"{value:.12g}"))
 
 
 def scene_files(engine: Engine, scene: Scene, max_steps: int) -> tuple[Run, dict[str, str]]:
@@ -146,7 +130,7 @@ def scene_files(engine: Engine, scene: Scene, max_steps: int) -> tuple[Run, dict
     """
     (run,) = engine.run([scene], max_steps)
     files = {"scene.xml": mjcf(scene)} if engine.name == "mujoco" else {}
-    parts = MUJOCO if files else _pybullet(engine, scene)
+    parts = MUJOCO if files else _pybullet(scene)
     script = SCRIPT.format(
         engine=engine.name,
         version=engine.version(),
@@ -200,16 +184,11 @@ def mjcf(scene: Scene) -> str:
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
-def _pybullet(engine: Engine, scene: Scene) -> dict[str, str]:
+def _pybullet(scene: Scene) -> dict[str, str]:
     """Record the calls with which the adapter sets a scene up, and name the rest of the script."""
-    module = import_quietly("pybullet")
-    recorder: Any = _Recorder(module)
-    sys.modules["pybullet"] = recorder  # which the adapter imports
-    try:
-        with engine.running():
-            world: Any = engine.world(scene)
-    finally:
-        sys.modules["pybullet"] = module
+    with pybullet.connected() as client:
+        recorder = _Recorder(client.number)
+        world = pybullet.PybulletWorld(recorder, scene, {})
     return {
         "setup": "\n".join(["pybullet.connect(pybullet.DIRECT)", *recorder.calls]),
         "weightless": "pybullet.setGravity(0, 0, 0)",
@@ -218,15 +197,15 @@ def _pybullet(engine: Engine, scene: Scene) -> dict[str, str]:
     }
 
 
-class _Recorder:
-    """The module pybullet, writing down the calls that set a world up."""
+class _Recorder(pybullet.Client):
+    """A client, writing down the calls that set a world up."""
 
-    def __init__(self, module: Any) -> None:
-        self._module = module
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
         self.calls: list[str] = []
 
     def __getattr__(self, name: str) -> Any:
-        value = getattr(self._module, name)
+        value = super().__getattr__(name)
         if type(value) is int:
             return _named(value, f"pybullet.{name}")
         if not name.startswith(("create", "set", "reset", "change", "step")):
@@ -234,10 +213,7 @@ class _Recorder:
 
         def call(*args: Any, **kwargs: Any) -> Any:
             result = value(*args, **kwargs)
-            given = {key: each for key, each in kwargs.items() if key != "physicsClientId"}
-            if name == "stepSimulation":
-                args = ()  # a number of the client, which a script does without
-            words = [*map(_literal, args), *(f"{key}={_literal(each)}" for key, each in given.items())]
+            words = [*map(_literal, args), *(f"{key}={_literal(each)}" for key, each in kwargs.items())]
             inside = ", ".join(words)
             if len(inside) > 80:
                 inside = "\n    " + ",\n    ".join(words) + ",\n"

@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from numbers import Real
 
 import numpy as np
 
@@ -64,28 +63,26 @@ class Pair:
     def __post_init__(self) -> None:
         if len(self.masses) != 2:
             raise ValueError(f"masses = {self.masses!r}; legal: two")
-        legal = f"from {LEAST_MASS:g} to {LARGEST_MASS:g} (kg), one of them inf for a fixed body"
-        for mass in self.masses:
-            _require("masses", mass, LEAST_MASS <= mass <= LARGEST_MASS or mass == math.inf, legal)
         light, heavy = sorted(self.masses)
         if light == math.inf:
             raise ValueError("masses = inf inf: two fixed bodies do not collide; legal: at most one inf")
+        some = f"from {LEAST_MASS:g} to {LARGEST_MASS:g} (kg), one of them inf for a fixed body"
+        e_range = f"from {LEAST_RESTITUTION:g} to 1"
+        speeds = f"from {SLOWEST:g} to {FASTEST:g} (m/s)"
+        name, value, unit = self.given
+        for what, number, legal, legal_range in (
+            *(("masses", m, LEAST_MASS <= m <= LARGEST_MASS or m == math.inf, some) for m in self.masses),
+            ("restitution", self.restitution, LEAST_RESTITUTION <= self.restitution <= 1, e_range),
+            ("speed", self.speed, SLOWEST <= self.speed <= FASTEST, speeds),
+            (name, value, 0 < value < math.inf, f"a finite number > 0 ({unit})"),
+        ):
+            if not legal:
+                raise ValueError(f"{what} = {number!r}; legal: {legal_range}")
         if LARGEST_RATIO < heavy / light < math.inf:
             raise ValueError(
                 f"masses = {self.masses!r}: one is {heavy / light:.3g} times the other; "
                 f"legal: at most {LARGEST_RATIO:g} times, or inf for a fixed body"
             )
-        legal = f"from {LEAST_RESTITUTION:g} to 1"
-        _require("restitution", self.restitution, LEAST_RESTITUTION <= self.restitution <= 1, legal)
-        legal = f"from {SLOWEST:g} to {FASTEST:g} (m/s)"
-        _require("speed", self.speed, SLOWEST <= self.speed <= FASTEST, legal)
-        if (self.stiffness is None) == (self.duration is None):
-            given = "neither" if self.stiffness is None else "both"
-            raise ValueError(
-                f"stiffness, duration: {given} given; legal: one of the two, which decides the other"
-            )
-        name, value, unit = self.given
-        _require(name, value, 0 < value < math.inf, f"a finite number > 0 ({unit})")
         contact = self.contact
         if not (0 < contact.k < math.inf and 0 < contact.omega < math.inf and contact.c < math.inf):
             raise ValueError(
@@ -100,10 +97,14 @@ class Pair:
     @property
     def given(self) -> tuple[str, float, str]:
         """Name, value and unit of what decides the contact: the stiffness or the duration."""
-        if self.stiffness is not None:
-            return "stiffness", self.stiffness, "N/m"
-        assert self.duration is not None
-        return "duration", self.duration, "s"
+        both = ("stiffness", self.stiffness, "N/m"), ("duration", self.duration, "s")
+        found = [(name, value, unit) for name, value, unit in both if value is not None]
+        if len(found) != 1:
+            given = "both" if found else "neither"
+            raise ValueError(
+                f"stiffness, duration: {given} given; legal: one of the two, which decides the other"
+            )
+        return found[0]
 
     @property
     def fixed(self) -> bool:
@@ -131,11 +132,6 @@ class Pair:
     def penetration(self) -> float:
         """Greatest penetration in m, at the speed of this pair: after half its duration, decayed by sqrt(e)."""
         return self.speed * math.sqrt(self.restitution) / self.contact.omega
-
-
-def _require(name: str, value: object, legal: object, legal_range: str) -> None:
-    if isinstance(value, bool) or not isinstance(value, Real) or not legal:
-        raise ValueError(f"{name} = {value!r}; legal: {legal_range}")
 
 
 @dataclass(frozen=True, slots=True)

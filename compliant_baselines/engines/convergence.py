@@ -1,13 +1,9 @@
 """What an engine's velocities tend to as its step goes to zero, and how well that is known: the convergence estimate.
 
-An engine is run at the step h that a user takes, at 2h and at 4h; and at h/2, h/4, ... only as long as the estimate
-exceeds the tolerance, or where one of the longer steps is too long: its run comes to no end, or takes more steps than
-that at h. Of the velocities V0, ..., Vn, from the longest step to the shortest, the limit is Richardson's,
-Ln = 2 Vn - V(n-1), for engines of first order; where Ln - L(n-1) has fallen to a quarter, as a correction of second
-order does, the last three runs are alike and the last four resolve both contacts, it is the next of his table,
-(4 Ln - L(n-1))/3. Balls that part for good have v1 >= v2 >= 0: a limit outside means that they meet once more as the
-step goes to zero, and is replaced by the nearest point inside, which is what a plastic meeting makes of it. Its error
-is the largest of four numbers, derived in docs/convergence.md: smooth errors, bent rates, touch times and gravity.
+docs/convergence.md says at which steps beside h, the step that a user takes, an engine is run, how velocities are
+extrapolated, and what the error is made of. Balls that part for good have v1 >= v2 >= 0: a limit outside means that
+they meet once more as the step goes to zero, and is replaced by the nearest point inside, which is what a plastic
+meeting makes of it.
 
 What the engine's own regularisation of contacts does to the velocities, which no step removes, is measured by one more
 run at 4h with `probe` times as much of it; it is of first order in the regularisation. Where it exceeds the tolerance
@@ -18,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -167,32 +163,29 @@ def _of_second_order(corrections: Floats) -> bool:
     return bool(np.all(small | ((4 / ALIKE * last <= before) & (before <= 4 * ALIKE * last))))
 
 
-@dataclass(slots=True)
 class _Case:
-    """A scene on its way to its limit: its runs, from the longest step to the shortest."""
+    """A scene on its way to its limit: its runs, from the longest step to the shortest (`estimate_limit`)."""
 
-    #: Runs a scene for at most so many steps.
-    run: Callable[[Scene, int], Run]
-    runs: list[Run]
-    convergence: Convergence
-    #: Steps that a run at the step h may take.
-    max_steps: int
-    #: How many times as much regularisation shows what that of the engine does; 1 where there is none to see.
-    factor: float
-    #: What regularisation was seen to do, in m/s, at ever shorter steps.
-    regularisation: list[float] = field(default_factory=list)
-    failure: str = ""
-    #: What is known of the limit by now.
-    limit: Limit | None = None
-    #: At the step h, and the steps that the run took there: those that one at a longer step may take.
-    scene: Scene = field(init=False)
-    longest: int = field(init=False)
-    #: Largest error, in m/s.
-    tolerance: float = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.scene, self.longest = self.runs[-1].scene, self.runs[-1].n_steps
-        self.tolerance = self.convergence.tolerance * self.scene.speed
+    def __init__(
+        self,
+        run: Callable[[Scene, int], Run],
+        probe: float | None,
+        first: Run,
+        convergence: Convergence,
+        max_steps: int,
+    ) -> None:
+        self.run, self.runs, self.convergence, self.max_steps = run, [first], convergence, max_steps
+        #: At the step h, and the steps that the run took there: those that one at a longer step may take.
+        self.scene, self.longest = first.scene, first.n_steps
+        #: Largest error, in m/s.
+        self.tolerance = convergence.tolerance * self.scene.speed
+        #: How many times as much regularisation shows what that of the engine does; 1 where there is none to see.
+        self.factor = probe if probe and self.scene.mapping == "calibrated" else 1.0
+        #: What regularisation was seen to do, in m/s, at ever shorter steps.
+        self.regularisation: list[float] = []
+        self.failure = ""
+        #: What is known of the limit by now.
+        self.limit: Limit | None = None
 
     def at(self, times: float) -> Scene:
         """Return the scene at a multiple of the step h."""
@@ -327,7 +320,6 @@ def estimate_limit(
     the run at h took. The limit is None where shorter steps did not come to an end; the text says why it is not
     converged, and is empty if it is.
     """
-    factor = probe if probe and first.scene.mapping == "calibrated" else 1.0
-    case = _Case(run, [first], convergence, max_steps, factor)
+    case = _Case(run, probe, first, convergence, max_steps)
     case.approach()
     return case.limit, case.problem()

@@ -25,7 +25,7 @@ import numpy as np
 
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, radius_of
-from impact_xval.compliant_baselines.mapping import RIGID, Side, drake_side, shared_out
+from impact_xval.compliant_baselines.mapping import RIGID, Side, combined, drake_side, sides
 from impact_xval.compliant_baselines.restitution import hunt_crossley_coefficients
 
 #: Relative tolerance of the solver (SapSolverParameters; Python cannot set it), and the phase angle of a contact
@@ -76,14 +76,15 @@ class DrakeWorld(World):
     """A finished plant and the log of its states."""
 
     def __init__(self, scene: Scene, discrete: bool) -> None:
-        self._scene, self._discrete, self._sides = scene, discrete, _sides(scene)
-        pairs = [below.against(above) for (_, below), (above, _) in pairwise(self._sides)]
+        self._scene, self._discrete = scene, discrete
+        self._sides = sides(list(map(drake_side, scene.contacts)), scene.mapping)
+        pairs = combined(self._sides)
         self._radius = radius_of(scene.depth([pair.stiffness for pair in pairs]))
         self._places, self._refused = scene.places(self._radius), _too_short(scene) if discrete else None
-        self.rest = scene.masses[-1] * scene.gravity / pairs[-1].stiffness if scene.settled else 0.0
+        self.rest = scene.masses[-1] * scene.gravity / pairs[-1].stiffness
         self.heights = scene.start(self._radius, self.rest)
         self._build(scene.velocities, self.heights)
-        pairs = [below.against(above) for (_, below), (above, _) in pairwise(self._said)]
+        pairs = combined(self._said)
         self.effective = {"stiffness": tuple(pair.stiffness for pair in pairs), "step": (scene.step,)}
         if discrete:
             self.effective["damping"] = tuple(pair.stiffness * pair.dissipation for pair in pairs)
@@ -178,7 +179,7 @@ class DrakeWorld(World):
 
     def weightless(self, velocities: Floats, heights: Floats) -> None:
         """Gravity is part of a finished plant: another one goes on from here."""
-        self._scene = replace(self._scene, gravity=0.0, settled=False)
+        self._scene = replace(self._scene, gravity=0.0)
         self._build(velocities.tolist(), heights)
 
 
@@ -190,14 +191,6 @@ def _geometry(properties: Any) -> Side:
     """Read back what the engine holds of a side; in continuous time there is no relaxation time."""
     names = "point_contact_stiffness", "relaxation_time"
     return Side(*(properties.GetPropertyOrDefault("material", name, 0.0) for name in names))
-
-
-def _sides(scene: Scene) -> list[tuple[Side, Side]]:
-    """Upper and lower side of every ball, and of the table."""
-    if scene.mapping == "naive":
-        bodies = shared_out(*map(drake_side, scene.contacts), mapping=scene.mapping)
-        return [(body, body) for body in bodies]
-    return [*((RIGID, drake_side(contact)) for contact in scene.contacts), (RIGID, RIGID)]
 
 
 def _too_short(scene: Scene) -> str | None:

@@ -72,9 +72,13 @@ class Engine(Solver):
         """Why this engine cannot take a scene, in one sentence; None if it can."""
         return None
 
+    def stiffnesses(self, scene: Scene) -> Sequence[float]:
+        """Stiffnesses in N/m of the contacts as this engine has them."""
+        return scene.stiffnesses
+
     def radius(self, scene: Scene) -> float:
         """Radius in m of the balls that it makes of a scene."""
-        return radius_of(scene.depth(scene.stiffnesses))
+        return radius_of(scene.depth(self.stiffnesses(scene)))
 
     @abstractmethod
     def world(self, scene: Scene) -> World:

@@ -143,7 +143,7 @@ class MujocoWorld(World):
         ):
             self.batch.expand(name)[0, *at] = value
         self.batch.set_const()  # the inverse weights follow the masses
-        self.rest = pairs[-1].rest_penetration(scene.gravity) if scene.settled else 0.0
+        self.rest = pairs[-1].rest_penetration(scene.gravity)
         self.heights = scene.start(radius, self.rest)
         self.batch.qpos[0], self.batch.qvel[0] = self.heights, scene.velocities
         # A pair alone, by the engine's own inverse weights (docs/mapping.md); that of the table, body 0, is 0.

@@ -79,7 +79,7 @@ class NewtonWorld(World):
         means = (ke[::2] + ke[1::2]) / (k[::2] + k[1::2])
         self.effective = {"stiffness": tuple((means * scene.stiffnesses).tolist()), "step": (time,)}
         model.body_mass.numpy()[:], model.body_inv_mass.numpy()[:] = masses, 1 / masses
-        self.rest = scene.masses[-1] * scene.gravity / scene.stiffnesses[-1] if scene.settled else 0.0
+        self.rest = scene.masses[-1] * scene.gravity / scene.stiffnesses[-1]
         unit = self._length * 2.0**-23  # such heights are exact one radius off
         self.heights = np.round((np.array(scene.heights) - self.rest) / unit) * unit
         self._gravity = model.gravity.numpy()

@@ -17,6 +17,7 @@ import math
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -24,8 +25,8 @@ import numpy as np
 
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.packages import import_quietly
-from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, radius_of, reduced_masses
-from impact_xval.compliant_baselines.mapping import RIGID, Side, pybullet_side, shared_out
+from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, radius_of, sweeps
+from impact_xval.compliant_baselines.mapping import Side, Sides, combined, pybullet_side, sides
 
 #: Most sub-steps of one call.
 STRIDE = 256
@@ -48,8 +49,8 @@ ZERO = ("restitution", "lateralFriction", "spinningFriction", "rollingFriction")
 ZERO += ("linearDamping", "angularDamping", "contactProcessingThreshold")
 FREE = {**dict.fromkeys(ZERO, 0.0), "maxJointVelocity": 1e30}
 
-#: Of a body, what meets the body below and what meets the body above, as body and part.
-Sides = tuple[tuple[int, int], tuple[int, int]]
+#: Of a body, what meets the body above and what meets the body below, as body and part.
+Parts = tuple[tuple[int, int], tuple[int, int]]
 
 #: Part of a ball: the base meets the ball below, the link the ball above. A link is fixed and massless.
 BASE, LINK = -1, 0
@@ -63,17 +64,28 @@ FIXED |= {key: [(0, 0, 0)] for key in ("linkPositions", "linkInertialFramePositi
 FIXED |= {key: [(0, 0, 0, 1)] for key in ("linkOrientations", "linkInertialFrameOrientations")}
 
 
+class Client:
+    """The module pybullet, whose functions are those of one client by its number."""
+
+    def __init__(self, number: int) -> None:
+        self.module, self.number = import_quietly("pybullet"), number
+
+    def __getattr__(self, name: str) -> Any:
+        value = getattr(self.module, name)
+        return partial(value, physicsClientId=self.number) if callable(value) else value
+
+
 @contextmanager
-def connected() -> Iterator[int]:
+def connected() -> Iterator[Client]:
     """Connect a client; one that was kept would be client 0 to whoever else uses PyBullet and names none."""
     p: Any = import_quietly("pybullet")
-    client = p.connect(p.DIRECT)
-    if client < 0:
+    client = Client(p.connect(p.DIRECT))
+    if client.number < 0:
         raise RuntimeError("PyBullet gave no client: more than 1024 are connected in this process")
     try:
         yield client
     finally:
-        p.disconnect(physicsClientId=client)
+        client.disconnect()
 
 
 class Pybullet(Engine):
@@ -97,16 +109,17 @@ class Pybullet(Engine):
         largest = scene.fastest * sum(scene.masses)
         if largest > LARGEST_IMPULSE:
             return f"m |v0| = {largest:.3g} N s: PyBullet caps a contact at {LARGEST_IMPULSE:.0e} N s a step"
-        if 2 * math.sqrt(3) * _radius(scene) <= LARGEST_BODY:
+        radius = self.radius(scene)
+        if 2 * math.sqrt(3) * radius <= LARGEST_BODY:
             return None
         return (
-            f"penetrations ask for balls of radius {_radius(scene):.3g} m: "
+            f"penetrations ask for balls of radius {radius:.3g} m: "
             f"PyBullet drops bodies larger than {LARGEST_BODY:.0e} m; scale stiffnesses, masses or v0 (Theorem 5)"
         )
 
-    def radius(self, scene: Scene) -> float:
-        """As `Engine.radius`."""
-        return _radius(scene)
+    def stiffnesses(self, scene: Scene) -> list[float]:
+        """As `Engine.stiffnesses`."""
+        return [pair.stiffness for pair in combined(_sides(scene))]
 
     def world(self, scene: Scene) -> PybulletWorld:
         """Set a scene up."""
@@ -125,76 +138,78 @@ class PybulletWorld(World):
 
     longest_leap = STRIDE
 
-    def __init__(self, client: int, scene: Scene, made: dict[Any, list[Sides]]) -> None:
-        p = self._p = import_quietly("pybullet")
-        self._client, self._step, self._stride, self._falls = client, scene.step, 0, scene.gravity > 0
-        pairs, on, radius = _pairs(scene), {"physicsClientId": client}, _radius(scene)
+    def __init__(self, p: Client, scene: Scene, made: dict[Any, list[Parts]]) -> None:
+        self._p, self._step, self._stride, self._falls = p, scene.step, 0, scene.gravity > 0
+        bodies = _sides(scene)
+        pairs = combined(bodies)
+        radius = radius_of(scene.depth([pair.stiffness for pair in pairs]))
         self._places = scene.places(radius)
-        self.rest = scene.masses[-1] * scene.gravity / pairs[-1].stiffness if scene.settled else 0.0
+        self.rest = scene.masses[-1] * scene.gravity / pairs[-1].stiffness
         self.heights = self._x = scene.start(radius, self.rest)
         kind = len(scene.masses), scene.table, radius
         if kind not in made:
             made.clear()
             made[kind] = self._make(scene, radius)
-        sides = made[kind]
-        self.balls = [below[0] for below, _ in sides[: len(scene.masses)]]
-        p.setPhysicsEngineParameter(
-            fixedTimeStep=scene.step, numSubSteps=0, numSolverIterations=_iterations(scene, pairs), **on
-        )
+        parts = made[kind]
+        self.balls = [ball for (ball, _), _ in parts[: len(scene.masses)]]
+        h = scene.step
+        soft = [1 / (h * (h * pair.stiffness + pair.dissipation)) for pair in pairs]
+        # Two more, for the cap at zero force to settle which contacts act.
+        most = 2 + min(1000, max(2, sweeps(scene, soft)))
+        p.setPhysicsEngineParameter(fixedTimeStep=h, numSubSteps=0, numSolverIterations=most)
         for ball, mass in zip(self.balls, scene.masses, strict=True):
-            p.changeDynamics(ball, BASE, mass=mass, **on)
-        for side, own in _properties(scene, sides).items():
-            p.changeDynamics(*side, contactStiffness=own.stiffness, contactDamping=own.dissipation, **on)
+            p.changeDynamics(ball, BASE, mass=mass)
+        for both, own in zip(parts, bodies, strict=True):
+            for part, side in zip(both, own, strict=True):
+                p.changeDynamics(*part, contactStiffness=side.stiffness, contactDamping=side.dissipation)
         # Apart for a step, in which the engine forgets contact points and what it warm-starts from.
-        p.setGravity(0, 0, 0, **on)
+        p.setGravity(0, 0, 0)
         self._place(10 * self._places, [0.0] * len(self.balls))
-        p.stepSimulation(client)
-        p.setGravity(0, 0, -scene.gravity, **on)
+        p.stepSimulation()
+        p.setGravity(0, 0, -scene.gravity)
         self._place(self._places + self._x, scene.velocities)
         if _linked(scene):  # of bodies in maximal coordinates it says nothing
-            said = [[Side(*p.getDynamicsInfo(*each, client)[9:7:-1]) for each in both] for both in sides]
-            pairs = [below.against(above) for (below, _), (_, above) in pairwise(said)]
+            pairs = combined([[Side(*p.getDynamicsInfo(*part)[9:7:-1]) for part in both] for both in parts])
         self.effective = {
             "stiffness": tuple(pair.stiffness for pair in pairs),
             "damping": tuple(pair.dissipation for pair in pairs),
-            "step": (p.getPhysicsEngineParameters(client)["fixedTimeStep"],),
+            "step": (p.getPhysicsEngineParameters()["fixedTimeStep"],),
         }
 
-    def _make(self, scene: Scene, radius: float) -> list[Sides]:
-        """Empty the client and make table and balls; their sides, those of the upper ball first."""
-        p, on, linked = self._p, {"physicsClientId": self._client}, _linked(scene)
-        p.resetSimulation(**on)
-        p.setPhysicsEngineParameter(contactBreakingThreshold=BREAKING_OVER_RADIUS * radius, **EXACT, **on)
-        plane = p.createCollisionShape(p.GEOM_PLANE, **on)
-        sphere = p.createCollisionShape(p.GEOM_SPHERE, radius, **on)
+    def _make(self, scene: Scene, radius: float) -> list[Parts]:
+        """Empty the client and make table and balls; their parts, those of the upper ball first."""
+        p, linked = self._p, _linked(scene)
+        p.resetSimulation()
+        p.setPhysicsEngineParameter(contactBreakingThreshold=BREAKING_OVER_RADIUS * radius, **EXACT)
+        plane = p.createCollisionShape(p.GEOM_PLANE)
+        sphere = p.createCollisionShape(p.GEOM_SPHERE, radius)
         how: dict[str, Any] = {"useMaximalCoordinates": int(not linked)}
-        table = p.createMultiBody(0, plane, **how, **on)
+        table = p.createMultiBody(0, plane, **how)
         if linked:
             how = {**FIXED, "linkCollisionShapeIndices": [sphere], "linkJointTypes": [p.JOINT_FIXED]}
-        sides = [((table, BASE), (table, BASE))] if scene.table else []
+        parts = [((table, BASE), (table, BASE))] if scene.table else []
         for z in 10 * self._places[::-1]:
-            ball = p.createMultiBody(1, sphere, basePosition=(0, 0, z), **how, **on)
-            sides.insert(0, ((ball, BASE), (ball, LINK if linked else BASE)))
-        for body, part in {side for both in sides for side in both}:
-            p.changeDynamics(body, part, activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING, **FREE, **on)
+            ball = p.createMultiBody(1, sphere, basePosition=(0, 0, z), **how)
+            parts.insert(0, ((ball, LINK if linked else BASE), (ball, BASE)))
+        for body, part in {part for both in parts for part in both}:
+            p.changeDynamics(body, part, activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING, **FREE)
             if linked:
-                p.setCollisionFilterGroupMask(body, part, 0, 0, **on)
+                p.setCollisionFilterGroupMask(body, part, 0, 0)
         if linked:
-            for ((upper, below), _), (_, (lower, above)) in pairwise(sides):
-                p.setCollisionFilterPair(upper, lower, below, above, 1, **on)
-        return sides
+            for (_, (upper, below)), ((lower, above), _) in pairwise(parts):
+                p.setCollisionFilterPair(upper, lower, below, above, 1)
+        return parts
 
     def _place(self, heights: Floats, velocities: Sequence[float]) -> None:
         for ball, z, v in zip(self.balls, heights.tolist(), velocities, strict=True):
-            self._p.resetBasePositionAndOrientation(
-                ball, (0, 0, z), (0, 0, 0, 1), physicsClientId=self._client
-            )
-            self._p.resetBaseVelocity(ball, (0, 0, v), (0, 0, 0), physicsClientId=self._client)
+            self._p.resetBasePositionAndOrientation(ball, (0, 0, z), (0, 0, 0, 1))
+            self._p.resetBaseVelocity(ball, (0, 0, v), (0, 0, 0))
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
         """Take n steps, or, while bodies fall, fewer: up to the first after which all gaps are open."""
         self._set_stride(0)
-        step, read, client, h = self._p.stepSimulation, self._p.getBaseVelocity, self._client, self._step
+        p, client, h = self._p.module, self._p.number, self._step  # a keyword would cost a tenth
+        step, read = p.stepSimulation, p.getBaseVelocity
         balls, velocities, upper, lower = self.balls, [], *self._x[:2].tolist()
         for _ in range(n):
             step(client)
@@ -215,25 +230,25 @@ class PybulletWorld(World):
         It divides the time n h of a call by n, and counts how often what comes out goes into it
         (btDiscreteDynamicsWorld.cpp, stepSimulation); rounding spoils that for some n. Powers of two are safe.
         """
-        h, client = self._step, self._client
+        p, h = self._p, self._step
         while n * h / n != h or int(n * h / h) != n:
             n -= 1
         self._set_stride(n)
-        self._p.stepSimulation(client)
-        v = np.array([self._p.getBaseVelocity(ball, client)[0][2] for ball in self.balls])
-        z = np.array([self._p.getBasePositionAndOrientation(ball, client)[0][2] for ball in self.balls])
+        p.stepSimulation()
+        v = np.array([p.getBaseVelocity(ball)[0][2] for ball in self.balls])
+        z = np.array([p.getBasePositionAndOrientation(ball)[0][2] for ball in self.balls])
         self._x = z - self._places
         return n, v, self._x
 
     def weightless(self, velocities: Floats, heights: Floats) -> None:
         """Switch gravity off: a flight begins with a step after which all gaps are open, the last one taken."""
-        self._p.setGravity(0, 0, 0, physicsClientId=self._client)
+        self._p.setGravity(0, 0, 0)
         self._falls = False
 
     def _set_stride(self, n: int) -> None:
         if n != self._stride:
             time = max(1, n) * self._step
-            self._p.setPhysicsEngineParameter(fixedTimeStep=time, numSubSteps=n, physicsClientId=self._client)
+            self._p.setPhysicsEngineParameter(fixedTimeStep=time, numSubSteps=n)
             self._stride = n
 
 
@@ -242,42 +257,6 @@ def _linked(scene: Scene) -> bool:
     return not (scene.table and len(scene.masses) == 2)
 
 
-def _properties(scene: Scene, sides: list[Any]) -> dict[tuple[int, int], Side]:
+def _sides(scene: Scene) -> list[Sides]:
     """Stiffness and damping of both sides of every body."""
-    carried = list(map(pybullet_side, scene.contacts))
-    if not _linked(scene):
-        bodies = shared_out(carried[0], carried[1], scene.mapping)
-        return {below: body for (below, _), body in zip(sides, bodies, strict=True)}
-    own = {side: RIGID for both in sides for side in both}
-    return own | {below: side for (below, _), side in zip(sides, carried, strict=False)}
-
-
-def _pairs(scene: Scene) -> list[Side]:
-    """Give stiffness and damping of the contacts as the engine combines them."""
-    carried = list(map(pybullet_side, scene.contacts))
-    if _linked(scene):
-        return carried
-    bodies = shared_out(carried[0], carried[1], scene.mapping)
-    return [above.against(below) for above, below in pairwise(bodies)]
-
-
-def _radius(scene: Scene) -> float:
-    return radius_of(scene.depth([pair.stiffness for pair in _pairs(scene)]))
-
-
-def _iterations(scene: Scene, pairs: list[Side]) -> int:
-    """Count the iterations after which sequential impulses are converged to rounding.
-
-    One sweep is Gauss and Seidel's on the inverse-mass matrix of the contacts with the engine's compliance
-    1/(h (h k + c)) on its diagonal; on a symmetric tridiagonal matrix its spectral radius is the square of that of
-    Jacobi's iteration: 1e-5 for two balls at a step of 1/1000 of a period, 0.02 at 1/10.
-    """
-    h, alone = scene.step, zip(reduced_masses(scene), pairs, strict=True)
-    diagonal = [1 / mass + 1 / (h * (h * pair.stiffness + pair.dissipation)) for mass, pair in alone]
-    beside = [
-        1 / (m * math.sqrt(d * e)) for m, (d, e) in zip(scene.masses[1:], pairwise(diagonal), strict=False)
-    ]
-    radius = np.abs(np.linalg.eigvalsh(np.diag(beside, 1) + np.diag(beside, -1))).max()
-    shrink = min(max(radius**2, sys.float_info.min), 1 - sys.float_info.epsilon)
-    # 36.7 = -ln(1.1e-16); two more, for the cap at zero force to settle which contacts act.
-    return 2 + min(1000, max(2, math.ceil(36.7 / -math.log(shrink))))
+    return sides(list(map(pybullet_side, scene.contacts)), scene.mapping, whole=not _linked(scene))

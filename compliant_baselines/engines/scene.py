@@ -44,11 +44,8 @@ class Scene:
     restitutions: tuple[float, ...]
     table: bool
     step: float
-    #: Downwards; above 0 for two balls on a table only.
+    #: Downwards; above 0 in a drop, of two balls on a table only.
     gravity: float = 0.0
-    #: Whether the lowest ball starts in static equilibrium on the table (each engine knows its own); heights then count
-    #: from there. Asked for by a drop.
-    settled: bool = False
     mapping: MappingName = "calibrated"
     #: How many times the engine's least regularisation of contacts, where it has any.
     regularisation: float = 1.0
@@ -59,7 +56,7 @@ class Scene:
 
         An ArithmeticError says that double precision has no number for a period.
         """
-        c, drop = collision, settings.scenario == "drop"
+        c = collision
         below = [*c.gaps, *([] if c.table else [0.0])]
         return cls(
             c.masses,
@@ -69,10 +66,17 @@ class Scene:
             c.restitutions,
             c.table,
             step=float(settings.step_fraction * min(periods(c))),
-            gravity=settings.gravity if drop else 0.0,
-            settled=drop,
+            gravity=settings.gravity if settings.scenario == "drop" else 0.0,
             mapping=settings.mapping,
         )
+
+    @property
+    def settled(self) -> bool:
+        """Whether the lowest ball starts in static equilibrium on the table (each engine knows its own).
+
+        Heights then count from there.
+        """
+        return self.gravity > 0
 
     @cached_property
     def contacts(self) -> tuple[Contact, ...]:
@@ -190,6 +194,23 @@ def periods(of: Collision | Scene) -> tuple[float, ...]:
     """Periods 2 pi sqrt(M_i/k_i) of the contacts asked for in s: 0 of a rigid one, infinite without stiffness."""
     pairs = zip(of.stiffnesses, reduced_masses(of), strict=True)
     return tuple(2 * math.pi / math.sqrt(k / mass) if k / mass > 0 else math.inf for k, mass in pairs)
+
+
+def sweeps(scene: Scene, soft: Sequence[float] | float = 0.0) -> int:
+    """Count the sweeps over the contacts that bring sequential impulses to rounding; 0 where none is beside another.
+
+    One sweep is Gauss and Seidel's on the inverse-mass matrix of the contacts, with what an engine softens them by, in
+    1/kg, on its diagonal. On a symmetric tridiagonal matrix its spectral radius is the square of that of Jacobi's
+    (Varga, Matrix Iterative Analysis, 1962, section 4.1): 1e-5 for two balls in PyBullet at a step of 1/1000 of a
+    period, 0.02 at 1/10.
+    """
+    diagonal = 1 / np.array(reduced_masses(scene)) + soft
+    with np.errstate(over="ignore"):
+        beside = 1 / (np.array(scene.masses)[1 : diagonal.size] * np.sqrt(diagonal[:-1] * diagonal[1:]))
+    radius = np.abs(np.linalg.eigvalsh(np.diag(beside, 1) + np.diag(beside, -1))).max(initial=0.0)
+    if radius**2 < 1e-16:
+        return 0
+    return math.ceil(36.7 / -math.log(min(radius**2, 1 - 2.0**-52)))  # 36.7 = -ln(1.1e-16)
 
 
 def radius_of(depth: float) -> float:

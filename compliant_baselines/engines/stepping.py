@@ -19,7 +19,6 @@ references keep these rules alike.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numba
 import numpy as np
@@ -154,40 +153,135 @@ def scan(
     return v.shape[0], GOING
 
 
-@dataclass(frozen=True, slots=True)
 class Run:
-    """What an engine made of a scene; arrays are of shape (N,), in m/s and m."""
+    """What an engine made of a scene: takes its steps in blocks until the collision is over, and says what came of it.
 
-    scene: Scene
-    #: How it ended, as `scan` says; `GOING` if it ran out of steps.
-    end: int
-    velocities: Floats
-    heights: Floats
-    #: Heights at the start, as the engine had them.
-    start: Floats
-    #: States step by step, nothing merged.
-    raw: Runs
-    #: Number of the step (0 is the start) and velocities after it, shape (n, 1 + N); borders of raw states are among
-    #: them. None if no path was asked for.
-    points: Floats | None
-    #: As of `World`.
-    effective: dict[str, tuple[float, ...]]
-    #: What the engine itself complained of, if it did.
-    failure: str
-    #: What contacts that were met at a speed did in their first steps, summed as changes of the relative velocity of
-    #: their pair, in m/s. The time at which one is met within a step is arbitrary: so much depends on it.
-    starts: float
-    #: Steps it was allowed.
-    max_steps: int
-    #: Number of steps and heights at its first flight, from which on bodies no longer fall; None without one.
-    fall: tuple[int, Floats] | None
-    #: Time in s by which its first flight began, or, negative, did not, and the contact, from 0, that decided on it.
-    lead: tuple[float, int]
+    `start`, `velocities` and `heights` are the state at the start, as the engine had it, and after `n_steps`, in m/s
+    and m, shape (N,). `end` says how it ended, as of `scan`: `GOING` if it ran out of `max_steps`; `failure` is what
+    the engine itself complained of. `fall` is the number of steps and the heights at the first flight, from which on
+    bodies no longer fall; None without one. `effective` is that of `World`.
+    """
+
+    def __init__(self, scene: Scene, world: World, max_steps: int, record_path: bool = False) -> None:
+        self.scene, self.max_steps, self.end, self.n_steps, self.failure = scene, max_steps, GOING, 0, ""
+        self.velocities, self.heights = np.array(scene.velocities, float), np.array(world.heights, float)
+        self.start, self.effective = self.heights, dict(world.effective)
+        self.fall: tuple[int, Floats] | None = None
+        self._masses, self._rounding, self._code = np.array(scene.masses), world.rounding, -1
+        self._weight = np.zeros(6)
+        if scene.gravity:
+            (m1, m2), (k1, k2), g, rest = scene.masses, scene.stiffnesses, scene.gravity, world.rest
+            k2 = m2 * g / rest if rest else k2
+            # On a rigid support nothing goes in; the stiffnesses asked for still say what a small energy is.
+            together = (m1 * g / k1, rest + m1 * g / k2) if rest else (0.0, 0.0)
+            self._weight[:] = g, k1, k2, rest, *together
+        if world.longest_leap:
+            law = world.effective["stiffness"], world.effective["damping"], reduced_masses(scene)
+            self._law = np.array(law)
+        self._memory = np.zeros(1, MEMORY)
+        self._memory["lead"], self._memory["flight"] = np.inf, -1
+        self._memory["closed"], self._memory["closed_at"] = 1, -np.inf  # as far back as there was a past
+        self._memory["met"] = (scene.gaps > 0) @ (1 << np.arange(len(scene.stiffnesses)))
+        self._starts: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
+        self._states: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
+        # Points of the path: every `_stride`-th, borders between states, and the ends.
+        self._points = [np.array([[0.0, *scene.velocities]])] if record_path else []
+        self._stride, self._size = 1, 0
+
+    def feed(self, v: Floats, x: Floats) -> bool:
+        """Take the next steps, up to the one after which the collision is over, given up or in its first flight.
+
+        Velocities in m/s and heights in m after each step, shape (n, N). Gives whether the engine has to go on from the
+        state of this run without gravity.
+        """
+        codes = np.empty(len(v), np.int64)
+        left, contacts = self.max_steps - self.n_steps - len(v), len(self.scene.stiffnesses)
+        before, h = self.velocities, self.scene.step
+        how = self._masses, contacts, self._weight, self._rounding, h, left, codes, self._memory
+        n, self.end = scan(v, x, before, *how)
+        if n:
+            changes = np.flatnonzero(codes[:n] != np.append(self._code, codes[: n - 1]))
+            self._starts.append(changes + self.n_steps)
+            self._states.append(codes[changes])
+            if self._points:
+                number = self.n_steps + 1 + np.arange(n)
+                wanted = number % self._stride == 0
+                wanted[-1] = True
+                wanted[changes[changes > 0] - 1] = True
+                self._keep(number[wanted], v[:n][wanted])
+            self.velocities, self.heights, self._code = v[n - 1].copy(), x[n - 1].copy(), int(codes[n - 1])
+            self.n_steps += n
+        if self.end != FLIGHT:
+            return False
+        self.fall = self.n_steps, self.heights
+        self._weight, self.end = np.zeros(6), GOING
+        return True
+
+    def _keep(self, number: NDArray[np.int64], velocities: Floats) -> None:
+        self._points.append(np.column_stack([number, velocities]))
+        self._size += len(number)
+        if self._size > 4 * PATH_POINTS:
+            self.thin()
+
+    def thin(self) -> None:
+        """Double the stride until the points of the path between borders are at most `PATH_POINTS`."""
+        points = np.concatenate(self._points)
+        number = points[:, 0].astype(np.int64)
+        border = np.isin(number, self.raw.start)
+        border[[0, -1]] = True
+        keep = np.ones(len(number), bool)
+        while np.count_nonzero(keep & ~border) > PATH_POINTS:
+            self._stride *= 2
+            keep = border | (number % self._stride == 0)
+        self._points, self._size = [points[keep]], int(keep.sum())
+
+    def quiet_steps(self) -> int:
+        """Count the next steps in which nothing will happen (`engines.quiet`)."""
+        state = self._code, self.velocities, self.heights, self._masses
+        return quiet_steps(*state, self._law, self._weight, self.scene.step)
+
+    def skip(self, n: int, v: Floats, x: Floats) -> None:
+        """Take n steps together in which nothing happened; velocities and heights after the last, shape (N,) each.
+
+        Points of the path in between lie on the cubics through the velocities and accelerations at both ends,
+        the accelerations from the law. That is of fourth order in the time of the n steps, and of first in their own.
+        """
+        if self._points:
+            first = (self.n_steps // self._stride + 1) * self._stride
+            number = np.append(np.arange(first, self.n_steps + n, self._stride), self.n_steps + n)
+            ends = self.velocities, self.heights, v, x
+            how = (number - self.n_steps) / n, n * self.scene.step, self._masses, self._law, self._weight[0]
+            self._keep(number, between(self._code, *ends, *how))
+        self.velocities, self.heights = v, x
+        self.n_steps += n
+        self._memory["n_steps"] += n
 
     @property
-    def n_steps(self) -> int:
-        """Steps it took."""
-        return int(self.raw.end)
+    def raw(self) -> Runs:
+        """States step by step, nothing merged."""
+        return Runs(np.concatenate(self._starts), np.concatenate(self._states), self.n_steps)
+
+    @property
+    def starts(self) -> float:
+        """What contacts that were met at a speed did in their first steps.
+
+        Summed as changes of the relative velocity of their pair, in m/s. The time at which one is met within a step is
+        arbitrary: so much depends on it.
+        """
+        return float(self._memory["again"][0])
+
+    @property
+    def lead(self) -> tuple[float, int]:
+        """Time in s by which its first flight began, or, negative, did not, and the contact, from 0, that decided."""
+        return float(self._memory["lead"][0]) * self.scene.step, int(self._memory["lead_contact"][0])
+
+    @property
+    def points(self) -> Floats | None:
+        """Number of the step (0 is the start) and velocities after it, shape (n, 1 + N); None if not asked for.
+
+        Every so many steps, and borders of raw states.
+        """
+        return self._points[0] if self._points else None
 
     @property
     def duration(self) -> float:
@@ -248,7 +342,7 @@ class Run:
             return 0.5 * float(m @ (v if c.table else v - m @ v / m.sum()) ** 2)
 
         # A linear support that carries m2 g at the penetration -x2 holds half their product.
-        held = -0.5 * c.masses[-1] * c.gravity * float(self.start[-1]) if c.settled else 0.0
+        held = -0.5 * c.masses[-1] * c.gravity * float(self.start[-1])
         fallen = c.gravity * float(m @ ((self.heights if self.fall is None else self.fall[1]) - self.start))
         before = kinetic(np.array(c.velocities))
         return (kinetic(self.velocities) + fallen - before - held) / before
@@ -279,148 +373,23 @@ class Run:
         return Path(time, velocities, impulses, forces, acting)
 
 
-class Record:
-    """Takes the steps of one scene as an engine delivers them, in blocks, until the collision is over."""
-
-    def __init__(self, scene: Scene, world: World, max_steps: int, record_path: bool) -> None:
-        self.scene, self._max_steps, self.end, self.n_steps = scene, max_steps, GOING, 0
-        self.velocities, self.heights = np.array(scene.velocities, float), np.array(world.heights, float)
-        self._masses, self._start, self._world = np.array(scene.masses), self.heights, world
-        self._weight = np.zeros(6)
-        if scene.gravity:
-            (m1, m2), (k1, k2), g, rest = scene.masses, scene.stiffnesses, scene.gravity, world.rest
-            k2 = m2 * g / rest if rest else k2
-            # On a rigid support nothing goes in; the stiffnesses asked for still say what a small energy is.
-            together = (m1 * g / k1, rest + m1 * g / k2) if rest else (0.0, 0.0)
-            self._weight[:] = g, k1, k2, rest, *together
-        if world.longest_leap:
-            law = world.effective["stiffness"], world.effective["damping"], reduced_masses(scene)
-            self._law = np.array(law)
-        self._code, self._fall = -1, None
-        self._memory = np.zeros(1, MEMORY)
-        self._memory["lead"], self._memory["flight"] = np.inf, -1
-        self._memory["closed"], self._memory["closed_at"] = 1, -np.inf  # as far back as there was a past
-        self._memory["met"] = (scene.gaps > 0) @ (1 << np.arange(len(scene.stiffnesses)))
-        self._starts: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
-        self._states: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
-        # Points of the path: number of the step, velocities; every `_stride`-th, borders between states, and the ends.
-        self._points = [np.array([[0.0, *scene.velocities]])] if record_path else []
-        self._stride, self._size = 1, 0
-
-    def feed(self, v: Floats, x: Floats) -> int:
-        """Take the next steps, up to the one after which the collision is over, given up or in its first flight.
-
-        Velocities in m/s and heights in m after each step, shape (n, N). Gives how it ended, `GOING`, or `FLIGHT` if
-        the engine has to go on from the state of this record without gravity.
-        """
-        codes = np.empty(len(v), np.int64)
-        left, contacts = self._max_steps - self.n_steps - len(v), len(self.scene.stiffnesses)
-        how = (
-            self._masses,
-            contacts,
-            self._weight,
-            self._world.rounding,
-            self.scene.step,
-            left,
-            codes,
-            self._memory,
-        )
-        n, self.end = scan(v, x, self.velocities, *how)
-        if n:
-            changes = np.flatnonzero(codes[:n] != np.append(self._code, codes[: n - 1]))
-            self._starts.append(changes + self.n_steps)
-            self._states.append(codes[changes])
-            if self._points:
-                number = self.n_steps + 1 + np.arange(n)
-                wanted = number % self._stride == 0
-                wanted[-1] = True
-                wanted[changes[changes > 0] - 1] = True
-                self._keep(number[wanted], v[:n][wanted])
-            self.velocities, self.heights, self._code = v[n - 1].copy(), x[n - 1].copy(), int(codes[n - 1])
-            self.n_steps += n
-        if self.end != FLIGHT:
-            return self.end
-        self._fall = self.n_steps, self.heights
-        self._weight, self.end = np.zeros(6), GOING
-        return FLIGHT
-
-    def _keep(self, number: NDArray[np.int64], velocities: Floats) -> None:
-        self._points.append(np.column_stack([number, velocities]))
-        self._size += len(number)
-        if self._size > 4 * PATH_POINTS:
-            self._thin()
-
-    def _thin(self) -> None:
-        """Double the stride until the points of the path between borders are at most `PATH_POINTS`."""
-        points = np.concatenate(self._points)
-        number = points[:, 0].astype(np.int64)
-        border = np.isin(number, np.concatenate(self._starts))
-        border[[0, -1]] = True
-        keep = np.ones(len(number), bool)
-        while np.count_nonzero(keep & ~border) > PATH_POINTS:
-            self._stride *= 2
-            keep = border | (number % self._stride == 0)
-        self._points, self._size = [points[keep]], int(keep.sum())
-
-    def quiet_steps(self) -> int:
-        """Count the next steps in which nothing will happen (`engines.quiet`)."""
-        state = self._code, self.velocities, self.heights, self._masses
-        return quiet_steps(*state, self._law, self._weight, self.scene.step)
-
-    def skip(self, n: int, v: Floats, x: Floats) -> None:
-        """Take n steps together in which nothing happened; velocities and heights after the last, shape (N,) each.
-
-        Points of the path in between lie on the cubics through the velocities and accelerations at both ends,
-        the accelerations from the law. That is of fourth order in the time of the n steps, and of first in their own.
-        """
-        if self._points:
-            first = (self.n_steps // self._stride + 1) * self._stride
-            number = np.append(np.arange(first, self.n_steps + n, self._stride), self.n_steps + n)
-            ends = self.velocities, self.heights, v, x
-            how = (number - self.n_steps) / n, n * self.scene.step, self._masses, self._law, self._weight[0]
-            self._keep(number, between(self._code, *ends, *how))
-        self.velocities, self.heights = v, x
-        self.n_steps += n
-        self._memory["n_steps"] += n
-
-    def finish(self, failure: str = "") -> Run:
-        """Close the record; `failure` is what the engine complained of, if it did."""
-        (memory,) = self._memory
-        if self._points:
-            self._thin()
-        return Run(
-            self.scene,
-            BROKEN if failure else self.end,
-            self.velocities,
-            self.heights,
-            self._start,
-            Runs(np.concatenate(self._starts), np.concatenate(self._states), self.n_steps),
-            self._points[0] if self._points else None,
-            dict(self._world.effective),
-            failure,
-            float(memory["again"]),
-            self._max_steps,
-            self._fall,
-            (float(memory["lead"]) * self.scene.step, int(memory["lead_contact"])),
-        )
-
-
 def follow(scene: Scene, world: World, max_steps: int, record_path: bool = False) -> Run:
     """Run a scene until its collision is over or `max_steps` steps are taken; a RuntimeError of the engine ends it."""
-    record = Record(scene, world, max_steps, record_path)
+    run = Run(scene, world, max_steps, record_path)
     longest = min(world.longest_leap, PATH_LEAP) if record_path else world.longest_leap
     window = SHORT_WINDOW if longest else WINDOW
-    while record.end == GOING and (left := max_steps - record.n_steps) > 0:
-        try:
-            n = min(record.quiet_steps(), left, longest) if longest else 0
+    try:
+        while run.end == GOING and (left := max_steps - run.n_steps) > 0:
+            n = min(run.quiet_steps(), left, longest) if longest else 0
             if n >= SHORTEST_LEAP:
-                record.skip(*world.leap(n))
+                run.skip(*world.leap(n))
                 window = SHORT_WINDOW
                 continue
-            end = record.feed(*world.advance(min(window, left)))
-        except RuntimeError as error:
-            return record.finish(" ".join(str(error).split()))
-        window = min(2 * window, WINDOW)
-        if end == FLIGHT:
-            world.weightless(record.velocities, record.heights)
-    return record.finish()
+            if run.feed(*world.advance(min(window, left))):
+                world.weightless(run.velocities, run.heights)
+            window = min(2 * window, WINDOW)
+    except RuntimeError as error:
+        run.end, run.failure = BROKEN, " ".join(str(error).split())
+    if record_path:
+        run.thin()
+    return run

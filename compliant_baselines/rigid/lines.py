@@ -15,13 +15,12 @@ ball at the start are reported as none, or a collision would not be over until a
 
 from __future__ import annotations
 
-import math
 from abc import abstractmethod
 
 import numpy as np
 
 from impact_xval.compliant_baselines.engines.engine import Engine
-from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, radius_of, reduced_masses
+from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, radius_of, sweeps
 
 #: Overlap of touching bodies over the radius: 60 units in the last place of a single-precision height of four radii, a
 #: fiftieth of the way in a step of a thousandth of a period. A power of two: exact in double precision.
@@ -56,6 +55,9 @@ class RigidWorld(World):
         heights = scene.start(self.radius)
         below = np.append(scene.gaps == 0, [] if scene.table else [False])
         self.heights = heights - OVERLAP * self.radius * np.cumsum(below[::-1])[::-1]
+
+        #: Sweeps over the contacts after which sequential impulses are converged to rounding.
+        self.sweeps = 4 + min(996, sweeps(scene))
 
     @property
     def centres(self) -> list[float]:
@@ -116,17 +118,3 @@ class RigidEngine(Engine):
 def said(value: float, asked: float) -> float:
     """Give a number that an engine of single precision says it uses: the one asked for, if it is the nearest to it."""
     return asked if np.float32(asked) == np.float32(value) else value
-
-
-def sweeps(scene: Scene) -> int:
-    """Count the sweeps over the contacts after which sequential impulses are converged to rounding, at most 1000.
-
-    Gauss and Seidel's method on the inverse-mass matrix of the contacts, which is symmetric and tridiagonal: its
-    spectral radius is the square of that of Jacobi's (Varga, Matrix Iterative Analysis, 1962, section 4.1).
-    """
-    reduced = np.array(reduced_masses(scene))
-    beside = np.sqrt(reduced[:-1] * reduced[1:]) / np.array(scene.masses)[1 : reduced.size]
-    radius = np.abs(np.linalg.eigvalsh(np.diag(beside, 1) + np.diag(beside, -1))).max(initial=0.0)
-    if radius**2 < 1e-16:
-        return 4
-    return 4 + (math.ceil(36.7 / -math.log(radius**2)) if radius**2 < 0.963 else 996)

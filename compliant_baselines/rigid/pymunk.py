@@ -11,7 +11,7 @@ from typing import Any
 
 from impact_xval.compliant_baselines.engines.packages import import_quietly
 from impact_xval.compliant_baselines.engines.scene import Scene
-from impact_xval.compliant_baselines.rigid.lines import RigidEngine, RigidWorld, sweeps
+from impact_xval.compliant_baselines.rigid.lines import RigidEngine, RigidWorld
 
 
 class PymunkWorld(RigidWorld):
@@ -21,7 +21,7 @@ class PymunkWorld(RigidWorld):
         super().__init__(scene)
         pymunk: Any = import_quietly("pymunk")
         space = self._space = pymunk.Space()
-        space.iterations, space.collision_slop, space.collision_bias = sweeps(scene), 0, 1
+        space.iterations, space.collision_slop, space.collision_bias = self.sweeps, 0, 1
         half, self._h = self.radius / 2, scene.step
         self._balls = [pymunk.Body(mass, inf) for mass in scene.masses]
         lower = [pymunk.Circle(ball, half, (0, -half)) for ball in self._balls]

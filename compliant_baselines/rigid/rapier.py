@@ -11,7 +11,7 @@ from typing import Any
 
 from impact_xval.compliant_baselines.engines.packages import import_quietly
 from impact_xval.compliant_baselines.engines.scene import Scene
-from impact_xval.compliant_baselines.rigid.lines import SINGLE, RigidEngine, RigidWorld, said, sweeps
+from impact_xval.compliant_baselines.rigid.lines import SINGLE, RigidEngine, RigidWorld, said
 
 
 class RapierWorld(RigidWorld):
@@ -26,7 +26,7 @@ class RapierWorld(RigidWorld):
         how = world.integration_parameters
         how.dt, how.length_unit, how.normalized_max_corrective_velocity = scene.step, self.radius, 0
         how.normalized_max_linear_velocity = 1e6 * scene.fastest / self.radius
-        how.num_internal_pgs_iterations = how.num_internal_stabilization_iterations = sweeps(scene)
+        how.num_internal_pgs_iterations = how.num_internal_stabilization_iterations = self.sweeps
 
         def add(shape: Any, z: float, e: float, body: Any = None) -> Any:
             product = rapier.CoefficientCombineRule.MULTIPLY

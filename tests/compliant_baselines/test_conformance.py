@@ -5,15 +5,11 @@ import dataclasses
 import pytest
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.conformance import NonConformingError, checks, conform
+from impact_xval.compliant_baselines.conformance import NonConformingError, checks, problems
 from impact_xval.compliant_baselines.references import ReferenceSolver
 from impact_xval.compliant_baselines.registry import law_of
 
 pytestmark = pytest.mark.smoke
-
-
-def problems(solver, law="kelvin-voigt"):
-    return {check.__name__: problem for check, problem in conform(solver, law) if problem}
 
 
 SLOW = [

@@ -1,20 +1,157 @@
-"""Each trap set, found by its name, and its effect measured in the engine."""
+"""Contacts of MuJoCo scenes as they are measured, beside closed forms and drops by hand; each trap, and its effect."""
 
 import math
+import re
 
 import mujoco
 import numpy as np
 import pytest
 
-from impact_xval.compliant_baselines.engines.mujoco import Mujoco
+from impact_xval.compliant_baselines.contacts_mujoco import PLACES, contacts
 from impact_xval.compliant_baselines.engines.scene import Scene
-from impact_xval.compliant_baselines.inspect_mujoco import inspect_model
+from impact_xval.compliant_baselines.inspect_mujoco import inspect_model, measure_model
+from impact_xval.compliant_baselines.mapping import Contact
 from impact_xval.compliant_baselines.paste import mjcf
 from impact_xval.compliant_baselines.restitution import contact_time
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.model.collision import Collision
 
 FORCE_LEVEL = "1e-4 1e-4 .001 .5 1"
+SOFT = 'solref="-4e3 -10" solimp=".3 .6 .01 .5 2"'
+
+#: A ball of 0.5 kg above a floor, or above a ball of 2 kg.
+ON_FLOOR = """<mujoco><option timestep="{step}" gravity="0 0 {g}" {option}><flag {flag}/></option><worldbody>
+<geom name="low" type="plane" size="1 1 1" {lower}/>
+<body name="up" pos="0 0 {height}"><freejoint/><geom name="up" size="0.2" mass="0.5" {upper}/></body>
+</worldbody><contact>{contact}</contact></mujoco>"""
+ON_BALL = ON_FLOOR.replace(
+    '<geom name="low" type="plane" size="1 1 1" {lower}/>',
+    '<body name="low" pos="0 0 -.3"><freejoint/><geom name="low" size=".3" mass="2" {lower}/></body>',
+)
+
+
+def compiled(scene=ON_FLOOR, **fields):
+    empty = {"option": "", "flag": "", "lower": "", "upper": "", "contact": ""}
+    return mujoco.MjModel.from_xml_string(
+        scene.format(**empty | {"step": 2e-3, "g": 0, "height": 1} | fields)
+    )
+
+
+def hand_drops(scene, speed, margin=0.0, **fields):
+    """Restitution at each place of the touch, by free bodies in the user's own scene."""
+    found = []
+    for place in PLACES:
+        model = compiled(scene, height=0.2 + margin + place * speed * fields["step"], **fields)
+        data = mujoco.MjData(model)
+        up, low = model.body("up").dofadr[0] + 2, model.body("low").dofadr[0] + 2 if model.nv > 6 else None
+        data.qvel[up], met = -speed, False
+        for _ in range(4000):
+            mujoco.mj_step(model, data)
+            rate = data.qvel[up] - (0 if low is None else data.qvel[low])
+            met |= abs(rate + speed) > 1e-9 * speed
+            if met and rate > 0 and not data.efc_force.any():
+                break
+        found.append(rate / speed)
+    return found
+
+
+def test_mujocos_default_ball_that_falls_at_2_80_rebounds_with_0_37():
+    model = compiled(g=-9.81, height=0.6)
+    data, velocities = mujoco.MjData(model), []
+    for _ in range(400):
+        mujoco.mj_step(model, data)
+        velocities.append(data.qvel[2])
+    assert min(velocities) == pytest.approx(-2.80, abs=0.01)
+    assert max(velocities) == pytest.approx(0.37, abs=0.005)
+    (row,) = measure_model(model, speed=2.80)
+    low, high = row.restitution_range
+    assert low <= max(velocities) / -min(velocities) <= high < low + 0.03
+    assert data.qpos[2] == pytest.approx(0.2 - row.penetration, abs=1e-6)  # it has come to rest meanwhile
+    assert row.change.startswith("for no rebound")
+
+
+@pytest.mark.parametrize(("scene", "mass"), [(ON_FLOOR, 0.5), (ON_BALL, 0.4)], ids=["floor", "ball"])
+@pytest.mark.parametrize(("e", "k"), [(1.0, 1e4), (0.7, 1e4), (0.3, 1e6)])
+def test_a_force_level_contact_is_that_of_the_closed_form(scene, mass, e, k):
+    asked = Contact.from_restitution(k, e, mass)
+    pair = f'<pair geom1="up" geom2="low" solref="{-k / mass} {-asked.c / mass}" condim="1" solimp="{FORCE_LEVEL}"/>'
+    (row,) = measure_model(compiled(scene, contact=pair, step=asked.duration / 200, g=-9.81))
+    assert row.masses == (0.5, math.inf if scene is ON_FLOOR else 2)
+    assert row.restitution == pytest.approx(e, abs=2e-3)
+    assert (row.duration, row.steps) == (pytest.approx(asked.duration, rel=5e-3), pytest.approx(200, abs=1))
+    assert row.stiffness == pytest.approx(k, rel=1.2e-2)
+    assert row.damping == pytest.approx(asked.c, abs=1.2e-2 * math.sqrt(k * mass))
+    assert row.penetration == pytest.approx(0.5 * 9.81 / k * (1 - 1e-4), rel=1e-7)  # the lighter's weight
+    assert row.change == ""
+
+
+@pytest.mark.parametrize("scene", [ON_FLOOR, ON_BALL], ids=["floor", "ball"])
+@pytest.mark.parametrize(
+    ("fields", "margin"),
+    [
+        ({"upper": SOFT + " solmix='5'", "lower": "solref='-1e3 -40' solmix='1'"}, 0.0),
+        ({"upper": "solref='.05 .3' solmix='5'", "lower": "solref='.03 .2' condim='6'"}, 0.0),
+        ({"upper": "friction='2 .1 .1'", "option": "solver='CG' cone='elliptic' impratio='3'"}, 0.0),
+        ({"lower": SOFT + " priority='1'", "option": "integrator='discrete'"}, 0.0),
+        ({"upper": SOFT, "flag": "override='enable'", "option": "o_solref='.02 .4' integrator='RK4'"}, 0.0),
+        ({"contact": "<pair geom1='up' geom2='low' condim='1' margin='-.01'/>"}, -0.01),
+    ],
+)
+def test_a_contact_is_that_of_the_scene(scene, fields, margin):
+    own = hand_drops(scene, 0.7, margin, step=2e-3, **fields)
+    (row,) = measure_model(compiled(scene, **fields), speed=0.7)
+    assert row.restitution == pytest.approx(np.mean(own), abs=2e-6)
+    assert row.restitution_range == pytest.approx((min(own), max(own)), abs=2e-6)
+    assert row.penetration is None  # there is no gravity
+
+
+def test_the_change_for_newton_per_metre_does_in_a_scene_what_was_meant():
+    wrong, meant = 'solref="-1e4 -20"', Contact(1e4, 20.0, 0.5)
+    (row,) = measure_model(compiled(upper=wrong))
+    assert row.stiffness < 0.6 * meant.k
+    pair, step = re.search(r"<pair (.*)/> and a step of (\S+) s", row.change).groups()
+    fields = {"step": float(step), "upper": wrong, "contact": f'<pair geom1="up" geom2="low" {pair}/>'}
+    assert np.mean(hand_drops(ON_FLOOR, 1.0, **fields)) == pytest.approx(meant.restitution, abs=0.005)
+    (row,) = measure_model(compiled(**fields))
+    assert (row.stiffness, row.change) == (pytest.approx(meant.k, rel=0.02), "")
+
+
+def test_what_cannot_be_measured_is_a_row_with_the_reason():
+    for upper, reason in (
+        ("solref='0 0' priority='1'", "no force within 20000 steps"),
+        ("solref='-1e-3 0' priority='1'", "not over within 20000 steps"),
+    ):
+        (row,) = measure_model(compiled(upper=upper))
+        assert reason in row.reason
+        assert row.restitution is row.stiffness is row.penetration is None
+
+
+def test_contacts_are_those_that_the_filters_let_through_and_alike_ones_one_row():
+    text = """<mujoco><worldbody>
+    <geom type="plane" size="1 1 1"/><geom type="plane" size="1 1 1"/><geom name="ghost" size="1" contype="0"/>
+    <body><freejoint/><geom size="1"/><geom size="2"/>
+      <body><joint/><geom size="3"/><body name="c"><joint/><geom size="4"/></body></body></body>
+    <body><freejoint/><geom name="d" size="5" contype="2" conaffinity="4"/></body>
+    <body name="e"><freejoint/><geom size="6"/></body></worldbody>
+    <contact><exclude body1="e" body2="c"/><pair name="named" geom1="ghost" geom2="d"/></contact></mujoco>"""
+    # Left out: two fixed ones, no match of contype and conaffinity, a body and its parent, and what <exclude> names.
+    fixed = {f"geoms {floor} and #{geom}" for floor in ("#0", "#1", "ghost") for geom in (3, 4, 5, 6, 8)}
+    moving = {f"geoms #{a} and #{b}" for a, b in ((3, 6), (4, 6), (3, 8), (4, 8), (5, 8))}
+    found = contacts(mujoco.MjModel.from_xml_string(text)).values()
+    assert {name for names in found for name in names} == {"pair named"} | fixed | moving
+    other = '<worldbody><body pos="5 0 1"><freejoint/><geom size=".2" mass="0.5"/></body></worldbody>'
+    rows = measure_model(compiled(contact=f"</contact>{other}<contact>"))
+    assert [row.where for row in rows] == [["geoms low and up", "geoms low and #2"], ["geoms up and #2"]]
+
+
+def test_a_pendulum_counts_with_the_mass_that_strikes():
+    text = """<mujoco><worldbody><geom type="plane" size="1 1 1"/><body pos="0 0 5"><joint axis="0 1 0"/>
+    <inertial pos="2 0 0" mass="0.3" diaginertia="1e-8 1e-8 1e-8"/><geom size="0.1" pos="2 0 0"/></body>
+    </worldbody></mujoco>"""
+    (row,) = measure_model(mujoco.MjModel.from_xml_string(text))
+    assert row.masses == (pytest.approx(0.3, rel=1e-6), math.inf)
+
+
 DEFAULT = ".9 .95 .001 .5 2"
 ELASTIC, DURATION = "-1e6 -0", math.pi / 1e3  # solref, and how long its contact lasts
 OVERRIDE = {"option": f'o_solref="0.02 1" o_solimp="{FORCE_LEVEL}"', "flag": 'override="enable"'}
@@ -24,27 +161,17 @@ def found(model):
     return {finding.trap: finding.says for finding in inspect_model(model)}
 
 
-def ball_on_plane(solref, solimp=FORCE_LEVEL, floor=None, option="", flag="", mass=1.0, step=1e-5, gap=0.0):
-    """Scene of a sphere of 1 m on a free joint that meets a plane; `floor` is the solref of that, if it is another."""
+def ball_on_plane(solref, solimp=FORCE_LEVEL, floor=None, mass=0.5, step=1e-5, **how):
+    """Scene of a ball above a floor; `floor` is the solref of that, if it is another."""
     ours, theirs = (f'condim="1" solref="{each}" solimp="{solimp}"' for each in (solref, floor or solref))
-    return mujoco.MjModel.from_xml_string(f"""
-    <mujoco><option timestep="{step}" gravity="0 0 0" {option}><flag {flag}/></option><worldbody>
-      <geom name="floor" type="plane" size="1 1 1" {theirs}/>
-      <body pos="0 0 {1 + gap}"><freejoint/><geom name="ball" size="1" mass="{mass}" {ours}/></body>
-    </worldbody></mujoco>""")
+    scene = ON_FLOOR.replace('mass="0.5"', f'mass="{mass}"')
+    return compiled(scene, upper=ours, lower=theirs, step=step, **how)
 
 
 def bounce(model):
-    """Restitution, and duration of the contact as the number of steps that have one."""
-    data, touching = mujoco.MjData(model), 0
-    data.qvel[2] = -1.0
-    with Mujoco().running():  # without its warnings
-        for _ in range(200_000):
-            mujoco.mj_step(model, data)
-            touching += data.ncon > 0
-            if touching and data.ncon == 0:
-                break
-    return data.qvel[2], touching * model.opt.timestep
+    """Restitution and duration."""
+    (row,) = measure_model(model)
+    return row.restitution, row.duration
 
 
 def test_a_sound_scene_has_no_traps_and_bounces_as_asked():
@@ -65,7 +192,7 @@ def test_parameters_are_replaced(trap, says, acting, asked):
     model = ball_on_plane(**asked)
     assert says in found(model)[trap]
     assert bounce(model) == bounce(ball_on_plane(acting, step=asked.get("step", 1e-5)))
-    assert bounce(model)[1] > 9 * DURATION
+    assert trap == "refsafe" or bounce(model)[1] > 9 * DURATION
 
 
 def test_refsafe_may_be_disabled_and_leaves_long_time_constants():
@@ -101,22 +228,21 @@ def test_direct_numbers_of_two_geoms_are_mixed_element_by_element():
 
 
 def test_an_absolute_tolerance_under_cg_loses_a_soft_contact():
-    soft = "-1e-6 -0.000244"  # accelerations of 1e-3 m/s^2
+    soft = f'condim="1" solref="-1e-6 -0.000244" solimp="{FORCE_LEVEL}"'  # accelerations of 1e-3 m/s^2
+    fields = {"upper": soft, "lower": soft, "step": 30.0}
     options = "", 'solver="CG"', 'solver="CG" tolerance="0"'
-    sound, model, exact = (ball_on_plane(soft, step=30.0, option=option) for option in options)
-    assert [set(found(each)) for each in (sound, model, exact)] == [set(), {"tolerance"}, set()]
-    assert bounce(sound)[0] == pytest.approx(0.7, abs=0.01)
-    assert bounce(model)[0] > bounce(sound)[0] + 0.1
-    assert bounce(exact)[0] == pytest.approx(bounce(sound)[0], abs=1e-4)
+    traps = [set(found(compiled(option=option, **fields))) for option in options]
+    assert traps == [set(), {"tolerance"}, set()]
+    sound, lost, exact = (np.mean(hand_drops(ON_FLOOR, 1.0, option=option, **fields)) for option in options)
+    assert sound == pytest.approx(0.7, abs=0.01)
+    assert lost > sound + 0.1
+    assert exact == pytest.approx(sound, abs=1e-4)
 
 
 def test_a_step_too_long_for_the_stiffest_contact():
-    steps = (3, 0.3), (2, 0.7), (40, 0.3)  # in a contact, and of them before it
-    third, half, short = (
-        ball_on_plane(ELASTIC, step=DURATION / n, gap=gap * DURATION / n) for n, gap in steps
-    )
+    third, half, short = (ball_on_plane(ELASTIC, step=DURATION / steps) for steps in (3, 2, 40))
     assert set(found(third)) == set(found(half)) == {"long-step"}
-    assert bounce(half)[0] > 1.1  # it creates energy
+    assert measure_model(half)[0].restitution_range[1] > 1.1  # it creates energy
     assert found(short) == {}
     # what a heavy dashpot needs is a shorter step than the spring's
     assert set(found(ball_on_plane("-1e6 -2e4", step=DURATION / 40))) == {"long-step"}
@@ -127,10 +253,9 @@ def test_where_no_long_step_is_found_the_restitution_is_within_ten_percent():
         solref = f"-1e6 -{2e3 * zeta}"
         exact, pressed = bounce(ball_on_plane(solref, step=1e-6))[0], DURATION * contact_time(zeta) / np.pi
         for steps in (31, 60):
-            for gap in np.linspace(0, 1, 5):
-                model = ball_on_plane(solref, step=pressed / steps, gap=gap * pressed / steps)
-                assert found(model) == {}
-                assert bounce(model)[0] == pytest.approx(exact, rel=0.1), (zeta, steps, gap)
+            model = ball_on_plane(solref, step=pressed / steps)
+            assert found(model) == {}
+            assert measure_model(model)[0].restitution_range == pytest.approx((exact, exact), rel=0.1)
 
 
 def test_a_trap_of_many_contacts_is_told_once_and_static_ones_not_at_all():

@@ -1,6 +1,5 @@
 import math
 
-import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
@@ -33,14 +32,6 @@ def test_restitution_and_duration_are_those_of_an_integrated_contact():
         assert contact_time(zeta) == pytest.approx(duration, rel=1e-10), zeta
 
 
-def test_restitution_is_smooth_across_critical_damping():
-    # Third differences of a smooth function over steps of 1e-3 are 1e-9 of it; a kink would show as 1e-3.
-    e = np.array([restitution(1 + 1e-3 * i) for i in range(-5, 6)])
-    assert np.abs(np.diff(e, 3)).max() < 1e-9
-    assert restitution(math.nextafter(1, 0)) == pytest.approx(math.exp(-2), rel=1e-15)
-    assert restitution(math.nextafter(1, 2)) == pytest.approx(math.exp(-2), rel=1e-15)
-
-
 def test_the_damping_ratio_is_the_inverse_of_restitution_to_1e_12():
     between = [1e-30, 1e-6, 0.01, 0.1, math.exp(-2), 0.2, 0.3, 0.5, 0.7, 0.9, 0.999]
     for e in (1e-300, *between, 1 - 1e-9, 1 - 2**-53, 1.0):
@@ -58,11 +49,6 @@ def test_the_inverse_follows_its_series_near_elastic_and_near_plastic():
         series = -math.log(e) / math.pi
         assert damping_ratio(e) == pytest.approx(series + 2 * series**2 / math.pi, rel=20 * x**2 + 1e-13), x
     assert damping_ratio(1e-20) == pytest.approx(0.5e10, rel=1e-12)  # e -> 1/(4 zeta^2) as zeta grows
-
-
-def test_two_values_of_the_theory():
-    assert damping_ratio(0.7) == pytest.approx(0.1222, abs=5e-5)
-    assert textbook_damping_ratio(0.7) == pytest.approx(0.1128, abs=5e-5)
 
 
 @pytest.mark.parametrize("function", [damping_ratio, textbook_damping_ratio])
@@ -86,3 +72,5 @@ def test_restitution_is_that_of_the_printed_formulas():
     for zeta in (0.0, 1e-9, 0.01, 0.3, 0.7, 0.999, 1.0, 1.001, 1.5, 10.0):
         rel = 1e-13 if zeta != 0.999 else 1e-12
         assert restitution(zeta) == pytest.approx(theory_restitution(zeta), rel=rel), zeta
+    for zeta in (math.nextafter(1, 0), math.nextafter(1, 2)):
+        assert restitution(zeta) == pytest.approx(math.exp(-2), rel=1e-15)

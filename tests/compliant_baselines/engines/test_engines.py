@@ -40,8 +40,6 @@ def test_theorem_5_when_the_step_scales_along(engine):
 def test_end_of_the_collision_and_energy(engine, scenario):
     settings, cells = Settings(scenario=scenario, step_fraction=2e-3), random_collisions(30, 2)
     outcomes = engine.solve_many(cells, settings)
-    backwards = engine.solve_many(cells[::-1], settings)[::-1]
-    assert [(o.v1, o.v2, o.impulse1) for o in backwards] == [(o.v1, o.v2, o.impulse1) for o in outcomes]
     for c, o in zip(cells, outcomes, strict=True):
         assert o.status == "ok", o.reason
         assert o.v1 >= o.v2 >= 0

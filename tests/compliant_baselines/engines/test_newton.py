@@ -47,16 +47,6 @@ def test_the_exact_law_ends_as_its_forces_alone_do(exponent):
 
 
 @installed
-def test_newton_returns_the_restitution_it_was_given_at_any_speed():
-    for e, speed in ((1, 1e-3), (0.7, 100), (0.3, 1)):
-        pair = Collision((1, 3), (1e6,), (e,), (-speed, 0))
-        ends = [get_solver("newton").solve(pair, Settings(step_fraction=f)).velocities for f in (4e-3, 1e-3)]
-        coarse, fine = (np.subtract(*v) / speed - e for v in ends)
-        assert abs(fine) < 5e-4
-        assert e == 1 or fine == pytest.approx(coarse / 4, rel=0.1)  # of first order in the step
-
-
-@installed
 @pytest.mark.parametrize(
     ("scenario", "collision", "velocities", "tolerance"),
     [
