@@ -31,7 +31,8 @@ inlined = compiled_with(forceinline=True, no_cpython_wrapper=True, no_cfunc_wrap
 
 #: Of functions that only kernels of chains call: no references are counted and no way in from Python is compiled, each
 #: of which would cost more than the work; nothing is kept, for the cache of a kernel holds all that it calls. `merged`
-#: becomes a part of its caller before types are inferred: for functions that are called at one place.
+#: becomes a part of its caller before types are inferred: for one that is as large as all of its caller, which would be
+#: optimised once more with that.
 _INNER: dict[str, Any] = {"_nrt": False, "cache": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 uncounted = compiled_with(**_INNER)
 merged = compiled_with(inline="always", **_INNER)

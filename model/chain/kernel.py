@@ -136,7 +136,7 @@ def ringing_ends(c, n, i):
     return True
 
 
-@merged
+@uncounted
 def meets_within(c, n, time, least):
     """Tell whether bodies that are apart may meet within a time, with more than this energy of approach, twice."""
     for j in range(n):
@@ -190,7 +190,7 @@ def first_event(c, n, h, work):
     return which, happens, its_sign, first
 
 
-@merged
+@uncounted
 def watch_force_of_series(one, own):
     """Write the series of the force of a dashpot before it is cut off, up to a positive factor."""
     product, k, b = one.law == HUNT_CROSSLEY, one.k, one.b
@@ -297,7 +297,7 @@ def flight(c, n):
     return first, which
 
 
-@merged
+@uncounted
 def fly(c, n, h, work):
     """Carry all bodies over a time h without forces."""
     for i in range(n):
@@ -308,7 +308,7 @@ def fly(c, n, h, work):
             one.phase = INACTIVE
 
 
-@merged
+@uncounted
 def follow(c, n, h_next, tolerance, work):
     """Follow a piece up to its first event: its length, the step to try next, and the event.
 
@@ -406,10 +406,7 @@ def collide(c, work, energy, drift, g, tolerance, max_pieces, points, log, at, o
     n, frozen, dashpot = work.size, c[0].frozen, has_dashpot(c[0])
     degree = ORDER if has_series(c[0]) else ORDER_OF_STEP
     code, end, events, pieces, quiet, rows = ZERO, GOING, ZERO, ZERO, ZERO, at
-    margin, loss, time, fall, h_next = inf, 0.0, 0.0, inf, FIRST_STEP
-    row = first
-    for i in range(n):
-        work[i].cut = False
+    margin, loss, time, fall, h_next, row = inf, 0.0, 0.0, inf, FIRST_STEP, first
     while True:
         if c[0].law <= LIU_ZHAO_BROGLIATO and 0 < energy_left(c, n) <= COLLAPSED * energy:
             dropped, lossy = bring_to_rest(c, n)
@@ -520,7 +517,8 @@ def follow_chains(
         energy = energy_of(c, work.size, masses, drifts[i], velocities, i)
         most = (1 + GAIN) * kinetic_energy(c, work.size)
         for j in range(work.size):
-            c[j].length = (energy * (c[j].p + 1) / c[j].k) ** (1 / (c[j].p + 1))
+            one, work[j].cut = c[j], False
+            one.length = (energy * (one.p + 1) / one.k) ** (1 / (one.p + 1))
         n = collide(
             c, work, energy, drifts[i], gravities[i], tolerance, max_pieces, points, log, at, numbers[i],
             sets, starts, row,

@@ -19,7 +19,7 @@ import scipy
 from impact_xval.model.chain.laws import FORCE, GAP, before_cut, carries, force, has_dashpot
 from impact_xval.model.chain.series import ORDER
 from impact_xval.model.chain.state import tangent
-from impact_xval.model.compiled import merged, uncounted
+from impact_xval.model.compiled import uncounted
 from impact_xval.model.pair.law import INACTIVE
 
 # The tables of scipy.integrate.DOP853, from their own file: to import that package takes a quarter of a second.
@@ -44,28 +44,17 @@ CONVERGED, RESOLVED = 1e-15, 1e-6
 WORK = np.dtype(
     [
         # Coefficients of w and delta in x = t/h, a piece of length h, and of what is watched.
-        ("rates", "f8", ORDER + 1),
-        ("deltas", "f8", ORDER + 1),
-        ("watched", "f8", ORDER + 1),
-        # Stiffness and damping if it acts, else 0; 1 if delta changes, else 0.
-        ("k", "f8"),
-        ("b", "f8"),
-        ("moves", "f8"),
-        # Whether its force is zero by an event of this instant.
-        ("cut", "?"),
+        *((name, "f8", ORDER + 1) for name in ("rates", "deltas", "watched")),
+        # Stiffness and damping if it acts, else 0; 1 if delta changes, else 0; rate or its slope at a point of a path.
+        *((name, "f8") for name in ("k", "b", "moves", "value")),
+        # Derivatives of w and delta at the stages of a step; the state at its start, and w''.
+        *((name, "f8", STAGES + 1) for name in ("kw", "kd")),
+        *((name, "f8") for name in ("w", "delta", "jerk")),
         # What is not looked at, as bits, since it was seen not to happen in this piece.
         ("left_out", "i8"),
-        # Derivatives of w and delta at the stages of a step; the state at its start, and w''.
-        ("kw", "f8", STAGES + 1),
-        ("kd", "f8", STAGES + 1),
-        ("w", "f8"),
-        ("delta", "f8"),
-        ("jerk", "f8"),
-        # Rate or its slope at a point of the path.
-        ("value", "f8"),
-        # Whether this contact of the collision acts, and whether it did where that was last written.
-        ("acts", "?"),
-        ("acted", "?"),
+        # Whether its force is zero by an event of this instant; whether this contact of the collision acts, and whether
+        # it did where that was last written.
+        *((name, "?") for name in ("cut", "acts", "acted")),
     ],
     align=True,
 )
@@ -76,7 +65,7 @@ def new_workspace(contacts: int) -> Any:
     return np.zeros(contacts, WORK).view(np.recarray)
 
 
-@merged
+@uncounted
 def slopes(c, n, stage, work):
     """Write the derivatives of the state that `c` holds."""
     above, middle, below = 0.0, 0.0, 0.0
@@ -88,7 +77,7 @@ def slopes(c, n, stage, work):
             own.kd[stage] = 0.0 if one.frozen and one.phase == INACTIVE else one.w
 
 
-@merged
+@uncounted
 def to_stage(c, n, stage, h, work):
     """Carry the state of `work` into `c`, as far as a stage of a step of length h goes; the last one to its end."""
     weights = A[stage] if stage < STAGES else B
@@ -184,7 +173,7 @@ def advance(c, n, h, tolerance, work):
     return h, h * factor
 
 
-@merged
+@uncounted
 def watch_force(one, h, own):
     """Write the polynomial of the force of a dashpot before it is cut off."""
     f0, d0 = before_cut(one, own.delta, own.w, own.kw[0])

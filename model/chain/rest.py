@@ -25,7 +25,7 @@ from math import inf, sqrt
 
 from impact_xval.model.chain.laws import KELVIN_VOIGT, carries, rest
 from impact_xval.model.chain.series import place
-from impact_xval.model.compiled import merged, uncounted
+from impact_xval.model.compiled import uncounted
 from impact_xval.model.pair.law import INACTIVE
 
 #: How a collision ended: the balls left the table, B1 left B2 at rest on it, B1 came to rest on B2; or it goes on.
@@ -81,7 +81,7 @@ def how_over(c, n):
     return GOING
 
 
-@merged
+@uncounted
 def in_flight(c, n):
     """Whether no contact of two balls on a table is closed, and none of them is part of the table."""
     for i in range(n):
@@ -184,7 +184,7 @@ def settled(one, two):
     return bound1 < (1 - _ROUNDING) * g and bound2 < (1 - _ROUNDING) * (1 + mu) * g
 
 
-@merged
+@uncounted
 def how_ended(c, n, due):
     """Tell how a collision with gravity is over, or that it goes on; `due`: examine if it only settles any more."""
     end = how_over(c, n)

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
-from impact_xval.model.compiled import merged, uncounted
+from impact_xval.model.compiled import uncounted
 
 #: An interval this short, relative to a segment, resolves a tangency to rounding.
 SHORTEST = 1e-10
@@ -28,7 +28,7 @@ SHORTEST = 1e-10
 MOST_INTERVALS = 500
 
 
-@merged
+@uncounted
 def _value(f, sign, f0, first, degree, x):
     """Value and slope at x of a watched polynomial divided by x^first; f0 is its value at 0 then."""
     value, slope = f[degree], 0.0
@@ -43,14 +43,14 @@ def _value(f, sign, f0, first, degree, x):
     return value, sign * slope
 
 
-@merged
+@uncounted
 def _positive(f0, df0, f1, df1, w, C):
     """Whether f > 0 inside an interval of length w is certain."""
     reserve = C * (w * w) * (w * w) / 288
     return f1 >= 0 and f0 + w * df0 / 3 > reserve and f1 - w * df1 / 3 > reserve
 
 
-@merged
+@uncounted
 def _parts(f, sign, start, first, degree, x):
     """Sum of the positive terms at x of a polynomial divided by x^first, and of the magnitudes of the negative ones."""
     positive, negative = 0.0, 0.0

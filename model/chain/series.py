@@ -19,7 +19,7 @@ from math import inf, sqrt
 import numpy as np
 
 from impact_xval.model.chain.laws import HUNT_CROSSLEY, carries, damping, rest
-from impact_xval.model.compiled import merged, uncounted
+from impact_xval.model.compiled import uncounted
 
 #: Highest power of the series, and omega + gamma times the time it is used for: 2.8^29/29! is 1e-18.
 ORDER = 28
@@ -86,7 +86,7 @@ def expand(c, n, h, work):
                 work[falls].rates[1] += h * c[last].g
 
 
-@merged
+@uncounted
 def _term(one, own, order, product):
     """Coefficient of the force of a contact beyond the weight that it holds; a product's is a Cauchy product."""
     if not product:

@@ -27,31 +27,19 @@ UNDERFLOW = 1e-150
 #: A contact under way, and the body above it; the last record of a chain is the body below its last contact, INACTIVE.
 CONTACT = np.dtype(
     [
-        # Inverse mass of the body, 0 for the table, and how many balls it is.
-        ("a", "f8"),
-        ("balls", "i8"),
-        # Running and original stiffness, coefficient of restitution, damping of the law (`chain.laws`).
-        ("k", "f8"),
-        ("original", "f8"),
-        ("e", "f8"),
-        ("b", "f8"),
-        # Compression rate and deformation.
-        ("w", "f8"),
-        ("delta", "f8"),
-        # `INACTIVE`, `COMPRESSION`, `RESTITUTION` or `SLACK`.
-        ("phase", "i8"),
-        # Which contact of the collision this is: some become rigid and are left out.
-        ("contact", "i8"),
-        # Deformation that would hold all the energy of impact at the original stiffness.
-        ("length", "f8"),
-        # Twice the largest energy that this contact or a neighbour has had (`oscillation`).
-        ("reach", "f8"),
+        # Inverse mass of the body, 0 for the table; running and original stiffness, coefficient of restitution, damping
+        # of the law (`chain.laws`); compression rate and deformation.
+        *((name, "f8") for name in ("a", "k", "original", "e", "b", "w", "delta")),
+        # Deformation that would hold all the energy of impact at the original stiffness; twice the largest energy that
+        # this contact or a neighbour has had (`oscillation`).
+        *((name, "f8") for name in ("length", "reach")),
         # Gravity, of the contact with the table: 0 of others, without gravity, and from the first flight on.
         ("g", "f8"),
-        # Exponent of the force, one of `chain.laws`, and whether positions are frozen: those of the chain.
-        ("p", "f8"),
-        ("law", "i8"),
-        ("frozen", "?"),
+        # `INACTIVE`, `COMPRESSION`, `RESTITUTION` or `SLACK`; which contact of the collision this is, for some become
+        # rigid and are left out; how many balls the body is.
+        *((name, "i8") for name in ("phase", "contact", "balls")),
+        # Those of the chain: one of `chain.laws`, exponent of the force, and whether positions are frozen.
+        *(("law", "i8"), ("p", "f8"), ("frozen", "?")),
     ],
     align=True,
 )
