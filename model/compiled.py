@@ -25,6 +25,10 @@ def compiled_with(**more: Any) -> Decorator:
     return compile_(**(_OPTIONS | more))
 
 
+#: Kernels that are rounded as they are written, and parts of these: only kernels call them.
+rounded = compiled_with(fastmath=False)
+rounded_part = compiled_with(fastmath=False, cache=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+
 #: Force-inlined variant for parts of a kernel. Python cannot call them: wrappers, and a cache of each part, would add
 #: half to the time that the kernel of two balls takes to compile.
 inlined = compiled_with(forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, cache=False)

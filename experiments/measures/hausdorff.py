@@ -16,7 +16,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from impact_xval.model.compiled import compiled_with, rounded_part
 
 #: Absolute error allowed, in units of the coordinates.
 TOLERANCE = 1e-9
@@ -25,11 +26,7 @@ TOLERANCE = 1e-9
 LARGEST = 1e150
 
 
-#: Parts, which Python does not call.
-_part = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled_with(fastmath=False, nogil=True)
 def distances(a, b, offsets_a, offsets_b):
     """Distances of n pairs of polylines, one after the other in `a` and `b`; NaN where one has no vertex.
 
@@ -44,7 +41,7 @@ def distances(a, b, offsets_a, offsets_b):
     return found
 
 
-@_part
+@rounded_part
 def _legal(one):
     """Whether a polyline has vertices, none of them beyond `LARGEST`."""
     for i in range(len(one)):
@@ -53,7 +50,7 @@ def _legal(one):
     return len(one) > 0
 
 
-@_part
+@rounded_part
 def _to_segment(x, y, b, j):
     """Distance squared of the point (x, y) from segment j of b."""
     ax, ay = x - b[j, 0], y - b[j, 1]
@@ -66,7 +63,7 @@ def _to_segment(x, y, b, j):
     return ax * ax + ay * ay
 
 
-@_part
+@rounded_part
 def _nearest(x, y, b, lowest, highest, enough):
     """Return a segment of b within `enough` of the point, or else the nearest one, and its distance.
 
@@ -101,7 +98,7 @@ def _nearest(x, y, b, lowest, highest, enough):
     return best, where
 
 
-@_part
+@rounded_part
 def _directed(a, b):
     """Directed Hausdorff distance from a to b, at most `TOLERANCE` too small."""
     n = max(1, len(b) - 1)
@@ -133,7 +130,7 @@ def _directed(a, b):
     return worst
 
 
-@_part
+@rounded_part
 def _within(one, two, b, lowest, highest, worst):
     """Return the larger of `worst` and of all distances from b of a piece of a: ends are x, y, segment next to it."""
     (x1, y1, near1), (x2, y2, near2) = one, two
