@@ -40,7 +40,7 @@ REFINEMENTS, LARGEST = 8, 0.05
 CONVERGED, RESOLVED = 1e-15, 1e-6
 
 
-#: What is at hand of a contact in a piece; made once.
+#: Working numbers of a contact in a piece; made once.
 WORK = np.dtype(
     [
         # Coefficients of w and delta in x = t/h, a piece of length h, and of what is watched.

@@ -130,9 +130,8 @@ def neighbours(c, i):
 def nothing(one, energy):
     """Energy of a contact, twice, that rounding can make: of its neighbours' motion so far, or where loads underflow.
 
-    A neighbour gives the ball that they share at most a kinetic energy of its own, and rounding of that velocity
-    is all that a contact can have of it by mistake. Ahead of a wave no neighbour has moved, and the smallest load
-    counts.
+    A neighbour gives the ball that both share at most a kinetic energy of its own, and rounding of that velocity is all
+    that the contact can have of it by mistake. Ahead of a wave no neighbour has moved, and the smallest load counts.
     """
     share = 0.0 if has_dashpot(one) else ROUNDING if has_series(one) else ROUNDING_OF_STEPS
     return share * one.reach + UNDERFLOW * energy
