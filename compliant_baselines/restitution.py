@@ -24,12 +24,12 @@ from __future__ import annotations
 from math import asinh, atan2, exp, inf, log, log1p, pi, sqrt
 
 import numpy as np
-from numba import njit
 
 from impact_xval.model.collision import Floats
+from impact_xval.model.compiled import rounded, rounded_part
 
 
-@njit(cache=True, error_model="numpy")
+@rounded
 def contact_time(zeta):
     """Duration of a Kelvin-Voigt contact that ends at zero force, times omega = sqrt(k/M); dimensionless.
 
@@ -64,7 +64,7 @@ def _legal(e: float) -> float:
     return e
 
 
-@njit(cache=True, error_model="numpy")
+@rounded
 def _damping_ratio(e):
     """Solve zeta T(zeta) = -ln e for zeta, T = `contact_time`; NaN for e outside (0, 1]."""
     loss = -log(e)
@@ -85,7 +85,7 @@ def _damping_ratio(e):
     return zeta
 
 
-@njit(cache=True, error_model="numpy")
+@rounded_part
 def _tail(x):
     """(x - ln(1 + x) - x^2/2)/x^3, without cancellation."""
     if abs(x) > 0.25:
@@ -97,7 +97,7 @@ def _tail(x):
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@rounded_part
 def _hunt_crossley(e):
     """Solve equation (*) for A, e in (0, 1]."""
     if not 0 < e < 1:
@@ -116,7 +116,7 @@ def _hunt_crossley(e):
     return 0.5 * (low + high)
 
 
-@njit(cache=True, error_model="numpy")
+@rounded
 def damping_ratios(e: Floats) -> Floats:
     """Damping ratio of a contact that may push but not pull; e of shape (n,) in (0, 1], NaN elsewhere."""
     out = np.empty(e.size)
@@ -130,7 +130,7 @@ def textbook_damping_ratios(e: Floats) -> Floats:
     return -np.log(e) / np.hypot(np.pi, np.log(e))
 
 
-@njit(cache=True, error_model="numpy")
+@rounded
 def hunt_crossley_coefficients(e: Floats) -> Floats:
     """Solve for A = a |v0| of F = k p (1 + a p'), e at the speed |v0|; e of shape (n,) in (0, 1]."""
     out = np.empty(e.size)

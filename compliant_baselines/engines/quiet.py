@@ -24,18 +24,19 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 
+from impact_xval.model.compiled import rounded, rounded_part
 
-@numba.njit(cache=True, error_model="numpy")
+
+@rounded_part
 def _time_to(distance, rate, acceleration):  # pragma: no cover (compiled)
     """Time in which `rate t + acceleration t^2/2` grows to a distance; all three >= 0."""
     root = math.sqrt(rate * rate + 2 * acceleration * distance)
     return 2 * distance / (rate + root) if root > 0 else math.inf
 
 
-@numba.njit(cache=True, error_model="numpy")
+@rounded_part
 def _contact(loaded, k, c, gap, rate, acceleration):  # pragma: no cover (compiled)
     """Time within which a contact neither begins nor ends to carry force, nor its gap changes sign.
 
@@ -54,14 +55,14 @@ def _contact(loaded, k, c, gap, rate, acceleration):  # pragma: no cover (compil
     return min(loads, _time_to(-gap, max(rate, 0.0), acceleration))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@rounded_part
 def rests(v, x, masses, weight, times):  # pragma: no cover (compiled)
     """Whether B2's energy about equilibrium is at most so many times what it takes to unload its support."""
     m2, g, k2, rest = masses[1], weight[0], weight[2], weight[3]
     return m2 * v[1] * v[1] + k2 * (x[1] + rest) ** 2 <= times * (m2 * g) ** 2 / k2
 
 
-@numba.njit(cache=True, error_model="numpy")
+@rounded_part
 def sticks(v, x, masses, weight, times):  # pragma: no cover (compiled)
     """Whether the energy of both balls about equilibrium is at most so many times what it takes to unload a contact."""
     m1, m2 = masses[0], masses[1]
@@ -72,7 +73,7 @@ def sticks(v, x, masses, weight, times):  # pragma: no cover (compiled)
     return energy <= times * g * g * min(m1**2 / k1, (m1 + m2) ** 2 / k2)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@rounded_part
 def _may_end(code, v, x, masses, weight):  # pragma: no cover (compiled)
     """Whether a drop of two balls may soon be over by rest, or stuck (3 of the module)."""
     if code == 3:
@@ -80,7 +81,7 @@ def _may_end(code, v, x, masses, weight):  # pragma: no cover (compiled)
     return not code & 1 and rests(v, x, masses, weight, 16.0)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@rounded
 def quiet_steps(code, v, x, masses, law, weight, h):  # pragma: no cover (compiled)
     """Count the steps in which nothing happens: two less than their time has, at most a million.
 
@@ -120,7 +121,7 @@ def quiet_steps(code, v, x, masses, law, weight, h):  # pragma: no cover (compil
     return max(0, int(min(s / h, 1e6)) - 2)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@rounded_part
 def _accelerate(code, v, x, masses, law, g):  # pragma: no cover (compiled)
     """Accelerations in m/s^2, shape (N,), by the law of the contacts that carry force."""
     found, above = np.empty(masses.size), 0.0
@@ -135,7 +136,7 @@ def _accelerate(code, v, x, masses, law, g):  # pragma: no cover (compiled)
     return found
 
 
-@numba.njit(cache=True, error_model="numpy")
+@rounded
 def between(code, v, x, v_end, x_end, times, span, masses, law, g):  # pragma: no cover (compiled)
     """Interpolate velocities in m/s, shape (n, N), within quiet steps that take the time `span` in s.
 

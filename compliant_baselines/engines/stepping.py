@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -29,6 +28,7 @@ from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, 
 from impact_xval.compliant_baselines.states import Runs, merge_runs
 from impact_xval.model.chain.rest import FREE, GOING, REST, STUCK
 from impact_xval.model.collision import Path, Status
+from impact_xval.model.compiled import rounded, rounded_part
 
 #: How a scan ended, beside `GOING`, `FREE`, `REST` and `STUCK`.
 BROKEN, ALOFT, FLIGHT = 4, 5, 6
@@ -62,7 +62,7 @@ MEMORY = np.dtype(
 )
 
 
-@numba.njit(cache=True)
+@rounded_part
 def _follow_gaps(memory, closed1, closed2):  # pragma: no cover (compiled)
     """Note by how much time the first flight begins or not."""
     now = memory.n_steps
@@ -82,7 +82,7 @@ def _follow_gaps(memory, closed1, closed2):  # pragma: no cover (compiled)
         memory.flight = now
 
 
-@numba.njit(cache=True)
+@rounded_part
 def _end_of_drop(code, v, x, masses, weight):  # pragma: no cover (compiled)
     """How a drop of two balls ends after this step, if it does."""
     v1, v2, x1, x2 = v[0], v[1], x[0], x[1]
@@ -98,7 +98,7 @@ def _end_of_drop(code, v, x, masses, weight):  # pragma: no cover (compiled)
     return GOING
 
 
-@numba.njit(cache=True)
+@rounded
 def scan(
     v, x, before, masses, contacts, weight, rounding, h, left, codes, memory
 ):  # pragma: no cover (compiled)
@@ -113,7 +113,7 @@ def scan(
     """
     seen, balls, g = memory[0], masses.size, weight[0]
     for i in range(v.shape[0]):
-        impulse, noise, code = 0.0, 0.0, 0
+        impulse, noise, code = 0.0, 0.0, np.int64(0)
         apart, meet = True, np.inf
         for j in range(balls):
             old = before[j] if i == 0 else v[i - 1, j]

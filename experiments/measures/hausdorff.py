@@ -16,7 +16,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from impact_xval.model.compiled import compiled_with, rounded_part
 
 #: Absolute error allowed, in units of the coordinates.
 TOLERANCE = 1e-9
@@ -25,22 +26,32 @@ TOLERANCE = 1e-9
 LARGEST = 1e150
 
 
-@njit(cache=True, nogil=True)
+@compiled_with(fastmath=False, nogil=True)
 def distances(a, b, offsets_a, offsets_b):
     """Distances of n pairs of polylines, one after the other in `a` and `b`; NaN where one has no vertex.
 
     Where a coordinate is beyond `LARGEST`, the distance is NaN too.
     """
-    found = np.full(len(offsets_a) - 1, np.nan)
+    found = np.empty(len(offsets_a) - 1)
     for i in range(len(found)):
         one, other = a[offsets_a[i] : offsets_a[i + 1]], b[offsets_b[i] : offsets_b[i + 1]]
-        if len(one) and len(other) and np.abs(one).max() <= LARGEST and np.abs(other).max() <= LARGEST:
-            found[i] = max(directed(one, other), directed(other, one))
+        found[i] = np.nan
+        if _legal(one) and _legal(other):
+            found[i] = max(_directed(one, other), _directed(other, one))
     return found
 
 
-@njit(cache=True)
-def _to_segment(x: float, y: float, b: np.ndarray, j: int) -> float:
+@rounded_part
+def _legal(one):
+    """Whether a polyline has vertices, none of them beyond `LARGEST`."""
+    for i in range(len(one)):
+        if not (abs(one[i, 0]) <= LARGEST and abs(one[i, 1]) <= LARGEST):
+            return False
+    return len(one) > 0
+
+
+@rounded_part
+def _to_segment(x, y, b, j):
     """Distance squared of the point (x, y) from segment j of b."""
     ax, ay = x - b[j, 0], y - b[j, 1]
     if j + 1 < len(b):
@@ -52,7 +63,7 @@ def _to_segment(x: float, y: float, b: np.ndarray, j: int) -> float:
     return ax * ax + ay * ay
 
 
-@njit(cache=True)
+@rounded_part
 def _nearest(x, y, b, lowest, highest, enough):
     """Return a segment of b within `enough` of the point, or else the nearest one, and its distance.
 
@@ -60,7 +71,10 @@ def _nearest(x, y, b, lowest, highest, enough):
     """
     n, s, root2 = len(highest), x + y, math.sqrt(2.0)
     # Where s is that of the point: near it, along an impulse curve.
-    where = min(np.searchsorted(highest, s), n - 1)
+    where, last = 0, n - 1
+    while where < last:
+        middle = (where + last) // 2
+        where, last = (middle + 1, last) if highest[middle] < s else (where, middle)
     best2 = _to_segment(x, y, b, where)
     best = math.sqrt(best2)
     left, right = where - 1, where + 1
@@ -84,8 +98,8 @@ def _nearest(x, y, b, lowest, highest, enough):
     return best, where
 
 
-@njit(cache=True)
-def directed(a: np.ndarray, b: np.ndarray) -> float:
+@rounded_part
+def _directed(a, b):
     """Directed Hausdorff distance from a to b, at most `TOLERANCE` too small."""
     n = max(1, len(b) - 1)
     lowest, highest = np.empty(n), np.empty(n)
@@ -111,21 +125,22 @@ def directed(a: np.ndarray, b: np.ndarray) -> float:
         start = stride
 
     for i in range(len(a) - 1):
-        worst = _within(a[i], near[i], a[i + 1], near[i + 1], b, lowest, highest, worst)
+        ends = (a[i, 0], a[i, 1], near[i]), (a[i + 1, 0], a[i + 1, 1], near[i + 1])
+        worst = _within(*ends, b, lowest, highest, worst)
     return worst
 
 
-@njit(cache=True)
-def _within(one, near1, two, near2, b, lowest, highest, worst):
-    """Return the larger of `worst` and of all distances from b of a piece of a, with what its ends are nearest to."""
+@rounded_part
+def _within(one, two, b, lowest, highest, worst):
+    """Return the larger of `worst` and of all distances from b of a piece of a: ends are x, y, segment next to it."""
+    (x1, y1, near1), (x2, y2, near2) = one, two
     # By convexity the farthest point of the piece is no farther from a segment than the farther end.
-    bound = max(_to_segment(one[0], one[1], b, near1), _to_segment(two[0], two[1], b, near1))
+    bound = max(_to_segment(x1, y1, b, near1), _to_segment(x2, y2, b, near1))
     if near2 != near1:
-        other = max(_to_segment(one[0], one[1], b, near2), _to_segment(two[0], two[1], b, near2))
-        bound = min(bound, other)
+        bound = min(bound, max(_to_segment(x1, y1, b, near2), _to_segment(x2, y2, b, near2)))
     if bound <= (worst + TOLERANCE) ** 2:
         return worst
-    middle = 0.5 * (one + two)
-    d, near = _nearest(middle[0], middle[1], b, lowest, highest, worst)
-    worst = _within(middle, near, two, near2, b, lowest, highest, max(worst, d))
-    return _within(one, near1, middle, near, b, lowest, highest, worst)
+    x, y = 0.5 * (x1 + x2), 0.5 * (y1 + y2)
+    d, near = _nearest(x, y, b, lowest, highest, worst)
+    worst = _within(one, (x, y, near), b, lowest, highest, max(worst, d))
+    return _within((x, y, near), two, b, lowest, highest, worst)

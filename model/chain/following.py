@@ -225,7 +225,7 @@ class Problem:
 
     def _collide(self, cells: list[Any], points: int, log: Floats, out: tuple[Any, ...]) -> None:
         c, contacts = self.collisions, self.collisions.stiffnesses.shape[1]
-        chain = new_chain(c.masses.shape[1], contacts, c.exponent, self.law, self.frozen)
+        chain = new_chain(contacts, c.exponent, self.law, self.frozen)
         arguments: list[Any] = [chain, new_workspace(contacts), *cells, self.tolerance, self.max_pieces]
         follow_chains(*arguments, points, log, *out)
 

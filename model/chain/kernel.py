@@ -10,7 +10,7 @@ each changes only its own contact, and leaves all rates and forces as they are.
 
 from __future__ import annotations
 
-from math import inf, pi, sqrt
+from math import inf, isnan, pi, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -114,35 +114,37 @@ def ringing_ends(c, n, i):
     negligible beside its neighbours', if they press it together all the while, if no other body arrives meanwhile, and
     if its ringing cannot carry a neighbour's rate through zero, which would be an end of compression.
     """
-    e = c.e[i]
-    inverse, k = c.a[i] + c.a[i + 1], tangent(c, i)
+    one, upper = c[i], c[i - 1]
+    e, F = one.e, force(one)
+    inverse, k = one.a + c[i + 1].a, tangent(one)
     tau = 2 * pi / sqrt(k * inverse) / (1 - e)
-    static, change, _, swing = neighbours(c, n, i)
-    if not c.frozen and meets_within(c, n, 2 * tau, RIGID * swing):
+    static, change, _, swing = neighbours(c, i)
+    if not one.frozen and meets_within(c, n, 2 * tau, RIGID * swing):
         return False
-    load = max(force(c, n, i), static) ** 2
-    if c.g[0] > 0 and i > 0 and not carries(c.phase[i - 1]):
-        swing = oscillation(c, n, i - 1)  # the upper ball comes down again, with this energy
-        load = max(load, c.k[i - 1] * swing)
+    load = max(F, static) ** 2
+    if one.g > 0 and i > 0 and not carries(upper):
+        swing = oscillation(c, i - 1)  # the upper ball comes down again, with this energy
+        load = max(load, upper.k * swing)
     if abs(change) * tau >= 0.5 * static or load / (k * (1 - e)) > RIGID * swing:
         return False
-    wiggle = abs(force(c, n, i) - static) / sqrt(inverse * k)
-    for j in (i - 1, i + 1):
-        if 0 <= j < n and carries(c.phase[j]) and oscillation(c, n, j) > SMALL * swing:
-            room = 4 * c.a[max(i, j)] * wiggle + 2 * abs(acceleration(c, n, j)) * tau
-            if abs(c.w[j]) < room:
+    wiggle = abs(F - static) / sqrt(inverse * k)
+    for j in range(i - 1, i + 2, 2):
+        if carries(c[j]) and oscillation(c, j) > SMALL * swing:
+            room = 4 * c[max(i, j)].a * wiggle + 2 * abs(acceleration(c, j)) * tau
+            if abs(c[j].w) < room:
                 return False
     return True
 
 
-@merged
+@uncounted
 def meets_within(c, n, time, least):
     """Tell whether bodies that are apart may meet within a time, with more than this energy of approach, twice."""
     for j in range(n):
-        if c.phase[j] == INACTIVE:
-            approach = c.w[j] + time * max(acceleration(c, n, j), 0.0)
-            matters = approach * approach > least * (c.a[j] + c.a[j + 1])
-            if matters and -(c.delta[j] + rest(c, n, j)) < time * approach:
+        one = c[j]
+        if one.phase == INACTIVE:
+            approach = one.w + time * max(acceleration(c, j), 0.0)
+            matters = approach * approach > least * (one.a + c[j + 1].a)
+            if matters and -(one.delta + rest(one)) < time * approach:
                 return True
     return False
 
@@ -153,47 +155,49 @@ def first_event(c, n, h, work):
 
     The time is -1 where the search was given up.
     """
-    series = has_series(c)
+    series = has_series(c[0])
     degree = ORDER if series else ORDER_OF_STEP
     first, which, happens, its_sign = inf, -1, FORCE, 0.0
     for i in range(n):
-        row = HELD if c.frozen and c.phase[i] == INACTIVE else c.phase[i]
+        one, own = c[i], work[i]
+        row = HELD if one.frozen and one.phase == INACTIVE else one.phase
         for what in range(4):
-            sign = WATCHED[c.law, row, what]
-            if what == TURN and i == 0 and n == 2 and c.g[0] > 0 and row == INACTIVE and carries(c.phase[1]):
+            sign = WATCHED[one.law, row, what]
+            if what == TURN and i == 0 and n == 2 and c[1].g > 0 and row == INACTIVE and carries(c[1]):
                 # B2 at rest counts once B1 no longer approaches.
-                w = work.rates[0, 0]
-                sign = 1.0 if w > 0 or (w == 0 and work.rates[0, 1] > 0) else -1.0
-            if sign == 0 or work.left_out[i, what]:
+                w = own.rates[0]
+                sign = 1.0 if w > 0 or (w == 0 and own.rates[1] > 0) else -1.0
+            if sign == 0 or own.left_out >> what & 1:
                 continue
-            table, at = work.rates if what >= RATE else work.deltas, i
-            start = sign * (table[i, 0] + rest(c, n, i)) if what == GAP else sign * table[i, 0]
+            table = own.rates if what >= RATE else own.deltas
+            start = sign * (table[0] + rest(one)) if what == GAP else sign * table[0]
             if what == FORCE:
-                table, at = work.watched, 0
+                table = own.watched
                 if series:
-                    watch_force_of_series(c, n, i, work)
+                    watch_force_of_series(one, own)
                 else:
-                    watch_force(c, i, h, work)
-                start = 0.0 if work.cut[i] else sign * table[0, 0]
-            at_rest = not series and work.w[i] == 0 and work.delta[i] == 0
-            if at_rest and (what == FORCE or work.kw[0, i] == 0):
+                    watch_force(one, h, own)
+                start = 0.0 if own.cut else sign * table[0]
+            at_rest = not series and own.w == 0 and own.delta == 0
+            if at_rest and (what == FORCE or own.kw[0] == 0):
                 # Not yet pressed: the polynomial knows nothing of how a load begins, but it can only be pressed.
-                rises = table[at, 3] + table[at, 4] + table[at, 5] > 0
+                rises = table[3] + table[4] + table[5] > 0
                 x = 0.0 if sign < 0 and rises else inf
             else:
-                x = first_root(table, at, sign, start, degree, min(first, 1.0))
+                x = first_root(table, sign, start, degree, min(first, 1.0))
             if x < first:
                 first, which, happens, its_sign = x, i, what, sign
     return which, happens, its_sign, first
 
 
-@merged
-def watch_force_of_series(c, n, i, work):
+@uncounted
+def watch_force_of_series(one, own):
     """Write the series of the force of a dashpot before it is cut off, up to a positive factor."""
+    product, k, b = one.law == HUNT_CROSSLEY, one.k, one.b
     for j in range(ORDER + 1):
-        damping = c.b[i] * work.rates[i, j]
-        work.watched[0, j] = damping if c.law == HUNT_CROSSLEY else damping + c.k[i] * work.deltas[i, j]
-    work.watched[0, 0] += 1.0 if c.law == HUNT_CROSSLEY else c.k[i] * rest(c, n, i)
+        damping = b * own.rates[j]
+        own.watched[j] = damping if product else damping + k * own.deltas[j]
+    own.watched[0] += 1.0 if product else k * rest(one)
 
 
 @uncounted
@@ -203,28 +207,26 @@ def near_misses(c, n, degree, x, energy, margin, work):
     The magnitude of an extremum of a rate is taken relative to its amplitude: of the contact's own oscillation about
     the force that its neighbours ask of it, and of the motion that a change of that force imposes.
     """
-    rates = work.rates
     for i in range(n):
-        start = rates[i, 1]
-        stake = (1 - c.e[i] * c.e[i]) * strain(c, n, i)
-        if not carries(c.phase[i]) or stake <= STAKE * energy or start * acceleration(c, n, i) >= 0:
+        one, rates, watched = c[i], work[i].rates, work[i].watched
+        start = rates[1]
+        stake = (1 - one.e * one.e) * strain(one)
+        if not carries(one) or stake <= STAKE * energy or start * acceleration(c, i) >= 0:
             continue
         sign = 1.0 if start > 0 else -1.0
         for j in range(degree):
-            work.watched[0, j] = (j + 1) * rates[i, j + 1]
-        bend = sign * slope(work.watched, degree - 1, ZERO, x)
-        turn = sign * slope(rates, degree, i, x)
+            watched[j] = (j + 1) * rates[j + 1]
+        bend = sign * slope(watched, degree - 1, x)
+        turn = sign * slope(rates, degree, x)
         at = x
         if turn < 0:
-            at, _ = refine(
-                work.watched, ZERO, sign, sign * start, ZERO, degree - 1, 0.0, x, sign * start, turn, bend
-            )
-        least = value(rates, degree, i, at)
-        static, _, imposed, _ = neighbours(c, n, i)
-        k = tangent(c, i)
+            at, _ = refine(watched, sign, sign * start, ZERO, degree - 1, 0.0, x, sign * start, turn, bend)
+        least = value(rates, degree, at)
+        static, _, imposed, _ = neighbours(c, i)
+        k = tangent(one)
         if k > 0:
-            ring = (force(c, n, i) - static) * sqrt((c.a[i] + c.a[i + 1]) / k)
-            size = sqrt(max(least * least, c.w[i] * c.w[i]) + ring * ring) + imposed
+            ring = (force(one) - static) * sqrt((one.a + c[i + 1].a) / k)
+            size = sqrt(max(least * least, one.w * one.w) + ring * ring) + imposed
             margin = min(margin, abs(least) / size)
     return margin
 
@@ -232,20 +234,22 @@ def near_misses(c, n, degree, x, energy, margin, work):
 @uncounted
 def write_path(c, n, degree, work, x, h, time, drift, points, log, row):
     """Write points of a piece: time, velocities and accelerations of balls, and which contacts act; the next row."""
-    balls, rates, values = c.body.size, work.rates, work.values
+    balls = (log.shape[1] - c.size) // 2
     for point in range(points):
         if row < log.shape[0]:
             now = x * point / points
             log[row, 0] = time + now * h
             for i in range(n):
-                values[i] = value(rates, degree, i, now)
-            ball_values(c, n, values, drift, log[row, 1 : 1 + balls])
+                work[i].value = value(work[i].rates, degree, now)
+            ball_values(c, n, work.value, drift, log, row, ONE)
             for i in range(n):
-                values[i] = slope(rates, degree, i, now) / h
-            ball_values(c, n, values, 0.0, log[row, 1 + balls : 1 + 2 * balls])
-            log[row, 1 + 2 * balls :] = UNITED
+                work[i].value = slope(work[i].rates, degree, now) / h
+            ball_values(c, n, work.value, 0.0, log, row, ONE + balls)
+            first = 1 + 2 * balls
+            for column in range(first, log.shape[1]):
+                log[row, column] = UNITED
             for i in range(n):
-                log[row, 1 + 2 * balls + c.contact[i]] = ACTS if carries(c.phase[i]) else 0.0
+                log[row, first + c[i].contact] = ACTS if carries(c[i]) else 0.0
         row += 1
     return row
 
@@ -253,27 +257,28 @@ def write_path(c, n, degree, work, x, h, time, drift, points, log, row):
 @uncounted
 def apply_event(c, n, i, what, energy):
     """Apply the law to contact i, and unite its bodies if that made it rigid: contacts left, loss, code."""
-    held, code = strain(c, n, i), 0
+    one = c[i]
+    held, code = strain(one), 0
     if what >= RATE:
-        c.w[i] = 0.0
+        one.w = 0.0
     if what == TURN:
         pass
-    elif has_dashpot(c):
-        dashpot_event(c, n, i, what)
-    elif c.phase[i] == INACTIVE:
-        returned(c, n, i)
-    elif c.phase[i] == RESTITUTION and what == RATE:
-        restart_compression(c, i)
-    elif what == GAP or (c.e[i] > 0 and held <= nothing(c, i, energy)):
-        spent(c, n, i)
-    elif c.e[i] == 0:
+    elif has_dashpot(one):
+        dashpot_event(one, what)
+    elif one.phase == INACTIVE:
+        returned(one)
+    elif one.phase == RESTITUTION and what == RATE:
+        restart_compression(one)
+    elif what == GAP or (one.e > 0 and held <= nothing(one, energy)):
+        spent(one)
+    elif one.e == 0:
         code = PLASTIC
     else:
-        end_compression(c, i)
-        code = RUNAWAY if c.law == STATE_TRANSITION and c.e[i] < 1 and ringing_ends(c, n, i) else 0
+        end_compression(one)
+        code = RUNAWAY if one.law == STATE_TRANSITION and one.e < 1 and ringing_ends(c, n, i) else 0
     if code:
         return unite(c, n, i), held, code
-    return n, held - strain(c, n, i), code
+    return n, held - strain(one), code
 
 
 @uncounted
@@ -284,35 +289,38 @@ def flight(c, n):
     """
     first, which = inf, -1
     for i in range(n):
-        if carries(c.phase[i]) and (c.delta[i] > 0 or c.w[i] != 0):
+        one = c[i]
+        if carries(one) and (one.delta > 0 or one.w != 0):
             return 0.0, n
-        if not c.frozen and c.w[i] > 0 and max(0.0, -c.delta[i] / c.w[i]) < first:
-            first, which = max(0.0, -c.delta[i] / c.w[i]), i
+        if not one.frozen and one.w > 0 and max(0.0, -one.delta / one.w) < first:
+            first, which = max(0.0, -one.delta / one.w), i
     return first, which
 
 
-@merged
+@uncounted
 def fly(c, n, h, work):
     """Carry all bodies over a time h without forces."""
     for i in range(n):
-        work.rates[i, 0] = c.w[i]
-        c.delta[i] += h * c.w[i]
-        if c.phase[i] == SLACK and c.delta[i] <= 0:
-            c.phase[i] = INACTIVE
+        one = c[i]
+        work[i].rates[0] = one.w
+        one.delta += h * one.w
+        if one.phase == SLACK and one.delta <= 0:
+            one.phase = INACTIVE
 
 
-@merged
+@uncounted
 def follow(c, n, h_next, tolerance, work):
     """Follow a piece up to its first event: its length, the step to try next, and the event.
 
     That is its contact (-1: none), what, and when, per length of the piece; below 0 where it cannot be said.
     """
-    work.left_out[:] = False
-    series = has_series(c)
+    for i in range(n):
+        work[i].left_out = 0
+    series = has_series(c[0])
     if series:
         h = span(c, n, work)
         h = h if h < inf else fall_time(c, n)
-        if c.law == HUNT_CROSSLEY:
+        if c[0].law == HUNT_CROSSLEY:
             h = expand_product(c, n, h, work)
         else:
             expand(c, n, h, work)
@@ -325,11 +333,11 @@ def follow(c, n, h_next, tolerance, work):
         x, happened = settle(c, n, h, x, which, what, sign, work)
         if happened:
             break
-        work.left_out[which, what] = True
+        work[which].left_out |= 1 << what
         step(c, n, h, work)
     x = min(x, 1.0)
     if series:
-        if c.g[0] > 0 and n == 2 and x > 0 and has_dashpot(c):
+        if n == 2 and c[1].g > 0 and x > 0 and has_dashpot(c[0]):
             stop = over_within(c, n, x, work)
             if stop < x:
                 which, x = -1, stop
@@ -343,21 +351,23 @@ def note_set(c, n, work, time, sets, starts, first, row):
 
     A rigid contact acts while another one does.
     """
-    work.acts[:] = False
+    some = False
     for i in range(n):
-        if carries(c.phase[i]):
-            work.acts[:] = True
+        some |= carries(c[i])
+    for i in range(work.size):
+        work[i].acts = some
     for i in range(n):
-        work.acts[c.contact[i]] = carries(c.phase[i])
+        work[c[i].contact].acts = carries(c[i])
     new = row == first
-    for i in range(work.acts.size):
-        new = new or work.acts[i] != work.acted[i]
-        work.acted[i] = work.acts[i]
+    for i in range(work.size):
+        own = work[i]
+        new |= own.acts != own.acted
+        own.acted = own.acts
     if new and row < starts.size:
         starts[row] = time
-        for i in range(work.acts.size):
+        for i in range(work.size):
             others = sets[row, i // 64] if i % 64 > 0 else np.uint64(0)
-            sets[row, i // 64] = others | (np.uint64(work.acts[i]) << np.uint64(i % 64))
+            sets[row, i // 64] = others | (np.uint64(work[i].acts) << np.uint64(i % 64))
     return row + new
 
 
@@ -387,65 +397,65 @@ class Followed(NamedTuple):
 
 
 @merged
-def collide(c, work, energy, drift, tolerance, max_pieces, points, log, at, out, sets, starts, first):
+def collide(c, work, energy, drift, g, tolerance, max_pieces, points, log, at, out, sets, starts, first):
     """Follow a chain from first touch to its end, as it is left.
 
     `out` is given the numbers of `Followed`, and the number of contacts that are left is returned; the log is written
     from row `at` on, the sets from row `first`. See `follow_chains`.
     """
-    n = c.k.size
-    degree = ORDER if has_series(c) else ORDER_OF_STEP
+    n, frozen, dashpot = work.size, c[0].frozen, has_dashpot(c[0])
+    degree = ORDER if has_series(c[0]) else ORDER_OF_STEP
     code, end, events, pieces, quiet, rows = ZERO, GOING, ZERO, ZERO, ZERO, at
-    margin, loss, time, fall, h_next = inf, 0.0, 0.0, inf, FIRST_STEP
-    row = first
-    work.cut[:] = False
+    margin, loss, time, fall, h_next, row = inf, 0.0, 0.0, inf, FIRST_STEP, first
     while True:
-        if c.law <= LIU_ZHAO_BROGLIATO and 0 < energy_left(c, n) <= COLLAPSED * energy:
+        if c[0].law <= LIU_ZHAO_BROGLIATO and 0 < energy_left(c, n) <= COLLAPSED * energy:
             dropped, lossy = bring_to_rest(c, n)
             loss, code = loss + dropped, code | (COLLAPSE if lossy else 0)
         h, which = 0.0, n
-        if c.g[0] > 0:
+        if g > 0:
             end = how_ended(c, n, quiet > 0 and quiet % QUIET == 0)
             if end == GOING and in_flight(c, n):
-                c.delta[n - 1] += rest(c, n, n - 1)
-                c.g[0], fall = 0.0, time
-        if c.g[0] == 0:
+                last = c[n - 1]
+                last.delta += rest(last)
+                g, last.g, fall = 0.0, 0.0, time
+        if g == 0:
             h, which = flight(c, n)
             end = FREE if which < 0 else GOING
         if end != GOING:
             break
-        if pieces == max_pieces or pieces * (c.k.size - 1) >= MOST_WORK:
+        if pieces == max_pieces or pieces * (work.size - 1) >= MOST_WORK:
             code |= TOO_MANY_EVENTS
             break
         pieces, quiet = pieces + 1, quiet + 1
-        what, x, last = RATE if c.frozen else GAP, 1.0, 0
+        what, x, last_power = RATE if frozen else GAP, 1.0, 0
         if which < n:
             fly(c, n, h, work)
         else:
-            last = degree
+            last_power = degree
             h, h_next, which, what, x = follow(c, n, h_next, tolerance, work)
             if x < 0:
                 code |= TOO_MANY_EVENTS
                 break
-            if not has_dashpot(c):
+            if not dashpot:
                 margin = near_misses(c, n, degree, x, energy, margin, work)
         if x > 0:
-            work.cut[:] = False
+            for i in range(work.size):
+                work[i].cut = False
             row = note_set(c, n, work, time, sets, starts, first, row)
-            rows = write_path(c, n, last, work, x, h, time, drift, points, log, rows)
+            rows = write_path(c, n, last_power, work, x, h, time, drift, points, log, rows)
         time += x * h
         if which >= 0:
-            acted = carries(c.phase[which])
+            acted = carries(c[which])
             n, lost, happened = apply_event(c, n, which, what, energy)
             loss, code = loss + lost, code | happened
-            if has_dashpot(c):
-                work.cut[which] = what == FORCE
+            if dashpot:
+                work[which].cut = what == FORCE
             # That bodies part which overlapped without force changes nothing.
-            if what != TURN and (not has_dashpot(c) or carries(c.phase[which]) != acted):
+            if what != TURN and (not dashpot or carries(c[which]) != acted):
                 events, quiet = events + 1, 0
         still(c, n, energy)
     for i in range(n):
-        work.rates[i, 0] = c.w[i]
+        work[i].rates[0] = c[i].w
     rows = write_path(c, n, ZERO, work, 0.0, 1.0, time, drift, ONE, log, rows)  # the end
     if end != GOING:
         if end != FREE:
@@ -468,7 +478,7 @@ def follow_chains(
 
     Parameters
     ----------
-    c, work : Chain, Workspace
+    c, work : ndarray of `CONTACT`, shape (C + 1,), and of `WORK`, shape (C,)
         Written over, but for the law, the exponent of the forces, and whether positions are frozen.
     masses : ndarray, shape (n, N)
         A first mass of NaN marks a chain that is left out.
@@ -501,17 +511,19 @@ def follow_chains(
     at, row = ZERO, ZERO
     for i in range(masses.shape[0]):
         numbers[i, 9], numbers[i, 10] = 0.0, 0.0
-        if np.isnan(masses[i, 0]):
+        if isnan(masses[i, 0]):
             continue
         begin(c, masses[i], stiffnesses[i], restitutions[i], dampings[i], rates[i], gaps[i], gravities[i])
-        energy = energy_of(c, c.k.size, masses[i], drifts[i], velocities[i])
-        most = (1 + GAIN) * kinetic_energy(c, c.k.size)
-        for j in range(c.k.size):
-            c.length[j] = (energy * (c.p + 1) / c.k[j]) ** (1 / (c.p + 1))
+        energy = energy_of(c, work.size, masses, drifts[i], velocities, i)
+        most = (1 + GAIN) * kinetic_energy(c, work.size)
+        for j in range(work.size):
+            one, work[j].cut = c[j], False
+            one.length = (energy * (one.p + 1) / one.k) ** (1 / (one.p + 1))
         n = collide(
-            c, work, energy, drifts[i], tolerance, max_pieces, points, log, at, numbers[i], sets, starts, row
+            c, work, energy, drifts[i], gravities[i], tolerance, max_pieces, points, log, at, numbers[i],
+            sets, starts, row,
         )  # fmt: skip
-        left = energy_of(c, n, masses[i], drifts[i], velocities[i])
+        left = energy_of(c, n, masses, drifts[i], velocities, i)
         numbers[i, 6] = (numbers[i, 6] + left) / energy
         numbers[i, 1] += MADE_ENERGY * (gravities[i] == 0 and not kinetic_energy(c, n) <= most)
         at += int(numbers[i, 9])

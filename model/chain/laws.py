@@ -53,111 +53,110 @@ WATCHED[HUNT_CROSSLEY, COMPRESSION, GAP] = 1
 
 
 @uncounted
-def carries(phase):
+def carries(one):
     """Whether a contact carries force."""
-    return INACTIVE < phase < SLACK
+    return INACTIVE < one.phase < SLACK
 
 
 @uncounted
-def has_dashpot(c):
+def has_dashpot(one):
     """Whether forces depend on rates, and contacts have no memory."""
-    return c.law >= KELVIN_VOIGT
+    return one.law >= KELVIN_VOIGT
 
 
 @uncounted
-def has_series(c):
+def has_series(one):
     """Whether the motion between events is summed as a power series, else taken in steps."""
-    return c.p == 1
+    return one.p == 1
 
 
 @uncounted
-def rest(c, n, i):
-    """Deformation of contact i that holds the weight of the body on the table; 0 of others, and without gravity."""
-    return c.g[0] / (c.a[i] * c.k[i]) if i == n - 1 and c.g[0] > 0 else 0.0
+def rest(one):
+    """Deformation of a contact that holds the weight of the body on the table; 0 of others, and without gravity."""
+    return one.g / (one.a * one.k) if one.g > 0 else 0.0
 
 
 @uncounted
-def spring(c, n, i):
-    """Return k delta^p of contact i."""
-    depth = c.delta[i] + rest(c, n, i)
-    if c.p == 1:
-        return c.k[i] * depth
-    return c.k[i] * depth**c.p if depth > 0 else 0.0
+def spring(one):
+    """Return k delta^p of a contact."""
+    depth = one.delta + rest(one)
+    if one.p == 1:
+        return one.k * depth
+    return one.k * depth**one.p if depth > 0 else 0.0
 
 
 @uncounted
-def damping(c, i):
-    """Coefficient b of contact i as it is now: 0 while a dashpot of compression is parting."""
-    return 0.0 if c.law == COMPRESSION_DASHPOT and c.phase[i] != COMPRESSION else c.b[i]
+def damping(one):
+    """Coefficient b of a contact as it is now: 0 while a dashpot of compression is parting."""
+    return 0.0 if one.law == COMPRESSION_DASHPOT and one.phase != COMPRESSION else one.b
 
 
 @uncounted
-def force(c, n, i):
-    """Force of contact i; 0 of one that does not act, and beyond the ends of a chain of n contacts."""
-    if not (0 <= i < n and carries(c.phase[i])):
+def force(one):
+    """Force of a contact; 0 of one that does not act."""
+    if not carries(one):
         return 0.0
-    if c.law in (KELVIN_VOIGT, COMPRESSION_DASHPOT):
-        damped = 1.0 if c.p == 1 else max(c.delta[i], 0.0) ** (0.5 * (c.p - 1))
-        return spring(c, n, i) + damping(c, i) * c.w[i] * damped
-    return spring(c, n, i) * (1 + c.b[i] * c.w[i]) if c.law == HUNT_CROSSLEY else spring(c, n, i)
+    if one.law == KELVIN_VOIGT or one.law == COMPRESSION_DASHPOT:
+        damped = 1.0 if one.p == 1 else max(one.delta, 0.0) ** (0.5 * (one.p - 1))
+        return spring(one) + damping(one) * one.w * damped
+    return spring(one) * (1 + one.b * one.w) if one.law == HUNT_CROSSLEY else spring(one)
 
 
 @uncounted
-def before_cut(c, i, delta, w, dw):
+def before_cut(one, delta, w, dw):
     """Give what has the sign of a dashpot's force before it is cut off at zero, and its slope; dw is w'."""
-    if c.law == HUNT_CROSSLEY:
-        return 1 + c.b[i] * w, c.b[i] * dw
-    if c.b[i] == 0:
+    if one.law == HUNT_CROSSLEY:
+        return 1 + one.b * w, one.b * dw
+    if one.b == 0:
         return delta, w
-    q, depth = 0.5 * (c.p + 1), max(delta, 0.0)
-    return c.k[i] * depth**q + c.b[i] * w, c.k[i] * q * depth ** (q - 1) * w + c.b[i] * dw
+    q, depth = 0.5 * (one.p + 1), max(delta, 0.0)
+    return one.k * depth**q + one.b * w, one.k * q * depth ** (q - 1) * w + one.b * dw
 
 
 @uncounted
-def spent(c, n, i):
-    """End the force of contact i: it keeps its stiffness for a return."""
-    c.phase[i] = INACTIVE
-    c.delta[i] = 0.0 - rest(c, n, i)
+def spent(one):
+    """End the force of a contact: it keeps its stiffness for a return."""
+    one.phase = INACTIVE
+    one.delta = 0.0 - rest(one)
 
 
 @uncounted
-def returned(c, n, i):
-    """Let contact i act again, in compression from zero force."""
-    c.phase[i] = COMPRESSION
-    c.delta[i] = 0.0 - rest(c, n, i)
-    if c.law == LIU_ZHAO_BROGLIATO:
-        c.k[i] = c.original[i]
+def returned(one):
+    """Let a contact act again, in compression from zero force."""
+    one.phase = COMPRESSION
+    one.delta = 0.0 - rest(one)
+    if one.law == LIU_ZHAO_BROGLIATO:
+        one.k = one.original
 
 
 @uncounted
-def end_compression(c, i):
+def end_compression(one):
     """E <- e^2 E at the same force: k <- k/e^(2p)."""
-    e = c.e[i]
-    c.phase[i] = RESTITUTION
-    c.delta[i] *= e * e
-    c.k[i] /= e ** (2 * c.p)
+    one.phase = RESTITUTION
+    one.delta *= one.e * one.e
+    one.k /= one.e ** (2 * one.p)
 
 
 @uncounted
-def restart_compression(c, i):
+def restart_compression(one):
     """Keep the stiffness; under the law of Liu, Zhao and Brogliato take back what the end of compression did."""
-    c.phase[i] = COMPRESSION
-    if c.law == LIU_ZHAO_BROGLIATO:
-        c.delta[i] /= c.e[i] * c.e[i]
-        c.k[i] = c.original[i]
+    one.phase = COMPRESSION
+    if one.law == LIU_ZHAO_BROGLIATO:
+        one.delta /= one.e * one.e
+        one.k = one.original
 
 
 @uncounted
-def dashpot_event(c, n, i, what):
+def dashpot_event(one, what):
     """Apply an event of a contact of spring and dashpot."""
-    never_slack = c.frozen or (c.law == KELVIN_VOIGT and c.b[i] == 0)
-    if what == FORCE and c.phase[i] == COMPRESSION and c.delta[i] + rest(c, n, i) > 0 and not never_slack:
-        c.phase[i] = SLACK
-    elif c.phase[i] == INACTIVE:
-        returned(c, n, i)
-    elif what == RATE and c.delta[i] + rest(c, n, i) > 0:  # a dashpot of compression begins or ceases
-        c.phase[i] = RESTITUTION if c.phase[i] == COMPRESSION else COMPRESSION
-    elif what == FORCE and c.phase[i] == SLACK:
-        c.phase[i] = COMPRESSION
+    never_slack = one.frozen or (one.law == KELVIN_VOIGT and one.b == 0)
+    if what == FORCE and one.phase == COMPRESSION and one.delta + rest(one) > 0 and not never_slack:
+        one.phase = SLACK
+    elif one.phase == INACTIVE:
+        returned(one)
+    elif what == RATE and one.delta + rest(one) > 0:  # a dashpot of compression begins or ceases
+        one.phase = RESTITUTION if one.phase == COMPRESSION else COMPRESSION
+    elif what == FORCE and one.phase == SLACK:
+        one.phase = COMPRESSION
     else:
-        spent(c, n, i)
+        spent(one)

@@ -25,7 +25,7 @@ from math import inf, sqrt
 
 from impact_xval.model.chain.laws import KELVIN_VOIGT, carries, rest
 from impact_xval.model.chain.series import place
-from impact_xval.model.compiled import merged, uncounted
+from impact_xval.model.compiled import uncounted
 from impact_xval.model.pair.law import INACTIVE
 
 #: How a collision ended: the balls left the table, B1 left B2 at rest on it, B1 came to rest on B2; or it goes on.
@@ -42,22 +42,22 @@ _MOST_STEPS = 400
 
 
 @uncounted
-def on_table(c, n):
+def on_table(last):
     """Energy of the last body about its rest on the table beyond what unloads its contact, times 2; at rest if <= 0."""
-    i, weight = n - 1, c.g[0] / c.a[n - 1]
-    return c.w[i] * c.w[i] / c.a[i] + c.k[i] * c.delta[i] * c.delta[i] - weight * weight / c.k[i]
+    weight = last.g / last.a
+    return last.w * last.w / last.a + last.k * last.delta * last.delta - weight * weight / last.k
 
 
 @uncounted
-def on_each_other(c):
+def on_each_other(one, two):
     """Energy of both balls about their common rest beyond what unloads a contact, times 2; stuck if <= 0."""
-    g, mass = c.g[0], 1 / c.a[1]
-    u1, u2 = c.delta[0] - g / (c.a[0] * c.k[0]), c.delta[1] - g / (c.a[0] * c.k[1])
-    v2 = -c.w[1]
-    v1 = v2 - c.w[0]
-    energy = v1 * v1 / c.a[0] + mass * v2 * v2 + c.k[0] * u1 * u1 + c.k[1] * u2 * u2
-    whole = 1 / c.a[0] + mass
-    return energy - g * g * min(1 / (c.a[0] * c.a[0] * c.k[0]), whole * whole / c.k[1])
+    g, mass = two.g, 1 / two.a
+    u1, u2 = one.delta - g / (one.a * one.k), two.delta - g / (one.a * two.k)
+    v2 = -two.w
+    v1 = v2 - one.w
+    energy = v1 * v1 / one.a + mass * v2 * v2 + one.k * u1 * u1 + two.k * u2 * u2
+    whole = 1 / one.a + mass
+    return energy - g * g * min(1 / (one.a * one.a * one.k), whole * whole / two.k)
 
 
 @uncounted
@@ -65,30 +65,29 @@ def how_over(c, n):
     """`FREE`, `REST` or `STUCK` if a collision with gravity is over in this state, else `GOING`."""
     if n == 0:
         return STUCK
+    one, two = c[0], c[1]
     if n == 1:
-        if carries(c.phase[0]):
-            return STUCK if on_table(c, n) <= 0 else GOING
-        falls = c.w[0] > 0
-        return GOING if falls else REST if c.body[-1] == n else FREE
-    loaded1, loaded2 = carries(c.phase[0]), carries(c.phase[1])
-    if not loaded1 and c.w[0] <= 0 and c.delta[0] <= 0:
-        v2 = -c.w[1]
-        if not loaded2 and v2 >= 0 and c.delta[1] + rest(c, n, 1) <= 0:
+        if carries(one):
+            return STUCK if on_table(one) <= 0 else GOING
+        return GOING if one.w > 0 else REST if two.balls > 0 else FREE
+    if carries(one):
+        return STUCK if carries(two) and on_each_other(one, two) <= 0 else GOING
+    if one.w <= 0 and one.delta <= 0:
+        v2 = -two.w
+        if not carries(two) and v2 >= 0 and two.delta + rest(two) <= 0:
             return FREE
-        if v2 - c.w[0] >= 0 and on_table(c, n) <= 0:
+        if v2 - one.w >= 0 and on_table(two) <= 0:
             return REST
-    elif loaded1 and loaded2 and on_each_other(c) <= 0:
-        return STUCK
     return GOING
 
 
-@merged
+@uncounted
 def in_flight(c, n):
     """Whether no contact of two balls on a table is closed, and none of them is part of the table."""
     for i in range(n):
-        if c.phase[i] != INACTIVE:
+        if c[i].phase != INACTIVE:
             return False
-    return c.body[-1] < n
+    return c[n].balls == 0
 
 
 @uncounted
@@ -97,10 +96,11 @@ def fall_time(c, n):
 
     Half as long again as that time, so that the event itself lies well inside; infinite if there is none.
     """
-    first, g, last = inf, c.g[0], n - 1
-    if n > 1 and c.delta[0] * c.w[0] < 0:
-        first = -c.delta[0] / c.w[0]
-    height, v = -c.delta[last] - rest(c, n, last), -c.w[last]
+    first, last = inf, c[n - 1]
+    g = last.g
+    if n > 1 and c[0].delta * c[0].w < 0:
+        first = -c[0].delta / c[0].w
+    height, v = -last.delta - rest(last), -last.w
     square, second = v * v + 2 * g * height, inf
     if height < 0 and v > 0:
         # Out of the table: at the surface, or at the top of a flight that never gets there.
@@ -115,7 +115,7 @@ def fall_time(c, n):
 def excess(c, n, x, work):
     """Energy at x of a piece beyond what ends the collision; the chain is put there."""
     place(c, n, x, work)
-    return on_each_other(c) if carries(c.phase[0]) else on_table(c, n)
+    return on_each_other(c[0], c[1]) if carries(c[0]) else on_table(c[n - 1])
 
 
 @uncounted
@@ -124,11 +124,11 @@ def over_within(c, n, x, work):
 
     The instant returned is one at which it has fallen.
     """
-    loaded1, rates, deltas = carries(c.phase[0]), work.rates, work.deltas
-    watched = carries(c.phase[1])
+    loaded1, rates, deltas = carries(c[0]), work[0].rates, work[0].deltas
+    watched = carries(c[1])
     if not loaded1:
         # B1 clear of B2, and not approaching: neither changes within a piece. Its own velocity only falls.
-        watched = deltas[0, 0] <= 0 and (rates[0, 0] < 0 or (rates[0, 0] == 0 and rates[0, 1] <= 0))
+        watched = deltas[0] <= 0 and (rates[0] < 0 or (rates[0] == 0 and rates[1] <= 0))
     if not watched or excess(c, n, 0.0, work) <= 0 or excess(c, n, x, work) > 0:
         return x
     low, high = 0.0, x
@@ -145,15 +145,15 @@ def over_within(c, n, x, work):
 
 
 @uncounted
-def settled(c):
+def settled(one, two):
     """Whether neither contact of two balls on a table, both of which are loaded, will ever let go.
 
     In the compressions u beyond equilibrium M u" + C u' + K u = 0, with M = ((1, 1), (1, 1 + m2)) and diagonal C and K.
     All are symmetric, so that an eigenvector is a left one too, which gives its share of the state at once; the four
     eigenvalues are found together (Aberth, Mathematics of Computation 27:339, 1973).
     """
-    mu, k1, k2, c1, c2, g = 1 / c.a[1], c.k[0], c.k[1], c.b[0], c.b[1], c.g[0]
-    u1, u2, d1, d2 = c.delta[0] - g / k1, c.delta[1] - g / k2, c.w[0], c.w[1]
+    mu, k1, k2, c1, c2, g = 1 / two.a, one.k, two.k, one.b, two.b, two.g
+    u1, u2, d1, d2 = one.delta - g / k1, two.delta - g / k2, one.w, two.w
     if not (abs(k1 * u1 + c1 * d1) < g and abs(k2 * u2 + c2 * d2) < (1 + mu) * g):
         return False
     p0, p1, p2, p3 = k1 * k2, c1 * k2 + c2 * k1, k2 + c1 * c2 + (1 + mu) * k1, c2 + (1 + mu) * c1
@@ -184,17 +184,10 @@ def settled(c):
     return bound1 < (1 - _ROUNDING) * g and bound2 < (1 - _ROUNDING) * (1 + mu) * g
 
 
-@merged
+@uncounted
 def how_ended(c, n, due):
     """Tell how a collision with gravity is over, or that it goes on; `due`: examine if it only settles any more."""
     end = how_over(c, n)
-    if (
-        due
-        and end == GOING
-        and c.law == KELVIN_VOIGT
-        and n == 2
-        and carries(c.phase[0])
-        and carries(c.phase[1])
-    ):
-        return STUCK if settled(c) else GOING
+    if due and end == GOING and c[0].law == KELVIN_VOIGT and n == 2 and carries(c[0]) and carries(c[1]):
+        return STUCK if settled(c[0], c[1]) else GOING
     return end

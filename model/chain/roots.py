@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
-from impact_xval.model.compiled import merged, uncounted
+from impact_xval.model.compiled import uncounted
 
 #: An interval this short, relative to a segment, resolves a tangency to rounding.
 SHORTEST = 1e-10
@@ -28,13 +28,13 @@ SHORTEST = 1e-10
 MOST_INTERVALS = 500
 
 
-@merged
-def _value(f, i, sign, f0, first, degree, x):
+@uncounted
+def _value(f, sign, f0, first, degree, x):
     """Value and slope at x of a watched polynomial divided by x^first; f0 is its value at 0 then."""
-    value, slope = f[i, degree], 0.0
+    value, slope = f[degree], 0.0
     for n in range(degree - 1, first, -1):
         slope = slope * x + value
-        value = value * x + f[i, n]
+        value = value * x + f[n]
     if first < degree:
         slope = slope * x + value
         value = sign * value * x + f0
@@ -43,26 +43,26 @@ def _value(f, i, sign, f0, first, degree, x):
     return value, sign * slope
 
 
-@merged
+@uncounted
 def _positive(f0, df0, f1, df1, w, C):
     """Whether f > 0 inside an interval of length w is certain."""
     reserve = C * (w * w) * (w * w) / 288
     return f1 >= 0 and f0 + w * df0 / 3 > reserve and f1 - w * df1 / 3 > reserve
 
 
-@merged
-def _parts(f, i, sign, start, first, degree, x):
+@uncounted
+def _parts(f, sign, start, first, degree, x):
     """Sum of the positive terms at x of a polynomial divided by x^first, and of the magnitudes of the negative ones."""
     positive, negative = 0.0, 0.0
     for n in range(degree, first, -1):
-        term = sign * f[i, n]
+        term = sign * f[n]
         positive = positive * x + max(term, 0.0)
         negative = negative * x + max(-term, 0.0)
     return positive * x + start, negative * x
 
 
 @uncounted
-def refine(f, i, sign, start, first, degree, low, high, f0, f1, df1):
+def refine(f, sign, start, first, degree, low, high, f0, f1, df1):
     """Root in (low, high], where the function is positive at low and not at high, and the slope there.
 
     Newton within bisection, from the root of a parabola. Newton's steps shrink as s, s^2, s^4...: one whose
@@ -78,7 +78,7 @@ def refine(f, i, sign, start, first, degree, low, high, f0, f1, df1):
         x = 0.5 * (low + high)
     slope, before = df1, 0.0
     for _ in range(100):
-        value, slope = _value(f, i, sign, start, first, degree, x)
+        value, slope = _value(f, sign, start, first, degree, x)
         if value > 0:
             low = x
         else:
@@ -96,10 +96,10 @@ def refine(f, i, sign, start, first, degree, low, high, f0, f1, df1):
 
 
 @uncounted
-def first_root(f, i, sign, start, degree, limit):
+def first_root(f, sign, start, degree, limit):
     """First root in (0, limit), limit <= 1, of a polynomial that is positive, or zero and rising, at 0.
 
-    The polynomial is `sign` times row i of the coefficients f, up to `degree`, with the value `start` at 0; exactly
+    The polynomial is `sign` times that of the coefficients f, up to `degree`, with the value `start` at 0; exactly
     zero marks a zero that is not to be found. Infinity if there is no root; 0 if the polynomial is not positive from
     the start; -1 if the search was given up. A limit below 0, from a search given up before, finds nothing.
     """
@@ -108,28 +108,28 @@ def first_root(f, i, sign, start, degree, limit):
     first = 0
     while start == 0 and first < degree:
         first += 1
-        start = sign * f[i, first]
+        start = sign * f[first]
     if start == 0:
         return inf
     if start < 0:
         return 0.0
-    df0 = sign * f[i, first + 1] if first < degree else 0.0
+    df0 = sign * f[first + 1] if first < degree else 0.0
     f1, df1, C = 0.0, 0.0, 0.0
     for n in range(first + 1, degree + 1):
-        a, m = f[i, n], float(n - first)
+        a, m = f[n], float(n - first)
         f1 += a
         df1 += m * a
         C += (m * (m - 1)) * ((m - 2) * (m - 3)) * abs(a)
     f1, df1 = start + sign * f1, sign * df1
     if limit < 1:
-        f1, df1 = _value(f, i, sign, start, first, degree, limit)
+        f1, df1 = _value(f, sign, start, first, degree, limit)
     low, high, f0 = 0.0, limit, start
     for _ in range(MOST_INTERVALS):
         w = high - low
         certain = _positive(f0, df0, f1, df1, w, C)
         if not certain and f1 > 0:
-            rising, _ = _parts(f, i, sign, start, first, degree, low)
-            _, falling = _parts(f, i, sign, start, first, degree, high)
+            rising, _ = _parts(f, sign, start, first, degree, low)
+            _, falling = _parts(f, sign, start, first, degree, high)
             certain = rising > falling
         if certain or (w < SHORTEST and not f1 <= 0):
             if high >= limit:
@@ -137,11 +137,11 @@ def first_root(f, i, sign, start, degree, limit):
             low, f0, df0 = high, f1, df1
             high = min(low + 2 * w, limit)
         elif f1 <= 0:
-            x, slope = refine(f, i, sign, start, first, degree, low, high, f0, f1, df1)
+            x, slope = refine(f, sign, start, first, degree, low, high, f0, f1, df1)
             if w < SHORTEST or _positive(f0, df0, 0.0, slope, x - low, C):
                 return x
             high = low + 0.5 * w
         else:
             high = low + 0.5 * w
-        f1, df1 = _value(f, i, sign, start, first, degree, high)
+        f1, df1 = _value(f, sign, start, first, degree, high)
     return -1.0

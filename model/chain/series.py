@@ -19,7 +19,7 @@ from math import inf, sqrt
 import numpy as np
 
 from impact_xval.model.chain.laws import HUNT_CROSSLEY, carries, damping, rest
-from impact_xval.model.compiled import merged, uncounted
+from impact_xval.model.compiled import uncounted
 
 #: Highest power of the series, and omega + gamma times the time it is used for: 2.8^29/29! is 1e-18.
 ORDER = 28
@@ -34,13 +34,13 @@ def largest(c, n, k):
     """Bound the largest eigenvalue of the contacts that act, with these stiffnesses, by row sums (Gershgorin)."""
     most = 0.0
     for i in range(n):
-        if not carries(c.phase[i]):
+        if not carries(c[i]):
             continue
-        row = (c.a[i] + c.a[i + 1]) * k[i]
-        if i > 0 and carries(c.phase[i - 1]):
-            row += c.a[i] * k[i - 1]
-        if i + 1 < n and carries(c.phase[i + 1]):
-            row += c.a[i + 1] * k[i + 1]
+        row = (c[i].a + c[i + 1].a) * k[i]
+        if carries(c[i - 1]):
+            row += c[i].a * k[i - 1]
+        if carries(c[i + 1]):
+            row += c[i + 1].a * k[i + 1]
         most = max(most, row)
     return most
 
@@ -48,56 +48,55 @@ def largest(c, n, k):
 @uncounted
 def span(c, n, work):
     """Time over which the series is summed; infinite if no contact acts. Of a product of series, a first guess."""
-    if c.law != HUNT_CROSSLEY:
-        rate = sqrt(largest(c, n, c.k)) + largest(c, n, c.b)
-    else:
-        k, b = work.k, work.b
-        for i in range(n):
-            k[i] = c.k[i] * (1 + c.b[i] * abs(c.w[i]))
-            b[i] = c.b[i] * c.k[i] * abs(c.delta[i] + rest(c, n, i))
-        rate = sqrt(largest(c, n, k)) + largest(c, n, b)
+    for i in range(n):
+        one, own = c[i], work[i]
+        own.k, own.b = one.k, one.b
+        if one.law == HUNT_CROSSLEY:
+            own.k = one.k * (1 + one.b * abs(one.w))
+            own.b = one.b * one.k * abs(one.delta + rest(one))
+    rate = sqrt(largest(c, n, work.k)) + largest(c, n, work.b)
     return ANGLE / rate if rate > 0 else inf
 
 
 @uncounted
 def expand(c, n, h, work):
-    """Write the coefficients of w_i and delta_i in x = t/h, 0 to `ORDER`, to row i."""
-    rates, deltas, k, b, moves = work.rates, work.deltas, work.k, work.b, work.moves
-    product = c.law == HUNT_CROSSLEY
+    """Write the coefficients of w_i and delta_i in x = t/h, 0 to `ORDER`."""
     for i in range(n):
-        acts = carries(c.phase[i])
-        rates[i, 0], deltas[i, 0] = c.w[i], c.delta[i]
-        k[i], b[i] = (c.k[i], damping(c, i)) if acts else (0.0, 0.0)
-        moves[i] = 1.0 if acts or not c.frozen else 0.0
+        one, own = c[i], work[i]
+        acts = carries(one)
+        own.rates[0], own.deltas[0] = one.w, one.delta
+        own.k, own.b = (one.k, damping(one)) if acts else (0.0, 0.0)
+        own.moves = 1.0 if acts or not one.frozen else 0.0
+    product, last = c[0].law == HUNT_CROSSLEY, n - 1
     for order in range(ORDER):
         share = h * INVERSE[order + 1]
-        above, own, below = 0.0, 0.0, 0.0
+        above, middle, below = 0.0, 0.0, 0.0
         for i in range(-1, n):
-            above, own, below = own, below, 0.0
-            if i + 1 < n:
-                below = _term(c, n, i + 1, order, product, work)
+            above, middle, below = middle, below, 0.0
+            if i < last:
+                below = _term(c[i + 1], work[i + 1], order, product)
             if i >= 0:
-                rates[i, order + 1] = share * (c.a[i] * (above - own) + c.a[i + 1] * (below - own))
-                deltas[i, order + 1] = share * moves[i] * rates[i, order]
-        if order == 0 and c.g[0] > 0:
+                own = work[i]
+                own.rates[order + 1] = share * (c[i].a * (above - middle) + c[i + 1].a * (below - middle))
+                own.deltas[order + 1] = share * own.moves * own.rates[order]
+        if order == 0:
             # Whoever is not held by the table falls: the last body, or those above it.
-            falls = n - 2 if k[n - 1] > 0 else n - 1
+            falls = last - 1 if work[last].k > 0 else last
             if falls >= 0:
-                rates[falls, 1] += h * c.g[0]
+                work[falls].rates[1] += h * c[last].g
 
 
-@merged
-def _term(c, n, i, order, product, work):
-    """Coefficient of the force of contact i beyond the weight that it holds; a product's is a Cauchy product."""
-    rates, deltas, k, b = work.rates, work.deltas, work.k, work.b
+@uncounted
+def _term(one, own, order, product):
+    """Coefficient of the force of a contact beyond the weight that it holds; a product's is a Cauchy product."""
     if not product:
-        return k[i] * deltas[i, order] + b[i] * rates[i, order]
-    if k[i] == 0:
+        return own.k * own.deltas[order] + own.b * own.rates[order]
+    if own.k == 0:
         return 0.0
-    total = rest(c, n, i) * rates[i, order]
+    total = rest(one) * own.rates[order]
     for j in range(order + 1):
-        total += deltas[i, j] * rates[i, order - j]
-    return k[i] * (deltas[i, order] + b[i] * total)
+        total += own.deltas[j] * own.rates[order - j]
+    return own.k * (own.deltas[order] + own.b * total)
 
 
 @uncounted
@@ -108,14 +107,16 @@ def trusted(n, work):
     geometrically, so that what follows the last two is of their size.
     """
     longest = 1.0
-    for table in (work.rates, work.deltas):
+    for deltas in range(2):
         size = 0.0
         for i in range(n):
+            table = work[i].deltas if deltas else work[i].rates
             for j in range(7):  # later ones may grow without bound over a time that is too long
-                size = max(size, abs(table[i, j]))
+                size = max(size, abs(table[j]))
         for i in range(n):
-            for j in (ORDER - 1, ORDER):
-                term = abs(table[i, j])
+            table = work[i].deltas if deltas else work[i].rates
+            for j in range(ORDER - 1, ORDER + 1):
+                term = abs(table[j])
                 if term > 0:
                     longest = min(longest, (2.0**-54 * size / term) ** (1 / j))
     return longest
@@ -134,17 +135,17 @@ def expand_product(c, n, h, work):
     for j in range(1, ORDER + 1):
         power *= part
         for i in range(n):
-            work.rates[i, j] *= power
-            work.deltas[i, j] *= power
+            work[i].rates[j] *= power
+            work[i].deltas[j] *= power
     return h * part
 
 
 @uncounted
-def value(coefficients, degree, i, x):
+def value(coefficients, degree, x):
     """Return a polynomial at x."""
-    total = coefficients[i, degree]
+    total = coefficients[degree]
     for j in range(degree - 1, -1, -1):
-        total = total * x + coefficients[i, j]
+        total = total * x + coefficients[j]
     return total
 
 
@@ -152,13 +153,13 @@ def value(coefficients, degree, i, x):
 def place(c, n, x, work):
     """Put a chain where it is at x of a piece."""
     for i in range(n):
-        c.w[i], c.delta[i] = value(work.rates, ORDER, i, x), value(work.deltas, ORDER, i, x)
+        c[i].w, c[i].delta = value(work[i].rates, ORDER, x), value(work[i].deltas, ORDER, x)
 
 
 @uncounted
-def slope(coefficients, degree, i, x):
+def slope(coefficients, degree, x):
     """Return the derivative of a polynomial at x."""
     total = 0.0
     for j in range(degree, 0, -1):
-        total = total * x + j * coefficients[i, j]
+        total = total * x + j * coefficients[j]
     return total

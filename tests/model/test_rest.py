@@ -97,7 +97,8 @@ def kernel_state(y, kappa):
 
 def settled(mu, k, c1, c2, state):
     """Whether a column, in units of m1 and k1, is taken for settled."""
-    return settled_chain(chain(state, mu, 1.0, k, c1, c2, G))
+    c = chain(state, mu, 1.0, k, c1, c2, G)
+    return settled_chain(c[0], c[1])
 
 
 def largest(mu, k, c1, c2, a, y):

@@ -16,8 +16,8 @@ def all_roots(coefficients):
 
 
 def call(coefficients, sign=1.0, start=None, limit=1.0):
-    rows = np.array([coefficients], float)
-    return first_root(rows, 0, sign, sign * rows[0, 0] if start is None else start, rows.shape[1] - 1, limit)
+    row = np.array(coefficients, float)
+    return first_root(row, sign, sign * row[0] if start is None else start, row.size - 1, limit)
 
 
 def test_a_close_pair_of_roots_is_not_stepped_over():

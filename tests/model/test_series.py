@@ -21,10 +21,10 @@ def chain(state, mu, k1, k2, c1, c2, g=0.0, law=KELVIN_VOIGT):
     """Two balls on a table in a state (p1, d1, q2, v2), m1 = 1; a contact without a stiffness does not act."""
     stiffnesses = np.array([k1 or 1.0, k2 or 1.0])
     rates, dampings = np.array([1.0, 0.0]), np.array([c1, c2])
-    c = new_chain(2, 2, 1.0, law, False)
+    c = new_chain(2, 1.0, law, False)
     begin(c, np.array([1.0, mu]), stiffnesses, np.ones(2), dampings, rates, np.zeros(2), g)
-    c.delta[:], c.w[:] = (state[0], state[2]), (state[1], -state[3])
-    c.phase[:] = [COMPRESSION if k > 0 else INACTIVE for k in (k1, k2)]
+    c.delta[:2], c.w[:2] = (state[0], state[2]), (state[1], -state[3])
+    c.phase[:2] = [COMPRESSION if k > 0 else INACTIVE for k in (k1, k2)]
     return c
 
 
