@@ -11,7 +11,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from impact_xval.experiments.presentation.document import Block, Section
+from impact_xval.experiments.presentation.document import Block, Piece, Section
 
 
 def page_of(title: str, blocks: Sequence[Block], folder: Path | None = None, scripts: str = "") -> str:
@@ -44,9 +44,9 @@ def fragment(blocks: Sequence[Block]) -> Markup:
     return Markup("").join(map(module.show, blocks))
 
 
-def render(name: str, /, **facts: Any) -> Markup:
+def render(name: str, /, **facts: Any) -> Piece:
     """Fill a template of HTML, which escapes what it is given."""
-    return Markup(_environment().get_template(name).render(facts))
+    return Piece(_environment().get_template(name).render(facts))
 
 
 @cache

@@ -53,7 +53,7 @@ def _renderables(blocks: Iterable[Block]) -> Iterator[Any]:
     """Turn blocks into tables, and the lines between them as text; pictures are for pages."""
     last = None
     for block in blocks:
-        if isinstance(block, Figure | Markup) or (isinstance(block, Table) and not block.rows):
+        if isinstance(block, Figure) or (isinstance(block, Table) and not block.rows):
             continue
         if last is not None and Table in (type(block), type(last)):
             yield ""
@@ -65,7 +65,7 @@ def _renderables(blocks: Iterable[Block]) -> Iterator[Any]:
                 yield str(block.caption)
             yield _table(block)
         else:
-            yield str(block)
+            yield block.striptags() if isinstance(block, Markup) else block
         last = block
 
 

@@ -20,7 +20,6 @@ from impact_xval.experiments.presentation.document import (
     Figure,
     Section,
     Table,
-    Text,
     Value,
     say,
     together,
@@ -133,7 +132,7 @@ def _advice(summary: Summary, captions: Captions) -> Section:
     return Section("What to do with your engine", blocks, beside=True)
 
 
-def _step(summary: Summary, name: str, step: float) -> Text:
+def _step(summary: Summary, name: str, step: float) -> Markup:
     """Say which step keeps the error of an engine small."""
     known = summary.estimates.set_index("solver").loc[name]
     return say(
@@ -156,7 +155,7 @@ def _found(summary: Summary, captions: Captions) -> list[Block]:
     asked = findings.as_asked(summary)
     why = [findings.causes(summary, name, explain=name == engines[0]) for name in engines]
     extremes = [_extremes(summary, name, axis) for name in there]
-    found: list[tuple[str, Sequence[Text | str], str]] = [
+    found: list[tuple[str, Sequence[str], str]] = [
         ("How far are they from the model?", far, f"divergence-by-{over}"),
         ("Do engines do what they were asked for?", asked, "impulse-curves" if pair else "wave"),
         ("Then why do they diverge?", why, f"ladder-by-{over}"),
@@ -167,13 +166,13 @@ def _found(summary: Summary, captions: Captions) -> list[Block]:
         found.append(("Do contacts open and close in the same order?", orders, "state-paths"))
     sections: list[Block] = []
     for title, sentences, name in found:
-        said, picture = [each for each in sentences if str(each)], _figures(captions, name)
+        said, picture = [*filter(None, sentences)], _figures(captions, name)
         if said or picture:
             sections.append(Section(title, [*said, *picture], beside=bool(said and picture)))
     return sections
 
 
-def _extremes(summary: Summary, name: str, axis: str) -> Text | str:
+def _extremes(summary: Summary, name: str, axis: str) -> str:
     """Say where along an axis the median D is largest and smallest."""
     values = [(at, value_of(summary, name, axis=axis, at=at)) for at in summary.levels[axis].values]
     known = sorted((each for each in values if not math.isnan(each[1].value)), key=lambda each: each[1].value)
@@ -191,7 +190,7 @@ def _extremes(summary: Summary, name: str, axis: str) -> Text | str:
     )
 
 
-def _order(summary: Summary, name: str) -> Text:
+def _order(summary: Summary, name: str) -> Markup:
     """Say how often a solver passes through the states of the model, and of its own law."""
     said = say(
         "{solver} passes through the contact states of the model in {equal} of the {n} cells in which the "
@@ -201,9 +200,9 @@ def _order(summary: Summary, name: str) -> Text:
         n=value_of(summary, name, "n", FULL_PATHS),
     )
     own = value_of(summary, name, "mean", OWN_LAW)
-    if math.isnan(own.value):
-        return Text((said, "."))
-    return Text((said, say(", and through those of the exact law it was asked for in {own}.", own=own)))
+    if not math.isnan(own.value):
+        said += say(", and through those of the exact law it was asked for in {own}", own=own)
+    return said + "."
 
 
 def _cells(folder: RunFolder, summary: Summary) -> list[Block]:
@@ -237,7 +236,7 @@ def _matrix(summary: Summary) -> Table:
     }
     known |= {frozenset((REFERENCE, name)): summary.get(name, D) for name in summary.solvers}
 
-    def cell(a: str, b: str) -> str | Text:
+    def cell(a: str, b: str) -> str:
         if names.index(a) >= names.index(b):
             return ""  # it stands on the other side
         row = known.get(frozenset((a, b)))
