@@ -25,12 +25,11 @@ from impact_xval.experiments.presentation.document import (
     together,
 )
 from impact_xval.experiments.presentation.findings import D, compared, subjects, unit_of, value_of
-from impact_xval.experiments.presentation.html import render
 from impact_xval.experiments.presentation.page import evidence
 from impact_xval.experiments.presentation.page.charts import LABELS, cells_piece, tiles_of
 from impact_xval.experiments.presentation.page.opened import packed_cells
 from impact_xval.experiments.presentation.pictures.figures import ACCEPTED, recommended
-from impact_xval.experiments.presentation.words import WHAT_D_IS, named, one_vote
+from impact_xval.experiments.presentation.words import named, one_vote
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.numbers import number
 
@@ -51,12 +50,7 @@ _HYPOTHESIS = say(
 def blocks_of(folder: RunFolder, summary: Summary, captions: Captions) -> list[Block]:
     """Return the page of a finished run."""
     pair, unit = summary.config.column is None, unit_of(summary)[:-1]
-    blocks: list[Block] = [render("sketch.html.j2")] if pair else []
-    blocks += [
-        evidence.question(summary),
-        WHAT_D_IS,
-        render("numbers.html.j2", numbers=list(_numbers(summary))),
-    ]
+    blocks: list[Block] = [evidence.opening(summary, _numbers(summary))]
     if pair and summary.ladder.solvers:
         blocks.append(_advice(summary, captions))
     if compared(summary):
@@ -209,7 +203,7 @@ def _cells(folder: RunFolder, summary: Summary) -> list[Block]:
     """Lay out the map whose cells open, and the cells with the largest D."""
     tiles = tiles_of(load_divergence(folder, summary.config))
     opens = tiles.places.cell.tolist()
-    piece = cells_piece(tiles, packed_cells(folder, opens), summary.config.solvers)
+    piece = cells_piece(tiles, summary.n_cells, packed_cells(folder, opens), summary.config.solvers)
     button = Markup('<button type="button" data-cell="{0}">{0}</button>')
     axes = AXES if summary.config.column is None else COLUMN_AXES
     order = summary.worst.solver.map(summary.solvers.index).sort_values(kind="stable").index
