@@ -25,10 +25,9 @@ from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
     from impact_xval.compliant_baselines import Settings
-    from impact_xval.compliant_baselines.engines.stepping import Run
     from impact_xval.experiments.cells.compared import Compared
     from impact_xval.experiments.config.experiment import Config
-    from impact_xval.model import Collision, Outcome
+    from impact_xval.model import Collision
 
 #: What is drawn, and what moves, by the suffix of the file.
 _PICTURES, _FILMS = (".png", ".svg", ".pdf"), (".gif", ".html")
@@ -38,7 +37,7 @@ _POINTS = 4000
 
 def _drawable(text: str) -> Path:
     """Read the path of a picture or film, which is known to be legal before anything is computed."""
-    file = path("--plot")(text)
+    file = path(text)
     if file.suffix not in (*_PICTURES, *_FILMS) or file.is_dir():
         legal = f"a file that ends in {', '.join((*_PICTURES, *_FILMS))}"
         raise UserError(f"--plot {file}; legal: {legal}")
@@ -165,13 +164,11 @@ def explore(
 
 @of_one_collision("arrangement", *OF_COLUMN, "cell_timeout")
 def scene(
-    folder: Path | None = argument(
-        "[DIR]", "Folder of a finished run, or a collision as solve.", path("DIR"), None
-    ),
+    folder: Path | None = argument("[DIR]", "Folder of a finished run, or a collision as solve.", path, None),
     cell: int | None = argument("[N]", "Number of a cell of that run.", whole(0, 10**7), None),
     *,
     solver: list[str] | None = option("NAME", "'mujoco' or 'pybullet'; may be repeated, by default both."),
-    out: Path | None = option("DIR", "Folder to write; by default in scenes/.", path("--out")),
+    out: Path | None = option("DIR", "Folder to write; by default in scenes/.", path),
     **typed: str | None,
 ) -> None:
     """Write one cell as files for an engine alone.
@@ -210,29 +207,39 @@ def _exportable(solvers: list[str] | None) -> list[str]:
     for name in solvers or ():
         if name not in legal:
             raise UserError(f"--solver = {name!r}; legal: {', '.join(legal)}")
-    names = solvers or [name for name in legal if get_solver(name).unavailable() is None]
-    if not names:
-        raise UserError(f"--solver: none of {', '.join(legal)} is there to export")
-    return list(dict.fromkeys(names))
+    installed = [name for name in legal if get_solver(name).unavailable() is None]
+    return list(dict.fromkeys(solvers or installed))
 
 
 def _write_scenes(
     collision: Collision, settings: Settings, names: list[str], out: Path, table: dict[str, dict[str, Any]]
 ) -> None:
     """Run a collision by every engine named, and only then write a folder for each; rows of a table are by solver."""
-    from impact_xval.experiments.presentation.terminal import make_console, print_line
+    from dataclasses import replace
+
+    from impact_xval.compliant_baselines import get_solver
+    from impact_xval.compliant_baselines.engines.engine import Engine
+    from impact_xval.compliant_baselines.engines.scene import Scene
+    from impact_xval.compliant_baselines.paste import scene_files
+    from impact_xval.experiments.presentation.terminal import make_console, show
     from impact_xval.experiments.tables.folder import write_text
 
     texts: dict[Path, str] = {}
     lines: list[str] = []
     for name in names:
-        run, outcome, files = _run_alone(name, collision, settings)
+        solver = get_solver(name)
+        assert isinstance(solver, Engine)
+        (outcome,) = solver.solve_many([collision], replace(settings, convergence=None, mark=False))
+        scene = solver.scene_or_refusal(collision, settings)
+        if math.isnan(outcome.v1) or not isinstance(scene, Scene):
+            raise UserError(f"{name}: {outcome.status}: {outcome.reason}")
+        run, files = scene_files(solver, scene, settings.max_steps)
         lines.append(f"{name}: v1 = {outcome.v1!r} m/s, v2 = {outcome.v2!r} m/s, {run.n_steps} steps")
         if outcome.velocities != tuple(v := run.velocities.tolist()):
             given = ", ".join(map(repr, v))
             lines.append(f"  at rest on the table when the collision was over: the script gives {given}")
-        row = table.get(name)
-        if row is not None and row["v1"] is not None:
+        row = table.get(name, {"v1": None})
+        if row["v1"] is not None:
             apart = max(abs(outcome.v1 - row["v1"]), abs(outcome.v2 - row["v2"])) / abs(collision.v0)
             known = f"v1 = {row['v1']!r} m/s, v2 = {row['v2']!r} m/s"
             lines.append(f"  in the table of the run: {known} (difference {apart:.1e} |v0|)")
@@ -243,25 +250,4 @@ def _write_scenes(
         except OSError as error:
             raise UserError(f"--out {out}: cannot be written to: {error.strerror}") from None
         write_text(file, text)
-    console = make_console()
-    for line in (*lines, *(f"to check: python {out / name / 'run.py'}" for name in names)):
-        print_line(console, line)
-
-
-def _run_alone(name: str, collision: Collision, settings: Settings) -> tuple[Run, Outcome, dict[str, str]]:
-    """Run a collision by an engine: the run, its outcome, and the files to run it without this package."""
-    from dataclasses import replace
-
-    from impact_xval.compliant_baselines import get_solver
-    from impact_xval.compliant_baselines.engines.engine import Engine
-    from impact_xval.compliant_baselines.engines.scene import Scene
-    from impact_xval.compliant_baselines.paste import scene_files
-
-    solver = get_solver(name)
-    assert isinstance(solver, Engine)
-    (outcome,) = solver.solve_many([collision], replace(settings, convergence=None, mark=False))
-    scene = solver.scene_or_refusal(collision, settings)
-    if math.isnan(outcome.v1) or not isinstance(scene, Scene):
-        raise UserError(f"{name}: {outcome.status}: {outcome.reason}")
-    run, files = scene_files(solver, scene, settings.max_steps)
-    return run, outcome, files
+    show(make_console(), [*lines, *(f"to check: python {out / name / 'run.py'}" for name in names)])

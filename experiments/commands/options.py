@@ -52,16 +52,12 @@ def whole(low: int, high: int) -> Callable[[str], int]:
     return read
 
 
-def path(name: str) -> Callable[[str], Path]:
-    """Return a parser of paths, for the option or argument of a name; what is there is for the command to judge."""
-
-    def read(text: str) -> Path:
-        # pathlib takes the empty text, a variable of the shell that is not set, for ".".
-        if not text or "\0" in text or not text.isprintable():
-            raise UserError(f"{name} = {text!r:.60}; legal: a path")
-        return Path(text)
-
-    return read
+def path(text: str) -> Path:
+    """Read a path; what is there is for the command to judge."""
+    # pathlib takes the empty text, a variable of the shell that is not set, for ".".
+    if not text or not text.isprintable():
+        raise typer.BadParameter(f"{text!r:.60}; legal: a path")
+    return Path(text)
 
 
 def share(text: str) -> tuple[int, int]:

@@ -36,9 +36,9 @@ if TYPE_CHECKING:
 
 def run(
     config: Path | None = argument(
-        "[FILE.toml]", "The experiment; without it, the built-in grid.", path("FILE"), None
+        "[FILE.toml]", "The experiment; without it, the built-in grid.", path, None
     ),
-    out: Path | None = option("DIR", "Folder to write; by default runs/NAME.", path("--out")),
+    out: Path | None = option("DIR", "Folder to write; by default runs/NAME.", path),
     workers: Workers = None,
     scheduler: str | None = option("ADDRESS", "Compute on a Dask cluster, by its scheduler."),
     shard: str = option(
@@ -98,7 +98,7 @@ def run(
 
 
 def show(
-    folder: Path = argument("DIR", "Folder of a run.", path("DIR")),
+    folder: Path = argument("DIR", "Folder of a run.", path),
     cell: int | None = option("N", "One cell: outcomes, and why they differ.", whole(0, 10**7)),
     json: Json = False,
 ) -> None:
@@ -141,7 +141,7 @@ def _only(what: str) -> str:
 
 
 def report(
-    folder: Path = argument("DIR", "Folder of a finished run, or with --supplement a new one.", path("DIR")),
+    folder: Path = argument("DIR", "Folder of a finished run, or with --supplement a new one.", path),
     only: str | None = option("WHAT", "'page', 'tables' or 'figures': write that alone.", _only),
     latex: bool = flag("--latex", "Write the table of divergence as summary.tex too."),
     supplement: bool = flag(
@@ -185,8 +185,8 @@ def report(
 
 
 def compare(
-    run_a: Path = argument("A", "A finished run.", path("A")),
-    run_b: Path = argument("B", "One of the same cells.", path("B")),
+    run_a: Path = argument("A", "A finished run.", path),
+    run_b: Path = argument("B", "One of the same cells.", path),
     tolerance: float = option(
         "T", "Change of a velocity per |v0|, and of D, that is none; 0: no bit.", number, 1e-9
     ),
@@ -218,9 +218,9 @@ def compare(
 
 def hypothesis(
     config: Path | None = argument(
-        "[FILE.toml]", "What to test; without it, the built-in design.", path("FILE"), None
+        "[FILE.toml]", "What to test; without it, the built-in design.", path, None
     ),
-    out: Path | None = option("DIR", "Folder to write; by default runs/hypothesis.", path("--out")),
+    out: Path | None = option("DIR", "Folder to write; by default runs/hypothesis.", path),
     workers: Workers = None,
 ) -> None:
     """Test whether infinitely stiff pairs move as one.

@@ -12,8 +12,8 @@ from impact_xval.experiments.config.errors import UserError
 
 def scoreboard(
     solver: Solvers = None,
-    out: Path | None = option("DIR", "Folder to write; by default runs/scoreboard.", path("--out")),
-    baseline: Path | None = option("DIR", "A scoreboard to hold this one against.", path("--baseline")),
+    out: Path | None = option("DIR", "Folder to write; by default runs/scoreboard.", path),
+    baseline: Path | None = option("DIR", "A scoreboard to hold this one against.", path),
     workers: Workers = None,
 ) -> None:
     """Ask every engine what happens when bodies meet at once.

@@ -98,7 +98,7 @@ def _found(context: tuple[str, str], number: int) -> str:
 
 
 def inspect(
-    scene: Path = argument("SCENE.xml", "An MJCF file, or .mjb.", path("SCENE")),
+    scene: Path = argument("SCENE.xml", "An MJCF file, or .mjb.", path),
     speed: float = option("M/S", "At which bodies are dropped.", number, 1.0),
     json: Json = False,
 ) -> None:

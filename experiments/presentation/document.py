@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from string import Formatter
 from typing import Any
 
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from impact_xval.experiments.tables.numbers import number, percent
 
@@ -38,17 +37,8 @@ class Value:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Text:
-    """A paragraph of text and values."""
-
-    parts: tuple[Any, ...]
-
-    def __str__(self) -> str:
-        return "".join(map(str, self.parts))
-
-    def __html__(self) -> str:
-        return Markup("").join(self.parts)
+class Piece(Markup):
+    """A piece of HTML, for a page alone; other `Markup` is a paragraph, whose tags a terminal leaves out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,21 +74,15 @@ class Section:
         return "-".join("".join(c if c.isalnum() else " " for c in self.title.lower()).split())
 
 
-#: Markup is a piece of HTML, for a page alone.
-Block = str | Text | Table | Figure | Section | Markup
+#: A text is a paragraph.
+Block = str | Table | Figure | Section
 
 
-def say(template: str, **values: Any) -> Text:
+def say(template: str, **values: Any) -> Markup:
     """Fill the named fields of a sentence; values keep what they are."""
-    parts: list[Any] = []
-    for text, name, _, _ in Formatter().parse(template):
-        parts += [text] if name is None else [text, values[name]]
-    return Text(tuple(part if isinstance(part, Value | Text | Markup) else str(part) for part in parts))
+    return escape(template).format(**values)
 
 
-def together(sentences: Iterable[Any]) -> Text:
+def together(sentences: Iterable[str]) -> Markup:
     """Join sentences into a paragraph."""
-    parts: list[Any] = []
-    for sentence in sentences:
-        parts += [" ", sentence] if parts else [sentence]
-    return Text(tuple(parts))
+    return Markup(" ").join(sentences)

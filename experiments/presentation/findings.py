@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+from markupsafe import Markup
+
 from impact_xval.compliant_baselines.registry import is_engine, law_of
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
@@ -14,7 +16,7 @@ from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, cancelling
 from impact_xval.experiments.measures.ladder_summary import LadderSummary
 from impact_xval.experiments.measures.laws import exact_for
 from impact_xval.experiments.measures.summary import Summary
-from impact_xval.experiments.presentation.document import Block, Table, Text, Value, say, together
+from impact_xval.experiments.presentation.document import Block, Table, Value, say, together
 from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, MEANINGS, begun, named, one_vote
 from impact_xval.experiments.tables.numbers import number, percent
 from impact_xval.model.collision import RESULT_STATUSES
@@ -80,7 +82,7 @@ def worst_of(summary: Summary, solver: str) -> Any:
     return summary.worst[summary.worst.solver == solver].iloc[0]
 
 
-def how_far(summary: Summary) -> Text:
+def how_far(summary: Summary) -> Markup:
     """Say how far solvers end from the model."""
     return together(
         say(
@@ -113,7 +115,7 @@ def asked(summary: Summary) -> Iterator[tuple[str, str, Value, Value]]:
             yield name, law, median, most
 
 
-def as_asked(summary: Summary) -> list[Text]:
+def as_asked(summary: Summary) -> list[Markup]:
     """Say how near engines are to the law that they were asked for."""
     near = "{solver} ends D = {median} (median; at most {most}) from {law}"
     if summary.config.column is not None:
@@ -144,7 +146,7 @@ def shares(summary: Summary, solver: str, axis: str = "all", value: Any = math.n
     return {name: Value(region.share[name], f"{solver} share_{name} mean{at}", 0) for name in order}
 
 
-def causes(summary: Summary, solver: str, most: int = 2, *, explain: bool = False) -> Text:
+def causes(summary: Summary, solver: str, most: int = 2, *, explain: bool = False) -> Markup:
     """Say what an engine's mean D consists of: its largest causes, and of the largest how it depends on the grid."""
     ladder = summary.ladder
     whole = ladder.region(solver)
@@ -152,20 +154,20 @@ def causes(summary: Summary, solver: str, most: int = 2, *, explain: bool = Fals
     if total.value == 0:
         return say("{solver} ends where the model does: there is nothing to split.", solver=named(solver))
     found = shares(summary, solver)
-    parts: list[Any] = []
-    for name, share in list(found.items())[:most]:
-        meaning = f" ({MEANINGS[name]})" if explain and name in MEANINGS else ""
-        said = say("{share} {label}", share=_or_cancels(whole, name, share), label=LABELS[name])
-        parts += [", " if parts else "", said, meaning]
-    n = Value(float(whole.n.max()), f"{solver} ladders n")
-    sentence = say(
-        "{solver}'s mean D of {total}, over {n} {unit} whose causes are all known, is ",
+    parts = [
+        say("{share} {label}", share=_or_cancels(whole, name, share), label=LABELS[name])
+        + (f" ({MEANINGS[name]})" if explain and name in MEANINGS else "")
+        for name, share in list(found.items())[:most]
+    ]
+    return say(
+        "{solver}'s mean D of {total}, over {n} {unit} whose causes are all known, is {causes}.{by_region}",
         solver=named(solver),
         total=total,
-        n=n,
+        n=Value(float(whole.n.max()), f"{solver} ladders n"),
         unit=unit_of(summary),
+        causes=Markup(", ").join(parts),
+        by_region=_by_region(summary, solver, next(iter(found))),
     )
-    return Text((sentence, *parts, ".", *_by_region(summary, solver, next(iter(found)))))
 
 
 def _or_cancels(region: Any, name: str, share: Value) -> Value | str:
@@ -176,15 +178,18 @@ def _or_cancels(region: Any, name: str, share: Value) -> Value | str:
     return share
 
 
-def _by_region(summary: Summary, solver: str, name: str) -> list[Any]:
-    """Say how the share of a cause differs between regions of the grid."""
-    parts: list[Any] = []
-    for label, place in summary.ladder.regions.items():
-        share = shares(summary, solver, *place).get(name)
-        if share is not None:
-            said = _or_cancels(summary.ladder.region(solver, *place), name, share)
-            parts += [", " if parts else "", say("{share} at {label}", share=said, label=label)]
-    return [f" The shares depend on the grid: of {LABELS[name]} ", *parts, "."] if len(parts) > 2 else []
+def _by_region(summary: Summary, solver: str, name: str) -> str:
+    """Say how the share of a cause differs between regions of the grid; empty with fewer than two."""
+    ladder = summary.ladder
+    parts = [
+        say("{share} at {label}", share=_or_cancels(ladder.region(solver, *place), name, share), label=label)
+        for label, place in ladder.regions.items()
+        if (share := shares(summary, solver, *place).get(name)) is not None
+    ]
+    if len(parts) < 2:
+        return ""
+    cause, regions = LABELS[name], Markup(", ").join(parts)
+    return say(" The shares depend on the grid: of {cause} {regions}.", cause=cause, regions=regions)
 
 
 def unsolved(summary: Summary) -> list[str]:

@@ -11,10 +11,11 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from impact_xval.experiments.presentation.document import Block, Section
+from impact_xval.experiments.presentation.document import Block, Piece, Section
+from impact_xval.experiments.tables.numbers import number
 
 
-def page_of(title: str, blocks: Sequence[Block], folder: Path | None = None, scripts: str = "") -> str:
+def page_of(title: str, blocks: Sequence[Block], folder: Path | None = None) -> str:
     """Write a page.
 
     Parameters
@@ -24,8 +25,6 @@ def page_of(title: str, blocks: Sequence[Block], folder: Path | None = None, scr
         What stands before the contents, and the sections.
     folder : Path, optional
         Where the figures are, as SVG; they become part of the page.
-    scripts : str, optional
-        HTML (`Markup`), put at the end of the page.
     """
     first = next((place for place, block in enumerate(blocks) if isinstance(block, Section)), len(blocks))
 
@@ -34,8 +33,9 @@ def page_of(title: str, blocks: Sequence[Block], folder: Path | None = None, scr
         data = base64.b64encode((folder / f"{name}.svg").read_bytes()).decode("ascii")
         return f"data:image/svg+xml;base64,{data}"
 
-    facts = {"before": blocks[:first], "sections": blocks[first:], "picture": picture, "scripts": scripts}
-    return render("page.html.j2", title=title, **facts)
+    return render(
+        "page.html.j2", title=title, before=blocks[:first], sections=blocks[first:], picture=picture
+    )
 
 
 def fragment(blocks: Sequence[Block]) -> Markup:
@@ -44,9 +44,9 @@ def fragment(blocks: Sequence[Block]) -> Markup:
     return Markup("").join(map(module.show, blocks))
 
 
-def render(name: str, /, **facts: Any) -> Markup:
+def render(name: str, /, **facts: Any) -> Piece:
     """Fill a template of HTML, which escapes what it is given."""
-    return Markup(_environment().get_template(name).render(facts))
+    return Piece(_environment().get_template(name).render(facts))
 
 
 @cache
@@ -59,5 +59,5 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.policies["json.dumps_kwargs"] = {}  # in the order in which they were written
-    environment.filters["kind"] = lambda block: type(block).__name__
+    environment.filters |= {"kind": lambda block: type(block).__name__, "number": number}
     return environment

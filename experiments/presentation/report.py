@@ -11,7 +11,6 @@ from impact_xval.experiments.measures.ladder_summary import csv_rows
 from impact_xval.experiments.measures.summary import Summary, summarise
 from impact_xval.experiments.presentation.findings import overall_table
 from impact_xval.experiments.presentation.html import page_of
-from impact_xval.experiments.presentation.page.charts import scripts
 from impact_xval.experiments.presentation.page.page import blocks_of
 from impact_xval.experiments.presentation.pictures.figures import write_figures
 from impact_xval.experiments.presentation.style import CAPTIONS
@@ -54,5 +53,5 @@ def write_report(folder: RunFolder, summary: Summary) -> Path:
         captions = write_figures(folder, summary)
     blocks = blocks_of(folder, summary, captions)
     path = folder.root / "report.html"
-    write_text(path, page_of(f"impact-xval: {summary.config.name}", blocks, figures, scripts()))
+    write_text(path, page_of(f"impact-xval: {summary.config.name}", blocks, figures))
     return path

@@ -26,7 +26,7 @@ from rich.text import Text
 from impact_xval.compliant_baselines.answers import visible
 from impact_xval.compliant_baselines.registry import solver_names
 from impact_xval.experiments.config.experiment import REFERENCE
-from impact_xval.experiments.presentation.document import Block, Figure, Section, Table
+from impact_xval.experiments.presentation.document import Block, Table
 from impact_xval.experiments.presentation.looks import look
 
 #: What is said before kernels are compiled.
@@ -41,31 +41,19 @@ _STDOUT = "standard output"
 
 
 def show(console: Console, blocks: Iterable[Block]) -> None:
-    """Print a document: a line a paragraph, and tables with their captions between empty lines."""
-    for each in _renderables(blocks):
-        if isinstance(each, RichTable):
-            console.print(each)
-        else:
-            print_line(console, each)
-
-
-def _renderables(blocks: Iterable[Block]) -> Iterator[Any]:
-    """Turn blocks into tables, and the lines between them as text; pictures are for pages."""
+    """Print a line a paragraph, and tables with their captions between empty lines; the rest is for pages."""
     last = None
     for block in blocks:
-        if isinstance(block, Figure | Markup) or (isinstance(block, Table) and not block.rows):
+        if isinstance(block, Table) and not block.rows:
             continue
         if last is not None and Table in (type(block), type(last)):
-            yield ""
-        if isinstance(block, Section):
-            yield block.title
-            yield from _renderables(block.blocks)
-        elif isinstance(block, Table):
+            print_line(console, "")
+        if isinstance(block, Table):
             if block.caption:
-                yield str(block.caption)
-            yield _table(block)
+                print_line(console, block.caption)
+            console.print(_table(block))
         else:
-            yield str(block)
+            print_line(console, block.striptags() if isinstance(block, Markup) else str(block))
         last = block
 
 

@@ -69,23 +69,17 @@ class Tiles:
         The axis along the map.
     up : tuple of str
         The axes along its side.
-    rest : tuple of str
-        The other axes with several values: over them is the median.
     places : DataFrame
         Of every tile its place, ``across`` and ``above``; what it says there, ``column`` and ``row``; and the ``cell``
         that it opens: that of the largest D by any solver, unmarked where there is one.
     medians : DataFrame
         Median D of each solver that was compared, by tile, marked cells left out; NaN where nothing was compared.
-    n_cells : int
-        Of the run.
     """
 
     along: str
     up: tuple[str, ...]
-    rest: tuple[str, ...]
     places: Frame
     medians: Frame
-    n_cells: int
 
 
 def tiles_of(table: Compared) -> Tiles:
@@ -127,40 +121,25 @@ def tiles_of(table: Compared) -> Tiles:
     places["column"] = said[along]
     places["row"] = [" · ".join(row) for row in zip(*(said[axis] for axis in up), strict=True)]
     medians = rows[table.regular].groupby(["tile", "solver"], observed=True).d.median().unstack()
-    return Tiles(
-        along=along,
-        up=tuple(up),
-        rest=tuple(
-            axis for axis, each in levels.items() if axis not in axes and len(each.cat.categories) > 1
-        ),
-        places=places[["across", "above", "column", "row", "cell"]],
-        medians=medians.reindex(places.index),
-        n_cells=len(rows) // max(1, len(table.solvers)),
-    )
+    places = places[["across", "above", "column", "row", "cell"]]
+    return Tiles(along, tuple(up), places, medians.reindex(places.index))
 
 
-def cells_piece(tiles: Tiles, packed: str, solvers: Sequence[str]) -> Markup:
+def cells_piece(tiles: Tiles, n_cells: int, packed: str, solvers: Sequence[str]) -> Markup:
     """Lay out the map of a run in which a solver was compared, and the cell that is open (`opened.packed_cells`)."""
-    rest = [LABELS[axis] for axis in tiles.rest]
     plots = {"map": _map(tiles)} | ({"curves": curves_chart(solvers)} if tiles.along in AXES else {})
     return render(
         "cells.html.j2",
         compared=[(name, named(name)) for name in tiles.medians],
         shown=len(tiles.places),
-        n_cells=tiles.n_cells,
-        rest=listed(rest) if rest else "the cells in it",
+        n_cells=n_cells,
         rows=listed(LABELS[axis] for axis in tiles.up),
-        last=tiles.n_cells - 1,
+        bokeh=bokeh_script(),
         first=tiles.places.cell[tiles.medians.iloc[:, -1].idxmax()],
         data=packed,
         curves="curves" in plots,
         charts=[json_item(plot, ID(name)) for name, plot in plots.items()],
     )
-
-
-def scripts() -> Markup:
-    """Return what moves the page: the script of Bokeh, which is in its package, and the page's own."""
-    return render("moving.html.j2", bokeh=bokeh_script())
 
 
 def bokeh_script() -> Markup:

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from impact_xval.compliant_baselines.registry import is_engine, kind_of
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.summary import HONEST, Summary
-from impact_xval.experiments.presentation import findings
-from impact_xval.experiments.presentation.document import Block, Section, Table, together
+from impact_xval.experiments.presentation import findings, words
+from impact_xval.experiments.presentation.document import Block, Piece, Section, Table, Value, together
 from impact_xval.experiments.presentation.findings import CUTS, D, unit_of
-from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, MEANINGS, begun, named
+from impact_xval.experiments.presentation.html import render
+from impact_xval.experiments.presentation.words import MEANINGS, begun, named
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.numbers import listed, number, percent
 from impact_xval.experiments.tables.parquet import column
@@ -47,38 +50,28 @@ GLOSSARY = (
 )
 
 
-def question(summary: Summary) -> str:
-    """Say what was compared."""
-    solvers = listed(named(name) for name in summary.solvers)
-    if summary.config.column is not None:
-        beginning = (
-            "Balls in a line collide at once. The state-transition model of Jia, Mason and Erdmann, for N balls that "
-            f"stay in place while they collide, solves that; here are {summary.n_cells} such columns "
-            f"({listed(map(str, summary.levels['arrangement'].values))}) by {solvers} beside it."
-        )
-    else:
-        spans = [
-            f"{AXES[axis]} from {number(min(values))} to {number(max(values))}"
-            for axis, values in summary.axes.items()
-        ]
-        beginning = (
-            "A ball falls on a ball that rests on a table, and two contacts are hit at once. Solvers differ on how "
-            f"that ends: by how much, and why? Here are {summary.n_cells} such collisions "
-            f"({', '.join(spans) or 'of one cell'}), solved by the state-transition model of Jia, "
-            "Mason and Erdmann (2013), in which bodies stay in place while they collide, and by "
-            f"{solvers}."
-        )
-    weightless = listed(named(name) for name in summary.config.solvers if kind_of(name) == "model")
-    laws = "; ".join(said for name, said in _LAWS.items() if name in summary.solvers)
-    given = [
-        beginning,
-        begun(f"{laws}.") * bool(laws),
-        f"Gravity acts in all but {weightless}." * (summary.config.scenario == "drop"),
-        f"Engines take steps of {number(summary.config.step_fraction)} of the faster contact's period."
-        * any(map(is_engine, summary.solvers)),
-        f"The model is the yardstick, not the truth. {LAWS_WITH_LAWS}",
+def opening(summary: Summary, numbers: Iterable[tuple[Value, str]]) -> Piece:
+    """Say what was compared, and what to remember of it."""
+    config = summary.config
+    spans = [
+        f"{AXES[axis]} from {number(min(x))} to {number(max(x))}"
+        for axis, x in summary.axes.items()
+        if axis in AXES
     ]
-    return " ".join(filter(None, given))
+    return render(
+        "opening.html.j2",
+        c=config,
+        pair=config.column is None,
+        n=summary.n_cells,
+        spans=", ".join(spans),
+        arrangements=listed(map(str, summary.levels["arrangement"].values)) if config.column else "",
+        solvers=listed(named(name) for name in summary.solvers),
+        laws=begun("; ".join(said for name, said in _LAWS.items() if name in summary.solvers)),
+        weightless=listed(named(name) for name in config.solvers if kind_of(name) == "model"),
+        engines=any(map(is_engine, summary.solvers)),
+        words=words,
+        numbers=[*numbers],
+    )
 
 
 def causes(summary: Summary, figures: Sequence[Block]) -> Section:
@@ -169,59 +162,14 @@ def unsolved(summary: Summary) -> Section:
 
 def method(folder: RunFolder, summary: Summary) -> Section:
     """Say how the numbers came about, and what they do not show."""
-    said = _method_of_pair(folder, summary) if summary.config.column is None else _method_of_columns(summary)
-    return Section("Method", said, folded=True)
-
-
-def _method_of_pair(folder: RunFolder, summary: Summary) -> list[str]:
-    c = summary.config
-    if c.scenario == "drop":
-        values = column(folder.root / "cells.parquet", "gravity_number")
-        span = " to ".join(dict.fromkeys(number(value, 2) for value in (values.min(), values.max())))
-        scenario = (
-            f"Scenario drop: gravity {c.gravity} m/s² acts in the solvers until their first flight, but not "
-            f"in the model; B2 starts in static equilibrium. Gravity matters by g/(|v0| ω1) = {span}."
-        )
-    else:
-        scenario = "Scenario impact: no gravity; B1 touches B2 with v0."
-    return [
-        "Each cell is one collision: ball B1 falls onto ball B2, which rests on a fixed table, at m1 = "
-        f"{number(c.m1)} kg, k1 = {number(c.k1)} N/m, v0 = {number(c.v0)} m/s. Every solver is given the "
-        "same stiffnesses k1, k2, and restores e1, e2 in a single contact by a law of its own; engines by "
-        f"dashpots ({c.mapping} mapping; one whose name ends in “naive” by the naive one), with a step of "
-        f"{c.step_fraction} of the period of the faster contact. A collision is over at the first instant "
-        "when the balls are apart, B2 is off the table or at rest on it, and v1 ≥ v2 ≥ 0. D = sqrt((m1 "
-        "dv1² + m2 dv2²)/(m1 v0²)). Before state paths are compared, a state held for less than "
-        f"{c.shortest_state} of the period of the faster contact is merged into the one before it. Cut-off "
-        f"of the model's running stiffness ratio: {c.stiffness_ratio_cutoff}.",
-        scenario,
-        "The model assumes a fixed configuration: a contact that opened returns when its relative velocity "
-        "turns, not when a gap has closed. Compliant solvers have gaps. The dashpot is chosen from the "
-        "mass of one pair alone; a third body on the contact changes what it restores.",
-        f"Marked cells are those whose grazing margin in the model is below {c.grazing_threshold}, or where "
-        "a change of a thousandth in a parameter moves the exact outcome of the solver's law by 0.01, or "
-        "one of four thousandths by 0.02.",
-        "One dimension, no friction, no rotation.",
-    ]
-
-
-def _method_of_columns(summary: Summary) -> list[str]:
-    c = summary.config
-    return [
-        f"Each column is N balls in a line, ball 1 on top, up is positive, at m1 = {number(c.m1)} kg, k1 = "
-        f"{number(c.k1)} N/m^p, v0 = {number(c.v0)} m/s, without gravity. In a chain ball 1 strikes a row "
-        "at rest, in a cradle several balls do; in a drop ball 1 falls on balls that rest on a table, in a "
-        "stack all balls fall together. All contacts restore e; each next mass and stiffness is the taper "
-        "times the last. The model answers a column exactly for linear contacts, within 1e-11 for others; "
-        "every other solver restores e in a single contact by a law of its own, engines by dashpots "
-        f"({c.mapping} mapping) with a step of {c.step_fraction} of the shortest period of a contact. A "
-        "collision is over when no contact carries force and no bodies approach. D = sqrt(sum m_i "
-        "dv_i²/sum m_i v_i0²).",
-        "The model assumes a fixed configuration: it knows no gaps, and a contact that opened returns when "
-        "its relative velocity turns. The dashpot is chosen from the masses of one pair alone; further "
-        "bodies in contact change what it restores. Columns whose grazing margin under the model is below "
-        f"{c.grazing_threshold} are kept apart. One dimension, no gravity, no friction, no rotation.",
-    ]
+    values = (
+        column(folder.root / "cells.parquet", "gravity_number")
+        if summary.config.column is None
+        else np.zeros(1)
+    )
+    span = dict.fromkeys(number(value, 2) for value in (values.min(), values.max()))
+    said = render("method.html.j2", c=summary.config, gravity_number=" to ".join(span))
+    return Section("Method", [said], folded=True)
 
 
 def glossary(summary: Summary) -> Section:
@@ -237,17 +185,17 @@ def glossary(summary: Summary) -> Section:
 
 
 def provenance(folder: RunFolder) -> Section:
-    """Say with what a run was computed."""
-    manifest = folder.manifest()
-    rows = [
-        *((key, manifest.get(key)) for key in ("cells", "identity")),
-        *((f"version of {name}", value) for name, value in manifest.get("versions", {}).items()),
-        *((f"library {name}", value) for name, value in manifest.get("libraries", {}).items()),
-        *manifest.get("machine", {}).items(),
-        ("seeds", manifest.get("seeds")),
-    ]
-    for i, each in enumerate(manifest.get("sessions", []), start=1):
-        said = f"finished {each['finished']}, {each['wall_time_s']} s on {each['workers']} workers, "
-        said += f"{each['parts_computed']} parts computed, {each['parts_reused']} reused"
-        rows.append((f"session {i}", said))
+    """Say with what a run was computed: all that its manifest holds."""
+    rows = [*_flat({key: value for key, value in folder.manifest().items() if key != "statuses"})]
     return Section("Provenance", [Table(["what", "value"], rows, text=2)], folded=True)
+
+
+def _flat(value: Any, *names: str) -> Iterator[tuple[str, Any]]:
+    """Give what nested tables and lists hold, by the names that lead to it."""
+    if isinstance(value, list):
+        value = {str(place): each for place, each in enumerate(value, 1)}
+    if not isinstance(value, dict):
+        yield " ".join(names), value
+        return
+    for name, each in value.items():
+        yield from _flat(each, *names, name)

@@ -60,39 +60,39 @@ def opened_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str,
         balls ``curves`` and ``scene`` (MJCF; None where MuJoCo is not in the run).
     """
     config = folder.config()
-    pair = config.column is None
-    axes = AXES if pair else COLUMN_AXES
+    pair, axes = config.column is None, AXES if config.column is None else COLUMN_AXES
     shown: dict[int, dict[str, Any]] = {cell: {"results": [], "causes": []} for cell in cells}
-    divergences = {
+    key = ("cell", "solver")
+    ds = {
         (row["cell"], row["solver"]): row["velocity_divergence"]
-        for row in _rows(folder, "divergence", ("cell", "solver", "velocity_divergence"), cells)
+        for row in _rows(folder, "divergence", (*key, "velocity_divergence"), cells)
     }
     names = pq.read_schema(folder.root / "cells.parquet").names
     balls = [name for name in names if re.fullmatch(r"v[1-9]\d*", name)]
-    wanted = ["cell", *axes, *_RESULT, *balls, *(_OF_PAIR if pair else ())]
-    for row in _rows(folder, "cells", wanted, cells):
-        speed = abs(row["v0"])
-        end = [_per(row.get(name), row["m1"] * speed) for name in ("impulse1", "impulse2")]
-        cell = shown[row["cell"]]
-        cell["at"] = {label: _value(row[axis]) for axis, label in axes.items() if row[axis] is not None}
+    for row in _rows(folder, "cells", ("cell", *axes, *_RESULT, *balls, *(_OF_PAIR if pair else ())), cells):
+        cell, speed = shown[row["cell"]], abs(row["v0"])
+        velocities = [row[name] for name in balls[: row.get("balls", 2)]]
+        end = [row[name] for name in _OF_PAIR[1:] if pair and row[name] is not None]
+        at = {label: row[axis] for axis, label in axes.items() if row[axis] is not None}
+        cell["at"] = {label: x if isinstance(x, str) else number(x, 6) for label, x in at.items()}
         cell["commands"] = _commands(folder.root, config, row)
         cell["results"].append(
             {
                 "name": named(row["solver"]),
                 **{name: row[name] for name in ("solver", "status", "marked", "reason")},
-                "velocities": [_per(row[name], speed) for name in balls[: row.get("balls", 2)]],
-                "d": divergences.get((row["cell"], row["solver"])),
+                "velocities": [None if v is None else v / speed for v in velocities],
+                "d": ds.get((row["cell"], row["solver"])),
                 "states": row.get("states_compared"),
-                "end": None if None in end else end,
+                "end": [impulse / (row["m1"] * speed) for impulse in end] or None,
             }
         )
-    for row in _rows(folder, "ladder", ("cell", "solver", "sentence", "reason"), cells):
+    for row in _rows(folder, "ladder", (*key, "sentence", "reason"), cells):
         shown[row["cell"]]["causes"].append(told(row["solver"], row["sentence"] or row["reason"] or ""))
     if pair:
         index = cells_of_run(folder, config)
         collisions = [index[cell] for cell in cells]
-        found = zip(cells, _curves(config, collisions), _scenes(config, collisions), strict=True)
-        for cell, curves, scene in found:
+        both = zip(cells, _curves(config, collisions), _scenes(config, collisions), strict=True)
+        for cell, curves, scene in both:
             shown[cell] |= {"curves": curves, "scene": scene}
     return shown
 
@@ -100,32 +100,17 @@ def opened_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str,
 def _rows(
     folder: RunFolder, table: str, columns: Sequence[str], cells: Sequence[int]
 ) -> list[dict[str, Any]]:
-    path = folder.root / f"{table}.parquet"
-    if not path.is_file():
-        return []
-    return selected(path, columns, pc.field("cell").isin(list(cells))).to_pylist()
-
-
-def _value(value: Any) -> str:
-    return value if isinstance(value, str) else number(value, 6)
-
-
-def _per(value: float | None, unit: float) -> float | None:
-    return None if value is None else value / unit
+    return selected(folder.root / f"{table}.parquet", columns, pc.field("cell").isin(list(cells))).to_pylist()
 
 
 def _commands(root: Path, config: Config, row: dict[str, Any]) -> list[list[str]]:
     """Write what opens a cell on a terminal, from where the run was begun."""
     run, cell = shlex.quote(str(root)), row["cell"]
     show = ["every cause, in every order", f"impact-xval show {run} --cell {cell}"]
-    if config.column is not None:
-        given = {axis: row[axis] for axis in COLUMN_AXES if row[axis] is not None}
-    else:
-        given = {axis: row[axis] for axis in AXES} | {"scenario": config.scenario}
-        given |= {"gravity": config.gravity} if config.scenario == "drop" else {}
-    given |= {name: getattr(config, name) for name in ("m1", "k1", "v0")} | {
-        "step_fraction": config.step_fraction
-    }
+    axes, ours = (COLUMN_AXES, []) if config.column is not None else (AXES, ["scenario"])
+    ours += [*(["gravity"] if config.scenario == "drop" else []), "m1", "k1", "v0", "step_fraction"]
+    given = {axis: row[axis] for axis in axes if row[axis] is not None}
+    given |= {name: getattr(config, name) for name in ours}
     again = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in given.items())
     if config.mapping == "naive":
         again += "".join(f" --solver {name}-naive" for name in exportable_names() if name in config.solvers)

@@ -20,18 +20,16 @@ from impact_xval.experiments.presentation.document import (
     Figure,
     Section,
     Table,
-    Text,
     Value,
     say,
     together,
 )
 from impact_xval.experiments.presentation.findings import D, compared, subjects, unit_of, value_of
-from impact_xval.experiments.presentation.html import render
 from impact_xval.experiments.presentation.page import evidence
 from impact_xval.experiments.presentation.page.charts import LABELS, cells_piece, tiles_of
 from impact_xval.experiments.presentation.page.opened import packed_cells
 from impact_xval.experiments.presentation.pictures.figures import ACCEPTED, recommended
-from impact_xval.experiments.presentation.words import WHAT_D_IS, named, one_vote
+from impact_xval.experiments.presentation.words import named, one_vote
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.numbers import number
 
@@ -52,12 +50,7 @@ _HYPOTHESIS = say(
 def blocks_of(folder: RunFolder, summary: Summary, captions: Captions) -> list[Block]:
     """Return the page of a finished run."""
     pair, unit = summary.config.column is None, unit_of(summary)[:-1]
-    blocks: list[Block] = [render("sketch.html.j2")] if pair else []
-    blocks += [
-        evidence.question(summary),
-        WHAT_D_IS,
-        render("numbers.html.j2", numbers=list(_numbers(summary))),
-    ]
+    blocks: list[Block] = [evidence.opening(summary, _numbers(summary))]
     if pair and summary.ladder.solvers:
         blocks.append(_advice(summary, captions))
     if compared(summary):
@@ -133,7 +126,7 @@ def _advice(summary: Summary, captions: Captions) -> Section:
     return Section("What to do with your engine", blocks, beside=True)
 
 
-def _step(summary: Summary, name: str, step: float) -> Text:
+def _step(summary: Summary, name: str, step: float) -> Markup:
     """Say which step keeps the error of an engine small."""
     known = summary.estimates.set_index("solver").loc[name]
     return say(
@@ -156,7 +149,7 @@ def _found(summary: Summary, captions: Captions) -> list[Block]:
     asked = findings.as_asked(summary)
     why = [findings.causes(summary, name, explain=name == engines[0]) for name in engines]
     extremes = [_extremes(summary, name, axis) for name in there]
-    found: list[tuple[str, Sequence[Text | str], str]] = [
+    found: list[tuple[str, Sequence[str], str]] = [
         ("How far are they from the model?", far, f"divergence-by-{over}"),
         ("Do engines do what they were asked for?", asked, "impulse-curves" if pair else "wave"),
         ("Then why do they diverge?", why, f"ladder-by-{over}"),
@@ -167,13 +160,13 @@ def _found(summary: Summary, captions: Captions) -> list[Block]:
         found.append(("Do contacts open and close in the same order?", orders, "state-paths"))
     sections: list[Block] = []
     for title, sentences, name in found:
-        said, picture = [each for each in sentences if str(each)], _figures(captions, name)
+        said, picture = [*filter(None, sentences)], _figures(captions, name)
         if said or picture:
             sections.append(Section(title, [*said, *picture], beside=bool(said and picture)))
     return sections
 
 
-def _extremes(summary: Summary, name: str, axis: str) -> Text | str:
+def _extremes(summary: Summary, name: str, axis: str) -> str:
     """Say where along an axis the median D is largest and smallest."""
     values = [(at, value_of(summary, name, axis=axis, at=at)) for at in summary.levels[axis].values]
     known = sorted((each for each in values if not math.isnan(each[1].value)), key=lambda each: each[1].value)
@@ -191,7 +184,7 @@ def _extremes(summary: Summary, name: str, axis: str) -> Text | str:
     )
 
 
-def _order(summary: Summary, name: str) -> Text:
+def _order(summary: Summary, name: str) -> Markup:
     """Say how often a solver passes through the states of the model, and of its own law."""
     said = say(
         "{solver} passes through the contact states of the model in {equal} of the {n} cells in which the "
@@ -201,16 +194,16 @@ def _order(summary: Summary, name: str) -> Text:
         n=value_of(summary, name, "n", FULL_PATHS),
     )
     own = value_of(summary, name, "mean", OWN_LAW)
-    if math.isnan(own.value):
-        return Text((said, "."))
-    return Text((said, say(", and through those of the exact law it was asked for in {own}.", own=own)))
+    if not math.isnan(own.value):
+        said += say(", and through those of the exact law it was asked for in {own}", own=own)
+    return said + "."
 
 
 def _cells(folder: RunFolder, summary: Summary) -> list[Block]:
     """Lay out the map whose cells open, and the cells with the largest D."""
     tiles = tiles_of(load_divergence(folder, summary.config))
     opens = tiles.places.cell.tolist()
-    piece = cells_piece(tiles, packed_cells(folder, opens), summary.config.solvers)
+    piece = cells_piece(tiles, summary.n_cells, packed_cells(folder, opens), summary.config.solvers)
     button = Markup('<button type="button" data-cell="{0}">{0}</button>')
     axes = AXES if summary.config.column is None else COLUMN_AXES
     order = summary.worst.solver.map(summary.solvers.index).sort_values(kind="stable").index
@@ -237,7 +230,7 @@ def _matrix(summary: Summary) -> Table:
     }
     known |= {frozenset((REFERENCE, name)): summary.get(name, D) for name in summary.solvers}
 
-    def cell(a: str, b: str) -> str | Text:
+    def cell(a: str, b: str) -> str:
         if names.index(a) >= names.index(b):
             return ""  # it stands on the other side
         row = known.get(frozenset((a, b)))

@@ -52,9 +52,7 @@ def velocities_figure(drawn: Mapping[str, Sequence[float]]) -> Figure:
             place = balls + width * (position + 0.5 - 0.5 * len(drawn))
             ax.bar(place, velocities, width, color=look(name).color, label=named(name))
         step = max(1, len(balls) // 20)
-        ax.set_xticks(balls[::step])
-        ax.set_xlabel("ball, 1 at the top")
-        ax.set_ylabel("final velocity / |v0| (-)")
+        ax.set(xticks=balls[::step], xlabel="ball, 1 at the top", ylabel="final velocity / |v0| (-)")
         ax.grid(axis="x", visible=False)
         ax.legend(**BESIDE)
     return figure

@@ -49,11 +49,14 @@ def _whole_and_ends(points: Mapping[str, np.ndarray], mass_ratio: float) -> Figu
         whole.legend(loc="upper left")
         ends = np.array([curve[-1] for curve in points.values()])
         low, high = ends.min(axis=0), ends.max(axis=0)
-        half = max(0.02, 0.75 * float((high - low).max()))
-        centre = (low + high) / 2
-        detail.set_xlim(centre[0] - half, centre[0] + half)
-        detail.set_ylim(centre[1] - half, centre[1] + half)
+        enlarge(detail, (low + high) / 2, max(0.02, 0.75 * float((high - low).max())))
     return figure
+
+
+def enlarge(ax: Any, middle: Any, half: float) -> None:
+    """Show what is around a point, up to half a width away."""
+    x, y = middle
+    ax.set(xlim=(x - half, x + half), ylim=(y - half, y + half))
 
 
 def _curve(ax: Any, name: str, impulse1: np.ndarray, impulse2: np.ndarray) -> None:
@@ -77,9 +80,11 @@ def compression_lines(ax: Any, mass_ratio: float, reach: float) -> None:
 
 def impulse_labels(ax: Any) -> None:
     """Label the axes of an impulse curve, of one scale."""
-    ax.set_xlabel(r"$I_1\,/\,(m_1 |v_0|)$, ball on ball")
-    ax.set_ylabel(r"$I_2\,/\,(m_1 |v_0|)$, ball on table")
-    ax.set_aspect("equal", adjustable="box")
+    names = {
+        "xlabel": r"$I_1\,/\,(m_1 |v_0|)$, ball on ball",
+        "ylabel": r"$I_2\,/\,(m_1 |v_0|)$, ball on table",
+    }
+    ax.set(aspect="equal", **names)
 
 
 def drawn_paths(collision: Collision, outcomes: Mapping[str, Outcome]) -> dict[str, Path]:

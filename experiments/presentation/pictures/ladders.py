@@ -71,8 +71,7 @@ def _panels(ladder: LadderSummary, axes: Sequence[str]) -> Figure:
                 label_places(ax.xaxis, wide.index.tolist(), 8)
                 ax.tick_params(axis="x", labelsize=8)
                 _stack(ax, ladder, wide)
-                ax.set_xlabel(_LABELS[axis])
-                ax.set_title(named(solver))
+                ax.set(xlabel=_LABELS[axis], title=named(solver))
             row[0].set_ylabel("component of mean D (-)")
         handles = [Patch(color=c.color, label=c.label) for c in ladder.present]
         figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))

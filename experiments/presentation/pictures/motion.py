@@ -100,9 +100,7 @@ class Scene:
         below = np.append(_SPRING * np.ones(len(c.masses) - 1), _SPRING * c.table)
         self._bottoms = np.cumsum((below + 2 * self.radii)[::-1])[::-1] - 2 * self.radii
         top = self._bottoms[0] + 2 * self.radii[0] + _RISE
-        ax.set_xlim(-1.25, 1.25)
-        ax.set_ylim(-0.12 if c.table else -_FALL, top)
-        ax.set_aspect("equal")
+        ax.set(xlim=(-1.25, 1.25), ylim=(-0.12 if c.table else -_FALL, top), aspect="equal")
         ax.axis("off")
         if c.table:
             ax.fill_between([-1.25, 1.25], -0.12, 0, color="0.55", linewidth=0)
@@ -200,9 +198,8 @@ def _set_up(figure: Figure, motion: Motion) -> tuple[list[Scene], list[Any]]:
                 contact + 1 == len(motion.collision.masses)
             )
             ax.plot(history.between, history.forces[:, contact], color=color, label=label, linewidth=1.3)
-        ax.set_xlim(0, last)
-        ax.set_ylim(least, 1.08 * strongest)
-        ax.set_xlabel("time / sqrt(m1/k1) (-)" if motion.collision.exponent == 1 else "time (-)")
+        time = "time / sqrt(m1/k1) (-)" if motion.collision.exponent == 1 else "time (-)"
+        ax.set(xlim=(0, last), ylim=(least, 1.08 * strongest), xlabel=time)
         ax.tick_params(labelleft=column == 0)
         cursors.append(ax.axvline(0.0, color="black", linewidth=0.9, animated=True))
     figure.axes[1].set_ylabel("force (-)")

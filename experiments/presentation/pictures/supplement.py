@@ -15,7 +15,11 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from impact_xval.experiments.presentation.pictures.curves import compression_lines, impulse_labels
+from impact_xval.experiments.presentation.pictures.curves import (
+    compression_lines,
+    enlarge,
+    impulse_labels,
+)
 from impact_xval.experiments.presentation.style import Drawn, drawing
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.model import Collision, Outcome, solve
@@ -147,8 +151,7 @@ def _draw(ax: Any, panel: Panel, outcome: Outcome) -> None:
     if panel.detail:
         window = ax.inset_axes((0.56, 0.07, 0.4, 0.4))
         middle = np.mean([(outcome.impulse1, outcome.impulse2), *end], axis=0)
-        window.set_xlim(middle[0] - panel.detail, middle[0] + panel.detail)
-        window.set_ylim(middle[1] - panel.detail, middle[1] + panel.detail)
+        enlarge(window, middle, panel.detail)
         window.tick_params(labelsize=6, length=2)
         window.locator_params(nbins=3)
         ax.indicate_inset_zoom(window, edgecolor="0.4")
@@ -164,8 +167,7 @@ def _draw(ax: Any, panel: Panel, outcome: Outcome) -> None:
             marks = {"marker": "o", "markersize": 9, "markeredgewidth": 1.3, "fillstyle": "none"}
             each.plot(*np.transpose(printed), linestyle="none", color=_PRINTED, label="printed", **marks)
         compression_lines(each, panel.collision.mass_ratio, reach)
-    ax.set_xlim(-0.04 * reach, reach)
-    ax.set_ylim(-0.04 * reach, reach)
+    ax.set(xlim=(-0.04 * reach, reach), ylim=(-0.04 * reach, reach))
     impulse_labels(ax)
     ax.set_title(f"({panel.name[1]}) k2/k1 = {panel.ratio}")
     ax.legend(loc="upper left", fontsize=8)

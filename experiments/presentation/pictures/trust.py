@@ -8,7 +8,6 @@ of components over the cells of the field that are beyond the lowest level.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,7 @@ from matplotlib.patches import Patch
 
 from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.config.experiment import Config
-from impact_xval.experiments.measures.aggregates import Frame, Levels, axis_levels
+from impact_xval.experiments.measures.aggregates import Frame, axis_levels
 from impact_xval.experiments.measures.ladder import CONTRIBUTIONS
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.presentation.style import LEFT_OUT, Drawn, drawing, label_places
@@ -43,50 +42,31 @@ _WITHIN = "0.9"
 _PLANE = ["mass_ratio", "stiffness_ratio"]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TrustMap:
-    """Trust in the engines of a run over its plane.
+def trust_of(folder: RunFolder, config: Config) -> Frame | None:
+    """Compute the trust in the engines of a run of two balls over its plane, from its ladders.
 
-    Attributes
-    ----------
-    mass_ratio, stiffness_ratio : list of float
-        Values along the plane, rising.
-    fields : DataFrame
-        A row a field that has a cell, by engine and its positions in the two: ``cells``, the number of those that are
-        compared; ``typical`` and ``strict``, the position in `LEVELS` of the level that the median cell, or every cell,
-        stays within, 3 beyond all of them; ``blamed``, the name of the contribution, NaN where nothing is.
+    None without a plane or a result of an engine; else a row a field that has a cell, by engine, mass ratio and
+    stiffness ratio: ``cells``, the number of those that are compared; ``typical`` and ``strict``, the position in
+    `LEVELS` of the level that the median cell, or every cell, stays within, 3 beyond all of them; ``blamed``, the name
+    of the contribution, NaN where nothing is.
     """
-
-    mass_ratio: list[float]
-    stiffness_ratio: list[float]
-    fields: Frame
-
-    def image(self, values: Frame) -> Any:
-        """Lay values of the fields of one engine out over the plane; NaN where there is none."""
-        rows, columns = range(len(self.mass_ratio)), range(len(self.stiffness_ratio))
-        return values.unstack().reindex(index=rows, columns=columns).to_numpy(float)
-
-
-def trust_of(folder: RunFolder, config: Config) -> TrustMap | None:
-    """Compute the trust map of a run of two balls from its ladders; None without a plane or a result of an engine."""
     path = folder.table_path("ladder.parquet")
-    known = [axis_levels(config, axis, column(path, axis)) for axis in _PLANE]
-    levels = [Levels(sorted(each.values), each.edges) for each in known]
+    levels = {axis: axis_levels(config, axis, column(path, axis)) for axis in _PLANE}
     there = set(pq.read_schema(path).names)
     shares = {f"{c.name}_share": c.name for c in CONTRIBUTIONS if f"{c.name}_share" in there}
     columns = ["solver", "status", *_PLANE, "velocity_divergence", *shares]
     rows = selected(path, columns, (pc.field("status") == "ok") & pc.field("marked").is_null()).to_pandas()
     rows = rows[rows.solver.map(is_engine).astype(bool)]
-    if rows.empty or min(len(each.values) for each in levels) < 2:
+    if rows.empty or min(len(each.values) for each in levels.values()) < 2:
         return None
-    for axis, each in zip(_PLANE, levels, strict=True):
-        rows[axis] = each.codes(rows[axis].to_numpy())
+    for axis, each in levels.items():
+        rows[axis] = np.array(each.values)[each.codes(rows[axis].to_numpy())]
     keys = [rows[name] for name in ("solver", *_PLANE)]
     d = rows.velocity_divergence
     components = rows[list(shares)].rename(columns=shares).fillna(0.0).mul(d, axis=0)
     sums = components.where(d > LEVELS[0]).groupby(keys, observed=True).sum(min_count=1).dropna(how="all")
     by_field = d.groupby(keys, observed=True)
-    fields = pd.DataFrame(
+    return pd.DataFrame(
         {
             "cells": by_field.size(),
             "typical": by_field.median().map(_level),
@@ -94,7 +74,6 @@ def trust_of(folder: RunFolder, config: Config) -> TrustMap | None:
             "blamed": sums.idxmax(axis=1) if len(sums) else None,
         }
     )
-    return TrustMap(levels[0].values, levels[1].values, fields)
 
 
 def _level(d: float) -> int:
@@ -102,18 +81,18 @@ def _level(d: float) -> int:
     return int(np.searchsorted(LEVELS, d))
 
 
-def draw_trust(trust: TrustMap | None) -> Iterator[Drawn]:
+def draw_trust(trust: Frame | None) -> Iterator[Drawn]:
     """Draw a trust map; nothing where there is none."""
     if trust is not None:
-        engines = in_order_of_laws(trust.fields.index.unique("solver"))
+        engines = in_order_of_laws(trust.index.unique("solver"))
         yield "trust-map", _figure(trust, engines), _caption(trust, engines)
 
 
-def _caption(trust: TrustMap, engines: Sequence[str]) -> str:
+def _caption(trust: Frame, engines: Sequence[str]) -> str:
     first, second, third = (number(100 * level) for level in LEVELS)
     said = ""
     for name in engines:
-        fields = trust.fields.loc[name]
+        fields = trust.loc[name]
         said += f" {named(name)}: the median cell is within {second} % in {percent((fields.typical <= 1).mean())} "
         labels = [c.label for c in CONTRIBUTIONS if c.name in set(fields.blamed.mode())]
         said += (
@@ -121,16 +100,18 @@ def _caption(trust: TrustMap, engines: Sequence[str]) -> str:
         )
     return (
         "Where engines end as the model does, over stiffness ratio k2/k1 and mass ratio m2/m1. A field "
-        f"holds the cells of all restitutions, {trust.fields.cells.max()} at most. Left: the velocity divergence D "
+        f"holds the cells of all restitutions, {trust.cells.max()} at most. Left: the velocity divergence D "
         f"that its median cell stays within, {first} %, {second} %, {third} % or more; middle: that every cell of it "
         "stays within. Right: the cause with the largest part of D, summed over those of its cells that are beyond "
         f"{first} % (docs/ladder.md); grey: no cell is. White: nothing to compare.{said} {LEFT_OUT}"
     )
 
 
-def _figure(trust: TrustMap, engines: Sequence[str]) -> Figure:
-    shown = [c for c in CONTRIBUTIONS if (trust.fields.blamed == c.name).any()]
+def _figure(trust: Frame, engines: Sequence[str]) -> Figure:
+    shown = [c for c in CONTRIBUTIONS if (trust.blamed == c.name).any()]
     places = {c.name: place for place, c in enumerate(shown, start=1)}
+    up, across = (sorted(trust.index.unique(axis)) for axis in _PLANE)
+    plane = {"index": up, "columns": across}
     with drawing(7.4, 1.4 + 1.45 * len(engines)) as figure:
         axes = figure.subplots(len(engines), 3, sharex=True, sharey=True, squeeze=False)
         titles = (
@@ -141,14 +122,14 @@ def _figure(trust: TrustMap, engines: Sequence[str]) -> Figure:
         for ax, title in zip(axes[0], titles, strict=True):
             ax.set_title(title, fontsize=8.5)
         for row, name in zip(axes, engines, strict=True):
-            fields = trust.fields.loc[name]
+            fields = trust.loc[name]
             for ax, of_fields in zip(row, (fields.typical, fields.strict), strict=False):
-                _show(ax, trust.image(of_fields), _COLORS)
+                _show(ax, of_fields.unstack().reindex(**plane), _COLORS)
             blamed = fields.blamed.map(places).fillna(0)
-            _show(row[2], trust.image(blamed), [_WITHIN, *(c.color for c in shown)])
+            _show(row[2], blamed.unstack().reindex(**plane), [_WITHIN, *(c.color for c in shown)])
             row[0].set_ylabel(f"{named(name)}\nm2/m1 (-)")
-        label_places(axes[0, 0].xaxis, trust.stiffness_ratio, 5)
-        label_places(axes[0, 0].yaxis, trust.mass_ratio, 6)
+        label_places(axes[0, 0].xaxis, across, 5)
+        label_places(axes[0, 0].yaxis, up, 6)
         for ax in axes[-1]:
             ax.set_xlabel("k2/k1 (-)")
         names = [*(f"D up to {100 * level:g} %" for level in LEVELS), f"D above {100 * LEVELS[-1]:g} %"]
@@ -160,8 +141,8 @@ def _figure(trust: TrustMap, engines: Sequence[str]) -> Figure:
     return figure
 
 
-def _show(ax: Any, image: Any, colors: Sequence[str]) -> None:
+def _show(ax: Any, image: Frame, colors: Sequence[str]) -> None:
     norm = BoundaryNorm(np.arange(len(colors) + 1) - 0.5, len(colors))
     look = {"cmap": ListedColormap(colors), "norm": norm, "interpolation": "nearest"}
-    ax.imshow(image, origin="lower", aspect="auto", **look)
+    ax.imshow(image.to_numpy(float), origin="lower", aspect="auto", **look)
     ax.grid(False)

@@ -1,6 +1,7 @@
 """``impact-xval solve --plot``: what is written, what is in it, and one line for what cannot be shown."""
 
 import base64
+import json
 import re
 from io import BytesIO
 
@@ -43,11 +44,16 @@ def test_a_page_needs_nothing_else(tmp_path):
     assert "The model has no time" in " ".join(rest.split())
 
 
-def test_columns_are_drawn_and_move_too(tmp_path):
+def test_the_suffix_says_what_is_written_and_json_stays_json(tmp_path, capsys):
     column = ["solve", "--arrangement", "cradle", "--balls", "3", "--solver", "kelvin-voigt"]
-    for name in ("column.svg", "column.gif"):
-        assert main([*column, "--plot", str(tmp_path / name)]) == 0
-        assert (tmp_path / name).stat().st_size > 1000
+    for asked, suffix, first in (
+        *((BESIDE, *each) for each in (("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF"))),
+        *((column, *each) for each in (("svg", b"<?xml"), ("gif", b"GIF8"))),
+    ):
+        file = tmp_path / f"one.{suffix}"
+        assert main([*asked, "--json", "--plot", str(file)]) == 0
+        assert len(json.loads(capsys.readouterr().out)) == 2
+        assert file.read_bytes().startswith(first)
 
 
 def test_what_does_not_move_is_one_line_and_nothing_is_written(tmp_path, capsys):

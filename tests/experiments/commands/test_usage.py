@@ -36,6 +36,7 @@ WRONG = [
     (f"{BESIDE} --plot there/one.gif", "--plot there/one.gif: no folder there; legal: "),
     *((f"inspect any.xml --speed={x}", "--speed = ") for x in ("0", "-1", "inf", "nan", "fast")),
     ("inspect gone.xml", "gone.xml: no such file of MuJoCo; legal: a file that ends in .xml or .mjb"),
+    ("inspect folder.png", "folder.png: no such file of MuJoCo"),
     (f"{ASK} --stiffness 1 --restitution 0", "--restitution = 0.0; legal: from 0.0001 to 1"),
     (f"{ASK} --stiffness 1 --restitution half", "--restitution = 'half'; legal: a number"),
     (f"{ASK} --stiffness 1 --masses 1 --restitution", "--masses = '--restitution'; legal: a number"),

@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.config.experiment import load_config
+from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.summary import load_divergence, summarise
 from impact_xval.experiments.presentation.findings import asked
 from impact_xval.experiments.presentation.page.charts import tiles_of
@@ -18,27 +18,20 @@ from impact_xval.experiments.presentation.report import present
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.folder import finished
 
-CONFIG = """
-name = "few columns"
-solvers = ["bistiffness", "kelvin-voigt", "mujoco"]
-[column]
-arrangement = ["cradle", "drop"]
-balls = [2, 3, 4]
-e = [0.6, 0.9]
-exponent = [1.0, 1.5]
-stiffness_taper = 1.0
-[figure_column]
-balls = 4
-e = 0.8
-"""
+CONFIG = {
+    "name": "few columns",
+    "solvers": ["bistiffness", "kelvin-voigt", "mujoco"],
+    "column": {"arrangement": ["cradle", "drop"], "balls": [2, 3, 4], "e": [0.6, 0.9], "exponent": [1.0, 1.5]}
+    | {"stiffness_taper": 1.0},
+    "figure_column": {"balls": 4, "e": 0.8},
+}
 
 
 @pytest.fixture(scope="module")
 def root(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("columns")
-    (folder / "c.toml").write_text(CONFIG)
-    run_sweep(load_config(folder / "c.toml"), folder / "run", isolate=False, present=present)
-    return folder / "run"
+    root = tmp_path_factory.mktemp("columns") / "run"
+    run_sweep(parse_config(CONFIG), root, isolate=False, present=present)
+    return root
 
 
 def test_every_median_is_that_of_the_table(root):
@@ -69,19 +62,12 @@ def test_the_page_shows_it(root):
 
 
 def test_its_columns_open_with_what_the_tables_hold(root, monkeypatch, capsys):
-    rows = pq.read_table(root / "cells.parquet").to_pandas().set_index(["cell", "solver"])
     tiles = tiles_of(load_divergence(finished(root), finished(root).config()))
     assert (tiles.along, tiles.up) == ("balls", ("arrangement", "e", "exponent"))
     assert sorted(tiles.places.cell) == list(range(24))
-    opened = opened_cells(finished(root), [0, 9])
-    for number, cell in opened.items():
-        for result in cell["results"]:
-            stored = rows.loc[(number, result["solver"])]
-            assert result["velocities"] == [
-                None if np.isnan(stored[f"v{i}"]) else stored[f"v{i}"]
-                for i in range(1, 1 + int(stored.balls))
-            ]
-    assert opened_cells(finished(root), [2])[2]["causes"][0].startswith("MuJoCo: exponent = 1.5: ")
+    opened = opened_cells(finished(root), [0, 2])
+    assert opened[2]["causes"][0].startswith("MuJoCo: exponent = 1.5: ")
+    assert [row["velocities"] for row in opened[2]["results"] if row["solver"] == "mujoco"] == [[None, None]]
     monkeypatch.chdir(root.parent)
     show, solve, film = (shlex.split(command)[1:] for _, command in opened[0]["commands"])
     assert main(show) == 0, capsys.readouterr().err
@@ -105,11 +91,15 @@ def test_the_curves_are_of_the_column_of_the_figures(root):
 
 
 def test_what_the_model_refuses_is_unsolved_and_engines_are_still_beside_their_law(tmp_path):
-    (tmp_path / "c.toml").write_text(
-        "solvers = ['kelvin-voigt', 'mujoco', 'hunt-crossley']\n"
-        "[column]\nballs = 3\ngap = [0.0, 1e-5]\ne = [0.8, 0.9]\nstiffness_taper = 1.0\narrangement = 'cradle'\n"
-    )
-    folder = run_sweep(load_config(tmp_path / "c.toml"), tmp_path / "run", isolate=False, present=present)
+    column = {
+        "balls": 3,
+        "gap": [0.0, 1e-5],
+        "e": [0.8, 0.9],
+        "stiffness_taper": 1.0,
+        "arrangement": "cradle",
+    }
+    config = parse_config({"solvers": ["kelvin-voigt", "mujoco", "hunt-crossley"], "column": column})
+    folder = run_sweep(config, tmp_path / "run", isolate=False, present=present)
     ((engine, law, _, most),) = asked(summarise(folder))
     assert (engine, law) == ("mujoco", "kelvin-voigt")
     assert most.value < 1e-3
