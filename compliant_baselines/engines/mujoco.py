@@ -149,14 +149,14 @@ class MujocoWorld(World):
         # A pair alone, by the engine's own inverse weights (docs/mapping.md); that of the table, body 0, is 0.
         inverse = self.batch.expand("body_invweight0")[0][[*range(1, balls.stop), 0], 0]
         solref, solimp = (self.batch.expand(name)[0][where] for name in ("pair_solref", "pair_solimp"))
-        scale = (solimp[:, 0] / solimp[:, 1]) ** 2 / (inverse[1:] + inverse[:-1])[: len(where)]
+        share, masses = solimp[:, 0] / solimp[:, 1], 1 / (inverse[1:] + inverse[:-1])[: len(where)]
         times = solref[:, 0] > 0
         solref[times, 0] = np.maximum(solref[times, 0], 2 * scene.step)  # refsafe
         own = (MujocoContact(tuple(r), tuple(d)) for r, d in zip(solref, solimp, strict=True))
         direct = -np.array([pair.direct for pair in own])
         self.effective = {
-            "stiffness": tuple((direct[:, 0] * scale).tolist()),
-            "damping": tuple((direct[:, 1] * scale).tolist()),
+            "stiffness": tuple((direct[:, 0] * masses * share**2).tolist()),
+            "damping": tuple((direct[:, 1] * masses * share).tolist()),
             "step": (float(self.batch.expand("opt.timestep")[0]),),
         }
 

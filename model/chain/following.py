@@ -146,12 +146,9 @@ class Problem:
         there = ~np.any([condition for condition, _, _ in lost], axis=0)
         every = sum(HAPPENED)
         happened = np.nan_to_num(numbers["code"]).astype(int) & every
-        reasons = {
-            some: "; ".join(why for bit, why in HAPPENED.items() if bit & some)
-            for some in range(1, every + 1)
-        }
         limits: list[tuple[Any, Status, str]] = [
-            (happened == some, "limit", why) for some, why in reasons.items()
+            (happened == some, "limit", "; ".join(why for bit, why in HAPPENED.items() if bit & some))
+            for some in range(1, every + 1)
         ]
         drawn = None
         if paths:

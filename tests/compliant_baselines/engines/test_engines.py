@@ -10,6 +10,7 @@ import pytest
 
 from impact_xval.compliant_baselines import SolverError, get_solver
 from impact_xval.compliant_baselines.engines.stepping import PATH_POINTS
+from impact_xval.compliant_baselines.mapping import restitution
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.model.collision import Collision
 from tests.compliant_baselines.reference_cells import random_collisions
@@ -179,3 +180,10 @@ def test_an_engine_says_where_it_uses_other_numbers_than_were_asked_for(engine):
     alone = 1e8 * 0.5 * ((0.9 / 0.95) ** 2 if engine.name == "mujoco" else 1)
     assert naive.effective["stiffness"][0] == pytest.approx(alone, rel=1e-9)
     assert f"stiffness 1 is {alone:.6g}, 1e+08 was asked for" in naive.differences
+
+
+def test_a_naive_contact_of_mujoco_rebounds_as_the_numbers_say_that_it_uses():
+    pair = Collision((1, 3), (1e8,), (0.5,), (-1, 0))
+    found = get_solver("mujoco-naive").solve(pair, Settings(step_fraction=1e-4))
+    (k,), (c,) = found.effective["stiffness"], found.effective["damping"]
+    assert found.v1 - found.v2 == pytest.approx(restitution(c / (2 * math.sqrt(k * 0.75))), abs=2e-4)
