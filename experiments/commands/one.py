@@ -40,9 +40,9 @@ def _drawable(text: str) -> Path:
     file = path(text)
     if file.suffix not in (*_PICTURES, *_FILMS) or file.is_dir():
         legal = f"a file that ends in {', '.join((*_PICTURES, *_FILMS))}"
-        raise UserError(f"--plot {file}; legal: {legal}")
+        raise typer.BadParameter(f"{text!r:.60}; legal: {legal}")
     if not file.parent.is_dir():
-        raise UserError(f"--plot {file}: no folder {file.parent}; legal: a file in a folder that is there")
+        raise typer.BadParameter(f"{text!r:.60}: no folder {file.parent}; legal: a file in one that is there")
     return file
 
 
