@@ -44,7 +44,8 @@ class Scene:
     restitutions: tuple[float, ...]
     table: bool
     step: float
-    #: Downwards; above 0 in a drop, of two balls on a table only.
+    #: Downwards; above 0 in a drop, of two balls on a table only. The lower one then starts in static equilibrium (each
+    #: engine knows its own), from which heights count.
     gravity: float = 0.0
     mapping: MappingName = "calibrated"
     #: How many times the engine's least regularisation of contacts, where it has any.
@@ -69,14 +70,6 @@ class Scene:
             gravity=settings.gravity if settings.scenario == "drop" else 0.0,
             mapping=settings.mapping,
         )
-
-    @property
-    def settled(self) -> bool:
-        """Whether the lowest ball starts in static equilibrium on the table (each engine knows its own).
-
-        Heights then count from there.
-        """
-        return self.gravity > 0
 
     @cached_property
     def contacts(self) -> tuple[Contact, ...]:

@@ -72,10 +72,10 @@ class BulletWorld(RigidWorld):
 
     def step(self) -> tuple[list[float], list[float]]:
         """Take a step."""
-        p = self._p
-        p.stepSimulation()
-        v = [p.getBaseVelocity(ball)[0][2] for ball in self._balls]
-        return v, [p.getBasePositionAndOrientation(ball)[0][2] for ball in self._balls]
+        p, client = self._p.module, self._p.number
+        p.stepSimulation(client)
+        v = [p.getBaseVelocity(ball, client)[0][2] for ball in self._balls]
+        return v, [p.getBasePositionAndOrientation(ball, client)[0][2] for ball in self._balls]
 
 
 class PybulletRestitution(RigidEngine):

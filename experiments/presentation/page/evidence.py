@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from impact_xval.compliant_baselines.registry import is_engine, kind_of
@@ -162,13 +161,11 @@ def unsolved(summary: Summary) -> Section:
 
 def method(folder: RunFolder, summary: Summary) -> Section:
     """Say how the numbers came about, and what they do not show."""
-    values = (
-        column(folder.root / "cells.parquet", "gravity_number")
-        if summary.config.column is None
-        else np.zeros(1)
-    )
-    span = dict.fromkeys(number(value, 2) for value in (values.min(), values.max()))
-    said = render("method.html.j2", c=summary.config, gravity_number=" to ".join(span))
+    span: list[str] = []
+    if summary.config.scenario == "drop":
+        values = column(folder.root / "cells.parquet", "gravity_number")
+        span = [number(value, 2) for value in (values.min(), values.max())]
+    said = render("method.html.j2", c=summary.config, gravity_number=" to ".join(dict.fromkeys(span)))
     return Section("Method", [said], folded=True)
 
 

@@ -5,8 +5,25 @@ import math
 import numpy as np
 import pytest
 
+from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.restitution import hunt_crossley_coefficients
+from impact_xval.model import Collision
 from tests.compliant_baselines.reference_cells import BATCHES
+
+MU = 2 / math.sqrt(3)
+
+
+def test_known_numbers():
+    for ratio, v1, v2 in (
+        (1, 0.65159996, 0.31646952),
+        (40, 0.92582208, 0.02569387),
+        (1 / 40, 0.63441945, 0.10156776),
+    ):
+        outcome = get_solver("kelvin-voigt").solve(Collision.from_ratios(ratio, MU, 0.9, 0.7))
+        assert (outcome.v1, outcome.v2) == pytest.approx((v1, v2), abs=6e-9)
+        assert outcome.status == "ok"
+    elastic = BATCHES["kelvin-voigt"](1.0, MU, 1.0, 1.0)
+    assert (elastic.v1, elastic.v2) == pytest.approx((0.954509, 0.277489), abs=6e-7)
 
 
 def test_hunt_crossley_is_its_first_term_as_restitution_goes_to_one():
