@@ -24,7 +24,8 @@ ROUNDING, ROUNDING_OF_STEPS = 1e-32, 1e-26
 UNDERFLOW = 1e-150
 
 
-#: A contact under way, and the body above it; the last record of a chain is the body below its last contact, INACTIVE.
+#: A contact under way, and the body above it. The last record of a chain is the body below its last contact. It is
+#: always INACTIVE, and as c[-1] it stands above the first contact too: both ends have a neighbour without force.
 CONTACT = np.dtype(
     [
         # Inverse mass of the body, 0 for the table; running and original stiffness, coefficient of restitution, damping
