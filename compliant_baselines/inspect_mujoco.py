@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import astuple, replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -63,6 +64,16 @@ class Measured(NamedTuple):
     penetration: float | None = None
     change: str = ""
     reason: str = ""
+
+
+def examine(speed: float, scene: Path) -> tuple[list[Measured], list[Finding]] | str:
+    """Measure the contacts of a file, .mjb or MJCF, and look for traps; or say why MuJoCo does not take it."""
+    load = mujoco.MjModel.from_binary_path if scene.suffix == ".mjb" else mujoco.MjModel.from_xml_path
+    try:
+        model = load(str(scene))
+        return measure_model(model, speed), inspect_model(model)
+    except Exception as error:  # of an engine that met what it does not expect
+        return f"{scene}: MuJoCo does not compile it: {error}"
 
 
 def inspect_model(model: Any) -> list[Finding]:

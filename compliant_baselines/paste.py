@@ -7,7 +7,8 @@ has loaded, PyBullet's are the adapter's own calls. The runners step as often as
 
 from __future__ import annotations
 
-from dataclasses import astuple
+import math
+from dataclasses import astuple, replace
 from typing import Any
 from xml.etree import ElementTree
 
@@ -24,7 +25,9 @@ from impact_xval.compliant_baselines.mapping import (
     mujoco_contact,
     pybullet_side,
 )
-from impact_xval.compliant_baselines.solver import SolverError
+from impact_xval.compliant_baselines.registry import get_solver
+from impact_xval.compliant_baselines.solver import Settings, SolverError
+from impact_xval.model.collision import Collision, Outcome
 
 #: What to paste, by engine. The first body carries the contact, the second is rigid and undamped, wherever an engine's
 #: parameters belong to bodies and not to pairs.
@@ -121,6 +124,20 @@ def paste(engine: str, contact: Contact, step: float) -> str:
     if "inf" in text or "nan" in text:
         raise SolverError(engine, "unrepresentable", f"a parameter of {contact} leaves double precision")
     return text
+
+
+def exported(name: str, collision: Collision, settings: Settings) -> tuple[Outcome, Run, dict[str, str]]:
+    """Run a collision by MuJoCo or PyBullet; its outcome, its run, and the files of its scene by name.
+
+    A SolverError says why the engine does not take it.
+    """
+    engine = get_solver(name)
+    assert isinstance(engine, Engine)
+    (outcome,) = engine.solve_many([collision], replace(settings, convergence=None, mark=False))
+    scene = engine.scene_or_refusal(collision, settings)
+    if math.isnan(outcome.v1) or not isinstance(scene, Scene):
+        raise SolverError(name, outcome.status, outcome.reason)
+    return outcome, *scene_files(engine, scene, settings.max_steps)
 
 
 def scene_files(engine: Engine, scene: Scene, max_steps: int) -> tuple[Run, dict[str, str]]:

@@ -21,6 +21,7 @@ from impact_xval.compliant_baselines.engines.stepping import Run
 from impact_xval.compliant_baselines.mapping import Contact, contact_time, damping_ratio
 from impact_xval.compliant_baselines.solver import SolverError
 from impact_xval.model.chain.rest import FREE
+from impact_xval.model.materials import Touch
 
 #: Allowed relative error of restitution and duration.
 TOLERANCE = 0.01
@@ -132,6 +133,34 @@ class Pair:
     def penetration(self) -> float:
         """Greatest penetration in m, at the speed of this pair: after half its duration, decayed by sqrt(e)."""
         return self.speed * math.sqrt(self.restitution) / self.contact.omega
+
+
+def pair_asked(
+    masses: tuple[float, float] | None,
+    restitution: float | None,
+    stiffness: float | None,
+    duration: float | None,
+    speed: float,
+    materials: Sequence[str] = (),
+    radii: Sequence[float] = (),
+) -> tuple[Pair, Touch | None]:
+    """Make a pair of numbers, or of two bodies of materials, whose contact is linearised at the speed.
+
+    None stands for what was not given. A ValueError names the argument, the value and the legal range.
+    """
+    if not (materials or radii):
+        if masses is None or restitution is None:
+            missing = "masses" if masses is None else "restitution"
+            raise ValueError(f"{missing}: not given; legal: a value, or --material and --radius instead")
+        return Pair(masses, restitution, stiffness, duration, speed), None
+    for name, given in (("masses", masses), ("stiffness", stiffness), ("duration", duration)):
+        if given is not None:
+            raise ValueError(f"{name}: given beside --material, which decides it; legal: one of the two")
+    touch = Touch.of(materials, radii)
+    e = (
+        touch.restitution if restitution is None else restitution
+    )  # a given one need not be known of materials
+    return Pair((touch.one.mass, touch.two.mass), e, touch.linear(speed), speed=speed), touch
 
 
 @dataclass(frozen=True, slots=True)

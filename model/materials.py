@@ -107,6 +107,18 @@ class Touch:
     one: Body
     two: Body
 
+    @classmethod
+    def of(cls, materials: Sequence[str], radii: Sequence[float]) -> Touch:
+        """Make it of one or two names and radii: one name is that of both bodies, a radius left out is a flat's."""
+        for name, given in (("material", materials), ("radius", radii)):
+            if not 1 <= len(given) <= 2:
+                legal = "once or twice, beside the other of the two"
+                raise ValueError(f"{name}: given {len(given)} times; legal: {legal}")
+        for name in materials:
+            if name not in MATERIALS:
+                raise ValueError(f"material = {name!r:.60}; legal: {', '.join(MATERIALS)}")
+        return cls(Body(MATERIALS[materials[0]], radii[0]), Body(MATERIALS[materials[-1]], *radii[1:]))
+
     def __post_init__(self) -> None:
         if math.isinf(self.one.radius) and math.isinf(self.two.radius):
             raise ValueError("radius = inf inf: two flats have no point of contact; legal: at most one inf")

@@ -108,7 +108,7 @@ class Compared:
         if not self.is_column and (paths := drawn_paths(self.problem, self.outcomes)):
             return draw_collision(self.problem, paths)
         statuses = {name: each.status for name, each in self.outcomes.items()}
-        raise ValueError(f"no solver has a path to draw; statuses: {statuses}")
+        raise ValueError(f"no solver has a path to draw ({statuses}); legal: a collision that one solves")
 
     def blocks(self) -> list[Block]:
         """Return the table of all solvers, and what there is to say of them."""

@@ -23,9 +23,8 @@ from bokeh.embed import json_item
 from impact_xval.compliant_baselines import get_solver, solver_names
 from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.cells.compared import Compared
-from impact_xval.experiments.config.arrangements import Arranged
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.config.experiment import Config
+from impact_xval.experiments.config.typed import asked
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.presentation.document import Table
 from impact_xval.experiments.presentation.html import fragment, page_of, render
@@ -33,21 +32,18 @@ from impact_xval.experiments.presentation.page.charts import bokeh_script, curve
 from impact_xval.experiments.presentation.page.opened import curve_of
 from impact_xval.experiments.sweep.one import SolversApart, solvers_apart
 from impact_xval.experiments.sweep.process import ClosedError
-from impact_xval.model.collision import Collision, Outcome
+from impact_xval.model.collision import Outcome
 
 #: Solvers that the button runs, and those that follow the sliders.
 ENGINES = tuple(filter(is_engine, solver_names()))
 EXACT = tuple(name for name in solver_names() if name not in ENGINES)
 
-#: Makes of the parameters of an address what they ask for, or raises a `UserError`.
-Reader = Callable[[dict[str, str]], tuple[Collision, Arranged | None, Config]]
-
 
 class Cells:
     """Cells that pages ask for; `ending` ends the processes, which begin when they are first needed."""
 
-    def __init__(self, read: Reader, ending: contextlib.ExitStack) -> None:
-        self._read, self._ending = read, ending
+    def __init__(self, ending: contextlib.ExitStack) -> None:
+        self._ending = ending
         self._apart: dict[bool, SolversApart] = {}
         self._turn = {engines: threading.Lock() for engines in (False, True)}
         self._starting, self.closed = threading.Lock(), False
@@ -60,15 +56,15 @@ class Cells:
         That is ``problem``, one line; or ``results``, HTML, and ``data`` of the charts.
         """
         given = parse_qsl(query, keep_blank_values=True)
-        asked = (("cell_timeout", "60"), *(each for each in given if each[0] != "solver"))
+        typed = (("cell_timeout", "60"), *(each for each in given if each[0] != "solver"))
         try:
-            collision, arranged, _ = self._read(dict(asked))
+            collision, arranged, _ = asked(dict(typed))
         except ValueError as error:
             return {"problem": str(error)}
-        outcomes = self._solve(asked, EXACT)
+        outcomes = self._solve(typed, EXACT)
         for key, name in given:
             if key == "solver" and name in ENGINES:
-                outcomes |= self._engine(asked, (name,))
+                outcomes |= self._engine(typed, (name,))
         compared = Compared(collision, outcomes, arranged)
         blocks = compared.blocks()
         if compared.is_column:  # its table counts states
@@ -76,9 +72,9 @@ class Cells:
             blocks.append(Table(["solver", "contacts that act"], rows, text=2))
         return {"results": fragment(blocks), "data": _data(compared)}
 
-    def _solve(self, asked: tuple[tuple[str, str], ...], names: tuple[str, ...]) -> dict[str, Outcome]:
+    def _solve(self, typed: tuple[tuple[str, str], ...], names: tuple[str, ...]) -> dict[str, Outcome]:
         """Solve a cell by solvers of one sort, once those before it are solved."""
-        collision, arranged, config = self._read(dict(asked))
+        collision, arranged, config = asked(dict(typed))
         engines, points = names != EXACT, None if arranged is None else 0
         with self._turn[engines]:
             with self._starting:
@@ -163,13 +159,13 @@ def _until_interrupted() -> None:
 
 
 @contextlib.contextmanager
-def explorer(port: int, read: Reader) -> Iterator[tuple[str, Callable[[], object]]]:
+def explorer(port: int) -> Iterator[tuple[str, Callable[[], object]]]:
     """Open the server, on this machine alone; it, and all that it started, is gone when the block ends.
 
     Yields where the page is, and what waits until it is interrupted; port 0 is any that is free.
     """
     with contextlib.ExitStack() as ending:
-        cells = Cells(read, ending)
+        cells = Cells(ending)
         try:
             server = ending.enter_context(_Server(("127.0.0.1", port), _Request))
         except OSError as error:

@@ -77,9 +77,6 @@ for command in (
 ):
     app.command()(command)
 
-#: What typer makes of Ctrl-C in a command.
-_CTRL_C = 130
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line on these arguments, by default those of the process; return the exit code."""
@@ -106,7 +103,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
     except OSError as error:
         return _fail(f"{error.filename or 'writing'}: {error.strerror or error}", 1)
-    if result == _CTRL_C:
+    if result == 130:  # what typer makes of Ctrl-C in a command
         return _fail("interrupted", 1)
     return result if isinstance(result, int) else 0
 

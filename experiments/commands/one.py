@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
-import math
+import webbrowser
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from impact_xval.experiments.commands.options import (
-    OF_COLUMN,
     Json,
     Solvers,
     argument,
-    asked,
+    flag,
     known_solvers,
     of_one_collision,
+    one_of,
     option,
     path,
     print_json,
     whole,
 )
 from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.config.typed import OF_COLUMN, asked
 
 if TYPE_CHECKING:
     from impact_xval.compliant_baselines import Settings
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
 _PICTURES, _FILMS = (".png", ".svg", ".pdf"), (".gif", ".html")
 #: Points of the path of a column that moves: of many balls it is large to be sent.
 _POINTS = 4000
+#: Engines whose scenes can be written.
+_EXPORTED = ("mujoco", "pybullet")
 
 
 def _drawable(text: str) -> Path:
@@ -84,64 +87,34 @@ def solve(
     else:
         show(make_console(), compared.blocks())
     if plot is not None:
-        error_line(f"{plot}: {(_film if film else _picture)(plot, compared, config)}")
+        error_line(f"{plot}: {_drawn(plot, compared, config)}")
 
 
-def _picture(file: Path, compared: Compared, config: Config) -> str:
-    """Draw a collision into a file; its caption."""
+def _drawn(file: Path, compared: Compared, config: Config) -> str:
+    """Draw a collision into a file, a picture or, beside the model, slow motion; its caption."""
     from impact_xval.experiments.presentation.pictures.curves import caption, drawn_paths
+    from impact_xval.experiments.presentation.pictures.motion import Motion, write_animation
     from impact_xval.experiments.presentation.style import save_as
+    from impact_xval.experiments.presentation.terminal import at_work
 
+    problem, outcomes, film = compared.problem, compared.outcomes, file.suffix in _FILMS
     try:
-        figure = compared.plot()
+        drawn = Motion.of(problem, outcomes, config, compared.arranged) if film else compared.plot()
     except ValueError as error:
-        raise UserError(f"--plot {file}: {error}; legal: a collision that one solves") from None
-    save_as(figure, file)
+        raise UserError(f"--plot {file}: {error}") from None
+    if isinstance(drawn, Motion):
+        with at_work("drawing the motion"):
+            write_animation(drawn, file)
+        return drawn.caption()
+    save_as(drawn, file)
     if compared.is_column:
         return "final velocities"
-    return caption(compared.problem, drawn_paths(compared.problem, compared.outcomes), config.scenario)
-
-
-def _film(file: Path, compared: Compared, config: Config) -> str:
-    """Show a collision in slow motion, the model beside an engine, or else another solver; its caption."""
-    from impact_xval.compliant_baselines.registry import is_engine
-    from impact_xval.experiments.config.experiment import REFERENCE
-    from impact_xval.experiments.presentation.pictures.curves import at
-    from impact_xval.experiments.presentation.pictures.history import history_of
-    from impact_xval.experiments.presentation.pictures.motion import Motion, write_animation
-    from impact_xval.experiments.presentation.terminal import at_work
-    from impact_xval.experiments.presentation.words import arranged
-    from impact_xval.model.collision import RESULT_STATUSES
-
-    collision, drop, shown = compared.problem, config.scenario == "drop", {}
-    for name in sorted(compared.outcomes, key=lambda name: (name != REFERENCE, not is_engine(name))):
-        outcome = compared.outcomes[name]
-        weight = config.gravity if drop and name != REFERENCE else 0.0
-        if outcome.status in RESULT_STATUSES and outcome.path is not None:
-            history = history_of(collision, outcome.path, weight)
-            shown |= {name: history} if history is not None else {}
-    if REFERENCE not in shown or len(shown) < 2:
-        raise UserError(
-            f"--plot {file}: needs the model and another solver with a path in finite time; legal: such a collision, "
-            f"or a file that ends in {', '.join(_PICTURES)}"
-        )
-    what = (
-        f"{at(collision)}, scenario {config.scenario}"
-        if compared.arranged is None
-        else arranged(compared.arranged)
-    )
-    what += ", in which the model has no gravity" if drop else ""
-    motion = Motion(collision, what, dict(list(shown.items())[:2]))
-    with at_work("drawing the motion"):
-        write_animation(motion, file)
-    return motion.caption()
+    return caption(problem, drawn_paths(problem, outcomes), config.scenario)
 
 
 def explore(
     port: int = option("N", "Port to listen at; 0: any free one.", whole(0, 65535), 5006),
-    browser: Annotated[
-        bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")
-    ] = True,
+    no_browser: bool = flag("--no-browser", "Print the address, and open nothing."),
 ) -> None:
     """Move one collision by sliders in a browser.
 
@@ -153,11 +126,9 @@ def explore(
     from impact_xval.experiments.cells.explorer import explorer
     from impact_xval.experiments.presentation.terminal import make_console, print_line
 
-    with explorer(port, asked) as (where, wait):
+    with explorer(port) as (where, wait):
         print_line(make_console(), f"{where} (Ctrl-C ends it)")
-        if browser:
-            import webbrowser
-
+        if not no_browser:
             webbrowser.open(where)
         wait()
 
@@ -167,7 +138,9 @@ def scene(
     folder: Path | None = argument("[DIR]", "Folder of a finished run, or a collision as solve.", path, None),
     cell: int | None = argument("[N]", "Number of a cell of that run.", whole(0, 10**7), None),
     *,
-    solver: list[str] | None = option("NAME", "'mujoco' or 'pybullet'; may be repeated, by default both."),
+    solver: list[str] | None = option(
+        "NAME", "'mujoco' or 'pybullet'; may be repeated, by default what is installed.", one_of(*_EXPORTED)
+    ),
     out: Path | None = option("DIR", "Folder to write; by default in scenes/.", path),
     **typed: str | None,
 ) -> None:
@@ -178,6 +151,7 @@ def scene(
 
     Example: impact-xval scene runs/default 17
     """
+    from impact_xval.compliant_baselines import get_solver
     from impact_xval.experiments.presentation.views import rows_of_cell
     from impact_xval.experiments.sweep.rows import settings_of
     from impact_xval.experiments.tables.folder import cells_of_run, finished_collisions
@@ -195,51 +169,31 @@ def scene(
             raise UserError(f"N = {cell}; legal: a whole number from 0 to {len(cells) - 1}")
         collision, where = cells[cell], f"{folder.resolve().name}-cell-{cell}"
         table = {row["solver"]: row for row in rows_of_cell(run, cell)}
-    _write_scenes(collision, settings_of(config), _exportable(solver), out or Path("scenes") / where, table)
-
-
-def _exportable(solvers: list[str] | None) -> list[str]:
-    """Check the names of engines; without any, those that are installed."""
-    from impact_xval.compliant_baselines import get_solver
-    from impact_xval.compliant_baselines.registry import exportable_names
-
-    legal = exportable_names()
-    for name in solvers or ():
-        if name not in legal:
-            raise UserError(f"--solver = {name!r}; legal: {', '.join(legal)}")
-    installed = [name for name in legal if get_solver(name).unavailable() is None]
-    return list(dict.fromkeys(solvers or installed))
+    names = list(dict.fromkeys(solver or (n for n in _EXPORTED if get_solver(n).unavailable() is None)))
+    _write_scenes(collision, settings_of(config), names, out or Path("scenes") / where, table)
 
 
 def _write_scenes(
     collision: Collision, settings: Settings, names: list[str], out: Path, table: dict[str, dict[str, Any]]
 ) -> None:
     """Run a collision by every engine named, and only then write a folder for each; rows of a table are by solver."""
-    from dataclasses import replace
-
-    from impact_xval.compliant_baselines import get_solver
-    from impact_xval.compliant_baselines.engines.engine import Engine
-    from impact_xval.compliant_baselines.engines.scene import Scene
-    from impact_xval.compliant_baselines.paste import scene_files
+    from impact_xval.compliant_baselines import SolverError
+    from impact_xval.compliant_baselines.paste import exported
     from impact_xval.experiments.presentation.terminal import make_console, show
     from impact_xval.experiments.tables.folder import write_text
 
     texts: dict[Path, str] = {}
     lines: list[str] = []
     for name in names:
-        solver = get_solver(name)
-        assert isinstance(solver, Engine)
-        (outcome,) = solver.solve_many([collision], replace(settings, convergence=None, mark=False))
-        scene = solver.scene_or_refusal(collision, settings)
-        if math.isnan(outcome.v1) or not isinstance(scene, Scene):
-            raise UserError(f"{name}: {outcome.status}: {outcome.reason}")
-        run, files = scene_files(solver, scene, settings.max_steps)
+        try:
+            outcome, run, files = exported(name, collision, settings)
+        except SolverError as error:
+            raise UserError(str(error)) from None
         lines.append(f"{name}: v1 = {outcome.v1!r} m/s, v2 = {outcome.v2!r} m/s, {run.n_steps} steps")
         if outcome.velocities != tuple(v := run.velocities.tolist()):
             given = ", ".join(map(repr, v))
             lines.append(f"  at rest on the table when the collision was over: the script gives {given}")
-        row = table.get(name, {"v1": None})
-        if row["v1"] is not None:
+        if (row := table.get(name)) and row["v1"] is not None:
             apart = max(abs(outcome.v1 - row["v1"]), abs(outcome.v2 - row["v2"])) / abs(collision.v0)
             known = f"v1 = {row['v1']!r} m/s, v2 = {row['v2']!r} m/s"
             lines.append(f"  in the table of the run: {known} (difference {apart:.1e} |v0|)")

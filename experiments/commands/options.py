@@ -8,29 +8,15 @@ from __future__ import annotations
 
 import inspect
 import json
-import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from impact_xval.experiments.config.errors import UserError
-
-if TYPE_CHECKING:
-    from impact_xval.experiments.config.arrangements import Arranged
-    from impact_xval.experiments.config.experiment import Config
-    from impact_xval.model import Collision
-
-#: What decides an impact.
-RATIOS = ("stiffness_ratio", "mass_ratio", "e1", "e2")
-#: Of a ratio the quantity in SI units that may be given instead, and that which it is divided by.
-_IN_SI = {"stiffness_ratio": ("k2", "k1"), "mass_ratio": ("m2", "m1")}
-#: What a column of N balls has beside its arrangement; its first mass and stiffness are m1 and k1.
-_COUNTS = "balls", "strike"
-OF_COLUMN = (*_COUNTS, "e", "exponent", "gap", "mass_taper", "stiffness_taper")
-_OF_TWO = (*RATIOS, "m2", "k2", "gravity")
+from impact_xval.experiments.config.typed import PARAMETERS
 
 
 def number(text: str) -> float:
@@ -58,6 +44,17 @@ def path(text: str) -> Path:
     if not text or not text.isprintable():
         raise typer.BadParameter(f"{text!r:.60}; legal: a path")
     return Path(text)
+
+
+def one_of(*words: str) -> Callable[[str], str]:
+    """Return a parser of words."""
+
+    def read(text: str) -> str:
+        if text not in words:
+            raise typer.BadParameter(f"{text!r:.60}; legal: {', '.join(words)}")
+        return text
+
+    return read
 
 
 def share(text: str) -> tuple[int, int]:
@@ -89,82 +86,6 @@ def known_solvers(solvers: list[str] | None) -> list[str]:
     return names if REFERENCE in names else [*names, REFERENCE]
 
 
-def asked(parameters: Mapping[str, Any]) -> tuple[Collision, Arranged | None, Config]:
-    """Make a collision of what is typed for one: two balls by ratios or in SI units, or a column of N.
-
-    Parameters are those of `ONE`, typed as options or in an address, None where nothing was. The configuration says how
-    the collision is solved. A `UserError` names the option that is illegal.
-    """
-    given = {key: value for key, value in parameters.items() if value is not None}
-    for key in given:
-        if key not in ONE:
-            raise UserError(f"{key!r:.60} is no parameter; legal: {', '.join(ONE)}")
-    column = "arrangement" in given or "balls" in given
-    for key in _OF_TWO if column else OF_COLUMN:
-        if key in given:
-            why = "of two balls on a table" if column else "of N balls, with --arrangement"
-            raise UserError(f"{_option(key)} = {given[key]!r:.60}; legal: none here, it is {why}")
-    plain = {key: _number_or_text(value) for key, value in given.items()}
-    return _column(plain) if column else _two_balls(plain)
-
-
-def _two_balls(plain: dict[str, Any]) -> tuple[Collision, None, Config]:
-    from impact_xval.experiments.config.cells import collision_of
-    from impact_xval.experiments.config.experiment import parse_config
-
-    for ratio, (upper, lower) in _IN_SI.items():
-        if upper in plain:
-            if ratio in plain:
-                raise UserError(f"{_option(ratio)} and --{upper} are given; legal: one of both")
-            if lower not in plain:
-                raise UserError(f"--{upper} without --{lower}; legal: both, or {_option(ratio)}")
-            over, under = plain.pop(upper), plain[lower]
-            for key, value, limits in ((upper, over, (0, math.inf)), (lower, under, ())):
-                if isinstance(value, str) or not (0 < value < math.inf or value in limits):
-                    raise UserError(f"--{key} = {value!r:.60}; legal: a number > 0")
-            plain[ratio] = over / under
-    missing = [_option(key) for key in RATIOS if key not in plain]
-    if missing:
-        raise UserError(
-            f"{', '.join(missing)} missing; legal: k2/k1 and m2/m1, or --m1 --m2 --k1 --k2, with --e1 and --e2"
-        )
-    cell = {key: plain.pop(key) for key in RATIOS}
-    # The built-in grid may leave double precision where the cell does not.
-    data = {"scenario": "impact", "figure_cell": cell, "grid": {key: [1.0] for key in cell}} | plain
-    config = parse_config(data, where="", name=_named)
-    return collision_of(config, config.figure_cell), None, config
-
-
-def _column(plain: dict[str, Any]) -> tuple[Collision, Arranged, Config]:
-    from impact_xval.experiments.config.experiment import parse_config
-
-    setup = {key: plain.pop(key) for key in (*OF_COLUMN, "arrangement", "v0") if key in plain}
-    setup |= {key[0]: plain.pop(key) for key in ("m1", "k1") if key in plain}
-    for key in _COUNTS:
-        if isinstance(value := setup.get(key), float) and value.is_integer():
-            setup[key] = int(value)
-    config = parse_config({"column": {}, "figure_column": setup} | plain, where="", name=_named)
-    return config.figure_column.column(), config.figure_column, config
-
-
-def _number_or_text(text: str) -> float | str:
-    """Read a number; a text that is none stays as it is, for the configuration to refuse."""
-    try:
-        return float(text)
-    except ValueError:
-        return text
-
-
-def _named(location: Sequence[str | int]) -> str:
-    """Name the option of a key; values that are not legal together are named by what is said of them."""
-    key = str(location[-1]) if location else "figure_column"
-    return "" if key == "figure_column" else _option({"m": "m1", "k": "k1"}.get(key, key))
-
-
-def _option(key: str) -> str:
-    return "--" + key.replace("_", "-")
-
-
 def option(metavar: str, what: str, parser: Callable[[str], Any] | None = None, default: Any = None) -> Any:
     """Return an option with a value; `...` as its default makes it required."""
     return typer.Option(default, metavar=metavar, help=what, parser=parser)
@@ -186,33 +107,6 @@ Workers = Annotated[
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
-#: What is typed of one collision, or column, and of how it is solved.
-ONE: dict[str, Any] = {
-    name: Annotated[str | None, typer.Option(metavar=metavar, help=help)]
-    for name, metavar, help in (
-        ("stiffness_ratio", "R", "k2/k1, from 0 to inf."),
-        ("mass_ratio", "R", "m2/m1, greater than 0."),
-        ("e1", "E", "Restitution of ball on ball, 0 to 1."),
-        ("e2", "E", "Restitution of ball on table, 0 to 1."),
-        ("m1", "KG", "Mass of the first ball; by default 1."),
-        ("m2", "KG", "Mass of the lower ball, for --mass-ratio."),
-        ("k1", "N/M", "Stiffness of the first contact; by default 1e8."),
-        ("k2", "N/M", "Stiffness of ball on table, for --stiffness-ratio."),
-        ("v0", "M/S", "Velocity of what falls or strikes; by default -1."),
-        ("scenario", "NAME", "'impact' (by default; no gravity) or 'drop'."),
-        ("gravity", "G", "Of a drop, in m/s^2; by default 9.81."),
-        ("arrangement", "NAME", "N balls: 'chain', 'cradle', 'drop' or 'stack'."),
-        ("balls", "N", "Number of balls; by default 5."),
-        ("strike", "J", "Balls of a cradle that strike; by default 1."),
-        ("e", "E", "Restitution of every contact; by default 0.95."),
-        ("exponent", "P", "Of forces k delta^p, 1 to 3; 1.5 is Hertz's."),
-        ("gap", "M", "Of every contact but the one that is struck."),
-        ("mass_taper", "R", "Mass of each next ball over the one before."),
-        ("stiffness_taper", "R", "Stiffness of each next contact over the one before."),
-        ("step_fraction", "X", "Time step over the shortest contact period."),
-        ("cell_timeout", "S", "Seconds that a solver has; by default 300."),
-    )
-}
 Solvers = Annotated[
     list[str] | None,
     typer.Option("--solver", metavar="NAME", help="A solver; may be repeated, the model is added."),
@@ -220,19 +114,23 @@ Solvers = Annotated[
 
 
 def of_one_collision(*without: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command the options `ONE`, before its own, in the place of its keywords."""
+    """Give a command the parameters of one collision as options, in the place of its keywords."""
 
     def add(command: Callable[..., None]) -> Callable[..., None]:
         signature = inspect.signature(command, eval_str=True)
         own = [each for each in signature.parameters.values() if each.kind != each.VAR_KEYWORD]
-        shared = [
-            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
-            for name, annotation in ONE.items()
+        shared = {
+            name: Annotated[str | None, typer.Option(metavar=metavar, help=what)]
+            for name, (metavar, what) in PARAMETERS.items()
             if name not in without
+        }
+        typed = [
+            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
+            for name, annotation in shared.items()
         ]
-        parameters = sorted([*shared, *own], key=lambda each: each.kind)  # arguments come before options
+        parameters = sorted([*typed, *own], key=lambda each: each.kind)  # arguments come before options
         command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
-        command.__annotations__ |= {each.name: each.annotation for each in shared}
+        command.__annotations__ |= shared
         return command
 
     return add

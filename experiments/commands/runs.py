@@ -19,6 +19,7 @@ from impact_xval.experiments.commands.options import (
     argument,
     flag,
     number,
+    one_of,
     option,
     path,
     print_json,
@@ -74,7 +75,7 @@ def run(
 
         summaries.append(present(folder))
 
-    with _writing(words, console, _size(experiment)) as progress:
+    with _writing(words, console, experiment.size()) as progress:
         folder = run_sweep(
             experiment,
             root,
@@ -134,15 +135,11 @@ def show(
         views.show_summary(console, summarise(RunFolder(folder)))
 
 
-def _only(what: str) -> str:
-    if what not in ("page", "tables", "figures"):
-        raise typer.BadParameter(f"{what!r:.60}; legal: 'page', 'tables' or 'figures'")
-    return what
-
-
 def report(
     folder: Path = argument("DIR", "Folder of a finished run, or with --supplement a new one.", path),
-    only: str | None = option("WHAT", "'page', 'tables' or 'figures': write that alone.", _only),
+    only: str | None = option(
+        "WHAT", "'page', 'tables' or 'figures': write that alone.", one_of("page", "tables", "figures")
+    ),
     latex: bool = flag("--latex", "Write the table of divergence as summary.tex too."),
     supplement: bool = flag(
         "--supplement", "Draw the six panels of the model's supplement into a new folder."
@@ -269,19 +266,6 @@ def _experiment(file: Path | None, root: Path | None, quick: bool) -> Config:
     if quick and kept.identity() != built_in.identity():
         raise UserError(f"--quick with --out {root}: holds another run; legal: --out {root}")
     return kept
-
-
-def _size(experiment: Config) -> str:
-    """Say how many cells the axes of an experiment make, and which of them took their defaults; "" without axes."""
-    if experiment.sample is not None or experiment.cells is not None:
-        return ""
-    table = experiment.column or experiment.grid
-    axes = (
-        f"{name} {length}" + ("" if name in table.model_fields_set else " (default)")
-        for name, length in table.lengths().items()
-    )
-    unit = "cells" if experiment.column is None else "columns"
-    return f"{table.count()} {unit}: {', '.join(axes)}"
 
 
 @contextlib.contextmanager

@@ -5,16 +5,11 @@ from __future__ import annotations
 import contextlib
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import typer
 
 from impact_xval.experiments.commands.options import Json, argument, number, option, path, print_json
 from impact_xval.experiments.config.errors import UserError
-
-if TYPE_CHECKING:
-    from impact_xval.compliant_baselines.inspect_mujoco import Finding, Measured
-    from impact_xval.experiments.presentation.document import Block
 
 #: Seconds that a check of a solver may take, and a scene to be loaded, measured and examined.
 _TO_CHECK, _TO_INSPECT = 300.0, 120.0
@@ -111,7 +106,8 @@ def inspect(
     Example: impact-xval inspect robot.xml
     """
     from impact_xval.compliant_baselines import get_solver
-    from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line, show
+    from impact_xval.experiments.presentation.terminal import at_work, make_console, show
+    from impact_xval.experiments.sweep.process import FaultError, Worker
 
     if not 0 < speed < math.inf:
         raise UserError(f"--speed = {speed!r}; legal: a finite number > 0 (m/s)")
@@ -120,8 +116,17 @@ def inspect(
     reason = get_solver("mujoco").unavailable()
     if reason is not None:
         raise UserError(f"{scene}: mujoco is unavailable: {reason}")
-    with at_work(f"dropping the contacts of {scene}"):
-        contacts, findings = _examined(scene, speed)
+    from impact_xval.compliant_baselines.inspect_mujoco import examine
+
+    # In a process of its own: a few bytes can be a scene of any size, and crash its engine.
+    with at_work(f"dropping the contacts of {scene}"), contextlib.closing(Worker(speed)) as worker:
+        try:
+            found = worker.call(examine, scene, timeout=_TO_INSPECT)
+        except FaultError as fault:
+            raise UserError(f"{scene}: cannot be examined: {fault.reason}; legal: a smaller scene") from None
+    if isinstance(found, str):
+        raise UserError(found)
+    contacts, findings = found
     if json:
         # JSON knows no infinity.
         rows = [
@@ -129,70 +134,8 @@ def inspect(
         ]
         print_json({"contacts": rows, "traps": [finding._asdict() for finding in findings]})
     else:
-        from impact_xval.compliant_baselines.inspect_mujoco import called
+        from impact_xval.experiments.presentation.contacts import scene_blocks
 
-        console = make_console()
-        show(console, _contacts_shown(contacts, speed))
-        for trap, where, says in findings:
-            print_line(console, f"{trap}: {called(where)}: {says}")
-        print_line(console, f"{scene}: {len(findings) or 'no'} trap{'s' if len(findings) != 1 else ''} found")
+        show(make_console(), scene_blocks(contacts, findings, str(scene), speed))
     if findings:
         raise typer.Exit(3)
-
-
-def _contacts_shown(contacts: list[Measured], speed: float) -> list[Block]:
-    """Table of what was measured, and what to change."""
-    from impact_xval.compliant_baselines.inspect_mujoco import MOST_ROWS, called
-    from impact_xval.experiments.presentation.document import Table
-    from impact_xval.experiments.tables.numbers import number
-
-    header = ("contact", "masses, kg", "e", "k, N/m", "c, N s/m", "duration, s", "steps", "at rest, m")
-    rows, lines = [], []
-    for contact in contacts:
-        where = called(contact.where)
-        values = [contact.stiffness, contact.damping, contact.duration, contact.steps, contact.penetration]
-        low, high = (number(e) for e in contact.restitution_range or (None, None))
-        rows.append(
-            (
-                where,
-                " ".join(f"{mass:.4g}" for mass in contact.masses),
-                low if low == high else f"{low} to {high}",
-                *map(number, values),
-            )
-        )
-        lines += [f"{where}: {said}" for said in (contact.reason, contact.change) if said]
-    caption = (
-        f"Dropped at {speed:g} m/s, and loaded with the weight of the lighter body, each two bodies alone"
-    )
-    if len(rows) == MOST_ROWS:
-        caption += f"; the first {MOST_ROWS} combinations of parameters and masses"
-    return [Table(header, rows, caption, text=2), *lines, ""] if rows else []
-
-
-def _examined(scene: Path, speed: float) -> tuple[list[Measured], list[Finding]]:
-    """Examine a file in a process of its own: a few bytes can be a scene of any size, and crash its engine."""
-    from impact_xval.experiments.sweep.process import FaultError, Worker
-
-    with contextlib.closing(Worker(speed)) as worker:
-        try:
-            found = worker.call(_findings, scene, timeout=_TO_INSPECT)
-        except FaultError as fault:
-            raise UserError(f"{scene}: cannot be examined: {fault.reason}; legal: a smaller scene") from None
-    if isinstance(found, str):
-        raise UserError(found)
-    return found
-
-
-def _findings(speed: float, scene: Path) -> tuple[list[Measured], list[Finding]] | str:
-    """Return what was measured and found, or why nothing could be."""
-    from importlib import import_module
-
-    from impact_xval.compliant_baselines.inspect_mujoco import inspect_model, measure_model
-
-    mujoco: Any = import_module("mujoco")
-    load = mujoco.MjModel.from_binary_path if scene.suffix == ".mjb" else mujoco.MjModel.from_xml_path
-    try:
-        model = load(str(scene))
-        return measure_model(model, speed), inspect_model(model)
-    except Exception as error:  # of an engine that met what it does not expect
-        return f"{scene}: MuJoCo does not compile it: {error}"

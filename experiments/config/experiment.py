@@ -239,6 +239,17 @@ class Config(Strict):
             reduced_mass = self.m1 / (1 + self.m1 / m2)
             return self.gravity / (abs(self.v0) * np.sqrt(self.k1 / reduced_mass))
 
+    def size(self) -> str:
+        """Say how many cells the axes make, and which of them took their defaults; "" without axes."""
+        if self.sample is not None or self.cells is not None:
+            return ""
+        table = self.column or self.grid
+        axes = (
+            f"{name} {length}" + ("" if name in table.model_fields_set else " (default)")
+            for name, length in table.lengths().items()
+        )
+        return f"{table.count()} {'cells' if self.column is None else 'columns'}: {', '.join(axes)}"
+
     def _stated(self) -> dict[str, Any]:
         """Return the configuration as a file holds it."""
         tied: dict[str, Any] = {} if self.grid.e is None else {"grid": {"e1", "e2"}}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -17,13 +17,17 @@ from matplotlib.patches import Circle
 from numpy.typing import NDArray
 from PIL import Image
 
+from impact_xval.compliant_baselines.registry import is_engine
+from impact_xval.experiments.config.arrangements import Arranged
+from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.presentation.html import page_of, render
-from impact_xval.experiments.presentation.pictures.history import Floats, History
+from impact_xval.experiments.presentation.pictures.curves import at
+from impact_xval.experiments.presentation.pictures.history import Floats, History, history_of
 from impact_xval.experiments.presentation.style import drawing
-from impact_xval.experiments.presentation.words import named
+from impact_xval.experiments.presentation.words import arranged, named
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.experiments.tables.parquet import replacing
-from impact_xval.model.collision import Collision
+from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
 
 Pixels = NDArray[np.uint8]
 
@@ -56,6 +60,29 @@ class Motion:
     collision: Collision
     what: str
     histories: dict[str, History]
+
+    @classmethod
+    def of(
+        cls, collision: Collision, outcomes: Mapping[str, Outcome], config: Config, column: Arranged | None
+    ) -> Motion:
+        """Put the model beside an engine, or else another solver; a ValueError says that one has no path in time.
+
+        The configuration says how they solved it, and `column` what the collision is, if a column.
+        """
+        drop, shown = config.scenario == "drop", {}
+        for name in sorted(outcomes, key=lambda name: (name != REFERENCE, not is_engine(name))):
+            outcome = outcomes[name]
+            weight = config.gravity if drop and name != REFERENCE else 0.0
+            if outcome.status in RESULT_STATUSES and outcome.path is not None:
+                history = history_of(collision, outcome.path, weight)
+                shown |= {name: history} if history is not None else {}
+        if REFERENCE not in shown or len(shown) < 2:
+            raise ValueError(
+                "needs the model and another solver with a path in finite time; legal: such a collision, or a picture"
+            )
+        what = arranged(column) if column is not None else f"{at(collision)}, scenario {config.scenario}"
+        what += ", in which the model has no gravity" if drop else ""
+        return cls(collision, what, dict(list(shown.items())[:2]))
 
     @property
     def instants(self) -> Floats:

@@ -16,7 +16,6 @@ from markupsafe import escape
 from impact_xval import Collision, compare, solve
 from impact_xval.experiments.cells.compared import Compared
 from impact_xval.experiments.cells.explorer import Cells
-from impact_xval.experiments.commands.options import asked
 from impact_xval.model import Outcome
 from tests.browser import opened, violations
 
@@ -68,7 +67,7 @@ def test_what_is_illegal_is_named():
 @pytest.fixture(scope="module")
 def cells():
     with ExitStack() as ending:
-        yield Cells(asked, ending)
+        yield Cells(ending)
 
 
 @contextmanager

@@ -2,7 +2,6 @@ import json
 import math
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -11,7 +10,6 @@ from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.sweep import one
 from tests.experiments import faulty
 
-ROOT = Path(__file__).parents[3]
 CELL = ["--stiffness-ratio", "40", "--mass-ratio", str(2 / math.sqrt(3)), "--e1", "0.9", "--e2", "0.7"]
 
 
@@ -35,13 +33,6 @@ def test_solve_json_keeps_the_contract(capsys):
     impulse1, impulse2 = found["impulses"]
     assert impulse1 == pytest.approx(1 + found["v1"], abs=1e-12)
     assert impulse2 == pytest.approx(impulse1 + 2 / math.sqrt(3) * found["v2"], abs=1e-12)
-
-
-def test_si_units_and_ratios_are_one_collision(capsys):
-    ratios = _json(capsys, *CELL, "--v0", "-3", "--solver", "kelvin-voigt")
-    units = f"--m1 0.5 --m2 {1 / math.sqrt(3)} --k1 1e6 --k2 4e7 --v0 -3".split()
-    for each, other in zip(ratios, _json(capsys, *units, *CELL[4:], "--solver", "kelvin-voigt"), strict=True):
-        assert other["velocities"] == pytest.approx(each["velocities"], rel=1e-12, abs=1e-12)
 
 
 #: A drop after which B2 is at rest on the table, at some speed.
@@ -111,11 +102,7 @@ def test_a_run_from_end_to_end(tmp_path, capsys, monkeypatch):
     capsys.readouterr()
     assert main(["show", str(root), "--cell", "1", "--json"]) == 0
     (row,) = json.loads(capsys.readouterr().out)
-    assert (row["solver"], row["v1"], row["velocity_divergence"]) == (
-        "state-transition",
-        pytest.approx(0.56, abs=0.5),
-        None,
-    )
+    assert (row["solver"], row["status"], row["velocity_divergence"]) == ("state-transition", "ok", None)
     assert main(["show", str(root), "--cell", "2", "--json"]) == 0
     (row,) = json.loads(capsys.readouterr().out)
     assert (row["status"], row["stiffness_ratio"]) == ("limit", None)  # JSON has no infinity
@@ -143,14 +130,3 @@ def test_a_solver_that_hangs_or_dies_costs_its_own_row(e1, status, reason, capsy
     found = _json(capsys, *cell, "--solver", "mujoco", "--solver", "state-transition")
     assert [each["status"] for each in found] == [status, "ok"]
     assert found[0]["reason"] == reason
-
-
-@pytest.mark.nightly
-def test_the_process_that_compiles_and_those_that_read_say_the_same_to_the_last_bit(
-    capsys, tmp_path, monkeypatch
-):
-    """A margin of this cell by bistiffness ended in another digit in the process that had just compiled."""
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    cell = "--stiffness-ratio 5.623413251903491e-06 --mass-ratio 0.441388 --e1 0.694292 --e2 0.312025 --m1 1 --k1 1"
-    first, again = (_json(capsys, *cell.split(), "--solver", "bistiffness") for _ in range(2))
-    assert first == again

@@ -8,8 +8,8 @@ import pytest
 from impact_xval.experiments.commands import solvers
 from impact_xval.experiments.commands.cli import main
 
-SCENE = """<mujoco><option timestep="1e-3"/><worldbody><geom type="plane" size="1 1 1"/>
-<body pos="0 0 2"><freejoint/><geom name="{name}" size="1" solref="{solref}"/></body></worldbody></mujoco>"""
+BALL = '<body pos="0 0 {z}"><freejoint/><geom {name} size="1" solref="{solref}"/></body>'
+SCENE = '<mujoco><option timestep="1e-3"/><worldbody><geom type="plane" size="1 1 1"/>{}</worldbody></mujoco>'
 
 
 def inspected(path, text, *options):
@@ -18,39 +18,31 @@ def inspected(path, text, *options):
 
 
 def test_an_mjcf_file_and_its_names_as_they_are_written(tmp_path, capsys):
-    path, bad = tmp_path / "scene.xml", SCENE.format(name="b&#x202e;&#x9b;ll", solref="-100 1")
-    assert inspected(path, SCENE.format(name="ball", solref="0.05 1")) == 0
+    path, name = tmp_path / "scene.xml", 'name="b&#x202e;&#x9b;ll"'
+    assert inspected(path, SCENE.format(BALL.format(z=2, name='name="ball"', solref="0.05 1"))) == 0
     out = capsys.readouterr().out
     assert "geoms #0 and ball  4189 inf" in out  # of the density 1000 kg/m^3
     assert out.endswith(f"\n{path}: no traps found\n")
-    assert inspected(path, bad) == 3
+    balls = [BALL.format(z=z, name=name * (z == 2), solref="-100 1") for z in (2, 5)]
+    assert inspected(path, bad := SCENE.format("".join(balls))) == 3
     out = capsys.readouterr().out
-    assert r"mixed-signs: geoms #0 and b\u202e\x9bll: solref (-100, 1) is neither" in out
+    # contacts that are alike are one line, and JSON names all of them
+    assert r"geoms #0 and b\u202e\x9bll and 1 more  4189 inf" in out
+    assert r"mixed-signs: geoms #0 and b\u202e\x9bll and 2 more: solref (-100, 1) is neither" in out
     assert inspected(path, bad, "--json") == 3
     found = json.loads(capsys.readouterr().out)
-    assert "mixed-signs" in [row["trap"] for row in found["traps"]]
-    (row,) = found["contacts"]
+    ball = "b\u202e\x9bll"
+    names = [f"geoms #0 and {ball}", "geoms #0 and #2", f"geoms {ball} and #2"]
+    assert [row["where"] for row in found["traps"] if row["trap"] == "mixed-signs"] == [names]
+    assert [row["where"] for row in found["contacts"]] == [names[:2], names[2:]]
+    row = found["contacts"][0]
     assert row["masses"] == [pytest.approx(4000 * math.pi / 3), "inf"]
     assert row["damping"] == pytest.approx(row["masses"][0] * 100, rel=0.1)  # 2 M/(0.02 s): the default
     assert row["change"].startswith("for 100 N/m and 1 N s/m: <pair ")
     assert row["change"].split(": ", 1)[1] in out
 
 
-def test_contacts_that_are_alike_are_one_line_and_all_of_them_are_named_in_json(tmp_path, capsys):
-    path, balls = tmp_path / "scene.xml", 2 * '<body><freejoint/><geom size="1" solref="-1 1"/></body>'
-    text = f'<mujoco><worldbody><geom type="plane" size="1 1 1"/>{balls}</worldbody></mujoco>'
-    assert inspected(path, text) == 3
-    out = capsys.readouterr().out
-    assert "\ngeoms #0 and #1 and 1 more  4189 inf" in out
-    assert "\nmixed-signs: geoms #0 and #1 and 2 more: solref (-1, 1) is neither" in out
-    assert inspected(path, text, "--json") == 3
-    found = json.loads(capsys.readouterr().out)
-    names = [f"geoms #{a} and #{b}" for a, b in ("01", "02", "12")]
-    assert [row["where"] for row in found["contacts"]] == [names[:2], names[2:]]
-    assert [row["where"] for row in found["traps"] if row["trap"] == "mixed-signs"] == [names]
-
-
-ENDLESS = '<worldbody><replicate count="1000000000" offset="0 0 1"><geom size="1"/></replicate></worldbody>'
+ENDLESS = '<replicate count="1000000000" offset="0 0 1"><geom size="1"/></replicate>'
 
 
 @pytest.mark.parametrize(
@@ -62,7 +54,7 @@ ENDLESS = '<worldbody><replicate count="1000000000" offset="0 0 1"><geom size="1
 )
 def test_what_cannot_be_examined_costs_a_line(inside, seconds, says, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(solvers, "_TO_INSPECT", seconds)
-    assert inspected(tmp_path / "bad.xml", f"<mujoco>{inside}</mujoco>") == 2
+    assert inspected(tmp_path / "bad.xml", SCENE.format(inside)) == 2
     error = capsys.readouterr().err
     assert says in error
     assert error.count("\n") == 1

@@ -55,9 +55,6 @@ def test_a_quick_run_is_of_a_few_cells_of_the_built_in_grid_and_is_continued_as_
         assert set(taken) < set(values)
         assert (taken[0], taken[-1]) == (values[0], values[-1])
     assert quick.canonical() | {"name": "", "grid": {}} == whole.canonical() | {"name": "", "grid": {}}
-
-
-def test_a_quick_run_does_not_take_the_folder_of_another(tmp_path, capsys):
-    RunFolder(tmp_path).write_config(parse_config({}))
+    RunFolder(tmp_path).write_config(whole)
     assert main(["run", "--quick", "--out", str(tmp_path)]) == 2
     assert f"--quick with --out {tmp_path}: holds another run" in capsys.readouterr().err

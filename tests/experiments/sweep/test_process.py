@@ -1,6 +1,7 @@
 """A process of its own: what it answers, and what becomes of its deaths."""
 
 import contextlib
+import json
 import os
 import signal
 import subprocess
@@ -9,6 +10,7 @@ import time
 
 import pytest
 
+from impact_xval import Collision, compare
 from impact_xval.experiments.sweep.pool import Slot
 from impact_xval.experiments.sweep.process import FaultError, Worker, WorkerError, in_halves
 from tests.waiting import gone, wait_until
@@ -158,3 +160,12 @@ def test_one_death_is_not_enough_to_lose_a_cell_but_one_hang_alone_is():
     assert _isolated(1, set(), once=[0]) == ([], [[0], [0]])
     assert _isolated(2, {0}, once=[1])[0] == [0]
     assert _isolated(1, {0}, status="timeout") == ([0], [[0]])
+
+
+@pytest.mark.nightly
+def test_the_process_that_compiles_and_those_that_read_say_the_same_to_the_last_bit(tmp_path, monkeypatch):
+    """A margin of this cell by bistiffness ended in another digit in the process that had just compiled."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    cell = Collision.two_balls(1.0, 0.441388, 1.0, 5.623413251903491e-06, 0.694292, 0.312025, -1.0)
+    first, again = (json.dumps(compare(cell, ["bistiffness"]).objects()) for _ in range(2))
+    assert first == again

@@ -1,0 +1,79 @@
+"""Contacts in words and tables: one that is asked of an engine, and those of a MuJoCo scene."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from impact_xval.compliant_baselines.engines.engine import Engine
+from impact_xval.compliant_baselines.paste import paste
+from impact_xval.compliant_baselines.single_contact import TOLERANCE, Pair, drops, largest_step
+from impact_xval.experiments.presentation.document import Block, Table
+from impact_xval.experiments.tables.numbers import number
+from impact_xval.model.materials import Touch
+
+if TYPE_CHECKING:  # it imports MuJoCo
+    from impact_xval.compliant_baselines.inspect_mujoco import Finding, Measured
+
+
+def contact_blocks(engine: Engine, pair: Pair, touch: Touch | None) -> list[Block]:
+    """Lay out what was asked for, what to paste, and what verifying drops gave at a step and at a tenth of it.
+
+    `touch` is what the pair was made of, if of materials. A SolverError says why the engine does not take it.
+    """
+    c, name, found = pair.contact, engine.name, largest_step(engine, pair)
+    text, fine = paste(name, c, found.step), drops(engine, pair, found.step / 10, [0.0])
+    rows = []
+    for what, unit, asked in (("restitution", "", pair.restitution), ("duration", " s", c.duration)):
+        low, high = getattr(found, what)
+        at_tenth = f"{getattr(fine, what)[0]:.6g}{unit}"
+        rows.append((what, f"{asked:.6g}{unit}", f"{low:.6g} to {high:.6g}{unit}", at_tenth))
+    header = ("", "asked", f"at {found.step:.6g} s", f"at {found.step / 10:.6g} s")
+    return [
+        f"k = {c.k:.6g} N/m, c = {c.c:.6g} N s/m (zeta = {c.zeta:.4g}) between bodies of reduced mass {c.mass:.6g} kg",
+        f"at {pair.speed:.6g} m/s the penetration is {pair.penetration:.3g} m: the bodies must be much larger",
+        *([] if touch is None else [_linearised(touch, pair.speed)]),
+        f"\n{text.rstrip()}",
+        Table(header, rows, f"Drops in {name}, by its time step"),
+        f"{found.step:.6g} s is the largest step tried (ten a decade) at which {name} {engine.version()} keeps both "
+        f"within {TOLERANCE:g} of the request, wherever within a step the bodies touch ({found.n} drops), and at the "
+        f"four shorter steps too: {c.duration / found.step:.0f} steps in a contact",
+    ]
+
+
+def _linearised(touch: Touch, speed: float) -> str:
+    """Say in place of what force a contact is, and how it differs."""
+    names = " on ".join(
+        f"{body.material.name} "
+        + ("flat" if math.isinf(body.radius) else f"ball of {body.radius:g} m radius")
+        for body in (touch.one, touch.two)
+    )
+    p, duration = touch.exponent, touch.duration(speed)
+    longer = math.pi * touch.compression(speed) / speed / duration - 1
+    return (
+        f"in place of {touch.stiffness:.4g} delta^{p:g} N, {names}, elastic: of the same greatest compression and "
+        f"energy at this speed; it lasts {longer:.1%} longer than {duration:.4g} s, its peak force is "
+        f"{2 / (p + 1) - 1:+.0%}"
+    )
+
+
+def scene_blocks(contacts: list[Measured], traps: list[Finding], scene: str, speed: float) -> list[Block]:
+    """Lay out what was measured of the contacts of a scene, dropped at a speed, what to change, and the traps."""
+    from impact_xval.compliant_baselines.inspect_mujoco import MOST_ROWS, called
+
+    header = ("contact", "masses, kg", "e", "k, N/m", "c, N s/m", "duration, s", "steps", "at rest, m")
+    rows, lines = [], []
+    for each in contacts:
+        where, masses = called(each.where), " ".join(f"{mass:.4g}" for mass in each.masses)
+        low, high = (number(e) for e in each.restitution_range or (None, None))
+        values = (each.stiffness, each.damping, each.duration, each.steps, each.penetration)
+        rows.append((where, masses, low if low == high else f"{low} to {high}", *map(number, values)))
+        lines += [f"{where}: {said}" for said in (each.reason, each.change) if said]
+    caption = (
+        f"Dropped at {speed:g} m/s, and loaded with the weight of the lighter body, each two bodies alone"
+    )
+    if len(rows) == MOST_ROWS:
+        caption += f"; the first {MOST_ROWS} combinations of parameters and masses"
+    measured = [Table(header, rows, caption, text=2), *lines, ""] if rows else []
+    found = [f"{trap}: {called(where)}: {says}" for trap, where, says in traps]
+    return [*measured, *found, f"{scene}: {len(traps) or 'no'} trap{'s' if len(traps) != 1 else ''} found"]
