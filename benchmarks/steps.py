@@ -6,19 +6,29 @@ over the cells in which all steps of the calibrated engine have a result, so tha
 the others follow. No step is extrapolated.
 
     python benchmarks/steps.py --cells 208 --seed 1
+
+With ``--limits`` the same cells are run as drops to their limits dt -> 0, from several steps h; as many halvings are
+allowed as lead to the same shortest step. Printed are the steps that it took, all runs together, and their time over
+that of the first row; how many limits are known, and their distance from the exact Kelvin-Voigt contacts; and D at h.
+
+    python benchmarks/steps.py --limits
 """
 
 from __future__ import annotations
 
 import argparse
+import time
 from collections import Counter
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines.engines.engine import Engine
+from impact_xval.compliant_baselines.engines.stepping import Run
 from impact_xval.compliant_baselines.registry import STEPS
-from impact_xval.compliant_baselines.solver import KELVIN_VOIGT, Settings
+from impact_xval.compliant_baselines.solver import KELVIN_VOIGT, Convergence, Settings
 from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.tables.numbers import number
@@ -50,6 +60,42 @@ def row(name: str, D: np.ndarray) -> None:
     print(f"| `{name}` | {D.size} | {' | '.join(cuts)} |")
 
 
+def limits(collisions: Sequence[Collision]) -> None:
+    """Print what limits dt -> 0 of drops cost, and how good they are, by the step h from which they begin."""
+    exact = velocities(collisions, get_solver(KELVIN_VOIGT).solve_many(collisions, Settings("drop")))
+    print("| solver | h | steps, millions | time | `ok` | limit: median, maximum | D at h: median |")
+    print("| --- | --- | --- | --- | --- | --- | --- |")
+    for name in CALIBRATED:
+        solver, taken, first = get_solver(name), [], 0.0
+        assert isinstance(solver, Engine)
+        follow = solver.follow
+
+        def counted(*given: Any, follow: Any = follow, taken: list[int] = taken) -> Run:
+            taken.append((run := follow(*given)).n_steps)
+            return run
+
+        vars(solver)["follow"] = counted
+        for halvings, h in ((4, 1e-3), (5, 2e-3), (6, 4e-3), (7, 8e-3)):
+            taken.clear()
+            start = time.process_time()
+            how = Settings("drop", step_fraction=h, convergence=Convergence(halvings=halvings))
+            outcomes = solver.solve_many(collisions, how)
+            spent = time.process_time() - start
+            first = first or spent
+            known = [o.status == "ok" and not o.marked for o in outcomes]
+            ends = [
+                (o.diagnostics.get("v1_limit", np.nan), o.diagnostics.get("v2_limit", np.nan))
+                for o in outcomes
+            ]
+            found = np.array(ends) / np.abs([[c.v0] for c in collisions])
+            found[:, 1] *= np.sqrt([c.mass_ratio for c in collisions])
+            limit = np.hypot(*(found - exact)[known].T)
+            D = np.nanmedian(np.hypot(*(velocities(collisions, outcomes) - exact).T))
+            best = ", ".join(number(float(x), 2) for x in (np.median(limit), limit.max()))
+            cost = f"{sum(taken) / 1e6:.2f} | {spent / first:.2f} | {limit.size}"
+            print(f"| `{name}` | {h:g} | {cost} | {best} | {number(float(D), 2)} |")
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(
@@ -57,8 +103,12 @@ def main() -> None:
     )
     parser.add_argument("--cells", type=int, default=208, help="cells of the default grid")
     parser.add_argument("--seed", type=int, default=1, help="of the sample")
+    parser.add_argument("--limits", action="store_true", help="of drops, by the step from which they begin")
     options = parser.parse_args()
     collisions = sample(options.cells, options.seed)
+    if options.limits:
+        limits(collisions)
+        return
     exact = velocities(collisions, get_solver(KELVIN_VOIGT).solve_many(collisions, SETTINGS))
     D, failed = {}, {}
     for name in (*CALIBRATED["mujoco"], *CALIBRATED["pybullet"], *OTHERS):
