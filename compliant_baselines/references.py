@@ -19,7 +19,7 @@ indentation is of the contact, whatever presses it.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
@@ -173,33 +173,6 @@ def dampings(collisions: Collisions, law: str) -> Floats:
 def law_at(law: str, *, frozen: bool = False, max_steps: int = MAX_PIECES) -> marks.Law:
     """Return what solves collisions by a law for their marks."""
     return lambda some, g: solve(some, law, frozen=frozen, gravity=g, states=False, max_steps=max_steps)
-
-
-def marked(
-    outcomes: Sequence[Outcome],
-    collisions: Sequence[Collision],
-    law: str,
-    settings: Settings,
-    ends: Mapping[int, tuple[bool, bool]] | None = None,
-) -> list[Outcome]:
-    """Mark the outcomes of an engine by the exact law that it was asked for; what has no numbers stays as it is.
-
-    Outcomes by their position, as for `marks.marks_of`, have `ends`; collisions are then of one kind.
-    """
-    there = [i for i, outcome in enumerate(outcomes) if np.isfinite(outcome.velocities).all()]
-    g = settings.gravity if settings.scenario == "drop" else 0.0
-    known = {n: ends[i] for n, i in enumerate(there) if i in ends} if ends and g else None
-    solved = law_at(law, max_steps=settings.max_steps)
-
-    def why(some: Collisions) -> list[str]:
-        gravity = np.full(len(some), g)
-        return marks.marks_of(solved, law, some, solved(some, gravity), gravity, known).tolist()
-
-    found = list(outcomes)
-    if settings.mark:
-        for i, mark in zip(there, by_kind([collisions[i] for i in there], why), strict=True):
-            found[i] = replace(found[i], marked=mark) if mark else found[i]
-    return found
 
 
 class ExactSolver(Solver):

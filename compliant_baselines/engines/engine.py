@@ -11,6 +11,8 @@ from platform import python_version
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
 from impact_xval.compliant_baselines.engines.convergence import Limit, estimate_limit
 from impact_xval.compliant_baselines.engines.packages import import_quietly, version_of
 from impact_xval.compliant_baselines.engines.scene import (
@@ -22,10 +24,11 @@ from impact_xval.compliant_baselines.engines.scene import (
     unrepresentable,
 )
 from impact_xval.compliant_baselines.engines.stepping import Run, follow
-from impact_xval.compliant_baselines.references import marked
-from impact_xval.compliant_baselines.solver import Settings, Solver
+from impact_xval.compliant_baselines.marks import marks_of
+from impact_xval.compliant_baselines.references import law_at
+from impact_xval.compliant_baselines.solver import Settings, Solver, by_kind
 from impact_xval.model.chain.rest import REST, STUCK
-from impact_xval.model.collision import Collision, Outcome
+from impact_xval.model.collision import Collision, Collisions, Outcome
 
 
 class Engine(Solver):
@@ -126,11 +129,9 @@ class Engine(Solver):
             return [Outcome.failure(self.name, each, "unavailable", missing) for each in collisions]
         with self.running():
             found = [self._solved(each, settings) for each in collisions]
-        outcomes = [outcome for outcome, _ in found]
-        if settings.mapping != "calibrated" or self.law is None:
-            return outcomes  # its contacts are not those of the law
-        ends = {i: (limit.flight, limit.rest) for i, (_, limit) in enumerate(found) if limit is not None}
-        return marked(outcomes, collisions, self.law, settings, ends)
+        if settings.mark and settings.mapping == "calibrated" and self.law is not None:
+            return _marked(found, collisions, self.law, settings)
+        return [outcome for outcome, _ in found]  # whose contacts may not be those of the law
 
     def _solved(self, collision: Collision, settings: Settings) -> tuple[Outcome, Limit | None]:
         """Answer a collision, with its limit dt -> 0 if that is asked for and known."""
@@ -149,6 +150,29 @@ class Engine(Solver):
         if limit is not None:
             outcome = replace(outcome, diagnostics={**outcome.diagnostics, **limit.stated})
         return outcome, limit
+
+
+def _marked(
+    found: Sequence[tuple[Outcome, Limit | None]],
+    collisions: Sequence[Collision],
+    law: str,
+    settings: Settings,
+) -> list[Outcome]:
+    """Mark outcomes by the exact law that an engine was asked for; what has no numbers stays as it is."""
+    there = [i for i, (outcome, _) in enumerate(found) if np.isfinite(outcome.velocities).all()]
+    g = settings.gravity if settings.scenario == "drop" else 0.0
+    limits = [found[i][1] for i in there]
+    ends = {n: (limit.flight, limit.rest) for n, limit in enumerate(limits) if g and limit is not None}
+    solve = law_at(law, max_steps=settings.max_steps)
+
+    def why(some: Collisions) -> list[str]:
+        gravity = np.full(len(some), g)
+        return marks_of(solve, law, some, solve(some, gravity), gravity, ends).tolist()
+
+    outcomes = [outcome for outcome, _ in found]
+    for i, mark in zip(there, by_kind([collisions[i] for i in there], why), strict=True):
+        outcomes[i] = replace(outcomes[i], marked=mark) if mark else outcomes[i]
+    return outcomes
 
 
 def outcome_of(solver: str, collision: Collision, run: Run, settings: Settings) -> Outcome:
