@@ -9,9 +9,11 @@ The bounds hold for the law an engine was asked for, F_i = max(0, -k_i g_i - c_i
 negative, with k_i and c_i as the engine has them and M_i the reduced mass of its two bodies. In what follows
 Phi_i = -k_i g_i - c_i g_i' is that force before it is cut off at zero.
 
-1. Let A bound all |g_i''|; they are at most sum_j F_j/M_j + g. Within s = 0.7/Omega, Omega = sqrt(sum_j k_j/M_j) +
-   sum_j c_j/M_j, a force grows by at most (k_i s + c_i)|g_i'| + (k_i s^2/2 + c_i s) A. The second term feeds the
-   share phi = sum_j (k_j s^2/2 + c_j s)/M_j <= 0.7 of A back into it: A is at most what the rest makes over 1 - phi.
+1. Up to the first change only the contacts that carry force act, and the bound is on the time of that change: sums are
+   over them alone. Let A bound all |g_i''|; they are at most sum_j F_j/M_j + g. Within s = 0.7/Omega, Omega =
+   sqrt(sum_j k_j/M_j) + sum_j c_j/M_j, a force grows by at most (k_i s + c_i)|g_i'| + (k_i s^2/2 + c_i s) A. The second
+   term feeds the share phi = sum_j (k_j s^2/2 + c_j s)/M_j <= 0.7 of A back into it: A is at most what the rest makes
+   over 1 - phi.
 2. Phi_i keeps its sign as long as k_i (|g_i'| t + A t^2/2) + c_i A t < |Phi_i|, and g_i its own as long as
    |g_i'| t + A t^2/2 < |g_i|; a rate that leads away from zero counts as none.
 3. While a contact carries force, or bodies approach, a collision without gravity is not over. With gravity, while no
@@ -97,24 +99,19 @@ def quiet_steps(code, v, x, masses, law, weight, h):  # pragma: no cover (compil
     contacts, g = law.shape[1], weight[0]
     if g > 0 and _may_end(code, v, x, masses, weight):
         return 0
-    stiff = damp = force = 0.0
-    closed = code > 0
+    stiff = damp = force = pull = 0.0
     for i in range(contacts):
-        k, c, M = law[0, i], law[1, i], law[2, i]
-        stiff, damp = stiff + k / M, damp + c / M
-        below = i + 1 < masses.size
-        gap, rate = (x[i] - x[i + 1], v[i] - v[i + 1]) if below else (x[i], v[i])
-        if gap < 0:
-            closed = True
-            force += max(0.0, -k * gap - c * rate) / M
+        if code >> i & 1:
+            k, c, M = law[0, i], law[1, i], law[2, i]
+            below = i + 1 < masses.size
+            gap, rate = (x[i] - x[i + 1], v[i] - v[i + 1]) if below else (x[i], v[i])
+            stiff, damp, pull = stiff + k / M, damp + c / M, pull + k * abs(rate) / M
+            force += (max(0.0, -k * gap - c * rate) + c * abs(rate)) / M
     # In flight the gaps alone bound the time.
     s, acceleration = math.inf, g
-    if closed:
+    if code > 0:
         s = 0.7 / (math.sqrt(stiff) + damp)
-        for i in range(contacts):
-            rate = v[i] - v[i + 1] if i + 1 < masses.size else v[i]
-            force += (law[0, i] * s + law[1, i]) * abs(rate) / law[2, i]
-        acceleration = (force + g) / (1 - 0.5 * stiff * s * s - damp * s)
+        acceleration = (force + pull * s + g) / (1 - 0.5 * stiff * s * s - damp * s)
     for i in range(contacts):
         gap, rate = (x[i] - x[i + 1], v[i] - v[i + 1]) if i + 1 < masses.size else (x[i], v[i])
         s = min(s, _contact(code >> i & 1 == 1, law[0, i], law[1, i], gap, rate, acceleration))
