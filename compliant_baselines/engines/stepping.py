@@ -43,8 +43,9 @@ ENERGY_GAIN_ALLOWED = 0.01
 #: Steps read before the next look at what comes, those of an engine that leaps the first time, and its shortest leap.
 WINDOW, SHORT_WINDOW, SHORTEST_LEAP = 256, 8, 8
 
-#: Longest leap of a run that records its path: within it velocities are interpolated, to 6e-5 of |v0|.
-PATH_LEAP = 32
+#: Steps of a leap of a run that records its path: so many, or this part of the quiet steps. Between its ends velocities
+#: are interpolated, on the default grid to 5e-5 of |v0|, as by leaps of 32 steps; half the quiet steps give 7e-5.
+PATH_LEAP, PATH_SHARE = 32, 4
 
 #: What `scan` remembers from one call to the next:
 #:
@@ -376,11 +377,12 @@ class Run:
 def follow(scene: Scene, world: World, max_steps: int, record_path: bool = False) -> Run:
     """Run a scene until its collision is over or `max_steps` steps are taken; a RuntimeError of the engine ends it."""
     run = Run(scene, world, max_steps, record_path)
-    longest = min(world.longest_leap, PATH_LEAP) if record_path else world.longest_leap
+    longest = world.longest_leap
     window = SHORT_WINDOW if longest else WINDOW
     try:
         while run.end == GOING and (left := max_steps - run.n_steps) > 0:
-            n = min(run.quiet_steps(), left, longest) if longest else 0
+            quiet = run.quiet_steps() if longest else 0
+            n = min(quiet, max(PATH_LEAP, quiet // PATH_SHARE) if record_path else quiet, left, longest)
             if n >= SHORTEST_LEAP:
                 run.skip(*world.leap(n))
                 window = SHORT_WINDOW
