@@ -230,13 +230,13 @@ class PybulletWorld(World):
         It divides the time n h of a call by n, and counts how often what comes out goes into it
         (btDiscreteDynamicsWorld.cpp, stepSimulation); rounding spoils that for some n. Powers of two are safe.
         """
-        p, h = self._p, self._step
+        p, client, h = self._p.module, self._p.number, self._step
         while n * h / n != h or int(n * h / h) != n:
             n -= 1
         self._set_stride(n)
-        p.stepSimulation()
-        v = np.array([p.getBaseVelocity(ball)[0][2] for ball in self.balls])
-        z = np.array([p.getBasePositionAndOrientation(ball)[0][2] for ball in self.balls])
+        p.stepSimulation(client)
+        v = np.array([p.getBaseVelocity(ball, client)[0][2] for ball in self.balls])
+        z = np.array([p.getBasePositionAndOrientation(ball, client)[0][2] for ball in self.balls])
         self._x = z - self._places
         return n, v, self._x
 

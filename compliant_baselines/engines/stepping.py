@@ -249,7 +249,8 @@ class Run:
         """
         if self._points:
             first = (self.n_steps // self._stride + 1) * self._stride
-            number = np.append(np.arange(first, self.n_steps + n, self._stride), self.n_steps + n)
+            number = np.arange(first, self.n_steps + n + self._stride, self._stride)
+            number[-1] = self.n_steps + n
             ends = self.velocities, self.heights, v, x
             how = (number - self.n_steps) / n, n * self.scene.step, self._masses, self._law, self._weight[0]
             self._keep(number, between(self._code, *ends, *how))
