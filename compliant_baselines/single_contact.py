@@ -103,7 +103,7 @@ class Pair:
         if len(found) != 1:
             given = "both" if found else "neither"
             raise ValueError(
-                f"stiffness, duration: {given} given; legal: one of the two, which decides the other"
+                f"stiffness or duration: {given} given; legal: one of the two, which decides the other"
             )
         return found[0]
 

@@ -112,7 +112,7 @@ class Touch:
         """Make it of one or two names and radii: one name is that of both bodies, a radius left out is a flat's."""
         for name, given in (("material", materials), ("radius", radii)):
             if not 1 <= len(given) <= 2:
-                legal = "once or twice, beside the other of the two"
+                legal = f"once or twice, beside {'radius' if name == 'material' else 'material'}"
                 raise ValueError(f"{name}: given {len(given)} times; legal: {legal}")
         for name in materials:
             if name not in MATERIALS:

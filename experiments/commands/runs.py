@@ -161,7 +161,7 @@ def report(
         from impact_xval.experiments.presentation.pictures.supplement import draw_supplement_figures
         from impact_xval.experiments.presentation.style import save_all
 
-        new_folder(folder)
+        new_folder(folder, "")
         with at_work("drawing the figures"):
             for name, caption in save_all(draw_supplement_figures(), folder).items():
                 print_line(console, f"{folder / name}.svg: {caption}")
@@ -264,7 +264,9 @@ def _experiment(file: Path | None, root: Path | None, quick: bool) -> Config:
         return built_in
     kept = load_config(root / CONFIGURATION)
     if quick and kept.identity() != built_in.identity():
-        raise UserError(f"--quick with --out {root}: holds another run; legal: --out {root}")
+        raise UserError(
+            f"--quick with --out {root}: holds another run; legal: without --quick, or a new folder"
+        )
     return kept
 
 

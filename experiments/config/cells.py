@@ -231,8 +231,6 @@ def _read(path: Path) -> pa.Table:
             return pacsv.read_csv(path)
         names = [name for name in AXES if name in pq.read_schema(path).names]
         return pq.read_table(path, columns=names)
-    except FileNotFoundError:
-        raise UserError(f"cells = {str(path)!r}: no such file; legal: a CSV or Parquet file") from None
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         detail = " ".join(str(error).split())[:160]
         raise UserError(f"{path}: cannot be read: {detail}; legal: a CSV or Parquet file") from None

@@ -82,8 +82,12 @@ def _one_line(problem: Any, model: type[BaseModel], name: FieldName) -> str:
     match problem["type"]:
         case "extra_forbidden":
             key = str(location[-1])
-            above = " (it belongs above every [table])" if key in model.model_fields else hint(key, [*inside])
-            return f"{field} = {value}: unknown key{above}; legal: {', '.join(inside)}"
+            tables = [name for name, each in inside.items() if key in _fields(each.annotation)]
+            where = (
+                "above every [table]" if key in model.model_fields else f"in [{tables[0]}]" if tables else ""
+            )
+            belongs = f" (it belongs {where})" if where else hint(key, [*inside])
+            return f"{field} = {value}: unknown key{belongs}; legal: {', '.join(inside)}"
         case "missing":
             return f"{field}: missing; legal: {legal}"
         case "value_error":

@@ -31,6 +31,7 @@ from impact_xval.experiments.config.axes import (
 )
 from impact_xval.experiments.config.errors import (
     FieldName,
+    UserError,
     dotted,
     hint,
     read_toml,
@@ -190,7 +191,7 @@ class Config(Strict):
             beside = "without" if self.column is None else "with"
             raise ValueError(f"{wrong[0]} is given {beside} column; legal: {others[wrong[0]]}")
         if self.column is None and "gravity" in given and self.scenario == "impact":
-            raise ValueError("gravity is given with scenario = 'impact', which has none; legal: with 'drop'")
+            raise ValueError(f"gravity = {self.gravity:g}: scenario = 'impact' has none; legal: with 'drop'")
         if self.column is not None and self.scenario != "impact":
             raise ValueError(f"scenario = {self.scenario!r} is given with column; legal: 'impact'")
         return self
@@ -308,6 +309,8 @@ def load_config(path: Path | str, context: str = "") -> Config:
     data = {"name": path.stem} | read_toml(path)
     if isinstance(data.get("cells"), str) and data["cells"]:
         data["cells"] = str(path.parent / data["cells"])  # beside the file that names it
+        if context != KEPT and not Path(data["cells"]).is_file():
+            raise UserError(f"{path}: cells = {data['cells']!r}: no such file; legal: a CSV or Parquet file")
     return validated(Config, data, str(path), context=context)
 
 

@@ -62,11 +62,11 @@ def asked(parameters: Mapping[str, Any]) -> tuple[Collision, Arranged | None, Co
     for key in given:
         if key not in PARAMETERS:
             raise UserError(f"{key!r:.60} is no parameter; legal: {', '.join(PARAMETERS)}")
-    column = "arrangement" in given or "balls" in given
+    column = next((key for key in ("arrangement", "balls") if key in given), None)
     for key in _OF_TWO if column else OF_COLUMN:
         if key in given:
-            why = "of two balls on a table" if column else "of N balls, with --arrangement"
-            raise UserError(f"{_option(key)} = {given[key]!r:.60}; legal: none here, it is {why}")
+            legal = f"none beside {_option(column)}" if column else "with --arrangement, of N balls"
+            raise UserError(f"{_option(key)} = {given[key]!r:.60}; legal: {legal}")
     plain = {key: _number_or_text(value) for key, value in given.items()}
     return _column(plain) if column else _two_balls(plain)
 

@@ -293,7 +293,8 @@ def _held(path: Path) -> bool:
 def run_folder(root: Path) -> RunFolder:
     """Return the folder of a run, or a `UserError` where there is none."""
     if not root.is_dir():
-        raise UserError(f"{root}: no such folder; legal: the folder of a run")
+        what = "a file" if root.exists() else "no such folder"
+        raise UserError(f"{root}: {what}; legal: the folder of a run")
     return RunFolder(root)
 
 
@@ -314,14 +315,14 @@ def finished_collisions(root: Path) -> RunFolder:
     return folder
 
 
-def new_folder(root: Path) -> None:
-    """Make the folder of a command that does not continue what it finds there: it must be new or empty."""
+def new_folder(root: Path, option: str = "--out ") -> None:
+    """Make the folder of an option, of a command that does not continue what it finds: it must be new or empty."""
     if _entries(root):
-        raise UserError(f"--out {root}: not empty; legal: a new or empty folder")
+        raise UserError(f"{option}{root}: not empty; legal: a new or empty folder")
     try:
         root.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise UserError(f"--out {root}: cannot be written to: {error.strerror}") from None
+        raise UserError(f"{option}{root}: cannot be written to: {error.strerror}") from None
 
 
 def cells_of_run(folder: RunFolder, config: Config) -> Cells:

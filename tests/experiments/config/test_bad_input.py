@@ -60,7 +60,11 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
         ("zzz = 1", ["zzz", "unknown key", "legal: name"]),
         ("scenario = 'throw'", ["scenario", "'throw'", "'impact' or 'drop'"]),
         ("step_fraction = 0.5", ["step_fraction = 0.5", "at most 0.1"]),
-        ("scenario = 'impact'\ngravity = 9.81", ["gravity is given with scenario = 'impact'", "with 'drop'"]),
+        (
+            "scenario = 'impact'\ngravity = 9.81",
+            ["gravity = 9.81: scenario = 'impact' has none", "with 'drop'"],
+        ),
+        ("e1 = 0.5", ["e1 = 0.5: unknown key (it belongs in [grid]); legal: name"]),
         ("[grid]\ne = [0.5]\ne1 = [0.5]", ["grid", "e is given with e1", "e for both"]),
         ("max_steps = 0", ["max_steps = 0", "a whole number >= 1"]),
         ("shortest_state = 0.5", ["shortest_state = 0.5", "from 0 to 0.1 (of the shorter"]),
@@ -116,7 +120,7 @@ def test_a_configuration_that_cannot_be_read_is_one_line(tmp_path, capsys):
 
 HEADER = "stiffness_ratio,mass_ratio,e1,e2\n"
 LISTS = [
-    (None, ["no such file"]),
+    (None, ["c.toml: cells = ", "no such file"]),
     ("stiffness_ratio,mass_ratio,e1\n1,1,1\n", ["column e2 is missing", "legal: columns"]),
     (HEADER, ["0 rows", "legal: 1 to"]),
     (HEADER + "1,1,1,half\n", ["e2 is not a column of numbers"]),
@@ -145,6 +149,7 @@ def test_a_wrong_list_of_cells_is_one_line(tmp_path, capsys):
 @pytest.mark.parametrize("command", ["show", "report"])
 def test_what_is_shown_of_a_run_needs_a_finished_one(command, tmp_path, capsys):
     _fails(capsys, [command, str(tmp_path / "none")], ["none", "no such folder"])
+    _fails(capsys, [command, __file__], [__file__, "a file; legal: the folder of a run"])
     _fails(capsys, [command, str(tmp_path)], ["no manifest.json", "legal: the folder of a run"])
     (tmp_path / "manifest.json").write_text(json.dumps({"format": FORMAT, "state": "running"}))
     _fails(capsys, ["report", str(tmp_path)], ["not finished", "to continue: impact-xval run --out"])
@@ -160,9 +165,9 @@ OPTIONS = [
     ({"--v0": "0"}, ["--v0 = 0", "a finite number < 0"]),
     ({"--m1": "0"}, ["--m1 = 0", "a finite number > 0"]),
     ({"--gravity": "-9", "--scenario": "drop"}, ["--gravity = -9", "a finite number > 0"]),
-    ({"--gravity": "5"}, ["gravity is given with scenario = 'impact'", "legal: with 'drop'"]),
+    ({"--gravity": "5"}, ["gravity = 5: scenario = 'impact' has none; legal: with 'drop'"]),
     ({"--k2": "1e6"}, ["--stiffness-ratio and --k2 are given; legal: one of both"]),
-    ({"--gap": "0"}, ["--gap = '0'; legal: none here, it is of N balls"]),
+    ({"--gap": "0"}, ["--gap = '0'; legal: with --arrangement, of N balls"]),
     ({"--cell-timeout": "0"}, ["--cell-timeout = 0.0; legal: "]),
     ({"--solver": "bullet"}, ["--solver 'bullet'", "did you mean 'pybullet'", "legal:"]),
     ({"--m1": "1e-200", "--v0": "-1e-200"}, ["v0 = -1e-200", "m1 = 1e-200", "a finite number > 0"]),
@@ -171,7 +176,7 @@ OPTIONS = [
 CRADLE = [
     ({"--balls": "0", "--arrangement": "stack"}, ["--balls = 0", "from 1 to 1000, for a stack"]),
     ({"--balls": "2.5"}, ["--balls = 2.5", "a whole number from 2"]),
-    ({"--e1": "0.9"}, ["--e1 = '0.9'; legal: none here, it is of two balls"]),
+    ({"--e1": "0.9"}, ["--e1 = '0.9'; legal: none beside --arrangement"]),
     ({"--scenario": "drop"}, ["scenario = 'drop' is given with column; legal: 'impact'"]),
     ({"--strike": "two"}, ["--strike = 'two'", "a whole number from 1 to balls - 1"]),
     ({"--strike": "1", "--arrangement": "chain"}, ["--strike = 1", "none for a chain"]),
