@@ -6,6 +6,7 @@ A kernel is compiled by one process of an installation; others wait for its lock
 from __future__ import annotations
 
 import contextlib
+import gc
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -66,6 +67,8 @@ def _compiling(*kernels: Any) -> Iterator[None]:
         for kernel in kernels:
             if not is_compiled(kernel):
                 held.enter_context(FileLock(cache_folder(kernel) / "compiling.lock"))
+                held.callback(gc.enable)
+                gc.disable()  # looking for garbage takes up to a tenth of the time of compiling
         yield
 
 
@@ -79,10 +82,8 @@ def own_kernel(name: str, *, pair: bool) -> Any:
 def _kernels(name: str, *, pair: bool) -> list[Any]:
     """Kernels that rows of a solver need."""
     kernels: list[Any] = [collide_all] if pair else [follow_chains]
-    if name != REFERENCE and pair:
-        kernels += [distances]
-    if name != REFERENCE and pair and is_ours(name):
-        kernels += [follow_chains]
+    if pair and name != REFERENCE:
+        kernels += [distances, follow_chains] if is_ours(name) else [distances]
     if is_ours(name) and is_engine(name):
         kernels += [scan]
     return kernels
