@@ -41,9 +41,6 @@ class Entry:
 #: Solvers that run unless others are asked for by name.
 _USUAL = ("state-transition", "bistiffness", KELVIN_VOIGT, "mujoco", "pybullet", "drake")
 
-#: Engines whose scene can be written down, to be run without this package or to be examined.
-_EXPORTABLE = ("mujoco", "pybullet")
-
 #: Steps of practice, over the shorter contact period, at which MuJoCo and PyBullet are solvers of their own.
 STEPS = (0.01, 0.03, 0.1)
 
@@ -144,11 +141,6 @@ def solver_names(*, on_request: bool = False) -> tuple[str, ...]:
 def engine_free_names() -> tuple[str, ...]:
     """Names of all models and references of this project, those on request among them."""
     return tuple(name for name in _DESCRIPTIONS if not is_engine(name))
-
-
-def exportable_names() -> tuple[str, ...]:
-    """Names of the engines whose scene can be written down (`paste`)."""
-    return _EXPORTABLE
 
 
 def is_ours(name: str) -> bool:

@@ -179,7 +179,7 @@ class Run:
         if world.longest_leap:
             law = world.effective["stiffness"], world.effective["damping"], reduced_masses(scene)
             self._law = np.array(law)
-        self._memory = np.zeros(1, MEMORY)
+        self._memory = np.zeros(1, MEMORY).view(np.recarray)  # an interpreted `scan` reads its fields too
         self._memory["lead"], self._memory["flight"] = np.inf, -1
         self._memory["closed"], self._memory["closed_at"] = 1, -np.inf  # as far back as there was a past
         self._memory["met"] = (scene.gaps > 0) @ (1 << np.arange(len(scene.stiffnesses)))

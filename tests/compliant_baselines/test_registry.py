@@ -51,7 +51,7 @@ def test_solvers_are_told_of_without_importing_them_and_made_without_importing_e
         "import impact_xval.experiments.commands.cli\n"
         "engines = ('mujoco', 'pydrake', 'pybullet')\n"
         "def there(*parts): return [m for m in sys.modules if m.startswith(engines) or any(p in m for p in parts)]\n"
-        "names = r.solver_names(on_request=True); r.exportable_names()\n"
+        "names = r.solver_names(on_request=True)\n"
         "told = [(r.kind_of(n), r.law_of(n)) for n in names]; print(there('baselines.engines.'))\n"
         "made = [r.get_solver(n) for n in names]; print(there())"
     )

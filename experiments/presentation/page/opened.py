@@ -19,11 +19,7 @@ import pyarrow.parquet as pq
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.paste import mjcf
-from impact_xval.compliant_baselines.registry import (
-    engine_free_names,
-    exportable_names,
-    get_solver,
-)
+from impact_xval.compliant_baselines.registry import engine_free_names, get_solver, solver_names
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import Config
@@ -113,7 +109,8 @@ def _commands(root: Path, config: Config, row: dict[str, Any]) -> list[list[str]
     given |= {name: getattr(config, name) for name in ours}
     again = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in given.items())
     if config.mapping == "naive":
-        again += "".join(f" --solver {name}-naive" for name in exportable_names() if name in config.solvers)
+        naive = (f"{name}-naive" for name in config.solvers)
+        again += "".join(f" --solver {name}" for name in naive if name in solver_names(on_request=True))
     solve = ["once more, by every solver", f"impact-xval solve {again}"]
     scene = ["scenes that run in the engine alone", f"impact-xval scene {run} {cell}"]
     film = ["in slow motion", f"impact-xval solve {again} --plot cell-{cell}.html"]
