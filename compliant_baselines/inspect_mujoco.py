@@ -123,8 +123,8 @@ def _traps(option: Any, bodies: Bodies) -> dict[str, Any]:
         f"stiffness {(acting / first) ** 2:.3g} times lower; shorten the step",
         "not-newton-per-metre": stiffness > 0
         and dmin > FORCE_LEVEL
-        and f"a direct stiffness of {-first:g} is in 1/s^2: alone, this pair has {stiffness:.4g} N/m at most, and "
-        f"under solimp {dmin:g} to {dmax:g} a third body that pushes changes it; for N/m take impact-xval contact",
+        and f"a direct stiffness of {-first:g} is in 1/s^2: the spring of this pair alone has {stiffness:.4g} N/m at "
+        f"most, and under solimp {dmin:g} to {dmax:g} a third body changes it; for N/m take impact-xval contact",
         "long-step": duration / step < FEWEST_STEPS
         and f"a contact of {duration:.3g} s gets {duration / step:.2g} steps of {step:.3g} s; some {FEWEST_STEPS} are "
         f"the least for its restitution to be within 10 %, {duration / 100:.2g} s the step for about 1 % (see "

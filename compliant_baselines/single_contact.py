@@ -155,7 +155,9 @@ def pair_asked(
         return Pair(masses, restitution, stiffness, duration, speed), None
     for name, given in (("masses", masses), ("stiffness", stiffness), ("duration", duration)):
         if given is not None:
-            raise ValueError(f"{name}: given beside --material, which decides it; legal: one of the two")
+            raise ValueError(
+                f"{name}: given beside --material or --radius, which decide it; legal: one of both"
+            )
     touch = Touch.of(materials, radii)
     e = (
         touch.restitution if restitution is None else restitution

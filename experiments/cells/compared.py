@@ -70,6 +70,8 @@ class Compared:
         names = [n for n in in_order_of_laws(self.outcomes) if self.outcomes[n].status in RESULT_STATUSES]
         return {name: [v / self._speed for v in self.outcomes[name].velocities] for name in names}
 
+    #: How a column was set up, in words; empty if it is not known.
+    setup = property(lambda self: "" if self.arranged is None else arranged(self.arranged))
     _measures = property(lambda self: measures_of(self.problem, self.outcomes))
     _speed = property(lambda self: max(map(abs, self.problem.velocities)))
 
@@ -113,7 +115,7 @@ class Compared:
     def blocks(self) -> list[Block]:
         """Return the table of all solvers, and what there is to say of them."""
         table = self._column_table() if self.is_column else self._collision_table()
-        setup = begun(f"{arranged(self.arranged)}.") if self.arranged is not None else ""
+        setup = begun(f"{self.setup}.") if self.setup else ""
         note = _COLUMN if self.is_column and table.rows else ""
         reasons = [f"{n}: {each.status}: {each.reason}" for n, each in self.outcomes.items() if each.reason]
         marks = [f"{name}: marked: {each.marked}" for name, each in self.outcomes.items() if each.marked]

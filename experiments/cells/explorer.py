@@ -154,8 +154,9 @@ class _Request(BaseHTTPRequestHandler):
 
 def _until_interrupted() -> None:
     """Wait in short pieces: a signal that came as a request's thread began was seen not to wake this one."""
-    while True:
-        time.sleep(0.2)
+    with contextlib.suppress(KeyboardInterrupt):
+        while True:
+            time.sleep(0.2)
 
 
 @contextlib.contextmanager

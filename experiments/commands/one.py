@@ -108,7 +108,7 @@ def _drawn(file: Path, compared: Compared, config: Config) -> str:
         return drawn.caption()
     save_as(drawn, file)
     if compared.is_column:
-        return "final velocities"
+        return f"final velocities per |v0|, up is positive: {compared.setup}"
     return caption(problem, drawn_paths(problem, outcomes), config.scenario)
 
 
@@ -161,7 +161,7 @@ def scene(
         table, where = {}, "collision"
     else:
         if cell is None or any(typed.values()):
-            raise UserError(f"{folder}: a cell of a run is named by its number; legal: DIR N")
+            raise UserError(f"{folder}: a cell of a run is named by its number alone; legal: DIR N")
         run = finished_collisions(folder)
         config = run.config()
         cells = cells_of_run(run, config)

@@ -32,8 +32,8 @@ def solvers(
     from impact_xval.experiments.sweep.pool import Slot
     from impact_xval.experiments.sweep.warmup import stated
 
-    if name is not None:
-        _check(name, law)
+    if name is not None or law:
+        _check(name or "", law)
         return
     rows = []
     with contextlib.closing(Slot()) as slot:

@@ -193,7 +193,7 @@ class Config(Strict):
         if self.column is None and "gravity" in given and self.scenario == "impact":
             raise ValueError(f"gravity = {self.gravity:g}: scenario = 'impact' has none; legal: with 'drop'")
         if self.column is not None and self.scenario != "impact":
-            raise ValueError(f"scenario = {self.scenario!r} is given with column; legal: 'impact'")
+            raise ValueError(f"scenario = {self.scenario!r}: columns have no gravity; legal: 'impact'")
         return self
 
     @model_validator(mode="after")

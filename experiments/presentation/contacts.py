@@ -74,6 +74,6 @@ def scene_blocks(contacts: list[Measured], traps: list[Finding], scene: str, spe
     )
     if len(rows) == MOST_ROWS:
         caption += f"; the first {MOST_ROWS} combinations of parameters and masses"
-    measured = [Table(header, rows, caption, text=2), *lines, ""] if rows else []
+    measured = [Table(header, rows, caption, text=2), *lines, ""] if rows else ["no two geoms can touch"]
     found = [f"{trap}: {called(where)}: {says}" for trap, where, says in traps]
     return [*measured, *found, f"{scene}: {len(traps) or 'no'} trap{'s' if len(traps) != 1 else ''} found"]

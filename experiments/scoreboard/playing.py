@@ -27,7 +27,7 @@ from impact_xval.experiments.config.arrangements import Arranged
 from impact_xval.experiments.config.errors import InterruptedRunError
 from impact_xval.experiments.sweep.pool import TO_PREPARE, Slot, open_pool
 from impact_xval.experiments.sweep.process import FaultError
-from impact_xval.experiments.tables.folder import write_text
+from impact_xval.experiments.tables.folder import new_folder, write_text
 from impact_xval.model.collision import Collision
 
 #: Coefficients of restitution of all contacts.
@@ -76,7 +76,9 @@ def play(names: Sequence[str], root: Path, workers: int, progress: Callable[...,
 
     A row an answer: solver, version, microseconds (a step), case, e, arrangement, status, reason, v1 ... v5 in m/s.
     """
-    (root / "answers").mkdir(parents=True, exist_ok=True)
+    if not (root / "answers").is_dir():
+        new_folder(root)
+        (root / "answers").mkdir()
     try:
         with open_pool(None, workers) as pool:
             asked = [pool.submit(_answered, name, root / "answers") for name in names]

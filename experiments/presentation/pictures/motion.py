@@ -78,7 +78,7 @@ class Motion:
                 shown |= {name: history} if history is not None else {}
         if REFERENCE not in shown or len(shown) < 2:
             raise ValueError(
-                "needs the model and another solver with a path in finite time; legal: such a collision, or a picture"
+                "needs the model and another solver with a path in finite time; legal: such a collision, or FILE.png"
             )
         what = arranged(column) if column is not None else f"{at(collision)}, scenario {config.scenario}"
         what += ", in which the model has no gravity" if drop else ""

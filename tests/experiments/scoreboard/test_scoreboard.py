@@ -120,6 +120,7 @@ def test_a_baseline_catches_one_per_cent_too_much_restitution(tmp_path, capsys, 
     more = [answers, answers[answers.solver == "pymunk"].assign(solver="dart")]
     (tmp_path / "more").mkdir()
     pd.concat(more).to_parquet(tmp_path / "more" / "answers.parquet")
+    assert main([*board, str(tmp_path / "more")]) == 2  # the folder of something else
     monkeypatch.setattr(playing, "solver_names", lambda on_request: ["pymunk"])
     every = ["scoreboard", "--workers", "1", "--out", str(tmp_path / "before"), "--baseline"]
     assert main([*every, str(tmp_path / "more")]) == 3
