@@ -151,17 +151,14 @@ def pair_asked(
     if not (materials or radii):
         if masses is None or restitution is None:
             missing = "masses" if masses is None else "restitution"
-            raise ValueError(f"{missing}: not given; legal: a value, or --material and --radius instead")
+            raise ValueError(f"{missing}: not given; legal: a value, or materials and radii")
         return Pair(masses, restitution, stiffness, duration, speed), None
     for name, given in (("masses", masses), ("stiffness", stiffness), ("duration", duration)):
         if given is not None:
-            raise ValueError(
-                f"{name}: given beside --material or --radius, which decide it; legal: one of both"
-            )
+            raise ValueError(f"{name}: given beside materials or radii, which decide it; legal: one of both")
     touch = Touch.of(materials, radii)
-    e = (
-        touch.restitution if restitution is None else restitution
-    )  # a given one need not be known of materials
+    # One that is given need not be known of the materials.
+    e = touch.restitution if restitution is None else restitution
     return Pair((touch.one.mass, touch.two.mass), e, touch.linear(speed), speed=speed), touch
 
 

@@ -41,7 +41,7 @@ WRONG = [
     (f"{ASK} --stiffness 1 --masses 1 --restitution", "--masses = '--restitution'; legal: a number"),
     (f"{ASK} --duration 1e-3 --stiffness 1", "--stiffness or duration: both given"),
     (ASK, "--stiffness or duration: neither given"),
-    ("contact --engine mujoco --restitution 1", "--masses: not given; legal: a value, or --material"),
+    ("contact --engine mujoco --restitution 1", "--masses: not given; legal: a value, or "),
     (f"{ASK} --stiffness 1 --masses inf inf", "two fixed bodies do not collide"),
     (f"{ASK} --stiffness 1 --masses 1e-12 1e12", "one is 1e+24 times the other; legal: at most 1e+12"),
     (f"{ASK} --stiffness 1 --speed nan", "--speed = nan; legal: from 1e-09 to 1e+09 (m/s)"),
@@ -50,7 +50,7 @@ WRONG = [
     (f"{STEEL} --radius inf", "--radius = inf inf: two flats"),
     (f"{STEEL} --radius 1 --material stone", "--material = 'stone'; legal: steel, glass, brass, rubber, "),
     (f"{STEEL} --radius 0.02 --material brass", "--restitution of brass: none has a source"),
-    (f"{STEEL} --radius 0.02 --stiffness 1", "--stiffness: given beside --material"),
+    (f"{STEEL} --radius 0.02 --stiffness 1", "--stiffness: given beside materials"),
     (f"{STEEL} --radius 0.02 --speed 0", "--speed = 0.0; legal"),
 ]
 
