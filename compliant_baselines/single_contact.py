@@ -262,6 +262,12 @@ def largest_step(engine: Engine, pair: Pair) -> Drops:
     raise SolverError(engine.name, "unconverged", f"{reason}: {why}")
 
 
+def tried(engine: Engine, pair: Pair) -> tuple[Drops, Drops]:
+    """Drop a pair at the largest good step, wherever within it the bodies touch, and once at a tenth of it."""
+    found = largest_step(engine, pair)
+    return found, drops(engine, pair, found.step / 10, [0.0])
+
+
 def _good_drops(engine: Engine, pair: Pair, step: float, places: Sequence[float]) -> Drops:
     """Give drops that are within the tolerance; else raise a SolverError."""
     for some in (places[:1], places):  # a bad step mostly shows at the first place

@@ -43,8 +43,8 @@ ENERGY_GAIN_ALLOWED = 0.01
 #: Steps read before the next look at what comes, those of an engine that leaps the first time, and its shortest leap.
 WINDOW, SHORT_WINDOW, SHORTEST_LEAP = 256, 8, 8
 
-#: Steps of a leap of a run that records its path: so many, or this part of the quiet steps. Between its ends velocities
-#: are interpolated, on the default grid to 5e-5 of |v0|, as by leaps of 32 steps; half the quiet steps give 7e-5.
+#: Longest leap of a run that records its path: so many steps, or if that is more the quiet ones over this. In between
+#: velocities are interpolated, on the default grid to 5e-5 of |v0|, as by leaps of 32; half the quiet steps give 7e-5.
 PATH_LEAP, PATH_SHARE = 32, 4
 
 #: What `scan` remembers from one call to the next:

@@ -34,7 +34,7 @@ def contact(
     """
     from impact_xval.compliant_baselines import SolverError, get_solver
     from impact_xval.compliant_baselines.engines.engine import Engine
-    from impact_xval.compliant_baselines.single_contact import pair_asked
+    from impact_xval.compliant_baselines.single_contact import pair_asked, tried
     from impact_xval.experiments.presentation.contacts import contact_blocks
     from impact_xval.experiments.presentation.terminal import at_work, error_line, make_console, show
 
@@ -48,7 +48,7 @@ def contact(
     error_line(f"trying steps in {engine} ...")
     try:
         with at_work(f"trying steps in {engine}"):
-            blocks = contact_blocks(solver, pair, touch)
+            blocks = contact_blocks(solver, pair, touch, *tried(solver, pair))
     except SolverError as error:
         raise UserError(f"--engine {engine}: {error.status}: {error.reason}") from None
     show(make_console(), blocks)

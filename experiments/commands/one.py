@@ -138,9 +138,7 @@ def scene(
     folder: Path | None = argument("[DIR]", "Folder of a finished run, or a collision as solve.", path, None),
     cell: int | None = argument("[N]", "Number of a cell of that run.", whole(0, 10**7), None),
     *,
-    solver: list[str] | None = option(
-        "NAME", "'mujoco' or 'pybullet'; may be repeated, by default what is installed.", one_of(*_EXPORTED)
-    ),
+    solver: list[str] | None = option("NAME", "'mujoco' or 'pybullet'; by default both.", one_of(*_EXPORTED)),
     out: Path | None = option("DIR", "Folder to write; by default in scenes/.", path),
     **typed: str | None,
 ) -> None:

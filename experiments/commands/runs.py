@@ -264,9 +264,7 @@ def _experiment(file: Path | None, root: Path | None, quick: bool) -> Config:
         return built_in
     kept = load_config(root / CONFIGURATION)
     if quick and kept.identity() != built_in.identity():
-        raise UserError(
-            f"--quick with --out {root}: holds another run; legal: without --quick, or a new folder"
-        )
+        raise UserError(f"--quick with --out {root}: holds another run; legal: one of both")
     return kept
 
 

@@ -32,8 +32,10 @@ def solvers(
     from impact_xval.experiments.sweep.pool import Slot
     from impact_xval.experiments.sweep.warmup import stated
 
-    if name is not None or law:
-        _check(name or "", law)
+    if law and name is None:
+        raise UserError(f"--law = {law!r} without NAME; legal: beside the solver that has it")
+    if name is not None:
+        _check(name, law)
         return
     rows = []
     with contextlib.closing(Slot()) as slot:

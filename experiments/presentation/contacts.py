@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.paste import paste
-from impact_xval.compliant_baselines.single_contact import TOLERANCE, Pair, drops, largest_step
+from impact_xval.compliant_baselines.single_contact import TOLERANCE, Drops, Pair
 from impact_xval.experiments.presentation.document import Block, Table
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.model.materials import Touch
@@ -16,14 +16,12 @@ if TYPE_CHECKING:  # it imports MuJoCo
     from impact_xval.compliant_baselines.inspect_mujoco import Finding, Measured
 
 
-def contact_blocks(engine: Engine, pair: Pair, touch: Touch | None) -> list[Block]:
-    """Lay out what was asked for, what to paste, and what verifying drops gave at a step and at a tenth of it.
+def contact_blocks(engine: Engine, pair: Pair, touch: Touch | None, found: Drops, fine: Drops) -> list[Block]:
+    """Lay out what was asked for, what to paste, and what drops gave at a step and at a tenth of it.
 
     `touch` is what the pair was made of, if of materials. A SolverError says why the engine does not take it.
     """
-    c, name, found = pair.contact, engine.name, largest_step(engine, pair)
-    text, fine = paste(name, c, found.step), drops(engine, pair, found.step / 10, [0.0])
-    rows = []
+    c, name, rows = pair.contact, engine.name, []
     for what, unit, asked in (("restitution", "", pair.restitution), ("duration", " s", c.duration)):
         low, high = getattr(found, what)
         at_tenth = f"{getattr(fine, what)[0]:.6g}{unit}"
@@ -33,7 +31,7 @@ def contact_blocks(engine: Engine, pair: Pair, touch: Touch | None) -> list[Bloc
         f"k = {c.k:.6g} N/m, c = {c.c:.6g} N s/m (zeta = {c.zeta:.4g}) between bodies of reduced mass {c.mass:.6g} kg",
         f"at {pair.speed:.6g} m/s the penetration is {pair.penetration:.3g} m: the bodies must be much larger",
         *([] if touch is None else [_linearised(touch, pair.speed)]),
-        f"\n{text.rstrip()}",
+        f"\n{paste(name, c, found.step).rstrip()}",
         Table(header, rows, f"Drops in {name}, by its time step"),
         f"{found.step:.6g} s is the largest step tried (ten a decade) at which {name} {engine.version()} keeps both "
         f"within {TOLERANCE:g} of the request, wherever within a step the bodies touch ({found.n} drops), and at the "

@@ -250,14 +250,14 @@ def _looked_at(folder: RunFolder, config: Config) -> bool:
     return False
 
 
-def _entries(root: Path) -> list[str]:
+def _entries(root: Path, option: str = "--out ") -> list[str]:
     """List the names in a folder, if it is there."""
     try:
         return sorted(entry.name for entry in root.iterdir()) if root.exists() else []
     except NotADirectoryError:
-        raise UserError(f"--out {root}: is a file; legal: a new or empty folder") from None
+        raise UserError(f"{option}{root}: is a file; legal: a new or empty folder") from None
     except OSError as error:
-        raise UserError(f"--out {root}: cannot be read: {error.strerror}") from None
+        raise UserError(f"{option}{root}: cannot be read: {error.strerror}") from None
 
 
 def _check_same(folder: RunFolder, config: Config) -> None:
@@ -317,7 +317,7 @@ def finished_collisions(root: Path) -> RunFolder:
 
 def new_folder(root: Path, option: str = "--out ") -> None:
     """Make the folder of an option, of a command that does not continue what it finds: it must be new or empty."""
-    if _entries(root):
+    if _entries(root, option):
         raise UserError(f"{option}{root}: not empty; legal: a new or empty folder")
     try:
         root.mkdir(parents=True, exist_ok=True)

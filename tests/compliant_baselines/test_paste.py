@@ -12,7 +12,7 @@ from impact_xval.compliant_baselines.solver import Settings, SolverError
 from impact_xval.model.collision import Collision
 
 ENGINES = [name for name in ("mujoco", "pybullet") if get_solver(name).unavailable() is None]
-DROP = {"scenario": "drop", "step_fraction": 1e-3}
+DROP = {"scenario": "drop"}
 COLUMN = (1.0, 2.0, 0.5), (1e5, 1e6, 1e4), (0.9, 1.0, 0.7), (-1.0, 0.0, 0.0)
 
 
@@ -58,7 +58,6 @@ def test_an_exported_scene_gives_the_numbers_of_solve(engine, collision, setting
         (tmp_path / name).write_text(text, encoding="utf-8")
     found, speed = run_alone(tmp_path / "run.py"), max(map(abs, collision.velocities))
     assert found == pytest.approx(run.velocities.tolist(), abs=1e-12 * speed)
-    assert found == pytest.approx(get_solver(engine).solve(collision, settings).velocities, abs=1e-12 * speed)
     assert outcome.velocities == tuple(run.velocities)
 
 

@@ -118,7 +118,7 @@ def test_what_is_illegal_in_an_address_is_one_line(cells):
         assert (kind, said[: len(says)], said.count("\n")) == ("problem", says, 0)
 
 
-def test_a_port_in_use_and_ctrl_c_while_a_cell_is_solved_are_one_line():
+def test_a_port_in_use_is_one_line_and_ctrl_c_while_a_cell_is_solved_the_end():
     with served() as (process, port):
         done = subprocess.run([*COMMAND, port], capture_output=True, text=True, timeout=300)
         assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done

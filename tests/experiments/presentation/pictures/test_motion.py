@@ -21,7 +21,7 @@ IMPACT = parse_config({"scenario": "impact"})
 def motion_of(e1=0.9):
     collision = Collision.from_ratios(1.0, 1.1547, e1, 0.7)
     names, settings = ("state-transition", "kelvin-voigt"), Settings(record_path=True)
-    (outcomes,) = ({n: get_solver(n).solve_many([collision], settings)[0] for n in names},)
+    outcomes = {name: get_solver(name).solve_many([collision], settings)[0] for name in names}
     return Motion.of(collision, outcomes, IMPACT, None)
 
 
