@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -44,8 +45,8 @@ def _drawable(text: str) -> Path:
     if file.suffix not in (*_PICTURES, *_FILMS) or file.is_dir():
         legal = f"a file that ends in {', '.join((*_PICTURES, *_FILMS))}"
         raise typer.BadParameter(f"{text!r:.60}; legal: {legal}")
-    if not file.parent.is_dir():
-        raise typer.BadParameter(f"{text!r:.60}: no folder {file.parent}; legal: a file in one that is there")
+    if not os.access(file.parent, os.W_OK):
+        raise typer.BadParameter(f"{text!r:.60}: no folder {file.parent} to write to; legal: a file in one")
     return file
 
 
