@@ -47,23 +47,23 @@ _FRACTIONS = np.linspace(0, 1, 11)
 def solve(problem, solver, *, path=False):
     """Outcome of a collision by a solver, in plain values; with its path in `path`, if asked for."""
     names = ("masses", "stiffnesses", "restitutions", "velocities", "table", "gaps", "exponent")
-    collision = Collision(*(_plain_numbers(problem[name]) for name in names))
-    if solver in _FROZEN and any(problem["gaps"]):
+    given = (problem[name] for name in names)
+    collision = Collision(*(tuple(map(float, x)) if isinstance(x, list) else x for x in given))
+    if solver not in _FROZEN:
+        outcome = get_solver(solver).solve_many([collision], _settings(problem, path))[0]
+    elif any(problem["gaps"]):
         return {"status": "unrepresentable"}  # it raises
-    if solver in _FROZEN:
+    else:
         how = {"frozen": True, "gravity": problem["gravity"], "paths": path}
         outcome = references.solve(Collisions.of([collision]), solver.removesuffix("-frozen"), **how)[0]
-    else:
-        outcome = get_solver(solver).solve_many([collision], _settings(problem, path))[0]
-    velocities, impulses = outcome.velocities, outcome.impulses
-    states = [_STATES.get(state, state) for state in outcome.states]
-    if not np.isfinite(velocities).all():
+    if not np.isfinite(outcome.velocities).all():
         return {"status": outcome.status}
+    states = [_STATES.get(state, state) for state in outcome.states]
     numbers = {k: plain(v) for k, v in outcome.diagnostics.items() if solver in ENGINES or k != "n_steps"}
     found = {
         "status": outcome.status,
-        "velocities": [float(v) for v in velocities],
-        "impulses": [float(i) for i in impulses],
+        "velocities": [*map(float, outcome.velocities)],
+        "impulses": [*map(float, outcome.impulses)],
         "states": _written(states),
         "events": int(outcome.n_events),
         "margin": plain(outcome.grazing_margin),
@@ -86,10 +86,6 @@ def _settings(problem, path):
         record_path=path,
         convergence=Convergence(),
     )
-
-
-def _plain_numbers(field):
-    return tuple(map(float, field)) if isinstance(field, list) else field
 
 
 def _written(states):
@@ -173,9 +169,8 @@ def _field(value):
 def fingerprint():
     """What the last bits of an engine's outcome may depend on."""
     features = json.dumps(sorted(llvmlite.binding.get_host_cpu_features().items()))
-    packages = ("numpy", "numba", "llvmlite", *ENGINES)
     return {
-        **{name: version(name) for name in packages},
+        **{name: version(name) for name in ("numpy", "numba", "llvmlite", *ENGINES)},
         "libc": "-".join(platform.libc_ver()),
         "machine": platform.machine(),
         "processor": hashlib.sha256(features.encode()).hexdigest()[:12],

@@ -3,17 +3,19 @@
 It refuses to run on sources that are not committed. What it writes is committed by itself, with the reason.
 """
 
-import csv
 import json
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
+import pandas as pd
+
 from tests.golden import adapter, values
 
 VALUES = values.HERE / "values"
 SOURCES = ("model", "compliant_baselines", "experiments", "impact_xval", "tests/golden")
+NAMES = ("two-balls", "lines", "paths", "engines", "tables", "hypothesis")
 
 
 def git(*arguments):
@@ -24,90 +26,45 @@ def git(*arguments):
     ).stdout.strip()
 
 
-def write_rows(name, rows):
-    """Write plain values, one a line; strict JSON."""
-    (VALUES / f"{name}.jsonl").write_text("".join(json.dumps(row, allow_nan=False) + "\n" for row in rows))
-
-
-def write_tables(name, tables):
-    """Write tables as CSV files."""
-    for table, columns in tables.items():
-        with (VALUES / f"{name}-{table}.csv").open("w", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(columns)
-            writer.writerows(zip(*columns.values(), strict=True))
-
-
-def collisions(name):
-    """Solve collisions by every exact solver."""
-    problems = values.read(f"inputs/{name}.jsonl")
-    write_rows(name, (values.golden(p, solver) for p in problems for solver in adapter.EXACT[p["kernel"]]))
-
-
-def paths(name):
-    """Follow collisions, each by its own solver."""
-    rows = []
+def rows(name):
+    """Solve collisions: by every exact solver, with a path each by its own solver, or by the engines."""
     for problem in values.read(f"inputs/{name}.jsonl"):
-        found = adapter.solve(problem, problem["solver"], path=True)
-        rows.append({"input": problem["name"], "solver": problem["solver"], "path": found["path"]})
-    write_rows(name, rows)
+        if name == "paths":
+            path = adapter.solve(problem, problem["solver"], path=True)["path"]
+            yield {"input": problem["name"], "solver": problem["solver"], "path": path}
+        elif name == "engines":
+            for engine in adapter.ENGINES:
+                yield {"input": problem["name"], "solver": engine, **adapter.solve(problem, engine)}
+        else:
+            yield from (values.golden(problem, solver) for solver in adapter.EXACT[problem["kernel"]])
 
 
-def engines(name):
-    """Solve collisions by the engines."""
-    problems = values.read(f"inputs/{name}.jsonl")
-    rows = (
-        {"input": p["name"], "solver": engine, **adapter.solve(p, engine)}
-        for p in problems
-        for engine in adapter.ENGINES
-    )
-    write_rows(name, rows)
-
-
-def tables(name):
-    """Run the experiments."""
-    for run, spec in values.spec(name).items():
+def make(name):
+    """Write outcomes as plain values, one a line, in strict JSON; tables of runs as CSV files."""
+    if name not in ("tables", "hypothesis"):
+        lines = (json.dumps(row, allow_nan=False) + "\n" for row in rows(name))
+        (VALUES / f"{name}.jsonl").write_text("".join(lines))
+        return
+    for each, spec in values.spec(name).items():
         with tempfile.TemporaryDirectory() as folder:
-            write_tables(f"{name}-{run}", adapter.tables(spec, Path(folder)))
-
-
-def hypothesis(name):
-    """Test the hypothesis, a small design and the full one."""
-    for design, spec in values.spec(name).items():
-        with tempfile.TemporaryDirectory() as folder:
-            write_tables(f"{name}-{design}", adapter.hypothesis(spec, Path(folder)))
-
-
-MAKERS = {
-    "two-balls": collisions,
-    "lines": collisions,
-    "paths": paths,
-    "engines": engines,
-    "tables": tables,
-    "hypothesis": hypothesis,
-}
+            for table, columns in getattr(adapter, name)(spec, Path(folder)).items():
+                file = VALUES / f"{name}-{each}-{table}.csv"
+                pd.DataFrame(columns).to_csv(file, index=False, lineterminator="\n")
 
 
 def main(names):
     """Make some golden values, or all."""
-    unknown = set(names) - MAKERS.keys()
-    if unknown:
-        sys.exit(f"{', '.join(sorted(unknown))}: unknown; legal: {', '.join(MAKERS)}")
-    dirty = git("status", "--porcelain", "--", *SOURCES, ":(exclude)tests/golden/values")
-    if dirty:
+    if unknown := set(names) - {*NAMES}:
+        sys.exit(f"{', '.join(sorted(unknown))}: unknown; legal: {', '.join(NAMES)}")
+    if dirty := git("status", "--porcelain", "--", *SOURCES, ":(exclude)tests/golden/values"):
         sys.exit(f"sources are not committed, so nobody could make these values again:\n{dirty}")
-    VALUES.mkdir(exist_ok=True)
-    file = VALUES / "provenance.json"
-    provenance = json.loads(file.read_text()) if file.exists() else {}
-    for name in names or MAKERS:
+    provenance = values.provenance()
+    for name in names or NAMES:
         print(name, flush=True)
-        MAKERS[name](name)
-        provenance[name] = {
-            "command": f"python -m tests.golden.make {name}",
-            "commit": git("rev-parse", "HEAD"),
-            "fingerprint": adapter.fingerprint(),
-        }
-    file.write_text(json.dumps(provenance, indent=1) + "\n")
+        make(name)
+        command, commit = f"python -m tests.golden.make {name}", git("rev-parse", "HEAD")
+        provenance[name] = {"command": command, "commit": commit, "fingerprint": adapter.fingerprint()}
+    values.PROVENANCE.write_text(json.dumps(provenance, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -6,23 +6,41 @@ outcome holds `moves`, the largest move of each number under eight random change
 numbers, rounding names the states.
 """
 
-import csv
 import json
 import math
 import zlib
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from tests.golden import adapter
 
 HERE = Path(__file__).parent
+#: By name of golden values the command, the commit and the machine that made them.
+PROVENANCE = HERE / "values" / "provenance.json"
 #: Numbers of changes of the inputs.
 CHANGES, MORE_CHANGES = 8, 16
 #: Moves above which only the status is compared, and below which states are.
 STATUS_ONLY, STATES = 1e-8, 1e-10
 #: Least tolerances of velocities: linear contacts, and contacts that are integrated.
 LINEAR, INTEGRATED = 1e-12, 1e-9
+#: Relative tolerances of other numbers.
+RELATIVE = {"margin": 1e-6, "duration": 1e-10, "first_flight": 1e-10, "gravity_number": 1e-12}
+#: Tolerances by a part of the name of a number, absolute and relative; the first that fits counts.
+COMMON = {
+    "n_steps": (1.0, 0.0),
+    "error": (1e-9, 1e-3),
+    "regularisation": (1e-9, 1e-3),
+    "order": (1e-9, 1e-3),
+    "limit": (1e-8, 0.0),
+}
+#: Of numbers of tables where nothing else is said, those of engines 1e-9.
+EXACT = 1e-10
+#: Of outcomes of engines on another machine, and of tables; durations of engines differ by a step.
+ENGINES = COMMON | {"duration": (0.0, 2e-3), "step": (0.0, 1e-12), "gravity_number": (0.0, 1e-12)}
+TABLES = {"curve_distance": (3e-9, 0.0), "grazing_margin": (0.0, 1e-6)} | COMMON
+TABLES |= {"share": (1e-6, 0.0), "rate": (1e-6, 1e-6)}
 WORDS = ("status", "states", "events", "mark")
 
 
@@ -36,6 +54,11 @@ def spec(name):
     return json.loads((HERE / "inputs" / f"{name}.json").read_text())
 
 
+def provenance():
+    """Read where golden values come from."""
+    return json.loads(PROVENANCE.read_text())
+
+
 def flat(problem, found):
     """Numbers of an outcome by name, each in a unit in which rounding is about 1e-16."""
     if "velocities" not in found:
@@ -43,9 +66,7 @@ def flat(problem, found):
     speed = max(map(abs, problem["velocities"]))
     above = np.cumsum([*problem["masses"], 0.0]) * speed
     numbers = {f"v{i}": v / speed for i, v in enumerate(found["velocities"], 1)}
-    numbers |= {
-        f"impulse{i}": x / m for i, (x, m) in enumerate(zip(found["impulses"], above, strict=False), 1)
-    }
+    numbers |= {f"impulse{i + 1}": x / above[i] for i, x in enumerate(found["impulses"])}
     unit = {"velocity_error": speed, "rest_speed": speed}
     numbers |= {name: float(x) / unit.get(name, 1.0) for name, x in found["diagnostics"].items()}
     return numbers | ({} if found["margin"] is None else {"margin": float(found["margin"])})
@@ -87,47 +108,69 @@ def golden(problem, solver):
     return {"input": problem["name"], "solver": solver, **found} | {k: v for k, v in more.items() if v}
 
 
-def sensitivity(golden):
-    """Largest move w of the velocities and impulses of a golden outcome."""
-    known = golden.get("moves", {}).items()
-    return max(
-        (float(x) for name, x in known if name.startswith(("v", "impulse")) and "_" not in name), default=0.0
-    )
-
-
 def exact_misses(problem, golden, found):
     """Say what of an exact solver's outcome is further away than it may be, one sentence each."""
-    where, unsteady, w = (
-        f"{golden['input']}, {golden['solver']}",
-        golden.get("unsteady", []),
-        sensitivity(golden),
+    unsteady = golden.get("unsteady", [])
+    moves = {name: float(x) for name, x in golden.get("moves", {}).items()}
+    w = max(
+        (x for name, x in moves.items() if name.startswith(("v", "impulse")) and "_" not in name), default=0.0
     )
-    misses = []
-
-    def word(name):
-        if name not in unsteady and found.get(name) != golden.get(name):
-            misses.append(f"{where}: {name}: expected {golden.get(name)!r}, found {found.get(name)!r}")
-
-    word("status")
+    misses = word_misses(golden, found, {"status"}.difference(unsteady))
     if w > STATUS_ONLY or misses or "status" in unsteady:
         return misses
-    speed = max(map(abs, problem["velocities"]))
-    stated = float(golden.get("diagnostics", {}).get("velocity_error", 0.0)) / speed
+    stated = float(golden.get("diagnostics", {}).get("velocity_error", 0.0)) / max(
+        map(abs, problem["velocities"])
+    )
     linear = problem["exponent"] == 1 and (problem["kernel"] == "pair" or golden["solver"] != "hunt-crossley")
     tolerance = max(LINEAR if linear else max(INTEGRATED, 3 * stated), 100 * w)
-    margin = golden.get("margin")
-    if w < STATES and (margin is None or float(margin) > 1e-9):
-        for name in ("states", "events", "mark"):
-            word(name)
-    expected, there = flat(problem, golden), flat(problem, found)
+    if w < STATES and (golden.get("margin") is None or float(golden["margin"]) > 1e-9):
+        misses = word_misses(golden, found, set(WORDS).difference(unsteady))
+
+    def allowed(name, x):
+        least = RELATIVE[name] * abs(x) * max(1.0, tolerance / LINEAR) if name in RELATIVE else tolerance
+        return max(least, 100 * moves.get(name, 0.0))
+
+    return misses + number_misses(problem, golden, found, allowed)
+
+
+def engine_misses(problem, golden, found, *, same_machine):
+    """Say what of an engine's outcome is further away than it may be: bits where all is the same, else a little."""
+    bits = {**golden, **found}.keys() - {"input", "solver"}
+    misses = word_misses(golden, found, bits if same_machine else WORDS)
+
+    def allowed(name, x):
+        absolute, relative = tolerances(ENGINES, name, 1e-9, 0.0)
+        return absolute + relative * abs(x)
+
+    return misses + number_misses(problem, golden, found, allowed)
+
+
+def tolerances(table, name, *default):
+    """Absolute and relative tolerance of a number."""
+    return next((both for part, both in table.items() if part in name), default)
+
+
+def word_misses(golden, found, names):
+    """Say which of some fields of an outcome differ."""
+    where = f"{golden['input']}, {golden['solver']}"
+    return [
+        f"{where}: {name}: expected {golden.get(name)!r}, found {found.get(name)!r}"
+        for name in sorted(names)
+        if golden.get(name) != found.get(name)
+    ]
+
+
+def number_misses(problem, golden, found, allowed):
+    """Say which numbers of an outcome are further away than they may be: `allowed`, of name and golden number."""
+    where, expected, there = (
+        f"{golden['input']}, {golden['solver']}",
+        flat(problem, golden),
+        flat(problem, found),
+    )
+    misses = []
     for name in {**expected, **there}:
         x, y = expected.get(name, math.nan), there.get(name, math.nan)
-        moved = 100 * float(golden.get("moves", {}).get(name, 0.0))
-        relative = {"margin": 1e-6, "duration": 1e-10, "first_flight": 1e-10, "gravity_number": 1e-12}.get(
-            name
-        )
-        least = tolerance if relative is None else relative * abs(x) * max(1.0, tolerance / LINEAR)
-        misses += miss(where, name, x, y, max(least, moved))
+        misses += miss(where, name, x, y, allowed(name, x))
     return misses
 
 
@@ -137,41 +180,6 @@ def miss(where, name, expected, found, tolerance):
     if same or abs(found - expected) <= tolerance:
         return []
     return [f"{where}: {name}: expected {expected!r}, found {found!r}, tolerance {tolerance:.2g}"]
-
-
-def engine_misses(problem, golden, found, *, same_machine):
-    """Say what of an engine's outcome is further away than it may be: bits where all is the same, else a little."""
-    where = f"{golden['input']}, {golden['solver']}"
-    if same_machine:
-        names = {**golden, **found}.keys() - {"input", "solver"}
-        return [
-            f"{where}: {name}: expected {golden.get(name)!r}, found {found.get(name)!r}, the same bits"
-            for name in sorted(names)
-            if golden.get(name) != found.get(name)
-        ]
-    misses = [
-        f"{where}: {name}: expected {golden.get(name)!r}, found {found.get(name)!r}"
-        for name in WORDS
-        if golden.get(name) != found.get(name)
-    ]
-    expected, there = flat(problem, golden), flat(problem, found)
-    for name in {**expected, **there}:
-        x = expected.get(name, math.nan)
-        misses += miss(where, name, x, there.get(name, math.nan), engine_tolerance(name, x))
-    return misses
-
-
-def engine_tolerance(name, value):
-    """Tolerance of a number of an engine on another machine."""
-    if name == "n_steps":
-        return 1.0
-    if "error" in name or name in ("regularisation", "order"):
-        return 1e-3 * abs(value) + 1e-9
-    if "limit" in name:
-        return 1e-8
-    if name == "duration":
-        return 2e-3 * abs(value)  # a step
-    return 1e-12 * abs(value) if "step" in name or name == "gravity_number" else 1e-9
 
 
 def path_misses(problem, golden, found):
@@ -193,66 +201,38 @@ def path_misses(problem, golden, found):
     return misses
 
 
-def provenance(name):
-    """Return the fingerprint of the machine on which golden values were made."""
-    return json.loads((HERE / "values/provenance.json").read_text())[name]["fingerprint"]
-
-
-def table(name):
-    """Read a golden table, by column."""
-    with (HERE / "values" / f"{name}.csv").open(newline="") as file:
-        names, *rows = csv.reader(file)
-    return dict(zip(names, map(list, zip(*rows, strict=True)), strict=True))
-
-
 #: Columns that tell a row.
-KEYS = ("cell", "solver", "case", "class", "measure")
+KEYS = ("cell", "case", "solver", "class", "measure")
 #: Columns of words for a reader, of which only is compared whether there are any.
 PROSE = ("reason", "marked", "sentence", "without_result")
-#: Tolerance of numbers of tables, those of engines 1e-9.
-EXACT = 1e-10
-#: Others by a part of the column's name, absolute and relative; the first that fits counts.
-TABLES = {
-    "curve_distance": (3e-9, 0.0),
-    "grazing_margin": (0.0, 1e-6),
-    "n_steps": (1.0, 0.0),
-    "error": (1e-9, 1e-3),
-    "regularisation": (1e-9, 1e-3),
-    "order": (1e-9, 1e-3),
-    "share": (1e-6, 0.0),
-    "rate": (1e-6, 1e-6),
-    "limit": (1e-8, 0.0),
-}
 
 
 def table_misses(where, found):
     """Say what of a table, columns of text, is further away than it may be."""
-    golden = table(where)
-    misses, rows = [], len(next(iter(golden.values())))
-    for name, expected in golden.items():
-        if name not in found or len(found[name]) != rows:
-            misses.append(
-                f"{where}: {name}: {'another number of rows' if name in found else 'no such column'}"
-            )
-            continue
-        for i, (x, y) in enumerate(zip(expected, found[name], strict=True)):
-            if name in PROSE:
-                x, y = str(bool(x)), str(bool(y))
-            if x != y:
-                row = " ".join(golden[key][i] for key in golden if key in KEYS)
-                misses += field_misses(
-                    f"{where}, row {i} ({row})", name, x, y, golden.get("solver", [""] * rows)[i]
-                )
-    return misses
+    golden = pd.read_csv(HERE / "values" / f"{where}.csv", dtype=str, keep_default_na=False)
+    there = pd.DataFrame(found)
+    if missing := {*golden} - {*there}:
+        return [f"{where}: {name}: no such column" for name in sorted(missing)]
+    if len(there) != len(golden):
+        return [f"{where}: expected {len(golden)} rows, found {len(there)}"]
+    rows = golden.filter(KEYS).agg(" ".join, axis=1)
+    for name in golden.columns.intersection(PROSE):
+        golden[name], there[name] = (each[name].astype(bool).astype(str) for each in (golden, there))
+    return [
+        text
+        for name in golden
+        for i in np.flatnonzero(golden[name] != there[name])
+        for text in field_misses(f"{where}, row {i} ({rows[i]})", name, golden.loc[i], there[name][i])
+    ]
 
 
-def field_misses(where, name, expected, found, solver):
-    """Compare two fields of a table: numbers, or words."""
+def field_misses(where, name, golden, found):
+    """Compare a field of a row with the golden one: numbers, or words."""
     try:
-        x, y = float(expected), float(found)
+        x, y = float(golden[name]), float(found)
     except ValueError:
-        return [f"{where}: {name}: expected {expected!r}, found {found!r}"]
-    absolute, relative = next((two for part, two in TABLES.items() if part in name), (EXACT, EXACT))
-    if solver in adapter.ENGINES and "limit" not in name:
+        return [f"{where}: {name}: expected {golden[name]!r}, found {found!r}"]
+    absolute, relative = tolerances(TABLES, name, EXACT, EXACT)
+    if golden.get("solver") in adapter.ENGINES and "limit" not in name:
         absolute, relative = max(absolute, 1e-9), max(relative, 2e-3 if name == "duration" else 0.0)
     return miss(where, name, x, y, absolute + relative * abs(x))

@@ -1,9 +1,11 @@
-"""What is seen of work that goes on, on a terminal and in a log, and at the end of a run."""
+"""What is seen on a terminal and in a log: work that goes on, the end of a run, a column of it."""
 
 import io
 
+import pyarrow.parquet as pq
 from rich.console import Console
 
+from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.presentation.terminal import show_progress
 from impact_xval.experiments.presentation.views import show_end
@@ -41,3 +43,19 @@ def test_the_end_of_a_run_is_one_screen(fake_run):
         assert max(map(len, printed)) <= width
         (row,) = (line.split() for line in printed if line.startswith("kelvin-voigt  mujoco"))
         assert row == ["kelvin-voigt", "mujoco", "12", "0.01", "0.01", "0.01", "100.0", "%", "0"]
+
+
+def test_a_column_is_shown_with_its_ladder_or_why_it_has_none(column_run, capsys):
+    ladder = pq.read_table(column_run / "ladder.parquet").to_pandas()
+    assert (len(ladder), (ladder.status == "ok").sum()) == (24, 12)
+    assert main(["show", str(column_run), "--cell", "0"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "cell 0: balls = 2, arrangement = cradle" in shown
+    assert ladder.sentence[0].replace("mujoco", "MuJoCo") in shown
+    assert main(["show", str(column_run), "--cell", "2"]) == 0
+    assert "mujoco: unrepresentable: exponent = 1.5" in capsys.readouterr().out
+
+
+def test_a_command_for_two_balls_refuses_a_run_of_columns(column_run, capsys):
+    assert main(["scene", str(column_run), "0"]) == 2
+    assert "columns of N balls; legal: " in capsys.readouterr().err

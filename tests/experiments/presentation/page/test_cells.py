@@ -33,6 +33,12 @@ def test_it_shows_the_tables(engine_run, cells):
         assert cell["causes"] == ["MuJoCo" + ladder.loc[number].sentence.removeprefix("mujoco")]
 
 
+def test_a_column_without_a_result_says_why(column_run):
+    cell = opened_cells(RunFolder(column_run), [2])[2]
+    assert cell["causes"][0].startswith("MuJoCo: exponent = 1.5: ")
+    assert [row["velocities"] for row in cell["results"] if row["solver"] == "mujoco"] == [[None, None]]
+
+
 def test_curves_end_where_the_tables_do_and_the_scene_is_one(cells):
     mujoco = pytest.importorskip("mujoco")
     for cell in cells.values():
@@ -44,15 +50,18 @@ def test_curves_end_where_the_tables_do_and_the_scene_is_one(cells):
             assert (impulse1[0], impulse2[0]) == (0, 0)
 
 
-def test_its_commands_can_be_pasted(engine_run, cells, monkeypatch, capsys):
-    monkeypatch.chdir(engine_run.parent)
-    expected = {row["solver"]: row["velocities"][0] for row in cells[7]["results"]}
-    ladder, scene, solve, animate = (shlex.split(command)[1:] for _, command in cells[7]["commands"])
-    for command in (ladder, scene):
+@pytest.mark.parametrize(("run", "cell", "count"), [("engine_run", 7, 4), ("column_run", 0, 3)])
+def test_its_commands_can_be_pasted(run, cell, count, request, monkeypatch, capsys):
+    root = request.getfixturevalue(run)
+    opened = opened_cells(RunFolder(root), [cell])[cell]
+    *others, solve, film = commands = [shlex.split(command)[1:] for _, command in opened["commands"]]
+    assert len(commands) == count
+    monkeypatch.chdir(root.parent)
+    for command in (*others, [*film, "--solver", "kelvin-voigt"]):
         assert main(command) == 0, capsys.readouterr().err
+    assert (root.parent / f"cell-{cell}.html").read_text().startswith("<!doctype html>")
+    expected = {row["solver"]: row["velocities"] for row in opened["results"]}
     capsys.readouterr()
     assert main([*solve, "--json", *(word for name in expected for word in ("--solver", name))]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert {row["solver"]: row["v1"] for row in found} == expected
-    assert main([*animate, "--solver", "kelvin-voigt"]) == 0, capsys.readouterr().err
-    assert (engine_run.parent / "cell-7.html").is_file()
+    found = {row["solver"]: row["velocities"] for row in json.loads(capsys.readouterr().out)}
+    assert found == expected

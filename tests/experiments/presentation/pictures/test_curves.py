@@ -1,17 +1,23 @@
-"""The supplement's panels: what is drawn against numbers that are printed, or come from its formulas or an oracle."""
+"""Curves that are drawn, against numbers that are printed, or come from formulas or an oracle."""
 
 import json
 import math
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.commands.cli import main
+from impact_xval.experiments.presentation.pictures.curves import draw_collision, drawn_paths
 from impact_xval.experiments.presentation.pictures.supplement import draw_supplement_figures
-from impact_xval.model import Collision
+from impact_xval.model import Collision, Outcome, solve
 from tests.model.oracle import solve_oracle
 
 M2 = 2 / math.sqrt(3)
+#: Final velocities of panel 1b; tests/published/test_printed_values.py has where these and others are from.
+EXACT_1B = (0.88981120733190, 0.00016910787873)
 
 
 @pytest.fixture(scope="module")
@@ -49,16 +55,12 @@ def test_2a_turns_where_the_supplement_says(panels):
 
 
 def test_exact_and_printed_ends_stand_side_by_side(panels):
-    for name, printed, exact in (
-        # tests/published/test_printed_values.py has where these are from
-        ("1b", (0.88922, 0.00022), (0.88981120733190, 0.00016910787873)),
-        ("2b", (0.4573, 0.44281), (0.46187997174429, 0.43939196930137)),
-    ):
-        ax = panels[name]
-        (window,) = ax.child_axes
-        for each in (ax, window):
-            assert drawn(each, "exact end")[0] == pytest.approx(impulses(*exact), abs=1e-11)
-            assert drawn(each, "printed")[0] == pytest.approx(impulses(*printed), abs=1e-12)
+    of_2b = (0.46187997174429, 0.43939196930137)
+    for name, printed, exact in (("1b", (0.88922, 0.00022), EXACT_1B), ("2b", (0.4573, 0.44281), of_2b)):
+        (window,) = panels[name].child_axes
+        for ax in (panels[name], window):
+            assert drawn(ax, "exact end")[0] == pytest.approx(impulses(*exact), abs=1e-11)
+            assert drawn(ax, "printed")[0] == pytest.approx(impulses(*printed), abs=1e-12)
 
 
 def test_curves_without_printed_velocities_end_where_the_oracle_does(panels):
@@ -77,3 +79,29 @@ def test_the_command_writes_each_figure_with_its_caption(tmp_path):
     names = ["supplement-1", "supplement-2", "supplement-3"]
     assert {path.stem for path in root.iterdir()} == {*names, "captions"}
     assert list(json.loads((root / "captions.json").read_text(encoding="utf-8"))) == names
+
+
+def test_curves_of_one_collision_end_at_the_printed_numbers_whatever_the_units():
+    collision = Collision.two_balls(m1=3.0, m2=3.0 * M2, k1=1e7, k2=40e7, e1=0.9, e2=0.7, v0=-2.0)
+    outcomes = {
+        "state-transition": solve(collision, path=True),
+        "kelvin-voigt": get_solver("kelvin-voigt").solve(collision, Settings(record_path=True)),
+        "mujoco": Outcome.failure("mujoco", collision, "timeout", "too long"),
+    }
+    figure = draw_collision(collision, drawn_paths(collision, outcomes))
+    curve, *velocities = (drawn(ax, "the model") for ax in figure.axes)
+    ends = impulses(*EXACT_1B)
+    assert curve[-1] == pytest.approx(ends, abs=1e-11)
+    for line, start, end in zip(velocities, (-1.0, 0.0), EXACT_1B, strict=True):
+        assert line[0] == pytest.approx([0, start], abs=1e-12)
+        assert line[-1] == pytest.approx([sum(ends), end], abs=1e-11)
+
+
+def test_curves_of_columns_are_those_of_the_column_of_the_figures(column_run):
+    """The impulse of the first contact is what ball 1 loses, per m1 |v0|."""
+    curves = {row["solver"]: row for row in pq.read_table(column_run / "curves.parquet").to_pylist()}
+    for name in ("state-transition", "kelvin-voigt", "mujoco"):
+        row = curves[name]
+        assert len(row["velocities"]) == 4
+        passed = np.trapezoid(row["forces"][0], row["time"])
+        assert passed == pytest.approx(1 + row["velocities"][0], rel=2e-2)
