@@ -50,10 +50,9 @@ def test_runs_of_other_states_are_doubted_as_a_whole_and_a_first_flight_as_much_
     for doubt, error in (({}, 0.1 * 0.2 / 4), ({"alike": False}, 0.2 / 4), ({"gravity_doubt": 0.01}, 0.01)):
         limit = limit_of(sequence(lambda h: 0.3 + 0.2 * h), 0.0, 1e-6, PAIR, **doubt)
         assert limit.error == pytest.approx(error), doubt
-    velocities = sequence(lambda h: 0.3 + 0.01 * h + 0.2 * h**2, 2.0 ** -np.arange(4))
-    assert limit_of(velocities, 0.0, 1e-6, PAIR).error == pytest.approx(
-        2 * 0.2 / 32
-    )  # twice the second order
+    second = sequence(lambda h: 0.3 + 0.01 * h + 0.2 * h**2, 2.0 ** -np.arange(4))
+    limit = limit_of(second, 0.0, 1e-6, PAIR)
+    assert limit.error == pytest.approx(2 * 0.2 / 32)  # twice what the next row of the table removed
 
 
 def test_a_limit_of_balls_that_part_is_one_of_balls_that_parted():
