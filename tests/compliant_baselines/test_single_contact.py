@@ -96,5 +96,7 @@ def test_no_step_that_does_it_is_said(monkeypatch):
 
 
 def test_what_cannot_be_pasted_is_refused():
+    with pytest.raises(ValueError, match="engine = 'dart'; legal: mujoco, pybullet, drake"):
+        paste("dart", Contact(1e6, 0.0, 1.0), 1e-5)
     with pytest.raises(SolverError, match="leaves double precision"):
         paste("mujoco", Contact(1e308, 0.0, 1e-3), 1e-5)

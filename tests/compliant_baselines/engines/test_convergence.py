@@ -170,7 +170,6 @@ def test_a_path_ends_with_the_outcome_and_its_forces_are_those_of_kelvin_voigt(e
         outcome = engine.solve(column, Settings(step_fraction=fraction, record_path=True))
         path, step = outcome.path, outcome.diagnostics["step"]
         assert path.velocities[-1] == pytest.approx(outcome.velocities, abs=0)
-        assert path.impulses[-1] == pytest.approx(outcome.impulses, rel=1e-14)
         assert path.acting[0].all()
         once = np.append(True, np.diff(path.time) > 0)  # a border between states is given twice
         time, forces = path.time[once], path.forces[once]

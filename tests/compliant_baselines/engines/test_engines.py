@@ -9,10 +9,12 @@ import pytest
 
 from impact_xval.compliant_baselines import SolverError, get_solver
 from impact_xval.compliant_baselines.engines import stepping
+from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.mapping import restitution
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.model.collision import Collision
+from tests.compliant_baselines.conftest import installed
 from tests.compliant_baselines.reference_cells import random_collisions
 from tests.compliant_baselines.third_party import TOY
 from tests.model.test_columns import random_columns
@@ -112,13 +114,12 @@ def test_without_an_engine_the_way_out_is_said(monkeypatch):
 
 
 @pytest.mark.parametrize("scenario", ["impact", "drop"])
-def test_a_path_ends_in_the_outcome_and_has_its_states(engine, scenario):
+def test_a_path_has_the_states_of_its_outcome_and_not_too_many_points(engine, scenario):
     c = Collision.two_balls(m1=1.0, m2=2 / 3**0.5, k1=1e8, k2=2.5e6, e1=0.9, e2=0.7)
     settings = Settings(scenario=scenario, record_path=True)
     o = engine.solve(c, settings)
     path = o.path
     assert stepping.PATH_POINTS / 2.1 < len(path.time) <= stepping.PATH_POINTS + 4 * len(o.states) + 100
-    assert (path.v1[-1], path.impulse1[-1], path.impulse2[-1]) == (o.v1, o.impulse1, o.impulse2)
     # the states of the path are those of the outcome, each border given once for each side
     change = np.flatnonzero(np.diff(path.state))
     walked = tuple(f"S{s}" for s in path.state[np.append(change, -1)])
@@ -128,7 +129,7 @@ def test_a_path_ends_in_the_outcome_and_has_its_states(engine, scenario):
 
 def test_plastic_balls_in_a_drop_on_a_rigid_table_are_at_rest_after_a_step():
     exec(TOY, names := {})
-    engine = type("Falling", (names["ToyEngine"],), {"refusal": lambda self, scene: None})()
+    engine = type("Falling", (names["ToyEngine"],), {"refusal": Engine.refusal})()
     for scenario in ("impact", "drop"):
         outcome = engine.solve(cell(e1=0.0, e2=0.0), Settings(scenario=scenario))
         assert (outcome.velocities, outcome.marked) == ((0, 0), ""), scenario
@@ -193,8 +194,7 @@ def everything(run):
 
 
 def test_many_steps_a_call_are_single_steps_to_the_bit(monkeypatch):
-    pytest.importorskip("pybullet")
-    engine = get_solver("pybullet")
+    engine = installed("pybullet")
     columns = random_columns(12, 6, table=True)
     lines = [Scene.of(column, Settings(step_fraction=2e-3)) for column in columns]
     for some in (*(scenes(*scene, n=12, seed=11) for scene in SCENES), lines):

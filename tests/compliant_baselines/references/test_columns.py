@@ -131,7 +131,6 @@ def test_a_row_of_hertz_contacts_ends_as_in_time_without_events():
         outcome = in_time(column, law, exponent=1.5, max_steps=5000)
         assert outcome.status == "ok"
         assert outcome.diagnostics["velocity_error"] < 1e-9
-        assert sum(outcome.velocities) == pytest.approx(-1, abs=1e-12)
         duration = outcome.diagnostics["duration"] + 1
         expected = by_force_alone(column, law, 1.5, coefficients_of(column, law, 1.5), duration)
         assert outcome.velocities == pytest.approx(expected, abs=1e-9, rel=0), (law, balls, e)
