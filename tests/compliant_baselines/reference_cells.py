@@ -54,12 +54,23 @@ def random_cells(n, seed, lowest_e=0.3, decades=(2, 1)):
     return kappa, mu, rng.uniform(lowest_e, 1, n), rng.uniform(lowest_e, 1, n)
 
 
+def two_balls(kappa, mu, e1, e2, k1=1e8, v0=-1.0):
+    """Two balls on a table, m1 = 1 kg."""
+    return Collision.two_balls(1.0, mu, k1, k1 * kappa, e1, e2, v0)
+
+
 def random_collisions(*how, k1=1e8, v0=-1.0, **cells):
     """Random cells as two balls on a table, m1 = 1 kg."""
-    found = np.transpose(random_cells(*how, **cells)).tolist()
-    return [Collision.two_balls(1.0, mu, k1, k1 * kappa, e1, e2, v0) for kappa, mu, e1, e2 in found]
+    return [two_balls(*cell, k1, v0) for cell in np.transpose(random_cells(*how, **cells)).tolist()]
 
 
 def random_gravity(n, seed):
     """Gravity numbers g/(|v0| omega1), log-uniform in [1e-3, 0.3]."""
     return 10 ** np.random.default_rng(seed).uniform(-3, -0.5, n)
+
+
+def chain(*velocities, e=1.0, masses=None, gap=0.0, table=False):
+    """Balls that are alike but for what is said."""
+    n = len(velocities)
+    k, e, gaps = ((value,) * (n - 1 + table) for value in (1.0, e, gap))
+    return Collision(masses or (1.0,) * n, k, e, velocities, table, gaps)

@@ -13,21 +13,23 @@ from impact_xval.compliant_baselines.mapping import (
 
 
 def integrated_contact(zeta):
-    """Restitution and duration (times omega) of one damped contact, integrated until its force is zero."""
+    """Restitution, duration and depth at unit speed and omega of one contact, integrated until its force is zero."""
 
     def force(_t, y):
         return y[0] + 2 * zeta * y[1]
 
+    def rate(_t, y):
+        return y[1]
+
     force.terminal, force.direction = True, -1
-    s = solve_ivp(
-        lambda t, y: [y[1], -force(t, y)], (0, 50), [0, 1], "DOP853", rtol=1e-13, atol=1e-15, events=force
-    )
-    return -s.y[1, -1], s.t[-1]
+    how = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-15, "events": (force, rate)}
+    s = solve_ivp(lambda t, y: [y[1], -force(t, y)], (0, 50), [0, 1], **how)
+    return -s.y[1, -1], s.t[-1], s.y_events[1][0, 0]
 
 
 def test_restitution_and_duration_are_those_of_an_integrated_contact():
     for zeta in (0.0, 1e-9, 0.05, 0.4, 0.95, 0.999, 1.0, 1.001, 2.0):
-        e, duration = integrated_contact(zeta)
+        e, duration, _ = integrated_contact(zeta)
         assert restitution(zeta) == pytest.approx(e, rel=1e-10), zeta
         assert contact_time(zeta) == pytest.approx(duration, rel=1e-10), zeta
 

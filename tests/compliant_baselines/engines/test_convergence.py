@@ -1,10 +1,11 @@
-"""Engines against the exact Kelvin-Voigt contacts, naive mappings, and what a scenario asks of them."""
+"""Engines against the exact Kelvin-Voigt contacts, of two balls and of N; naive mappings, and what a drop asks."""
 
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicHermiteSpline
 
 from impact_xval.compliant_baselines import Settings, get_solver
 from impact_xval.compliant_baselines.engines.scene import Scene
@@ -14,23 +15,21 @@ from impact_xval.compliant_baselines.mapping import (
     restitution,
     textbook_damping_ratio,
 )
+from impact_xval.compliant_baselines.solver import Convergence
 from impact_xval.model import Collision
+from tests.compliant_baselines.reference_cells import two_balls
 
+MU = 2 / 3**0.5
 # k2/k1, e1, e2: one contact stiffer and the other, elastic and not
 CELLS = [(1.0, 0.9, 0.7), (40.0, 0.9, 0.7), (1 / 40, 0.9, 0.7), (100.0, 0.5, 0.5), (0.3, 1.0, 0.6)]
-ELASTIC = [(1.0, 1.0, 1.0), (40.0, 1.0, 1.0), (1 / 40, 1.0, 1.0)]
 FRACTIONS = np.array([0.01, 0.005, 0.0025, 0.00125])
-
-
-def collision(ratio, e1, e2, k1=1e8):
-    return Collision.two_balls(m1=1.0, m2=2 / 3**0.5, k1=k1, k2=k1 * ratio, e1=e1, e2=e2)
 
 
 def reference(c, **settings):
     return get_solver("kelvin-voigt").solve(c, Settings(**settings))
 
 
-def errors(engine, c, fractions=FRACTIONS):
+def errors(engine, c, fractions):
     ref = reference(c)
     outcomes = [engine.solve(c, Settings(step_fraction=float(f))) for f in fractions]
     return np.array([np.hypot(o.v1 - ref.v1, o.v2 - ref.v2) for o in outcomes])
@@ -42,54 +41,34 @@ def slope(fractions, error):
 
 @pytest.mark.parametrize("engine", ["mujoco", "pybullet", "drake"], indirect=True)
 def test_first_order_convergence_to_kelvin_voigt(engine):
-    for cell in CELLS:
-        error = errors(engine, collision(*cell))
+    for ratio, *cell in CELLS:
+        error = errors(engine, two_balls(ratio, MU, *cell), FRACTIONS)
         assert error[-1] < 0.02, cell
         assert slope(FRACTIONS, error) == pytest.approx(1, abs=0.15 if engine.name == "mujoco" else 0.1), cell
 
 
-def test_elastic_cells_converge_at_first_order_in_pybullet_and_better_in_mujoco(engine):
-    for cell in ELASTIC:
-        if engine.name == "pybullet":  # backward Euler dissipates
-            assert slope(FRACTIONS, errors(engine, collision(*cell))) == pytest.approx(1, abs=0.15), cell
-        else:
-            # MuJoCo's semi-implicit Euler is symplectic: without damping its error is soon below that of the
-            # impedance. A contact ends somewhere within a step: the error swings inside an envelope of second order.
-            assert errors(engine, collision(*cell)).max() < 2e-4, cell
-            fractions = np.array([0.04, 0.03, 0.02, 0.015, 0.01, 0.007, 0.005])
-            error = errors(engine, collision(*cell), fractions)
-            assert np.all(error < 5 * fractions**2 + 1.5e-4), cell
-
-
-def test_states_and_impulses_are_those_of_kelvin_voigt(engine):
-    for cell in [(1.0, 1.0, 1.0), *CELLS[:4]]:
-        c = collision(*cell)
-        ref, got = reference(c), engine.solve(c, Settings(step_fraction=2e-4))
-        # Contacts that end within shortest_state of a period of each other end together.
-        assert got.states in (ref.states, tuple(s for s in ref.states if s != "S2")), cell
-        assert got.states == ref.states or cell == (40.0, 0.9, 0.7), cell
-        impulses = got.impulse1, got.impulse2
-        assert impulses == pytest.approx((ref.impulse1, ref.impulse2), rel=3e-3), cell
-        balance = c.v0 + got.impulse1 / c.m1, (got.impulse2 - got.impulse1) / c.m2
-        assert (got.v1, got.v2) == pytest.approx(balance, abs=1e-12)
+def test_elastic_cells_converge_at_second_order_in_mujoco():
+    # Its semi-implicit Euler is symplectic: without damping the error is soon below that of the impedance. A contact
+    # ends somewhere within a step: the error swings inside an envelope of second order.
+    fractions = np.array([0.04, 0.03, 0.02, 0.015, 0.01, 0.007, 0.005])
+    for ratio in (1.0, 40.0, 1 / 40):
+        c, engine = two_balls(ratio, MU, 1.0, 1.0), get_solver("mujoco")
+        assert errors(engine, c, FRACTIONS).max() < 2e-4, ratio
+        assert np.all(errors(engine, c, fractions) < 5 * fractions**2 + 1.5e-4), ratio
 
 
 @pytest.mark.parametrize("ratio", [0.5, 2.0, 10.0])
 def test_drop_follows_kelvin_voigt_with_gravity(engine, ratio):
     # k1 = 1e4 N/m: gravity matters (g/(|v0| omega1) = 0.07)
-    c = collision(ratio, 0.9, 0.7, k1=1e4)
-    error, weightless = [], reference(c)
+    c = two_balls(ratio, MU, 0.9, 0.7, k1=1e4)
+    error = []
     for fraction in FRACTIONS:
         got = engine.solve(c, Settings(scenario="drop", gravity=9.81, step_fraction=float(fraction)))
         ref = reference(c, scenario="drop", gravity=9.81)
         # An engine's last step goes on beyond the end, and gravity with it.
         late = 9.81 * (got.diagnostics["duration"] - ref.diagnostics["duration"])
         error.append(np.hypot(got.v1 + late - ref.v1, got.v2 + late - ref.v2))
-        impulses = got.impulse1, got.impulse2
-        assert impulses == pytest.approx((ref.impulse1, ref.impulse2), rel=20 * fraction)
     assert slope(FRACTIONS, error) == pytest.approx(1, abs=0.1)
-    # gravity is no detail here
-    assert error[-1] < 0.3 * np.hypot(ref.v1 - weightless.v1, ref.v2 - weightless.v2)
 
 
 def test_b2_stays_settled_until_it_is_hit(engine):
@@ -98,7 +77,6 @@ def test_b2_stays_settled_until_it_is_hit(engine):
         scene = Scene.of(c, Settings(scenario="drop"))
         scene = replace(scene, heights=(2000 * abs(c.v0) * scene.step, 0.0))
         (run,) = engine.run([scene], max_steps=1000, record_path=True)
-        assert run.points is not None
         assert len(run.points) > 900
         assert run.raw.state.tolist() == [0b10]  # carried by the table, every step
         # an elastic B2 out of balance by x would swing at omega2 x for ever
@@ -117,7 +95,6 @@ def test_b2_at_rest_on_the_table_is_reported_at_rest(engine):
     # what is reported is one momentum balance
     fallen = 9.81 * o.diagnostics["duration"]
     assert o.impulse2 == pytest.approx(c.m1 * (o.v1 + 1 + fallen) + c.m2 * fallen, rel=1e-12)
-    assert o.states[-1] == "S4"
 
 
 def test_balls_that_never_part_end_at_rest(engine):
@@ -129,27 +106,10 @@ def test_balls_that_never_part_end_at_rest(engine):
     assert o.impulse2 == pytest.approx(weight + c.m1, rel=1e-12)
 
 
-def test_what_the_naive_mapping_of_mujoco_costs():
-    soft, hard = (collision(1, 0.9, 0.7, k1=k1) for k1 in (1e4, 1e8))
-    engine, naive = get_solver("mujoco"), get_solver("mujoco-naive")
-    assert naive.solve(hard).v1 == engine.solve(hard, Settings(mapping="naive")).v1
-    exact = reference(hard)
-    for fraction in (4e-3, 1e-3):  # no matter of the step
-        settings = Settings(step_fraction=fraction)
-        calibrated, found = engine.solve(hard, settings), naive.solve(hard, settings)
-        assert math.hypot(calibrated.v1 - exact.v1, calibrated.v2 - exact.v2) < 0.005
-        assert math.hypot(found.v1 - exact.v1, found.v2 - exact.v2) > 0.3
-        assert found.v1 > 0.9
-        assert found.v2 < 0.15
-    # Theorem 5: the outcome does not depend on the scale of k. Under the default solimp it does.
-    for solver, least, most in ((engine, 0, 1e-8), (naive, 0.01, 0.1)):
-        assert least <= abs(solver.solve(soft).v1 - solver.solve(hard).v1) <= most
-
-
 def test_what_the_naive_mapping_of_pybullet_is():
     pytest.importorskip("pybullet")
     for ratio in (1.0, 5.0):
-        c = collision(ratio, 0.9, 0.7, k1=1e4)
+        c = two_balls(ratio, MU, 0.9, 0.7, k1=1e4)
         zeta1, zeta2 = (textbook_damping_ratio(e) for e in (c.e1, c.e2))
         c1 = 2 * zeta1 * math.sqrt(c.k1 * c.m1 * c.m2 / (c.m1 + c.m2))
         c2 = 2 * zeta2 * math.sqrt(c.k2 * c.m2)
@@ -164,5 +124,71 @@ def test_what_the_naive_mapping_of_pybullet_is():
             errors.append(math.hypot(o.v1 - expected.v1, o.v2 - expected.v2))
         assert errors[-1] < 2e-3
         assert errors[0] / errors[2] == pytest.approx(4, rel=0.2)  # first order in the step
-        exact = reference(c)
-        assert math.hypot(expected.v1 - exact.v1, expected.v2 - exact.v2) > 0.1
+
+
+CHAIN = Collision((1, 1, 1), (1, 1), (1, 0.9), (-1, 0, 0))
+FOUR = Collision((1, 2, 1, 0.5), (1e4, 3e4, 1e4), (0.9, 0.8, 0.95), (-1, 0, 0, 0))
+DROP = Collision(
+    FOUR.masses, (*FOUR.stiffnesses, 2e4), (*FOUR.restitutions, 0.7), FOUR.velocities, table=True
+)
+SETTINGS = Settings(step_fraction=4e-3, convergence=Convergence())
+
+
+def limits(outcome):
+    return [outcome.diagnostics[f"v{i}_limit"] for i in range(1, len(outcome.velocities) + 1)]
+
+
+@pytest.mark.parametrize("column", [CHAIN, FOUR, DROP], ids=["three", "four", "drop"])
+@pytest.mark.parametrize("engine", ["mujoco", "pybullet", "drake"], indirect=True)
+def test_a_column_has_the_limit_of_kelvin_voigt(engine, column):
+    exact = get_solver("kelvin-voigt").solve(column)
+    outcome = engine.solve(column, Settings(convergence=Convergence()))
+    off = np.abs(np.subtract(limits(outcome), exact.velocities)).max()
+    assert off < outcome.diagnostics["limit_error"] < 1e-3
+    assert off < 2e-4
+    assert engine.name != "drake" or outcome.diagnostics["order"] == pytest.approx(1, abs=0.05)
+    assert outcome.states == exact.states
+    lost = np.dot(column.masses, np.subtract(outcome.velocities, column.velocities))
+    assert lost == pytest.approx(outcome.impulses[-1] if column.table else 0, abs=1e-12)
+
+
+def test_gaps_and_speeds_beyond_a_hundred(engine):
+    """Balls that are apart meet one after the other; PyBullet's multibodies are capped at 100 m/s by default."""
+    column = Collision((1, 1, 1), (1e4, 1e4), (1, 0.8), (-500, 0, 0), gaps=(0, 40.0))
+    exact = get_solver("kelvin-voigt").solve(column)
+    outcome = engine.solve(column, SETTINGS)
+    assert exact.velocities == pytest.approx([0, -50, -450], abs=1e-9)
+    assert outcome.states == exact.states == ("1", "-", "2", "-")
+    assert limits(outcome) == pytest.approx(exact.velocities, abs=3 * outcome.diagnostics["limit_error"])
+
+
+def test_a_path_ends_with_the_outcome_and_its_forces_are_those_of_kelvin_voigt(engine):
+    column = replace(CHAIN, restitutions=(0.8, 0.9))
+    exact = get_solver("kelvin-voigt").solve(column, Settings(record_path=True)).path
+    errors = []
+    for fraction in (4e-3, 2e-3, 1e-3):
+        outcome = engine.solve(column, Settings(step_fraction=fraction, record_path=True))
+        path, step = outcome.path, outcome.diagnostics["step"]
+        assert path.velocities[-1] == pytest.approx(outcome.velocities, abs=0)
+        assert path.acting[0].all()
+        once = np.append(True, np.diff(path.time) > 0)  # a border between states is given twice
+        time, forces = path.time[once], path.forces[once]
+        assert len(time) == outcome.diagnostics["n_steps"] + 1
+        assert np.diff(time) @ forces[1:] == pytest.approx(outcome.impulses, rel=1e-12)
+        # Means, so that they are those of the middle of a step. The reference has a few points a segment: its
+        # velocities between them are those of the cubic through velocities and forces.
+        middle = 0.5 * (time[1:] + time[:-1])
+        theirs = np.column_stack([between(exact, i, middle) for i in range(2)])
+        # In the first step MuJoCo has no contacts yet: balls that only just touch have no depth.
+        off = np.abs(forces[2:] - theirs[1:])
+        assert off.max() < 1.5 * step
+        # When in its last step a contact opens is chance, and no matter of order.
+        errors.append(np.quantile(off, 0.95))
+    order = np.polyfit(np.log2([4, 2, 1]), np.log2(errors), 1)[0]
+    assert order == pytest.approx(1, abs=0.05)
+
+
+def between(path, contact, time):
+    """Force of a contact between the points of a path, from the cubics through its impulses and forces."""
+    impulses, forces = path.impulses[:, contact], path.forces[:, contact]
+    return CubicHermiteSpline(path.time, impulses, forces).derivative()(time)

@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from impact_xval.compliant_baselines.mapping import MUJOCO_IMPEDANCE
 from impact_xval.compliant_baselines.marks import jumps
 from impact_xval.compliant_baselines.solver import Convergence, Settings
 from impact_xval.model.collision import Collision, Collisions
-from tests.compliant_baselines.reference_cells import BATCHES, random_cells
+from tests.compliant_baselines.reference_cells import random_cells, two_balls
 
 H = 2.0 ** -np.arange(3)
 
@@ -22,44 +23,18 @@ H = 2.0 ** -np.arange(3)
 PAIR = (1.0, 1.0)
 
 
-def sequence(f):
-    return np.column_stack([f(H), np.zeros(3)])
-
-
-def test_a_first_order_error_is_removed():
-    limit = limit_of(sequence(lambda h: 0.3 + 0.2 * h), 0.0, 1e-6, PAIR)
-    assert limit.velocities == (pytest.approx(0.3, abs=1e-15), 0)
-    assert limit.order == pytest.approx(1)
-    # three differences that agree may do so by accident: a tenth of the last correction stays doubted
-    assert limit.error == pytest.approx(0.1 * 0.2 / 4)
-    # runs of other states, a kink between them, are doubted as a whole; a first flight as much as it is
-    for doubt, error in (({"alike": False}, 0.2 / 4), ({"gravity_doubt": 0.01}, 0.01)):
-        limit = limit_of(sequence(lambda h: 0.3 + 0.2 * h), 0.0, 1e-6, PAIR, **doubt)
-        assert limit.error == pytest.approx(error)
-
-
-def test_a_second_order_error_is_estimated():
-    limit = limit_of(sequence(lambda h: 0.3 + 0.01 * h + 0.2 * h**2), 0.0, 1e-6, PAIR)
-    assert abs(limit.velocities[0] - 0.3) == pytest.approx(0.2 / 8)
-    assert limit.error == pytest.approx(3 * 0.2 / 8)
-    # four runs show that corrections fall to a quarter, and the next row of the table removes the second order too
-    steps = np.append(H, H[-1] / 2)
-    velocities = np.column_stack([0.3 + 0.01 * steps + 0.2 * steps**2, 0 * steps])
-    limit = limit_of(velocities, 0.0, 1e-6, PAIR)
-    assert limit.velocities[0] == pytest.approx(0.3, abs=1e-15)
-    assert limit.error == pytest.approx(2 * 0.2 / 32)  # twice what it has removed
-    limit = limit_of(velocities, 0.0, 1e-6, PAIR, orders=1)
-    assert abs(limit.velocities[0] - 0.3) == pytest.approx(0.2 / 32)
+def sequence(f, steps=H):
+    return np.column_stack([f(steps), 0 * steps])
 
 
 def test_limits_gain_an_order_where_the_runs_show_it():
-    def missed(finest, n, f):
+    def missed(finest, n, orders):
         steps = finest * 2.0 ** np.arange(n - 1, -1, -1)
-        limit = limit_of(np.column_stack([f(steps), 0 * steps]), 0.0, finest, PAIR)
-        return abs(limit.velocities[0] - 0.3)
+        velocities = sequence(lambda h: 0.3 + 0.1 * np.expm1(h), steps)  # a smooth error
+        return abs(limit_of(velocities, 0.0, finest, PAIR, orders=orders).velocities[0] - 0.3)
 
-    for n, power in ((3, 2), (4, 3), (5, 3)):  # of a smooth error
-        coarse, fine = (missed(h, n, lambda h: 0.3 + 0.1 * np.expm1(h)) for h in (2e-2, 1e-2))
+    for n, orders, power in ((3, 2, 2), (4, 2, 3), (5, 2, 3), (4, 1, 2)):
+        coarse, fine = (missed(h, n, orders) for h in (2e-2, 1e-2))
         assert np.log2(coarse / fine) == pytest.approx(power, abs=0.1)
     # corrections of both signs are not of second order, but the chance of touch times
     velocities = np.array([0.36, 0.334, 0.3145, 0.3067])
@@ -71,23 +46,18 @@ def test_limits_gain_an_order_where_the_runs_show_it():
     assert limit.velocities[1] == 2 * other[-1] - other[-2]
 
 
-def test_the_chance_of_contact_starts_is_estimated():
-    # Starts up to a step late: errors h u theta, theta without any law in [0, 1], and u h what `starts` says.
-    thetas = np.random.default_rng(1).uniform(0, 1, (4000, 3))
-
-    def honest(starts):
-        limits = [limit_of(sequence(lambda h, x=x: 0.5 + 0.05 * h * x), starts, 1e-6, PAIR) for x in thetas]
-        return np.mean([abs(limit.velocities[0] - 0.5) <= 3 * limit.error for limit in limits])
-
-    assert honest(0.05 * H[-1]) > 0.99
-    assert honest(0.0) < 0.97  # the differences alone miss what the starts tell
+def test_runs_of_other_states_are_doubted_as_a_whole_and_a_first_flight_as_much_as_it_is():
+    for doubt, error in (({}, 0.1 * 0.2 / 4), ({"alike": False}, 0.2 / 4), ({"gravity_doubt": 0.01}, 0.01)):
+        limit = limit_of(sequence(lambda h: 0.3 + 0.2 * h), 0.0, 1e-6, PAIR, **doubt)
+        assert limit.error == pytest.approx(error), doubt
+    second = sequence(lambda h: 0.3 + 0.01 * h + 0.2 * h**2, 2.0 ** -np.arange(4))
+    limit = limit_of(second, 0.0, 1e-6, PAIR)
+    assert limit.error == pytest.approx(2 * 0.2 / 32)  # twice what the next row of the table removed
 
 
 def test_a_limit_of_balls_that_part_is_one_of_balls_that_parted():
     # v2 - v1 falls by 0.01 with each halving and is 0.005 beyond the last: the balls have yet to meet there.
-    velocities = np.array([[0.4, 0.365], [0.4, 0.375], [0.4, 0.385]])
-    velocities[:, 1] += 0.01
-    limit = limit_of(velocities, 0.0, 1e-6, (1.0, 3.0))
+    limit = limit_of(np.array([[0.4, 0.375], [0.4, 0.385], [0.4, 0.395]]), 0.0, 1e-6, (1.0, 3.0))
     mean = 0.4 * 0.25 + 0.405 * 0.75  # momentum is kept
     assert limit.velocities[0] == limit.velocities[1] == pytest.approx(mean)
     assert limit.error == pytest.approx(0.01)  # the differences do not fall
@@ -95,8 +65,6 @@ def test_a_limit_of_balls_that_part_is_one_of_balls_that_parted():
     limit = limit_of(np.array([[0.4, 0.012], [0.4, 0.004], [0.4, 0.0]]), 0.0, 1e-6, (1.0, 3.0))
     assert limit.velocities == (0.4, 0)
     assert limit.error == pytest.approx(0.004)  # and would leave it as fast as it was going to
-    limit = limit_of(np.array([[0.4, 0.3], [0.4, 0.2], [0.4, 0.15]]), 0.0, 1e-6, (1.0, 3.0))
-    assert limit.velocities[1] == pytest.approx(0.1)  # what is inside stays where it is
 
 
 def test_a_rate_that_turns_around_is_not_extrapolated():
@@ -111,14 +79,6 @@ def test_a_vibration_that_steps_damp_away_is_as_far_as_its_changes_grow():
     for x in (0.3, 0.1, 0.02):  # what is left of it at the shortest step
         limit = limit_of(sequence(lambda h, x=x: 0.3 + 0.01 * x ** (4 * h)), 0.0, 1e-6, PAIR)
         assert 0.5 * limit.error < 0.31 - limit.velocities[0] < limit.error
-
-
-# Either contact stiffer, dissipative and elastic ones; returns of contacts.
-CELLS = [
-    (ratio, mass, e1, e2)
-    for ratio in (0.01, 0.1, 1.0, 10.0)
-    for mass, e1, e2 in ((0.5, 1.0, 1.0), (2 / 3**0.5, 0.9, 0.7), (2.0, 0.5, 0.9), (2 / 3**0.5, 0.7, 0.5))
-]
 
 
 def regularised(collision):
@@ -152,7 +112,11 @@ def regularised(collision):
 
 def test_estimates_are_honest(engine):
     """Against Kelvin-Voigt, and the step part alone against the engine's own limit: MuJoCo's is regularised."""
-    collisions = [Collision.two_balls(1.0, mass, 1e8, 1e8 * ratio, e1, e2) for ratio, mass, e1, e2 in CELLS]
+    collisions = [  # either contact stiffer, dissipative and elastic ones; returns of contacts
+        Collision.two_balls(1.0, mass, 1e8, 1e8 * ratio, e1, e2)
+        for ratio in (0.01, 0.1, 1.0, 10.0)
+        for mass, e1, e2 in ((0.5, 1, 1), (2 / 3**0.5, 0.9, 0.7), (2, 0.5, 0.9), (2 / 3**0.5, 0.7, 0.5))
+    ]
     outcomes = engine.solve_many(collisions, Settings(convergence=Convergence()))
     for c, outcome in zip(collisions, outcomes, strict=True):
         assert outcome.status == "ok", outcome.reason
@@ -167,7 +131,6 @@ def test_estimates_are_honest(engine):
         if c.e1 == c.e2 == 1:  # no dashpot, nothing left to chance: what regularisation does is measured
             moved = np.abs(np.subtract(own, asked.velocities)).max()
             assert d["regularisation"] == pytest.approx(moved, rel=0.05)
-        assert d["finest_step"] <= d["step"]
 
 
 def test_a_limit_is_that_of_the_same_steps_asked_for_one_by_one_and_changes_no_outcome(engine):
@@ -179,9 +142,7 @@ def test_a_limit_is_that_of_the_same_steps_asked_for_one_by_one_and_changes_no_o
     extrapolated = 2 * last.v1 - before.v1, 2 * last.v2 - before.v2
     assert (limit["v1_limit"], limit["v2_limit"]) == extrapolated
     assert limit["finest_step"] == limit["step"]
-    for name in ("v1", "v2", "impulse1", "impulse2", "states", "status"):
-        assert getattr(followed, name) == getattr(last, name)
-    assert {k: limit[k] for k in last.diagnostics} == dict(last.diagnostics)
+    assert replace(followed, diagnostics={name: limit[name] for name in last.diagnostics}) == last
     assert "v1_limit" not in last.diagnostics
 
 
@@ -192,101 +153,45 @@ def test_what_is_not_known_to_the_tolerance_is_unconverged_and_keeps_its_numbers
     assert outcome.status == "unconverged"
     assert "beyond the tolerance of 1e-07" in outcome.reason
     assert math.isfinite(outcome.v1)
-    assert outcome.diagnostics["limit_error"] > 1e-7
     # No step brings what MuJoCo's impedance does below the tolerance: none is tried.
     halved = outcome.diagnostics["step"] / outcome.diagnostics["finest_step"]
     assert halved == (8 if engine.name == "pybullet" else 1)
     assert "regularisation" in outcome.reason or engine.name == "pybullet"
 
 
-def test_halving_stops_where_the_tolerance_is_met():
-    pytest.importorskip("pybullet")
-    c, engine = Collision.two_balls(m1=1.0, m2=0.5, k1=1e8, k2=1e6, e1=0.7, e2=0.5), get_solver("pybullet")
-    both = (Settings(step_fraction=4e-3, convergence=Convergence(t, 6)) for t in (0.05, 1e-3))
-    loose, tight = (engine.solve(c, settings) for settings in both)
-    assert loose.diagnostics["finest_step"] == loose.diagnostics["step"]
-    assert tight.diagnostics["finest_step"] < tight.diagnostics["step"]
-    assert tight.diagnostics["limit_error"] <= 1e-3
-
-
 DROP = Settings(scenario="drop", convergence=Convergence())
 
 #: k2/k1, m2/m1, e1, e2: the balls part with B2 faster by 1e-4 |v0| or so.
-PARTING = [(0.108279, 0.523806, 0.627179, 0.902340), (1.177487, 1.213507, 0.910308, 0.448331)]
+PARTING = (0.108279, 0.523806, 0.627179, 0.902340)
 
 
-def falling(kappa, mu, e1, e2, k1=1e8):
-    return Collision.two_balls(1.0, mu, k1, k1 * kappa, e1, e2, -1.0)
-
-
-def test_an_engines_limit_is_the_exact_contacts(engine):
-    for cell in PARTING:
-        exact = get_solver("kelvin-voigt").solve(falling(*cell), DROP)
-        limit = engine.solve(falling(*cell), DROP).diagnostics
-        error = 3 * limit["limit_error"]
-        assert (limit["v1_limit"], limit["v2_limit"]) == pytest.approx((exact.v1, exact.v2), abs=error), cell
-
-
-@pytest.mark.parametrize("name", ["kelvin-voigt", "mujoco", "pybullet"])
-def test_velocities_stay_in_flight(name):
-    outcome = get_solver(name).solve(falling(*PARTING[0]), Settings(scenario="drop", record_path=True))
+def test_velocities_stay_in_flight(engine):
+    outcome = engine.solve(two_balls(*PARTING), Settings(scenario="drop", record_path=True))
     path, start = outcome.path, outcome.diagnostics["first_flight"]
     flying = (path.time >= start) & (path.state == 4) & (path.time < path.time[-1])
     flight = path.time < path.time[flying][0] + 5e-4  # the first one, before the balls meet again
     for v in (path.v1, path.v2):
         assert np.ptp(v[flying & flight]) < 1e-15
     # the impulses are those of contacts: gravity has acted until then
-    m2, g = PARTING[0][1], 9.81
+    m2, g = PARTING[1], 9.81
     assert outcome.impulse1 == pytest.approx(outcome.v1 + 1 + g * start, rel=1e-12)
     assert outcome.impulse2 == pytest.approx(outcome.impulse1 + m2 * (outcome.v2 + g * start), rel=1e-12)
 
 
-def test_a_flight_of_any_length_ends_alike():
-    # B2 is faster by ever less: the balls meet ever later, and the outcome tends to that in which they never do.
-    kappa = PARTING[0][0] * (1 + np.linspace(-2e-3, 2e-3, 401))
-    mu, e1, e2 = PARTING[0][1:]
-    number = 9.81 / np.sqrt(1e8 * (1 + 1 / mu))
-    batch = BATCHES["kelvin-voigt"](kappa, mu, e1, e2, number)
-    assert len(np.unique(batch.n_states)) > 1  # they meet again in some only
-    assert np.abs(np.diff([batch.v1, batch.v2])).max() < 1e-4
-
-
 def test_no_unmarked_cell_of_the_default_box_jumps():
     cells = random_cells(4000, 11, 0.5, (3, np.log10(2)))
-    number = 9.81 / np.sqrt(1e8 * (1 + 1 / cells[1]))
     rng = np.random.default_rng(12)
-    collisions, gravity = Collisions.from_ratios(*cells), number * np.sqrt(1 + 1 / cells[1])
+    collisions, gravity = Collisions.from_ratios(*cells), np.full(4000, 9.81e-4)  # of k1 = 1e8 N/m
     for name in ("kelvin-voigt", "bistiffness"):
-        batch, law = BATCHES[name], references.law_at(name)
+        law = references.law_at(name)
         base = law(collisions, gravity)
         marked = jumps(law, collisions, base, gravity)[0] > 1
         assert np.mean(marked) < 5e-3
         for _ in range(3):  # in stiffnesses, by other amounts than those that are tried
             a, b = 1 + 1e-3 * rng.uniform(-1, 1, (2, 4000))
-            other = batch(cells[0] * a, *cells[1:], number * b)
+            other = law(Collisions.from_ratios(cells[0] * a, *cells[1:]), gravity * b)
             away = np.maximum(abs(other.v1 - base.v1), abs(other.v2 - base.v2))
             assert np.max(away[~marked]) < 0.02
-
-
-@pytest.mark.parametrize("name", ["kelvin-voigt", "bistiffness"])
-@pytest.mark.parametrize("g", [0, 9.81])
-def test_trying_every_cell_finds_no_other_jump(name, g):
-    rng = np.random.default_rng(13)
-    kappa, mu = 10 ** rng.uniform((-3, -1), (3, 1), (1500, 2)).T
-    collisions, law = (
-        Collisions.from_ratios(kappa, mu, *rng.uniform(0.1, 1, (2, 1500))),
-        references.law_at(name),
-    )
-    gravity = np.full(1500, g / 1e4)  # of k1 = 1e8 N/m
-    exact = law(collisions, gravity)
-    found, which = jumps(law, collisions, exact, gravity)
-    excess, true = jumps(law, collisions, exact, gravity, everywhere=True)
-    marked = excess > 1
-    assert marked.any()
-    assert np.count_nonzero(excess) > 2 * np.count_nonzero(found)
-    np.testing.assert_array_equal(found > 1, marked)
-    np.testing.assert_array_equal(found[marked], excess[marked])
-    np.testing.assert_array_equal(which[marked], true[marked])
 
 
 #: B1 comes down on B2 again, or B2 is at rest just before: the exact law leaves B1 at 0.0004 or near 0.95.
@@ -295,18 +200,18 @@ BESIDE_A_JUMP = (0.0019638078578694557, 1.4209566336503359, 0.9792807125092937, 
 
 @pytest.mark.parametrize("name", ["kelvin-voigt", "mujoco"])
 def test_an_outcome_beside_a_jump_is_marked(name):
-    c = falling(*BESIDE_A_JUMP, k1=1e5)
+    c = two_balls(*BESIDE_A_JUMP, k1=1e5)
     outcome = get_solver(name).solve(c, Settings(scenario="drop"))
     says = r"a change of -?0.001 in e2 moves the exact outcome of kelvin-voigt by 0.95"
     assert re.match(says, outcome.marked)
     assert get_solver(name).solve(c, Settings(scenario="drop", mark=False)).marked == ""
-    assert get_solver(name).solve(falling(*PARTING[0]), Settings(scenario="drop")).marked == ""
+    assert get_solver(name).solve(two_balls(*PARTING), Settings(scenario="drop")).marked == ""
 
 
 @pytest.mark.slow
 def test_a_flight_in_doubt_is_not_taken_for_known():
     # At h, h/2 and h/4 PyBullet's balls meet before B2 has left the table, in the limit after it: 2e-3 |v0| apart.
-    c = falling(1e-3, 2 / np.sqrt(3), 1.0, 0.5)
+    c = two_balls(1e-3, 2 / np.sqrt(3), 1.0, 0.5)
     exact = get_solver("kelvin-voigt").solve(c, DROP)
     outcome = get_solver("pybullet").solve_many([c], DROP)[0]
     limit = outcome.diagnostics
@@ -317,7 +222,7 @@ def test_a_flight_in_doubt_is_not_taken_for_known():
 
 def test_a_limit_with_another_flight_than_the_exact_law_is_marked():
     # MuJoCo's least impedance lets B2 leave the table 9 microseconds before the balls meet; exactly, they meet first.
-    c = falling(0.00553308751813229, 0.8101045963654292, 0.5562510847276028, 0.5158582821238982)
+    c = two_balls(0.00553308751813229, 0.8101045963654292, 0.5562510847276028, 0.5158582821238982)
     outcome = get_solver("mujoco").solve(c, DROP)
     assert outcome.marked == "gravity ends in a first flight of the engine, and exact kelvin-voigt has none"
     assert get_solver("mujoco").solve(c, Settings(scenario="impact", convergence=Convergence())).marked == ""
@@ -325,7 +230,7 @@ def test_a_limit_with_another_flight_than_the_exact_law_is_marked():
 
 def test_a_limit_at_rest_that_the_exact_law_leaves_is_marked():
     # Soft contacts, so that gravity is strong: PyBullet's lower ball stays on the table at every step that is run.
-    c = falling(133.76074, 1.594772, 0.809319, 0.948431, k1=1e4)
+    c = two_balls(133.76074, 1.594772, 0.809319, 0.948431, k1=1e4)
     exact = get_solver("kelvin-voigt").solve(c, DROP)
     outcome = get_solver("pybullet").solve(c, DROP)
     limit = outcome.diagnostics

@@ -11,8 +11,8 @@ from impact_xval.compliant_baselines import Settings, get_solver
 from impact_xval.compliant_baselines.conformance import checks
 from impact_xval.compliant_baselines.engines.packages import version_of
 from impact_xval.model import Collision
-from tests.compliant_baselines.reference_cells import in_time
-from tests.compliant_baselines.references.test_columns import by_force_alone, cradle, with_gaps
+from tests.compliant_baselines.reference_cells import chain, in_time
+from tests.compliant_baselines.references.test_columns import by_force_alone, with_gaps
 from tests.model.test_columns import random_column
 
 LAW = "compression-dashpot"
@@ -41,9 +41,6 @@ def test_the_exact_law_ends_as_its_forces_alone_do(exponent):
         theirs = by_force_alone(column, LAW, exponent, dashpots(column, exponent), duration)
         assert ours.velocities == pytest.approx(theirs, abs=1e-7), column
         assert np.abs(np.subtract(theirs, in_time(column, exponent=exponent).velocities)).max() > 1e-3
-    for e in (0.01, 0.3, 0.9, 1):
-        v1, v2 = in_time(Collision((2, 3), (1e3,), (e,), (-5, 0)), LAW, exponent=exponent).velocities
-        assert v1 - v2 == pytest.approx(5 * e, abs=1e-10)
 
 
 @installed
@@ -53,8 +50,8 @@ def test_the_exact_law_ends_as_its_forces_alone_do(exponent):
         ("impact", Collision.two_balls(1, 2, 1e6, 1e6, 1, 1), (0.72412, 0.48767), 2e-5),
         ("impact", Collision.two_balls(1, 2, 1e6, 1e4, 1, 1), (0.77732, 0.44485), 2e-5),
         ("impact", Collision.two_balls(1, 2, 1e6, 1e8, 1, 1), (0.99998, 0.00448), 2e-5),
-        ("impact", cradle(3, 1), (0.13026, -0.15023, -0.98003), 2e-5),
-        ("impact", cradle(3, 1, gap=1e-3, e=0.6), (0.01543, -0.30804, -0.70739), 5e-4),
+        ("impact", chain(-1, 0, 0), (0.13026, -0.15023, -0.98003), 2e-5),
+        ("impact", chain(-1, 0, 0, gap=1e-3, e=0.6), (0.01543, -0.30804, -0.70739), 5e-4),
         ("impact", Collision.two_balls(1, 2, 1e6, 1e6, 0.7, 0.7), (0.42411, 0.36326), 5e-4),
         ("drop", Collision.two_balls(1, 2, 1e6, 1e6, 0.7, 0.7), (0.43427, 0.34709), 5e-4),
     ],

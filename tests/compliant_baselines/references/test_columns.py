@@ -8,20 +8,13 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from impact_xval.compliant_baselines import Settings, SolverError, get_solver
-from impact_xval.compliant_baselines.marks import MOVED, changed
 from impact_xval.compliant_baselines.references import LAWS
-from impact_xval.model import Collision, Collisions, solve
-from tests.compliant_baselines.reference_cells import coefficients_of, in_time
+from impact_xval.model import Collision, solve
+from tests.compliant_baselines.reference_cells import chain, coefficients_of, in_time
 from tests.model.column_reference import integrate
 from tests.model.test_columns import random_column
 
 COLUMN_LAWS = [law for law in LAWS if law != "kelvin-voigt-anchored"]
-
-
-def cradle(balls, struck, gap=0.0, e=1.0):
-    velocities = [-1.0] * struck + [0.0] * (balls - struck)
-    contacts = balls - 1
-    return Collision((1,) * balls, (1,) * contacts, (e,) * contacts, velocities, gaps=(gap,) * contacts)
 
 
 def with_gaps(rng, column):
@@ -81,7 +74,7 @@ def test_momentum_energy_order_reversal_and_a_moving_observer(law):
 
 
 def test_a_pair_alone_has_its_restitution_at_any_speed():
-    laws = "bistiffness", "kelvin-voigt", "hunt-crossley"
+    laws = "bistiffness", "kelvin-voigt", "hunt-crossley", "compression-dashpot"
     for law, speed, exponent, e in product(laws, (0.01, 100), (1, 1.5, 2), (0.02, 0.3, 0.9, 0.999, 1)):
         pair = Collision((2, 3), (1e3,), (e,), (-speed, 0))
         v1, v2 = in_time(pair, law, exponent=exponent).velocities
@@ -98,20 +91,11 @@ def test_gaps_make_another_collision():
     touching, close, apart = np.array(velocities)
     assert np.abs(touching - close).max() > 3e-3
     assert apart == pytest.approx([0, 0, 0, 0, -1], abs=1e-9)
-    outcomes = [in_time(cradle(n, 1, gap), "bistiffness") for n in range(3, 9) for gap in (0.1, 10.0, 1e3)]
+    outcomes = [
+        in_time(chain(-1, *n * [0], gap=gap), "bistiffness") for n in range(2, 8) for gap in (0.1, 10.0, 1e3)
+    ]
     # What rounding leaves elastic bodies of motion is no collapse.
     assert {o.status for o in outcomes} == {"ok"}
-
-
-def test_a_touching_pair_beyond_a_gap_waits():
-    column = Collision((1, 1, 1, 1), (1, 1, 1), (1, 1, 1), (-1, 0, 0, 0), gaps=(0, 3.0, 0))
-    outcome = in_time(column, path=True)
-    # Ball 2 comes back, and sends ball 1 off again.
-    assert outcome.states == ("1", "-", "2+3", "3", "-", "1", "-")
-    path = outcome.path
-    assert path.velocities[-1] == pytest.approx(outcome.velocities)
-    assert path.impulses[-1] == pytest.approx(outcome.impulses)
-    assert path.forces.max() > 0.4
 
 
 def by_force_alone(column, law, exponent, b, duration):
@@ -143,11 +127,10 @@ def test_a_row_of_hertz_contacts_ends_as_in_time_without_events():
         ("kelvin-voigt-textbook", 20, 0.95),
         ("hunt-crossley", 18, 0.95),
     ):
-        column = cradle(balls, 1, e=e)
+        column = chain(-1, *(balls - 1) * [0], e=e)
         outcome = in_time(column, law, exponent=1.5, max_steps=5000)
         assert outcome.status == "ok"
         assert outcome.diagnostics["velocity_error"] < 1e-9
-        assert sum(outcome.velocities) == pytest.approx(-1, abs=1e-12)
         duration = outcome.diagnostics["duration"] + 1
         expected = by_force_alone(column, law, 1.5, coefficients_of(column, law, 1.5), duration)
         assert outcome.velocities == pytest.approx(expected, abs=1e-9, rel=0), (law, balls, e)
@@ -159,7 +142,7 @@ def test_long_rows_end_at_every_exponent(law):
     for exponent, (balls, e) in product((1.5, 2, 3), ((24, 0.95), (18, 0.05))):
         if law == "bistiffness":
             e = 1.0  # no contact becomes rigid
-        outcome = in_time(cradle(balls, 2, e=e), law, exponent=exponent, max_steps=20_000)
+        outcome = in_time(chain(-1, -1, *(balls - 2) * [0], e=e), law, exponent=exponent, max_steps=20_000)
         assert outcome.status == "ok", (exponent, balls)
         v = np.array(outcome.velocities)
         assert v.sum() == pytest.approx(-2, abs=1e-11)
@@ -177,7 +160,7 @@ def test_ratios_beyond_double_precision_end_with_a_status():
 
 
 def test_what_is_refused():
-    column = cradle(3, 1)
+    column = chain(-1, 0, 0)
     with pytest.raises(ValueError, match=r"law = 'hertz'; legal: bistiffness, kelvin-voigt"):
         in_time(column, "hertz")
     with pytest.raises(ValueError, match=r"gaps\[2\] = -1\.0; legal: finite numbers >= 0"):
@@ -185,9 +168,9 @@ def test_what_is_refused():
     with pytest.raises(ValueError, match=r"gaps: 1 values; legal: 2, for 3 balls without a table"):
         replace(column, gaps=(0,))
     with pytest.raises(ValueError, match=r"gaps of up to 0\.1 m: the model has no positions; legal: 0"):
-        solve(cradle(3, 1, 0.1))
+        solve(chain(-1, 0, 0, gap=0.1))
     with pytest.raises(ValueError, match=r"gaps: 0\.1; legal where positions are frozen: none"):
-        in_time(cradle(3, 1, 0.1), frozen=True)
+        in_time(chain(-1, 0, 0, gap=0.1), frozen=True)
     plastic = in_time(replace(column, restitutions=(1, 0)))
     assert (plastic.status, plastic.reason[:24]) == ("unrepresentable", "a restitution is 0: no f")
     assert in_time(column, max_steps=1).status == "timeout"
@@ -200,7 +183,7 @@ def test_a_solver_refuses_by_name_what_it_cannot_represent():
         ("mujoco", Settings(), 1.5, "exponent = 1.5: the contacts of an engine are linear"),
     ):
         with pytest.raises(SolverError, match=says):
-            get_solver(solver).solve(replace(cradle(3, 1), exponent=exponent), settings)
+            get_solver(solver).solve(replace(chain(-1, 0, 0), exponent=exponent), settings)
 
 
 #: All of 8 balls fall together, elastic: 585 events. By Taylor series in 40 and in 60 digits, which agree in these ten.
@@ -209,41 +192,18 @@ STACK = Collision(
 )
 TRUTH = (1.09328, 1.05188, 0.81421, 0.65294, 0.59658, 0.23538, 0.21022, 0.03787)
 
-TAME = Collision((1.0, 0.5, 0.25), (1e5, 2e5, 4e5), (0.9, 0.8, 1.0), (-1.0, -1.0, -1.0), table=True)
-
 
 def test_what_rounding_decides_is_marked():
-    for law in ("bistiffness", "kelvin-voigt"):
-        (outcome,) = get_solver(law).solve_many([STACK], Settings(scenario="impact"))
-        assert outcome.status == "ok"
+    for solver in ("bistiffness", "kelvin-voigt", "mujoco"):
+        (outcome,) = get_solver(solver).solve_many([STACK], Settings(step_fraction=0.05))
+        assert outcome.status == "ok", outcome.reason
         assert np.abs(np.subtract(outcome.velocities, TRUTH)).max() > 0.1  # which is why
         assert outcome.marked.startswith(
             "a change of 1e-06 in masses and stiffnesses moves the exact outcome"
         )
 
 
-def test_what_it_does_not_decide_is_not():
-    for law in ("bistiffness", "kelvin-voigt", "kelvin-voigt-textbook", "hunt-crossley"):
-        (outcome,) = get_solver(law).solve_many([TAME], Settings(scenario="impact"))
-        assert (outcome.status, outcome.marked) == ("ok", ""), law
-        for (other,) in changed(Collisions.of([TAME])):
-            assert other.velocities == TAME.velocities
-            away = np.abs(np.subtract(in_time(other, law).velocities, outcome.velocities)).max()
-            assert away < MOVED, law
-
-
 def test_an_error_that_is_stated_marks_too():
     (outcome,) = get_solver("hunt-crossley").solve_many([replace(STACK, exponent=1.5)], Settings())
     assert outcome.diagnostics["velocity_error"] > 1e-3
     assert outcome.marked.startswith("its own error moves")
-
-
-@pytest.mark.slow
-def test_an_engine_is_marked_where_its_exact_law_is():
-    column = Collision(STACK.masses[:6], STACK.stiffnesses[:6], (1.0,) * 6, STACK.velocities[:6], table=True)
-    settings = Settings(scenario="impact", step_fraction=0.05)
-    (exact,) = get_solver("kelvin-voigt").solve_many([column], settings)
-    (engine,) = get_solver("mujoco").solve_many([column], settings)
-    (tame,) = get_solver("mujoco").solve_many([TAME], settings)
-    assert engine.marked == exact.marked != ""
-    assert tame.marked == ""

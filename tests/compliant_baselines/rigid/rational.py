@@ -6,8 +6,6 @@ Inputs are `Fraction`s: masses, restitutions e, and relative velocities u that a
 from fractions import Fraction
 from itertools import combinations
 
-from impact_xval.model.collision import Collision
-
 
 def solved(a, b):
     """Solve a linear system by elimination."""
@@ -24,13 +22,6 @@ def solved(a, b):
 
 def times(matrix, vector):
     return [sum(a * x for a, x in zip(row, vector, strict=True)) for row in matrix]
-
-
-def chain(*velocities, e=1.0, masses=None, gap=0.0, table=False):
-    """Balls that are alike but for what is said."""
-    n = len(velocities)
-    k, e, gaps = ((value,) * (n - 1 + table) for value in (1.0, e, gap))
-    return Collision(masses or (1.0,) * n, k, e, velocities, table, gaps)
 
 
 class Balls:

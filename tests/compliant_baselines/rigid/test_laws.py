@@ -13,7 +13,8 @@ from impact_xval.compliant_baselines.conformance import problems
 from impact_xval.compliant_baselines.rigid.laws import LAWS, TooManyImpactsError, follow
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.model.collision import Collision
-from tests.compliant_baselines.rigid.rational import Balls, chain
+from tests.compliant_baselines.reference_cells import chain
+from tests.compliant_baselines.rigid.rational import Balls
 
 SINGLE = ("sequential-top", "sequential-bottom", "generalised-reflection")
 AT_ONCE = ("newton-restitution", "poisson-restitution")

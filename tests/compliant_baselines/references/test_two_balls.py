@@ -1,0 +1,224 @@
+"""Two balls by the references: an integration (`column_reference`), closed forms, known numbers, invariances."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines.restitution import hunt_crossley_coefficients
+from impact_xval.compliant_baselines.solver import Settings
+from impact_xval.model import Collision
+from tests.compliant_baselines.reference_cells import BATCHES, dampings, end_of, random_cells, random_gravity
+from tests.compliant_baselines.test_mapping import theory_restitution
+from tests.model.column_reference import integrate
+
+#: Segments beyond which a cell is left to the other tests: the integration would take minutes.
+LONGEST = 1500
+MU = 2 / math.sqrt(3)
+LAWS = [("kelvin-voigt", 40), ("hunt-crossley", 25), ("bistiffness", 12)]
+
+
+def compare(law, cells, number, frozen=False):
+    """Assert agreement; the number of cells left out, and of those in which contacts carried force again."""
+    g = number * np.sqrt(1 + 1 / cells[1])
+    left_out = again = 0
+    batch = BATCHES[law](*cells, number, frozen=frozen)
+    dashpots = dampings(law, *cells).T
+    assert set(batch.statuses) <= {"ok", "limit"}
+    for i, cell in enumerate(np.transpose(cells).tolist()):
+        if batch.diagnostics["n_steps"][i] > LONGEST and not frozen:
+            left_out += 1
+            continue
+        column = Collision.from_ratios(*cell)
+        # The integration can step over a pair of events where a force grazes zero. What remains at steps 25 times
+        # shorter is a difference.
+        for resolution in (0.15,) if frozen else (0.15, 0.006):
+            answer = integrate(column, law, dashpots[i], gravity=g[i], frozen=frozen, resolution=resolution)
+            off = np.abs(np.subtract(answer.velocities, (batch.v1[i], batch.v2[i]))).max()
+            if off < 1e-9:
+                break
+        assert off < 1e-9, i
+        again += len(answer.states) > 3
+        if answer.limit:  # bodies that became one have an end by a closed form
+            continue
+        assert answer.end == end_of(batch)[i]
+        if answer.end == "stuck" and not frozen:  # certain before the energy has fallen so far
+            assert batch.diagnostics["duration"][i] < answer.duration + 1e-7
+        else:
+            assert answer.duration == pytest.approx(batch.diagnostics["duration"][i], abs=1e-7)
+    return left_out, again
+
+
+@pytest.mark.parametrize("frozen", [False, True], ids=["free", "frozen"])
+@pytest.mark.parametrize(("law", "n"), LAWS)
+def test_random_cells_are_those_of_the_integration(law, n, frozen):
+    seed = 34 if frozen else 7
+    for number in (np.zeros(n), random_gravity(n, seed)):
+        left_out, again = compare(law, random_cells(n, seed), number, frozen)
+        assert left_out <= 1
+        assert law == "bistiffness" or not frozen or again >= n // 5
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("drop", [False, True], ids=["impact", "drop"])
+@pytest.mark.parametrize(("law", "n"), [("kelvin-voigt", 500), ("hunt-crossley", 500)])
+def test_more_random_cells_are_those_of_the_integration(law, n, drop):
+    number = random_gravity(n, 20240) if drop else np.zeros(n)
+    assert compare(law, random_cells(n, 20240), number)[0] <= n / 50
+
+
+def test_the_lower_ball_comes_to_rest_while_its_dashpot_carries_nothing():
+    cell, number = np.array([[1.036], [5.21], [0.8159], [0.308]]), np.array([0.01818])
+    assert end_of(BATCHES["kelvin-voigt"](*cell, number)) == ["rest"]
+    compare("kelvin-voigt", cell, number)
+
+
+def test_known_numbers():
+    for ratio, v1, v2 in (
+        (1, 0.65159996, 0.31646952),
+        (40, 0.92582208, 0.02569387),
+        (1 / 40, 0.63441945, 0.10156776),
+    ):
+        outcome = get_solver("kelvin-voigt").solve(Collision.from_ratios(ratio, MU, 0.9, 0.7))
+        assert (outcome.v1, outcome.v2) == pytest.approx((v1, v2), abs=6e-9)
+    elastic = BATCHES["kelvin-voigt"](1.0, MU, 1.0, 1.0)
+    assert (elastic.v1, elastic.v2) == pytest.approx((0.954509, 0.277489), abs=6e-7)
+
+
+def test_hunt_crossley_is_its_first_term_as_restitution_goes_to_one():
+    loss = 10.0 ** np.arange(-9, -2)
+    a = hunt_crossley_coefficients(1 - loss)
+    # A = 3 (1 - e)/2 + O((1 - e)^2)
+    np.testing.assert_allclose(a / (1.5 * loss), 1 + loss, atol=1e-6, rtol=0.5e-1 * loss.max())
+    assert hunt_crossley_coefficients(np.array([1.0]))[0] == 0
+
+
+def test_a_pair_alone_that_may_not_pull_has_another_restitution_by_the_damping_of_textbooks():
+    zeta = -math.log(0.6) / math.hypot(math.pi, math.log(0.6))
+    expected = theory_restitution(zeta)
+    # B2 a million times as heavy stays where it is: contact 1 alone
+    assert BATCHES["kelvin-voigt-textbook"](1.0, 1e12, 0.6, 1.0).v1 == pytest.approx(expected, abs=1e-6)
+
+
+def test_anchored_is_exact_where_the_lower_ball_is_pressed_on_the_table():
+    # A light B2 on a hard support: B1 against the table. Half the mass ratio off for the pair's own mass.
+    assert BATCHES["kelvin-voigt-anchored"](1e5, 1.0, 0.6, 0.6).v1 == pytest.approx(0.6, abs=0.01)
+    assert BATCHES["kelvin-voigt"](1e5, 1.0, 0.6, 0.6).v1 > 0.68
+
+
+def test_batch_says_unrepresentable_and_timeout_in_the_cell():
+    batch = BATCHES["kelvin-voigt"]([1, 0, np.inf, 1, 1e9], 1.0, [0.5, 0.5, 0.5, 0, 1], 0.5, max_steps=50)
+    assert list(batch.statuses) == ["ok", *3 * ["unrepresentable"], "timeout"]
+    assert list(np.isnan(batch.v1)) == [False, True, True, True, True]
+
+
+CELLS = [tuple(map(float, cell)) for cell in zip(*random_cells(25, 21), strict=True)]
+SCENARIOS = [Settings(), Settings(scenario="drop", gravity=0.05), Settings(scenario="drop", gravity=0.3)]
+
+
+@pytest.mark.parametrize("name", BATCHES)
+def test_order_and_company_change_no_bit(name):
+    """600 cells are two shares, followed side by side."""
+    collisions = [Collision.from_ratios(*cell) for cell in np.transpose(random_cells(600, 22)).tolist()]
+    collisions[3] = Collision((1.0, 0.5, 2.0), (1.0, 4.0), (0.9, 0.8), (-1.0, 0.0, 0.0))
+    collisions[7] = Collision((1.0, 2.0), (1.0, 3.0), (0.9, 0.8), (-1.0, 0.3), table=True)
+    for settings in SCENARIOS:
+        many = get_solver(name).solve_many(collisions, settings)
+        back = get_solver(name).solve_many(collisions[::-1], settings)
+        for i in [*range(25), 599]:
+            (alone,) = get_solver(name).solve_many([collisions[i]], settings)
+            assert repr(many[i]) == repr(back[599 - i]) == repr(alone)
+
+
+@pytest.mark.parametrize("frozen", [False, True], ids=["free", "frozen"])
+@pytest.mark.parametrize("name", BATCHES)
+def test_energy_never_grows_and_the_balls_part(name, frozen):
+    kappa, mu, e1, e2 = random_cells(20_000, 8, lowest_e=0.02)
+    e1[:5000] = e2[:5000] = 1  # elastic ones keep their energy
+    batch = BATCHES[name](kappa, mu, e1, e2, frozen=frozen)
+    energy = batch.v1**2 + mu * batch.v2**2
+    assert set(batch.statuses) <= {"ok", "limit"}
+    np.testing.assert_allclose(energy[:5000], 1, atol=2e-13)
+    assert np.all(energy[5000:] <= 1 + 1e-13)
+    assert np.all(batch.v1 >= batch.v2 - 1e-15)
+    assert np.all(batch.v2 >= -1e-15)
+    np.testing.assert_allclose(batch.impulse1, 1 + batch.v1, atol=1e-14)
+
+
+@pytest.mark.parametrize("name", BATCHES)
+def test_a_path_keeps_momentum_gives_back_no_more_energy_than_it_took_and_ends_in_the_outcome(name):
+    for settings, cell in itertools.product(SCENARIOS, CELLS):
+        c = Collision.from_ratios(*cell)
+        outcome = get_solver(name).solve(c, Settings(settings.scenario, settings.gravity, record_path=True))
+        path, g = outcome.path, settings.gravity if settings.scenario == "drop" else 0.0
+        falls = outcome.diagnostics.get("first_flight", np.inf)  # the bodies fall until then
+        momentum = path.impulse1 - c.m1 * (path.v1 - c.v0 + g * np.minimum(path.time, falls))
+        assert np.abs(momentum).max() < 1e-12, (settings, cell)
+        taken = []  # by each contact of the energy of its bodies; in a short piece the rate is nearly a line
+        for rate, impulse in ((path.v2 - path.v1, path.impulse1), (-path.v2, path.impulse2)):
+            assert np.all(np.diff(impulse) >= -1e-12), (settings, cell)
+            taken.append(np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(impulse)))
+            assert g > 0 or taken[-1].min() >= -2e-3, cell  # a settled one holds the weight's energy
+        if g == 0:
+            lost = 0.5 * (1 - outcome.retained_energy(c))
+            assert taken[0][-1] + taken[1][-1] == pytest.approx(lost, abs=2e-3), cell
+            assert np.all(np.diff(path.time) >= -1e-15 * path.time[-1])
+            last = path.v1[-1], path.v2[-1], path.impulse1[-1], path.impulse2[-1]
+            expected = outcome.v1, outcome.v2, outcome.impulse1, outcome.impulse2
+            assert last == pytest.approx(expected, abs=1e-12), cell
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", BATCHES)
+@pytest.mark.parametrize(
+    ("ratio", "number"), [(1e-15, 0.1), (1e300, 0), pytest.param(1e15, 0.1, marks=pytest.mark.nightly)]
+)
+def test_beyond_double_precision_a_cell_ends_with_a_status(name, ratio, number):
+    cells = BATCHES[name](ratio, [1e-3, 1.0, 1e3], [1.0, 0.999, 1e-3], 0.5, number)
+    assert set(cells.statuses) <= {"ok", "limit", "timeout", "unrepresentable"}
+    np.testing.assert_array_equal(np.isnan(cells.v1), ~np.isin(cells.statuses, ("ok", "limit")))
+
+
+def test_a_path_that_ends_in_a_limit_is_finite():
+    # Stiffness of unloading k1/e1^2: a polynomial over the limit's duration would leave double precision.
+    for e1 in (1e-17, 1e-70):
+        collision = Collision.from_ratios(1.0, 0.2859933150104282, e1, 1.0)
+        outcome = get_solver("bistiffness").solve(collision, Settings(record_path=True))
+        assert outcome.status == "limit"
+        for name in ("time", "impulse1", "impulse2", "v1", "v2"):
+            assert np.isfinite(getattr(outcome.path, name)).all(), name
+        assert outcome.path.v1[-1] == outcome.v1
+
+
+@pytest.mark.parametrize("drop", [False, True], ids=["impact", "drop"])
+def test_elastic_both_references_are_the_same_system(drop):
+    kappa, mu, _, _ = random_cells(3000, 2)
+    number = random_gravity(3000, 2) if drop else 0.0
+    mine = BATCHES["bistiffness"](kappa, mu, 1.0, 1.0, number)
+    other = BATCHES["kelvin-voigt"](kappa, mu, 1.0, 1.0, number)
+    # An elastic B1 that B2 does not throw off never comes to rest: neither reference ends.
+    ended = (mine.statuses == "ok") & (other.statuses == "ok")
+    np.testing.assert_array_equal(mine.statuses == "timeout", other.statuses == "timeout")
+    assert np.count_nonzero(ended) > 2900
+    # Long drops amplify rounding by their many contacts.
+    calm = ended & (mine.diagnostics["n_steps"] < 60)
+    for name in ("v1", "v2"):
+        atol = 1e-11 if drop else 1e-12  # the fall of a ball that hardly leaves the other amplifies rounding
+        np.testing.assert_allclose(getattr(mine, name)[calm], getattr(other, name)[calm], rtol=0, atol=atol)
+    np.testing.assert_array_equal(mine.n_states[calm], other.n_states[calm])
+
+
+def test_in_time_the_pair_is_apart_when_its_velocities_are_equal():
+    """B1 flies with v11, B2 swings on the table: v2 = v11 at cos(theta) = v11/v21 (k2/k1 -> 0), m2 = k2 = 1."""
+    mu, e1, x = 0.5, 0.9, 1e5
+    v11, v21 = (e1 * mu - 1) / (1 + mu), -(1 + e1) / (1 + mu)
+    theta = math.acos(v11 / v21)
+    asked = Collision.from_ratios(1 / x, mu, e1, 0.7)
+    path = get_solver("bistiffness").solve(asked, Settings(record_path=True)).path
+    middle = [0.5 * (a + b) for a, b in itertools.pairwise(path.v1 - path.v2)]
+    gap = np.concatenate([[0.0], np.cumsum(np.diff(path.time) * middle)]) / math.sqrt(mu * x)
+    parted = np.flatnonzero((path.v1 - path.v2)[1:] * (path.v1 - path.v2)[:-1] < 0)
+    at = parted[np.argmax(gap[parted])]
+    assert gap[at] == pytest.approx(v11 * theta - v21 * math.sin(theta), rel=0.02)
