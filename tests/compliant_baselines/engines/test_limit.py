@@ -194,6 +194,24 @@ def test_no_unmarked_cell_of_the_default_box_jumps():
             assert np.max(away[~marked]) < 0.02
 
 
+@pytest.mark.parametrize("name", ["kelvin-voigt", "bistiffness"])
+@pytest.mark.parametrize("g", [0, 9.81])
+def test_trying_every_cell_finds_no_other_jump(name, g):
+    rng, law = np.random.default_rng(13), references.law_at(name)
+    kappa, mu = 10 ** rng.uniform((-3, -1), (3, 1), (1500, 2)).T
+    collisions = Collisions.from_ratios(kappa, mu, *rng.uniform(0.1, 1, (2, 1500)))
+    gravity = np.full(1500, g / 1e4)  # of k1 = 1e8 N/m
+    exact = law(collisions, gravity)
+    found, which = jumps(law, collisions, exact, gravity)
+    excess, true = jumps(law, collisions, exact, gravity, everywhere=True)
+    marked = excess > 1
+    assert marked.any()
+    assert np.count_nonzero(excess) > 2 * np.count_nonzero(found)
+    np.testing.assert_array_equal(found > 1, marked)
+    np.testing.assert_array_equal(found[marked], excess[marked])
+    np.testing.assert_array_equal(which[marked], true[marked])
+
+
 #: B1 comes down on B2 again, or B2 is at rest just before: the exact law leaves B1 at 0.0004 or near 0.95.
 BESIDE_A_JUMP = (0.0019638078578694557, 1.4209566336503359, 0.9792807125092937, 0.8738534904062736)
 
