@@ -55,6 +55,11 @@ def test_an_unconverged_cell_keeps_its_numbers_and_measures_nothing(tmp_path):
     assert all(row["v1"] is not None and row["v1_limit"] is not None for row in rows)
     divergence = pq.read_table(folder.root / "divergence.parquet").to_pylist()
     assert all(row["velocity_divergence"] is None for row in divergence if row["solver"] == "mujoco")
+    ladder = folder.read_table("ladder.parquet").to_pandas()
+    assert ladder.reason.str.startswith("mujoco: ").all()
+    assert ladder.engine_norm.notna().all()
+    assert ladder.mapping_norm.isna().all()
+    assert summarise(folder).ladder.solvers == []
 
 
 def test_an_engine_is_held_against_the_exact_solver_of_its_own_law(tmp_path):
