@@ -129,7 +129,7 @@ def test_another_list_in_the_same_folder_is_computed_anew_and_said_so(tmp_path):
     (tmp_path / "c.toml").write_text("cells = 'cells.csv'\nsolvers = ['mujoco']\nchunk_size = 1\n")
     for ratio in (2.0, 3.0):
         _write(tmp_path / "cells.csv", [[1.0, 1.0, 0.9, 0.7], [ratio, 1.0, 0.9, 0.7]])
-        said = resumed(load_config(tmp_path / "c.toml"), tmp_path / "a")
+        said = resumed(tmp_path / "a", load_config(tmp_path / "c.toml"))
     assert any("resumed: 0 of 2 parts" in line for line in said)
     rows = pq.read_table(tmp_path / "a/cells.parquet").to_pylist()
     assert [row["stiffness_ratio"] for row in rows] == [1.0, 1.0, 3.0, 3.0]

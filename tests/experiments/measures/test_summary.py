@@ -1,7 +1,6 @@
 """Statistics of a run are those of its tables."""
 
 import itertools
-import shutil
 
 import numpy as np
 import pandas as pd
@@ -9,11 +8,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.measures.summary import SUMMARISED, between, summarise
-from impact_xval.experiments.presentation.report import write_latex, write_tables
+from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.folder import RunFolder
+from tests.experiments import fakes
+from tests.experiments.conftest import SMALL
 
 
 def test_statistics_are_those_of_the_table(engine_run):
@@ -35,8 +37,8 @@ def test_solvers_of_one_law_stand_together_the_exact_one_first():
     assert in_order_of_laws(["mujoco", "bistiffness", "pybullet", "kelvin-voigt"]) == ordered
 
 
-def test_marked_beyond_the_model_are_results_whose_model_is_not_marked(crashing_run, tmp_path):
-    run = RunFolder(shutil.copytree(crashing_run.root, tmp_path / "run"))
+def test_marked_beyond_the_model_are_results_whose_model_is_not_marked(tmp_path):
+    run = run_sweep(parse_config(SMALL), tmp_path / "run", isolate=False, resolve=fakes.crashing)
     path = run.root / "cells.parquet"
     table = pq.read_table(path)
     cells = table.to_pandas()
@@ -49,14 +51,12 @@ def test_marked_beyond_the_model_are_results_whose_model_is_not_marked(crashing_
     assert (summary.n_marked, summary.marked_beyond) == (2, {"mujoco": 3})
 
 
-def test_tables_for_a_paper(crashing_run):
-    summary = summarise(crashing_run)
-    write_tables(crashing_run, summary)
-    write_latex(crashing_run, summary)
-    table = pd.read_csv(crashing_run.root / "summary.csv")
+def test_tables_for_a_paper(run):
+    assert main(["report", str(run), "--only", "tables", "--latex"]) == 0
+    table = pd.read_csv(run / "summary.csv")
     assert set(table.axis) == {"all", "stiffness_ratio", "mass_ratio", "e1", "e2", "stiffness_band"}
-    text = (crashing_run.root / "summary.tex").read_text()
-    assert f"kelvin-voigt & mujoco & {summary.get('mujoco', 'velocity_divergence').n} &" in text
+    text = (run / "summary.tex").read_text()
+    assert "kelvin-voigt & mujoco & 12 &" in text
     assert r"95 \% & max" in text
 
 
