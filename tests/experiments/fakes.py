@@ -46,12 +46,6 @@ class Refusing(Shifted):
         return Outcome.failure(self.name, collision, "unrepresentable", "not today")
 
 
-class RefusingModel(Refusing):
-    """The reference itself has no result."""
-
-    name = "state-transition"
-
-
 class Missing(Shifted):
     """Not installed."""
 
@@ -114,7 +108,9 @@ class Columns(Shifted):
 
 
 def refusing_all(name):
-    return RefusingModel() if name == "state-transition" else Refusing()
+    solver = Refusing()
+    solver.name = name
+    return solver
 
 
 shifted, perfect, graded, columns = (c.resolve for c in (Shifted, Perfect, Graded, Columns))

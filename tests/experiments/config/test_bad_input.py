@@ -25,7 +25,6 @@ CONFIGS = [
     ("[sample]\nn = 0", ["sample.n = 0", "a whole number from 1"]),
     ("[sample]\ne1 = [0, 1]", ["sample.e1 = [0, 1]", "a number, {log = [lo, hi]}"]),
     ("[sample]\ne1 = {linear = [0, 1, 3]}", ["sample.e1", "[0, 1, 3]", "{linear = [lo, hi]}"]),
-    ("[sample]\ne1 = {log = [0, 1]}", ["sample.e1", "lo = 0", "lo > 0"]),
     ("[sample]\nstiffness_ratio = {log = [1e-300, 1e300]}", ["sample.stiffness_ratio", "hi/lo finite"]),
     ("[grid]\n[column]", ["grid and column are given", "legal: one of grid, sample, cells, column"]),
     ("[column]\nballs = 1001", ["column.balls = 1001", "from 2 (a stack: 1) to 1000"]),
@@ -133,51 +132,47 @@ def test_what_is_shown_of_a_run_needs_a_finished_one(command, tmp_path, capsys):
     _fails(capsys, ["report", str(tmp_path)], ["not finished", "to continue: impact-xval run --out"])
 
 
-CELL = "--stiffness-ratio 1 --mass-ratio 1 --e1 0.9 --e2 0.7"
-#: What is typed beside these ratios, or a cradle, and what the line holds.
+CELL = "solve --stiffness-ratio 1 --mass-ratio 1 --e1 0.9 --e2 0.7"
+CRADLE = "solve --arrangement cradle"
+#: What is typed, of options twice the last one counts, and what the line holds.
 OPTIONS = [
-    ("--stiffness-ratio -1", ["--stiffness-ratio = -1", "0 to inf"]),
-    ("--stiffness-ratio stiff", ["--stiffness-ratio = 'stiff'", "0 to inf"]),
-    ("--mass-ratio 0", ["--mass-ratio = 0", "a finite number > 0"]),
-    ("--v0 0", ["--v0 = 0", "a finite number < 0"]),
-    ("--scenario=", ["--scenario = ''", "'impact' or 'drop'"]),
-    ("--gravity -9 --scenario drop", ["--gravity = -9", "a finite number > 0"]),
-    ("--gravity 5", ["gravity = 5: scenario = 'impact' has none; legal: with 'drop'"]),
-    ("--k2 1e6", ["--stiffness-ratio and --k2 are given; legal: one of both"]),
-    ("--gap 0", ["--gap = '0'; legal: with --arrangement, of N balls"]),
-    ("--cell-timeout 0", ["--cell-timeout = 0.0; legal: "]),
-    ("--solver bullet", ["--solver 'bullet'", "did you mean 'pybullet'", "legal:"]),
-    ("--m1 1e-200 --v0 -1e-200", ["v0 = -1e-200", "m1 = 1e-200", "a finite number > 0"]),
-]
-CRADLE = [
-    ("--balls 0 --arrangement stack", ["--balls = 0", "from 1 to 1000, for a stack"]),
-    ("--balls 2.5", ["--balls = 2.5", "a whole number from 2"]),
-    ("--e1 0.9", ["--e1 = '0.9'; legal: none beside --arrangement"]),
-    ("--strike two", ["--strike = 'two'", "a whole number from 1 to balls - 1"]),
-    ("--strike 1 --arrangement chain", ["--strike = 1", "none for a chain"]),
-    ("--exponent 0.5", ["--exponent = 0.5", "from 1 (linear contacts; 1.5: Hertz) to 3"]),
-    ("--gap -1e-5", ["--gap = -1e-05", "a finite number >= 0 (m)"]),
-    ("--arrangement tower", ["'tower'", "'chain', 'cradle', 'drop' or 'stack'"]),
-    ("--mass-taper 0", ["--mass-taper = 0.0", "a finite number > 0 (m_(i+1)/m_i)"]),
-    ("--k1 1e300 --stiffness-taper 1e10", ["k = 1e+300, stiffness_taper = 1", "numbers > 0"]),
-    ("--m1 1e-200 --v0 -1e-200", ["v0 = -1e-200", "m = 1e-200", "product > 0"]),
-    ("--e 2 --gap -1", ["--e = 2.0", "(and 1 more)"]),
+    (f"{CELL} --stiffness-ratio -1", ["--stiffness-ratio = -1", "0 to inf"]),
+    (f"{CELL} --stiffness-ratio stiff", ["--stiffness-ratio = 'stiff'", "0 to inf"]),
+    (f"{CELL} --mass-ratio 0", ["--mass-ratio = 0", "a finite number > 0"]),
+    (f"{CELL} --v0 0", ["--v0 = 0", "a finite number < 0"]),
+    (f"{CELL} --scenario=", ["--scenario = ''", "'impact' or 'drop'"]),
+    (f"{CELL} --gravity -9 --scenario drop", ["--gravity = -9", "a finite number > 0"]),
+    (f"{CELL} --gravity 5", ["gravity = 5: scenario = 'impact' has none; legal: with 'drop'"]),
+    (f"{CELL} --k2 1e6", ["--stiffness-ratio and --k2 are given; legal: one of both"]),
+    (f"{CELL} --gap 0", ["--gap = '0'; legal: with --arrangement, of N balls"]),
+    (f"{CELL} --cell-timeout 0", ["--cell-timeout = 0.0; legal: "]),
+    (f"{CELL} --solver bullet", ["--solver 'bullet'", "did you mean 'pybullet'", "legal:"]),
+    (f"{CELL} --m1 1e-200 --v0 -1e-200", ["v0 = -1e-200", "m1 = 1e-200", "a finite number > 0"]),
+    (f"{CRADLE} --balls 0 --arrangement stack", ["--balls = 0", "from 1 to 1000, for a stack"]),
+    (f"{CRADLE} --balls 2.5", ["--balls = 2.5", "a whole number from 2"]),
+    (f"{CRADLE} --e1 0.9", ["--e1 = '0.9'; legal: none beside --arrangement"]),
+    (f"{CRADLE} --strike two", ["--strike = 'two'", "a whole number from 1 to balls - 1"]),
+    (f"{CRADLE} --strike 1 --arrangement chain", ["--strike = 1", "none for a chain"]),
+    (f"{CRADLE} --exponent 0.5", ["--exponent = 0.5", "from 1 (linear contacts; 1.5: Hertz) to 3"]),
+    (f"{CRADLE} --gap -1e-5", ["--gap = -1e-05", "a finite number >= 0 (m)"]),
+    (f"{CRADLE} --arrangement tower", ["'tower'", "'chain', 'cradle', 'drop' or 'stack'"]),
+    (f"{CRADLE} --mass-taper 0", ["--mass-taper = 0.0", "a finite number > 0 (m_(i+1)/m_i)"]),
+    (f"{CRADLE} --k1 1e300 --stiffness-taper 1e10", ["k = 1e+300, stiffness_taper = 1", "numbers > 0"]),
+    (f"{CRADLE} --m1 1e-200 --v0 -1e-200", ["v0 = -1e-200", "m = 1e-200", "product > 0"]),
+    (f"{CRADLE} --e 2 --gap -1", ["--e = 2.0", "(and 1 more)"]),
 ]
 
 
-@pytest.mark.parametrize(
-    ("given", "typed", "expected"),
-    [*((CELL, *case) for case in OPTIONS), *(("--arrangement cradle", *case) for case in CRADLE)],
-)
-def test_a_wrong_option_is_one_line_that_names_option_value_and_range(given, typed, expected, capsys):
-    _fails(capsys, ["solve", *given.split(), *typed.split()], expected)
+@pytest.mark.parametrize(("typed", "expected"), OPTIONS)
+def test_a_wrong_option_is_one_line_that_names_option_value_and_range(typed, expected, capsys):
+    _fails(capsys, typed.split(), expected)
 
 
 def test_a_folder_that_cannot_be_written_is_one_line_and_a_file_in_its_place_stays(capsys, tmp_path):
     _fails(capsys, ["run", "--out", "/proc/impact-xval"], ["/proc/impact-xval", "cannot be written"])
     file = tmp_path / "file"
     file.write_text("mine")
-    for words in (["run"], ["hypothesis"], ["scene", *CELL.split()]):
+    for words in (["run"], ["hypothesis"], ["scene", *CELL.split()[1:]]):
         for out in (file, file / "below"):
             _fails(capsys, [*words, "--out", str(out)], [f"--out {out}"])
         _fails(capsys, [*words, "--out", ""], ["--out = '", "legal: a path"])

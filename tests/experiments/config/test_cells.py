@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-import pyarrow as pa
+import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 from scipy.stats import qmc
@@ -108,11 +108,11 @@ def test_samples_fill_the_box_follow_their_seed_and_begin_as_shorter_ones():
 
 
 def _write(path, values):
+    frame = pd.DataFrame(values, columns=list(AXES)).assign(note="x")
     if path.suffix == ".parquet":
-        pq.write_table(pa.table(dict(zip(AXES, np.transpose(values), strict=True))), path)
+        frame.to_parquet(path)
     else:
-        rows = [",".join([*AXES, "note"]), *(",".join([*map(repr, row), "x"]) for row in values)]
-        path.write_text("\n".join(rows) + "\n")
+        frame.to_csv(path, index=False)
     return path
 
 

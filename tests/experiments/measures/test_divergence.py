@@ -1,4 +1,3 @@
-import itertools
 import math
 
 import numpy as np
@@ -19,20 +18,15 @@ from impact_xval.experiments.measures.hausdorff import distances
 from impact_xval.experiments.tables.schema import MEASURES, expanded
 from impact_xval.model import Collision, Outcome
 
-C = Collision.two_balls(m1=2.0, m2=8.0, k1=1.0, k2=1.0, e1=0.9, e2=0.7, v0=-5.0)
-MODEL = Outcome("a", (3.0, 0.5), (16.0, 20.0), ("S1", "S2", "S4"))
-OTHER = Outcome("b", (2.0, 1.0), (14.0, 22.0), ("S1", "S3", "S1", "S4"))
-
-
-def measured(c, model, other):
-    speed = np.array([abs(c.v0)])
-    results = [results_of([each], speed, 2, 2, np.zeros(1)) for each in (model, other)]
-    found = divergence(np.array([c.masses]), np.array([c.velocities]), speed, *results)
-    return {name: values[0] for name, values in found.items()}
-
 
 def test_measures_by_hand():
-    found = measured(C, MODEL, OTHER)
+    c = Collision.two_balls(m1=2.0, m2=8.0, k1=1.0, k2=1.0, e1=0.9, e2=0.7, v0=-5.0)
+    model = Outcome("a", (3.0, 0.5), (16.0, 20.0), ("S1", "S2", "S4"))
+    other = Outcome("b", (2.0, 1.0), (14.0, 22.0), ("S1", "S3", "S1", "S4"))
+    speed = np.array([5.0])
+    results = [results_of([each], speed, 2, 2, np.zeros(1)) for each in (model, other)]
+    measures = divergence(np.array([c.masses]), np.array([c.velocities]), speed, *results)
+    found = {name: values[0] for name, values in measures.items()}
     assert set(found) == set(expanded(MEASURES, 2, 2))
     assert found["dv1"] == pytest.approx(-1 / 5)
     assert found["dv2"] == pytest.approx(0.5 / 5)
@@ -96,11 +90,10 @@ def test_hausdorff_by_hand():
 
 
 def _dense(points, spacing):
-    pieces = [points[:1]]
-    for start, end in itertools.pairwise(points):
-        n = max(2, int(np.ceil(np.hypot(*(end - start)) / spacing)))
-        pieces.append(start + np.linspace(0, 1, n)[1:, None] * (end - start))
-    return np.concatenate(pieces)
+    longest = max(np.hypot(*np.diff(points, axis=0).T), default=0.0)
+    count = (len(points) - 1) * max(1, math.ceil(longest / spacing))
+    at = np.linspace(0, len(points) - 1, count + 1)
+    return np.column_stack([np.interp(at, np.arange(len(points)), x) for x in points.T])
 
 
 def _brute(a, b, spacing):

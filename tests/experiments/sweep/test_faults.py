@@ -91,7 +91,8 @@ def test_processes_that_are_killed_cost_nothing_but_time(tmp_path):
             for child in killed:
                 child.kill()
 
-    run_sweep(config, tmp_path / "a", workers=2, resolve=fakes.shifted, progress=kill)
+    # Each new process is made ready first: else the five seconds of that were beyond the limit of a cell.
+    run_sweep(config, tmp_path / "a", workers=2, resolve=faulty.slow_to_start, progress=kill)
     assert killed
     whole = run_sweep(config, tmp_path / "b", isolate=False, resolve=fakes.shifted)
     assert tables_of(tmp_path / "a") == tables_of(whole.root)

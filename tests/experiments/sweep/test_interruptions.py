@@ -17,7 +17,7 @@ from impact_xval.experiments.config.experiment import load_config
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.sweep.status import status_of
 from impact_xval.experiments.tables.folder import write_text
-from tests.experiments import faulty, runner
+from tests.experiments import faulty
 from tests.experiments.conftest import resumed, tables_of
 from tests.waiting import gone, wait_until
 
@@ -100,6 +100,11 @@ def test_a_signal_while_a_solver_hangs_keeps_what_is_done_and_says_how_to_go_on(
     assert 1 <= len(_parts(root)) <= 3
 
 
+def run_slowly(config, root):
+    os.setsid()  # to be killed with all that it starts
+    run_sweep(load_config(config), root, workers=2, resolve=faulty.slow)
+
+
 @pytest.mark.slow
 def test_five_kills_change_no_byte(tmp_path):
     """SIGKILL to the run and all that it started, each time one more part is there, wherever that finds it."""
@@ -108,9 +113,9 @@ def test_five_kills_change_no_byte(tmp_path):
     left_alone = run_sweep(config, tmp_path / "whole", isolate=False, resolve=faulty.slow)
     # The runner starts in a process whose modules are there already; importing them takes seconds.
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([runner.__name__])
+    context.set_forkserver_preload([__name__])
     for parts in range(1, 6):
-        process = context.Process(target=runner.run, args=(tmp_path / "c.toml", root))
+        process = context.Process(target=run_slowly, args=(tmp_path / "c.toml", root))
         process.start()
         wait_until(lambda: not process.is_alive() or len(_parts(root)) >= parts)  # noqa: B023
         with contextlib.suppress(ProcessLookupError):  # it is done already

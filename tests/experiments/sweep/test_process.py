@@ -25,10 +25,13 @@ def pid(context):
     return os.getpid()
 
 
-def compiled(context, pids):
+def made_ready(context, pids, dies):
+    """Note the process, which is killed the first time, or says each time that it has compiled."""
     with pids.open("a") as file:
         print(os.getpid(), file=file)
-    return True  # as where no cache can be written
+    if dies and len(pids.read_text().split()) == 1:
+        die(context)
+    return not dies
 
 
 def die(context):
@@ -38,21 +41,6 @@ def die(context):
 
 def fail(context):
     raise LookupError("a bug")
-
-
-_ready = []
-
-
-def ready(context):
-    return len(_ready)
-
-
-def make_ready(context, first):
-    """Make this process ready, and be killed the first time."""
-    if not first.exists():
-        first.touch()
-        die(context)
-    _ready.append("now")
 
 
 def orphan(context):
@@ -84,22 +72,11 @@ def test_a_killed_process_is_a_fault_that_says_so_and_the_next_call_is_answered(
     assert worker.call(echo, 1, timeout=60) == ("a context", (1,))
 
 
-def test_every_process_is_made_ready_once_before_it_is_called(tmp_path):
+@pytest.mark.parametrize("dies", [False, True])
+def test_a_process_that_compiled_or_died_when_made_ready_is_replaced_once(tmp_path, dies):
     with contextlib.closing(Slot()) as slot:
-
-        def ask(function, *arguments):
-            slot.prepare("mujoco", make_ready, tmp_path / "first")
-            return slot.call("mujoco", function, *arguments, timeout=60)
-
-        assert [ask(ready), ask(ready)] == [1, 1]
-        with pytest.raises(FaultError):
-            ask(die)
-        assert ask(ready) == 1
-
-
-def test_a_process_that_compiled_is_replaced_by_one_that_did_not_once(tmp_path):
-    with contextlib.closing(Slot()) as slot:
-        slot.prepare("mujoco", compiled, tmp_path / "pids")
+        for _ in range(2):
+            slot.prepare("mujoco", made_ready, tmp_path / "pids", dies)
         first, second = (tmp_path / "pids").read_text().split()
         assert slot.call("mujoco", pid, timeout=60) == int(second) != int(first)
         assert gone(int(first))

@@ -106,15 +106,3 @@ def test_a_ladder_that_fails_costs_its_own_cell():
             assert row["ladder_reason"] == "ladder: its process died: SIGSEGV"
         else:
             assert row == other
-
-
-def test_a_limit_is_held_against_the_exact_solver_of_its_own_law_alone():
-    solvers = ["kelvin-voigt", "hunt-crossley", "mujoco", "mujoco-naive"]
-    config = config_of(solvers=solvers, sample={"n": 4, "seed": 3}, step_fraction=0.01)
-    experiment, block = Experiment(config), experiment_cells(config).block(range(4))
-    rows = solve_all(experiment, block).take(np.arange(20).reshape(5, 4).T.ravel())
-    by_cell = completed(experiment, block, rows).to_pandas().set_index("solver")
-    exact, engine = by_cell.loc["kelvin-voigt"], by_cell.loc["mujoco"]
-    away = np.maximum(abs(engine.v1_limit - exact.v1.values), abs(engine.v2_limit - exact.v2.values))
-    np.testing.assert_allclose(engine.limit_distance, away, rtol=1e-12)
-    assert by_cell.drop("mujoco").limit_distance.isna().all()
