@@ -4,7 +4,7 @@ import itertools
 import math
 
 import numpy as np
-import pyarrow.parquet as pq
+import pandas as pd
 import pytest
 
 from impact_xval.compliant_baselines import get_solver
@@ -34,10 +34,6 @@ GRID = {
     "e2": [0.7, 1.0],
 }
 CAUSES = "frozen_positions", "dissipation_law", "gravity"
-
-
-def table_of(folder):
-    return folder.read_table("ladder.parquet").to_pandas()
 
 
 def corners(model, cells, gravity_number):
@@ -174,7 +170,7 @@ def test_only_the_last_contribution_depends_on_the_step_and_it_goes_away_with_it
     for fraction in (8e-3, 4e-3, 2e-3):
         config = {"scenario": "impact", "solvers": ["mujoco"], "step_fraction": fraction, "grid": grid}
         folder = run_sweep(parse_config(config), tmp_path / f"{fraction}", isolate=False)
-        found.append(table_of(folder))
+        found.append(pd.read_parquet(folder.root / "ladder.parquet"))
     for name in CAUSES:
         assert np.ptp([t[f"{name}_norm"].to_numpy() for t in found], axis=0).max() == 0
     norms = np.array([t.discretisation_norm.to_numpy() for t in found])
@@ -191,7 +187,7 @@ def test_a_missing_outcome_is_a_row_with_a_status_and_a_reason(tmp_path):
     grid = {"stiffness_ratio": [1.0], "mass_ratio": [1.0], "e1": [0.0, 0.5, 0.9], "e2": [0.7]}
     config = parse_config({"scenario": "impact", "solvers": ["mujoco", "pybullet"], "grid": grid})
     folder = run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.crashing)
-    table = table_of(folder).set_index(["solver", "e1"]).sort_index()
+    table = pd.read_parquet(folder.root / "ladder.parquet").set_index(["solver", "e1"]).sort_index()
     assert table.loc["mujoco"].status.tolist() == ["unrepresentable", "crashed", "ok"]
     # the fake answers, no reference does
     assert table.loc["mujoco"].reason[0.0] == "bistiffness: unrepresentable"
@@ -205,9 +201,9 @@ def test_a_missing_outcome_is_a_row_with_a_status_and_a_reason(tmp_path):
 def test_shares_of_a_region_are_of_its_sum_of_d(engine_run):
     """A share is the sum of components along each cell's difference, here from the vectors and what was measured."""
     folder = RunFolder(engine_run)
-    found, table = summarise_ladder(folder, folder.config()), table_of(folder)
+    found = summarise_ladder(folder, folder.config())
+    table, measured = (pd.read_parquet(engine_run / f"{name}.parquet") for name in ("ladder", "divergence"))
     here = table[table.marked.isna()]
-    measured = pq.read_table(engine_run / "divergence.parquet").to_pandas()
     measured = measured[measured.solver == "mujoco"].set_index("cell").loc[here.cell]
     region = found.region("mujoco", BAND, 0.1)
     weight = np.column_stack([np.ones(len(here)), here.mass_ratio])

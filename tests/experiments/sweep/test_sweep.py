@@ -32,13 +32,13 @@ def test_the_tables_are_long_and_tidy(fake_run):
 
 
 def test_n_balls_each_faster_by_a_hundredth_are_sqrt_n_hundredths_away(tmp_path):
-    column = {"arrangement": ["cradle", "drop"], "balls": [2, 3], "e": [0.7, 0.9], "stiffness_taper": 1.0}
+    column = {"arrangement": ["cradle", "drop"], "balls": [3, 4], "e": [0.7, 0.9], "stiffness_taper": 1.0}
     config = parse_config({"solvers": ["mujoco"], "chunk_size": 3, "column": column})
-    run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.columns)
+    run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.shifted)
     for name, schema in ((name, table.schema) for name, table in layout_of(config).tables.items()):
         assert pq.read_schema(tmp_path / f"a/{name}.parquet").equals(schema)
     divergence = pq.read_table(tmp_path / "a/divergence.parquet")
-    expected = [0.01 * math.sqrt(n) for n in (2, 2, 3, 3)] * 2
+    expected = [0.01 * math.sqrt(n) for n in (3, 3, 4, 4)] * 2
     assert divergence["velocity_divergence"].to_pylist() == pytest.approx(expected)
     assert divergence["largest_dv"].to_pylist() == pytest.approx([0.01] * 8)
 

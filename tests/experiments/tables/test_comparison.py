@@ -128,7 +128,7 @@ def test_columns_of_n_balls_are_compared_ball_by_ball(tmp_path, capsys, runs):
     config = parse_config({"solvers": SOLVERS, "chunk_size": 1, "column": column})
     a, b = (
         run_sweep(config, tmp_path / name, isolate=False, resolve=resolve)
-        for name, resolve in (("a", fakes.columns), ("b", fakes.shifted))
+        for name, resolve in (("a", fakes.shifted), ("b", fakes.refusing))
     )
     assert compare(a, a, 0).moved == 0
     found = compare(a, b, 1e-9)
