@@ -16,12 +16,6 @@ from impact_xval.experiments.config.typed import asked
 from impact_xval.model import Collision
 from tests.experiments.conftest import resumed
 
-BOX = {
-    "stiffness_ratio": {"log": [0.1, 10.0]},
-    "mass_ratio": {"linear": [0.5, 2.0]},
-    "e1": 0.9,
-    "e2": {"linear": [0, 1]},
-}
 COLUMNS = {
     "arrangement": ["cradle", "drop"],
     "balls": [3, 4],
@@ -88,7 +82,8 @@ def test_an_arrangement_is_the_column_written_by_hand(given, velocities, gaps):
 
 
 def _points(n, seed):
-    return draw(Sample.model_validate({"n": n, "seed": seed, **BOX}))
+    ratios = {"stiffness_ratio": {"log": [0.1, 10.0]}, "mass_ratio": {"linear": [0.5, 2.0]}}
+    return draw(Sample.model_validate({"n": n, "seed": seed, "e1": 0.9, "e2": {"linear": [0, 1]}} | ratios))
 
 
 def test_samples_fill_the_box_follow_their_seed_and_begin_as_shorter_ones():

@@ -1,6 +1,7 @@
 """The limit dt -> 0 in the tables of a run."""
 
 import math
+from typing import Any
 
 import pandas as pd
 import pytest
@@ -16,13 +17,13 @@ from tests.experiments.conftest import SMALL
 CERTIFICATE = list(expanded(OF_LIMITS, 2, 2))
 
 
-def run(tmp_path, **changes):
+def run(tmp_path, **changes) -> Any:  # with a data frame; its annotations are too wide to check code against
     folder = run_sweep(parse_config(SMALL | {"solvers": ["mujoco"]} | changes), tmp_path / "r", isolate=False)
     return folder, pd.read_parquet(tmp_path / "r/cells.parquet")[1::2]
 
 
 def test_both_results_are_kept(engine_run):
-    rows = pd.read_parquet(engine_run / "cells.parquet").set_index("cell")
+    rows: Any = pd.read_parquet(engine_run / "cells.parquet").set_index("cell")
     exact, engine = (rows[rows.solver == name] for name in ("kelvin-voigt", "mujoco"))
     assert rows[rows.solver != "mujoco"][CERTIFICATE].isna().all(axis=None)
     assert set(engine.status) == {"ok"}

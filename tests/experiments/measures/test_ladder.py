@@ -27,12 +27,6 @@ from tests.experiments import fakes
 from tests.model.column_reference import integrate
 
 MU = 2 / math.sqrt(3)
-GRID = {
-    "stiffness_ratio": [0.05, 1.0, 40.0],
-    "mass_ratio": [0.5, MU],
-    "e1": [0.5, 0.9, 1.0],
-    "e2": [0.7, 1.0],
-}
 CAUSES = "frozen_positions", "dissipation_law", "gravity"
 
 
@@ -72,7 +66,13 @@ def shapley(cube, cause):
     ("engine", "law"), [("mujoco", "kelvin-voigt"), ("drake-hunt-crossley", "hunt-crossley")]
 )
 def test_each_cause_is_the_shapley_value_of_the_solvers_at_the_corners(scenario, engine, law):
-    config = parse_config({"scenario": scenario, "k1": 1e6, "solvers": ["mujoco"], "grid": GRID})
+    grid = {
+        "stiffness_ratio": [0.05, 1.0, 40.0],
+        "mass_ratio": [0.5, MU],
+        "e1": [0.5, 0.9, 1.0],
+        "e2": [0.7, 1],
+    }
+    config = parse_config({"scenario": scenario, "k1": 1e6, "solvers": ["mujoco"], "grid": grid})
     experiment, block = Experiment(config, fakes.shifted), experiment_cells(config).block(range(36))
     model, shifted = (solve_by(experiment, name, block, {}) for name in (REFERENCE, "mujoco"))
     rows = ladders(config, block, model, {engine: shifted})[engine]
