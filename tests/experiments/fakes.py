@@ -26,11 +26,10 @@ class Shifted(Solver):
         return [self.moved(c, settings) for c in collisions]
 
     def moved(self, collision, settings):
-        o = solve(collision, path=settings.record_path)
-        shift = [0.01, 0.0] if collision.falls_on_resting else [0.01] * len(o.velocities)
-        return dataclasses.replace(
-            o, solver=self.name, velocities=tuple(np.add(o.velocities, shift).tolist())
-        )
+        pair = collision.falls_on_resting
+        o = solve(collision, path=settings.record_path and pair)
+        faster = np.add(o.velocities, [0.01, 0.0] if pair else 0.01)
+        return dataclasses.replace(o, solver=self.name, velocities=tuple(faster.tolist()))
 
 
 class Perfect(Shifted):

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines.solver import Convergence, Settings
 from impact_xval.experiments.measures.divergence import (
     divergence,
     edit_distance,
@@ -52,6 +53,15 @@ def test_a_pair_keeps_its_momentum_and_what_e_leaves_of_its_energy():
         assert measures["retained_momentum"] == pytest.approx(1, abs=1e-12)
         assert measures["retained_energy"] == pytest.approx(0.25 + 0.75 * 0.25, abs=1e-12)
         assert measures["velocity_divergence"] == pytest.approx(0, abs=1e-12)
+
+
+def test_the_limit_of_an_engine_is_held_against_its_law_without_the_model_too():
+    chain, how = Collision((1, 1, 1), (1e8, 1e8), (0.9, 0.9), (-2, 0, 0)), Settings(convergence=Convergence())
+    outcomes = {name: get_solver(name).solve(chain, how) for name in ("kelvin-voigt", "mujoco")}
+    found = measures_of(chain, outcomes)["mujoco"]
+    assert 0 < found["limit_distance"] < 3 * found["limit_error"] < 3e-3
+    assert found["limit_error"] == outcomes["mujoco"].diagnostics["limit_error"] / 2
+    assert math.isnan(found["velocity_divergence"])
 
 
 def test_where_state_paths_part_and_by_how_many_edits():
