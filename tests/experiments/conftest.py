@@ -19,24 +19,18 @@ SMALL = {
     "grid": {"stiffness_ratio": [0.5, 1.0, 2.0], "mass_ratio": [1.0, 1.5], "e1": [0.5, 0.9], "e2": [0.7]},
 }
 
-#: Names of the finished tables.
-TABLES = (
-    *("cells.parquet", "divergence.parquet", "divergence.csv"),
-    *("curves.parquet", "ladder.parquet", "ladder.csv"),
-)
-
 #: Text that a page, a table and LaTeX are to show as it is.
 HOSTILE = "</script><script>document.title = 'taken'</script><img src=x onerror=\"document.title='taken'\">"
 
 
 def tables_of(root):
-    """Return the bytes of the tables of a run."""
-    return {name: (root / name).read_bytes() for name in TABLES}
+    """Return the bytes of the finished tables of a run."""
+    return {path.name: path.read_bytes() for path in root.iterdir() if path.suffix in (".csv", ".parquet")}
 
 
-def resumed(config, root, **how):
-    """Continue a run in this process, with `fakes.shifted` unless told otherwise; what it said, line by line."""
-    said = []
+def resumed(root, config=None, **how):
+    """Continue a run in this process, of `SMALL` with `fakes.shifted` unless told otherwise; what it said."""
+    said, config = [], config or parse_config(SMALL)
     how = {"resolve": fakes.shifted} | how
     run_sweep(config, root, isolate=False, progress=lambda done, total, line: said.append(line), **how)
     return said
@@ -48,11 +42,6 @@ def compiled_kernels():
     for pair in (True, False):
         for name in ("state-transition", "kelvin-voigt", "mujoco", "pybullet"):
             warm(None, get_solver, name, pair)
-
-
-@pytest.fixture
-def small():
-    return parse_config(SMALL)
 
 
 @pytest.fixture(scope="session")
@@ -72,16 +61,6 @@ def fake_run(tmp_path_factory):
     """A small run of an engine that is 0.01 m/s off and of one that is not installed; no test changes it."""
     root = tmp_path_factory.mktemp("fakes") / "run"
     return run_sweep(parse_config(SMALL), root, isolate=False, resolve=fakes.shifted)
-
-
-@pytest.fixture(scope="session")
-def crashing_run(tmp_path_factory):
-    """A small run of an engine that crashes where e1 = 0.5; no test changes what the run wrote."""
-    config = parse_config(
-        SMALL | {"name": r"<script>alert(1)</script> & \input{b} *c*", "grazing_threshold": 0.05}
-    )
-    root = tmp_path_factory.mktemp("crashing") / "run"
-    return run_sweep(config, root, isolate=False, resolve=fakes.crashing)
 
 
 @pytest.fixture

@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-import pyarrow as pa
+import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 from scipy.stats import qmc
@@ -12,18 +12,10 @@ from impact_xval.experiments.config.arrangements import Arranged
 from impact_xval.experiments.config.axes import AXES, Sample
 from impact_xval.experiments.config.cells import draw, experiment_cells, read_cells
 from impact_xval.experiments.config.experiment import REFERENCE, Config, load_config, parse_config
-from impact_xval.experiments.measures.summary import summarise
-from impact_xval.experiments.sweep.run import run_sweep
+from impact_xval.experiments.config.typed import asked
 from impact_xval.model import Collision
-from tests.experiments import fakes
 from tests.experiments.conftest import resumed
 
-BOX = {
-    "stiffness_ratio": {"log": [0.1, 10.0]},
-    "mass_ratio": {"linear": [0.5, 2.0]},
-    "e1": 0.9,
-    "e2": {"linear": [0, 1]},
-}
 COLUMNS = {
     "arrangement": ["cradle", "drop"],
     "balls": [3, 4],
@@ -60,23 +52,13 @@ def test_restitutions_that_are_tied_are_equal_in_every_cell():
 def test_columns_are_an_arrangement_after_the_other_with_e_fastest():
     columns = experiment_cells(parse_config({"column": COLUMNS}))
     assert len(columns) == 2 * 2 * 2 * 3 + 2 * 2 * 3
-    block = columns.block(range(36))
-    rows = block.parameters
+    rows = columns.block(range(36)).parameters
     assert rows["arrangement"].tolist() == ["cradle"] * 24 + ["drop"] * 12
     names = ("balls", "strike", "stiffness_taper", "e")
     first = list(zip(*(rows[name][:4].tolist() for name in names), strict=True))
     assert first == [(3, 1, 1.0, 0.5), (3, 1, 1.0, 0.75), (3, 1, 1.0, 1.0), (3, 1, 0.5, 0.5)]
     assert rows["balls"][24::6].tolist() == [3, 4]
     assert np.isnan(rows["strike"][24:]).all()
-    part = columns.block(range(20, 30))
-    assert list(part.collisions) == list(block.collisions[20:30]) == [columns[i] for i in range(20, 30)]
-    assert all((x == rows[name][20:30]).all() for name, x in part.parameters.items() if name != "strike")
-
-
-def test_a_column_has_the_scales_of_the_experiment():
-    axes = {"arrangement": "drop", "mass_taper": 0.5, "stiffness_taper": 10, "balls": 3}
-    column = experiment_cells(parse_config({"m1": 2.0, "k1": 3e6, "v0": -0.5, "column": axes}))[1]
-    assert column == Collision((2, 1, 0.5), (3e6, 3e7, 3e8), (0.6,) * 3, (-0.5, 0, 0), table=True)
 
 
 @pytest.mark.parametrize(
@@ -100,7 +82,8 @@ def test_an_arrangement_is_the_column_written_by_hand(given, velocities, gaps):
 
 
 def _points(n, seed):
-    return draw(Sample.model_validate({"n": n, "seed": seed, **BOX}))
+    ratios = {"stiffness_ratio": {"log": [0.1, 10.0]}, "mass_ratio": {"linear": [0.5, 2.0]}}
+    return draw(Sample.model_validate({"n": n, "seed": seed, "e1": 0.9, "e2": {"linear": [0, 1]}} | ratios))
 
 
 def test_samples_fill_the_box_follow_their_seed_and_begin_as_shorter_ones():
@@ -120,11 +103,11 @@ def test_samples_fill_the_box_follow_their_seed_and_begin_as_shorter_ones():
 
 
 def _write(path, values):
+    frame = pd.DataFrame(values, columns=list(AXES)).assign(note="x")
     if path.suffix == ".parquet":
-        pq.write_table(pa.table(dict(zip(AXES, np.transpose(values), strict=True))), path)
+        frame.to_parquet(path)
     else:
-        rows = [",".join([*AXES, "note"]), *(",".join([*map(repr, row), "x"]) for row in values)]
-        path.write_text("\n".join(rows) + "\n")
+        frame.to_csv(path, index=False)
     return path
 
 
@@ -137,24 +120,11 @@ def test_a_list_is_read_to_the_last_bit_and_in_its_order(tmp_path, name):
     assert (len(cells), cells[0].k2, cells[0].stiffness_ratio, cells[1].k2) == (3, 2 / 3, 1 / 3, math.inf)
 
 
-def test_a_sampled_run_is_summarised_in_bins(tmp_path):
-    config = parse_config({"scenario": "impact", "solvers": ["mujoco"], "sample": {"n": 64, **BOX}})
-    summary = summarise(run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.shifted))
-    bins = summary.statistics[
-        (summary.statistics.axis == "stiffness_ratio") & (summary.statistics.measure == "velocity_divergence")
-    ]
-    whole = summary.get("mujoco", "velocity_divergence")
-    assert (bins.n.sum(), bins["max"].max()) == (whole.n, whole["max"])
-    assert 1 < len(bins) <= 12
-
-
 def test_another_list_in_the_same_folder_is_computed_anew_and_said_so(tmp_path):
-    _write(tmp_path / "cells.csv", [[1.0, 1.0, 0.9, 0.7], [2.0, 1.0, 0.9, 0.7]])
     (tmp_path / "c.toml").write_text("cells = 'cells.csv'\nsolvers = ['mujoco']\nchunk_size = 1\n")
-    config = load_config(tmp_path / "c.toml")
-    run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.shifted)
-    _write(tmp_path / "cells.csv", [[1.0, 1.0, 0.9, 0.7], [3.0, 1.0, 0.9, 0.7]])
-    said = resumed(config, tmp_path / "a")
+    for ratio in (2.0, 3.0):
+        _write(tmp_path / "cells.csv", [[1.0, 1.0, 0.9, 0.7], [ratio, 1.0, 0.9, 0.7]])
+        said = resumed(tmp_path / "a", load_config(tmp_path / "c.toml"))
     assert any("resumed: 0 of 2 parts" in line for line in said)
     rows = pq.read_table(tmp_path / "a/cells.parquet").to_pylist()
     assert [row["stiffness_ratio"] for row in rows] == [1.0, 1.0, 3.0, 3.0]
@@ -163,6 +133,16 @@ def test_another_list_in_the_same_folder_is_computed_anew_and_said_so(tmp_path):
 def test_the_reference_leads_whatever_is_listed():
     assert parse_config({"solvers": ["pybullet", "mujoco"]}).solvers == [REFERENCE, "pybullet", "mujoco"]
     assert parse_config({"solvers": ["mujoco", REFERENCE]}).solvers == [REFERENCE, "mujoco"]
+
+
+def test_si_units_and_ratios_are_one_collision():
+    cell = {"e1": "0.9", "e2": "0.7", "v0": "-3"}
+    plain, _, _ = asked(cell | {"stiffness_ratio": "40", "mass_ratio": str(2 / math.sqrt(3))})
+    scaled, _, _ = asked(cell | {"m1": "0.5", "m2": str(1 / math.sqrt(3)), "k1": "1e6", "k2": "4e7"})
+    assert scaled.masses == pytest.approx((0.5, 1 / math.sqrt(3)))
+    assert scaled.stiffnesses == pytest.approx((1e6, 4e7))
+    for same in ("stiffness_ratio", "mass_ratio", "restitutions", "velocities"):
+        assert getattr(scaled, same) == pytest.approx(getattr(plain, same), rel=1e-15)
 
 
 def test_identity_ignores_what_does_not_change_results():

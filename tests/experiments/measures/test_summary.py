@@ -1,6 +1,6 @@
 """Statistics of a run are those of its tables."""
 
-import shutil
+import itertools
 
 import numpy as np
 import pandas as pd
@@ -8,37 +8,37 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.experiment import parse_config
+from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.measures.summary import SUMMARISED, between, summarise
-from impact_xval.experiments.presentation.report import write_latex, write_tables
+from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.folder import RunFolder
+from tests.experiments import fakes
+from tests.experiments.conftest import SMALL
 
 
-def test_statistics_are_those_of_the_table(crashing_run):
-    summary = summarise(crashing_run)
-    table = pq.read_table(crashing_run.root / "divergence.parquet").to_pandas()
-    table = table[(table.solver == "mujoco") & table.velocity_divergence.notna()]
-    regular = table[~(table.model_grazing_margin < 0.05)]
-    assert len(regular) > 0
-    for measure in SUMMARISED:
-        row = summary.get("mujoco", measure)
-        sizes = np.abs(regular[measure].to_numpy(dtype=float))
-        assert row.n == len(sizes)
-        assert row["median"] == pytest.approx(np.median(sizes))
-        assert row.p95 == pytest.approx(np.percentile(sizes, 95))
-        assert row["max"] == sizes.max()
-        for value, part in regular.groupby("stiffness_ratio"):
-            row = summary.get("mujoco", measure, "stiffness_ratio", float(str(value)))
-            assert row["max"] == np.abs(part[measure].to_numpy(dtype=float)).max()
-    grazing = summary.get("mujoco", "velocity_divergence", cells="grazing")
-    assert grazing.n + len(regular) == len(table)
-    assert summary.statuses.loc["mujoco"].to_dict() == {"ok": 6, "crashed": 6, "unavailable": 0}
-    assert summary.worst.velocity_divergence.is_monotonic_decreasing
-    assert summary.get("pybullet", "velocity_divergence").n == 0
+def test_statistics_are_those_of_the_table(engine_run):
+    summary = summarise(RunFolder(engine_run))
+    table = pq.read_table(engine_run / "divergence.parquet").to_pandas()
+    regular = table[(table.solver == "mujoco") & table.marked.isna()]
+    levels = regular.groupby("stiffness_ratio")
+    regions = [((), regular), *((("stiffness_ratio", value), rows) for value, rows in levels)]
+    for measure, (where, rows) in itertools.product(SUMMARISED, regions):
+        row, sizes = summary.get("mujoco", measure, *where), np.abs(rows[measure].to_numpy(dtype=float))
+        assert (row.n, row["max"]) == (len(sizes), sizes.max())
+        assert (row["median"], row.p95) == pytest.approx(tuple(np.percentile(sizes, [50, 95])))
+    worst = summary.worst[summary.worst.solver == "mujoco"].velocity_divergence
+    assert worst.tolist() == sorted(regular.velocity_divergence, reverse=True)[:5]
 
 
-def test_marked_beyond_the_model_are_results_whose_model_is_not_marked(crashing_run, tmp_path):
-    run = RunFolder(shutil.copytree(crashing_run.root, tmp_path / "run"))
+def test_solvers_of_one_law_stand_together_the_exact_one_first():
+    ordered = ["kelvin-voigt", "mujoco", "pybullet", "bistiffness"]
+    assert in_order_of_laws(["mujoco", "bistiffness", "pybullet", "kelvin-voigt"]) == ordered
+
+
+def test_marked_beyond_the_model_are_results_whose_model_is_not_marked(tmp_path):
+    run = run_sweep(parse_config(SMALL), tmp_path / "run", isolate=False, resolve=fakes.crashing)
     path = run.root / "cells.parquet"
     table = pq.read_table(path)
     cells = table.to_pandas()
@@ -51,14 +51,12 @@ def test_marked_beyond_the_model_are_results_whose_model_is_not_marked(crashing_
     assert (summary.n_marked, summary.marked_beyond) == (2, {"mujoco": 3})
 
 
-def test_tables_for_a_paper(crashing_run):
-    summary = summarise(crashing_run)
-    write_tables(crashing_run, summary)
-    write_latex(crashing_run, summary)
-    table = pd.read_csv(crashing_run.root / "summary.csv")
+def test_tables_for_a_paper(run):
+    assert main(["report", str(run), "--only", "tables", "--latex"]) == 0
+    table = pd.read_csv(run / "summary.csv")
     assert set(table.axis) == {"all", "stiffness_ratio", "mass_ratio", "e1", "e2", "stiffness_band"}
-    text = (crashing_run.root / "summary.tex").read_text()
-    assert f"kelvin-voigt & mujoco & {summary.get('mujoco', 'velocity_divergence').n} &" in text
+    text = (run / "summary.tex").read_text()
+    assert "kelvin-voigt & mujoco & 12 &" in text
     assert r"95 \% & max" in text
 
 

@@ -11,17 +11,21 @@ from impact_xval.experiments.sweep.run import run_sweep
 from tests.experiments.conftest import tables_of
 from tests.waiting import wait_until
 
-GRID = {"stiffness_ratio": {"log": [0.02, 50, 20]}, "mass_ratio": [1.0, 2.0], "e1": [0.7, 0.9], "e2": [0.8]}
-CONFIG = parse_config(
-    {"solvers": ["kelvin-voigt", "mujoco"], "step_fraction": 0.01, "chunk_size": 3, "grid": GRID}
-)
-
 
 @pytest.mark.nightly
 def test_neither_an_interrupt_nor_a_worker_that_dies_changes_a_byte(tmp_path):
     """The interrupted run leaves no process on the cluster; that which goes on loses a worker of it."""
     distributed = pytest.importorskip("distributed")
-    undisturbed = tables_of(run_sweep(CONFIG, tmp_path / "undisturbed", workers=1).root)
+    axes = {
+        "stiffness_ratio": {"log": [0.02, 50, 20]},
+        "mass_ratio": [1.0, 2.0],
+        "e1": [0.7, 0.9],
+        "e2": [0.8],
+    }
+    config = parse_config(
+        {"solvers": ["kelvin-voigt", "mujoco"], "step_fraction": 0.01, "chunk_size": 3, "grid": axes}
+    )
+    undisturbed = tables_of(run_sweep(config, tmp_path / "undisturbed", workers=1).root)
 
     def workers():
         return [psutil.Process(each.pid) for each in cluster.workers.values() if each.pid is not None]
@@ -41,9 +45,9 @@ def test_neither_an_interrupt_nor_a_worker_that_dies_changes_a_byte(tmp_path):
         n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
     ) as cluster:
         with pytest.raises(InterruptedRunError):
-            run_sweep(CONFIG, tmp_path / "a", scheduler=cluster.scheduler_address, progress=interrupt)
+            run_sweep(config, tmp_path / "a", scheduler=cluster.scheduler_address, progress=interrupt)
         wait_until(lambda: not any(each.children() for each in workers()))
-        run_sweep(CONFIG, tmp_path / "a", scheduler=cluster.scheduler_address, progress=kill)
+        run_sweep(config, tmp_path / "a", scheduler=cluster.scheduler_address, progress=kill)
     assert killed
     assert tables_of(tmp_path / "a") == undisturbed
 

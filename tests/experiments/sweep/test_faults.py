@@ -64,7 +64,8 @@ def test_every_failure_of_a_plug_in_is_found_named_and_costs_its_cell(tmp_path, 
     assert failed == {(cell, "bad"): SAID[each] for cell, each in enumerate(e1) if each != 0.9}
     assert {status for status, _ in lost} == {"unavailable"}
     assert "no_such_module" in lost.pop()[1]
-    assert folder.manifest()["sessions"][0]["processes_lost"] >= 4
+    # The crash is found by halving and tried once more, the hang is not.
+    assert folder.manifest()["sessions"][0]["processes_lost"] == 4
     monkeypatch.undo()  # what is kept is read where neither is installed
     assert summarise(folder).solvers == ["kelvin-voigt", "bad", "lost"]
 
@@ -90,7 +91,8 @@ def test_processes_that_are_killed_cost_nothing_but_time(tmp_path):
             for child in killed:
                 child.kill()
 
-    run_sweep(config, tmp_path / "a", workers=2, resolve=fakes.shifted, progress=kill)
+    # Each new process is made ready first: else the five seconds of that were beyond the limit of a cell.
+    run_sweep(config, tmp_path / "a", workers=2, resolve=faulty.slow_to_start, progress=kill)
     assert killed
     whole = run_sweep(config, tmp_path / "b", isolate=False, resolve=fakes.shifted)
     assert tables_of(tmp_path / "a") == tables_of(whole.root)

@@ -2,7 +2,6 @@
 
 import contextlib
 import errno
-import json
 import multiprocessing
 import os
 import signal
@@ -13,21 +12,21 @@ from pathlib import Path
 import psutil
 import pytest
 
-from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.errors import InterruptedRunError
 from impact_xval.experiments.config.experiment import load_config
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.sweep.status import status_of
-from tests.experiments import fakes, faulty, runner
+from impact_xval.experiments.tables.folder import write_text
+from tests.experiments import faulty
 from tests.experiments.conftest import resumed, tables_of
 from tests.waiting import gone, wait_until
 
 ROOT = Path(__file__).parents[3]
 
 
-@pytest.mark.parametrize("name", ["000001-", "cells.parquet", "ladder.csv", "manifest.json"])
-def test_a_file_that_cannot_be_written_leaves_no_half_of_it(small, tmp_path, monkeypatch, fake_run, name):
-    """A part, a table, or the manifest at the end: the run ends with a line, and continues to the same bytes."""
+@pytest.mark.parametrize("name", ["000001-", "cells.parquet", "ladder.csv", "manifest.json", "report.html"])
+def test_a_file_that_cannot_be_written_leaves_no_half_of_it(tmp_path, monkeypatch, fake_run, name):
+    """A part, a table, the manifest at the end, the report: a line, and the run continues to the same bytes."""
     replace, root, seen = Path.replace, tmp_path / "a", []
 
     def full(path, target):
@@ -36,37 +35,20 @@ def test_a_file_that_cannot_be_written_leaves_no_half_of_it(small, tmp_path, mon
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(target))
         return replace(path, target)
 
+    def present(folder):
+        write_text(folder.root / "report.html", "what people look at")
+
     monkeypatch.setattr(Path, "replace", full)
     with pytest.raises(InterruptedRunError, match=f"{name}.*: No space left on device"):
-        run_sweep(small, root, isolate=False, resolve=fakes.shifted)
+        resumed(root, present=present)
     monkeypatch.undo()
     assert not list(root.rglob(".tmp-*"))
     assert len(_parts(root)) == (2 if name == "000001-" else 3)
-    assert json.loads((root / "manifest.json").read_text())["state"] == "running"
-    resumed(small, root)
-    assert tables_of(root) == tables_of(fake_run.root)
-
-
-@pytest.mark.slow
-def test_a_run_is_complete_only_with_its_report(tmp_path, monkeypatch, capsys):
-    (tmp_path / "c.toml").write_text("solvers = ['kelvin-voigt']\nsample = {n = 2}\n")
-    root, replace = tmp_path / "a b", Path.replace
-
-    def full(path, target):
-        if target.name in ("summary.csv", "report.html"):
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        return replace(path, target)
-
-    command = ["run", str(tmp_path / "c.toml"), "--out", str(root)]
-    monkeypatch.setattr(Path, "replace", full)
-    assert main([*command, "--workers", "1"]) == 1
-    error = capsys.readouterr().err
-    assert f"{root}/summary.csv: No space left on device; finished parts are kept; to continue: " in error
-    assert error.count("\n") == 1
     assert status_of(root).state == "stopped"
-    monkeypatch.undo()
-    assert main([*command, "--workers", "1"]) == 0
+    resumed(root, present=present)
     assert status_of(root).state == "complete"
+    assert (root / "report.html").exists()
+    assert tables_of(root) == tables_of(fake_run.root)
 
 
 def _parts(root):
@@ -118,6 +100,11 @@ def test_a_signal_while_a_solver_hangs_keeps_what_is_done_and_says_how_to_go_on(
     assert 1 <= len(_parts(root)) <= 3
 
 
+def run_slowly(config, root):
+    os.setsid()  # to be killed with all that it starts
+    run_sweep(load_config(config), root, workers=2, resolve=faulty.slow)
+
+
 @pytest.mark.slow
 def test_five_kills_change_no_byte(tmp_path):
     """SIGKILL to the run and all that it started, each time one more part is there, wherever that finds it."""
@@ -126,16 +113,16 @@ def test_five_kills_change_no_byte(tmp_path):
     left_alone = run_sweep(config, tmp_path / "whole", isolate=False, resolve=faulty.slow)
     # The runner starts in a process whose modules are there already; importing them takes seconds.
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([runner.__name__])
+    context.set_forkserver_preload([__name__])
     for parts in range(1, 6):
-        process = context.Process(target=runner.run, args=(tmp_path / "c.toml", root))
+        process = context.Process(target=run_slowly, args=(tmp_path / "c.toml", root))
         process.start()
         wait_until(lambda: not process.is_alive() or len(_parts(root)) >= parts)  # noqa: B023
         with contextlib.suppress(ProcessLookupError):  # it is done already
             os.killpg(process.pid, signal.SIGKILL)
         process.join()
         assert len(_parts(root)) >= parts
-    said = resumed(config, root, resolve=faulty.slow)
+    said = resumed(root, config, resolve=faulty.slow)
     assert any(" of 6 parts are there and whole" in line for line in said)
     assert not list(root.rglob(".tmp-*"))
     assert tables_of(root) == tables_of(left_alone.root)

@@ -12,7 +12,7 @@ import pytest
 
 from impact_xval import Collision, compare
 from impact_xval.experiments.sweep.pool import Slot
-from impact_xval.experiments.sweep.process import FaultError, Worker, WorkerError, in_halves
+from impact_xval.experiments.sweep.process import FaultError, Worker, WorkerError
 from tests.waiting import gone, wait_until
 
 
@@ -25,14 +25,13 @@ def pid(context):
     return os.getpid()
 
 
-def compiled(context, pids):
+def made_ready(context, pids, dies):
+    """Note the process, which is killed the first time, or says each time that it has compiled."""
     with pids.open("a") as file:
         print(os.getpid(), file=file)
-    return True  # as where no cache can be written
-
-
-def sleep(context, seconds):
-    time.sleep(seconds)
+    if dies and len(pids.read_text().split()) == 1:
+        die(context)
+    return not dies
 
 
 def die(context):
@@ -42,21 +41,6 @@ def die(context):
 
 def fail(context):
     raise LookupError("a bug")
-
-
-_ready = []
-
-
-def ready(context):
-    return len(_ready)
-
-
-def make_ready(context, first):
-    """Make this process ready, and be killed the first time."""
-    if not first.exists():
-        first.touch()
-        die(context)
-    _ready.append("now")
 
 
 def orphan(context):
@@ -79,40 +63,20 @@ def test_it_answers_from_one_process_with_its_context_and_says_what_is_raised(wo
     assert worker.call(pid, timeout=60) == first != os.getpid()
 
 
-@pytest.mark.parametrize(
-    ("work", "timeout", "status", "reason"),
-    [
-        ((die,), 60, "crashed", "its process died: SIGKILL (out of memory, or killed)"),
-        ((sleep, 600), 0.5, "timeout", "no answer within 0.5 s; its process was ended"),
-    ],
-)
-def test_a_death_is_a_fault_that_says_of_what_and_the_next_call_is_answered(
-    worker, work, timeout, status, reason
-):
+def test_a_killed_process_is_a_fault_that_says_so_and_the_next_call_is_answered(worker):
     before = worker.call(pid, timeout=60)
-    with pytest.raises(FaultError) as caught:
-        worker.call(*work, timeout=timeout)
-    assert (caught.value.status, caught.value.reason) == (status, reason)
+    with pytest.raises(FaultError, match=r"its process died: SIGKILL \(out of memory, or killed\)") as caught:
+        worker.call(die, timeout=60)
+    assert caught.value.status == "crashed"
     assert gone(before)
     assert worker.call(echo, 1, timeout=60) == ("a context", (1,))
 
 
-def test_every_process_is_made_ready_once_before_it_is_called(tmp_path):
+@pytest.mark.parametrize("dies", [False, True])
+def test_a_process_that_compiled_or_died_when_made_ready_is_replaced_once(tmp_path, dies):
     with contextlib.closing(Slot()) as slot:
-
-        def ask(function, *arguments):
-            slot.prepare("mujoco", make_ready, tmp_path / "first")
-            return slot.call("mujoco", function, *arguments, timeout=60)
-
-        assert [ask(ready), ask(ready)] == [1, 1]
-        with pytest.raises(FaultError):
-            ask(die)
-        assert ask(ready) == 1
-
-
-def test_a_process_that_compiled_is_replaced_by_one_that_did_not_once(tmp_path):
-    with contextlib.closing(Slot()) as slot:
-        slot.prepare("mujoco", compiled, tmp_path / "pids")
+        for _ in range(2):
+            slot.prepare("mujoco", made_ready, tmp_path / "pids", dies)
         first, second = (tmp_path / "pids").read_text().split()
         assert slot.call("mujoco", pid, timeout=60) == int(second) != int(first)
         assert gone(int(first))
@@ -128,38 +92,6 @@ def test_it_does_not_outlive_a_killed_parent_whatever_it_does():
     assert done.returncode == -signal.SIGKILL
     left = int(done.stdout)
     wait_until(lambda: gone(left))
-
-
-def _isolated(n, fatal, once=(), status="crashed"):
-    """Isolate cells of which some are fatal, always or the first time; what is lost, and how often it was called."""
-    calls, died = [], set()
-
-    def call(place):
-        cells = range(n)[place]
-        calls.append(list(cells))
-        if fatal & set(cells) or set(once) & set(cells) - died:
-            died.update(cells)
-            raise FaultError(status, "a reason")
-        return [f"{cell} answered" for cell in cells]
-
-    found = in_halves(call, n, lambda place, fault: [f"{place.start} lost"])
-    answers = [answer for piece in found for answer in piece]
-    lost = [cell for cell in range(n) if answers[cell] == f"{cell} lost"]
-    assert answers == [f"{cell} {'lost' if cell in lost else 'answered'}" for cell in range(n)]
-    return lost, calls
-
-
-def test_what_is_fatal_is_found_by_halving_and_everything_else_answered():
-    lost, calls = _isolated(7, {2, 6})
-    assert lost == [2, 6]
-    assert calls.count([2]) == calls.count([6]) == 2
-    assert _isolated(7, set()) == ([], [list(range(7))])
-
-
-def test_one_death_is_not_enough_to_lose_a_cell_but_one_hang_alone_is():
-    assert _isolated(1, set(), once=[0]) == ([], [[0], [0]])
-    assert _isolated(2, {0}, once=[1])[0] == [0]
-    assert _isolated(1, {0}, status="timeout") == ([0], [[0]])
 
 
 @pytest.mark.nightly
