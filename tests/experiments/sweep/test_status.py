@@ -1,4 +1,4 @@
-"""What `impact-xval status` says of a run: while it runs, after it was stopped, and when it is complete."""
+"""What `impact-xval show` says of a run: while it runs, after it was stopped, and when it is complete."""
 
 import functools
 import json
