@@ -109,11 +109,9 @@ class _Run:
             return [*ends, spent] if self.law == "hunt-crossley" else ends
         if phase == SLACK:
             return [(lambda d, w: -self.pushes(i, d, w), LOADED), spent]
-        return (
-            [(lambda d, w: w, RESTITUTION)]
-            if phase == COMPRESSION
-            else [(lambda d, w: -w, COMPRESSION), spent]
-        )
+        if phase == COMPRESSION:
+            return [(lambda d, w: w, RESTITUTION)]
+        return [(lambda d, w: -w, COMPRESSION), spent]
 
     def watched(self):
         """Functions of time and y that fall through zero, each with the contact and the phase that it changes to."""
@@ -148,13 +146,11 @@ class _Run:
     def over(self):
         n, y = len(self.k), np.array([*self.v, *self.delta])
         clear = [not self.acts(i) and (self.g == 0 or self.delta[i] <= ZERO) for i in range(n)]
-        if all(clear) and all(self.rate(i) <= ZERO for i in range(n)):
+        part = [clear[i] and self.rate(i) <= ZERO for i in range(n)]
+        if all(part):
             return "free"
         for j in range(n) if self.g else ():
-            if j == 0:
-                alone = all(map(self.acts, range(n)))
-            else:
-                alone = all(clear[:j]) and all(self.rate(i) <= ZERO for i in range(j)) and self.v[0] >= 0
+            alone = all(part[:j]) and self.v[0] >= 0 if j else all(map(self.acts, range(n)))
             if alone and self.energy_to_unload(j, y) <= ZERO:
                 self.v[j:] = [0.0] * (n + 1 - j)
                 return "rest" if j else "stuck"
@@ -162,13 +158,11 @@ class _Run:
 
     def frequency(self):
         """Highest frequency of the contacts that push, or may soon."""
-        squares = [
-            (self.inverse[i] + self.inverse[i + 1])
-            * self.k[i]
-            * (self.p * max(self.delta[i], self.largest(i)) ** (self.p - 1) if self.p != 1 else 1)
+        squares = (
+            (self.inverse[i] + self.inverse[i + 1]) * self.stiffness(i, max(self.delta[i], self.largest(i)))
             for i in range(len(self.k))
             if self.phase[i]
-        ]
+        )
         return 1.5 * math.sqrt(max(squares, default=0.0))
 
     def largest(self, i):
@@ -206,18 +200,15 @@ class _Run:
         a, b = self.inverse[i], self.inverse[i + 1]
         return (b * self.v[i] + a * self.v[i + 1]) / (a + b)
 
-    def stiffness(self, i):
-        return self.k[i] * (self.p * self.delta[i] ** (self.p - 1) if self.p != 1 else 1)
+    def stiffness(self, i, depth):
+        return self.k[i] * self.p * depth ** (self.p - 1)
 
     def is_rigid(self, i):
         a, b = self.inverse[i], self.inverse[i + 1]
         static = (a * self.force(i - 1) + b * self.force(i + 1) + self.g * (b == 0)) / (a + b)
-        beside = [
-            self.stiffness(j)
-            for j in (i - 1, i + 1)
-            if 0 <= j < len(self.k) and (self.force(j) > 0 or self.g)
-        ]
-        return bool(beside) and self.force(i) < 3 * static and self.stiffness(i) > RIGID * max(beside)
+        beside = [j for j in (i - 1, i + 1) if 0 <= j < len(self.k) and (self.force(j) > 0 or self.g)]
+        own, *others = (self.stiffness(j, self.delta[j]) for j in (i, *beside))
+        return bool(beside) and self.force(i) < 3 * static and own > RIGID * max(others)
 
     def unite(self, i):
         self.rigid.add(self.number[i])
