@@ -51,13 +51,11 @@ class _Run:
         self.body = list(range(len(column.masses)))
         self.rigid = set()
         self.phase = [OPEN] * len(self.k)
-        begins = LOADED if self.dashpots else COMPRESSION
-        for order in (range(len(self.k)), range(len(self.k) - 1, -1, -1)):
-            for i in order:
-                beside = i - order.step
-                pressed = 0 <= beside < len(self.k) and self.phase[beside]
-                if self.delta[i] >= 0 and (self.rate(i) > 0 or (self.rate(i) == 0 and pressed)):
-                    self.phase[i] = begins
+        self.begins = LOADED if self.dashpots else COMPRESSION
+        for i in (*range(len(self.k)), *reversed(range(len(self.k)))):
+            pressed = any(self.phase[max(i - 1, 0) : i + 2])
+            if self.delta[i] >= 0 and (self.rate(i) > 0 or (self.rate(i) == 0 and pressed)):
+                self.phase[i] = self.begins
 
     def rate(self, i):
         return self.v[i + 1] - self.v[i]
@@ -100,18 +98,15 @@ class _Run:
 
     def ends(self, i):
         """What ends the phase of a contact: functions of depth and rate that fall through zero, the phase after."""
-        spent, returns = (lambda d, w: d, OPEN), (lambda d, w: -w if self.frozen else -d)
-        phase = self.phase[i]
-        if phase == OPEN:
-            return [(returns, LOADED if self.dashpots else COMPRESSION)]
-        if phase == LOADED:
-            ends = [(lambda d, w: self.pushes(i, d, w), SLACK)]
-            return [*ends, spent] if self.law == "hunt-crossley" else ends
-        if phase == SLACK:
-            return [(lambda d, w: -self.pushes(i, d, w), LOADED), spent]
-        if phase == COMPRESSION:
-            return [(lambda d, w: w, RESTITUTION)]
-        return [(lambda d, w: -w, COMPRESSION), spent]
+        spent, pushes = (lambda d, w: d, OPEN), lambda d, w: self.pushes(i, d, w)
+        ends = {
+            OPEN: [(lambda d, w: -w if self.frozen else -d, self.begins)],
+            LOADED: [(pushes, SLACK), *[spent] * (self.law == "hunt-crossley")],
+            SLACK: [(lambda d, w: -pushes(d, w), LOADED), spent],
+            COMPRESSION: [(lambda d, w: w, RESTITUTION)],
+            RESTITUTION: [(lambda d, w: -w, COMPRESSION), spent],
+        }
+        return ends[self.phase[i]]
 
     def watched(self):
         """Functions of time and y that fall through zero, each with the contact and the phase that it changes to."""
@@ -173,11 +168,9 @@ class _Run:
     def apply(self, i, after):
         """Apply the law; whether the bodies were united."""
         e, p, before = self.e[i], self.p, self.phase[i]
-        if after == "rest":
-            return False
-        if after in ("level", COMPRESSION, RESTITUTION) and (before or self.frozen or after == "level"):
+        if after == "level" or (after in (COMPRESSION, RESTITUTION) and (before or self.frozen)):
             self.v[i] = self.v[i + 1] = self.mean(i)
-        if after == "level":
+        if after in ("level", "rest"):
             return False
         if after == SLACK and (self.frozen or self.delta[i] <= 1e-12):
             after = OPEN

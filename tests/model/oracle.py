@@ -71,12 +71,10 @@ def solve_oracle(c, *, stiffness_ratio_cutoff=SUPPLEMENT_CUTOFF):
     finishes the collision, as it is printed: status `limit`. `model.solve` first lets a stiff contact that still holds
     energy part its bodies, which for e below about 0.03 shows at the order of 1/stiffness_ratio_cutoff.
     """
-    run, limit = _Run(c.stiffness_ratio, c.mass_ratio, (c.e1, c.e2)), False
-    while run.state != "S4" and not limit:
-        ratio = run.k[1] / run.k[0]
-        limit = run.state == "S1" and not 1 / stiffness_ratio_cutoff <= ratio <= stiffness_ratio_cutoff
-        if not limit:
-            run.advance()
+    run, most = _Run(c.stiffness_ratio, c.mass_ratio, (c.e1, c.e2)), stiffness_ratio_cutoff
+    while run.state != "S4" and (run.state != "S1" or 1 / most <= run.k[1] / run.k[0] <= most):
+        run.advance()
+    limit = run.state != "S4"
     v1, v2 = run.closed_form() if limit else run.velocities()
     states = tuple(state for state, _ in groupby([*run.visited, run.state, "S4"]))
     return Answer(v1 * -c.v0, v2 * -c.v0, states, "limit" if limit else "ok", run.n_events)
@@ -106,14 +104,11 @@ class _Run:
     def closed_form(self):
         """Finish by the supplement's 3.4 (with 3.3, state S1), from the state at hand: final velocities."""
         v1, v2 = self.velocities()
-        E1, E2 = (self.y[2:] ** 2).tolist()
-        if self.k[1] < self.k[0]:  # one body of mass m1 + m2 against the table
-            total = 1 + self.mu
-            v = (v1 + self.mu * v2) / total
-            v = math.sqrt(2 * E2 / total + v * v) * (self.e[1] if self.phase[1] == COMPRESSION else 1)
-            return v, v
-        v = math.sqrt(2 * E1 + v1 * v1) * (self.e[0] if self.phase[0] == COMPRESSION else 1)
-        return v, 0.0
+        # The soft contact works alone: against one body of mass m1 + m2, or against B1 above B2 at rest.
+        soft, mass, momentum = (1, 1 + self.mu, v1 + self.mu * v2) if self.k[1] < self.k[0] else (0, 1.0, v1)
+        v = math.sqrt(2 * self.y[2 + soft] ** 2 / mass + (momentum / mass) ** 2)
+        v *= self.e[soft] if self.phase[soft] == COMPRESSION else 1
+        return v, soft * v
 
     def slope(self, _, y):
         """dy/ds; a contact that does not act keeps I_i and x_i."""

@@ -8,12 +8,10 @@ import pytest
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
-from impact_xval.model import Collision, solve
 from impact_xval.model.pair import events, motion, roots
-from tests.model.kernels import from_python
+from tests.model.conftest import from_python
 
 COMPRESSING, RESTORING = 1, 2
-
 
 parts = events.first_event, motion.amplitudes, motion.modes_of, roots.positive_between, roots.step_to_root
 first_event, amplitudes, modes_of, positive_between, step_to_root = map(from_python, parts)
@@ -144,19 +142,3 @@ def test_events_close_together_or_at_once():
             assert np.abs(at_event[:2]).max() < 1e-14 * np.abs(start).max() * (1 + math.sqrt(1 / mu)), case
         else:
             assert fired[:2] == (first == 0, first == 1), case
-
-
-def test_a_tie_has_one_outcome_whichever_event_is_taken_first():
-    """k2/k1 is tuned so that both contacts end their first compression at once; rounding decides which is first."""
-    mu, e1, e2 = 0.8, 0.9, 0.7
-
-    def other_rate(kappa):
-        """v2 where contact 1 ends its first compression, v2 - v1 where contact 2 does it before: of opposite signs."""
-        (_, fired, (d1, v2, _, _), _, _), *_ = search(mu, 1.0, kappa, (1.0, 0.0, 0.0, 0.0))
-        return v2 if fired[0] else d1
-
-    tie = brentq(other_rate, 4.5, 4.7, xtol=1e-15)
-    both = tie * (1 - 1e-13), tie * (1 + 1e-13)
-    assert other_rate(both[0]) * other_rate(both[1]) < 0
-    low, high = (solve(Collision.from_ratios(kappa, mu, e1, e2)) for kappa in both)
-    assert (low.v1, low.v2) == pytest.approx((high.v1, high.v2), abs=1e-12)

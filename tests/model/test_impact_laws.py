@@ -3,26 +3,15 @@
 import math
 
 import numpy as np
-import pytest
 
-from impact_xval.compliant_baselines import get_solver
 from impact_xval.model import Collision, solve, solve_batch
+from impact_xval.model.inputs import GRAZING_THRESHOLD
+from impact_xval.model.pair.grazing import GRAZING
 from tests.compliant_baselines.reference_cells import random_cells
 from tests.model.column_reference import integrate
 from tests.model.columns import assert_integrated
 
 LZB = "liu-zhao-brogliato"
-
-
-def test_the_law_gives_its_known_numbers_and_is_the_models_where_no_compression_is_repeated():
-    c = Collision.from_ratios(5, 2 / math.sqrt(3), 0.9, 0.7)
-    here, there = solve(c), solve(c, law=LZB)
-    assert (there.v1, there.v2, there.states) == (here.v1, here.v2, here.states)
-    for ratio, v1, v2 in ((1.0, 0.61485, 0.20654), (0.2, 0.58053, 0.27214)):
-        c = Collision.from_ratios(ratio, 2 / math.sqrt(3), 0.9, 0.7)
-        here, there = solve(c), get_solver(LZB).solve(c)
-        assert (there.v1, there.v2) == pytest.approx((v1, v2), abs=5e-6)
-        assert math.hypot(there.v1 - here.v1, there.v2 - here.v2) > 1e-3
 
 
 def test_random_cells_are_those_of_an_integration_in_time():
@@ -58,9 +47,8 @@ def test_a_law_without_jumps_is_marked_for_none():
     assert len(near) > 20
     assert np.isinf(there.grazing_margin).all()
     assert not there.mark.any()
-    assert here.mark[here.grazing_margin < 5e-5].all()
+    assert np.array_equal(here.marked == GRAZING, here.grazing_margin < GRAZING_THRESHOLD)
     # next to where it would be marked, nothing moves
     some = [x[near] for x in cells]
     moved = solve_batch(some[0] * (1 + 1e-5), *some[1:], law=LZB)
     assert np.abs(moved.v1 - there.v1[near]).max() < 1e-3
-    assert solve(Collision.from_ratios(*(float(x[0]) for x in some)), law=LZB).marked == ""

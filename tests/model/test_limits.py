@@ -5,12 +5,13 @@ from itertools import product
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 from impact_xval.model import Collision, solve, solve_batch
 from impact_xval.model.pair import kernel
 from impact_xval.model.pair.law import RESTITUTION, Contact
-from tests.model.kernels import from_python
+from tests.model.conftest import from_python
+from tests.model.test_events import evolve
 
 MU = 2 / math.sqrt(3)
 at_work = from_python(kernel.at_work)
@@ -118,7 +119,9 @@ def extreme_cells(n, seed):
         tiny, nearly = 10 ** rng.uniform(-12, 0, n), 1 - 10 ** rng.uniform(-12, -1, n)
         return np.select([kind < 0.03, kind < 0.06, kind < 0.1, kind < 0.13], [0.0, 1.0, tiny, nearly], e)
 
-    return 10 ** rng.uniform(-12, 12, n), 10 ** rng.uniform(-6, 6, n), restitution(), restitution()
+    ratios = 10 ** rng.uniform(-12, 12, n)
+    ratios[:200] = np.repeat([0.0, math.inf], 100)
+    return ratios, 10 ** rng.uniform(-6, 6, n), restitution(), restitution()
 
 
 @pytest.mark.slow
@@ -132,16 +135,14 @@ def test_no_corner_fails(cutoff):
     assert np.all(batch.n_events[~done] > 20_000)
     assert np.all(np.maximum(cells[2], cells[3])[~done] > 0.99)
     assert np.mean(done) > 0.97
-    assert np.all(np.isfinite(batch.v1[done]))
-    assert np.all((batch.v1 >= batch.v2)[done])
-    assert np.all(batch.v2[done] >= 0)
+    assert np.all((np.isfinite(batch.v1) & (batch.v1 >= batch.v2) & (batch.v2 >= 0))[done])
     energy = batch.v1**2 + cells[1] * batch.v2**2
-    assert np.max(energy[done]) <= 1 + 1e-11
+    assert np.all((energy <= 1 + 1e-13 + 1e-15 * batch.n_events)[done])  # each of them rounds
     # The balance closes to rounding; where the cut-off was used, to what it drops.
-    ok = done & (batch.statuses == "ok")
-    assert np.max(np.abs(batch.diagnostics["energy_residual"][ok])) < 1e-10
-    assert np.min(batch.diagnostics["energy_residual"][done]) > -1e-10
-    assert np.max(batch.diagnostics["energy_residual"][done]) < (1e-4 if cutoff == 1e5 else 1e-10)
+    residual = batch.diagnostics["energy_residual"]
+    assert np.max(np.abs(residual[batch.statuses == "ok"])) < 1e-10
+    assert np.min(residual[done]) > -1e-10
+    assert np.max(residual[done]) < (1e-4 if cutoff == 1e5 else 1e-10)
 
 
 @pytest.mark.parametrize("mu", [0.2, MU, 5.0])
@@ -150,23 +151,17 @@ def test_a_stiff_contact_that_passes_on_a_force_parts_its_bodies_with_the_rest_o
 
     They start at their end of compression, the stiff one with three times its static force F_s (`pair.kernel.at_work`).
     """
-    for k1, k2, F1, F2 in ((1e8, 1.0, 3 / (1 + mu), 1.0), (1.0, 1e8, 1.0, 3.0)):
+    M = mu / (1 + mu)
+    for k, F, mass, i in (((1e8, 1.0), (3 / (1 + mu), 1.0), M, 0), ((1.0, 1e8), (1.0, 3.0), mu, 1)):
 
-        def springs(_, y, k1=k1, k2=k2):
-            d1, v2, F1, F2 = y
-            return F2 / mu - F1 * (1 + 1 / mu), (F2 - F1) / mu, k1 * d1, -k2 * v2
+        def motion(time, k=k, F=F):
+            return evolve(mu, *k, (0.0, 0.0, *F), time)
 
-        def spent(_, y, stiff=2 if k1 > k2 else 3):
-            return y[stiff]
-
-        spent.terminal = True
-        run = solve_ivp(springs, (0, 1e-3), (0, 0, F1, F2), "DOP853", events=spent, rtol=1e-10, atol=1e-14)
-        d1, v2 = run.y_events[0][0][:2]
-        E1, E2 = F1**2 / (2 * k1), F2**2 / (2 * k2)
-        one, two = (Contact(RESTITUTION, k, E, F, 0.5, k) for k, E, F in ((k1, E1, F1), (k2, E2, F2)))
-        rigid, parting = (1, mu / (1 + mu) * d1**2 / 2) if k1 > k2 else (2, mu * v2**2 / 2)
-        left = at_work(mu, mu / (1 + mu), kernel.S1, 0.0, 0.0, one, two, rigid, 1e30)[2].E
-        assert left == pytest.approx(parting, rel=1e-6, abs=0)
+        half = math.pi * math.sqrt(mass / k[i])
+        spent = brentq(lambda time, f=motion, i=i: f(time)[2 + i], half / 2, half, xtol=1e-18)
+        one, two = (Contact(RESTITUTION, k, F**2 / (2 * k), F, 0.5, k) for k, F in zip(k, F, strict=True))
+        left = at_work(mu, M, kernel.S1, 0.0, 0.0, one, two, 1 + i, 1e30)[2].E
+        assert left == pytest.approx(mass * motion(spent)[i] ** 2 / 2, rel=1e-6, abs=0)
 
 
 def test_a_very_heavy_lower_ball_is_hit_and_then_hits_the_table():

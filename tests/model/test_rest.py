@@ -10,7 +10,7 @@ from impact_xval.model import Collision
 from impact_xval.model.chain import rest
 from impact_xval.model.chain.rest import GOING, REST, STUCK
 from tests.compliant_baselines.reference_cells import dampings, random_cells
-from tests.model.kernels import from_python
+from tests.model.conftest import from_python
 from tests.model.test_series import chain, linear_motion
 
 how_over, settled = map(from_python, (rest.how_over, rest.settled))

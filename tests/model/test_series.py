@@ -11,7 +11,7 @@ from impact_xval.model.chain.power_law import new_workspace
 from impact_xval.model.chain.series import ORDER
 from impact_xval.model.chain.state import begin, new_chain
 from impact_xval.model.pair.law import COMPRESSION, INACTIVE
-from tests.model.kernels import from_python
+from tests.model.conftest import from_python
 
 begin, expand = from_python(begin), from_python(series.expand)
 expand_product, span = from_python(series.expand_product), from_python(series.span)
