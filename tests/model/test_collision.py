@@ -45,9 +45,6 @@ def test_an_illegal_ratio_is_named_alike_by_a_collision_and_by_a_batch():
         refuses(says, solve_batch, **RATIOS | {field: [RATIOS[field], value, -2.0]})
         if not math.isnan(value):
             refuses(says, Collision.from_ratios, **RATIOS | {field: value})
-
-
-def test_what_has_no_ratio_is_refused():
     for both in (0.0, math.inf):
         refuses("k2/k1 from 0 to inf, not 0/0", Collision.two_balls, **TWO | {"k1": both, "k2": both})
     refuses("mass ratio", Collision.two_balls, **TWO | {"m1": 1e-200, "m2": 1e200})

@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from scipy.optimize import bisect
+from scipy.optimize import brentq
 
 from impact_xval.model import Collision, Collisions, solve, solve_batch
 from impact_xval.model.chain.following import Problem
@@ -59,17 +59,14 @@ def test_two_balls_by_the_kernel_of_chains_are_those_by_their_own(count):
             assert slow.states.names(i, True) == fast.states.names(i, True)
 
 
-NIGHTLY = pytest.mark.nightly
-
-
 @pytest.mark.parametrize(
     ("law", "exponent", "seed", "count", "balls"),
     [
         *((law, 1.0, 20, 5, None) for law in LAWS),
         *((law, 1.5, 21, 4, 3) for law in LAWS),
-        pytest.param(JME, 1.0, 22, 15, None, marks=NIGHTLY),
-        pytest.param(LZB, 1.0, 22, 30, None, marks=NIGHTLY),
-        pytest.param(LZB, 1.5, 22, 40, 3, marks=NIGHTLY),
+        pytest.param(JME, 1.0, 22, 15, None, marks=pytest.mark.nightly),
+        pytest.param(LZB, 1.0, 22, 30, None, marks=pytest.mark.nightly),
+        pytest.param(LZB, 1.5, 22, 40, 3, marks=pytest.mark.nightly),
     ],
 )
 def test_random_columns_are_those_of_the_integration(law, exponent, seed, count, balls):
@@ -112,12 +109,6 @@ def test_theorem_5(exponent, count, bound):
             assert here.status == "limit" or here.states == there.states
 
 
-def mirrored(states, n):
-    """Number the contacts of n balls from the other end."""
-    reverse = [s if s == "-" else [str(n - int(i)) for i in reversed(s.split("+"))] for s in states]
-    return tuple("+".join(contacts) for contacts in reverse)
-
-
 def test_reversal_and_a_moving_observer():
     for column in random_columns(7, 40, table=False):
         here, there = solved(column), solved(column.reversed())
@@ -125,7 +116,9 @@ def test_reversal_and_a_moving_observer():
         assert -np.array(there.velocities[::-1]) == pytest.approx(here.velocities, abs=1e-11)
         assert np.subtract(moving.velocities, 5) == pytest.approx(here.velocities, abs=1e-11)
         if here.status == "ok":
-            assert mirrored(there.states, len(column.masses)) == here.states
+            n, sets = len(column.masses), [s.split("+") for s in there.states]
+            mirrored = ("+".join("-" if i == "-" else str(n - int(i)) for i in reversed(s)) for s in sets)
+            assert tuple(mirrored) == here.states
 
 
 def test_one_ball_two_pairs_and_a_plastic_chain():
@@ -208,7 +201,7 @@ def test_a_jump_has_a_margin_that_vanishes():
         return solved(Collision((1,) * 3, (1, 1, k), (0.9,) * 3, (-1,) * 3, table=True))
 
     low, high = at(0.705), at(0.71)
-    jump = bisect(lambda k: apart(at(k), low) - apart(at(k), high), 0.705, 0.71, xtol=1e-15)
+    jump = brentq(lambda k: apart(at(k), low) - apart(at(k), high), 0.705, 0.71, xtol=1e-15)
     below, above = at(jump * (1 - 1e-13)), at(jump * (1 + 1e-13))
     assert apart(below, above) > 1e-2
     for outcome in (below, above):

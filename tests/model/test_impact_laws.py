@@ -8,10 +8,8 @@ from impact_xval.model import Collision, solve, solve_batch
 from impact_xval.model.inputs import GRAZING_THRESHOLD
 from impact_xval.model.pair.grazing import GRAZING
 from tests.compliant_baselines.reference_cells import random_cells
-from tests.model.column_reference import integrate
+from tests.model.column_reference import LZB, integrate
 from tests.model.columns import assert_integrated
-
-LZB = "liu-zhao-brogliato"
 
 
 def test_random_cells_are_those_of_an_integration_in_time():

@@ -140,9 +140,8 @@ def test_no_corner_fails(cutoff):
     assert np.all((energy <= 1 + 1e-13 + 1e-15 * batch.n_events)[done])  # each of them rounds
     # The balance closes to rounding; where the cut-off was used, to what it drops.
     residual = batch.diagnostics["energy_residual"]
-    assert np.max(np.abs(residual[batch.statuses == "ok"])) < 1e-10
-    assert np.min(residual[done]) > -1e-10
-    assert np.max(residual[done]) < (1e-4 if cutoff == 1e5 else 1e-10)
+    dropped = np.where((batch.statuses == "limit") & (cutoff == 1e5), 1e-4, 1e-10)
+    assert np.all(((residual > -1e-10) & (residual < dropped))[done])
 
 
 @pytest.mark.parametrize("mu", [0.2, MU, 5.0])
@@ -155,7 +154,7 @@ def test_a_stiff_contact_that_passes_on_a_force_parts_its_bodies_with_the_rest_o
     for k, F, mass, i in (((1e8, 1.0), (3 / (1 + mu), 1.0), M, 0), ((1.0, 1e8), (1.0, 3.0), mu, 1)):
 
         def motion(time, k=k, F=F):
-            return evolve(mu, *k, (0.0, 0.0, *F), time)
+            return evolve(mu, k[0], k[1], (0.0, 0.0, *F), time)
 
         half = math.pi * math.sqrt(mass / k[i])
         spent = brentq(lambda time, f=motion, i=i: f(time)[2 + i], half / 2, half, xtol=1e-18)

@@ -71,13 +71,13 @@ def largest(away, mu, k, c1, c2):
 
 def test_a_settled_column_never_lets_go_and_one_that_does_is_not_settled():
     rng, (kappa, mu, e1, e2), sharp = np.random.default_rng(1), random_cells(60, 1), []
-    for m2, k, *c in zip(mu, kappa, *dampings("kelvin-voigt", kappa, mu, e1, e2), strict=True):
+    for m2, k, c1, c2 in zip(mu, kappa, *dampings("kelvin-voigt", kappa, mu, e1, e2), strict=True):
         x1, x2, v1, v2 = rng.normal(size=4)
         away = np.array([x2 - x1, v2 - v1, -x2, v2])
-        away /= largest(away, m2, k, *c)  # the largest force just unloads its contact
+        away /= largest(away, m2, k, c1, c2)  # the largest force just unloads its contact
 
-        def settles(scale, away=away, m2=m2, k=k, c=c):
-            balls = chain(np.array([G, 0, G / k, 0]) + scale * away, m2, 1.0, k, *c, G)
+        def settles(scale, away=away, column=(m2, 1.0, k, c1, c2, G)):
+            balls = chain(np.array([G, 0, G / column[2], 0]) + scale * away, *column)
             return settled(balls[0], balls[1])
 
         assert not settles(1.01)
