@@ -51,13 +51,11 @@ class _Run:
         self.body = list(range(len(column.masses)))
         self.rigid = set()
         self.phase = [OPEN] * len(self.k)
-        begins = LOADED if self.dashpots else COMPRESSION
-        for order in (range(len(self.k)), range(len(self.k) - 1, -1, -1)):
-            for i in order:
-                beside = i - order.step
-                pressed = 0 <= beside < len(self.k) and self.phase[beside]
-                if self.delta[i] >= 0 and (self.rate(i) > 0 or (self.rate(i) == 0 and pressed)):
-                    self.phase[i] = begins
+        self.begins = LOADED if self.dashpots else COMPRESSION
+        for i in (*range(len(self.k)), *reversed(range(len(self.k)))):
+            pressed = any(self.phase[max(i - 1, 0) : i + 2])
+            if self.delta[i] >= 0 and (self.rate(i) > 0 or (self.rate(i) == 0 and pressed)):
+                self.phase[i] = self.begins
 
     def rate(self, i):
         return self.v[i + 1] - self.v[i]
@@ -100,20 +98,15 @@ class _Run:
 
     def ends(self, i):
         """What ends the phase of a contact: functions of depth and rate that fall through zero, the phase after."""
-        spent, returns = (lambda d, w: d, OPEN), (lambda d, w: -w if self.frozen else -d)
-        phase = self.phase[i]
-        if phase == OPEN:
-            return [(returns, LOADED if self.dashpots else COMPRESSION)]
-        if phase == LOADED:
-            ends = [(lambda d, w: self.pushes(i, d, w), SLACK)]
-            return [*ends, spent] if self.law == "hunt-crossley" else ends
-        if phase == SLACK:
-            return [(lambda d, w: -self.pushes(i, d, w), LOADED), spent]
-        return (
-            [(lambda d, w: w, RESTITUTION)]
-            if phase == COMPRESSION
-            else [(lambda d, w: -w, COMPRESSION), spent]
-        )
+        spent, pushes = (lambda d, w: d, OPEN), lambda d, w: self.pushes(i, d, w)
+        ends = {
+            OPEN: [(lambda d, w: -w if self.frozen else -d, self.begins)],
+            LOADED: [(pushes, SLACK), *[spent] * (self.law == "hunt-crossley")],
+            SLACK: [(lambda d, w: -pushes(d, w), LOADED), spent],
+            COMPRESSION: [(lambda d, w: w, RESTITUTION)],
+            RESTITUTION: [(lambda d, w: -w, COMPRESSION), spent],
+        }
+        return ends[self.phase[i]]
 
     def watched(self):
         """Functions of time and y that fall through zero, each with the contact and the phase that it changes to."""
@@ -148,13 +141,11 @@ class _Run:
     def over(self):
         n, y = len(self.k), np.array([*self.v, *self.delta])
         clear = [not self.acts(i) and (self.g == 0 or self.delta[i] <= ZERO) for i in range(n)]
-        if all(clear) and all(self.rate(i) <= ZERO for i in range(n)):
+        part = [clear[i] and self.rate(i) <= ZERO for i in range(n)]
+        if all(part):
             return "free"
         for j in range(n) if self.g else ():
-            if j == 0:
-                alone = all(map(self.acts, range(n)))
-            else:
-                alone = all(clear[:j]) and all(self.rate(i) <= ZERO for i in range(j)) and self.v[0] >= 0
+            alone = all(part[:j]) and self.v[0] >= 0 if j else all(map(self.acts, range(n)))
             if alone and self.energy_to_unload(j, y) <= ZERO:
                 self.v[j:] = [0.0] * (n + 1 - j)
                 return "rest" if j else "stuck"
@@ -162,13 +153,11 @@ class _Run:
 
     def frequency(self):
         """Highest frequency of the contacts that push, or may soon."""
-        squares = [
-            (self.inverse[i] + self.inverse[i + 1])
-            * self.k[i]
-            * (self.p * max(self.delta[i], self.largest(i)) ** (self.p - 1) if self.p != 1 else 1)
+        squares = (
+            (self.inverse[i] + self.inverse[i + 1]) * self.stiffness(i, max(self.delta[i], self.largest(i)))
             for i in range(len(self.k))
             if self.phase[i]
-        ]
+        )
         return 1.5 * math.sqrt(max(squares, default=0.0))
 
     def largest(self, i):
@@ -179,11 +168,9 @@ class _Run:
     def apply(self, i, after):
         """Apply the law; whether the bodies were united."""
         e, p, before = self.e[i], self.p, self.phase[i]
-        if after == "rest":
-            return False
-        if after in ("level", COMPRESSION, RESTITUTION) and (before or self.frozen or after == "level"):
+        if after == "level" or (after in (COMPRESSION, RESTITUTION) and (before or self.frozen)):
             self.v[i] = self.v[i + 1] = self.mean(i)
-        if after == "level":
+        if after in ("level", "rest"):
             return False
         if after == SLACK and (self.frozen or self.delta[i] <= 1e-12):
             after = OPEN
@@ -206,18 +193,15 @@ class _Run:
         a, b = self.inverse[i], self.inverse[i + 1]
         return (b * self.v[i] + a * self.v[i + 1]) / (a + b)
 
-    def stiffness(self, i):
-        return self.k[i] * (self.p * self.delta[i] ** (self.p - 1) if self.p != 1 else 1)
+    def stiffness(self, i, depth):
+        return self.k[i] * self.p * depth ** (self.p - 1)
 
     def is_rigid(self, i):
         a, b = self.inverse[i], self.inverse[i + 1]
         static = (a * self.force(i - 1) + b * self.force(i + 1) + self.g * (b == 0)) / (a + b)
-        beside = [
-            self.stiffness(j)
-            for j in (i - 1, i + 1)
-            if 0 <= j < len(self.k) and (self.force(j) > 0 or self.g)
-        ]
-        return bool(beside) and self.force(i) < 3 * static and self.stiffness(i) > RIGID * max(beside)
+        beside = [j for j in (i - 1, i + 1) if 0 <= j < len(self.k) and (self.force(j) > 0 or self.g)]
+        own, *others = (self.stiffness(j, self.delta[j]) for j in (i, *beside))
+        return bool(beside) and self.force(i) < 3 * static and own > RIGID * max(others)
 
     def unite(self, i):
         self.rigid.add(self.number[i])

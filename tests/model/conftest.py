@@ -6,6 +6,7 @@ from pathlib import Path
 from tempfile import gettempdir
 
 import pytest
+from numba import njit
 
 from impact_xval.model import Collision, solve
 
@@ -20,6 +21,11 @@ def compiled(*calls):
         with Path(gettempdir(), f"impact-xval-{os.getuid()}-{call.__name__}.lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             call()
+
+
+def from_python(part):
+    """Return a part of a kernel, which only kernels call, as a kernel of its own."""
+    return njit(lambda *numbers: part(*numbers))
 
 
 def pair():

@@ -3,26 +3,13 @@
 import math
 
 import numpy as np
-import pytest
 
-from impact_xval.compliant_baselines import get_solver
 from impact_xval.model import Collision, solve, solve_batch
+from impact_xval.model.inputs import GRAZING_THRESHOLD
+from impact_xval.model.pair.grazing import GRAZING
 from tests.compliant_baselines.reference_cells import random_cells
-from tests.model.column_reference import integrate
-from tests.model.test_columns import named
-
-LZB = "liu-zhao-brogliato"
-
-
-def test_the_law_gives_its_known_numbers_and_is_the_models_where_no_compression_is_repeated():
-    c = Collision.from_ratios(5, 2 / math.sqrt(3), 0.9, 0.7)
-    here, there = solve(c), solve(c, law=LZB)
-    assert (there.v1, there.v2, there.states) == (here.v1, here.v2, here.states)
-    for ratio, v1, v2 in ((1.0, 0.61485, 0.20654), (0.2, 0.58053, 0.27214)):
-        c = Collision.from_ratios(ratio, 2 / math.sqrt(3), 0.9, 0.7)
-        here, there = solve(c), get_solver(LZB).solve(c)
-        assert (there.v1, there.v2) == pytest.approx((v1, v2), abs=5e-6)
-        assert math.hypot(there.v1 - here.v1, there.v2 - here.v2) > 1e-3
+from tests.model.column_reference import LZB, integrate
+from tests.model.columns import assert_integrated
 
 
 def test_random_cells_are_those_of_an_integration_in_time():
@@ -30,13 +17,9 @@ def test_random_cells_are_those_of_an_integration_in_time():
     for cell in np.transpose(random_cells(60, 8)).tolist():
         c = Collision.from_ratios(*cell)
         o = solve(c, law=LZB, stiffness_ratio_cutoff=math.inf)
-        if o.v1 == 0:  # collapsed, the subject of a test below
-            continue
-        expected = integrate(c, LZB)
-        repeated += math.dist(o.velocities, solve(c).velocities) > 1e-6
-        assert o.states == named(expected.states, paper=True)
-        assert abs(o.diagnostics["energy_residual"]) < 1e-12
-        assert o.velocities == pytest.approx(expected.velocities, abs=1e-9)
+        if o.v1 > 0:  # else collapsed, the subject of the test below
+            assert_integrated(o, c, LZB)
+            repeated += math.dist(o.velocities, solve(c).velocities) > 1e-6
     assert repeated >= 40
 
 
@@ -62,9 +45,8 @@ def test_a_law_without_jumps_is_marked_for_none():
     assert len(near) > 20
     assert np.isinf(there.grazing_margin).all()
     assert not there.mark.any()
-    assert here.mark[here.grazing_margin < 5e-5].all()
+    assert np.array_equal(here.marked == GRAZING, here.grazing_margin < GRAZING_THRESHOLD)
     # next to where it would be marked, nothing moves
     some = [x[near] for x in cells]
     moved = solve_batch(some[0] * (1 + 1e-5), *some[1:], law=LZB)
     assert np.abs(moved.v1 - there.v1[near]).max() < 1e-3
-    assert solve(Collision.from_ratios(*(float(x[0]) for x in some)), law=LZB).marked == ""

@@ -1,6 +1,5 @@
 """Theorem 5, energy, and the order of the final velocities, for any collision."""
 
-import itertools
 import math
 
 import numpy as np
@@ -27,30 +26,9 @@ def test_theorem_5(kappa, mu, e1, e2, stiffness, mass, speed):
     plain = solve(Collision.from_ratios(kappa, mu, e1, e2))
     assume(plain.grazing_margin > 1e-9)  # the scaled ratios differ by rounding, which decides beside a jump
     scaled = solve(Collision.two_balls(mass, mass * mu, stiffness, stiffness * kappa, e1, e2, -speed))
-    assert scaled.v1 / speed == pytest.approx(plain.v1, abs=1e-10, rel=0)
-    assert scaled.v2 / speed == pytest.approx(plain.v2, abs=1e-10, rel=0)
+    assert np.array(scaled.velocities) / speed == pytest.approx(plain.velocities, abs=1e-10, rel=0)
     assert scaled.impulse1 / (mass * speed) == pytest.approx(plain.impulse1, abs=1e-10, rel=0)
     assert scaled.states == plain.states
-
-
-@settings(max_examples=500)
-@given(
-    st.one_of(st.just(0.0), st.just(math.inf), st.floats(-4, 4).map(lambda x: 10.0**x)),
-    masses,
-    restitution,
-    restitution,
-    st.sampled_from([1e3, 1e5, math.inf]),
-)
-def test_energy_never_grows_and_the_balls_part(kappa, mu, e1, e2, cutoff):
-    c = Collision.from_ratios(kappa, mu, e1, e2)
-    outcome = solve(c, stiffness_ratio_cutoff=cutoff)
-    assert outcome.v1 >= outcome.v2 >= 0
-    assert outcome.retained_energy(c) <= 1 + 1e-13 + 1e-15 * outcome.n_events  # each of them rounds
-    assert outcome.states[0] == "S1"
-    assert outcome.states[-1] == "S4"
-    # momentum: each ball's from the impulses, (11) and (12)
-    assert c.v0 + outcome.impulse1 / c.m1 == pytest.approx(outcome.v1, abs=1e-13)
-    assert (outcome.impulse2 - outcome.impulse1) / c.m2 == pytest.approx(outcome.v2, abs=1e-12 / min(1, mu))
 
 
 @settings(max_examples=200)
@@ -61,7 +39,7 @@ def test_elastic_collisions_keep_their_energy(kappa, mu):
     assert outcome.retained_energy(c) == pytest.approx(1, abs=1e-12)
 
 
-def path_of(kappa, mu, e1, e2, points=POINTS):
+def path_of(kappa, mu, e1, e2, points):
     """Rows of a path in the kernel's units, as columns, and stiffnesses in them; and where smooth pieces begin.
 
     A contact that acts ends compression where its rate ceases to be positive, and is stiffer by 1/e^2 from there on.
@@ -89,10 +67,13 @@ def path_of(kappa, mu, e1, e2, points=POINTS):
 
 
 @settings(max_examples=100)
-@given(ratios, masses, st.floats(0.05, 1), st.floats(0.05, 1))
-def test_equations_13_to_15_hold_along_the_path(kappa, mu, e1, e2):
-    """dE1 = (v2 - v1) dI1, dE2 = -v2 dI2 and F_i = dI_i/dt = sqrt(2 k_i E_i) inside every piece; (11), (12) too."""
-    state, time, (v1, v2), forces, stiffness, begins = path_of(kappa, mu, e1, e2)
+@given(ratios, masses, st.floats(0.05, 1), st.floats(0.05, 1), st.sampled_from([1, 2, 4]))
+def test_equations_13_to_15_hold_along_the_path_at_second_order_in_its_spacing(kappa, mu, e1, e2, finer):
+    """dE1 = (v2 - v1) dI1, dE2 = -v2 dI2 and F_i = dI_i/dt = sqrt(2 k_i E_i) inside every piece; (11), (12) too.
+
+    The error of a trapezoid of a sinusoid at 48 points per half period is 4e-4 of it.
+    """
+    state, time, (v1, v2), forces, stiffness, begins = path_of(kappa, mu, e1, e2, finer * POINTS)
     impulses = np.array([1 + v1, 1 + v1 + mu * v2])
     energies = forces**2 / (2 * stiffness)
     inside = np.setdiff1d(np.arange(state.size - 1), begins[1:] - 1)
@@ -100,34 +81,8 @@ def test_equations_13_to_15_hold_along_the_path(kappa, mu, e1, e2):
     for force, impulse, energy, rate in zip(forces, impulses, energies, (v2 - v1, -v2), strict=True):
         means = [0.5 * (x[1:] + x[:-1])[inside] for x in (force, rate)]
         gained = np.diff(impulse)[inside]
-        # The error of a trapezoid of a sinusoid at 48 points per half period is 4e-4 of it.
-        assert gained == pytest.approx(means[0] * steps, rel=4e-4, abs=1e-5 * (1 + mu))
-        assert np.diff(energy)[inside] == pytest.approx(means[1] * gained, rel=4e-4, abs=1e-5)
+        error, least = 4e-4 / finer**2, 1e-5 / finer**2
+        assert gained == pytest.approx(means[0] * steps, rel=error, abs=least * (1 + mu))
+        assert np.diff(energy)[inside] == pytest.approx(means[1] * gained, rel=error, abs=least)
     assert np.all(steps >= 0)
     assert not forces[:, -1].any()
-
-
-def test_sums_along_a_path_converge_at_second_order_in_the_spacing_of_its_points():
-    residuals = []
-    for points in (48, 96, 192):
-        _, _, (v1, v2), forces, stiffness, begins = path_of(40, 2 / math.sqrt(3), 0.9, 0.7, points)
-        energies, worst = forces**2 / (2 * stiffness), 0.0
-        impulses = 1 + v1, 1 + v1 + 2 / math.sqrt(3) * v2
-        for a, b in itertools.pairwise([*begins, v1.size]):
-            for rate, impulse, energy in zip((v2 - v1, -v2), impulses, energies, strict=True):
-                middle = 0.5 * (rate[a:b][1:] + rate[a:b][:-1])
-                worst = max(worst, abs(np.sum(np.diff(energy[a:b]) - middle * np.diff(impulse[a:b]))))
-        residuals.append(worst)
-    assert residuals[0] < 1e-4
-    assert math.log2(residuals[0] / residuals[2]) / 2 == pytest.approx(2, abs=0.3)
-
-
-def test_a_path_in_its_units_begins_and_ends_with_the_collision():
-    c = Collision.two_balls(2.0, 2.6, 2e5, 3e5, 0.8, 0.6, -3.0)
-    outcome = solve(c, path=True)
-    p = outcome.path
-    assert p.v1 == pytest.approx(c.v0 + p.impulse1 / c.m1, abs=1e-12 * abs(c.v0))
-    assert p.v2 == pytest.approx((p.impulse2 - p.impulse1) / c.m2, abs=1e-12 * abs(c.v0))
-    assert (p.v1[-1], p.v2[-1]) == (outcome.v1, outcome.v2)
-    assert np.all(np.diff(p.time) >= 0)
-    assert [f"S{s}" for s, _ in itertools.groupby(p.state)] == list(outcome.states)

@@ -5,13 +5,13 @@ from itertools import product
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 from impact_xval.model import Collision, solve, solve_batch
 from impact_xval.model.pair import kernel
 from impact_xval.model.pair.law import RESTITUTION, Contact
-from tests.model.kernels import from_python
-from tests.model.oracle import solve_oracle
+from tests.model.conftest import from_python
+from tests.model.test_events import evolve
 
 MU = 2 / math.sqrt(3)
 at_work = from_python(kernel.at_work)
@@ -29,23 +29,22 @@ def ball_ball_rigid(mu, e1, e2):
     return v, v, ("S1", "S2", "S1", "S4")
 
 
-def test_stiffness_ratio_zero_is_the_closed_form_of_the_supplement():
-    for mu, e1, e2 in product(
-        (1e-6, 0.2, 1.0, MU, 3.0, 10.0, 1e6), (0.0, 0.2, 0.5, 0.9, 1.0), (0.0, 0.1, 0.3, 0.7, 1.0)
-    ):
-        outcome = solve(Collision.from_ratios(0, mu, e1, e2))
-        v1, v2, states = ball_ball_rigid(mu, e1, e2)
-        assert (outcome.v1, outcome.v2) == pytest.approx((v1, v2), abs=1e-14, rel=0), (mu, e1, e2)
+def ball_on_table(_mu, e1, _e2):
+    return e1, 0.0, ("S1", "S4")
+
+
+@pytest.mark.parametrize(
+    ("ratio", "closed_form", "bound"), [(0.0, ball_ball_rigid, 1e-14), (math.inf, ball_on_table, 1e-15)]
+)
+def test_at_a_limit_of_the_stiffness_ratio_the_outcome_is_its_closed_form(ratio, closed_form, bound):
+    restitutions = (0.0, 0.2, 0.5, 0.9, 1.0), (0.0, 0.1, 0.3, 0.7, 1.0)
+    for cell in product((1e-6, 0.2, 1.0, MU, 3.0, 10.0, 1e6), *restitutions):
+        outcome = solve(Collision.from_ratios(ratio, *cell))
+        v1, v2, states = closed_form(*cell)
+        assert outcome.velocities == pytest.approx((v1, v2), abs=bound, rel=0), cell
         assert outcome.status == "limit"
-        if abs(e1 * mu - 1) > 1e-12:
-            assert outcome.states == states, (mu, e1, e2)
-
-
-def test_stiffness_ratio_infinite_is_one_ball_on_the_table():
-    for mu, e1, e2 in product((1e-6, 0.2, MU, 1e6), (0.0, 0.2, 1.0), (0.0, 0.5, 1.0)):
-        outcome = solve(Collision.from_ratios(math.inf, mu, e1, e2))
-        assert (outcome.v1, outcome.v2) == pytest.approx((e1, 0), abs=1e-15, rel=0), (mu, e1, e2)
-        assert (outcome.states, outcome.status) == (("S1", "S4"), "limit")
+        if abs(cell[0] * cell[1] - 1) > 1e-12:
+            assert outcome.states == states, cell
 
 
 def test_either_stiffness_may_be_the_zero_or_the_infinite_one():
@@ -55,22 +54,31 @@ def test_either_stiffness_may_be_the_zero_or_the_infinite_one():
         assert not np.isnan(outcome.path.time).any()
 
 
-def fitted_rate(ratios, distances):
-    return np.polyfit(np.log10(ratios), np.log10(distances), 1)[0]
-
-
-def test_stiffness_ratio_towards_zero_at_first_order():
-    """From the finite side, cut-off switched off: |v - limit| falls in proportion to k2/k1."""
-    ratios = np.logspace(-11, -5, 13)
-    for mu, e1, e2 in (
-        *((5.0, 0.9, 0.1), (5.0, 0.8, 0.3)),  # S2 ends
-        *((MU, 0.5, 0.7), (0.5, 0.3, 0.9), (0.5, 0.6, 0.2)),  # united early
-        *((3.0, 0.5, 0.7), (2.0, 0.8, 0.9)),  # united late
+def test_a_limit_of_the_stiffness_ratio_is_reached_at_its_rate():
+    """From the finite side, cut-off switched off: log |v - limit| has a slope in log k2/k1."""
+    to_zero, to_infinity = np.logspace(-11, -5, 13), np.logspace(3.5, 7, 15)
+    for ratios, cells, limit, rate, band in (
+        (to_zero, ((5.0, 0.9, 0.1), (5.0, 0.8, 0.3)), ball_ball_rigid, 1, 0.1),  # S2 ends
+        (
+            to_zero,
+            ((MU, 0.5, 0.7), (0.5, 0.3, 0.9), (0.5, 0.6, 0.2)),
+            ball_ball_rigid,
+            1,
+            0.1,
+        ),  # united early
+        (to_zero, ((3.0, 0.5, 0.7), (2.0, 0.8, 0.9)), ball_ball_rigid, 1, 0.1),  # united late
+        # An elastic table contact keeps its stiffness.
+        (to_infinity, ((MU, 0.9, 1.0), (0.5, 0.3, 1.0), (3.0, 0.5, 1.0)), ball_on_table, -1, 0.15),
+        # A lossy one stiffens with every vibration of B2 on the table, and its ratio runs away.
+        (to_infinity, ((MU, 0.9, 0.5), (3.0, 0.5, 0.7)), ball_on_table, -2, 0.05),
+        (to_infinity, ((0.5, 0.3, 0.8),), ball_on_table, -2, 0.1),
     ):
-        batch = solve_batch(ratios, mu, e1, e2, stiffness_ratio_cutoff=math.inf)
-        v1, v2, _ = ball_ball_rigid(mu, e1, e2)
-        distances = np.hypot(batch.v1 - v1, batch.v2 - v2)
-        assert fitted_rate(ratios, distances) == pytest.approx(1, abs=0.1), (mu, e1, e2)
+        for cell in cells:
+            batch = solve_batch(ratios, *cell, stiffness_ratio_cutoff=math.inf)
+            v1, v2, _ = limit(*cell)
+            distances = np.hypot(batch.v1 - v1, batch.v2 - v2)
+            slope = np.polyfit(np.log10(ratios), np.log10(distances), 1)[0]
+            assert slope == pytest.approx(rate, abs=band), cell
 
 
 @pytest.mark.parametrize("mu", [0.6, 0.25, 0.08, 0.03])
@@ -88,27 +96,6 @@ def test_the_model_has_no_limit_where_the_ringing_decides(mu):
         assert np.mean(np.round(ends) == n) == pytest.approx(share, abs=0.045 if share else 0)
 
 
-def test_both_outcomes_of_a_ringing_pair_are_those_of_the_oracle():
-    once = 0.7 / math.sqrt(1.3)
-    for x, v in ((1000, once), (1500, 0.7 * once)):
-        c = Collision.from_ratios(1 / x, 0.3, 1.0, 0.7)
-        for solver in (solve_oracle, solve):
-            assert solver(c, stiffness_ratio_cutoff=math.inf).v1 == pytest.approx(v, abs=5e-3)
-
-
-def test_stiffness_ratio_towards_infinity_at_first_order_and_at_second_where_the_table_contact_loses_energy():
-    ratios = np.logspace(3.5, 7, 15)
-    for mu, e1, e2, rate, band in (
-        # An elastic table contact keeps its stiffness.
-        *((MU, 0.9, 1.0, -1, 0.15), (0.5, 0.3, 1.0, -1, 0.15), (3.0, 0.5, 1.0, -1, 0.15)),
-        # A lossy one stiffens with every vibration of B2 on the table, and its ratio runs away: second order.
-        *((MU, 0.9, 0.5, -2, 0.05), (0.5, 0.3, 0.8, -2, 0.1), (3.0, 0.5, 0.7, -2, 0.05)),
-    ):
-        batch = solve_batch(ratios, mu, e1, e2, stiffness_ratio_cutoff=math.inf)
-        found = fitted_rate(ratios, np.hypot(batch.v1 - e1, batch.v2))
-        assert found == pytest.approx(rate, abs=band), (mu, e1, e2)
-
-
 def test_a_plastic_contact_is_the_limit_of_small_restitution():
     """e -> 0 reaches the closed form of e = 0 (supplement, 3.3)."""
     small, other = np.logspace(-6, -3, 7), 0.7
@@ -123,12 +110,6 @@ def test_a_plastic_contact_is_the_limit_of_small_restitution():
         assert distances[-1] > distances[0] or distances[-1] < 1e-11, (kappa, which)
 
 
-def test_an_illegal_cutoff_is_named():
-    for cutoff in (1.0, -5.0, math.nan):
-        with pytest.raises(ValueError, match=f"stiffness_ratio_cutoff = {cutoff}.*legal: greater than 1"):
-            solve(Collision.from_ratios(1, 1, 0.5, 0.5), stiffness_ratio_cutoff=cutoff)
-
-
 def extreme_cells(n, seed):
     rng = np.random.default_rng(seed)
 
@@ -138,7 +119,9 @@ def extreme_cells(n, seed):
         tiny, nearly = 10 ** rng.uniform(-12, 0, n), 1 - 10 ** rng.uniform(-12, -1, n)
         return np.select([kind < 0.03, kind < 0.06, kind < 0.1, kind < 0.13], [0.0, 1.0, tiny, nearly], e)
 
-    return 10 ** rng.uniform(-12, 12, n), 10 ** rng.uniform(-6, 6, n), restitution(), restitution()
+    ratios = 10 ** rng.uniform(-12, 12, n)
+    ratios[:200] = np.repeat([0.0, math.inf], 100)
+    return ratios, 10 ** rng.uniform(-6, 6, n), restitution(), restitution()
 
 
 @pytest.mark.slow
@@ -152,16 +135,13 @@ def test_no_corner_fails(cutoff):
     assert np.all(batch.n_events[~done] > 20_000)
     assert np.all(np.maximum(cells[2], cells[3])[~done] > 0.99)
     assert np.mean(done) > 0.97
-    assert np.all(np.isfinite(batch.v1[done]))
-    assert np.all((batch.v1 >= batch.v2)[done])
-    assert np.all(batch.v2[done] >= 0)
+    assert np.all((np.isfinite(batch.v1) & (batch.v1 >= batch.v2) & (batch.v2 >= 0))[done])
     energy = batch.v1**2 + cells[1] * batch.v2**2
-    assert np.max(energy[done]) <= 1 + 1e-11
+    assert np.all((energy <= 1 + 1e-13 + 1e-15 * batch.n_events)[done])  # each of them rounds
     # The balance closes to rounding; where the cut-off was used, to what it drops.
-    ok = done & (batch.statuses == "ok")
-    assert np.max(np.abs(batch.diagnostics["energy_residual"][ok])) < 1e-10
-    assert np.min(batch.diagnostics["energy_residual"][done]) > -1e-10
-    assert np.max(batch.diagnostics["energy_residual"][done]) < (1e-4 if cutoff == 1e5 else 1e-10)
+    residual = batch.diagnostics["energy_residual"]
+    dropped = np.where((batch.statuses == "limit") & (cutoff == 1e5), 1e-4, 1e-10)
+    assert np.all(((residual > -1e-10) & (residual < dropped))[done])
 
 
 @pytest.mark.parametrize("mu", [0.2, MU, 5.0])
@@ -170,23 +150,17 @@ def test_a_stiff_contact_that_passes_on_a_force_parts_its_bodies_with_the_rest_o
 
     They start at their end of compression, the stiff one with three times its static force F_s (`pair.kernel.at_work`).
     """
-    for k1, k2, F1, F2 in ((1e8, 1.0, 3 / (1 + mu), 1.0), (1.0, 1e8, 1.0, 3.0)):
+    M = mu / (1 + mu)
+    for k, F, mass, i in (((1e8, 1.0), (3 / (1 + mu), 1.0), M, 0), ((1.0, 1e8), (1.0, 3.0), mu, 1)):
 
-        def springs(_, y, k1=k1, k2=k2):
-            d1, v2, F1, F2 = y
-            return F2 / mu - F1 * (1 + 1 / mu), (F2 - F1) / mu, k1 * d1, -k2 * v2
+        def motion(time, k=k, F=F):
+            return evolve(mu, k[0], k[1], (0.0, 0.0, *F), time)
 
-        def spent(_, y, stiff=2 if k1 > k2 else 3):
-            return y[stiff]
-
-        spent.terminal = True
-        run = solve_ivp(springs, (0, 1e-3), (0, 0, F1, F2), "DOP853", events=spent, rtol=1e-10, atol=1e-14)
-        d1, v2 = run.y_events[0][0][:2]
-        E1, E2 = F1**2 / (2 * k1), F2**2 / (2 * k2)
-        one, two = (Contact(RESTITUTION, k, E, F, 0.5, k) for k, E, F in ((k1, E1, F1), (k2, E2, F2)))
-        rigid, parting = (1, mu / (1 + mu) * d1**2 / 2) if k1 > k2 else (2, mu * v2**2 / 2)
-        left = at_work(mu, mu / (1 + mu), kernel.S1, 0.0, 0.0, one, two, rigid, 1e30)[2].E
-        assert left == pytest.approx(parting, rel=1e-6, abs=0)
+        half = math.pi * math.sqrt(mass / k[i])
+        spent = brentq(lambda time, f=motion, i=i: f(time)[2 + i], half / 2, half, xtol=1e-18)
+        one, two = (Contact(RESTITUTION, k, F**2 / (2 * k), F, 0.5, k) for k, F in zip(k, F, strict=True))
+        left = at_work(mu, M, kernel.S1, 0.0, 0.0, one, two, 1 + i, 1e30)[2].E
+        assert left == pytest.approx(mass * motion(spent)[i] ** 2 / 2, rel=1e-6, abs=0)
 
 
 def test_a_very_heavy_lower_ball_is_hit_and_then_hits_the_table():
@@ -196,25 +170,6 @@ def test_a_very_heavy_lower_ball_is_hit_and_then_hits_the_table():
         assert (outcome.impulse1, outcome.impulse2) == pytest.approx((1.9, 1.7 * 1.9), rel=1e-9)
 
 
-def test_what_double_precision_cannot_tell_is_refused_and_not_answered_wrongly():
-    for mass_ratio in (1e-151, 1e151, 1e308):
-        outcome = solve(Collision.from_ratios(40.0, mass_ratio, 0.9, 0.7))
-        batch = solve_batch(40.0, mass_ratio, 0.9, 0.7)
-        assert outcome.status == batch.statuses == "unrepresentable"
-        assert "one mass or stiffness exceeds 1e+150 times another" in outcome.reason
-        assert np.isnan([batch.v1, batch.v2]).all()
-
-
 def test_where_no_event_can_be_certified_the_search_ends():
     for mass_ratio in (1e-104, 1e-149):  # the sixth derivatives of a rate leave double precision
         assert solve(Collision.from_ratios(1.0, mass_ratio, 0.9, 0.9)).status == "unconverged"
-
-
-def test_a_plastic_contact_unites_the_balls_or_keeps_the_lower_one_on_the_table():
-    united = solve(Collision.from_ratios(1, MU, 0, 0.7))
-    assert (united.v1, united.states) == (united.v2, ("S1", "S2", "S4"))
-    kept = solve(Collision.from_ratios(40, MU, 0.9, 0))
-    assert (kept.v2, kept.states) == (0, ("S1", "S3", "S4"))
-    for kappa in (0, 1e-3, 1, 1e3, math.inf):
-        outcome = solve(Collision.from_ratios(kappa, MU, 0, 0))
-        assert (outcome.v1, outcome.v2) == pytest.approx((0, 0), abs=1e-15)

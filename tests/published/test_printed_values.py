@@ -73,40 +73,26 @@ def test_euler_in_impulse_space_tends_to_the_exact_values():
     assert math.log10(errors[0] / errors[2]) / 2 > 0.9
 
 
-def euler(kappa, h, mu=MASS_RATIO, e1=0.9, e2=0.7):
+def euler(kappa, h, mu=MASS_RATIO, e=(0.9, 0.7)):
     """Euler steps of impulse h along the contact that takes more of it."""
-    v1, v2, k1, k2 = -1.0, 0.0, 1.0, kappa
-    E1, E2 = h, 1e-30  # past the singular start
-    on1, on2, comp1, comp2 = True, True, True, True
-    v1 += h
-    v2 -= h / mu
-    while on1 or on2:
-        if on1 and on2:
-            slope = math.sqrt(k2 * E2 / (k1 * E1))
-            dI1, dI2 = (h, h * slope) if slope < 1 else (h / slope, h)
-        else:
-            dI1, dI2 = (h, 0.0) if on1 else (0.0, h)
-        d1, d2 = v2 - v1, -v2
-        v1 += dI1
-        v2 += (dI2 - dI1) / mu
-        E1 += 0.5 * (d1 + v2 - v1) * dI1
-        E2 += 0.5 * (d2 - v2) * dI2
-        if on1:
-            if comp1 and v2 - v1 < 0:
-                comp1, E1, k1 = False, E1 * e1**2, k1 / e1**2
-            elif not comp1 and v2 - v1 > 0:
-                comp1 = True
-            if E1 <= 0:
-                on1, E1 = False, 0.0
-        elif v2 > v1:
-            on1, comp1, E1 = True, True, 1e-30
-        if on2:
-            if comp2 and v2 > 0:
-                comp2, E2, k2 = False, E2 * e2**2, k2 / e2**2
-            elif not comp2 and v2 < 0:
-                comp2 = True
-            if E2 <= 0:
-                on2, E2 = False, 0.0
-        elif v2 < 0:
-            on2, comp2, E2 = True, True, 1e-30
+    v1, v2, k = h - 1, -h / mu, [1.0, kappa]
+    E = [h, 1e-30]  # past the singular start
+    on, compresses = [True, True], [True, True]
+    while any(on):
+        forces = [on[i] * math.sqrt(k[i] * E[i]) for i in (0, 1)]
+        dI = [h * force / max(forces) for force in forces]
+        before = v2 - v1, -v2
+        v1 += dI[0]
+        v2 += (dI[1] - dI[0]) / mu
+        for i, rate in enumerate((v2 - v1, -v2)):
+            E[i] += 0.5 * (before[i] + rate) * dI[i]
+            if on[i]:
+                if compresses[i] and rate < 0:
+                    compresses[i], E[i], k[i] = False, E[i] * e[i] ** 2, k[i] / e[i] ** 2
+                elif rate > 0:
+                    compresses[i] = True
+                if E[i] <= 0:
+                    on[i], E[i] = False, 0.0
+            elif rate > 0:
+                on[i], compresses[i], E[i] = True, True, 1e-30
     return v1, v2
