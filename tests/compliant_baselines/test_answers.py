@@ -31,10 +31,19 @@ def test_illegal_settings_are_named_with_the_legal_range():
                 kind(**{field: value})
 
 
-def mine(made):
+class Mine(Solver):
     """A solver that does with collisions what a test says."""
-    does = {"version": lambda self: "1", "solve_many": lambda self, collisions, settings: made(collisions)}
-    return type("Mine", (Solver,), {"name": "mine", **does})()
+
+    name = "mine"
+
+    def __init__(self, made):
+        self.made = made
+
+    def version(self):
+        return "1"
+
+    def solve_many(self, collisions, settings):
+        return self.made(collisions)
 
 
 def test_what_goes_wrong_is_a_crashed_outcome_of_each():
@@ -48,7 +57,7 @@ def test_what_goes_wrong_is_a_crashed_outcome_of_each():
             "velocities, impulses: 1, 1 values; legal: {}",
         ),
     ):
-        outcomes = answer(mine(made), [CELL, CHAIN], Settings())
+        outcomes = answer(Mine(made), [CELL, CHAIN], Settings())
         assert [(o.status, o.reason) for o in outcomes] == [
             ("crashed", says.format(legal)) for legal in ("2, 2", "3, 2")
         ]
@@ -82,6 +91,6 @@ def test_collisions_that_go_wrong_spoil_no_other():
 
 def test_words_of_a_solver_that_are_hostile_are_escaped():
     says = "not\n\x1b\u202etoday"
-    refused = mine(lambda asked: [Outcome.failure("mine", c, "unrepresentable", says) for c in asked])
+    refused = Mine(lambda asked: [Outcome.failure("mine", c, "unrepresentable", says) for c in asked])
     assert answer(refused, [], Settings()) == []
     assert [each.reason for each in answer(refused, [CELL], Settings())] == [r"not \x1b\u202etoday"]

@@ -8,9 +8,13 @@ import numpy as np
 import pytest
 
 from impact_xval.compliant_baselines.contacts_mujoco import PLACES, contacts
+from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.inspect_mujoco import inspect_model, measure_model
 from impact_xval.compliant_baselines.mapping import Contact
+from impact_xval.compliant_baselines.paste import mjcf
 from impact_xval.compliant_baselines.restitution import contact_time
+from impact_xval.compliant_baselines.solver import Settings
+from impact_xval.model.collision import Collision
 
 FORCE_LEVEL = "1e-4 1e-4 .001 .5 1"
 SOFT = 'solref="-4e3 -10" solimp=".3 .6 .01 .5 2"'
@@ -241,3 +245,13 @@ def test_where_no_long_step_is_found_the_restitution_is_within_ten_percent():
             model = ball_on_plane(solref, step=pressed / steps)
             assert found(model) == {}
             assert measure_model(model)[0].restitution_range == pytest.approx((exact, exact), rel=0.1)
+
+
+def test_our_own_scenes_have_none():
+    c = Collision.two_balls(m1=1.0, m2=0.5, k1=1e8, k2=1e5, e1=0.5, e2=1.0)
+    for settings, traps in (
+        ({"scenario": "impact"}, set()),
+        ({"scenario": "drop"}, set()),
+        ({"mapping": "naive"}, {"not-newton-per-metre"}),
+    ):
+        assert set(found(mujoco.MjModel.from_xml_string(mjcf(Scene.of(c, Settings(**settings)))))) == traps

@@ -54,10 +54,8 @@ def test_the_rules_hold_in_steps_and_in_time():
 
 
 def compared(outcome, collision):
-    paths = Paths.of([outcome.path], 2, 2)
-    return tuple(
-        compared_states(paths, np.array([Settings().shortest_state * min(periods(collision))]))[0].split()
-    )
+    paths, shortest = Paths.of([outcome.path], 2, 2), Settings().shortest_state * min(periods(collision))
+    return tuple(compared_states(paths, np.array([shortest]))[0].split())
 
 
 def test_the_states_of_an_engine_are_those_it_is_compared_by(engine):

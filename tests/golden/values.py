@@ -162,12 +162,8 @@ def word_misses(golden, found, names):
 
 def number_misses(problem, golden, found, allowed):
     """Say which numbers of an outcome are further away than they may be: `allowed`, of name and golden number."""
-    where, expected, there = (
-        f"{golden['input']}, {golden['solver']}",
-        flat(problem, golden),
-        flat(problem, found),
-    )
-    misses = []
+    where, misses = f"{golden['input']}, {golden['solver']}", []
+    expected, there = flat(problem, golden), flat(problem, found)
     for name in {**expected, **there}:
         x, y = expected.get(name, math.nan), there.get(name, math.nan)
         misses += miss(where, name, x, y, allowed(name, x))

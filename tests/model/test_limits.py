@@ -58,15 +58,10 @@ def test_a_limit_of_the_stiffness_ratio_is_reached_at_its_rate():
     """From the finite side, cut-off switched off: log |v - limit| has a slope in log k2/k1."""
     to_zero, to_infinity = np.logspace(-11, -5, 13), np.logspace(3.5, 7, 15)
     for ratios, cells, limit, rate, band in (
-        (to_zero, ((5.0, 0.9, 0.1), (5.0, 0.8, 0.3)), ball_ball_rigid, 1, 0.1),  # S2 ends
-        (
-            to_zero,
-            ((MU, 0.5, 0.7), (0.5, 0.3, 0.9), (0.5, 0.6, 0.2)),
-            ball_ball_rigid,
-            1,
-            0.1,
-        ),  # united early
-        (to_zero, ((3.0, 0.5, 0.7), (2.0, 0.8, 0.9)), ball_ball_rigid, 1, 0.1),  # united late
+        # S2 ends; the balls are united early; late.
+        (to_zero, ((5.0, 0.9, 0.1), (5.0, 0.8, 0.3)), ball_ball_rigid, 1, 0.1),
+        (to_zero, ((MU, 0.5, 0.7), (0.5, 0.3, 0.9), (0.5, 0.6, 0.2)), ball_ball_rigid, 1, 0.1),
+        (to_zero, ((3.0, 0.5, 0.7), (2.0, 0.8, 0.9)), ball_ball_rigid, 1, 0.1),
         # An elastic table contact keeps its stiffness.
         (to_infinity, ((MU, 0.9, 1.0), (0.5, 0.3, 1.0), (3.0, 0.5, 1.0)), ball_on_table, -1, 0.15),
         # A lossy one stiffens with every vibration of B2 on the table, and its ratio runs away.

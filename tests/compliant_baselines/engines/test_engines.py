@@ -7,6 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 
+from examples.toy_engine import ToyEngine
 from impact_xval.compliant_baselines import SolverError, get_solver
 from impact_xval.compliant_baselines.engines import stepping
 from impact_xval.compliant_baselines.engines.engine import Engine
@@ -16,7 +17,6 @@ from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.model.collision import Collision
 from tests.compliant_baselines.conftest import installed
 from tests.compliant_baselines.reference_cells import random_collisions
-from tests.compliant_baselines.third_party import TOY
 from tests.model.test_columns import random_columns
 
 COARSE = Settings(step_fraction=5e-3)
@@ -128,10 +128,11 @@ def test_a_path_has_the_states_of_its_outcome_and_not_too_many_points(engine, sc
 
 
 def test_plastic_balls_in_a_drop_on_a_rigid_table_are_at_rest_after_a_step():
-    exec(TOY, names := {})
-    engine = type("Falling", (names["ToyEngine"],), {"refusal": Engine.refusal})()
+    class Falling(ToyEngine):
+        refusal = Engine.refusal  # that of the example is of drops
+
     for scenario in ("impact", "drop"):
-        outcome = engine.solve(cell(e1=0.0, e2=0.0), Settings(scenario=scenario))
+        outcome = Falling().solve(cell(e1=0.0, e2=0.0), Settings(scenario=scenario))
         assert (outcome.velocities, outcome.marked) == ((0, 0), ""), scenario
         assert outcome.diagnostics["n_steps"] <= 2
 

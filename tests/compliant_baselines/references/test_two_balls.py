@@ -181,6 +181,14 @@ def test_beyond_double_precision_a_cell_ends_with_a_status(name, ratio, number):
     np.testing.assert_array_equal(np.isnan(cells.v1), ~np.isin(cells.statuses, ("ok", "limit")))
 
 
+def test_gravity_goes_away_at_first_order():
+    numbers = 10.0 ** -np.arange(3, 8)
+    for batch in (BATCHES["bistiffness"], BATCHES["kelvin-voigt"]):
+        away = np.abs(batch(1.0, MU, 0.9, 0.7, numbers).v1 - batch(1.0, MU, 0.9, 0.7).v1)
+        slopes = np.diff(np.log10(away)) / np.diff(np.log10(numbers))
+        np.testing.assert_allclose(slopes[1:], 1, atol=0.02)
+
+
 def test_a_path_that_ends_in_a_limit_is_finite():
     # Stiffness of unloading k1/e1^2: a polynomial over the limit's duration would leave double precision.
     for e1 in (1e-17, 1e-70):

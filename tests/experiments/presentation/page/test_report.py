@@ -101,9 +101,8 @@ def test_every_number_in_a_sentence_is_a_value_of_the_tables(run, least, request
     for value, key, shown in found:
         value, percent = float(value), shown.endswith(" %")
         printed = float(shown.removesuffix(" %")) * (0.01 if percent else 1.0)
-        assert printed == pytest.approx(value, **({"abs": 5.1e-4} if percent else {"rel": 6e-3, "abs": 0})), (
-            key
-        )
+        rounding = {"abs": 5.1e-4} if percent else {"rel": 6e-3, "abs": 0}
+        assert printed == pytest.approx(value, **rounding), key
         assert value == pytest.approx(of_tables(root, html.unescape(key)), rel=1e-9, abs=1e-12), key
 
 
