@@ -8,6 +8,7 @@ has loaded, PyBullet's are the adapter's own calls. The runners step as often as
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import astuple, replace
 from typing import Any
 from xml.etree import ElementTree
@@ -146,7 +147,7 @@ def scene_files(engine: Engine, scene: Scene, max_steps: int) -> tuple[Run, dict
     The engine is MuJoCo or PyBullet, available; files are contents by name.
     """
     (run,) = engine.run([scene], max_steps)
-    files = {"scene.xml": mjcf(scene)} if engine.name == "mujoco" else {}
+    files = {"scene.xml": mjcf([scene])[0]} if engine.name == "mujoco" else {}
     parts = MUJOCO if files else _pybullet(scene)
     script = SCRIPT.format(
         engine=engine.name,
@@ -167,11 +168,15 @@ def scene_files(engine: Engine, scene: Scene, max_steps: int) -> tuple[Run, dict
     return run, files | {"run.py": script}
 
 
-def mjcf(scene: Scene) -> str:
-    """Write the scene that MuJoCo runs, its initial state as the keyframe ``start``."""
+def mjcf(scenes: Iterable[Scene]) -> list[str]:
+    """Write the scenes that MuJoCo runs, their initial states as the keyframe ``start``."""
     engine = mujoco.Mujoco()
     with engine.running():
-        batch = engine.world(scene).batch
+        return [_mjcf(scene, engine.world(scene).batch) for scene in scenes]
+
+
+def _mjcf(scene: Scene, batch: Any) -> str:
+    """Write a scene by what is in the batch that holds it."""
     model = batch.model
     root = ElementTree.fromstring(mujoco.mjcf(len(scene.masses), scene.table))
 

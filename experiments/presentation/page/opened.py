@@ -144,4 +144,5 @@ def _scenes(config: Config, collisions: Sequence[Collision]) -> list[str | None]
     solver, settings = get_solver("mujoco"), settings_of(config)
     assert isinstance(solver, Engine)
     scenes = [solver.scene_or_refusal(collision, settings) for collision in collisions]
-    return [mjcf(scene) if isinstance(scene, Scene) else None for scene in scenes]
+    written = iter(mjcf(scene for scene in scenes if isinstance(scene, Scene)))
+    return [next(written) if isinstance(scene, Scene) else None for scene in scenes]
