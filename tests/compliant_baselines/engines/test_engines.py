@@ -100,6 +100,21 @@ def test_mujoco_s_complaint_becomes_a_crash_and_leaves_no_trace(tmp_path, monkey
     assert capfd.readouterr() == ("", "")
 
 
+def test_mujoco_s_profiler_has_no_clock_while_scenes_run():
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_string("<mujoco/>")
+
+    def clock():
+        data = mujoco.MjData(model)
+        mujoco.mj_step(model, data, nstep=1000)
+        return data.timer[mujoco.mjtTimer.mjTIMER_STEP].duration > 0
+
+    with installed("mujoco").running():
+        assert not clock()
+    assert clock()
+
+
 def test_without_an_engine_the_way_out_is_said(monkeypatch):
     for module, name, advice in (
         ("pybullet", "pybullet", "PyBullet is not installed: run pip install 'pybullet>=3.2.7'"),
