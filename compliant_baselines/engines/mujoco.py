@@ -37,6 +37,7 @@ from impact_xval.compliant_baselines.mapping import (
 #: Largest position, velocity and acceleration the engine accepts, in SI units (mjMAXVAL of mjtype.h).
 LARGEST_VALUE = 1e10
 
+#: Stages that have nothing to do in such a scene are off: they take a tenth of a step.
 SCENE = """
 <mujoco model="column">
   <option integrator="Euler" solver="Newton" iterations="100" gravity="0 0 0">
