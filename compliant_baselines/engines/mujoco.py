@@ -37,7 +37,7 @@ from impact_xval.compliant_baselines.mapping import (
 #: Largest position, velocity and acceleration the engine accepts, in SI units (mjMAXVAL of mjtype.h).
 LARGEST_VALUE = 1e10
 
-#: Stages that have nothing to do in such a scene are off: they take a tenth of a step.
+#: Stages that have nothing to do in such a scene are off: they take 6 % of a step.
 SCENE = """
 <mujoco model="column">
   <option integrator="Euler" solver="Newton" iterations="100" gravity="0 0 0">
@@ -81,7 +81,7 @@ def _compiled(balls: int, table: bool) -> tuple[Any, list[int]]:
 def _clock() -> ctypes.c_void_p:
     """Return MuJoCo's pointer to the clock of its profiler, `mjcb_time` of its C interface.
 
-    Reading it takes a quarter of a step of two balls, and the engine's Python module, which sets it, has no way to
+    Reading it takes a third of a step of two balls, and the engine's Python module, which sets it, has no way to
     unset it.
     """
     folder = Path(import_module("mujoco").__file__ or "").parent
@@ -120,7 +120,7 @@ class Mujoco(Engine):
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Keep the engine's warnings from the terminal and its log file, and it from looking at the clock.
+        """Keep warnings from the terminal and the engine's log file, and the clock from its profiler.
 
         A batch counts warnings all the same.
         """

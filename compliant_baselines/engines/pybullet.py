@@ -29,7 +29,7 @@ from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, 
 from impact_xval.compliant_baselines.mapping import Side, Sides, combined, pybullet_side, sides
 
 #: Most sub-steps of one call.
-STRIDE = 1024
+STRIDE = 256
 
 #: Absolute numbers of the engine: a step that it takes for none (SIMD_EPSILON, s), the impulse at which it caps a
 #: contact in a step (N s), the diagonal of the box around a body at which it drops the body (m).

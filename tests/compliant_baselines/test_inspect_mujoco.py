@@ -254,4 +254,5 @@ def test_our_own_scenes_have_none():
         ({"scenario": "drop"}, set()),
         ({"mapping": "naive"}, {"not-newton-per-metre"}),
     ):
-        assert set(found(mujoco.MjModel.from_xml_string(*mjcf([Scene.of(c, Settings(**settings))])))) == traps
+        (text,) = mjcf([Scene.of(c, Settings(**settings))])
+        assert set(found(mujoco.MjModel.from_xml_string(text))) == traps
