@@ -6,8 +6,10 @@ import contextlib
 import math
 import re
 import shlex
+import threading
 import time
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,8 +33,11 @@ from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 if TYPE_CHECKING:
     from impact_xval.experiments.config.experiment import Config
     from impact_xval.experiments.measures.summary import Summary
-    from impact_xval.experiments.sweep.run import Progress
+    from impact_xval.experiments.sweep.run import Apart, Progress
     from impact_xval.experiments.tables.folder import RunFolder
+
+#: What writes the page of a run.
+_REPORT = "impact_xval.experiments.presentation.report"
 
 
 def run(
@@ -69,13 +74,12 @@ def run(
     console = make_console()
     summaries: list[Summary] = []
 
-    def presented(folder: RunFolder) -> None:
-        # Imported when the cells are done: matplotlib takes a second that the first cells would have to wait for.
-        from impact_xval.experiments.presentation.report import present
-
-        summaries.append(present(folder))
+    def presented(folder: RunFolder, apart: Apart) -> None:
+        summaries.append(import_module(_REPORT).present(folder, apart))
 
     with _writing(words, console, experiment.size()) as progress:
+        # Beside the cells: matplotlib takes a second, for which their first ones are not to wait, nor the page.
+        threading.Thread(target=import_module, args=[_REPORT]).start()
         folder = run_sweep(
             experiment,
             root,

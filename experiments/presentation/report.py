@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -11,19 +13,21 @@ from impact_xval.experiments.measures.ladder_summary import csv_rows
 from impact_xval.experiments.measures.summary import Summary, summarise
 from impact_xval.experiments.presentation.findings import overall_table
 from impact_xval.experiments.presentation.html import page_of
-from impact_xval.experiments.presentation.page.page import blocks_of
+from impact_xval.experiments.presentation.page.page import blocks_of, cells_that_open
 from impact_xval.experiments.presentation.pictures.figures import write_figures
 from impact_xval.experiments.presentation.style import CAPTIONS
+from impact_xval.experiments.sweep.run import Apart
 from impact_xval.experiments.tables.folder import RunFolder, write_text
 from impact_xval.experiments.tables.parquet import replacing
 
 
-def present(folder: RunFolder) -> Summary:
-    """Write all that people look at of a finished run."""
+def present(folder: RunFolder, apart: Apart) -> Summary:
+    """Write all that people look at of a finished run; what cells show that open is collected by a process apart."""
+    cells = apart(cells_that_open, folder)
     summary = summarise(folder)
     write_tables(folder, summary)
     write_figures(folder, summary)
-    write_report(folder, summary)
+    write_report(folder, summary, cells.result)
     return summary
 
 
@@ -44,14 +48,17 @@ def write_latex(folder: RunFolder, summary: Summary) -> Path:
     return path
 
 
-def write_report(folder: RunFolder, summary: Summary) -> Path:
-    """Write ``report.html`` of a finished run, and return its path; figures are drawn if they are not there."""
+def write_report(folder: RunFolder, summary: Summary, cells: Callable[[], str] | None = None) -> Path:
+    """Write ``report.html`` of a finished run, and return its path; figures are drawn if they are not there.
+
+    What the cells show that open is asked for where any does (`cells_that_open`).
+    """
     figures = folder.root / "figures"
     known = figures / CAPTIONS
     captions: dict[str, str] = json.loads(known.read_text(encoding="utf-8")) if known.is_file() else {}
     if not captions or not all((figures / f"{name}.svg").is_file() for name in captions):
         captions = write_figures(folder, summary)
-    blocks = blocks_of(folder, summary, captions)
+    blocks = blocks_of(folder, summary, captions, cells or partial(cells_that_open, None, folder))
     path = folder.root / "report.html"
     write_text(path, page_of(f"impact-xval: {summary.config.name}", blocks, figures))
     return path

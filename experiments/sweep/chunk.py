@@ -17,13 +17,15 @@ import numpy as np
 import pyarrow as pa
 
 from impact_xval.compliant_baselines.answers import one_line
+from impact_xval.compliant_baselines.registry import is_ours
 from impact_xval.experiments.config.cells import Block
 from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.sweep.pool import Slot, in_flight
 from impact_xval.experiments.sweep.process import FaultError, WorkerError, in_halves
 from impact_xval.experiments.sweep.rows import Experiment, Lost, completed, solve_by, without_ladder
-from impact_xval.experiments.sweep.warmup import own_kernel, stated, warm
+from impact_xval.experiments.sweep.warmup import compile_own, own_kernel, stated, warm
 from impact_xval.experiments.tables.folder import part_bytes
+from impact_xval.model.chain.kernel import follow_chains
 from impact_xval.model.collision import Status
 from impact_xval.model.compiled import is_compiled
 
@@ -53,12 +55,14 @@ def solve_chunks(pool: Any, chunks: Iterable[tuple[int, Block]]) -> Iterator[Rep
 
 
 def begin_compiling(pool: Any, experiment: Experiment) -> None:
-    """Have kernels compiled that are not, each by another worker: the first solver of each is made ready."""
-    pair = experiment.layout.pair
-    first = {own_kernel(name, pair=pair): name for name in reversed(experiment.config.solvers)}
-    for kernel, name in reversed(first.items()):
+    """Have kernels compiled that are not, by two workers: that of N balls takes as long as all others together."""
+    pair, chains, others = experiment.layout.pair, [], []
+    for name in filter(is_ours, experiment.config.solvers):
+        kernel = own_kernel(name, pair=pair)
         if not is_compiled(kernel):
-            pool.submit(Slot.prepare, name, warm, experiment.resolve, name, pair)
+            (chains if kernel is follow_chains else others).append(name)
+    for names in filter(None, (chains, others)):
+        pool.submit(Slot.compile, compile_own, experiment.resolve, names, pair)
 
 
 def solve_chunk(slot: Slot, number: int, block: Block) -> Report:

@@ -6,6 +6,7 @@ depends on where that is, nor on how many there are.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import queue
 import threading
@@ -13,7 +14,6 @@ import uuid
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ThreadPoolExecutor, as_completed, wait
-from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -73,6 +73,13 @@ class Slot:
             else:
                 worker.ready.add(solver)
 
+    def compile(self, function: Callable[..., Any], *arguments: Any) -> None:
+        """Have kernels compiled by a process of ours, which is replaced then; where it dies, cells are to say so."""
+        with contextlib.suppress(FaultError):
+            self.call(None, function, *arguments, timeout=TO_PREPARE)
+        if self._isolate:
+            self._worker(None).end()
+
     def once(self, function: Callable[[Slot], _Answer]) -> _Answer:
         """Return ``function(slot)``, which is called once."""
         if function not in self._known:
@@ -105,9 +112,9 @@ class Pool:
         """Have ``function(slot, *arguments)`` called."""
         return self._threads.submit(self._call, function, *arguments)
 
-    def here(self, function: Callable[..., _Answer], *arguments: Any) -> _Answer:
-        """Return ``function(slot, *arguments)`` of this machine, wherever all else is called."""
-        return self.submit(function, *arguments).result()
+    def here(self, function: Callable[..., _Answer], *arguments: Any) -> Future[_Answer]:
+        """Have ``function(slot, *arguments)`` called on this machine, wherever all else is called."""
+        return self.submit(function, *arguments)
 
     def close(self, *, now: bool = False) -> None:
         """End threads and processes; `now` whatever they do."""
@@ -133,15 +140,19 @@ class _Direct:
         self._slot = Slot(context, isolate=False)
 
     def submit(self, function: Callable[..., _Answer], *arguments: Any) -> Future[_Answer]:
-        future: Future[_Answer] = Future()
-        try:
-            future.set_result(function(self._slot, *arguments))
-        except Exception as error:
-            future.set_exception(error)
-        return future
+        return _called(function, self._slot, *arguments)
 
-    def here(self, function: Callable[..., _Answer], *arguments: Any) -> _Answer:
-        return function(self._slot, *arguments)
+    here = submit
+
+
+def _called(function: Callable[..., _Answer], *arguments: Any) -> Future[_Answer]:
+    """Call a function at once."""
+    future: Future[_Answer] = Future()
+    try:
+        future.set_result(function(*arguments))
+    except Exception as error:
+        future.set_exception(error)
+    return future
 
 
 #: In a worker of Dask: the pools of the runs that it works for; None of one that is over.
@@ -164,9 +175,9 @@ class _Dask:
     def submit(self, function: Callable[..., _Answer], *arguments: Any) -> Future[_Answer]:
         return self._executor.submit(_on_worker, self._run, self._make_slot, function, *arguments)
 
-    def here(self, function: Callable[..., _Answer], *arguments: Any) -> _Answer:
-        with closing(self._make_slot()) as slot:
-            return function(slot, *arguments)
+    def here(self, function: Callable[..., _Answer], *arguments: Any) -> Future[_Answer]:
+        with contextlib.closing(self._make_slot()) as slot:
+            return _called(function, slot, *arguments)
 
     def close(self, *, now: bool = False) -> None:
         self._executor.shutdown(wait=False)
@@ -193,7 +204,7 @@ def _end_on_worker(run: str) -> None:
         pool.close(now=True)
 
 
-@contextmanager
+@contextlib.contextmanager
 def open_pool(
     context: Any,
     workers: int,
@@ -222,7 +233,7 @@ def open_pool(
             yield pool
 
 
-@contextmanager
+@contextlib.contextmanager
 def _ended(pool: Any) -> Iterator[Any]:
     try:
         yield pool
@@ -232,7 +243,7 @@ def _ended(pool: Any) -> Iterator[Any]:
     pool.close()
 
 
-@contextmanager
+@contextlib.contextmanager
 def _cluster(scheduler: str) -> Iterator[Any]:  # a Client; its calls are annotated as coroutines
     try:
         from distributed import Client

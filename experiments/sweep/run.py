@@ -10,6 +10,7 @@ import platform
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -28,7 +29,7 @@ from impact_xval.experiments.sweep.chunk import (
     solver_versions,
 )
 from impact_xval.experiments.sweep.curves import write_curves
-from impact_xval.experiments.sweep.pool import Slot, available_cores, open_pool
+from impact_xval.experiments.sweep.pool import TO_PREPARE, Slot, available_cores, open_pool
 from impact_xval.experiments.sweep.process import ClosedError
 from impact_xval.experiments.sweep.rows import Experiment, Resolve
 from impact_xval.experiments.tables.folder import (
@@ -44,6 +45,9 @@ from impact_xval.experiments.tables.folder import (
 
 #: Given how many cells are done, of how many, and a line worth saying ("" if none).
 Progress = Callable[[int, int, str], None]
+
+#: Has ``function(_, *arguments)`` called by a process of this machine, while the caller goes on.
+Apart = Callable[..., Future[Any]]
 
 #: Number of a shard, from 1, and how many there are.
 Shard = tuple[int, int]
@@ -62,7 +66,7 @@ def run_sweep(
     isolate: bool = True,
     progress: Progress = lambda done, total, line: None,
     resolve: Resolve = get_solver,
-    present: Callable[[RunFolder], None] = lambda folder: None,
+    present: Callable[[RunFolder, Apart], None] = lambda folder, apart: None,
 ) -> RunFolder:
     """Run an experiment into a folder: parts, then the finished tables, the curves and the manifest.
 
@@ -84,7 +88,8 @@ def run_sweep(
     resolve : callable
         Finds a solver by its name; at the top level of a module.
     present : callable
-        Given the folder once its tables are complete; the run is complete when it returns.
+        Given the folder once its tables are complete, and what calls functions in a process that has nothing to do any
+        more; the run is complete when it returns.
 
     Raises
     ------
@@ -99,11 +104,13 @@ def run_sweep(
         run = _Run(experiment, cells, folder, shard, progress)
         how = {"scheduler": scheduler, "isolate": isolate, "say": say, "log": folder.root / LOG}
         with open_pool(experiment, min(workers, cells.chunks()), **how) as pool:
-            run.begin(pool.here(Slot.once, solver_versions), continued)
+            run.begin(pool.here(Slot.once, solver_versions).result(), continued)
             begin_compiling(pool, experiment)
             run.solve(pool)
             run.curves(pool)
-        run.finish({"where": scheduler or "this machine", "workers": workers}, present)
+            apart = functools.partial(pool.here, functools.partial(Slot.call, timeout=TO_PREPARE), None)
+            by = {"where": scheduler or "this machine", "workers": workers}
+            run.finish(by, lambda folder: present(folder, apart))
     return folder
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import gc
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,7 +18,7 @@ from numba.core import event
 from impact_xval.compliant_baselines.answers import answer, stated_version, why_unavailable
 from impact_xval.compliant_baselines.engines.stepping import scan
 from impact_xval.compliant_baselines.registry import is_engine, is_ours
-from impact_xval.experiments.config.cells import experiment_cells
+from impact_xval.experiments.config.cells import Block, experiment_cells
 from impact_xval.experiments.config.experiment import REFERENCE, parse_config
 from impact_xval.experiments.measures.hausdorff import distances
 from impact_xval.experiments.sweep.pool import TO_STATE, Slot
@@ -34,38 +34,55 @@ _PAIR: dict[str, Any] = {
 }
 _COLUMN: dict[str, Any] = {"column": {"arrangement": "cradle", "balls": [2], "e": [0.8, 0.9]}}
 
+#: In the order in which they are locked.
+_KERNELS: tuple[Any, ...] = (collide_all, distances, follow_chains, scan)
+
 
 def warm(_: object, resolve: Resolve, name: str, pair: bool) -> bool:
     """Solve ordinary cells by a solver, of two balls or columns, so that all is imported and compiled; whether any was.
 
     Such a process may differ in a last bit from those that read the kernels. The parts of a kernel are weak symbols of
     it: where they have just been compiled alone, these are linked, and they were optimised in other surroundings.
-
-    First by the solver alone, and distances of nothing, so that other processes can compile other kernels meanwhile.
-    One cell, and two: a column of an array is contiguous where that has one row only, and numba compiles for either.
     """
-    usual = parse_config(_PAIR if pair else _COLUMN)
-    experiment, cells = Experiment(usual, resolve), experiment_cells(usual)
-    blocks, alone = [cells.block(range(n)) for n in (1, 2)], replace(settings_of(usual), mark=False)
-    with event.install_recorder("numba:compile") as compiled:
-        with _compiling(own_kernel(name, pair=pair)):
+    experiment, blocks = _usual(resolve, pair)
+    with event.install_recorder("numba:compile") as compiled, _compiling(*_kernels(name, pair=pair)):
+        for block in blocks:
+            solve_by(experiment, name, block, {})
+    return bool(compiled.buffer)
+
+
+def compile_own(_: object, resolve: Resolve, names: Sequence[str], pair: bool) -> None:
+    """Have each solver solve cells by itself, so that another process can compile the kernels of others meanwhile.
+
+    With the model, distances of nothing are measured, for all others need them.
+    """
+    experiment, blocks = _usual(resolve, pair)
+    alone = replace(settings_of(experiment.config), mark=False)
+    own = {own_kernel(name, pair=pair) for name in names}
+    with _compiling(*own, *([distances] if collide_all in own else [])):
+        for name in names:
             for block in blocks:
                 answer(resolve(name), block.collisions, alone)
-        if pair:
-            with _compiling(distances):
-                distances(np.empty((0, 2)), np.empty((0, 2)), np.zeros(1, int), np.zeros(1, int))
-        with _compiling(*_kernels(name, pair=pair)):
-            for block in blocks:
-                solve_by(experiment, name, block, {})
-    return bool(compiled.buffer)
+        if collide_all in own:
+            distances(np.empty((0, 2)), np.empty((0, 2)), np.zeros(1, int), np.zeros(1, int))
+
+
+def _usual(resolve: Resolve, pair: bool) -> tuple[Experiment, list[Block]]:
+    """Return an experiment, and one of its cells and two.
+
+    A column of an array is contiguous where that has one row only, and numba compiles for either.
+    """
+    usual = parse_config(_PAIR if pair else _COLUMN)
+    cells = experiment_cells(usual)
+    return Experiment(usual, resolve), [cells.block(range(n)) for n in (1, 2)]
 
 
 @contextlib.contextmanager
 def _compiling(*kernels: Any) -> Iterator[None]:
-    """Hold the locks of kernels that are not compiled yet; they are in one order everywhere."""
+    """Hold the locks of kernels that are not compiled yet, in one order everywhere."""
     with contextlib.ExitStack() as held:
-        for kernel in kernels:
-            if not is_compiled(kernel):
+        for kernel in _KERNELS:
+            if kernel in kernels and not is_compiled(kernel):
                 held.enter_context(FileLock(cache_folder(kernel) / "compiling.lock"))
                 held.callback(gc.enable)
                 gc.disable()  # looking for garbage takes up to a tenth of the time of compiling

@@ -8,7 +8,6 @@ from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.presentation.report import present
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.sweep.warmup import warm
-from impact_xval.experiments.tables.folder import RunFolder
 from tests.experiments import fakes
 
 SMALL = {
@@ -49,10 +48,8 @@ def engine_run(tmp_path_factory):
     """A small run of a real engine and two exact laws, with its page; no test changes it."""
     root = tmp_path_factory.mktemp("engines") / "a run"
     solvers = ["kelvin-voigt", "bistiffness", "mujoco"]
-    run_sweep(
-        parse_config(SMALL | {"solvers": solvers, "scenario": "drop", "v0": -2.0, "name": HOSTILE}), root
-    )
-    present(RunFolder(root))
+    settings = {"solvers": solvers, "scenario": "drop", "v0": -2.0, "name": HOSTILE}
+    run_sweep(parse_config(SMALL | settings), root, present=present)
     return root
 
 

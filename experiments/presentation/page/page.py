@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from markupsafe import Markup
@@ -47,15 +47,22 @@ _HYPOTHESIS = say(
 )
 
 
-def blocks_of(folder: RunFolder, summary: Summary, captions: Captions) -> list[Block]:
-    """Return the page of a finished run."""
+def cells_that_open(_: object, folder: RunFolder) -> str:
+    """Collect what the page of a finished run shows of the cells that open on it (`packed_cells`)."""
+    return packed_cells(folder, tiles_of(load_divergence(folder, folder.config())).places.cell.tolist())
+
+
+def blocks_of(
+    folder: RunFolder, summary: Summary, captions: Captions, cells: Callable[[], str]
+) -> list[Block]:
+    """Return the page of a finished run; `cells` gives what the cells show that open, and is asked where any does."""
     pair, unit = summary.config.column is None, unit_of(summary)[:-1]
     blocks: list[Block] = [evidence.opening(summary, _numbers(summary))]
     if pair and summary.ladder.solvers:
         blocks.append(_advice(summary, captions))
     if compared(summary):
         blocks.append(Section("What was found", _found(summary, captions)))
-        blocks.append(Section(f"{unit} by {unit}".capitalize(), _cells(folder, summary)))
+        blocks.append(Section(f"{unit} by {unit}".capitalize(), _cells(folder, summary, cells())))
     else:
         blocks.append(Section("What was found", [f"No {unit} could be compared."]))
     if not pair:
@@ -199,11 +206,11 @@ def _order(summary: Summary, name: str) -> Markup:
     return said + "."
 
 
-def _cells(folder: RunFolder, summary: Summary) -> list[Block]:
+def _cells(folder: RunFolder, summary: Summary, packed: str) -> list[Block]:
     """Lay out the map whose cells open, and the cells with the largest D."""
     tiles = tiles_of(load_divergence(folder, summary.config))
     opens = tiles.places.cell.tolist()
-    piece = cells_piece(tiles, summary.n_cells, packed_cells(folder, opens), summary.config.solvers)
+    piece = cells_piece(tiles, summary.n_cells, packed, summary.config.solvers)
     button = Markup('<button type="button" data-cell="{0}">{0}</button>')
     axes = AXES if summary.config.column is None else COLUMN_AXES
     order = summary.worst.solver.map(summary.solvers.index).sort_values(kind="stable").index

@@ -35,7 +35,7 @@ def test_a_file_that_cannot_be_written_leaves_no_half_of_it(tmp_path, monkeypatc
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(target))
         return replace(path, target)
 
-    def present(folder):
+    def present(folder, _apart):
         write_text(folder.root / "report.html", "what people look at")
 
     monkeypatch.setattr(Path, "replace", full)
