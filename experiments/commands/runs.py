@@ -36,9 +36,6 @@ if TYPE_CHECKING:
     from impact_xval.experiments.sweep.run import Apart, Progress
     from impact_xval.experiments.tables.folder import RunFolder
 
-#: What writes the page of a run.
-_REPORT = "impact_xval.experiments.presentation.report"
-
 
 def run(
     config: Path | None = argument(
@@ -73,22 +70,16 @@ def run(
     words += ["--shard", shard] if part != (1, 1) else []
     console = make_console()
     summaries: list[Summary] = []
+    writer = "impact_xval.experiments.presentation.report"
 
     def presented(folder: RunFolder, apart: Apart) -> None:
-        summaries.append(import_module(_REPORT).present(folder, apart))
+        summaries.append(import_module(writer).present(folder, apart))
 
     with _writing(words, console, experiment.size()) as progress:
-        # Beside the cells: matplotlib takes a second, for which their first ones are not to wait, nor the page.
-        threading.Thread(target=import_module, args=[_REPORT]).start()
-        folder = run_sweep(
-            experiment,
-            root,
-            workers=workers,
-            scheduler=scheduler,
-            shard=part,
-            progress=progress,
-            present=presented,
-        )
+        # Imported beside the cells, for matplotlib takes a second.
+        threading.Thread(target=import_module, args=[writer]).start()
+        shares: dict[str, Any] = {"workers": workers, "scheduler": scheduler, "shard": part}
+        folder = run_sweep(experiment, root, **shares, progress=progress, present=presented)
     if summaries:  # else parts are left to other shards
         from impact_xval.experiments.presentation.terminal import error_line
         from impact_xval.experiments.presentation.views import show_end
