@@ -8,8 +8,7 @@ import re
 import shlex
 import threading
 import time
-from collections.abc import Iterator
-from importlib import import_module
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -70,14 +69,18 @@ def run(
     words += ["--shard", shard] if part != (1, 1) else []
     console = make_console()
     summaries: list[Summary] = []
-    writer = "impact_xval.experiments.presentation.report"
+
+    def writer() -> Callable[[RunFolder, Apart], Summary]:
+        from impact_xval.experiments.presentation.report import present
+
+        return present
 
     def presented(folder: RunFolder, apart: Apart) -> None:
-        summaries.append(import_module(writer).present(folder, apart))
+        summaries.append(writer()(folder, apart))
 
     with _writing(words, console, experiment.size()) as progress:
         # Imported beside the cells, for matplotlib takes a second.
-        threading.Thread(target=import_module, args=[writer]).start()
+        threading.Thread(target=writer).start()
         shares: dict[str, Any] = {"workers": workers, "scheduler": scheduler, "shard": part}
         folder = run_sweep(experiment, root, **shares, progress=progress, present=presented)
     if summaries:  # else parts are left to other shards

@@ -29,9 +29,9 @@ from impact_xval.model.chain.kernel import follow_chains
 from impact_xval.model.collision import Status
 from impact_xval.model.compiled import is_compiled
 
-#: Seconds for what follows the solvers of a chunk; not their limit, for these are references in closed form, and tables
-#: must not depend on how busy a machine is.
-_TO_COMPLETE = 600.0
+#: Seconds for what follows the solvers of a chunk, or the cells of a run; not their limit, for these are references in
+#: closed form, and tables must not depend on how busy a machine is.
+TO_COMPLETE = 600.0
 
 Versions = dict[str, str]
 #: In the place of a version; why not follows.
@@ -117,7 +117,7 @@ class Chunk:
             raise WorkerError(f"cells {self._cells.index[place]}, outside of every solver: {fault.reason}")
 
         def call(_: slice) -> pa.Table:
-            return self._slot.call(None, solve_by, name, self._cells[place], self._lost, timeout=_TO_COMPLETE)
+            return self._slot.call(None, solve_by, name, self._cells[place], self._lost, timeout=TO_COMPLETE)
 
         return in_halves(call, 1, give_up)[0]
 
@@ -130,7 +130,7 @@ class Chunk:
 
         def call(place: slice) -> pa.Table:
             try:
-                return self._slot.call(None, completed, self._cells[place], of(place), timeout=_TO_COMPLETE)
+                return self._slot.call(None, completed, self._cells[place], of(place), timeout=TO_COMPLETE)
             except WorkerError as error:
                 last = str(error).strip().rpartition("\n")[2]
                 raise FaultError("crashed", one_line(last)) from None

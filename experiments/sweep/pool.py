@@ -6,7 +6,6 @@ depends on where that is, nor on how many there are.
 
 from __future__ import annotations
 
-import contextlib
 import os
 import queue
 import threading
@@ -14,6 +13,7 @@ import uuid
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ThreadPoolExecutor, as_completed, wait
+from contextlib import closing, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -75,7 +75,7 @@ class Slot:
 
     def compile(self, function: Callable[..., Any], *arguments: Any) -> None:
         """Have kernels compiled by a process of ours, which is replaced then; where it dies, cells are to say so."""
-        with contextlib.suppress(FaultError):
+        with suppress(FaultError):
             self.call(None, function, *arguments, timeout=TO_PREPARE)
         if self._isolate:
             self._worker(None).end()
@@ -176,7 +176,7 @@ class _Dask:
         return self._executor.submit(_on_worker, self._run, self._make_slot, function, *arguments)
 
     def here(self, function: Callable[..., _Answer], *arguments: Any) -> Future[_Answer]:
-        with contextlib.closing(self._make_slot()) as slot:
+        with closing(self._make_slot()) as slot:
             return _called(function, slot, *arguments)
 
     def close(self, *, now: bool = False) -> None:
@@ -204,7 +204,7 @@ def _end_on_worker(run: str) -> None:
         pool.close(now=True)
 
 
-@contextlib.contextmanager
+@contextmanager
 def open_pool(
     context: Any,
     workers: int,
@@ -233,7 +233,7 @@ def open_pool(
             yield pool
 
 
-@contextlib.contextmanager
+@contextmanager
 def _ended(pool: Any) -> Iterator[Any]:
     try:
         yield pool
@@ -243,7 +243,7 @@ def _ended(pool: Any) -> Iterator[Any]:
     pool.close()
 
 
-@contextlib.contextmanager
+@contextmanager
 def _cluster(scheduler: str) -> Iterator[Any]:  # a Client; its calls are annotated as coroutines
     try:
         from distributed import Client

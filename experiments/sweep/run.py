@@ -21,6 +21,7 @@ from impact_xval.experiments.config.cells import Cells, experiment_cells
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.sweep.chunk import (
+    TO_COMPLETE,
     UNAVAILABLE,
     Report,
     Versions,
@@ -29,7 +30,7 @@ from impact_xval.experiments.sweep.chunk import (
     solver_versions,
 )
 from impact_xval.experiments.sweep.curves import write_curves
-from impact_xval.experiments.sweep.pool import TO_PREPARE, Slot, available_cores, open_pool
+from impact_xval.experiments.sweep.pool import Slot, available_cores, open_pool
 from impact_xval.experiments.sweep.process import ClosedError
 from impact_xval.experiments.sweep.rows import Experiment, Resolve
 from impact_xval.experiments.tables.folder import (
@@ -46,7 +47,7 @@ from impact_xval.experiments.tables.folder import (
 #: Given how many cells are done, of how many, and a line worth saying ("" if none).
 Progress = Callable[[int, int, str], None]
 
-#: Has ``function(_, *arguments)`` called by a process of this machine, while the caller goes on.
+#: Has ``function(_, *arguments)`` called by a process of this machine; on a Dask cluster the caller waits for it.
 Apart = Callable[..., Future[Any]]
 
 #: Number of a shard, from 1, and how many there are.
@@ -108,7 +109,7 @@ def run_sweep(
             begin_compiling(pool, experiment)
             run.solve(pool)
             run.curves(pool)
-            apart = functools.partial(pool.here, functools.partial(Slot.call, timeout=TO_PREPARE), None)
+            apart = functools.partial(pool.here, functools.partial(Slot.call, timeout=TO_COMPLETE), None)
             by = {"where": scheduler or "this machine", "workers": workers}
             run.finish(by, lambda folder: present(folder, apart))
     return folder

@@ -82,6 +82,15 @@ def test_a_process_that_compiled_or_died_when_made_ready_is_replaced_once(tmp_pa
         assert gone(int(first))
 
 
+@pytest.mark.parametrize("dies", [False, True])
+def test_a_process_that_compiles_is_replaced_and_may_die_of_it(tmp_path, dies):
+    with contextlib.closing(Slot()) as slot:
+        slot.compile(made_ready, tmp_path / "pids", dies)
+        (first,) = (tmp_path / "pids").read_text().split()
+        assert slot.call(None, pid, timeout=60) != int(first)
+        assert gone(int(first))
+
+
 def test_it_does_not_outlive_a_killed_parent_whatever_it_does():
     script = (
         "from impact_xval.experiments.sweep.process import Worker\n"
