@@ -12,14 +12,13 @@ from __future__ import annotations
 
 import argparse
 import sys
-import time
 from dataclasses import replace
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.state_transition import machine
+from benchmarks.state_transition import best_time, machine
 from impact_xval.compliant_baselines import Settings, get_solver
 from impact_xval.model import Collision, solve
 from impact_xval.model.solving import LAWS
@@ -48,15 +47,6 @@ def random_column(rng: np.random.Generator, balls: int) -> Collision:
         tuple(velocities),
         table,
     )
-
-
-def best_time(call, repeats: int) -> float:
-    best = float("inf")
-    for _ in range(repeats):
-        start = time.perf_counter()
-        call()
-        best = min(best, time.perf_counter() - start)
-    return best
 
 
 def speed(console: Console, options: argparse.Namespace) -> None:
