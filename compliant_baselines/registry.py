@@ -1,32 +1,27 @@
 """Where solvers are found by name, and what each of them is.
 
 A solver's module is imported when it is first asked for, so that an engine that is missing, or slow to import, costs
-nothing to a caller who does not use it. Another distribution adds a solver by an entry point in its `pyproject.toml`:
-
-    [project.entry-points."impact_xval.solvers"]
-    my-engine = "my_package.adapter:MyEngine"
-
-One that cannot be loaded is ``unavailable``, with the reason; a name that is taken here stays what it is. Kind and law
-of a solver of this project are known without importing it, those of another once its class is loaded. What cannot be
-loaded, such as a solver in a table that is read where it is not installed, counts as an engine asked for
-`KELVIN_VOIGT`.
+nothing to a caller who does not use it. Kind and law of a solver of this project are known without importing it, those
+of another distribution (docs/adding-a-solver.md) once its class is loaded. One that cannot be loaded is
+``unavailable``, with the reason; a name that is taken here stays what it is. What cannot be loaded, such as a solver in
+a table that is read where it is not installed, counts as an engine asked for `KELVIN_VOIGT`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any
+from itertools import groupby
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 from impact_xval.compliant_baselines.answers import said
 from impact_xval.compliant_baselines.solver import KELVIN_VOIGT, Kind, Settings, Solver
 from impact_xval.model.collision import Collision, Outcome
 
 
-@dataclass(frozen=True, slots=True)
-class Entry:
+class Entry(NamedTuple):
     """A solver, as far as it can be told without importing it."""
 
     #: Module below `compliant_baselines` and class.
@@ -35,7 +30,7 @@ class Entry:
     kind: Kind = "compliant"
     law: str | None = KELVIN_VOIGT
     #: Settings that are its own, whatever is configured: of an engine as people use it.
-    as_set: Mapping[str, Any] = field(default_factory=dict)
+    as_set: Mapping[str, Any] = MappingProxyType({})
 
 
 #: Solvers that run unless others are asked for by name.
@@ -44,42 +39,46 @@ _USUAL = ("state-transition", "bistiffness", KELVIN_VOIGT, "mujoco", "pybullet",
 #: Steps of practice, over the shorter contact period, at which MuJoCo and PyBullet are solvers of their own.
 STEPS = (0.01, 0.03, 0.1)
 
-#: Exact solvers, by class: the name of each is that of its law.
-_EXACT: dict[tuple[str, Kind], tuple[str, ...]] = {
-    ("references:StateTransitionSolver", "model"): ("state-transition", "liu-zhao-brogliato"),
-    ("references:ReferenceSolver", "reference"): (
-        "bistiffness",
-        KELVIN_VOIGT,
-        "kelvin-voigt-anchored",
-        "kelvin-voigt-textbook",
-        "compression-dashpot",
-        "hunt-crossley",
-    ),
-    ("rigid.laws:RigidLaw", "reference"): (
-        "newton-restitution",
-        "poisson-restitution",
-        "sequential-top",
-        "sequential-bottom",
-        "generalised-reflection",
-        "plastic-then-restitution",
-    ),
-}
 _MUJOCO, _PYBULLET = "engines.mujoco:Mujoco", "engines.pybullet:Pybullet"
 _RIGID_BULLET = "rigid.bullet:PybulletRestitution"
 _NAIVE, _SHIPPED = {"mapping": "naive"}, {"mapping": "shipped", "convergence": None}
 
+#: Exact solvers, by class and kind: the name of each is that of its law.
+_EXACT: dict[tuple[str, Kind], dict[str, str]] = {
+    ("references:ReferenceSolver", "reference"): {
+        "bistiffness": "the model's law in time, exact: springs of two stiffnesses, positions that move",
+        KELVIN_VOIGT: "spring and dashpot that never pull, exact: what engines are mapped to",
+        "kelvin-voigt-anchored": "spring and dashpot, exact, ball on ball damped for the mass of the upper ball",
+        "kelvin-voigt-textbook": "spring and dashpot, exact, damped as a contact that may pull",
+        "compression-dashpot": "spring, and dashpot in compression only, exact",
+        "hunt-crossley": "Hunt and Crossley's contacts on linear springs, damping in proportion to the depth",
+    },
+    ("references:StateTransitionSolver", "model"): {
+        "state-transition": "the state-transition model, exact: impulses alone, positions stand still",
+        "liu-zhao-brogliato": "the impact law of Liu, Zhao and Brogliato (2008) on the diagram of the model",
+    },
+    ("rigid.laws:RigidLaw", "reference"): {
+        "newton-restitution": "rigid, exact: Newton's restitution at all touching contacts at once",
+        "poisson-restitution": "rigid, exact: compression at all contacts at once, then e times its impulses",
+        "sequential-top": "rigid, exact: single impacts one after the other, the topmost first",
+        "sequential-bottom": "rigid, exact: single impacts one after the other, the lowest first",
+        "generalised-reflection": "rigid, exact: the generalised reflections of Smith et al. (2012), one e for all",
+        "plastic-then-restitution": "rigid, exact: plastic at all contacts, then restitution of those that approached",
+    },
+}
+
+
+#: In the order in which tables list the solvers, after the usual ones.
 _ENTRIES: dict[str, Entry] = {
     **{name: Entry(where, kind, name) for (where, kind), names in _EXACT.items() for name in names},
     "mujoco": Entry(_MUJOCO),
     "pybullet": Entry(_PYBULLET),
     "drake": Entry("engines.drake:Drake"),
-    "drake-hunt-crossley": Entry("engines.drake:DrakeHuntCrossley", law="hunt-crossley"),
-    "newton": Entry("engines.newton:Newton", law="compression-dashpot"),
     "pymunk": Entry("rigid.pymunk:Pymunk", "rigid", None),
     "dart": Entry("rigid.dart:Dart", "rigid", None),
     "rapier": Entry("rigid.rapier:Rapier", "rigid", None),
-    "sapien": Entry("rigid.sapien:Sapien", "rigid", None),
     "pybullet-restitution": Entry(_RIGID_BULLET, "rigid", None),
+    "sapien": Entry("rigid.sapien:Sapien", "rigid", None),
     "mujoco-naive": Entry(_MUJOCO, as_set=_NAIVE),
     "pybullet-naive": Entry(_PYBULLET, as_set=_NAIVE),
     "mujoco:documented": Entry(_MUJOCO, as_set={"mapping": "documented"}),
@@ -90,27 +89,15 @@ _ENTRIES: dict[str, Entry] = {
         for name, where in (("mujoco", _MUJOCO), ("pybullet", _PYBULLET))
         for step in STEPS
     },
+    "drake-hunt-crossley": Entry("engines.drake:DrakeHuntCrossley", law="hunt-crossley"),
+    "newton": Entry("engines.newton:Newton", law="compression-dashpot"),
 }
 
-# In the order in which tables list the solvers; the usual ones before all others.
 _DESCRIPTIONS = {
-    "state-transition": "the state-transition model, exact: impulses alone, positions stand still",
-    "bistiffness": "the model's law in time, exact: springs of two stiffnesses, positions that move",
-    KELVIN_VOIGT: "spring and dashpot that never pull, exact: what engines are mapped to",
+    **{name: text for texts in _EXACT.values() for name, text in texts.items()},
     "mujoco": "MuJoCo, its contacts mapped to spring and dashpot",
     "pybullet": "PyBullet, its contacts mapped to spring and dashpot",
     "drake": "Drake in discrete time, its contacts mapped to spring and dashpot",
-    "kelvin-voigt-anchored": "spring and dashpot, exact, ball on ball damped for the mass of the upper ball",
-    "kelvin-voigt-textbook": "spring and dashpot, exact, damped as a contact that may pull",
-    "compression-dashpot": "spring, and dashpot in compression only, exact",
-    "hunt-crossley": "Hunt and Crossley's contacts on linear springs, damping in proportion to the depth",
-    "liu-zhao-brogliato": "the impact law of Liu, Zhao and Brogliato (2008) on the diagram of the model",
-    "newton-restitution": "rigid, exact: Newton's restitution at all touching contacts at once",
-    "poisson-restitution": "rigid, exact: compression at all contacts at once, then e times its impulses",
-    "sequential-top": "rigid, exact: single impacts one after the other, the topmost first",
-    "sequential-bottom": "rigid, exact: single impacts one after the other, the lowest first",
-    "generalised-reflection": "rigid, exact: the generalised reflections of Smith et al. (2012), one e for all",
-    "plastic-then-restitution": "rigid, exact: plastic at all contacts, then restitution of those that approached",
     "pymunk": "Pymunk (2-D): rigid contacts, iterated impulses",
     "dart": "DART: rigid contacts, one complementarity problem a step",
     "rapier": "Rapier: rigid contacts, without restitution in sub-steps, then restitution once",
@@ -122,8 +109,8 @@ _DESCRIPTIONS = {
     "mujoco:default": "MuJoCo as it ships: solref, solimp and a step of 2 ms, whatever contacts are asked for",
     "pybullet:default": "PyBullet as it ships, with coefficients of restitution, at a step of 1/240 s",
     **{
-        f"{name}:step-{step:g}": f"{title}, mapped, at a step of {step:g} of the shorter contact period"
-        for name, title in (("mujoco", "MuJoCo"), ("pybullet", "PyBullet"))
+        f"{title.lower()}:step-{step:g}": f"{title}, mapped, at a step of {step:g} of the shorter contact period"
+        for title in ("MuJoCo", "PyBullet")
         for step in STEPS
     },
     "drake-hunt-crossley": "Drake in continuous time, with Hunt and Crossley's contacts",
@@ -134,13 +121,13 @@ _DESCRIPTIONS = {
 def solver_names(*, on_request: bool = False) -> tuple[str, ...]:
     """Names of the known solvers, in the order in which tables list them; `on_request` adds those run by name only."""
     others = (name for name in _plug_ins() if name not in _ENTRIES)
-    rest = (name for name in _DESCRIPTIONS if on_request and name not in _USUAL)
+    rest = (name for name in _ENTRIES if on_request and name not in _USUAL)
     return (*_USUAL, *others, *rest)
 
 
 def engine_free_names() -> tuple[str, ...]:
     """Names of all models and references of this project, those on request among them."""
-    return tuple(name for name in _DESCRIPTIONS if not is_engine(name))
+    return tuple(name for name in solver_names(on_request=True) if is_ours(name) and not is_engine(name))
 
 
 def is_ours(name: str) -> bool:
@@ -195,8 +182,7 @@ def origins() -> dict[str, str]:
     where = dict.fromkeys(solver_names(on_request=True), "impact-xval")
     for name, points in _plug_ins().items():
         provided = " and ".join(map(_origin, points))
-        taken = name in _ENTRIES
-        where[name] = f"impact-xval ({provided} ignored: the name is taken)" if taken else provided
+        where[name] = f"impact-xval ({provided} ignored: the name is taken)" if is_ours(name) else provided
     return where
 
 
@@ -224,17 +210,13 @@ def _known(name: str) -> Entry | Solver:
     if name in _ENTRIES:
         return _ENTRIES[name]
     points = _plug_ins().get(name)
-    return _loaded(name, points) if points else Entry("")
+    return _loaded(name, points) if points else Unloadable(name, "")
 
 
 def _plug_ins() -> dict[str, list[EntryPoint]]:
     """Entry points by the name of their solver, in the order of the names; several of one name is a mistake."""
-    points: dict[str, list[EntryPoint]] = {}
-    for point in sorted(
-        entry_points(group="impact_xval.solvers"), key=lambda point: (point.name, point.value)
-    ):
-        points.setdefault(point.name, []).append(point)
-    return points
+    points = sorted(entry_points(group="impact_xval.solvers"), key=lambda point: (point.name, point.value))
+    return {name: [*some] for name, some in groupby(points, key=lambda point: point.name)}
 
 
 def _origin(point: EntryPoint) -> str:
