@@ -7,9 +7,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from impact_xval.compliant_baselines.contacts_mujoco import PLACES, contacts
 from impact_xval.compliant_baselines.engines.scene import Scene
-from impact_xval.compliant_baselines.inspect_mujoco import inspect_model, measure_model
+from impact_xval.compliant_baselines.inspect_mujoco import PLACES, contacts, inspect_model, measure_model
 from impact_xval.compliant_baselines.mapping import Contact
 from impact_xval.compliant_baselines.paste import mjcf
 from impact_xval.compliant_baselines.restitution import contact_time
