@@ -75,31 +75,17 @@ def solve(
     paths: bool = False,
     max_steps: int = MAX_PIECES,
 ) -> Outcomes:
-    """Solve collisions by a law in time.
+    """Solve collisions by one of `LAWS`, without marks.
 
-    Parameters
-    ----------
-    collisions, law
-        With their gaps, if any; one of `LAWS`.
-    frozen : bool
-        Whether positions are frozen, as in the model: a contact that has opened returns where its bodies begin to
-        approach. Such collisions have no gaps.
-    gravity : array_like, shape (n,) or ()
-        In m/s^2; above 0 is a drop, of two balls on a table, the lower one settled (`chain.rest`).
-    states, paths : bool
-        Whether outcomes carry their states and paths.
-    max_steps : int
-        Pieces of segments after which a collision is given up.
+    Where positions are frozen, as in the model, a contact that has opened returns where its bodies begin to approach;
+    such collisions have no gaps. Gravity is in m/s^2, of shape (n,) or (); above 0 is a drop, of two balls on a table,
+    the lower one settled (`chain.rest`). A collision is given up after `max_steps` pieces of segments.
 
-    Returns
-    -------
-    Outcomes
-        Status ``ok``, ``limit`` (bistiffness: bodies were united or brought to rest by a closed form), ``timeout``
-        after `max_steps`, or ``unrepresentable`` for e_i = 0, stiffnesses of 0 or infinity, masses or stiffnesses too
-        far apart. Exact to rounding where the forces are linear; else ``velocity_error`` estimates the error of
-        velocities in m/s, by how much a run at 100 times the tolerance differs. Of drops, ``first_flight`` is when
-        gravity ended, in s, and ``rest_speed`` the velocity in m/s that a B2 at rest on the table still had; it and
-        impulses count as without. ``duration`` is in s.
+    ``limit`` is a bistiffness whose bodies were united or brought to rest by a closed form. Outcomes are exact to
+    rounding where the forces are linear; else ``velocity_error`` estimates the error of velocities in m/s, by how much
+    a run at `LOOSER` times the tolerance differs. Of drops, ``first_flight`` is when gravity ended, in s, and
+    ``rest_speed`` the velocity in m/s that a B2 at rest on the table still had; it and impulses count as without.
+    ``duration`` is in s.
     """
     if law not in LAWS:
         raise ValueError(f"law = {law!r}; legal: {', '.join(LAWS)}")

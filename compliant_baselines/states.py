@@ -21,13 +21,12 @@ short; one that has no end, or begins after one that had none, counts as held.
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.model.collision import Paths, name_of_set
+from impact_xval.model.collision import Paths, States, name_of_set
 
 #: Default share of the shorter contact period for which a state must be held to count; see the module.
 SHORTEST_STATE = 2.5e-3
@@ -78,13 +77,12 @@ def merge_all(
     """
     n, of = len(lengths), np.repeat(np.arange(len(lengths)), lengths)
 
-    def held_for(start: NDArray[Any], of: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-        """How long each run is held, and whether it is the first of its sequence."""
-        first, last = np.diff(of, prepend=-1) != 0, np.diff(of, append=n) != 0
-        until = np.append(start[1:], 0)
+    def held_for(start: NDArray[Any], of: NDArray[np.int64]) -> NDArray[Any]:
+        """How long each run is held."""
+        until, last = np.append(start[1:], 0), np.diff(of, append=n) != 0
         until[last] = ends[of[last]]
         with np.errstate(invalid="ignore"):  # infinity less infinity: a run without a length counts as held
-            return until - start, first
+            return until - start
 
     def joined(*runs: NDArray[Any]) -> list[NDArray[Any]]:
         """Join equal neighbours."""
@@ -93,8 +91,7 @@ def merge_all(
         return [each[new] for each in runs]
 
     # A run without a length is none, and what it parts is one: how a path is written down decides nothing.
-    held, first = held_for(start, of)
-    kept = (held != 0) | first
+    kept = (held_for(start, of) != 0) | (np.diff(of, prepend=-1) != 0)
     of, start, state = of[kept], start[kept], state[kept].copy()
     place, begins = np.arange(len(of)), np.searchsorted(of, np.arange(n))
     for bit in (1 << i for i in range(int(closed).bit_length()) if closed >> i & 1):
@@ -103,7 +100,7 @@ def merge_all(
         state[~acted & (np.bincount(of[acts], minlength=n) > 0)[of]] |= bit
     # Runs made equal by rule 1 join before their length is judged.
     of, start, state = joined(of, start, state)
-    kept = ~(held_for(start, of)[0] < shortest[of] * (1 - _ROUNDING))
+    kept = ~(held_for(start, of) < shortest[of] * (1 - _ROUNDING))
     of, start, state = of[kept], start[kept], state[kept]
     # The contacts that are closed stand at the start, whatever became of a collision without any force.
     at = np.searchsorted(of, np.arange(n))
@@ -124,11 +121,9 @@ def compared_states(paths: Paths, shortest: NDArray[np.float64]) -> list[str]:
     ends = np.zeros(len(paths))
     ends[lengths > 0] = paths.time[paths.offsets[1:][lengths > 0] - 1]
     runs = np.bincount(of[first], minlength=len(paths))
-    lengths, _, state = merge_all(runs, paths.time[first], sets[first], ends, shortest, 0b11)
-    codes, offsets = state.astype(np.uint8).tobytes(), np.append(0, np.cumsum(lengths)).tolist()
-    keys = [codes[i:j] if there else b"" for (i, j), there in zip(pairwise(offsets), runs, strict=True)]
-    texts = {
-        key: " ".join(Runs(np.empty(0), np.frombuffer(key, np.uint8).astype(int), 0.0).names(True))
-        for key in set(keys)
-    }
-    return [texts[key] if key else "" for key in keys]
+    lengths, start, state = merge_all(runs, paths.time[first], sets[first], ends, shortest, 0b11)
+    after = np.cumsum(lengths)
+    unclosed = state[after - 1] != 0  # by rule 3
+    closed = np.insert(state, after[unclosed], 0).astype(np.uint64)
+    states = States(np.append(0, np.cumsum(lengths + unclosed)), closed[:, np.newaxis], start)
+    return [text if there else "" for text, there in zip(states.texts(), runs, strict=True)]
