@@ -10,8 +10,10 @@ the step the touch falls, and if the shorter steps tried are good too.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +23,7 @@ from impact_xval.compliant_baselines.engines.stepping import Run
 from impact_xval.compliant_baselines.mapping import Contact, contact_time, damping_ratio
 from impact_xval.compliant_baselines.solver import SolverError
 from impact_xval.model.chain.rest import FREE
+from impact_xval.model.inputs import Legal
 from impact_xval.model.materials import Touch
 
 #: Allowed relative error of restitution and duration.
@@ -31,17 +34,21 @@ TOLERANCE = 0.01
 PLACES = (*np.linspace(0, 1, 31, endpoint=False).tolist(), 0.999)
 FEW_PLACES = (*PLACES[:-1:7], PLACES[-1])
 
-#: Steps in a contact: fewest and most that are tried.
-FEWEST, MOST = 5, 200_000
+#: Most steps in a contact that are tried.
+MOST = 200_000
 
 #: The steps that are tried: these times a power of ten (R10 of the preferred numbers, in two digits).
 DIGITS = (10, 12, 15, 20, 25, 30, 40, 50, 60, 80)
 
 #: What is tried; beyond, the positions or velocities of a drop drown in rounding, or its end is never reached.
-LEAST_MASS, LARGEST_MASS, LARGEST_RATIO = 1e-15, 1e15, 1e12
-LEAST_RESTITUTION = 1e-4
-SLOWEST, FASTEST = 1e-9, 1e9
-LONGEST = 1e6
+_MASSES = Legal("masses", 1e-15, 1e15, "from 1e-15 to 1e+15 (kg), one of them inf for a fixed body")
+_RESTITUTION = Legal("restitution", 1e-4, 1.0, "from 0.0001 to 1")
+_SPEED = Legal("speed", 1e-9, 1e9, "from 1e-09 to 1e+09 (m/s)")
+_STIFFNESS, _DURATION = (
+    Legal(name, math.ulp(0.0), sys.float_info.max, f"a finite number > 0 ({unit})")
+    for name, unit in (("stiffness", "N/m"), ("duration", "s"))
+)
+LARGEST_RATIO, LONGEST = 1e12, 1e6
 
 #: Shorter steps that have to be good too, down to 0.4 of the one that is named.
 SHORTER = 4
@@ -60,6 +67,8 @@ class Pair:
     duration: float | None = None
     #: Of approach, in m/s; it decides how deep the bodies go, and what an engine can take.
     speed: float = 1.0
+    #: The contact asked for.
+    contact: Contact = field(init=False)
 
     def __post_init__(self) -> None:
         if len(self.masses) != 2:
@@ -67,67 +76,52 @@ class Pair:
         light, heavy = sorted(self.masses)
         if light == math.inf:
             raise ValueError("masses = inf inf: two fixed bodies do not collide; legal: at most one inf")
-        some = f"from {LEAST_MASS:g} to {LARGEST_MASS:g} (kg), one of them inf for a fixed body"
-        e_range = f"from {LEAST_RESTITUTION:g} to 1"
-        speeds = f"from {SLOWEST:g} to {FASTEST:g} (m/s)"
-        name, value, unit = self.given
-        for what, number, legal, legal_range in (
-            *(("masses", m, LEAST_MASS <= m <= LARGEST_MASS or m == math.inf, some) for m in self.masses),
-            ("restitution", self.restitution, LEAST_RESTITUTION <= self.restitution <= 1, e_range),
-            ("speed", self.speed, SLOWEST <= self.speed <= FASTEST, speeds),
-            (name, value, 0 < value < math.inf, f"a finite number > 0 ({unit})"),
-        ):
-            if not legal:
-                raise ValueError(f"{what} = {number!r}; legal: {legal_range}")
+        both = (_STIFFNESS, self.stiffness), (_DURATION, self.duration)
+        decisive = [(legal, value) for legal, value in both if value is not None]
+        if len(decisive) != 1:
+            given = "both" if decisive else "neither"
+            raise ValueError(
+                f"stiffness or duration: {given} given; legal: one of the two, which decides the other"
+            )
+        masses = [(_MASSES, mass) for mass in self.masses if mass != math.inf]
+        for legal, value in (*masses, (_RESTITUTION, self.restitution), (_SPEED, self.speed), *decisive):
+            if not legal.includes(value):
+                raise ValueError(f"{legal.name} = {value!r}; legal: {legal.text}")
         if LARGEST_RATIO < heavy / light < math.inf:
             raise ValueError(
                 f"masses = {self.masses!r}: one is {heavy / light:.3g} times the other; "
                 f"legal: at most {LARGEST_RATIO:g} times, or inf for a fixed body"
             )
-        contact = self.contact
+        ((legal, value),) = decisive
+        k = value
+        if legal is _DURATION:
+            rate = contact_time(damping_ratio(self.restitution)) / value
+            k = self.mass * rate * rate
+        if 0 < k < math.inf:
+            contact = Contact.from_restitution(k, self.restitution, self.mass)
+        else:
+            contact = Contact(k, math.nan if k == 0 else math.inf, self.mass)
         if not (0 < contact.k < math.inf and 0 < contact.omega < math.inf and contact.c < math.inf):
             raise ValueError(
-                f"{name} = {value!r}: no stiffness within double precision gives it to a reduced "
+                f"{legal.name} = {value!r}: no stiffness within double precision gives it to a reduced "
                 f"mass of {self.mass:.6g} kg (k = {contact.k:.6g} N/m, c = {contact.c:.6g} N s/m)"
             )
         if contact.duration > LONGEST:
             raise ValueError(
-                f"{name} = {value!r}: a contact of {contact.duration:.3g} s; legal: at most {LONGEST:g} s"
+                f"{legal.name} = {value!r}: a contact of {contact.duration:.3g} s; legal: at most {LONGEST:g} s"
             )
-
-    @property
-    def given(self) -> tuple[str, float, str]:
-        """Name, value and unit of what decides the contact: the stiffness or the duration."""
-        both = ("stiffness", self.stiffness, "N/m"), ("duration", self.duration, "s")
-        found = [(name, value, unit) for name, value, unit in both if value is not None]
-        if len(found) != 1:
-            given = "both" if found else "neither"
-            raise ValueError(
-                f"stiffness or duration: {given} given; legal: one of the two, which decides the other"
-            )
-        return found[0]
+        object.__setattr__(self, "contact", contact)
 
     @property
     def fixed(self) -> bool:
         """Whether one of the bodies is fixed."""
-        return any(map(math.isinf, self.masses))
+        return math.inf in self.masses
 
     @property
     def mass(self) -> float:
         """Reduced mass in kg."""
         small, large = sorted(self.masses)
         return small / (1 + small / large)
-
-    @property
-    def contact(self) -> Contact:
-        """The contact asked for."""
-        name, k, _ = self.given
-        if name == "duration":
-            rate = contact_time(damping_ratio(self.restitution)) / k
-            k = self.mass * rate * rate
-            if not 0 < k < math.inf:
-                return Contact(k, math.nan if k == 0 else math.inf, self.mass)
-        return Contact.from_restitution(k, self.restitution, self.mass)
 
     @property
     def penetration(self) -> float:
@@ -144,9 +138,9 @@ def pair_asked(
     materials: Sequence[str] = (),
     radii: Sequence[float] = (),
 ) -> tuple[Pair, Touch | None]:
-    """Make a pair of numbers, or of two bodies of materials, whose contact is linearised at the speed.
+    """Make a pair of numbers, None if not given, or of two bodies of materials, linearised at the speed.
 
-    None stands for what was not given. A ValueError names the argument, the value and the legal range.
+    A ValueError names the argument, the value and the legal range.
     """
     if not (materials or radii):
         if masses is None or restitution is None:
@@ -162,8 +156,7 @@ def pair_asked(
     return Pair((touch.one.mass, touch.two.mass), e, touch.linear(speed), speed=speed), touch
 
 
-@dataclass(frozen=True, slots=True)
-class Drops:
+class Drops(NamedTuple):
     """What a number of drops gave, the touch at different places within a step."""
 
     #: In s.
@@ -175,9 +168,8 @@ class Drops:
 
     def error(self, pair: Pair) -> float:
         """Greatest relative error of restitution and duration."""
-        asked = pair.contact.duration
-        errors = [e / pair.restitution - 1 for e in self.restitution] + [T / asked - 1 for T in self.duration]
-        return max(map(abs, errors))
+        both = (self.restitution, pair.restitution), (self.duration, pair.contact.duration)
+        return max(abs(each / asked - 1) for found, asked in both for each in found)
 
 
 def drops(engine: Engine, pair: Pair, step: float, places: Sequence[float]) -> Drops:
@@ -187,9 +179,9 @@ def drops(engine: Engine, pair: Pair, step: float, places: Sequence[float]) -> D
     if refused is not None:
         raise SolverError(engine.name, "unrepresentable", refused)
     most = 10 * math.ceil(pair.contact.duration / step) + 100
-    measured = np.array([_measured(engine.name, pair, run) for run in engine.run(some, most)])
-    (e_low, T_low), (e_high, T_high) = measured.min(axis=0).tolist(), measured.max(axis=0).tolist()
-    return Drops(step, (e_low, e_high), (T_low, T_high), len(some))
+    found = zip(*(_measured(engine.name, pair, run) for run in engine.run(some, most)), strict=True)
+    restitution, duration = ((min(each), max(each)) for each in found)
+    return Drops(step, restitution, duration, len(some))
 
 
 def scenes(pair: Pair, step: float, places: Sequence[float]) -> list[Scene]:
@@ -199,11 +191,8 @@ def scenes(pair: Pair, step: float, places: Sequence[float]) -> list[Scene]:
     how the balls start: where one body is fixed, B2 meets the table while B1 leaves upwards at twice the speed; of two
     free bodies B1 meets B2 in a frame that rises at twice the speed, high above the table.
     """
-    light, heavy = sorted(pair.masses)
-    contact, speed = pair.contact, pair.speed
-    # Out of reach for the contact's whole duration, with room to spare.
-    far = 10 * speed * contact.period
-    gaps = [place * speed * step for place in places]
+    (light, heavy), contact, speed = sorted(pair.masses), pair.contact, pair.speed
+    far = 10 * speed * contact.period  # out of reach for the contact's whole duration, with room to spare
     return [
         Scene(
             masses=(light, light if pair.fixed else heavy),
@@ -214,7 +203,7 @@ def scenes(pair: Pair, step: float, places: Sequence[float]) -> list[Scene]:
             table=True,
             step=step,
         )
-        for gap in gaps
+        for gap in (place * speed * step for place in places)
     ]
 
 
@@ -243,7 +232,7 @@ def largest_step(engine: Engine, pair: Pair) -> Drops:
     if reason is not None:
         raise SolverError(engine.name, "unavailable", reason)
     # A count of whole steps is off by up to one: a step longer than the tolerance allows would be good by luck.
-    longest, shortest = pair.contact.duration * min(TOLERANCE, 1 / FEWEST), pair.contact.duration / MOST
+    longest, shortest = pair.contact.duration * TOLERANCE, pair.contact.duration / MOST
     why = f"{MOST} steps tell no duration as exactly as that"
     good: list[float] = []  # one after the other, the largest first
     for step in _downwards(longest, shortest):
