@@ -128,7 +128,7 @@ def paste(engine: str, contact: Contact, step: float) -> str:
 
 
 def exported(name: str, collision: Collision, settings: Settings) -> tuple[Outcome, Run, dict[str, str]]:
-    """Run a collision by MuJoCo or PyBullet; its outcome, its run, and the files of its scene by name.
+    """Run a collision by MuJoCo or PyBullet; its outcome, its run, and the files of its scene, contents by name.
 
     A SolverError says why the engine does not take it.
     """
@@ -138,19 +138,10 @@ def exported(name: str, collision: Collision, settings: Settings) -> tuple[Outco
     scene = engine.scene_or_refusal(collision, settings)
     if math.isnan(outcome.v1) or not isinstance(scene, Scene):
         raise SolverError(name, outcome.status, outcome.reason)
-    return outcome, *scene_files(engine, scene, settings.max_steps)
-
-
-def scene_files(engine: Engine, scene: Scene, max_steps: int) -> tuple[Run, dict[str, str]]:
-    """Run a scene for `max_steps` at most, and write down how to run it without this package.
-
-    The engine is MuJoCo or PyBullet, available; files are contents by name.
-    """
-    (run,) = engine.run([scene], max_steps)
-    files = {"scene.xml": mjcf([scene])[0]} if engine.name == "mujoco" else {}
-    parts = MUJOCO if files else _pybullet(scene)
+    (run,) = engine.run([scene], settings.max_steps)
+    files = {"scene.xml": mjcf([scene])[0]} if name == "mujoco" else {}
     script = SCRIPT.format(
-        engine=engine.name,
+        engine=name,
         version=engine.version(),
         balls=len(scene.masses),
         gravity=f"{scene.gravity!r} m/s^2",
@@ -163,9 +154,9 @@ def scene_files(engine: Engine, scene: Scene, max_steps: int) -> tuple[Run, dict
         flight=run.fall and run.fall[0],
         velocities=run.velocities.tolist(),
         speed=repr(scene.fastest),
-        **parts,
+        **(MUJOCO if files else _pybullet(scene)),
     )
-    return run, files | {"run.py": script}
+    return outcome, run, files | {"run.py": script}
 
 
 def mjcf(scenes: Iterable[Scene]) -> list[str]:
