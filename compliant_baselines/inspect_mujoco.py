@@ -1,14 +1,10 @@
-"""The contacts of a MuJoCo scene: the traps in their parameters, see `_traps`, and what they do, measured.
+"""The contacts of a MuJoCo scene: the traps in their parameters, and what they do, measured (docs/mapping.md).
 
 The engine documents each trap (XML reference, "Solver parameters" and the options; changelog of 3.13), and a test
 measures its effect. A contact is dropped and loaded in a scene of its own: two spheres, or one and a plane for a fixed
 body, on vertical slides, with the parameters as the engine combines them, and masses, inverse weights and options of
 the user's scene. A sphere has one contact, where a box that lands on a face shares its load among four. A body on
 joints has its mass in the direction in which it moves most easily.
-
-Restitution and duration are the means of drops without gravity, touching at several places within a step; k and c those
-of F = max(0, k delta + c delta') with the same two, whatever the engine's own law. At rest a contact carries the weight
-of the lighter body, in the gravity of the scene.
 """
 
 from __future__ import annotations

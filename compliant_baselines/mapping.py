@@ -1,13 +1,8 @@
-"""From what a collision asks of a contact, (k, e), to each engine's own parameters (docs/mapping.md).
+"""From what a collision asks of a contact, (k, e), to each engine's own parameters: docs/mapping.md.
 
-1. e -> zeta, the damping ratio of a Kelvin-Voigt contact that may push but not pull, in `restitution`;
-2. zeta -> c = 2 zeta sqrt(k M), M the reduced mass of the *pair*, as if no third body took part;
-3. (k, c) -> the engine's numbers, in closed form.
-
-The **calibrated** mapping is that. The **naive** one is what a user writes who knows the names of the parameters but
-not the engine's source; its zeta is the textbook's. MuJoCo has two more: **documented**, time constant 1/(zeta omega)
-and damping ratio zeta under the default solimp, and, like PyBullet with coefficients of restitution, **shipped**:
-nothing is set, and the step is the engine's own.
+The calibrated mapping is the one of that page. The naive one is what a user writes who knows the names of the
+parameters but not the engine's source; its damping ratio is the textbook's. MuJoCo has two more: documented, and, like
+PyBullet with coefficients of restitution, shipped: nothing is set, and the step is the engine's own.
 """
 
 from __future__ import annotations

@@ -1,10 +1,9 @@
 """Outcomes beside a jump of their exact law, found by changing the parameters of a collision a little: they are marked.
 
-**Two balls on a table.** Where a law jumps, and next to what an engine cannot be held to it, is in docs/theory.md,
-section 8. A cell is *marked* where a relative change of one parameter, either way, moves a velocity per abs(v0) by more
-than `JUMPS` says; smooth outcomes move by less than three times the change over the default box (`benchmarks/limits.py
-jumps`). A limit dt -> 0 is marked too where its shortest step and the exact law do not agree on whether gravity ends in
-a first flight, or on whether B2 comes to rest on the table: the two are then different collisions.
+**Two balls on a table** (docs/theory.md, section 8). A cell is marked where a relative change of one parameter, either
+way, moves a velocity per abs(v0) by more than `JUMPS` says; smooth outcomes move by less than three times the change
+over the default box (`benchmarks/limits.py jumps`). A limit dt -> 0 is marked too where its shortest step and the exact
+law do not agree on whether gravity ends in a first flight, or on whether B2 comes to rest on the table.
 
 **N balls** have hundreds of events, each of which amplifies what came before, up to the point at which the last digits
 of the inputs decide: two exact solvers of one law then differ by as much as two laws do. Where forces are linear,

@@ -1,17 +1,14 @@
 """The laws of `model.chain` in time, with positions, as solvers; and the model itself (docs/theory.md, section 7).
 
-Contact i is F = max(0, k_i delta^p + c_i delta^((p - 1)/2) delta') while its bodies overlap, or one of two laws that
-have no dashpot or another one; `LAWS` lists them. The names of Kelvin-Voigt's say what c_i is made from (`dampings`):
-the reduced mass of the pair, that of the upper ball alone (B2 as part of the table), or the textbook's damping ratio,
--ln e/sqrt(pi^2 + ln^2 e), in place of that of a contact that ends at zero force. Where p is not 1 the dashpot is that
-of Tsuji, Tanaka and Ishida (Powder Technology 71:239, 1992), times sqrt((p + 1)/2): in xi = delta^((p + 1)/2) it is the
-linear contact, u du/dxi = -2 (k xi + c u)/(M (p + 1)), with the same e for every p, at any speed.
+Contact i is F = max(0, k_i delta^p + c_i delta^((p - 1)/2) delta') while its bodies overlap, or one of the laws below
+that have no dashpot or another one. Where p is not 1 the dashpot is that of Tsuji, Tanaka and Ishida (Powder Technology
+71:239, 1992), times sqrt((p + 1)/2): in xi = delta^((p + 1)/2) it is the linear contact, u du/dxi = -2 (k xi + c u)/(M
+(p + 1)), with the same e for every p, at any speed.
 
-**compression-dashpot** is F = k_i delta^p + c_i delta^((p - 1)/2) delta' while delta' > 0, else k_i delta^p
-(`restitution` says why e^2).
+**compression-dashpot** is F = k_i delta^p + c_i delta^((p - 1)/2) delta' while delta' > 0, else k_i delta^p.
 
 **hunt-crossley** is F = max(0, k delta^p (1 + a delta')), a = A(e)/u with u the largest rate of compression at first
-touch (`restitution`: the same A for every p). **bistiffness** is the model's own law in time. In a drop an end of
+touch, and the same A for every p (`restitution`). **bistiffness** is the model's own law in time. In a drop an end of
 compression takes 1 - e2^2 of all the strain energy of contact 2, that which carries the weight included: the permanent
 indentation is of the contact, whatever presses it.
 """

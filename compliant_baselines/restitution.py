@@ -1,12 +1,12 @@
-"""From a coefficient of restitution to a damping and back.
+"""From a coefficient of restitution to a damping and back (docs/theory.md, section 7).
 
-The contact of Kelvin and Voigt, F = k p + c p', may push but not pull: it ends when its force is zero (docs/theory.md,
-section 7; Schwager and Poeschel, Granular Matter 9:465, 2007). The textbook's, of the naive mapping, ends at p = 0.
+The contact of Kelvin and Voigt, F = k p + c p', may push but not pull: it ends when its force is zero. The textbook's,
+of the naive mapping, ends at p = 0.
 
-**A dashpot in compression only.** F = k p + c p' while p' > 0, F = k p while the bodies part. A spring gives back what
-it holds at the end of compression, so that u0 e = omega p_max. Compression ends where the Kelvin-Voigt contact has its
-greatest depth, p_max = (u0/omega) exp(-zeta T/2), T = `contact_time` (docs/theory.md, section 7): half of its time, and
-so e = exp(-zeta T/2), the square root of what the same zeta gives to a dashpot that acts throughout.
+**A dashpot in compression only.** A spring gives back what it holds at the end of compression, so that
+u0 e = omega p_max. Compression ends where the Kelvin-Voigt contact has its greatest depth, p_max =
+(u0/omega) exp(-zeta T/2), T = `contact_time`, and so e = exp(-zeta T/2), the square root of what the same zeta gives to
+a dashpot that acts throughout.
 
 **Hunt and Crossley, exactly.** F = k p (1 + a p'). For a pair of reduced mass M that meets with u0, with u = p' as a
 function of p, M u du/dp = -k p (1 + a u), so that u du/(1 + a u) = -(k/M) p dp. p is zero at both ends, where u is u0

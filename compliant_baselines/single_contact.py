@@ -1,10 +1,9 @@
-"""Two bodies and the contact asked for between them; the largest step at which an engine gives it.
+"""Two bodies and the contact asked for between them; the largest step at which an engine gives it (docs/mapping.md).
 
-The contact is Kelvin and Voigt's, F = max(0, k delta + c delta'), between two bodies on which nothing else acts while
-it lasts (docs/theory.md, section 7). Neither restitution nor duration depends on the speed. In an engine they depend on
-the step and on where within a step the bodies touch: the restitution, since the first force comes late, and the
-duration, counted in whole steps as a user counts it. A step is good if both are within the tolerance wherever within
-the step the touch falls, and if the shorter steps tried are good too.
+Restitution and duration of a Kelvin-Voigt contact do not depend on the speed. In an engine they depend on the step and
+on where within a step the bodies touch: the restitution, since the first force comes late, and the duration, counted in
+whole steps as a user counts it. A step is good if both are within the tolerance wherever within the step the touch
+falls, and if the shorter steps tried are good too.
 """
 
 from __future__ import annotations
