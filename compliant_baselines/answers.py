@@ -16,9 +16,6 @@ from impact_xval.model.collision import Collision, Outcome, Outcomes
 #: Characters of a sentence of a solver that are kept.
 LONGEST = 1000
 
-#: Categories of Unicode that are not shown: control, format (overrides of direction among them), and what is no letter.
-_HIDDEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
-
 
 def answer(solver: Solver, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
     """Call a solver: one outcome a collision, in order, `Outcomes` as its own solvers give them.
@@ -94,13 +91,10 @@ def one_line(text: str) -> str:
 def visible(text: str) -> str:
     r"""Write what a terminal would obey, or nobody would see, as Python does: ``\x1b``, ``\u202e``.
 
-    Line feeds and tabs stay.
+    Line feeds, tabs and spaces of any width stay.
     """
-    if text.isprintable():
-        return text
-    return "".join(
-        letter.encode("unicode_escape").decode()
-        if unicodedata.category(letter) in _HIDDEN and letter not in "\n\t"
-        else letter
-        for letter in text
-    )
+
+    def shown(letter: str) -> bool:
+        return letter.isprintable() or letter in "\n\t" or unicodedata.category(letter) == "Zs"
+
+    return "".join(each if shown(each) else each.encode("unicode_escape").decode() for each in text)
