@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from copy import copy
-from dataclasses import astuple, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -254,7 +253,7 @@ def _change(bodies: Bodies, option: Any, speed: float, row: Measured) -> str:
     if direct:
         unit = bodies.scale if solimp[0] <= FORCE_LEVEL and solref[1] <= 0 else 1.0
         meant = Contact(first * unit, second * unit, bodies.mass)
-        solref, solimp = astuple(mujoco_contact(replace(meant, mass=bodies.scale)))
+        solref, solimp = mujoco_contact(meant._replace(mass=bodies.scale))
         asked = f"{meant.k:.4g} N/m and {meant.c:.4g} N s/m"
     elif first and second:
         e = math.exp(-math.pi * second / math.sqrt(1 - second**2)) if second < 1 else 0.0

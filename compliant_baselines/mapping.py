@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 from impact_xval.compliant_baselines.restitution import (
     contact_time,
@@ -29,8 +29,7 @@ MUJOCO_DEFAULT_SOLREF = (0.02, 1.0)
 MUJOCO_DEFAULT_SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Contact:
+class Contact(NamedTuple):
     """One Kelvin-Voigt contact, F = max(0, k delta + c delta'): k in N/m, c in N s/m, the pair's reduced mass in kg."""
 
     k: float
@@ -71,8 +70,7 @@ class Contact:
         return restitution(self.zeta)
 
 
-@dataclass(frozen=True, slots=True)
-class MujocoContact:
+class MujocoContact(NamedTuple):
     """A contact pair of MuJoCo."""
 
     #: Direct format, (-stiffness, -damping) in 1/s^2 and 1/s, or positive: time constant in s and damping ratio.
@@ -133,8 +131,7 @@ def mujoco_contact(
     return MujocoContact((-contact.k / contact.mass, -contact.c / contact.mass), (d, d, 0.001, 0.5, 1.0))
 
 
-@dataclass(frozen=True, slots=True)
-class Side:
+class Side(NamedTuple):
     """What a body, or a side of it, carries in an engine that combines those of two bodies."""
 
     #: In N/m: PyBullet's `contactStiffness`, Drake's "point_contact_stiffness".

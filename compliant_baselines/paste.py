@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import astuple, replace
+from dataclasses import replace
 from typing import Any
 from xml.etree import ElementTree
 
@@ -116,7 +116,7 @@ def paste(engine: str, contact: Contact, step: float) -> str:
     if engine not in ENGINES:
         raise ValueError(f"engine = {engine!r}; legal: {', '.join(ENGINES)}")
     pair, side = mujoco_contact(contact), (drake_side if engine == "drake" else pybullet_side)(contact)
-    numbers = {"solref": pair.solref, "solimp": pair.solimp, "a": astuple(side), "b": astuple(RIGID)}
+    numbers = {"solref": pair.solref, "solimp": pair.solimp, "a": side, "b": RIGID}
     numbers |= {"step": (step,), "inverse": (1 / contact.mass,)}
     between = " " if engine == "mujoco" else ", "
     # Always those of a float: Drake tells 0 from 0.0.
