@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -36,8 +36,9 @@ FEW_PLACES = (*PLACES[:-1:7], PLACES[-1])
 #: Most steps in a contact that are tried.
 MOST = 200_000
 
-#: The steps that are tried: these times a power of ten (R10 of the preferred numbers, in two digits).
-DIGITS = (10, 12, 15, 20, 25, 30, 40, 50, 60, 80)
+#: The steps that are tried, in s: R10 of the preferred numbers, in two digits, from the longest down.
+DIGITS = (80, 60, 50, 40, 30, 25, 20, 15, 12, 10)
+STEPS = [float(f"{digits}e{power}") for power in range(3, -324, -1) for digits in DIGITS]
 
 #: What is tried; beyond, the positions or velocities of a drop drown in rounding, or its end is never reached.
 _MASSES = Legal("masses", 1e-15, 1e15, "from 1e-15 to 1e+15 (kg), one of them inf for a fixed body")
@@ -234,7 +235,7 @@ def largest_step(engine: Engine, pair: Pair) -> Drops:
     longest, shortest = pair.contact.duration * TOLERANCE, pair.contact.duration / MOST
     why = f"{MOST} steps tell no duration as exactly as that"
     good: list[float] = []  # one after the other, the largest first
-    for step in _downwards(longest, shortest):
+    for step in (step for step in STEPS if shortest <= step <= longest):
         try:
             _good_drops(engine, pair, step, FEW_PLACES)
             good.append(step)
@@ -265,11 +266,3 @@ def _good_drops(engine: Engine, pair: Pair, step: float, places: Sequence[float]
                 engine.name, "unconverged", f"at the last step tried one of them is off by {error:.2g}"
             )
     return found
-
-
-def _downwards(longest: float, shortest: float) -> Iterator[float]:
-    """Yield the steps that are tried, from the longest down."""
-    first, last = (math.floor(math.log10(step)) for step in (longest, shortest))
-    for exponent in range(first, last - 1, -1):
-        steps = (float(f"{digits}e{exponent - 1}") for digits in reversed(DIGITS))
-        yield from (step for step in steps if shortest <= step <= longest)
