@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -185,19 +184,15 @@ def _moved(
     The gravity number keeps its value where it is not changed itself.
     """
     m, n = len(changes), len(some)
-
-    def changed(array: Floats, relative: tuple[Any, Any], most: float) -> Floats:
-        factors = 1 + np.stack(np.broadcast_arrays(*relative), axis=-1)[:, None]
-        with np.errstate(over="ignore"):
-            return np.minimum(array * factors, most).reshape(m * n, 2)
-
-    masses = changed(some.masses, (0.0, changes[:, 1]), _LARGEST)
-    stiffnesses = changed(some.stiffnesses, (0.0, changes[:, 0]), _LARGEST)
-    restitutions = changed(some.restitutions, (changes[:, 2], changes[:, 3]), 1.0)
-    velocities, gaps = np.tile(some.velocities, (m, 1)), np.tile(some.gaps, (m, 1))
-    others = Collisions(masses, stiffnesses, restitutions, velocities, True, gaps)
-    lighter = np.sqrt((1 + 1 / others.mass_ratio) / (1 + 1 / np.tile(some.mass_ratio, m)))
-    found = law(others, lighter * (gravity * (1 + changes[:, 4:])).ravel())
+    same, one = some[np.tile(np.arange(n), m)], np.ones(m * n)
+    k2, m2, e1, e2, g = np.repeat(1 + changes, n, axis=0).T
+    with np.errstate(over="ignore"):
+        masses = np.minimum(same.masses * np.column_stack([one, m2]), _LARGEST)
+        stiffnesses = np.minimum(same.stiffnesses * np.column_stack([one, k2]), _LARGEST)
+    restitutions = np.minimum(same.restitutions * np.column_stack([e1, e2]), 1.0)
+    others = replace(same, masses=masses, stiffnesses=stiffnesses, restitutions=restitutions)
+    lighter = np.sqrt((1 + 1 / others.mass_ratio) / (1 + 1 / same.mass_ratio))
+    found = law(others, lighter * (np.tile(gravity, m) * g))
     away = np.abs(found.velocities.reshape(m, n, 2) - exact.velocities[asked]).max(axis=2) / some.units[1]
     return found, away
 
