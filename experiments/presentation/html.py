@@ -12,30 +12,20 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from impact_xval.experiments.presentation.document import Block, Piece, Section
-from impact_xval.experiments.tables.numbers import number
+from impact_xval.experiments.presentation.words import named
+from impact_xval.experiments.tables.numbers import listed, number
 
 
 def page_of(title: str, blocks: Sequence[Block], folder: Path | None = None) -> str:
-    """Write a page.
-
-    Parameters
-    ----------
-    title : str
-    blocks : sequence of Block
-        What stands before the contents, and the sections.
-    folder : Path, optional
-        Where the figures are, as SVG; they become part of the page.
-    """
-    first = next((place for place, block in enumerate(blocks) if isinstance(block, Section)), len(blocks))
+    """Write a page, of which figures of a folder become part; contents stand before the first of its sections."""
 
     def picture(name: str) -> str:
         assert folder is not None
         data = base64.b64encode((folder / f"{name}.svg").read_bytes()).decode("ascii")
         return f"data:image/svg+xml;base64,{data}"
 
-    return render(
-        "page.html.j2", title=title, before=blocks[:first], sections=blocks[first:], picture=picture
-    )
+    sections = [block for block in blocks if isinstance(block, Section)]
+    return render("page.html.j2", title=title, blocks=blocks, sections=sections, picture=picture)
 
 
 def fragment(blocks: Sequence[Block]) -> Markup:
@@ -59,5 +49,6 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.policies["json.dumps_kwargs"] = {}  # in the order in which they were written
-    environment.filters |= {"kind": lambda block: type(block).__name__, "number": number}
+    environment.filters |= {"kind": lambda block: type(block).__name__}
+    environment.filters |= {"number": number, "listed": listed, "named": named}
     return environment

@@ -3,38 +3,45 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+import pandas as pd
 from markupsafe import Markup
 
+from impact_xval.compliant_baselines.registry import is_engine, kind_of
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.aggregates import FULL_PATHS, OWN_LAW
 from impact_xval.experiments.measures.ladder import cancelling
-from impact_xval.experiments.measures.summary import Summary, load_divergence
-from impact_xval.experiments.presentation import findings
+from impact_xval.experiments.measures.summary import HONEST, Summary, load_divergence
+from impact_xval.experiments.presentation import findings, words
 from impact_xval.experiments.presentation.document import (
     Block,
     Figure,
+    Piece,
     Section,
     Table,
     Value,
     say,
     together,
 )
-from impact_xval.experiments.presentation.findings import D, compared, subjects, unit_of, value_of
-from impact_xval.experiments.presentation.page import evidence
+from impact_xval.experiments.presentation.findings import CUTS, D, compared, subjects, unit_of, value_of
+from impact_xval.experiments.presentation.html import render
 from impact_xval.experiments.presentation.page.charts import LABELS, cells_piece, tiles_of
 from impact_xval.experiments.presentation.page.opened import packed_cells
 from impact_xval.experiments.presentation.pictures.figures import ACCEPTED, recommended
-from impact_xval.experiments.presentation.words import named, one_vote
+from impact_xval.experiments.presentation.words import MEANINGS, begun, named, one_vote
 from impact_xval.experiments.tables.folder import RunFolder
-from impact_xval.experiments.tables.numbers import number
+from impact_xval.experiments.tables.numbers import number, percent
+from impact_xval.experiments.tables.parquet import column
 
 #: Figures of a run: captions by name.
 Captions = Mapping[str, str]
+
+#: Reasons that the page shows.
+_REASONS = 10
 
 #: A command.
 _CODE = Markup("<code>{}</code>")
@@ -44,6 +51,29 @@ _HYPOTHESIS = say(
     "one. Whether solvers go there, and how fast, other collisions than these show: {command} solves them, and writes "
     "a page with a verdict for every limit and solver.",
     command=_CODE.format("impact-xval hypothesis"),
+)
+
+#: What the laws are that stand beside the model in most runs.
+_LAWS = {
+    "kelvin-voigt": "exact Kelvin-Voigt is what engines are set to, springs with dashpots",
+    "bistiffness": "exact bistiffness is the model's own restitution in bodies that move",
+}
+
+GLOSSARY = (
+    ("model", "the state-transition model of Jia, Mason and Erdmann, solved exactly"),
+    ("S1, S2, S3, S4", "contact states: both contacts act; ball on table only; ball on ball only; none"),
+    ("solver", "the model, a reference, or an engine"),
+    ("reference", "a contact law followed in time without an engine, exactly or with a stated error"),
+    ("exact bistiffness", "springs that are stiffer when they restore: the model's restitution in real time"),
+    ("exact Kelvin-Voigt", "springs and dashpots: what engines are asked for"),
+    ("restitution e", "energetic: e² is the share of the work of compression that restitution returns"),
+    ("share", "the part of D that one cause accounts for; the shares of a cell sum to 100 %"),
+    (
+        "limit dt -> 0",
+        "where an engine's result goes as its step shrinks, with an estimate of how well that is known",
+    ),
+    ("marked", "beside a jump, where an arbitrarily small change of a parameter ends in another outcome"),
+    ("limit (a status)", "a closed-form limiting case of the model was used"),
 )
 
 
@@ -57,31 +87,27 @@ def blocks_of(
 ) -> list[Block]:
     """Return the page of a finished run; `cells` gives what the cells show that open, and is asked where any does."""
     pair, unit = summary.config.column is None, unit_of(summary)[:-1]
-    blocks: list[Block] = [evidence.opening(summary, _numbers(summary))]
-    if pair and summary.ladder.solvers:
-        blocks.append(_advice(summary, captions))
-    if compared(summary):
-        blocks.append(Section("What was found", _found(summary, captions)))
-        blocks.append(Section(f"{unit} by {unit}".capitalize(), _cells(folder, summary, cells())))
-    else:
-        blocks.append(Section("What was found", [f"No {unit} could be compared."]))
-    if not pair:
-        blocks.append(Section("Divergence by solver", [findings.overall_table(summary)]))
-    elif compared(summary):
-        blocks.append(Section("All against all", [_matrix(summary)]))
+    there = compared(summary)
+    found = _found(summary, captions) if there else [f"No {unit} could be compared."]
     along = [findings.along_axis(summary, axis) for axis in summary.axes]
-    blocks += [
-        evidence.causes(summary, _figures(captions, "ladder-by-restitution", "ladder-by-column")),
-        evidence.sureness(summary),
-        *([Section("Hypothesis", [_HYPOTHESIS])] if pair else []),
-        evidence.effective(folder),
+    blocks: list[Block | None] = [
+        _opening(summary),
+        _advice(summary, captions) if pair and summary.ladder.solvers else None,
+        Section("What was found", found),
+        Section(f"{unit} by {unit}".capitalize(), _cells(folder, summary, cells())) if there else None,
+        Section("Divergence by solver", [findings.overall_table(summary)]) if not pair else None,
+        Section("All against all", [_matrix(summary)]) if pair and there else None,
+        _causes(summary, captions),
+        _sureness(summary),
+        Section("Hypothesis", [_HYPOTHESIS]) if pair else None,
+        _effective(folder),
         Section("By axis", ["All measures by all axes are in summary.csv.", *along], folded=True),
-        evidence.unsolved(summary),
-        evidence.method(folder, summary),
-        evidence.glossary(summary),
-        evidence.provenance(folder),
+        _unsolved(summary),
+        _method(folder, summary),
+        _glossary(summary),
+        _provenance(folder),
     ]
-    return blocks
+    return [block for block in blocks if block is not None]
 
 
 def _figures(captions: Captions, *names: str) -> list[Block]:
@@ -89,12 +115,29 @@ def _figures(captions: Captions, *names: str) -> list[Block]:
     return [Figure(name, captions[name]) for name in names if name in captions]
 
 
+def _opening(summary: Summary) -> Piece:
+    """Say what was compared, and what to remember of it."""
+    spans = {AXES[axis]: x for axis, x in summary.axes.items() if axis in AXES}
+    return render(
+        "opening.html.j2",
+        s=summary,
+        spans=[f"{label} from {number(min(x))} to {number(max(x))}" for label, x in spans.items()],
+        laws=begun("; ".join(said for name, said in _LAWS.items() if name in summary.solvers)),
+        weightless=[name for name in summary.config.solvers if kind_of(name) == "model"],
+        engines=any(map(is_engine, summary.solvers)),
+        words=words,
+        numbers=[*_numbers(summary)],
+    )
+
+
 def _numbers(summary: Summary) -> Iterator[tuple[Value, str]]:
     """Give up to three numbers to remember: how far, how near to what was asked for, and why."""
-    unit = unit_of(summary)
     for name in subjects(summary)[:1]:
         n = int(value_of(summary, name, "n").value)
-        yield value_of(summary, name), f"is the median D of {named(name)} from the model, of {n} {unit}"
+        yield (
+            value_of(summary, name),
+            f"is the median D of {named(name)} from the model, of {n} {unit_of(summary)}",
+        )
     for name, law, median, _ in list(findings.asked(summary))[:1]:
         what = "D" if summary.config.column is None else "distance of the limit dt -> 0, per |v0|,"
         yield median, f"is the median {what} of {named(name)} from {named(law)}, the law it was set to"
@@ -152,24 +195,24 @@ def _found(summary: Summary, captions: Captions) -> list[Block]:
     """Return the findings: questions, the sentences that answer them, each with its picture."""
     pair, there, engines = summary.config.column is None, subjects(summary), summary.ladder.solvers
     axis, over = ("stiffness_ratio", "stiffness") if pair else ("balls", "balls")
+    sections: list[Block] = []
+
+    def answer(question: str, sentences: list[str], picture: str) -> None:
+        said, figure = [*filter(None, sentences)], _figures(captions, picture)
+        if said or figure:
+            sections.append(Section(question, [*said, *figure], beside=bool(said and figure)))
+
     far = [findings.how_far(summary), one_vote(summary.solvers)]
-    asked = findings.as_asked(summary)
+    answer("How far are they from the model?", far, f"divergence-by-{over}")
+    asked = [*findings.as_asked(summary)]
+    answer("Do engines do what they were asked for?", asked, "impulse-curves" if pair else "wave")
     why = [findings.causes(summary, name, explain=name == engines[0]) for name in engines]
+    answer("Then why do they diverge?", [*why], f"ladder-by-{over}")
     extremes = [_extremes(summary, name, axis) for name in there]
-    found: list[tuple[str, Sequence[str], str]] = [
-        ("How far are they from the model?", far, f"divergence-by-{over}"),
-        ("Do engines do what they were asked for?", asked, "impulse-curves" if pair else "wave"),
-        ("Then why do they diverge?", why, f"ladder-by-{over}"),
-        ("Where does it matter?", extremes, "trust-map" if pair else "velocities"),
-    ]
+    answer("Where does it matter?", extremes, "trust-map" if pair else "velocities")
     if pair:
         orders = [_order(summary, name) for name in there]
-        found.append(("Do contacts open and close in the same order?", orders, "state-paths"))
-    sections: list[Block] = []
-    for title, sentences, name in found:
-        said, picture = [*filter(None, sentences)], _figures(captions, name)
-        if said or picture:
-            sections.append(Section(title, [*said, *picture], beside=bool(said and picture)))
+        answer("Do contacts open and close in the same order?", [*orders], "state-paths")
     return sections
 
 
@@ -209,7 +252,7 @@ def _order(summary: Summary, name: str) -> Markup:
 def _cells(folder: RunFolder, summary: Summary, packed: str) -> list[Block]:
     """Lay out the map whose cells open, and the cells with the largest D."""
     tiles = tiles_of(load_divergence(folder, summary.config))
-    opens = tiles.places.cell.tolist()
+    opens, unit = set(tiles.places.cell), unit_of(summary)
     piece = cells_piece(tiles, summary.n_cells, packed, summary.config.solvers)
     button = Markup('<button type="button" data-cell="{0}">{0}</button>')
     axes = AXES if summary.config.column is None else COLUMN_AXES
@@ -223,14 +266,13 @@ def _cells(folder: RunFolder, summary: Summary, packed: str) -> list[Block]:
         )
         for row in summary.worst.loc[order].to_dict("records")
     ]
-    unit = unit_of(summary)
     header = ["solver", unit[:-1], *axes.values(), "D"]
     worst = Table(header, rows, f"The {unit} with the largest D of every solver", text=2)
     return [piece, Section("Largest divergences", [worst], folded=True)]
 
 
 def _matrix(summary: Summary) -> Table:
-    """Lay out D between every two solvers."""
+    """Lay out D between every two solvers, above the diagonal."""
     names = [REFERENCE, *summary.solvers]
     known: dict[frozenset[str], Any] = {
         frozenset((row["solver"], row["other"])): row for row in summary.between.to_dict("records")
@@ -238,14 +280,144 @@ def _matrix(summary: Summary) -> Table:
     known |= {frozenset((REFERENCE, name)): summary.get(name, D) for name in summary.solvers}
 
     def cell(a: str, b: str) -> str:
-        if names.index(a) >= names.index(b):
-            return ""  # it stands on the other side
         row = known.get(frozenset((a, b)))
         if row is None or not row["n"]:
             return "-"
         median, most = (Value(row[cut], f"{a} from {b} {cut}") for cut in ("median", "max"))
         return say("{median} ({most})", median=median, most=most)
 
-    rows = [(named(a), *(cell(a, b) for b in names[1:])) for a in names[:-1]]
+    rows = [
+        (named(a), *[""] * place, *(cell(a, b) for b in names[place + 1 :]))
+        for place, a in enumerate(names[:-1])
+    ]
     caption = "Median D (largest D) between every two solvers, over the cells that both solved, marked ones left out"
     return Table(["", *map(named, names[1:])], rows, caption)
+
+
+def _causes(summary: Summary, captions: Captions) -> Section:
+    """Say what divergences consist of."""
+    ladder = summary.ladder
+    if not ladder.solvers:
+        return Section("Causes", ["No engine has a result: there is nothing to split."])
+    several = "three causes" if ladder.orders == "six" else "two causes"
+    said = (
+        "Between the model and what an engine was asked for one thing is changed at a time, in every "
+        "order, and the mean differences sum to the engine's divergence exactly, in every cell. The share "
+        "of a cause is the component of its difference of velocities along the whole difference, over D; "
+        f"it is the mean over the {ladder.orders} orders of the first {several}. Over a region it is summed "
+        "over cells, over the sum of D. Shares are signed and sum to 100 %."
+    )
+    header = ["contribution", "from", "to", "in words"]
+    rows = [(c.label, c.before, c.after, MEANINGS.get(c.name, "")) for c in ladder.present]
+    figures = _figures(captions, "ladder-by-restitution", "ladder-by-column")
+    details = Section("Causes in detail", [Table(header, rows, text=4), *figures], folded=True)
+    return Section("Causes", [said, findings.region_table(ladder, named), details])
+
+
+def _sureness(summary: Summary) -> Section:
+    """Say how well results are known: limits of steps, statuses, and which cells count."""
+    limits = summary.statuses.loc[REFERENCE].get("limit", 0)
+    said = [
+        "Nothing is random: the same run gives the same numbers. Every collision of an engine is run at "
+        "several steps, and extrapolated to a step of zero with an estimate of the error.",
+        *(f"{each}." for each in findings.unsolved(summary)),
+        *([f"In {limits} cells the model is a limiting case in closed form."] if limits else []),
+        findings.counted(summary),
+    ]
+    header = ["solver", "asked for", "converged", "error order", "step error", "estimated error of the limit"]
+    header += [
+        "limit's distance from the law",
+        "largest regularisation",
+        f"within {number(HONEST)} estimates",
+    ]
+    rows = [
+        (
+            named(row["solver"]),
+            named(row["asked"] or "-"),
+            f"{row['converged']} of {row['n']}",
+            number(row["order"], 2),
+            *(
+                " / ".join(number(row[f"{kind}_{cut}"], 2) for cut in ("median", "max"))
+                for kind in ("step", "error", "asked")
+            ),
+            number(row["regularisation"], 2),
+            percent(row["honest"]),
+        )
+        for row in summary.estimates.to_dict("records")
+    ]
+    caption = (
+        "Limits dt -> 0 of engines, and the exact solver of the law they were asked for: velocities per "
+        "|v0|, the largest of all balls, median / maximum"
+    )
+    return Section("How sure is it?", [together(said), Table(header, rows, caption, text=3)])
+
+
+def _effective(folder: RunFolder) -> Section:
+    """Say which solvers use other numbers than they were asked for."""
+    rows = pd.read_parquet(folder.root / "cells.parquet", columns=["solver", "differences"]).dropna()
+    found: list[Block] = [
+        f"{named(str(name))} uses other numbers than it was asked for in {len(each)} cells, in the first: "
+        f"{each.iloc[0]}."
+        for name, each in rows.groupby("solver").differences
+    ]
+    said = "Stiffness, damping, restitution and step of an engine are read back after they were set."
+    none = "All are as requested, to the engines' own precision."
+    return Section("Requested and effective", [said, *(found or [none])])
+
+
+def _unsolved(summary: Summary) -> Section:
+    """Count results by status, and say why there are none and which are kept apart."""
+    statuses, unit, more = summary.statuses, unit_of(summary), len(summary.reasons) - _REASONS
+    counts = [(named(name), *row) for name, *row in statuses.itertuples()]
+    reasons = [(named(name), *rest) for name, *rest in summary.reasons.head(_REASONS).to_numpy()]
+    marked = [
+        (named(name), int(row["n"]), *(number(row[cut]) for cut in CUTS))
+        for name in summary.solvers
+        if (row := summary.get(name, D, cells="marked"))["n"]
+    ]
+    why = f"Why {unit} have no result" + (f" (and {more} reasons more, in cells.parquet)" if more > 0 else "")
+    tables = [
+        Table(["solver", *statuses], counts, f"{unit} by solver and status".capitalize()),
+        Table(["solver", "status", "reason", unit], reasons, why, text=3),
+        Table(["solver", unit, "median", "95 %", "max"], marked, f"D in the marked {unit}"),
+    ]
+    return Section("Marked and unsolved", tables, folded=True)
+
+
+def _method(folder: RunFolder, summary: Summary) -> Section:
+    """Say how the numbers came about, and what they do not show."""
+    span: list[str] = []
+    if summary.config.scenario == "drop":
+        values = column(folder.root / "cells.parquet", "gravity_number")
+        span = [number(value, 2) for value in (values.min(), values.max())]
+    said = render("method.html.j2", c=summary.config, gravity_number=" to ".join(dict.fromkeys(span)))
+    return Section("Method", [said], folded=True)
+
+
+def _glossary(summary: Summary) -> Section:
+    """Say what words mean, and what solvers are called in tables and commands."""
+    pair = summary.config.column is None
+    rows = [(word, f"{meaning}.") for word, meaning in GLOSSARY if pair or not word.startswith("S1")]
+    names = [(named(name), name) for name in summary.config.solvers]
+    tables = [
+        Table(["word", "meaning"], rows, text=2),
+        Table(["solver", "in tables and commands"], names, text=2),
+    ]
+    return Section("Glossary", tables, folded=True)
+
+
+def _provenance(folder: RunFolder) -> Section:
+    """Say with what a run was computed: all that its manifest holds."""
+    rows = [*_flat({key: value for key, value in folder.manifest().items() if key != "statuses"})]
+    return Section("Provenance", [Table(["what", "value"], rows, text=2)], folded=True)
+
+
+def _flat(value: Any, *names: str) -> Iterator[tuple[str, Any]]:
+    """Give what nested tables and lists hold, by the names that lead to it."""
+    if isinstance(value, list):
+        value = {str(place): each for place, each in enumerate(value, 1)}
+    if not isinstance(value, dict):
+        yield " ".join(names), value
+        return
+    for name, each in value.items():
+        yield from _flat(each, *names, name)
