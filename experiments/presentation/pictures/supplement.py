@@ -6,7 +6,6 @@ m1 abs(v0). Its parameters (44), and what its printed digits can bear, are in do
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -28,33 +27,16 @@ from impact_xval.model import Collision, Outcome, solve
 _STATES = {1: "#000000", 2: "#0072B2", 3: "#D55E00"}
 _PRINTED = "#AA3377"
 
-#: By figure, the section of the supplement, and what its text and its printed velocities are worth.
-_FIGURES = {
-    "1": ("3.1", "6e-4"),
-    "2": ("3.2", "5e-3"),
-    "3": ("3.4", ""),
-}
+#: By figure, the section of the supplement, and how far what it prints is from the exact velocities.
+_FIGURES = {"1": ("3.1", "6e-4"), "2": ("3.2", "5e-3"), "3": ("3.4", "")}
 
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """One panel of the supplement's figures.
+    """One panel of the supplement's figures: its stiffness ratio, final velocities and states as they are printed.
 
-    Attributes
-    ----------
-    name : str
-        That of the panel, such as ``"1a"``.
-    ratio : str
-        Its stiffness ratio as it is printed.
-    collision : Collision
-    velocities : tuple of str
-        Final v1 and v2 as they are printed; empty where none are.
-    states : str
-        The state sequence as the text has it.
-    corners : tuple of (float, float)
-        Points (I1, I2) on the way that the text states.
-    detail : float
-        Half the width of the window that shows where the curve ends; 0: none.
+    `corners` are points (I1, I2) on the way that the text states; `detail` is half the width of the window that shows
+    where the curve ends, 0 without one.
     """
 
     name: str
@@ -75,34 +57,29 @@ class Panel:
 
 def _panels() -> tuple[Panel, ...]:
     # Parameters (44) of the main paper, inferred from the supplement, at the ratios of its figures 1(b) and 2(b).
-    m2, e1, e2 = 2 / math.sqrt(3), 0.9, 0.7
+    m2, e1, e2, of = 2 / math.sqrt(3), 0.9, 0.7, Collision.from_ratios
     foot = m2 / (1 + m2)
     corners = ((foot, 0.0), ((1 + e1) * foot, 0.0), ((1 + e1) * foot, e1 * m2))
-    rigid, stiff, soft, free = (
-        Collision.from_ratios(ratio, m2, e1, e2) for ratio in (math.inf, 40.0, 1 / 40, 0.0)
-    )
-    to_l1 = Collision.from_ratios(7 / 2, m2, 0.2, e2)
-    to_l2 = Collision.from_ratios(2 / 9, 1 / math.sqrt(3), e1, 0.2)
     of_1b, of_2b = "S1 S3, six times, S1 S2 S4", "ten, the first eight S1 S2 by turns"
+    to_l1, to_l2 = "S1 S2 by turns, ever nearer to l1", "S1 S3 by turns, ever nearer to l2"
     return (
-        Panel("1a", "\N{INFINITY}", rigid, ("0.9", "0"), "S1 S4", ((1.0, 1.0),)),
-        Panel("1b", "40", stiff, ("0.88922", "0.00022"), of_1b, detail=0.004),
-        Panel("2a", "0", free, ("0.45203", "0.45203"), "S1 S2 S1 S4", corners),
-        Panel("2b", "1/40", soft, ("0.4573", "0.44281"), of_2b, detail=0.03),
-        Panel("3a", "7/2", to_l1, (), "S1 S2 by turns, ever nearer to l1"),
-        Panel("3b", "2/9", to_l2, (), "S1 S3 by turns, ever nearer to l2"),
+        Panel("1a", "\N{INFINITY}", of(math.inf, m2, e1, e2), ("0.9", "0"), "S1 S4", ((1.0, 1.0),)),
+        Panel("1b", "40", of(40.0, m2, e1, e2), ("0.88922", "0.00022"), of_1b, detail=0.004),
+        Panel("2a", "0", of(0.0, m2, e1, e2), ("0.45203", "0.45203"), "S1 S2 S1 S4", corners),
+        Panel("2b", "1/40", of(1 / 40, m2, e1, e2), ("0.4573", "0.44281"), of_2b, detail=0.03),
+        Panel("3a", "7/2", of(7 / 2, m2, 0.2, e2), (), to_l1),
+        Panel("3b", "2/9", of(2 / 9, 1 / math.sqrt(3), e1, 0.2), (), to_l2),
     )
 
 
 def draw_supplement_figures() -> Iterator[Drawn]:
     """Draw the supplement's three figures, two panels each."""
-    for row, panels in itertools.groupby(_panels(), lambda panel: panel.name[0]):
-        both = list(panels)
-        yield f"supplement-{row}", _figure(both), _caption(row, both)
+    for row, (section, apart) in _FIGURES.items():
+        panels = [panel for panel in _panels() if panel.name.startswith(row)]
+        yield f"supplement-{row}", _figure(panels), _caption(row, section, apart, panels)
 
 
-def _caption(row: str, panels: list[Panel]) -> str:
-    section, apart = _FIGURES[row]
+def _caption(row: str, section: str, apart: str, panels: list[Panel]) -> str:
     cells = " ".join(
         f"({panel.name[1]}) k2/k1 = {panel.ratio}, m2/m1 = {number(panel.collision.mass_ratio, 6)}, e1 = "
         f"{number(panel.collision.e1)}, e2 = {number(panel.collision.e2)}."
