@@ -102,8 +102,11 @@ class Compared:
 
         A `ValueError` says that no solver has a path, or of a column a result, to draw.
         """
-        from impact_xval.experiments.presentation.pictures.columns import velocities_figure
-        from impact_xval.experiments.presentation.pictures.curves import draw_collision, drawn_paths
+        from impact_xval.experiments.presentation.pictures.curves import (
+            draw_collision,
+            drawn_paths,
+            velocities_figure,
+        )
 
         if self.is_column and self.scaled:
             return velocities_figure(self.scaled)

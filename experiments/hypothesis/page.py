@@ -17,10 +17,9 @@ from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.measures.laws import voters
 from impact_xval.experiments.presentation.document import Block, Figure, Section, Table
 from impact_xval.experiments.presentation.html import page_of
-from impact_xval.experiments.presentation.looks import look
 from impact_xval.experiments.presentation.style import drawing, save
 from impact_xval.experiments.presentation.terminal import show
-from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, named, one_vote
+from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, look, named, one_vote
 from impact_xval.experiments.tables.folder import write_text
 from impact_xval.experiments.tables.numbers import listed, percent, short
 from impact_xval.experiments.tables.parquet import replacing

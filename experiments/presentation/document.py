@@ -15,13 +15,8 @@ from impact_xval.experiments.tables.numbers import number, percent
 class Value:
     """A number of a run in a sentence; on a page one sees by pointing at it which value of the tables it is.
 
-    Attributes
-    ----------
-    value : float
-    key : str
-        What it is, as in ``summary.csv``, or how it follows from the tables: ``mujoco velocity_divergence median``.
-    digits : int
-        Significant digits shown; 0 for a percentage.
+    `key` says so, as in ``summary.csv``, or how it follows from the tables: ``mujoco velocity_divergence median``.
+    `digits` are the significant ones shown; 0 for a percentage.
     """
 
     value: float

@@ -17,9 +17,16 @@ from impact_xval.experiments.measures.ladder_summary import LadderSummary
 from impact_xval.experiments.measures.laws import exact_for
 from impact_xval.experiments.measures.summary import Summary
 from impact_xval.experiments.presentation.document import Block, Table, Value, say, together
-from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, MEANINGS, begun, named, one_vote
+from impact_xval.experiments.presentation.words import (
+    LAWS_WITH_LAWS,
+    MEANINGS,
+    begun,
+    by_axes,
+    named,
+    one_vote,
+    written,
+)
 from impact_xval.experiments.tables.numbers import number, percent
-from impact_xval.model.collision import RESULT_STATUSES
 
 #: Statistics of a measure, in the order of tables.
 CUTS = ("median", "p95", "max")
@@ -64,17 +71,21 @@ def compared(summary: Summary) -> list[str]:
 
 def subjects(summary: Summary) -> list[str]:
     """List the subjects of sentences: the engines; without any, every solver that was compared."""
-    return [name for name in compared(summary) if is_engine(name)] or compared(summary)
+    there = compared(summary)
+    return [name for name in there if is_engine(name)] or there
 
 
 def where(summary: Summary, row: Any) -> str:
     """Name a cell by its axes, of a column by those that have several values."""
     if summary.config.column is None:
-        return ", ".join(f"{label} = {number(row[axis])}" for axis, label in AXES.items())
+        return by_axes(row)
     strike = f", {row.strike:g} striking" if row.arrangement == "cradle" else ""
-    axes = [axis for axis in summary.axes if axis not in ("arrangement", "balls", "strike")]
-    at = "".join(f", {COLUMN_AXES[axis]} = {number(row[axis])}" for axis in axes)
-    return f"the {row.arrangement} of {row.balls} balls{strike}{at}"
+    axes = {
+        axis: label
+        for axis, label in COLUMN_AXES.items()
+        if axis in summary.axes and axis not in ("arrangement", "balls", "strike")
+    }
+    return f"the {row.arrangement} of {row.balls} balls{strike}{', ' if axes else ''}{by_axes(row, axes)}"
 
 
 def worst_of(summary: Summary, solver: str) -> Any:
@@ -155,7 +166,7 @@ def causes(summary: Summary, solver: str, most: int = 2, *, explain: bool = Fals
         return say("{solver} ends where the model does: there is nothing to split.", solver=named(solver))
     found = shares(summary, solver)
     parts = [
-        say("{share} {label}", share=_or_cancels(whole, name, share), label=LABELS[name])
+        say("{share} {label}", share=_cancelling(whole, name) or share, label=LABELS[name])
         + (f" ({MEANINGS[name]})" if explain and name in MEANINGS else "")
         for name, share in list(found.items())[:most]
     ]
@@ -170,19 +181,20 @@ def causes(summary: Summary, solver: str, most: int = 2, *, explain: bool = Fals
     )
 
 
-def _or_cancels(region: Any, name: str, share: Value) -> Value | str:
-    """Return a share; of two large causes that cancel, that they do."""
+def _cancelling(region: Any, name: str) -> str:
+    """Say of one of two large causes that cancel that they do; empty of any other."""
     pair = cancelling(region.share)
-    if pair is not None and name in region.index[list(pair)]:
-        return f"cancelling (norm {number(region['mean'][name])})"
-    return share
+    cancels = pair is not None and name in region.index[list(pair)]
+    return f"cancelling (norm {number(region['mean'][name])})" if cancels else ""
 
 
 def _by_region(summary: Summary, solver: str, name: str) -> str:
     """Say how the share of a cause differs between regions of the grid; empty with fewer than two."""
     ladder = summary.ladder
     parts = [
-        say("{share} at {label}", share=_or_cancels(ladder.region(solver, *place), name, share), label=label)
+        say(
+            "{share} at {label}", share=_cancelling(ladder.region(solver, *place), name) or share, label=label
+        )
         for label, place in ladder.regions.items()
         if (share := shares(summary, solver, *place).get(name)) is not None
     ]
@@ -194,9 +206,9 @@ def _by_region(summary: Summary, solver: str, name: str) -> str:
 
 def unsolved(summary: Summary) -> list[str]:
     """Say of every solver without a result in some cells how many, of which status, and the most frequent reason."""
-    found, failed = [], summary.reasons[~summary.reasons.status.isin(RESULT_STATUSES)]
+    found = []
     for name in (REFERENCE, *summary.solvers):
-        some = failed[failed.solver == name]
+        some = summary.reasons[summary.reasons.solver == name]
         if len(some):
             numbers = some.groupby("status", sort=False).n.sum()
             counts = ", ".join(f"{n} {status}" for status, n in numbers.items())
@@ -223,7 +235,7 @@ def counted(summary: Summary) -> str:
 def along_axis(summary: Summary, axis: str) -> Table:
     """Tabulate D along an axis, a row a value."""
     levels, label = summary.levels[axis], (AXES | COLUMN_AXES)[axis]
-    shown = levels.values if axis == "arrangement" else spread(levels.values)
+    shown = spread(levels.values)
 
     def cell(name: str, value: Any) -> str:
         row = summary.get(name, D, axis, value)
@@ -234,10 +246,7 @@ def along_axis(summary: Summary, axis: str) -> Table:
         caption += f" ({len(shown)} of {len(levels.values)} values; all are in summary.csv)"
     if levels.edges is not None:
         caption += f" (in bins of {label}, named by their middle)"
-    rows = [
-        (value if isinstance(value, str) else number(value), *(cell(name, value) for name in summary.solvers))
-        for value in shown
-    ]
+    rows = [(written(value), *(cell(name, value) for name in summary.solvers)) for value in shown]
     return Table([label, *map(named, summary.solvers)], rows, caption)
 
 
@@ -260,12 +269,9 @@ def region_table(ladder: LadderSummary, called: Callable[[str], str] = str) -> T
 def _share_text(region: Any, name: str) -> str:
     if name not in region.index:
         return "-"
-    row = region.loc[name]
-    share = _or_cancels(region, name, Value(row.share, "", 0))
-    low, high = percent(row.low), percent(row.high)
-    if low == high or isinstance(share, str):
-        return str(share)
-    return f"{share} ({low.removesuffix(' %')} to {high.removesuffix(' %')})"
+    share, low, high = map(percent, region.loc[name, ["share", "low", "high"]])
+    apart = f" ({low.removesuffix(' %')} to {high.removesuffix(' %')})" if low != high else ""
+    return _cancelling(region, name) or share + apart
 
 
 def overall_table(summary: Summary) -> Table:

@@ -11,7 +11,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from impact_xval.experiments.presentation.document import Block, Piece, Section
+from impact_xval.experiments.presentation.document import Block, Piece, Section, Value
 from impact_xval.experiments.presentation.words import named
 from impact_xval.experiments.tables.numbers import listed, number
 
@@ -50,5 +50,6 @@ def _environment() -> Environment:
     )
     environment.policies["json.dumps_kwargs"] = {}  # in the order in which they were written
     environment.filters |= {"kind": lambda block: type(block).__name__}
+    environment.globals["Value"] = Value
     environment.filters |= {"number": number, "listed": listed, "named": named}
     return environment

@@ -12,8 +12,8 @@ from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+from impact_xval.experiments.presentation.words import written
 from impact_xval.experiments.tables.folder import write_json
-from impact_xval.experiments.tables.numbers import number
 from impact_xval.experiments.tables.parquet import replacing
 
 CAPTIONS = "captions.json"
@@ -52,8 +52,7 @@ def drawing(width: float, height: float) -> Iterator[Figure]:
 def label_places(axis: Any, values: Sequence[Any], most: int) -> None:
     """Label at most so many of the places 0, 1, ... of an axis with the values that stand there."""
     step = max(1, -(-len(values) // most))
-    labels = [value if isinstance(value, str) else number(value, 2) for value in values[::step]]
-    axis.set_ticks(range(0, len(values), step), labels)
+    axis.set_ticks(range(0, len(values), step), [written(value, 2) for value in values[::step]])
 
 
 def _apart(low: float, high: float) -> tuple[float, float]:

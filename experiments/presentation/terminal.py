@@ -27,7 +27,7 @@ from impact_xval.compliant_baselines.answers import visible
 from impact_xval.compliant_baselines.registry import solver_names
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.presentation.document import Block, Table
-from impact_xval.experiments.presentation.looks import look
+from impact_xval.experiments.presentation.words import look
 
 #: What is said before kernels are compiled.
 COMPILING = "compiling the kernels, once for each installation: half a minute or more"

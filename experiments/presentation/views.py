@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import math
 import shlex
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pyarrow.parquet as pq
 from rich.console import Console
 
+from impact_xval.experiments.config.arrangements import COLUMN_AXES
+from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.measures.ladder import CAUSES, CONTRIBUTIONS, cancelling
+from impact_xval.experiments.measures.ladder_rows import between
+from impact_xval.experiments.measures.summary import Summary
 from impact_xval.experiments.presentation.document import Block, Table
+from impact_xval.experiments.presentation.findings import brief, region_table
 from impact_xval.experiments.presentation.terminal import print_line, show
+from impact_xval.experiments.presentation.words import by_axes, told
+from impact_xval.experiments.sweep.status import RunStatus
+from impact_xval.experiments.tables.comparison import Comparison
+from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.numbers import number, percent
-
-if TYPE_CHECKING:  # each command has imported what it shows, and needs none of the others
-    from impact_xval.experiments.measures.summary import Summary
-    from impact_xval.experiments.sweep.status import RunStatus
-    from impact_xval.experiments.tables.comparison import Comparison
-    from impact_xval.experiments.tables.folder import RunFolder
 
 #: Reasons that `show_status` prints.
 _REASONS = 12
@@ -28,15 +32,11 @@ _SHOWN = 8
 
 def show_summary(console: Console, summary: Summary) -> None:
     """Print what a run found, and why its engines diverge."""
-    from impact_xval.experiments.presentation.findings import brief, region_table
-
     show(console, [*brief(summary), region_table(summary.ladder)])
 
 
 def show_end(console: Console, summary: Summary, seconds: float, root: str) -> None:
     """Print what a run found, and where it is."""
-    from impact_xval.experiments.presentation.findings import brief
-
     show(console, brief(summary))
     print_line(console, f"{seconds:.0f} s; report.html is the page to read; everything is in {root}")
 
@@ -62,13 +62,7 @@ def show_status(console: Console, root: str, status: RunStatus) -> None:
 
 
 def rows_of_cell(folder: RunFolder, cell: int) -> list[dict[str, Any]]:
-    """Read what a finished run holds of a cell: a row a solver, with its measures and what its D consists of.
-
-    Raises
-    ------
-    UserError
-        If there is no such cell.
-    """
+    """Read what a finished run holds of a cell: a row a solver, with its measures and what its D consists of."""
     paths = (folder.table_path(f"{name}.parquet") for name in ("cells", "divergence", "ladder"))
     rows, *others = (pq.read_table(path, filters=[("cell", "==", cell)]).to_pandas() for path in paths)
     for table in others:
@@ -82,13 +76,7 @@ def rows_of_cell(folder: RunFolder, cell: int) -> list[dict[str, Any]]:
 
 def show_cell(console: Console, cell: int, rows: list[dict[str, Any]]) -> None:
     """Print a cell: the outcome of each solver, and why engines diverge."""
-    from impact_xval.experiments.config.arrangements import COLUMN_AXES
-    from impact_xval.experiments.config.axes import AXES
-    from impact_xval.experiments.presentation.words import told
-
     axes = COLUMN_AXES if "balls" in rows[0] else AXES
-    where = [(label, rows[0][key]) for key, label in axes.items() if rows[0][key] is not None]
-    values = (f"{label} = {value if isinstance(value, str) else number(value)}" for label, value in where)
     balls = range(1, 1 + (rows[0].get("balls") or 2))
     balls = balls if len(balls) <= _SHOWN else range(0)
     speed = abs(rows[0]["v0"])
@@ -103,7 +91,7 @@ def show_cell(console: Console, cell: int, rows: list[dict[str, Any]]) -> None:
         for row in rows
     ]
     header = ["solver", "status", *(f"v{i}/|v0|" for i in balls), "D", "states"]
-    blocks: list[Block] = [f"cell {cell}: {', '.join(values)}", Table(header, outcomes, text=2)]
+    blocks: list[Block] = [f"cell {cell}: {by_axes(rows[0], axes)}", Table(header, outcomes, text=2)]
     blocks += [f"{row['solver']}: {row['status']}: {row['reason']}" for row in rows if row["reason"]]
     blocks += [f"{row['solver']}: marked: {row['marked']}" for row in rows if row["marked"]]
     causes = ["cause", *(f"dv{i}/|v0|" for i in balls), "kinetic norm", "share", "by order"]
@@ -115,9 +103,6 @@ def show_cell(console: Console, cell: int, rows: list[dict[str, Any]]) -> None:
 
 def _contributions(row: dict[str, Any], balls: range) -> list[tuple[str, ...]]:
     """Rows of the table of a cell and engine; empty where the engine has no ladder."""
-    from impact_xval.experiments.measures.ladder import CAUSES, CONTRIBUTIONS, cancelling
-    from impact_xval.experiments.measures.ladder_rows import between
-
     there = [c for c in CONTRIBUTIONS if row.get(f"{c.name}_norm") is not None]
     pair = cancelling([row[f"{c.name}_share"] for c in there]) or ()
     lines = []

@@ -1,10 +1,14 @@
-"""Sentences that several pages and commands share, and the names of solvers: each stands here once."""
+"""Sentences that several pages and commands share, and how solvers are named and drawn: each stands here once."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
 
+from impact_xval.compliant_baselines.registry import solver_names
 from impact_xval.experiments.config.arrangements import Arranged
+from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.laws import by_law
 from impact_xval.experiments.tables.numbers import listed, number
@@ -46,6 +50,23 @@ _NAMES = {
     "bistiffness": "exact bistiffness",
 }
 
+#: Colour, marker and dash of the solvers of most runs, safe for the colour-blind: by Okabe and Ito's palette.
+_LOOKS = {
+    "state-transition": ("#000000", "", "solid"),
+    "mujoco": ("#0072B2", "o", "solid"),
+    "pybullet": ("#D55E00", "s", "dashed"),
+    "kelvin-voigt": ("#009E73", "^", "dashdot"),
+    "bistiffness": ("#CC79A7", "D", "dotted"),
+    "kelvin-voigt-anchored": ("#56B4E9", "<", "dashed"),
+    "kelvin-voigt-textbook": ("#8C8C8C", "x", (0, (1, 1))),
+    "hunt-crossley": ("#7A4B1E", "P", "solid"),
+    "liu-zhao-brogliato": ("#5D3A9B", "*", (0, (3, 1))),
+    "drake": ("#E69F00", "v", (0, (5, 1, 1, 1, 1, 1))),
+}
+#: Of the others, in the order in which solvers are listed: other colours, by Tol's muted palette.
+_COLORS = ("#882255", "#44AA99", "#999933", "#332288", "#661100", "#AA4499", "#117733", "#DDCC77")
+_MARKERS = ("P", "X", "h", ">", "p")
+
 #: What a cause of divergence is, for readers who have not read the paper; by the name of its contribution.
 MEANINGS = {
     "frozen_positions": "the model keeps all bodies in place during the collision; in an engine they move",
@@ -56,6 +77,24 @@ MEANINGS = {
 }
 
 _COUNTS = ("none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """How one solver is drawn."""
+
+    color: str
+    marker: str
+    dash: str | tuple[int, tuple[int, ...]]  # matplotlib and Bokeh have the same words
+
+
+def look(solver: str) -> Look:
+    """Return the look of a solver, the same in every figure."""
+    if solver in _LOOKS:
+        return Look(*_LOOKS[solver])
+    others = [name for name in solver_names(on_request=True) if name not in _LOOKS]
+    place = others.index(solver) if solver in others else 0
+    return Look(_COLORS[place % len(_COLORS)], _MARKERS[place % len(_MARKERS)], "dashed")
 
 
 def named(solver: str) -> str:
@@ -73,6 +112,17 @@ def told(solver: str, text: str) -> str:
 def begun(sentence: str) -> str:
     """Begin a sentence that may begin with a name."""
     return sentence[:1].upper() + sentence[1:]
+
+
+def written(value: Any, digits: int = 3) -> str:
+    """Write a value of an axis: a word, or a number."""
+    return value if isinstance(value, str) else number(value, digits)
+
+
+def by_axes(cell: Mapping[str, Any], axes: Mapping[str, str] = AXES, digits: int = 3) -> str:
+    """Name a cell by the axes on which it has a value."""
+    known = ((label, cell[axis]) for axis, label in axes.items() if cell[axis] is not None)
+    return ", ".join(f"{label} = {written(value, digits)}" for label, value in known)
 
 
 def arranged(column: Arranged) -> str:

@@ -32,9 +32,8 @@ from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.aggregates import Compared, Frame, levels_of
 from impact_xval.experiments.presentation.html import render
-from impact_xval.experiments.presentation.looks import look
-from impact_xval.experiments.presentation.words import named
-from impact_xval.experiments.tables.numbers import listed, number
+from impact_xval.experiments.presentation.words import look, named, written
+from impact_xval.experiments.tables.numbers import listed
 from impact_xval.experiments.tables.parquet import column
 
 #: Tiles of a map at most: what a browser draws at once, and a page has room for.
@@ -52,28 +51,14 @@ _FLOOR = 1e-4
 #: Labels of an axis at most.
 _LABELS = 60
 
-#: Sides of the map: place, and what it says there.
-_SIDES = (("across", "column"), ("above", "row"))
-
-#: How Bokeh draws the dashes of `style`.
-_DASHES = {"-": "solid", "--": "dashed", "-.": "dashdot", ":": "dotted"}
-
 
 @dataclass(frozen=True, slots=True)
 class Tiles:
-    """Tiles of a map, those without a cell left out.
+    """Tiles of a map along one axis, and others up its side; those without a cell are left out.
 
-    Attributes
-    ----------
-    along : str
-        The axis along the map.
-    up : tuple of str
-        The axes along its side.
-    places : DataFrame
-        Of every tile its place, ``across`` and ``above``; what it says there, ``column`` and ``row``; and the ``cell``
-        that it opens: that of the largest D by any solver, unmarked where there is one.
-    medians : DataFrame
-        Median D of each solver that was compared, by tile, marked cells left out; NaN where nothing was compared.
+    `places` has of every tile its place, ``across`` and ``above``; what it says there, ``column`` and ``row``; and the
+    ``cell`` that it opens: that of the largest D by any solver, unmarked where there is one. `medians` has the median D
+    of each solver that was compared, marked cells left out; NaN where nothing was compared.
     """
 
     along: str
@@ -97,32 +82,36 @@ def tiles_of(table: Compared) -> Tiles:
         up = [axis for axis in up if len(levels[axis].cat.categories) > 1 and levels[axis].notna().all()]
         up = up or ["arrangement"]
 
-    def count() -> int:
-        return math.prod(len(levels[axis].cat.categories) for axis in (along, *up))
+    def crowded() -> bool:
+        return math.prod(len(levels[axis].cat.categories) for axis in (along, *up)) > TILES
 
-    while len(up) > 1 and count() > TILES:
+    while len(up) > 1 and crowded():
         up.pop()
-    axes = (along, *up)
-    for axis in axes if count() > TILES else ():
+    axes = [along, *up]
+    for axis in axes if crowded() else ():
         if len(levels[axis].cat.categories) > _FEW:
             x = column(table.path, axis)
             bins = levels_of(x)
             levels[axis] = pd.Series(pd.Categorical.from_codes(bins.codes(x), bins.values))
     rows = pd.DataFrame({axis: levels[axis] for axis in axes})
-    rows["tile"] = rows.groupby(list(axes), observed=True).ngroup()  # numbered in the order of the axes
+    rows["tile"] = rows.groupby(axes, observed=True).ngroup()  # numbered in the order of the axes
     rows["cell"] = column(table.path, "cell").astype(np.int64)
     rows["d"], rows["solver"] = table.measure("velocity_divergence"), table.rows.solver
-    rows["rank"] = np.where(table.regular, rows.d, -1.0)  # those that are kept apart come last
+    rows["rank"] = rows.d.where(table.regular, -1.0)  # those that are kept apart come last
     largest = rows.sort_values(["tile", "rank"], ascending=[True, False], kind="stable")
     places = largest.drop_duplicates("tile").reset_index(drop=True)
-    said = {axis: [x if isinstance(x, str) else number(x) for x in places[axis]] for axis in axes}
-    places["across"] = places[along].cat.codes
-    places["above"] = places.groupby(up, observed=True).ngroup()
-    places["column"] = said[along]
-    places["row"] = [" · ".join(row) for row in zip(*(said[axis] for axis in up), strict=True)]
+    said: Frame = places[axes].map(written)
+    shown = pd.DataFrame(
+        {
+            "across": places[along].cat.codes,
+            "above": places.groupby(up, observed=True).ngroup(),
+            "column": said[along],
+            "row": [" · ".join(row) for row in said[up].to_numpy()],
+            "cell": places.cell,
+        }
+    )
     medians = rows[table.regular].groupby(["tile", "solver"], observed=True).d.median().unstack()
-    places = places[["across", "above", "column", "row", "cell"]]
-    return Tiles(along, tuple(up), places, medians.reindex(places.index))
+    return Tiles(along, tuple(up), shown, medians.reindex(shown.index))
 
 
 def cells_piece(tiles: Tiles, n_cells: int, packed: str, solvers: Sequence[str]) -> Markup:
@@ -150,12 +139,13 @@ def bokeh_script() -> Markup:
 def _map(tiles: Tiles) -> Any:
     """Draw one tile a cell, or the median of several, coloured by the D of one solver."""
     places, floored = tiles.places, tiles.medians.clip(lower=_FLOOR)
-    medians = {f"d {name}": floored[name].tolist() for name in floored}
-    sides = places.to_dict("list")
-    source = ColumnDataSource({**sides, "shown": [*medians.values()][-1], **medians}, name="tiles")
+    medians = floored.add_prefix("d ").to_dict("list")
+    shown = {"shown": [*medians.values()][-1]}
+    source = ColumnDataSource(places.to_dict("list") | shown | medians, name="tiles")
     highest = max(10 * _FLOOR, float(floored.max(axis=None)))
     mapper = LogColorMapper(palette="Viridis256", low=_FLOOR, high=highest, nan_color="#dddddd")
-    columns, rows = (dict(zip(places[at], places[says], strict=True)) for at, says in _SIDES)
+    columns = dict(zip(places.across, places.column, strict=True))
+    rows = dict(zip(places.above, places.row, strict=True))
     up = " · ".join(LABELS[axis] for axis in tiles.up)
     tips = [(LABELS[tiles.along], "@column"), (up, "@row"), ("D", "@shown{0.0000}"), ("opens cell", "@cell")]
     plot = figure(
@@ -228,12 +218,12 @@ def _with_solvers(plot: Any, solvers: Sequence[str], lines: str, points: str) ->
     """Add a line and points for each solver; their sources have these names, with that of the solver."""
     for name in solvers:
         style = look(name)
-        dash = _DASHES.get(style.dash, "solid") if isinstance(style.dash, str) else list(style.dash[1])
-        named_alike = {
+        dash = style.dash if isinstance(style.dash, str) else list(style.dash[1])
+        sources = {
             each: ColumnDataSource({"x": [], "y": []}, name=f"{each} {name}") for each in (lines, points)
         }
         how = {"color": style.color, "legend_label": named(name)}
         width = 3 if name == REFERENCE else 2
-        plot.line("x", "y", source=named_alike[lines], line_dash=dash, line_width=width, **how)
-        plot.scatter("x", "y", source=named_alike[points], size=9, **how)
+        plot.line("x", "y", source=sources[lines], line_dash=dash, line_width=width, **how)
+        plot.scatter("x", "y", source=sources[points], size=9, **how)
     return plot

@@ -23,19 +23,15 @@ from impact_xval.compliant_baselines.registry import engine_free_names, get_solv
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import Config
-from impact_xval.experiments.presentation.words import named, told
+from impact_xval.experiments.presentation.words import named, told, written
 from impact_xval.experiments.sweep.curves import needed
 from impact_xval.experiments.sweep.rows import settings_of
 from impact_xval.experiments.tables.folder import RunFolder, cells_of_run
-from impact_xval.experiments.tables.numbers import number
 from impact_xval.experiments.tables.parquet import selected
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
 
 #: Digits of an impulse of a curve: a tenth of what a screen tells apart.
 _DIGITS = 4
-
-_RESULT = ("solver", "status", "marked", "reason", "m1", "v0")
-_OF_PAIR = ("states_compared", "impulse1", "impulse2")
 
 
 def packed_cells(folder: RunFolder, cells: Sequence[int]) -> str:
@@ -45,44 +41,43 @@ def packed_cells(folder: RunFolder, cells: Sequence[int]) -> str:
 
 
 def opened_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str, Any]]:
-    """Collect what is shown of some cells of a run.
+    """Collect what is shown of some cells of a run, by number.
 
-    Curves are those of the exact solvers of the run, solved again; of the others the table holds the end.
-
-    Returns
-    -------
-    dict
-        By number of the cell, ``at`` (values of the axes by label), ``results``, ``causes``, ``commands``, and of two
-        balls ``curves`` and ``scene`` (MJCF; None where MuJoCo is not in the run).
+    That is ``at`` (values of the axes by label), ``results``, ``causes``, ``commands``, and of two balls ``scene``
+    (MJCF; None where MuJoCo is not in the run) and ``curves``, those of the exact solvers, solved again: of the others
+    the table holds the end.
     """
     config = folder.config()
     pair, axes = config.column is None, AXES if config.column is None else COLUMN_AXES
     shown: dict[int, dict[str, Any]] = {cell: {"results": [], "causes": []} for cell in cells}
-    key = ("cell", "solver")
-    ds = {
-        (row["cell"], row["solver"]): row["velocity_divergence"]
-        for row in _rows(folder, "divergence", (*key, "velocity_divergence"), cells)
-    }
+
+    def rows(table: str, *columns: str) -> list[dict[str, Any]]:
+        some = pc.field("cell").isin(list(cells))
+        return selected(folder.root / f"{table}.parquet", ["cell", "solver", *columns], some).to_pylist()
+
+    divergence = rows("divergence", "velocity_divergence")
+    ds = {(row["cell"], row["solver"]): row["velocity_divergence"] for row in divergence}
     names = pq.read_schema(folder.root / "cells.parquet").names
     balls = [name for name in names if re.fullmatch(r"v[1-9]\d*", name)]
-    for row in _rows(folder, "cells", ("cell", *axes, *_RESULT, *balls, *(_OF_PAIR if pair else ())), cells):
+    ends, paths = (["impulse1", "impulse2"], ["states_compared"]) if pair else ([], [])
+    known = ("status", "marked", "reason")
+    for row in rows("cells", *axes, *known, "m1", "v0", *balls, *ends, *paths):
         cell, speed = shown[row["cell"]], abs(row["v0"])
         velocities = [row[name] for name in balls[: row.get("balls", 2)]]
-        end = [row[name] for name in _OF_PAIR[1:] if pair and row[name] is not None]
-        at = {label: row[axis] for axis, label in axes.items() if row[axis] is not None}
-        cell["at"] = {label: x if isinstance(x, str) else number(x, 6) for label, x in at.items()}
+        impulses = [row[name] for name in ends if row[name] is not None]
+        cell["at"] = {label: written(row[axis], 6) for axis, label in axes.items() if row[axis] is not None}
         cell["commands"] = _commands(folder.root, config, row)
         cell["results"].append(
             {
                 "name": named(row["solver"]),
-                **{name: row[name] for name in ("solver", "status", "marked", "reason")},
+                **{name: row[name] for name in ("solver", *known)},
                 "velocities": [None if v is None else v / speed for v in velocities],
                 "d": ds.get((row["cell"], row["solver"])),
                 "states": row.get("states_compared"),
-                "end": [impulse / (row["m1"] * speed) for impulse in end] or None,
+                "end": [impulse / (row["m1"] * speed) for impulse in impulses] or None,
             }
         )
-    for row in _rows(folder, "ladder", (*key, "sentence", "reason"), cells):
+    for row in rows("ladder", "sentence", "reason"):
         shown[row["cell"]]["causes"].append(told(row["solver"], row["sentence"] or row["reason"] or ""))
     if pair:
         index = cells_of_run(folder, config)
@@ -91,12 +86,6 @@ def opened_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str,
         for cell, curves, scene in both:
             shown[cell] |= {"curves": curves, "scene": scene}
     return shown
-
-
-def _rows(
-    folder: RunFolder, table: str, columns: Sequence[str], cells: Sequence[int]
-) -> list[dict[str, Any]]:
-    return selected(folder.root / f"{table}.parquet", columns, pc.field("cell").isin(list(cells))).to_pylist()
 
 
 def _commands(root: Path, config: Config, row: dict[str, Any]) -> list[list[str]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 import pandas as pd
@@ -32,7 +32,7 @@ from impact_xval.experiments.presentation.html import render
 from impact_xval.experiments.presentation.page.charts import LABELS, cells_piece, tiles_of
 from impact_xval.experiments.presentation.page.opened import packed_cells
 from impact_xval.experiments.presentation.pictures.figures import ACCEPTED, recommended
-from impact_xval.experiments.presentation.words import MEANINGS, begun, named, one_vote
+from impact_xval.experiments.presentation.words import MEANINGS, begun, named, one_vote, written
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.numbers import number, percent
 from impact_xval.experiments.tables.parquet import column
@@ -43,14 +43,10 @@ Captions = Mapping[str, str]
 #: Reasons that the page shows.
 _REASONS = 10
 
-#: A command.
-_CODE = Markup("<code>{}</code>")
-
-_HYPOTHESIS = say(
+_HYPOTHESIS = Markup(
     "The model has a limit of its own: where one contact is infinitely stiffer than the other, its two bodies move as "
-    "one. Whether solvers go there, and how fast, other collisions than these show: {command} solves them, and writes "
-    "a page with a verdict for every limit and solver.",
-    command=_CODE.format("impact-xval hypothesis"),
+    "one. Whether solvers go there, and how fast, other collisions than these show: "
+    "<code>impact-xval hypothesis</code> solves them, and writes a page with a verdict for every limit and solver."
 )
 
 #: What the laws are that stand beside the model in most runs.
@@ -151,44 +147,9 @@ def _numbers(summary: Summary) -> Iterator[tuple[Value, str]]:
 
 def _advice(summary: Summary, captions: Captions) -> Section:
     """Say what a reader should do with an engine."""
-    example = "impact-xval contact --engine mujoco --masses 1 0.5 --restitution 0.7 --stiffness 1e6"
-    blocks: list[Block] = [
-        say(
-            "Look for traps: {command} lists the contacts of a scene with what is known to go wrong.",
-            command=_CODE.format("impact-xval inspect scene.xml"),
-        ),
-        say(
-            "Map a stiffness and a restitution to the engine's own parameters, checked by a simulated drop: {command}.",
-            command=_CODE.format(example),
-        ),
-    ]
-    if steps := recommended(summary):
-        said = (
-            "Choose the step by the faster contact, whose period is 2 pi sqrt(M/k) with M the reduced mass of its "
-            "bodies (with the table, the mass of the ball)."
-        )
-        blocks.append(together([said, *(_step(summary, name, step) for name, step in steps.items())]))
-    blocks.append(
-        "No smaller step removes the rest of the distance from the model: the sections below show what it is, and "
-        "where it matters."
-    )
-    blocks += _figures(captions, "error-by-step")
-    return Section("What to do with your engine", blocks, beside=True)
-
-
-def _step(summary: Summary, name: str, step: float) -> Markup:
-    """Say which step keeps the error of an engine small."""
-    known = summary.estimates.set_index("solver").loc[name]
-    return say(
-        "At {run} steps a period {solver} is off by {median} |v0| (median; 95 % of the cells: less than {p95}); for an "
-        "error below {accepted} |v0| in 95 % of the cells take about {n} steps a period (extrapolated).",
-        run=number(1 / summary.config.step_fraction),
-        solver=named(name),
-        median=Value(known.step_median, f"{name} step median"),
-        p95=Value(known.step_p95, f"{name} step p95"),
-        accepted=ACCEPTED,
-        n=Value(1 / step, f"{name} steps a period"),
-    )
+    engines, steps = recommended(summary), 1 / summary.config.step_fraction
+    said = render("advice.html.j2", engines=engines, steps=steps, accepted=ACCEPTED)
+    return Section("What to do with your engine", [said, *_figures(captions, "error-by-step")], beside=True)
 
 
 def _found(summary: Summary, captions: Captions) -> list[Block]:
@@ -197,22 +158,22 @@ def _found(summary: Summary, captions: Captions) -> list[Block]:
     axis, over = ("stiffness_ratio", "stiffness") if pair else ("balls", "balls")
     sections: list[Block] = []
 
-    def answer(question: str, sentences: list[str], picture: str) -> None:
+    def answer(question: str, sentences: Iterable[str], picture: str) -> None:
         said, figure = [*filter(None, sentences)], _figures(captions, picture)
         if said or figure:
             sections.append(Section(question, [*said, *figure], beside=bool(said and figure)))
 
     far = [findings.how_far(summary), one_vote(summary.solvers)]
     answer("How far are they from the model?", far, f"divergence-by-{over}")
-    asked = [*findings.as_asked(summary)]
+    asked = findings.as_asked(summary)
     answer("Do engines do what they were asked for?", asked, "impulse-curves" if pair else "wave")
     why = [findings.causes(summary, name, explain=name == engines[0]) for name in engines]
-    answer("Then why do they diverge?", [*why], f"ladder-by-{over}")
+    answer("Then why do they diverge?", why, f"ladder-by-{over}")
     extremes = [_extremes(summary, name, axis) for name in there]
     answer("Where does it matter?", extremes, "trust-map" if pair else "velocities")
     if pair:
         orders = [_order(summary, name) for name in there]
-        answer("Do contacts open and close in the same order?", [*orders], "state-paths")
+        answer("Do contacts open and close in the same order?", orders, "state-paths")
     return sections
 
 
@@ -261,7 +222,7 @@ def _cells(folder: RunFolder, summary: Summary, packed: str) -> list[Block]:
         (
             named(row["solver"]),
             button.format(row["cell"]) if row["cell"] in opens else row["cell"],
-            *(row[axis] if isinstance(row[axis], str) else number(row[axis]) for axis in axes),
+            *(written(row[axis]) for axis in axes),
             number(row[D]),
         )
         for row in summary.worst.loc[order].to_dict("records")

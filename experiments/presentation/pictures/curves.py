@@ -1,11 +1,15 @@
-"""Impulse curves, with the compression lines l1 and l2: of the cell of a run's figures, or of any one collision."""
+"""One collision: of two balls its impulse curve with the compression lines l1 and l2, of a column velocities and wave.
+
+By every solver: of the cell or column of a run's figures, or of any other.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.figure import Figure
 
 from impact_xval.experiments.config.axes import AXES
@@ -13,11 +17,14 @@ from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.measures.hausdorff import LARGEST
 from impact_xval.experiments.measures.laws import in_order_of_laws
-from impact_xval.experiments.presentation.looks import look
-from impact_xval.experiments.presentation.style import Drawn, drawing
-from impact_xval.experiments.presentation.words import named
+from impact_xval.experiments.presentation.pictures.history import TAIL, passed_at
+from impact_xval.experiments.presentation.style import BESIDE, Drawn, drawing
+from impact_xval.experiments.presentation.words import arranged, by_axes, look, named
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome, Path
+
+#: Most panels of the wave in a row.
+_ACROSS = 4
 
 
 def draw_cell_curves(curves: Frame, config: Config) -> Iterator[Drawn]:
@@ -27,9 +34,8 @@ def draw_cell_curves(curves: Frame, config: Config) -> Iterator[Drawn]:
         return
     cell, solvers = config.figure_cell, in_order_of_laws(followed.index)
     points = {name: np.column_stack(followed[name]) for name in solvers}
-    values = ", ".join(f"{label} = {number(getattr(cell, axis))}" for axis, label in AXES.items())
     said = (
-        f"Impulse curves of one collision ({values}): ball-table impulse I2 over ball-ball impulse "
+        f"Impulse curves of one collision ({by_axes(cell.model_dump())}): ball-table impulse I2 over ball-ball impulse "
         "I1, both per m1 |v0|. Grey lines: compression line l1 (equal velocities, v1 = v2) and l2 "
         "(lower ball at rest, I1 = I2). Markers: where each curve ends; the right panel enlarges "
         "the ends."
@@ -80,11 +86,9 @@ def compression_lines(ax: Any, mass_ratio: float, reach: float) -> None:
 
 def impulse_labels(ax: Any) -> None:
     """Label the axes of an impulse curve, of one scale."""
-    names = {
-        "xlabel": r"$I_1\,/\,(m_1 |v_0|)$, ball on ball",
-        "ylabel": r"$I_2\,/\,(m_1 |v_0|)$, ball on table",
-    }
-    ax.set(aspect="equal", **names)
+    ax.set_aspect("equal")
+    ax.set_xlabel(r"$I_1\,/\,(m_1 |v_0|)$, ball on ball")
+    ax.set_ylabel(r"$I_2\,/\,(m_1 |v_0|)$, ball on table")
 
 
 def drawn_paths(collision: Collision, outcomes: Mapping[str, Outcome]) -> dict[str, Path]:
@@ -102,10 +106,9 @@ def draw_collision(collision: Collision, paths: Mapping[str, Path]) -> Figure:
     """Draw the impulse curve and the velocities of every path of a collision, of which there is one at least."""
     unit = collision.units
     with drawing(8.6, 4.2) as figure:
-        grid = figure.add_gridspec(2, 2, width_ratios=(1.25, 1))
-        curve = figure.add_subplot(grid[:, 0])
-        upper = figure.add_subplot(grid[0, 1])
-        lower = figure.add_subplot(grid[1, 1], sharex=upper)
+        grid = figure.subplot_mosaic([["curve", "v1"], ["curve", "v2"]], width_ratios=(1.25, 1))
+        curve, upper, lower = grid.values()
+        lower.sharex(upper)
         for name, path in paths.items():
             style, impulses = look(name), path.impulses / unit.impulse
             _curve(curve, name, *impulses.T)
@@ -127,14 +130,81 @@ def draw_collision(collision: Collision, paths: Mapping[str, Path]) -> Figure:
 def caption(collision: Collision, solvers: Iterable[str], scenario: str) -> str:
     """Say what is drawn of a collision."""
     return (
-        f"One collision by {', '.join(solvers)}: {at(collision)}, scenario {scenario}. Left: ball-table "
+        f"One collision by {', '.join(solvers)}: {by_ratios(collision)}, scenario {scenario}. Left: ball-table "
         "impulse I2 over ball-ball impulse I1, with the compression lines l1 (v1 = v2) and l2 (v2 = 0, I1 "
         "= I2); markers: where each curve ends. Right: velocities over the impulse of both contacts that "
         "has passed, which serves as a clock for all of them, since the model has no time."
     )
 
 
-def at(collision: Collision) -> str:
+def by_ratios(collision: Collision) -> str:
     """Name a collision of two balls by its ratios and restitutions."""
-    values = (collision.stiffness_ratio, collision.mass_ratio, collision.e1, collision.e2)
-    return ", ".join(f"{label} = {number(value)}" for label, value in zip(AXES.values(), values, strict=True))
+    return by_axes({axis: getattr(collision, axis) for axis in AXES})
+
+
+def draw_column(curves: Frame, config: Config) -> Iterator[Drawn]:
+    """Draw the final velocities and the forces of the column of the figures, of the solvers that have them."""
+    by_solver, followed = curves.set_index("solver").velocities.dropna(), curves[curves.time.notna()]
+    if len(by_solver):
+        solvers = in_order_of_laws(by_solver.index)
+        said = "Final velocities of one column, ball by ball and solver beside solver, per |v0|, up is positive: "
+        said += f"{arranged(config.figure_column)}."
+        yield "velocities", velocities_figure({name: by_solver[name] for name in solvers}), said
+    if len(followed):
+        said = (
+            "The wave through one column: force of each contact over time since first touch, per m1 "
+            "|v0| and the unit of time (m1/k1 |v0|^(1 - p))^(1/(p + 1)), by the solvers that follow it "
+            f"({arranged(config.figure_column)}). Contact 1 is between balls 1 and 2; the model's time "
+            "is that of positions that stay frozen, forces of engines are means over their steps. The "
+            f"time axis ends where all but {number(TAIL)} of the impulses have passed, by every solver."
+        )
+        yield "wave", _wave(followed, config), said
+
+
+def velocities_figure(drawn: Mapping[str, Sequence[float]]) -> Figure:
+    """Draw the final velocities of one column per |v0|, solver beside solver."""
+    balls = np.arange(1, 1 + len(next(iter(drawn.values()))))
+    with drawing(max(5.0, min(12.0, 1.0 + 0.9 * len(balls))) + 1.6, 3.2) as figure:
+        ax = figure.subplots()
+        ax.axhline(0, color="black", linewidth=0.8)
+        width = 0.8 / len(drawn)
+        for position, (name, velocities) in enumerate(drawn.items()):
+            place = balls + width * (position + 0.5 - 0.5 * len(drawn))
+            ax.bar(place, velocities, width, color=look(name).color, label=named(name))
+        step = max(1, len(balls) // 20)
+        ax.set(xticks=balls[::step], xlabel="ball, 1 at the top", ylabel="final velocity / |v0| (-)")
+        ax.grid(axis="x", visible=False)
+        ax.legend(**BESIDE)
+    return figure
+
+
+def _wave(curves: Frame, config: Config) -> Figure:
+    """Draw the force of every contact of one column over time, a panel a solver."""
+    rows = curves.to_dict("records")
+    across = len(rows) if len(rows) <= _ACROSS else -(-len(rows) // 2)
+    down = -(-len(rows) // across)
+    with drawing(3.0 * across + 1.2, 0.5 + 2.7 * down) as figure:
+        grid = figure.subplots(down, across, sharey=True, sharex=True, squeeze=False)
+        axes = grid.ravel()[: len(rows)]
+        for ax in grid.ravel()[len(rows) :]:
+            ax.set_visible(False)
+        for place, (ax, row) in enumerate(zip(axes, rows, strict=True)):
+            for contact, forces in enumerate(row["forces"], start=1):
+                shade = colormaps["viridis"](0.92 * (contact - 1) / max(1, len(row["forces"]) - 1))
+                ax.plot(row["time"], forces, color=shade, label=f"contact {contact}", linewidth=1.2)
+            if place + across >= len(rows):  # nothing below it
+                ax.set_xlabel("time / sqrt(m1/k1) (-)" if config.figure_column.exponent == 1 else "time (-)")
+                ax.tick_params(labelbottom=True)
+            ax.set_title(named(row["solver"]))
+        for ax in grid[:, 0]:
+            ax.set_ylabel("contact force (-)")
+        axes[0].set_xlim(0, 1.05 * max(map(shown_until, rows)))  # shared
+        if len(rows[0]["forces"]) <= 12:
+            figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center")
+    return figure
+
+
+def shown_until(row: dict[Any, Any]) -> float:
+    """When all impulses of a column but `TAIL` of their sum have passed."""
+    time, total = row["time"], np.sum(np.stack(row["forces"]), axis=0)
+    return passed_at(time, np.append(0, np.cumsum(np.diff(time) * 0.5 * (total[1:] + total[:-1]))))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -10,11 +11,8 @@ from matplotlib.figure import Figure
 from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.measures.aggregates import FULL_PATHS, Frame
 from impact_xval.experiments.measures.summary import Summary, load_divergence
-from impact_xval.experiments.presentation.looks import look
-from impact_xval.experiments.presentation.pictures.columns import draw_column
-from impact_xval.experiments.presentation.pictures.curves import draw_cell_curves
-from impact_xval.experiments.presentation.pictures.ladders import draw_ladders
-from impact_xval.experiments.presentation.pictures.trust import draw_trust, trust_of
+from impact_xval.experiments.presentation.pictures.curves import draw_cell_curves, draw_column
+from impact_xval.experiments.presentation.pictures.ladders import draw_ladders, draw_trust, trust_of
 from impact_xval.experiments.presentation.style import (
     BESIDE,
     LEFT_OUT,
@@ -23,7 +21,7 @@ from impact_xval.experiments.presentation.style import (
     label_places,
     save_all,
 )
-from impact_xval.experiments.presentation.words import named, one_vote
+from impact_xval.experiments.presentation.words import look, named, one_vote
 from impact_xval.experiments.sweep.curves import CURVES
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.numbers import number
@@ -66,15 +64,19 @@ def _figures(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
     curves = folder.read_table(CURVES).to_pandas()  # of a damaged folder nothing is drawn
     if pair:
         measures = {_D: "divergence-by-stiffness", FULL_PATHS: "state-paths"}
-        axis, panel, over = "stiffness_ratio", None, "the stiffness ratio k2/k1"
+        axis, over = "stiffness_ratio", "the stiffness ratio k2/k1"
     else:
         measures = {_D: "divergence-by-balls"}
-        axis, panel, over = "balls", "arrangement", "the number of balls N, a panel an arrangement"
+        axis, over = "balls", "the number of balls N, a panel an arrangement"
     table = load_divergence(folder, config)
-    rows = table.frame(tuple(measures))
+    rows, values = table.frame(tuple(measures)), sorted(table.levels[axis].values)
+    panels = {"": (rows, values)}
+    if not pair:
+        by_arrangement = rows.groupby("arrangement", observed=True, sort=False)
+        panels = {name: (some, [n for n in values if n in set(some.balls)]) for name, some in by_arrangement}
     solvers = [name for name in summary.solvers if name in set(rows.solver)]
     for measure, name in measures.items() if solvers else ():
-        figure = _over(rows, solvers, axis, measure, sorted(table.levels[axis].values), panel)
+        figure = _over(panels, solvers, axis, measure)
         yield name, figure, _CAPTIONS[measure].format(over=over, votes=one_vote(solvers)).strip()
     yield from draw_trust(trust_of(folder, config) if pair else None)
     yield from draw_ladders(summary.ladder)
@@ -82,31 +84,26 @@ def _figures(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
     yield from (draw_cell_curves if pair else draw_column)(curves, config)
 
 
-def _over(
-    rows: Frame, solvers: Sequence[str], axis: str, measure: str, values: Sequence[float], panel: str | None
-) -> Figure:
-    """Draw the median of a measure over an axis, and its 5 to 95 %, or a share; a panel a value of another axis."""
-    panels = list(dict.fromkeys(rows[panel])) if panel else [None]
+def _over(panels: Mapping[str, tuple[Frame, Any]], solvers: Sequence[str], axis: str, measure: str) -> Figure:
+    """Draw the median of a measure over an axis, and its 5 to 95 %, or a share; of each panel its rows and values."""
     with drawing(2.6 * len(panels) + 3.6, 3.2) as figure:
         axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
-        for ax, name in zip(axes, panels, strict=True):
-            some = rows if name is None else rows[rows[panel] == name]
-            here = [value for value in values if value in set(some[axis])] if panel else values
-            label_places(ax.xaxis, here, 8)
-            ax.set_xlabel("number of balls N" if axis == "balls" else "stiffness ratio k2/k1 (-)")
+        for ax, (title, (rows, values)) in zip(axes, panels.items(), strict=True):
+            label_places(ax.xaxis, values, 8)
+            xlabel = "number of balls N" if axis == "balls" else "stiffness ratio k2/k1 (-)"
+            ax.set(xlabel=xlabel, title=title)
             for position, solver in enumerate(solvers):
                 style = look(solver)
-                at = np.arange(len(here)) + 0.6 * ((position + 0.5) / len(solvers) - 0.5)
-                grouped = some[some.solver == solver].groupby(axis)[measure]
+                at = np.arange(len(values)) + 0.6 * ((position + 0.5) / len(solvers) - 0.5)
+                grouped = rows[rows.solver == solver].groupby(axis)[measure]
                 if measure == FULL_PATHS:
-                    shown = grouped.mean().reindex(here)
+                    shown = grouped.mean().reindex(values)
                 else:
-                    ends = (grouped.quantile(q).reindex(here) for q in (0.05, 0.5, 0.95))
+                    ends = (grouped.quantile(q).reindex(values) for q in (0.05, 0.5, 0.95))
                     low, shown, high = (each.clip(lower=_FLOOR) for each in ends)
                     ax.vlines(at, low, high, color=style.color, linewidth=1.4, alpha=0.5)
                 line = {"marker": style.marker, "linestyle": style.dash, "color": style.color}
                 ax.plot(at, shown, linewidth=1, label=named(solver), **line)
-            ax.set_title(name or "")
         axes[0].set_ylabel(_LABELS[measure])
         if measure == _D:
             axes[0].set_yscale("log")  # shared
@@ -116,39 +113,36 @@ def _over(
     return figure
 
 
-def recommended(summary: Summary) -> dict[str, float]:
-    """Return, by engine, the step, over the faster contact period, with an error of `ACCEPTED` in 95 % of the cells.
+def recommended(summary: Summary) -> list[dict[str, Any]]:
+    """Return the estimates of engines, and as `enough` the step with an error of `ACCEPTED` in 95 % of the cells.
 
-    It is extrapolated from the step of the run by the order that was measured.
+    It is over the faster contact period, extrapolated from the step of the run by the order that was measured.
     """
     rows = summary.estimates.to_dict("records") if summary.config.column is None else []
-    return {
-        row["solver"]: summary.config.step_fraction * (ACCEPTED / row["step_p95"]) ** (1 / row["order"])
+    return [
+        row | {"enough": summary.config.step_fraction * (ACCEPTED / row["step_p95"]) ** (1 / row["order"])}
         for row in rows
         if is_engine(row["solver"]) and row["step_p95"] > 0 and row["order"] > 0
-    }
+    ]
 
 
 def draw_steps(summary: Summary) -> Iterator[Drawn]:
     """Draw the error over the step; nothing where no engine has a limit."""
-    steps, f = recommended(summary), summary.config.step_fraction
-    if not steps:
+    engines, f = recommended(summary), summary.config.step_fraction
+    if not engines:
         return
-    known = summary.estimates.set_index("solver")
     with drawing(6.2, 3.2) as figure:
         ax = figure.subplots()
-        for name, step in steps.items():
-            style, h = look(name), np.geomspace(f, max(4 * f, min(0.1, 1.5 * step)), 20)
-            for cut, width, label in (("median", 0.9, None), ("p95", 1.8, named(name))):
-                error = known[f"step_{cut}"][name]
+        for row in engines:
+            style, h = look(row["solver"]), np.geomspace(f, max(4 * f, min(0.1, 1.5 * row["enough"])), 20)
+            for cut, width, label in (("median", 0.9, None), ("p95", 1.8, named(row["solver"]))):
+                error = row[f"step_{cut}"]
                 ax.plot(f, error, color=style.color, marker=style.marker)
                 line = {"color": style.color, "linestyle": "--", "linewidth": width, "label": label}
-                ax.plot(h, error * (h / f) ** known.order[name], **line)
+                ax.plot(h, error * (h / f) ** row["order"], **line)
         ax.axhline(ACCEPTED, color="0.4", linewidth=1)
-        ax.set_xscale("log")
-        ax.set_yscale("log")
-        ax.set_xlabel("step / period of the faster contact (-)")
-        ax.set_ylabel("error of a velocity / |v0| (-)")
+        ax.set(xscale="log", yscale="log")
+        ax.set(xlabel="step / period of the faster contact (-)", ylabel="error of a velocity / |v0| (-)")
         ax.legend(**BESIDE)
     yield (
         "error-by-step",

@@ -28,18 +28,10 @@ TAIL = 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class History:
-    """A collision of N balls with C contacts over time.
+    """A collision of N balls with C contacts over time: n instants since first touch, rising.
 
-    Attributes
-    ----------
-    time : ndarray, shape (n,)
-        Instants since first touch, rising.
-    velocities, heights : ndarray, shape (n, N)
-        Of the balls; heights are 0 where springs are unloaded and touch.
-    impulses : ndarray, shape (n, C)
-        Passed so far.
-    acting : ndarray of bool, shape (n, C)
-        Which contacts act from each instant on.
+    `velocities` and `heights`, 0 where springs are unloaded and touch, have shape (n, N); `impulses`, passed so far,
+    and `acting`, which contacts act from each instant on, (n, C).
     """
 
     time: Floats
@@ -65,34 +57,28 @@ class History:
         table = np.zeros((len(self.time), 1))
         return np.hstack([self.heights, table])[:, 1 : 1 + contacts] - self.heights[:, :contacts]
 
-    @property
-    def ended(self) -> float:
-        """When all impulses but `TAIL` of their sum have passed."""
-        return passed_at(self.time, self.impulses.sum(axis=1))
-
     def at(self, instants: Floats) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
         """Heights and velocities of the balls at instants, forces of the contacts, and which of them act.
 
         After the last one bodies fly on as they do then, and no contact acts.
         """
+
+        def of(known: Floats, values: Floats) -> Floats:
+            return np.column_stack([np.interp(instants, known, column) for column in values.T])
+
         after = np.maximum(instants - self.time[-1], 0)[:, None]
         here = np.searchsorted(self.time, instants, side="right") - 1
         return (
-            _between(instants, self.time, self.heights) + after * self.velocities[-1],
-            _between(instants, self.time, self.velocities),
-            np.where(after > 0, 0.0, _between(instants, self.between, self.forces)),
+            of(self.time, self.heights) + after * self.velocities[-1],
+            of(self.time, self.velocities),
+            np.where(after > 0, 0.0, of(self.between, self.forces)),
             self.acting[here] & (instants < self.time[-1])[:, None],
         )
 
 
 def passed_at(time: Floats, passed: Floats) -> float:
-    """When all but `TAIL` of an impulse has passed: balls may meet again long after."""
+    """When all but `TAIL` of an impulse has passed."""
     return float(time[np.searchsorted(passed, (1 - TAIL) * passed[-1])])
-
-
-def _between(time: Floats, known: Floats, values: Floats) -> Floats:
-    """Interpolate columns of values."""
-    return np.column_stack([np.interp(time, known, column) for column in values.T])
 
 
 def history_of(collision: Collision, path: Path, gravity: float = 0.0) -> History | None:

@@ -21,8 +21,8 @@ from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.config.arrangements import Arranged
 from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.presentation.html import page_of, render
-from impact_xval.experiments.presentation.pictures.curves import at
-from impact_xval.experiments.presentation.pictures.history import Floats, History, history_of
+from impact_xval.experiments.presentation.pictures.curves import by_ratios
+from impact_xval.experiments.presentation.pictures.history import Floats, History, history_of, passed_at
 from impact_xval.experiments.presentation.style import drawing
 from impact_xval.experiments.presentation.words import arranged, named
 from impact_xval.experiments.tables.numbers import number
@@ -51,6 +51,11 @@ _SPRING, _COMPRESSED = 0.6, 0.8
 _RADIUS, _SMALL, _RISE, _FALL = 0.45, 0.16, 0.7, 1.4
 #: Length of the arrow of abs(v0), and of the bar of the largest force.
 _ARROW, _BAR = 0.7, 0.75
+#: Points of a spring: across, and up from its lower end over its length.
+_ZIGZAG = (
+    np.array([0, 0, 1, -1, 1, -1, 1, -1, 0, 0]) * 0.12,
+    np.array([0, 0.1, 0.17, 0.3, 0.43, 0.57, 0.7, 0.83, 0.9, 1]),
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,23 +85,25 @@ class Motion:
             raise ValueError(
                 "needs the model and another solver with a path in finite time; legal: such a collision, or FILE.png"
             )
-        what = arranged(column) if column is not None else f"{at(collision)}, scenario {config.scenario}"
+        what = (
+            arranged(column) if column is not None else f"{by_ratios(collision)}, scenario {config.scenario}"
+        )
         what += ", in which the model has no gravity" if drop else ""
         return cls(collision, what, dict(list(shown.items())[:2]))
 
     @property
     def instants(self) -> Floats:
         """Instants of the pictures: a little beyond the last one that matters to a solver."""
-        last = 1.12 * max(each.ended for each in self.histories.values())
-        return np.linspace(0.0, last, FRAMES)
+        ends = (passed_at(each.time, each.impulses.sum(axis=1)) for each in self.histories.values())
+        return np.linspace(0.0, 1.12 * max(ends), FRAMES)
 
     @property
     def colors(self) -> list[Any]:
         """Colours of the contacts."""
         count = len(self.collision.stiffnesses)
-        return (
-            [*CONTACT_COLORS[:count]] if count <= 2 else [*colormaps["viridis"](np.linspace(0, 0.92, count))]
-        )
+        return [
+            *(CONTACT_COLORS[:count] if count <= 2 else colormaps["viridis"](np.linspace(0, 0.92, count)))
+        ]
 
     def title(self) -> str:
         """Say who is shown."""
@@ -123,60 +130,50 @@ class Scene:
         c = motion.collision
         self._scale, self._strongest, self._colors = scale, strongest, motion.colors
         self._pair = c.falls_on_resting
-        self.radii = np.maximum(_RADIUS * (np.array(c.masses) / max(c.masses)) ** (1 / 3), _SMALL)
+        self._radii = np.maximum(_RADIUS * (np.array(c.masses) / max(c.masses)) ** (1 / 3), _SMALL)
         below = np.append(_SPRING * np.ones(len(c.masses) - 1), _SPRING * c.table)
-        self._bottoms = np.cumsum((below + 2 * self.radii)[::-1])[::-1] - 2 * self.radii
-        top = self._bottoms[0] + 2 * self.radii[0] + _RISE
+        self._bottoms = np.cumsum((below + 2 * self._radii)[::-1])[::-1] - 2 * self._radii
+        top = self._bottoms[0] + 2 * self._radii[0] + _RISE
         ax.set(xlim=(-1.25, 1.25), ylim=(-0.12 if c.table else -_FALL, top), aspect="equal")
         ax.axis("off")
         if c.table:
             ax.fill_between([-1.25, 1.25], -0.12, 0, color="0.55", linewidth=0)
         moves: dict[str, Any] = {"animated": True, "clip_on": True}
-        middle = {"ha": "center", "va": "center", "fontsize": 9}
-        line = {"color": "black", "linewidth": 1.4} | moves
-        self.balls = [
-            ax.add_patch(Circle((0, 0), r, facecolor=_BALLS[i % 2], edgecolor="black", **moves))
-            for i, r in enumerate(self.radii)
-        ]
-        self.names = [ax.text(0, 0, f"B{i}", **middle, **moves) for i, _ in enumerate(self.radii, 1)]
-        self.springs = [ax.plot([], [], linewidth=1.6, **moves)[0] for _ in self._colors]
-        self.bars = [
-            ax.plot([], [], color=c, linewidth=6, solid_capstyle="butt", **moves)[0] for c in self._colors
-        ]
-        self.arrows = [ax.plot([], [], markersize=6, markevery=[1], **line)[0] for _ in self.radii]
-        self.state = ax.text(
-            -1.25, top, "", fontsize=9.5, va="top", ha="left", fontweight="bold", animated=True
-        )
-        self.artists = [*self.springs, *self.balls, *self.names, *self.bars, *self.arrows, self.state]
+        middle = moves | {"ha": "center", "va": "center", "fontsize": 9}
+        bar = moves | {"linewidth": 6, "solid_capstyle": "butt"}
+        arrow = moves | {"color": "black", "linewidth": 1.4, "markersize": 6, "markevery": [1]}
+        corner = {"fontsize": 9.5, "va": "top", "ha": "left", "fontweight": "bold", "animated": True}
+        self._balls, self._names, self._arrows = [], [], []
+        for i, r in enumerate(self._radii):
+            ball = Circle((0, 0), r, facecolor=_BALLS[i % 2], edgecolor="black", **moves)
+            self._balls.append(ax.add_patch(ball))
+            self._names.append(ax.text(0, 0, f"B{i + 1}", **middle))
+            self._arrows += ax.plot([], [], **arrow)
+        self._springs = [ax.plot([], [], linewidth=1.6, **moves)[0] for _ in self._colors]
+        self._bars = [ax.plot([], [], color=color, **bar)[0] for color in self._colors]
+        self._state = ax.text(-1.25, top, "", **corner)
+        self.artists = [*self._springs, *self._balls, *self._names, *self._bars, *self._arrows, self._state]
 
     def show(self, heights: Floats, velocities: Floats, forces: Floats, acting: Any) -> None:
         """Move everything to where it is."""
         bottoms = self._bottoms + self._scale * heights
-        tops = np.append(bottoms + 2 * self.radii, 0.0)  # of what is below a contact, the table last
-        for i, (spring, bar) in enumerate(zip(self.springs, self.bars, strict=True)):
+        tops = np.append(bottoms + 2 * self._radii, 0.0)  # of what is below a contact, the table last
+        lengths = _BAR * np.maximum(forces, 0.0) / self._strongest
+        for i, (spring, bar) in enumerate(zip(self._springs, self._bars, strict=True)):
             low, high = tops[i + 1], min(bottoms[i], tops[i + 1] + _SPRING)
-            spring.set_data(*_zigzag(low, high))
+            spring.set_data(_ZIGZAG[0], low + (high - low) * _ZIGZAG[1])
             spring.set_color(self._colors[i] if acting[i] else _IDLE)
-            bar.set_data(
-                [0.28, 0.28 + _BAR * max(forces[i], 0.0) / self._strongest], [0.5 * (low + high)] * 2
-            )
-        for ball, name, arrow, r, y, v in zip(
-            self.balls, self.names, self.arrows, self.radii, bottoms + self.radii, velocities, strict=True
-        ):
+            bar.set_data([0.28, 0.28 + lengths[i]], [0.5 * (low + high)] * 2)
+        middles = bottoms + self._radii
+        of_balls = (self._balls, self._names, self._arrows, self._radii, middles, velocities)
+        for ball, name, arrow, r, y, v in zip(*of_balls, strict=True):
             ball.center = (0.0, y)
             name.set_position((0.0, y))
             arrow.set_data([-r - 0.15] * 2, [y, y + _ARROW * v])
             arrow.set_marker("^" if v > 0 else "v")
             arrow.set_visible(abs(v) > 1e-3)
         if self._pair:
-            self.state.set_text(_STATES[3 - acting @ np.array([1, 2])])
-
-
-def _zigzag(low: float, high: float) -> tuple[Floats, Floats]:
-    """Points of a spring between two heights."""
-    x = np.array([0, 0, 1, -1, 1, -1, 1, -1, 0, 0]) * 0.12
-    y = np.array([0, 0.1, 0.17, 0.3, 0.43, 0.57, 0.7, 0.83, 0.9, 1])
-    return x, low + (high - low) * y
+            self._state.set_text(_STATES[3 - acting @ np.array([1, 2])])
 
 
 def frames_of(motion: Motion) -> Iterator[Pixels]:
@@ -204,7 +201,7 @@ def frames_of(motion: Motion) -> Iterator[Pixels]:
 
 def _set_up(figure: Figure, motion: Motion) -> tuple[list[Scene], list[Any]]:
     """Draw all that does not move; the scenes, and the lines that will stand at the instant that is shown."""
-    histories, last = motion.histories, motion.instants[-1]
+    c, histories, last = motion.collision, motion.histories, motion.instants[-1]
     shown = [(each, each.time <= last) for each in histories.values()]
     largest = max(each.compressions[some].max() for each, some in shown)
     forces = np.concatenate([each.forces[some[1:]] for each, some in shown])
@@ -220,12 +217,10 @@ def _set_up(figure: Figure, motion: Motion) -> tuple[list[Scene], list[Any]]:
         ax.set_title(named(name), pad=8)
         scenes.append(Scene(ax, motion, scale, strongest))
         ax = figure.add_subplot(grid[1, column])
-        for contact, color in enumerate(motion.colors):
-            label = f"contact {contact + 1}" + ", with the table" * (
-                contact + 1 == len(motion.collision.masses)
-            )
-            ax.plot(history.between, history.forces[:, contact], color=color, label=label, linewidth=1.3)
-        time = "time / sqrt(m1/k1) (-)" if motion.collision.exponent == 1 else "time (-)"
+        for i, color in enumerate(motion.colors, 1):
+            label = f"contact {i}, with the table" if i == len(c.masses) else f"contact {i}"
+            ax.plot(history.between, history.forces[:, i - 1], color=color, label=label, linewidth=1.3)
+        time = "time / sqrt(m1/k1) (-)" if c.exponent == 1 else "time (-)"
         ax.set(xlim=(0, last), ylim=(least, 1.08 * strongest), xlabel=time)
         ax.tick_params(labelleft=column == 0)
         cursors.append(ax.axvline(0.0, color="black", linewidth=0.9, animated=True))
@@ -251,12 +246,9 @@ def write_animation(motion: Motion, path: Path) -> None:
         if path.suffix == ".gif":
             first.save(temporary, "GIF", save_all=True, append_images=others, duration=1000 / RATE, loop=0)
             return
-        shown = [_in_letters(each) for each in (first, *others)]
+        shown = []
+        for picture in (first, *others):
+            picture.save(file := BytesIO(), "PNG", optimize=True)
+            shown.append(base64.b64encode(file.getvalue()).decode("ascii"))
         player = render("player.html.j2", title=motion.title(), pictures=shown, pause=1000 // RATE)
         temporary.write_text(page_of(motion.title(), [player, motion.caption()]), encoding="utf-8")
-
-
-def _in_letters(picture: Image.Image) -> str:
-    file = BytesIO()
-    picture.save(file, "PNG", optimize=True)
-    return base64.b64encode(file.getvalue()).decode("ascii")

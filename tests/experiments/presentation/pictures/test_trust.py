@@ -5,7 +5,7 @@ import pytest
 
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.ladder import CONTRIBUTIONS
-from impact_xval.experiments.presentation.pictures.trust import draw_trust, trust_of
+from impact_xval.experiments.presentation.pictures.ladders import draw_trust, trust_of
 from impact_xval.experiments.sweep.run import run_sweep
 from tests.experiments import fakes
 from tests.experiments.conftest import SMALL
