@@ -6,7 +6,7 @@ import errno
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from datetime import timedelta
 from typing import Any
 
@@ -73,49 +73,34 @@ def _table(block: Table) -> RichTable:
 
 @contextmanager
 def show_progress(console: Console) -> Iterator[Callable[[int, int, str], None]]:
-    """Show progress: a bar on a terminal, otherwise a line for every tenth.
+    """Show progress: a bar on a terminal, otherwise a line for the first report and for every tenth.
 
     Yields what is to be given how many are done, of how many, and a line worth saying; from any thread.
     """
-    if not console.is_terminal or console.is_dumb_terminal:
-        yield _log(console)
-        return
+    live = console.is_terminal and not console.is_dumb_terminal
     counts = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     slow = 3600  # s: parts may take minutes
     bar = Progress(TextColumn("{task.description}"), *counts, console=console, speed_estimate_period=slow)
-    task = bar.add_task("cells", total=None)
+    bar.add_task("cells", total=None)
+    (task,), said, lock = bar.tasks, -1, threading.Lock()
 
     def report(done: int, total: int, line: str) -> None:
-        if line:
-            bar.console.print(visible(line), markup=False, highlight=False)
-        if total:
-            description = "writing" if done == total else "cells"
-            bar.update(task, completed=done, total=total, description=description)
-
-    with bar:
-        yield report
-        bar.live.transient = True  # what follows says it better
-
-
-def _log(console: Console) -> Callable[[int, int, str], None]:
-    """Return what prints a line for the first report and for every tenth."""
-    start, said, lock = time.perf_counter(), -1, threading.Lock()
-    first: tuple[float, int] | None = None
-
-    def report(done: int, total: int, line: str) -> None:
-        nonlocal said, first
+        nonlocal said
         with lock:
-            if not line and total and 10 * done // total > said:
-                said, now = 10 * done // total, time.perf_counter()
-                first = since, before = first or (now, done)  # what was done before costs no time
-                line = f"{done} of {total} cells after {now - start:.0f} s"
-                if before < done < total:
-                    left = timedelta(seconds=round((total - done) * (now - since) / (done - before)))
-                    line += f", {left} left at this rate"
+            if total:
+                description = "writing" if done == total else "cells"
+                bar.update(task.id, completed=done, total=total, description=description)
+                if not live and not line and 10 * done // total > said:
+                    said = 10 * done // total
+                    line = f"{done} of {total} cells after {task.elapsed:.0f} s"
+                    if left := task.time_remaining:
+                        line += f", {timedelta(seconds=left)} left at this rate"
             if line:
                 print_line(console, line)
 
-    return report
+    with bar if live else nullcontext():
+        yield report
+        bar.live.transient = True  # what follows says it better
 
 
 class _Console(Console):
