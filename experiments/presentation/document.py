@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -76,8 +76,3 @@ Block = str | Table | Figure | Section
 def say(template: str, **values: Any) -> Markup:
     """Fill the named fields of a sentence; values keep what they are."""
     return escape(template).format(**values)
-
-
-def together(sentences: Iterable[str]) -> Markup:
-    """Join sentences into a paragraph."""
-    return Markup(" ").join(sentences)

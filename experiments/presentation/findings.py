@@ -16,7 +16,7 @@ from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, cancelling
 from impact_xval.experiments.measures.ladder_summary import LadderSummary
 from impact_xval.experiments.measures.laws import exact_for
 from impact_xval.experiments.measures.summary import Summary
-from impact_xval.experiments.presentation.document import Block, Table, Value, say, together
+from impact_xval.experiments.presentation.document import Block, Table, Value, say
 from impact_xval.experiments.presentation.words import (
     LAWS_WITH_LAWS,
     MEANINGS,
@@ -80,12 +80,9 @@ def where(summary: Summary, row: Any) -> str:
     if summary.config.column is None:
         return by_axes(row)
     strike = f", {row.strike:g} striking" if row.arrangement == "cradle" else ""
-    axes = {
-        axis: label
-        for axis, label in COLUMN_AXES.items()
-        if axis in summary.axes and axis not in ("arrangement", "balls", "strike")
-    }
-    return f"the {row.arrangement} of {row.balls} balls{strike}{', ' if axes else ''}{by_axes(row, axes)}"
+    axes = [axis for axis in summary.axes if axis not in ("arrangement", "balls", "strike")]
+    others = "".join(f", {COLUMN_AXES[axis]} = {number(row[axis])}" for axis in axes)
+    return f"the {row.arrangement} of {row.balls} balls{strike}{others}"
 
 
 def worst_of(summary: Summary, solver: str) -> Any:
@@ -95,7 +92,7 @@ def worst_of(summary: Summary, solver: str) -> Any:
 
 def how_far(summary: Summary) -> Markup:
     """Say how far solvers end from the model."""
-    return together(
+    return Markup(" ").join(
         say(
             "{solver} ends D = {median} from the model (median of {n} {unit}); the largest, {most}, is at {where}.",
             unit=unit_of(summary),
@@ -148,13 +145,24 @@ def as_asked(summary: Summary) -> list[Markup]:
     ]
 
 
-def shares(summary: Summary, solver: str, axis: str = "all", value: Any = math.nan) -> dict[str, Value]:
-    """Return the shares of the causes in an engine's mean D over a region, the largest first."""
-    region = summary.ladder.region(solver, axis, value)
-    region = region[region["max"] > 0]  # gravity is nowhere in an impact
-    at = "" if axis == "all" else f" {axis}={value}"
-    order = region.share.abs().sort_values(ascending=False, kind="stable").index
-    return {name: Value(region.share[name], f"{solver} share_{name} mean{at}", 0) for name in order}
+def shares(
+    ladder: LadderSummary, solver: str, axis: str = "all", at: Any = math.nan
+) -> dict[str, Value | str]:
+    """Return the shares of the causes in an engine's mean D over a region, the largest first; or that two cancel."""
+    region = ladder.region(solver, axis, at)
+    key = "mean" if axis == "all" else f"mean {axis}={at}"
+    there = region[region["max"] > 0]  # gravity is nowhere in an impact
+    largest = there.share.abs().sort_values(ascending=False, kind="stable").index
+    return {
+        name: _cancelling(region, name) or Value(region.share[name], f"{solver} share_{name} {key}", 0)
+        for name in largest
+    }
+
+
+def _cancelling(region: Any, name: str) -> str:
+    """Say of one of two large causes that cancel that they do; empty of any other."""
+    cancels = name in region.index[list(cancelling(region.share) or ())]
+    return f"cancelling (norm {number(region['mean'][name])})" if cancels else ""
 
 
 def causes(summary: Summary, solver: str, most: int = 2, *, explain: bool = False) -> Markup:
@@ -164,9 +172,9 @@ def causes(summary: Summary, solver: str, most: int = 2, *, explain: bool = Fals
     total = Value(whole.total.iloc[0], f"{solver} mean D of the ladders")
     if total.value == 0:
         return say("{solver} ends where the model does: there is nothing to split.", solver=named(solver))
-    found = shares(summary, solver)
+    found = shares(ladder, solver)
     parts = [
-        say("{share} {label}", share=_cancelling(whole, name) or share, label=LABELS[name])
+        say("{share} {label}", share=share, label=LABELS[name])
         + (f" ({MEANINGS[name]})" if explain and name in MEANINGS else "")
         for name, share in list(found.items())[:most]
     ]
@@ -177,27 +185,14 @@ def causes(summary: Summary, solver: str, most: int = 2, *, explain: bool = Fals
         n=Value(float(whole.n.max()), f"{solver} ladders n"),
         unit=unit_of(summary),
         causes=Markup(", ").join(parts),
-        by_region=_by_region(summary, solver, next(iter(found))),
+        by_region=_by_region(ladder, solver, next(iter(found))),
     )
 
 
-def _cancelling(region: Any, name: str) -> str:
-    """Say of one of two large causes that cancel that they do; empty of any other."""
-    pair = cancelling(region.share)
-    cancels = pair is not None and name in region.index[list(pair)]
-    return f"cancelling (norm {number(region['mean'][name])})" if cancels else ""
-
-
-def _by_region(summary: Summary, solver: str, name: str) -> str:
+def _by_region(ladder: LadderSummary, solver: str, name: str) -> str:
     """Say how the share of a cause differs between regions of the grid; empty with fewer than two."""
-    ladder = summary.ladder
-    parts = [
-        say(
-            "{share} at {label}", share=_cancelling(ladder.region(solver, *place), name) or share, label=label
-        )
-        for label, place in ladder.regions.items()
-        if (share := shares(summary, solver, *place).get(name)) is not None
-    ]
+    found = {label: shares(ladder, solver, *place).get(name) for label, place in ladder.regions.items()}
+    parts = [say("{share} at {label}", share=share, label=label) for label, share in found.items() if share]
     if len(parts) < 2:
         return ""
     cause, regions = LABELS[name], Markup(", ").join(parts)

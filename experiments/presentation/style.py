@@ -70,14 +70,10 @@ def save(figure: Figure, folder: Path, name: str) -> None:
     # Not `savefig`, which lays out and draws twice for each format.
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # it is laid out
-    with (
-        mpl.rc_context(_PARAMETERS),
-        replacing(folder / f"{name}.svg") as temporary,
-        temporary.open("wb") as file,
-    ):
-        FigureCanvasSVG(figure).print_svg(file, metadata={"Date": None})
-    with replacing(folder / f"{name}.pdf") as temporary, temporary.open("wb") as file:
-        FigureCanvasPdf(figure).print_pdf(file, metadata={"CreationDate": None})
+    with mpl.rc_context(_PARAMETERS), replacing(folder / f"{name}.svg") as temporary:
+        FigureCanvasSVG(figure).print_svg(temporary, metadata={"Date": None})
+    with replacing(folder / f"{name}.pdf") as temporary:
+        FigureCanvasPdf(figure).print_pdf(temporary, metadata={"CreationDate": None})
 
 
 def save_all(figures: Iterable[Drawn], folder: Path) -> dict[str, str]:

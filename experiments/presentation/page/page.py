@@ -25,7 +25,6 @@ from impact_xval.experiments.presentation.document import (
     Table,
     Value,
     say,
-    together,
 )
 from impact_xval.experiments.presentation.findings import CUTS, D, compared, subjects, unit_of, value_of
 from impact_xval.experiments.presentation.html import render
@@ -126,7 +125,7 @@ def _opening(summary: Summary) -> Piece:
     )
 
 
-def _numbers(summary: Summary) -> Iterator[tuple[Value, str]]:
+def _numbers(summary: Summary) -> Iterator[tuple[Value | str, str]]:
     """Give up to three numbers to remember: how far, how near to what was asked for, and why."""
     for name in subjects(summary)[:1]:
         n = int(value_of(summary, name, "n").value)
@@ -138,7 +137,7 @@ def _numbers(summary: Summary) -> Iterator[tuple[Value, str]]:
         what = "D" if summary.config.column is None else "distance of the limit dt -> 0, per |v0|,"
         yield median, f"is the median {what} of {named(name)} from {named(law)}, the law it was set to"
     for name in summary.ladder.solvers[:1]:
-        causes = findings.shares(summary, name)
+        causes = findings.shares(summary.ladder, name)
         if causes and cancelling(summary.ladder.region(name).share) is None:
             cause, share = next(iter(causes.items()))
             label = findings.LABELS[cause]
@@ -310,7 +309,7 @@ def _sureness(summary: Summary) -> Section:
         "Limits dt -> 0 of engines, and the exact solver of the law they were asked for: velocities per "
         "|v0|, the largest of all balls, median / maximum"
     )
-    return Section("How sure is it?", [together(said), Table(header, rows, caption, text=3)])
+    return Section("How sure is it?", [Markup(" ").join(said), Table(header, rows, caption, text=3)])
 
 
 def _effective(folder: RunFolder) -> Section:
