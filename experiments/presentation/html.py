@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,18 @@ from markupsafe import Markup
 from impact_xval.experiments.presentation.document import Block, Piece, Section, Value
 from impact_xval.experiments.presentation.words import named
 from impact_xval.experiments.tables.numbers import listed, number
+
+_ENVIRONMENT = Environment(
+    loader=PackageLoader("impact_xval.experiments.presentation"),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+_ENVIRONMENT.policies["json.dumps_kwargs"] = {}  # in the order in which they were written
+_ENVIRONMENT.globals["Value"] = Value
+_ENVIRONMENT.filters |= {"kind": lambda block: type(block).__name__}
+_ENVIRONMENT.filters |= {"number": number, "listed": listed, "named": named}
 
 
 def page_of(title: str, blocks: Sequence[Block], folder: Path | None = None) -> str:
@@ -30,26 +41,10 @@ def page_of(title: str, blocks: Sequence[Block], folder: Path | None = None) -> 
 
 def fragment(blocks: Sequence[Block]) -> Markup:
     """Write blocks as a piece of a page; figures of a folder are for a page alone."""
-    module: Any = _environment().get_template("blocks.html.j2").make_module({"picture": None})
+    module: Any = _ENVIRONMENT.get_template("blocks.html.j2").make_module({"picture": None})
     return Markup("").join(map(module.show, blocks))
 
 
 def render(name: str, /, **facts: Any) -> Piece:
     """Fill a template of HTML, which escapes what it is given."""
-    return Piece(_environment().get_template(name).render(facts))
-
-
-@cache
-def _environment() -> Environment:
-    environment = Environment(
-        loader=PackageLoader("impact_xval.experiments.presentation"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.policies["json.dumps_kwargs"] = {}  # in the order in which they were written
-    environment.filters |= {"kind": lambda block: type(block).__name__}
-    environment.globals["Value"] = Value
-    environment.filters |= {"number": number, "listed": listed, "named": named}
-    return environment
+    return Piece(_ENVIRONMENT.get_template(name).render(facts))
