@@ -11,9 +11,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
+from matplotlib.artist import Artist
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
+from matplotlib.text import Text
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -123,57 +126,39 @@ class Motion:
         )
 
 
-class Scene:
-    """The picture of one solver: balls, springs, arrows of velocity and bars of force."""
+def _at_rest(c: Collision) -> tuple[Floats, Floats]:
+    """Radii of the balls in a picture, and heights of their middles where all springs are unloaded and touch."""
+    masses = np.array(c.masses)
+    radii = np.maximum(_RADIUS * (masses / masses.max()) ** (1 / 3), _SMALL)
+    springs = np.full(len(masses), _SPRING)
+    springs[-1] *= c.table
+    return radii, np.cumsum((springs + 2 * radii)[::-1])[::-1] - radii
 
-    def __init__(self, ax: Any, motion: Motion, scale: float, strongest: float) -> None:
-        c = motion.collision
-        self._scale, self._strongest, self._colors = scale, strongest, motion.colors
-        self._pair = c.falls_on_resting
-        self._radii = np.maximum(_RADIUS * (np.array(c.masses) / max(c.masses)) ** (1 / 3), _SMALL)
-        below = np.append(_SPRING * np.ones(len(c.masses) - 1), _SPRING * c.table)
-        self._bottoms = np.cumsum((below + 2 * self._radii)[::-1])[::-1] - 2 * self._radii
-        top = self._bottoms[0] + 2 * self._radii[0] + _RISE
-        ax.set(xlim=(-1.25, 1.25), ylim=(-0.12 if c.table else -_FALL, top), aspect="equal")
-        ax.axis("off")
-        if c.table:
-            ax.fill_between([-1.25, 1.25], -0.12, 0, color="0.55", linewidth=0)
-        moves: dict[str, Any] = {"animated": True, "clip_on": True}
-        middle = moves | {"ha": "center", "va": "center", "fontsize": 9}
-        bar = moves | {"linewidth": 6, "solid_capstyle": "butt"}
-        arrow = moves | {"color": "black", "linewidth": 1.4, "markersize": 6, "markevery": [1]}
-        corner = {"fontsize": 9.5, "va": "top", "ha": "left", "fontweight": "bold", "animated": True}
-        self._balls, self._names, self._arrows = [], [], []
-        for i, r in enumerate(self._radii):
-            ball = Circle((0, 0), r, facecolor=_BALLS[i % 2], edgecolor="black", **moves)
-            self._balls.append(ax.add_patch(ball))
-            self._names.append(ax.text(0, 0, f"B{i + 1}", **middle))
-            self._arrows += ax.plot([], [], **arrow)
-        self._springs = [ax.plot([], [], linewidth=1.6, **moves)[0] for _ in self._colors]
-        self._bars = [ax.plot([], [], color=color, **bar)[0] for color in self._colors]
-        self._state = ax.text(-1.25, top, "", **corner)
-        self.artists = [*self._springs, *self._balls, *self._names, *self._bars, *self._arrows, self._state]
 
-    def show(self, heights: Floats, velocities: Floats, forces: Floats, acting: Any) -> None:
-        """Move everything to where it is."""
-        bottoms = self._bottoms + self._scale * heights
-        tops = np.append(bottoms + 2 * self._radii, 0.0)  # of what is below a contact, the table last
-        lengths = _BAR * np.maximum(forces, 0.0) / self._strongest
-        for i, (spring, bar) in enumerate(zip(self._springs, self._bars, strict=True)):
-            low, high = tops[i + 1], min(bottoms[i], tops[i + 1] + _SPRING)
-            spring.set_data(_ZIGZAG[0], low + (high - low) * _ZIGZAG[1])
-            spring.set_color(self._colors[i] if acting[i] else _IDLE)
-            bar.set_data([0.28, 0.28 + lengths[i]], [0.5 * (low + high)] * 2)
-        middles = bottoms + self._radii
-        of_balls = (self._balls, self._names, self._arrows, self._radii, middles, velocities)
-        for ball, name, arrow, r, y, v in zip(*of_balls, strict=True):
-            ball.center = (0.0, y)
-            name.set_position((0.0, y))
-            arrow.set_data([-r - 0.15] * 2, [y, y + _ARROW * v])
-            arrow.set_marker("^" if v > 0 else "v")
-            arrow.set_visible(abs(v) > 1e-3)
-        if self._pair:
-            self._state.set_text(_STATES[3 - acting @ np.array([1, 2])])
+def _moving(motion: Motion, scale: float, strongest: float, now: tuple[Any, ...]) -> Iterator[Artist]:
+    """Give what moves in the picture of a solver: springs, balls, bars of force, arrows of velocity, the state."""
+    heights, velocities, forces, acting = now
+    radii, at_rest = _at_rest(motion.collision)
+    middles, top = at_rest + scale * heights, at_rest[0] + radii[0] + _RISE
+    tops = np.append(middles + radii, 0.0)[1:]  # of what is below a contact, the table last
+    ends = list(zip(tops, np.minimum(middles - radii, tops + _SPRING), strict=True))
+    contacts = list(zip(ends, motion.colors, acting, forces, strict=False))  # the last ball may have none
+    for (low, high), color, acts, _ in contacts:
+        zigzag = low + (high - low) * _ZIGZAG[1]
+        yield Line2D(_ZIGZAG[0], zigzag, linewidth=1.6, color=color if acts else _IDLE)
+    for i, (y, radius) in enumerate(zip(middles, radii, strict=True)):
+        yield Circle((0, y), radius, facecolor=_BALLS[i % 2], edgecolor="black")
+        yield Text(0, y, f"B{i + 1}", ha="center", va="center", fontsize=9)
+    for (low, high), color, _, force in contacts:
+        place = [0.28, 0.28 + _BAR * max(force, 0.0) / strongest], [0.5 * (low + high)] * 2
+        yield Line2D(*place, color=color, linewidth=6, solid_capstyle="butt")
+    for y, radius, v in zip(middles, radii, velocities, strict=True):
+        if abs(v) > 1e-3:
+            head = {"marker": "^" if v > 0 else "v", "markersize": 6, "markevery": [1]}
+            yield Line2D([-radius - 0.15] * 2, [y, y + _ARROW * v], color="black", linewidth=1.4, **head)
+    if motion.collision.falls_on_resting:
+        state = _STATES[3 - acting @ np.array([1, 2])]
+        yield Text(-1.25, top, state, fontsize=9.5, va="top", fontweight="bold", clip_on=False)
 
 
 def frames_of(motion: Motion) -> Iterator[Pixels]:
@@ -181,56 +166,67 @@ def frames_of(motion: Motion) -> Iterator[Pixels]:
 
     There is a scene a solver, and below it the forces of the contacts over time.
     """
-    instants = motion.instants
+    instants, histories = motion.instants, motion.histories.values()
+    shown = [(each, each.time <= instants[-1]) for each in histories]
+    largest = max(each.compressions[some].max() for each, some in shown)
+    scale = _COMPRESSED * _SPRING / largest if largest > 0 else 1.0
+    forces = np.concatenate([each.forces[some[1:]] for each, some in shown])
+    strongest, least = float(forces.max()), min(0.0, float(forces.min()))
     with drawing(7.6, 5.0 + 0.4 * min(len(motion.collision.masses), 20)) as figure:
         figure.dpi = _DPI
-        scenes, cursors = _set_up(figure, motion)
-        moving = [each.at(instants) for each in motion.histories.values()]
+        panels = _set_up(figure, motion, 1.08 * least, 1.08 * strongest)
+        moving = [zip(*each.at(instants), strict=True) for each in histories]
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
         still = canvas.copy_from_bbox(figure.bbox)
-        for frame, instant in enumerate(instants):
+        for instant, *states in zip(instants, *moving, strict=True):
             canvas.restore_region(still)
-            for scene, cursor, values in zip(scenes, cursors, moving, strict=True):
-                scene.show(*(each[frame] for each in values))
-                cursor.set_xdata([instant] * 2)
-                for artist in (*scene.artists, cursor):
-                    artist.axes.draw_artist(artist)
+            for (scene, below), now in zip(panels, states, strict=True):
+                across = {"transform": below.get_xaxis_transform(), "color": "black", "linewidth": 0.9}
+                _draw(scene, *_moving(motion, scale, strongest, now))
+                _draw(below, Line2D([instant, instant], [0, 1], **across))
             yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
-def _set_up(figure: Figure, motion: Motion) -> tuple[list[Scene], list[Any]]:
-    """Draw all that does not move; the scenes, and the lines that will stand at the instant that is shown."""
-    c, histories, last = motion.collision, motion.histories, motion.instants[-1]
-    shown = [(each, each.time <= last) for each in histories.values()]
-    largest = max(each.compressions[some].max() for each, some in shown)
-    forces = np.concatenate([each.forces[some[1:]] for each, some in shown])
-    strongest, least = float(forces.max()), min(0.0, 1.08 * float(forces.min()))
-    scale = _COMPRESSED * _SPRING / largest if largest > 0 else 1.0
+def _draw(ax: Any, *artists: Artist) -> None:
+    """Draw artists into axes, which do not keep them."""
+    for artist in artists:
+        ax.add_artist(artist)
+        ax.draw_artist(artist)
+        artist.remove()
+
+
+def _set_up(figure: Figure, motion: Motion, least: float, most: float) -> list[tuple[Any, Any]]:
+    """Draw all that does not move; by solver the axes of its scene, and of its forces, which have these limits."""
+    c, last, panels = motion.collision, motion.instants[-1], []
+    radii, at_rest = _at_rest(c)
+    limits = (-0.12 if c.table else -_FALL, at_rest[0] + radii[0] + _RISE)
     figure.set_layout_engine("none")
     high = figure.get_figheight()
     sides = {"left": 0.08, "right": 0.98, "top": 1 - 0.58 / high, "bottom": 1 / high, "hspace": 0.08}
-    grid = figure.add_gridspec(2, len(histories), height_ratios=(high - 2.6, 1), **sides)
-    scenes, cursors = [], []
-    for column, (name, history) in enumerate(histories.items()):
-        ax = figure.add_subplot(grid[0, column])
-        ax.set_title(named(name), pad=8)
-        scenes.append(Scene(ax, motion, scale, strongest))
-        ax = figure.add_subplot(grid[1, column])
+    grid = figure.add_gridspec(2, len(motion.histories), height_ratios=(high - 2.6, 1), **sides)
+    for column, (name, history) in enumerate(motion.histories.items()):
+        scene = figure.add_subplot(grid[0, column])
+        scene.set_title(named(name), pad=8)
+        scene.set(xlim=(-1.25, 1.25), ylim=limits, aspect="equal")
+        scene.axis("off")
+        if c.table:
+            scene.fill_between([-1.25, 1.25], -0.12, 0, color="0.55", linewidth=0)
+        below = figure.add_subplot(grid[1, column])
         for i, color in enumerate(motion.colors, 1):
             label = f"contact {i}, with the table" if i == len(c.masses) else f"contact {i}"
-            ax.plot(history.between, history.forces[:, i - 1], color=color, label=label, linewidth=1.3)
+            below.plot(history.between, history.forces[:, i - 1], color=color, label=label, linewidth=1.3)
         time = "time / sqrt(m1/k1) (-)" if c.exponent == 1 else "time (-)"
-        ax.set(xlim=(0, last), ylim=(least, 1.08 * strongest), xlabel=time)
-        ax.tick_params(labelleft=column == 0)
-        cursors.append(ax.axvline(0.0, color="black", linewidth=0.9, animated=True))
+        below.set(xlim=(0, last), ylim=(least, most), xlabel=time)
+        below.tick_params(labelleft=column == 0)
+        panels.append((scene, below))
     figure.axes[1].set_ylabel("force (-)")
     lines = figure.axes[1].get_legend_handles_labels()
     if len(motion.colors) <= 6:
         figure.legend(*lines, loc="lower center", bbox_to_anchor=(0.53, 0.17 / high), ncols=6, fontsize=8)
     figure.suptitle(motion.what, fontsize=10)
     figure.text(0.01, 0.07 / high, f"{_CLOCK} Compressions are enlarged.", fontsize=7, color="0.3")
-    return scenes, cursors
+    return panels
 
 
 def write_animation(motion: Motion, path: Path) -> None:
