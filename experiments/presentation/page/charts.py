@@ -73,31 +73,27 @@ def tiles_of(table: Compared) -> Tiles:
     As many axes as there is room for stand up the side, in the order of the tables: with all of them a tile is one
     cell of a grid. Of columns those that have several values in every cell.
     """
-    levels = {
-        axis: table.rows[axis].cat.reorder_categories(sorted(each.values))
-        for axis, each in table.levels.items()
-    }
-    along, *up = levels
+    rows = table.rows.assign(d=table.measure("velocity_divergence"))
+    rows["cell"] = column(table.path, "cell").astype(np.int64)
+    rows["rank"] = rows.d.where(table.regular, -1.0)  # those that are kept apart come last
+    for axis, each in table.levels.items():
+        rows[axis] = rows[axis].cat.reorder_categories(sorted(each.values))
+    along, *up = table.levels
+
+    def count(*axes: str) -> int:
+        return math.prod(len(rows[axis].cat.categories) for axis in axes)
+
     if along == "balls":
-        up = [axis for axis in up if len(levels[axis].cat.categories) > 1 and levels[axis].notna().all()]
-        up = up or ["arrangement"]
-
-    def crowded() -> bool:
-        return math.prod(len(levels[axis].cat.categories) for axis in (along, *up)) > TILES
-
-    while len(up) > 1 and crowded():
+        up = [axis for axis in up if count(axis) > 1 and rows[axis].notna().all()] or ["arrangement"]
+    while len(up) > 1 and count(along, *up) > TILES:
         up.pop()
     axes = [along, *up]
-    for axis in axes if crowded() else ():
-        if len(levels[axis].cat.categories) > _FEW:
+    for axis in axes if count(*axes) > TILES else ():
+        if count(axis) > _FEW:
             x = column(table.path, axis)
             bins = levels_of(x)
-            levels[axis] = pd.Series(pd.Categorical.from_codes(bins.codes(x), bins.values))
-    rows = pd.DataFrame({axis: levels[axis] for axis in axes})
+            rows[axis] = pd.Categorical.from_codes(bins.codes(x), bins.values)
     rows["tile"] = rows.groupby(axes, observed=True).ngroup()  # numbered in the order of the axes
-    rows["cell"] = column(table.path, "cell").astype(np.int64)
-    rows["d"], rows["solver"] = table.measure("velocity_divergence"), table.rows.solver
-    rows["rank"] = rows.d.where(table.regular, -1.0)  # those that are kept apart come last
     largest = rows.sort_values(["tile", "rank"], ascending=[True, False], kind="stable")
     places = largest.drop_duplicates("tile").reset_index(drop=True)
     said: Frame = places[axes].map(written)
