@@ -18,10 +18,8 @@ from rich.console import Console
 from rich.table import Table
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.paste import paste
 from impact_xval.compliant_baselines.single_contact import Pair, largest_step, scenes
-from tests.compliant_baselines import hand_scenes
-from tests.compliant_baselines.test_single_contact import requests
+from tests.compliant_baselines.test_single_contact import measured, requests
 
 RESTITUTIONS = np.arange(2, 11) / 10
 STIFFNESSES = 10.0 ** np.arange(2, 9)
@@ -46,14 +44,7 @@ def pasted(engine, n=20):
     rng, left, missed = np.random.default_rng(1), [], []
     for pair in requests(n):
         found = largest_step(engine, pair)
-        told = {
-            "request": {"masses": pair.masses, "speed": pair.speed},
-            "contact": {"penetration": pair.penetration, "duration": pair.contact.duration},
-            "paste": paste(engine.name, pair.contact, found.step),
-            "largest_step": found.step,
-        }
-        gap = float(3 + rng.uniform()) * pair.speed * found.step
-        e, duration = getattr(hand_scenes, engine.name)(told, gap)
+        e, duration = measured(engine.name, pair, found.step, rng.uniform())
         low, high = found.restitution
         left.append(max(low - e, e - high, 0) / pair.restitution)
         missed += [abs(e / pair.restitution - 1), abs(duration / pair.contact.duration - 1)]
