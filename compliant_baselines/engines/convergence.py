@@ -163,147 +163,77 @@ def _of_second_order(corrections: Floats) -> bool:
     return bool(np.all(small | ((4 / ALIKE * last <= before) & (before <= 4 * ALIKE * last))))
 
 
-class _Case:
-    """A scene on its way to its limit: its runs, from the longest step to the shortest (`estimate_limit`)."""
+class _Regularisation:
+    """What the engine's regularisation of contacts does to velocities, seen by runs with `factor` times as much of it.
 
-    def __init__(
-        self,
-        run: Callable[[Scene, int], Run],
-        probe: float | None,
-        first: Run,
-        convergence: Convergence,
-        max_steps: int,
-    ) -> None:
-        self.run, self.runs, self.convergence, self.max_steps = run, [first], convergence, max_steps
-        #: At the step h, and the steps that the run took there: those that one at a longer step may take.
-        self.scene, self.longest = first.scene, first.n_steps
-        #: Largest error, in m/s.
-        self.tolerance = convergence.tolerance * self.scene.speed
-        #: How many times as much regularisation shows what that of the engine does; 1 where there is none to see.
-        self.factor = probe if probe and self.scene.mapping == "calibrated" else 1.0
-        #: What regularisation was seen to do, in m/s, at ever shorter steps.
-        self.regularisation: list[float] = []
-        self.failure = ""
-        #: What is known of the limit by now.
-        self.limit: Limit | None = None
+    A factor of 1 is that of an engine without any.
+    """
 
-    def at(self, times: float) -> Scene:
-        """Return the scene at a multiple of the step h."""
-        return replace(self.scene, step=self.scene.step * times)
+    def __init__(self, factor: float, tolerance: float) -> None:
+        self.factor, self.tolerance = factor, tolerance
+        #: In m/s, at ever shorter steps.
+        self.moves: list[float] = []
 
-    @property
-    def shortest(self) -> float:
-        """Shortest step over h."""
-        return self.runs[-1].scene.step / self.scene.step
-
-    @property
-    def most(self) -> int:
-        """Steps that the run at the next shorter step may take."""
-        return round(min(self.max_steps, PATIENCE * self.longest) * 2 / self.shortest)
-
-    def approach(self) -> None:
-        """Run at the steps that the limit needs."""
-        for times in (2, 4):
-            longer = self.run(self.at(times), self.longest)
-            if not longer.over:
-                break
-            self.runs.insert(0, longer)
-        if len(self.runs) == 3:
-            self.probe(self.runs[0], self.longest)
-        self.extrapolate()
-        while self.wants_more():
-            if self.doubtful():  # beside a grazing a probe at a long step may show what is the step's
-                self.probe(self.runs[-1], self.most)
-                self.extrapolate()
-                if not self.wants_more():
-                    break
-            shorter = self.run(self.at(self.shortest / 2), self.most)
-            if shorter.over:
-                self.runs.append(shorter)
-                self.extrapolate()
-            else:
-                self.failure = f"at a step of {shorter.scene.step:.3g} s: {shorter.problem()}"
-
-    def extrapolate(self) -> None:
-        """Find the limit, where there are three runs."""
-        if len(self.runs) < 3:
-            return
-        last = self.runs[-1]
-        paths = [
-            (run.states(SHORTEST_STATE).names(False), run.fall is None, run.end) for run in self.runs[:-4:-1]
-        ]
-        resolved = 8 * last.scene.step <= RESOLVED * min(self.scene.periods)
-        limit = limit_of(
-            np.array([run.reported for run in self.runs]),
-            last.starts,
-            last.scene.step,
-            [m / self.scene.masses[0] for m in self.scene.masses],
-            *self.regularisation[-1:],
-            table=self.scene.table,
-            alike=paths[0] == paths[1],
-            orders=2 if paths[0] == paths[1] == paths[2] and resolved else 1,
-            gravity_doubt=max(self.flight_doubt(), self.scene.gravity * last.scene.step),
-        )
-        self.limit = replace(limit, flight=last.fall is not None, rest=last.end in (REST, STUCK))
-
-    def flight_doubt(self) -> float:
-        """Bound, in m/s, what gravity does in a contact that a first flight may or may not precede.
-
-        Its lead is extrapolated as velocities are. Where it changes its sign on the way to a step of zero, or is too
-        short to tell, the flight is in doubt, and gravity acts in the contact that decides on it or does not.
-        """
-        (before, _), (now, contact) = (run.lead for run in self.runs[-2:])
-        if not self.scene.gravity or not math.isfinite(now):
-            return 0.0
-        limit = 2 * now - before
-        if now * before > 0 and now * limit > 0 and abs(now) > 2 * self.runs[-1].scene.step:
-            return 0.0
-        return self.scene.gravity * 0.5 * self.scene.periods[contact]
-
-    def probe(self, own: Run, most: int) -> None:
-        """See what regularisation does by a run with more of it, beside one of the same step with the engine's own."""
+    def measure(self, run: Callable[[Scene, int], Run], own: Run, most: int) -> None:
+        """Run once more at the step of a run, with more regularisation."""
         if self.factor > 1:
-            run = self.run(replace(own.scene, regularisation=self.factor), most)
-            if run.over:
-                moved = np.abs(np.subtract(run.reported, own.reported)).max()
-                self.regularisation.append(float(moved) / (self.factor - 1))
-
-    def wants_more(self) -> bool:
-        """Whether a shorter step is to be run."""
-        if self.failure or self.shortest <= 2.0**-self.convergence.halvings:
-            return False
-        if self.limit is None or (self.factor > 1 and not self.regularisation):
-            return True
-        return self.limit.error > self.tolerance and not self.settled()
+            more = run(replace(own.scene, regularisation=self.factor), most)
+            if more.over:
+                moved = np.abs(np.subtract(more.reported, own.reported)).max()
+                self.moves.append(float(moved) / (self.factor - 1))
 
     def doubtful(self) -> bool:
-        """Whether what regularisation leaves is not known, or seems to be more than the tolerance."""
-        return self.factor > 1 and not (self.regularisation and self.regularisation[-1] <= self.tolerance)
+        """Whether what it does is not known, or seems to be more than the tolerance."""
+        return self.factor > 1 and not (self.moves and self.moves[-1] <= self.tolerance)
 
     def settled(self) -> bool:
-        """Whether it does so at two lengths of the step alike: what it leaves no step brings back."""
-        if len(self.regularisation) < 2 or self.regularisation[-1] <= self.tolerance:
+        """Whether it is more than the tolerance at two lengths of the step alike: what it does no step brings back."""
+        if len(self.moves) < 2 or self.moves[-1] <= self.tolerance:
             return False
-        before, now = self.regularisation[-2:]
+        before, now = self.moves[-2:]
         return before / ALIKE <= now <= before * ALIKE
 
-    def problem(self) -> str:
-        """Why the limit does not satisfy; nothing if it does."""
-        limit, speed = self.limit, self.scene.speed
-        if limit is None:
-            why = self.failure or "runs at longer steps take more of them than that at h, or come to no end"
-            return f"no limit dt -> 0: {why}"
-        if limit.error <= self.tolerance:
-            return ""
-        text = (
-            f"the limit dt -> 0 is known to {limit.error / speed:.1e} of |v0|, beyond the tolerance of "
-            f"{self.tolerance / speed:g}"
-        )
-        if self.settled():
-            share = limit.regularisation / speed
-            return f"{text}, and no shorter step helps: the engine's own regularisation of contacts leaves {share:.1e}"
-        failed = f" ({self.failure})" if self.failure else ""
-        return f"{text}, at the finest step, {limit.step:.3g} s{failed}"
+    def lets_end(self, limit: Limit | None) -> bool:
+        """Whether a limit is known as well as it is asked for, or as any step makes it known."""
+        if limit is None or (self.factor > 1 and not self.moves):
+            return False
+        return limit.error <= self.tolerance or self.settled()
+
+
+def _flight_doubt(before: Run, last: Run) -> float:
+    """Bound, in m/s, what gravity does in a contact that a first flight may or may not precede.
+
+    Its lead is extrapolated as velocities are. Where it changes its sign on the way to a step of zero, or is too
+    short to tell, the flight is in doubt, and gravity acts in the contact that decides on it or does not.
+    """
+    (earlier, _), (now, contact), scene = before.lead, last.lead, last.scene
+    if not scene.gravity or not math.isfinite(now):
+        return 0.0
+    limit = 2 * now - earlier
+    if now * earlier > 0 and now * limit > 0 and abs(now) > 2 * scene.step:
+        return 0.0
+    return scene.gravity * 0.5 * scene.periods[contact]
+
+
+def _extrapolated(runs: Sequence[Run], regularisation: Sequence[float]) -> Limit | None:
+    """Find the limit of runs, from the longest step to the shortest; None if they are fewer than three."""
+    if len(runs) < 3:
+        return None
+    last, scene = runs[-1], runs[-1].scene
+    paths = [(run.states(SHORTEST_STATE).names(False), run.fall is None, run.end) for run in runs[:-4:-1]]
+    resolved = 8 * scene.step <= RESOLVED * min(scene.periods)
+    limit = limit_of(
+        np.array([run.reported for run in runs]),
+        last.starts,
+        scene.step,
+        [m / scene.masses[0] for m in scene.masses],
+        *regularisation[-1:],
+        table=scene.table,
+        alike=paths[0] == paths[1],
+        orders=2 if paths[0] == paths[1] == paths[2] and resolved else 1,
+        gravity_doubt=max(_flight_doubt(runs[-2], last), scene.gravity * scene.step),
+    )
+    return replace(limit, flight=last.fall is not None, rest=last.end in (REST, STUCK))
 
 
 def estimate_limit(
@@ -315,11 +245,49 @@ def estimate_limit(
 ) -> tuple[Limit | None, str]:
     """Find the limit of a scene, of which `first` is the run, which is over, at the step h that a user takes.
 
-    `run` runs a scene for at most so many steps, and `probe` is the engine's `regularisation_probe`. A run at the step
-    h, or a longer one, may take `max_steps`; at shorter ones as many times more, and no more than `PATIENCE` times what
-    the run at h took. The limit is None where shorter steps did not come to an end; the text says why it is not
-    converged, and is empty if it is.
+    `run` runs a scene for at most so many steps, and `probe` is the engine's `regularisation_probe`. A run at a longer
+    step may take as many steps as that at h; one at a shorter step `max_steps` as many times more, and no more than
+    `PATIENCE` times what the run at h took. The limit is None where too few runs came to an end; the text says why it
+    is not converged, and is empty if it is.
     """
-    case = _Case(run, probe, first, convergence, max_steps)
-    case.approach()
-    return case.limit, case.problem()
+    scene, runs, failure = first.scene, [first], ""
+    tolerance = convergence.tolerance * scene.speed
+    own = _Regularisation(probe if probe and scene.mapping == "calibrated" else 1.0, tolerance)
+    for times in (2, 4):
+        longer = run(replace(scene, step=scene.step * times), first.n_steps)
+        if not longer.over:
+            break
+        runs.insert(0, longer)
+    if len(runs) == 3:
+        own.measure(run, runs[0], first.n_steps)
+    limit = _extrapolated(runs, own.moves)
+    for halved in range(1, convergence.halvings + 1):
+        most = min(max_steps, PATIENCE * first.n_steps) * 2**halved
+        if not own.lets_end(limit) and own.doubtful():
+            # Beside a grazing a probe at a long step may show what is the step's.
+            own.measure(run, runs[-1], most)
+            limit = _extrapolated(runs, own.moves)
+        if own.lets_end(limit):
+            break
+        shorter = run(replace(scene, step=scene.step / 2**halved), most)
+        if not shorter.over:
+            failure = f"at a step of {shorter.scene.step:.3g} s: {shorter.problem()}"
+            break
+        runs.append(shorter)
+        limit = _extrapolated(runs, own.moves)
+    if limit is None:
+        why = failure or "runs at longer steps take more of them than that at h, or come to no end"
+        return None, f"no limit dt -> 0: {why}"
+    if limit.error <= tolerance:
+        return limit, ""
+    reason = (
+        f"the limit dt -> 0 is known to {limit.error / scene.speed:.1e} of |v0|, beyond the tolerance of "
+        f"{tolerance / scene.speed:g}"
+    )
+    if own.settled():
+        share = limit.regularisation / scene.speed
+        return limit, (
+            f"{reason}, and no shorter step helps: the engine's own regularisation of contacts leaves {share:.1e}"
+        )
+    failed = f" ({failure})" if failure else ""
+    return limit, f"{reason}, at the finest step, {limit.step:.3g} s{failed}"
