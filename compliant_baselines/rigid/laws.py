@@ -36,7 +36,6 @@ Pang and Stone, The Linear Complementarity Problem, 1992, section 4.7.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import version
 
@@ -60,45 +59,26 @@ TINY_GAP = 1e-12
 ENDLESS = 1e-9
 
 
-_ENDLESS = "bodies come to rest together after infinitely many impacts"
-
-
 class TooManyImpactsError(RuntimeError):
     """A collision was given up; the message says after how many impacts."""
 
 
-@dataclass
 class Line:
-    """Balls in a line, between impacts."""
+    """Balls in a line, between impacts, in SI units; arrays of balls have the shape (N,), of contacts (C,)."""
 
-    #: In kg, and m/s; shape (N,).
-    mass: Floats
-    v: Floats
-    #: Restitutions, and gaps in m; shape (C,).
-    e: Floats
-    gaps: Floats
-    #: Relative velocity in m/s that counts as none.
-    tiny: float
-    #: How many more impacts are followed.
-    left: int
-    table: bool
-    #: Contacts whose gap is closed, shape (C,).
-    touching: Bools = field(init=False)
-    #: In s.
-    time: float = 0.0
-    #: How many so far, whether there has been none at this instant, and their lowest rate of approach in m/s.
-    impacts: int = 0
-    fresh: bool = True
-    slowest: float = np.inf
-
-    def __post_init__(self) -> None:
-        contacts = self.e.size
-        self.smallest = TINY_GAP * self.gaps.max(initial=0.0)
-        self.touching, self.impulse = self.gaps <= self.smallest, np.zeros(contacts)
+    def __init__(self, c: Collision, most: int) -> None:
+        given = (np.array(each) for each in (c.masses, c.velocities, c.restitutions, c.gaps))
+        self.mass, self.v, self.e, self.gaps = given
+        self.table, self.most, contacts = c.table, most, self.e.size
+        #: Relative velocity, and gap, that count as none.
+        self.tiny, self.smallest = TINY * max(map(abs, c.velocities)), TINY_GAP * self.gaps.max()
+        self.touching, self.impulse, self.time = self.gaps <= self.smallest, np.zeros(contacts), 0.0
+        #: How many so far, whether there has been none at this instant, and their lowest rate of approach.
+        self.impacts, self.fresh, self.slowest = 0, True, np.inf
         below = np.append(1 / self.mass, 0.0)
         self.diagonal, self.off = (below[:-1] + below[1:])[:contacts], -below[1:contacts]
-        # Time, velocities, impulses in N s and acting contacts at the start and after each impact.
-        self.points = [(0.0, self.v.copy(), self.impulse.copy(), self.touching.copy())]
+        # Time, velocities, impulses and acting contacts at the start and after each impact.
+        self.points = [(0.0, self.v, self.impulse, self.touching)]
 
     @property
     def u(self) -> Floats:
@@ -131,15 +111,15 @@ class Line:
 
     def strike(self, impulse: Floats) -> None:
         """Apply impulses in N s."""
-        if self.left == 0:
+        if self.impacts == self.most:
             raise TooManyImpactsError(f"not over after {self.impacts} impacts")
         rates = -self.u[impulse > 0]
         self.slowest = min(self.slowest, rates[rates > self.tiny].min(initial=np.inf))
-        self.impulse += impulse
+        self.impulse = self.impulse + impulse
         above = np.append(impulse, [] if self.table else [0.0])
         self.v = self.v + (above - np.append(0.0, above[:-1])) / self.mass
-        self.impacts, self.left, self.fresh = self.impacts + 1, self.left - 1, False
-        self.points.append((self.time, self.v.copy(), self.impulse.copy(), impulse > 0))
+        self.impacts, self.fresh = self.impacts + 1, False
+        self.points.append((self.time, self.v, self.impulse, impulse > 0))
 
     def fly(self) -> bool:
         """Move freely until the next contact closes; False if none will."""
@@ -159,14 +139,12 @@ class Line:
     def unite(self) -> None:
         """Give one velocity to bodies that touch and move together but for rounding: that of their centre of mass."""
         together = self.touching & (np.abs(self.u) <= self.tiny)
-        start = 0
-        for i in range(len(self.mass)):
-            if i < self.e.size and together[i] and i + 1 < len(self.mass):
-                continue
-            group, on_table = slice(start, i + 1), i < self.e.size and together[i]
-            if i > start or on_table:
-                self.v[group] = 0.0 if on_table else np.average(self.v[group], weights=self.mass[group])
-            start = i + 1
+        apart = np.flatnonzero(~together[: self.mass.size - 1]) + 1
+        groups = zip(np.split(self.v, apart), np.split(self.mass, apart), strict=True)
+        v = [np.full(m.size, np.average(v, weights=m)) if m.size > 1 else v for v, m in groups]
+        if self.table and together[-1]:
+            v[-1] = np.zeros_like(v[-1])
+        self.v = np.concatenate(v)
 
 
 def newton(line: Line) -> None:
@@ -184,14 +162,14 @@ def reflection(line: Line) -> None:
     """Apply generalised reflections, blended with the plastic impact of all touching contacts."""
     plastic, e = line.complementary(line.u, line.touching), line.e[0]
     elastic, u = np.zeros(line.e.size), line.u
-    for _ in range(line.left):
+    for _ in range(left := line.most - line.impacts):
         approaching = line.touching & (u < -line.tiny)
         if not approaching.any():
             break
         elastic += 2 * line.complementary(u, approaching)
         u = line.u + line.after(elastic)
     else:
-        raise TooManyImpactsError(f"not over after {line.left} reflections")
+        raise TooManyImpactsError(f"not over after {left} reflections")
     line.strike((1 - e) * plastic + e * elastic)
 
 
@@ -228,25 +206,19 @@ LAWS: dict[str, Callable[[Line], None]] = {
 def follow(collision: Collision, law: str, most: int = 100_000) -> Line:
     """Follow balls by a rigid law until no contact approaches; stiffnesses play no part.
 
-    Velocities and impulses at the end are exact to rounding. A ValueError says that the law is unknown, or has one
-    restitution for all contacts and is given several; a TooManyImpactsError that it was not over after `most` impacts.
+    Velocities and impulses at the end are exact to rounding. A ValueError says that the law has one restitution for all
+    contacts and is given several; a TooManyImpactsError that it was not over after `most` impacts.
     """
-    c = collision
-    if law not in LAWS:
-        raise ValueError(f"law = {law!r}; legal: {', '.join(LAWS)}")
-    if law == "generalised-reflection" and len(set(c.restitutions)) > 1:
-        raise ValueError(f"restitutions = {c.restitutions}: {law} has one e for all contacts")
-    fastest = max(map(abs, c.velocities))
-    arrays = (np.array(each) for each in (c.masses, c.velocities, c.restitutions, c.gaps))
-    line = Line(*arrays, tiny=TINY * fastest, left=most, table=c.table)
-    while True:
+    if law == "generalised-reflection" and len(set(collision.restitutions)) > 1:
+        raise ValueError(f"restitutions = {collision.restitutions}: {law} has one e for all contacts")
+    line, going = Line(collision, most), True
+    while going:
         while line.approaching().any():
             LAWS[law](line)
-        if not line.fly():
-            break
+        going = line.fly()
     line.unite()
     # Impulses of the balance of momentum, so that they go with the velocities to the last bit.
-    line.impulse = np.cumsum(line.mass * (line.v - c.velocities))[: line.e.size]
+    line.impulse = np.cumsum(line.mass * (line.v - collision.velocities))[: line.e.size]
     return line
 
 
@@ -267,17 +239,19 @@ class RigidLaw(OneByOne):
     def solve_one(self, collision: Collision, settings: Settings) -> Outcome:
         """Answer one collision."""
         c = collision
-        if settings.scenario != "impact":
-            reason = f"scenario = {settings.scenario!r}: rigid laws are without gravity; legal: 'impact'"
-            return Outcome.failure(self.name, c, "unrepresentable", reason)
         try:
+            if settings.scenario != "impact":
+                raise ValueError(
+                    f"scenario = {settings.scenario!r}: rigid laws are without gravity; legal: 'impact'"
+                )
             line = follow(c, self.name, min(settings.max_steps, 100_000))
-        except TooManyImpactsError as error:
-            return Outcome.failure(self.name, c, "timeout", str(error))
-        except ValueError as error:
-            return Outcome.failure(self.name, c, "unrepresentable", str(error))
+        except (ValueError, TooManyImpactsError) as error:
+            status = "unrepresentable" if isinstance(error, ValueError) else "timeout"
+            return Outcome.failure(self.name, c, status, str(error))
         endless = line.slowest < ENDLESS / TINY * line.tiny
-        touching = sum(1 << int(i) for i in np.flatnonzero(line.points[0][3]))
+        time, velocities, impulses, acting = (np.array(each) for each in zip(*line.points, strict=True))
+        touching = sum(1 << int(i) for i in np.flatnonzero(acting[0]))
+        velocities[-1], acting[-1] = line.v, False
         paper = c.table and len(c.masses) == 2
         return Outcome(
             self.name,
@@ -285,15 +259,10 @@ class RigidLaw(OneByOne):
             tuple(line.impulse.tolist()),
             (name_of_set(touching, paper), name_of_set(0, paper))[not touching :],
             "limit" if endless else "ok",
-            _ENDLESS if endless else "",
+            "bodies come to rest together after infinitely many impacts" if endless else "",
             n_events=line.impacts,
             diagnostics={"duration": line.time},
-            path=path_of(line.points, line.v) if settings.record_path else None,
+            path=Path(time, velocities, impulses, np.zeros_like(impulses), acting)
+            if settings.record_path
+            else None,
         )
-
-
-def path_of(points: list[tuple[float, np.ndarray, np.ndarray, np.ndarray]], end: np.ndarray) -> Path:
-    """Give the path through the points of a line; velocities at the end as they are reported."""
-    time, velocities, impulses, acting = (np.array(each) for each in zip(*points, strict=True))
-    velocities[-1], acting[-1] = end, False
-    return Path(time, velocities, impulses, np.zeros_like(impulses), acting)
