@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from math import inf
@@ -54,6 +53,9 @@ class Engine(Solver):
     as_set: Mapping[str, Any] = MappingProxyType({})
     shipped_step: float
 
+    #: What it makes of a scene, unless `world` says more.
+    made: Callable[[Scene], World]
+
     def version(self) -> str:
         """Version of the engine's package, or ``""`` if it is not installed."""
         return version_of(self.distribution)
@@ -75,17 +77,13 @@ class Engine(Solver):
         """Why this engine cannot take a scene, in one sentence; None if it can."""
         return None
 
-    def stiffnesses(self, scene: Scene) -> Sequence[float]:
-        """Stiffnesses in N/m of the contacts as this engine has them."""
-        return scene.stiffnesses
-
     def radius(self, scene: Scene) -> float:
         """Radius in m of the balls that it makes of a scene."""
-        return radius_of(scene.depth(self.stiffnesses(scene)))
+        return radius_of(scene.depth(scene.stiffnesses))
 
-    @abstractmethod
     def world(self, scene: Scene) -> World:
         """Set a scene up; the world before it is done with."""
+        return self.made(scene)
 
     @contextmanager
     def running(self) -> Iterator[None]:
@@ -129,9 +127,9 @@ class Engine(Solver):
             return [Outcome.failure(self.name, each, "unavailable", missing) for each in collisions]
         with self.running():
             found = [self._solved(each, settings) for each in collisions]
-        if settings.mark and settings.mapping == "calibrated" and self.law is not None:
-            return _marked(found, collisions, self.law, settings)
-        return [outcome for outcome, _ in found]  # whose contacts may not be those of the law
+        if not settings.mark or settings.mapping != "calibrated" or self.law is None:
+            return [outcome for outcome, _ in found]  # whose contacts may not be those of the law
+        return _marked(found, collisions, self.law, settings)
 
     def _solved(self, collision: Collision, settings: Settings) -> tuple[Outcome, Limit | None]:
         """Answer a collision, with its limit dt -> 0 if that is asked for and known."""
@@ -160,8 +158,8 @@ def _marked(
 ) -> list[Outcome]:
     """Mark outcomes by the exact law that an engine was asked for; what has no numbers stays as it is."""
     there = [i for i, (outcome, _) in enumerate(found) if np.isfinite(outcome.velocities).all()]
-    g = settings.gravity if settings.scenario == "drop" else 0.0
     limits = [found[i][1] for i in there]
+    g = settings.gravity if settings.scenario == "drop" else 0.0
     ends = {n: (limit.flight, limit.rest) for n, limit in enumerate(limits) if g and limit is not None}
     solve = law_at(law, max_steps=settings.max_steps)
 
@@ -169,10 +167,8 @@ def _marked(
         gravity = np.full(len(some), g)
         return marks_of(solve, law, some, solve(some, gravity), gravity, ends).tolist()
 
-    outcomes = [outcome for outcome, _ in found]
-    for i, mark in zip(there, by_kind([collisions[i] for i in there], why), strict=True):
-        outcomes[i] = replace(outcomes[i], marked=mark) if mark else outcomes[i]
-    return outcomes
+    marks = dict(zip(there, by_kind([collisions[i] for i in there], why), strict=True))
+    return [replace(o, marked=mark) if (mark := marks.get(i)) else o for i, (o, _) in enumerate(found)]
 
 
 def outcome_of(solver: str, collision: Collision, run: Run, settings: Settings) -> Outcome:

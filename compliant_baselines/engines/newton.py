@@ -104,7 +104,7 @@ class Newton(Engine):
     """Newton, SemiImplicit."""
 
     name, distribution, module, title, law = "newton", "newton", "newton", "Newton", "compression-dashpot"
-    rounding = 1e-6
+    rounding, made = 1e-6, NewtonWorld
 
     def refusal(self, scene: Scene) -> str | None:
         """Why Newton cannot take a scene: another mapping, depths too far apart for single precision."""
@@ -113,7 +113,3 @@ class Newton(Engine):
         depth = scene.speed * min(scene.periods) / (2 * np.pi) / radius_of(scene.depth(scene.stiffnesses))
         why = f"a contact {depth:.1e} radii deep beside others: single precision needs {RESOLVED:.1e}"
         return why if depth < RESOLVED else None
-
-    def world(self, scene: Scene) -> NewtonWorld:
-        """Set a scene up."""
-        return NewtonWorld(scene)

@@ -117,9 +117,9 @@ class Pybullet(Engine):
             f"PyBullet drops bodies larger than {LARGEST_BODY:.0e} m; scale stiffnesses, masses or v0 (Theorem 5)"
         )
 
-    def stiffnesses(self, scene: Scene) -> list[float]:
-        """As `Engine.stiffnesses`."""
-        return [pair.stiffness for pair in combined(_sides(scene))]
+    def radius(self, scene: Scene) -> float:
+        """As `Engine.radius`."""
+        return radius_of(scene.depth([pair.stiffness for pair in combined(_sides(scene))]))
 
     def world(self, scene: Scene) -> PybulletWorld:
         """Set a scene up."""

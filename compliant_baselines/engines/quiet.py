@@ -1,13 +1,10 @@
 """For how many steps nothing can happen: how an engine may be left alone without missing anything.
 
-An engine that is read after every step is read far more often than there is anything to see. Where no contact begins or
-ends to carry force, no gap closes or opens, and the collision cannot be over, an engine whose steps are cheaper than
-its reads takes many in one call: states, ends and velocities are those of a run that was read after every step, to the
-bit.
+Where no contact begins or ends to carry force, no gap closes or opens, and the collision cannot be over, an engine
+whose steps are cheaper than its reads takes many in one call: the same states, ends and velocities, to the bit.
 
-The bounds hold for the law an engine was asked for, F_i = max(0, -k_i g_i - c_i g_i') while the gap g_i is
-negative, with k_i and c_i as the engine has them and M_i the reduced mass of its two bodies. In what follows
-Phi_i = -k_i g_i - c_i g_i' is that force before it is cut off at zero.
+The bounds hold for F_i = max(0, Phi_i), Phi_i = -k_i g_i - c_i g_i', while the gap g_i is negative, with k_i and c_i as
+the engine has them and M_i the reduced mass of the two bodies.
 
 1. Up to the first change only the contacts that carry force act, and the bound is on the time of that change: sums are
    over them alone. Let A bound all |g_i''|; they are at most sum_j F_j/M_j + g. Within s = 0.7/Omega, Omega =
@@ -29,6 +26,12 @@ import math
 import numpy as np
 
 from impact_xval.model.compiled import rounded, rounded_part
+
+
+@rounded_part
+def _above_next(values, i):  # pragma: no cover (compiled)
+    """Height or velocity of ball i relative to the next one, or to the table."""
+    return values[i] - values[i + 1] if i + 1 < values.size else values[i]
 
 
 @rounded_part
@@ -88,11 +91,9 @@ def quiet_steps(code, v, x, masses, law, weight, h):  # pragma: no cover (compil
     """Count the steps in which nothing happens: two less than their time has, at most a million.
 
     One, because the step after the time may begin within it; another, because an engine may look at a force
-    at the end of the step and at a gap at its beginning.
-
-    The state after the last step is `v` in m/s and `x` in m; `code` are the contacts that carried force in it, as bits,
-    negative if there was none. `law`, shape (3, C), holds k and c as the engine has them, and the reduced masses;
-    `weight` is as of `stepping.scan`.
+    at the end of the step and at a gap at its beginning. The state after the last step is `v` in m/s and `x` in m;
+    `code` are the contacts that carried force in it, as bits, negative if there was none. `law`, shape (3, C), holds k
+    and c as the engine has them, and the reduced masses; `weight` is as of `stepping.scan`.
     """
     if code < 0:
         return 0
@@ -103,8 +104,7 @@ def quiet_steps(code, v, x, masses, law, weight, h):  # pragma: no cover (compil
     for i in range(contacts):
         if code >> i & 1:
             k, c, M = law[0, i], law[1, i], law[2, i]
-            below = i + 1 < masses.size
-            gap, rate = (x[i] - x[i + 1], v[i] - v[i + 1]) if below else (x[i], v[i])
+            gap, rate = _above_next(x, i), _above_next(v, i)
             stiff, damp, pull = stiff + k / M, damp + c / M, pull + k * abs(rate) / M
             force += (max(0.0, -k * gap - c * rate) + c * abs(rate)) / M
     # In flight the gaps alone bound the time.
@@ -113,7 +113,7 @@ def quiet_steps(code, v, x, masses, law, weight, h):  # pragma: no cover (compil
         s = 0.7 / (math.sqrt(stiff) + damp)
         acceleration = (force + pull * s + g) / (1 - 0.5 * stiff * s * s - damp * s)
     for i in range(contacts):
-        gap, rate = (x[i] - x[i + 1], v[i] - v[i + 1]) if i + 1 < masses.size else (x[i], v[i])
+        gap, rate = _above_next(x, i), _above_next(v, i)
         s = min(s, _contact(code >> i & 1 == 1, law[0, i], law[1, i], gap, rate, acceleration))
     return max(0, int(min(s / h, 1e6)) - 2)
 
@@ -125,9 +125,7 @@ def _accelerate(code, v, x, masses, law, g):  # pragma: no cover (compiled)
     for i in range(masses.size):
         force = 0.0
         if code >> i & 1:
-            below = i + 1 < masses.size
-            gap, rate = (x[i] - x[i + 1], v[i] - v[i + 1]) if below else (x[i], v[i])
-            force = -law[0, i] * gap - law[1, i] * rate
+            force = -law[0, i] * _above_next(x, i) - law[1, i] * _above_next(v, i)
         found[i] = (force - above) / masses[i] - g
         above = force
     return found

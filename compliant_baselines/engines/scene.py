@@ -18,10 +18,6 @@ from impact_xval.compliant_baselines.mapping import Contact
 from impact_xval.compliant_baselines.solver import MappingName, Settings
 from impact_xval.model.collision import Collision, Floats
 
-#: Least radius of the balls over the depth to which they may go. Large enough that no ball comes near to passing
-#: through another; no larger, since a penetration is the difference of positions of that size and loses as many digits.
-RADIUS_OVER_DEPTH = 4.0
-
 #: Most contacts of a scene: the states of a run are sets of them, kept as bits.
 MOST_CONTACTS = 60
 
@@ -117,12 +113,11 @@ class Scene:
         Of two balls on a table what a spring needs to stop the masses above it from the highest speed, and what their
         weight presses it in by; else all energy in the softest contact.
         """
-        m, v = np.array(self.masses), np.array(self.velocities)
-        if self.table and len(m) == 2:
-            k1, k2 = stiffnesses
-            above = self.masses[0] + self.masses[1]
+        if self.table and len(self.masses) == 2:
+            (k1, k2), above = stiffnesses, sum(self.masses)
             dynamic = self.fastest * (math.sqrt(reduced_masses(self)[0] / k1) + math.sqrt(above / k2))
             return dynamic + self.gravity * (self.masses[0] / k1 + above / k2)
+        m, v = np.array(self.masses), np.array(self.velocities)
         mean = 0.0 if self.table else float(m @ v / m.sum())
         return math.sqrt(float(m @ (v - mean) ** 2) / min(stiffnesses))
 
@@ -150,10 +145,9 @@ class World(ABC):
     effective: Mapping[str, tuple[float, ...]]
     #: How deep a settled lowest ball rests, in m; 0 if nothing is settled, or on a rigid support.
     rest: float = 0.0
-    #: Impulse in a step, over the momenta before and after it, that rounding alone can make. An engine updates a
-    #: velocity by one or two additions, each good to half a unit in the last place, and makes the increment from a
-    #: handful of products; 64 units leave an order of magnitude above that, and in double precision lie, at a step of
-    #: 1/1000 of a period, eleven orders below the impulse per step of a fully loaded contact.
+    #: Impulse in a step, over the momenta before and after it, that rounding alone can make: an order of magnitude
+    #: above that of two additions and a handful of products, and, at 1/1000 of a period, eleven orders below the
+    #: impulse per step of a fully loaded contact.
     rounding: float = 64 * 2.0**-52
     #: Steps that `leap` takes at most, between events that stiffness and damping as effective foretell
     #: (`engines.quiet`); 0 for an engine that is read after every step.
@@ -166,9 +160,9 @@ class World(ABC):
         A RuntimeError says that the engine broke, and why.
         """
 
-    @abstractmethod
     def weightless(self, velocities: Floats, heights: Floats) -> None:
-        """Go on without gravity from the state after a step that was given, shape (N,) each."""
+        """Go on without gravity from the state after a step that was given, shape (N,) each; asked in drops only."""
+        raise NotImplementedError
 
     def leap(self, n: int) -> tuple[int, Floats, Floats]:
         """Take up to n steps that nobody reads: how many, and velocities and heights after the last, shape (N,)."""
@@ -194,8 +188,7 @@ def sweeps(scene: Scene, soft: Sequence[float] | float = 0.0) -> int:
 
     One sweep is Gauss and Seidel's on the inverse-mass matrix of the contacts, with what an engine softens them by, in
     1/kg, on its diagonal. On a symmetric tridiagonal matrix its spectral radius is the square of that of Jacobi's
-    (Varga, Matrix Iterative Analysis, 1962, section 4.1): 1e-5 for two balls in PyBullet at a step of 1/1000 of a
-    period, 0.02 at 1/10.
+    (Varga, Matrix Iterative Analysis, 1962, section 4.1).
     """
     diagonal = 1 / np.array(reduced_masses(scene)) + soft
     with np.errstate(over="ignore"):
@@ -207,12 +200,13 @@ def sweeps(scene: Scene, soft: Sequence[float] | float = 0.0) -> int:
 
 
 def radius_of(depth: float) -> float:
-    """Choose the radius in m of balls that go this deep: a power of two, `RADIUS_OVER_DEPTH` fold or more.
+    """Choose the radius in m of balls that go this deep: a power of two, fourfold or more.
 
-    A power of two, so that the places at which the balls only just touch are exact: whether a contact shows in the
-    first step is then the same at any scale, and not rounding's to say.
+    Then no ball comes near to passing through another; a penetration is the difference of positions of that size, and
+    would lose more digits beside a larger one. A power of two, so that the places at which the balls only just touch
+    are exact: whether a contact shows in the first step is the same at any scale, and not rounding's to say.
     """
-    return 2.0 ** math.ceil(math.log2(RADIUS_OVER_DEPTH * depth))
+    return 2.0 ** math.ceil(math.log2(4 * depth))
 
 
 def unrepresentable(collision: Collision, settings: Settings, *, dashpots: bool) -> str | None:

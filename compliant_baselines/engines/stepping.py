@@ -3,17 +3,14 @@
 **Impulses** come from the balance of momentum, with gravity put back, for a step of length h:
 dI_i = dI_{i-1} + m_i (dv_i + g h). No engine's own account of its contact forces is used.
 
-**A contact carries force** in a step if its impulse exceeds what rounding alone can make of it: `World.rounding`
-of the momenta the balance is made of.
+**A contact carries force** in a step if its impulse exceeds `World.rounding` of the momenta the balance is made of.
 
 **The collision is over** at the end of the first step in which no contact carries force and no bodies approach. In a
 drop, gravity is off for good from the first flight on: the end of the first step in which no contact carries force and
 at whose end both gaps are open. It is over when both gaps are open as well, or B2 is *at rest* on the table with B1
 clear of it and rising, or both are *stuck*: when the energy about equilibrium cannot unload what is closed. Velocities
 at rest are reported as 0; what v2 was is `rest_speed`. The reasons are in docs/theory.md, section 8; engines and
-references keep these rules alike.
-
-**Given up early** is a flight that outlasts the steps that are left.
+and references keep these rules alike. A flight that outlasts the steps that are left is given up.
 """
 
 from __future__ import annotations
@@ -154,6 +151,11 @@ def scan(
     return v.shape[0], GOING
 
 
+def _as_bits(contacts: NDArray[np.bool_]) -> int:
+    """Set of contacts, as bits."""
+    return int(contacts @ (1 << np.arange(contacts.size)))
+
+
 class Run:
     """What an engine made of a scene: takes its steps in blocks until the collision is over, and says what came of it.
 
@@ -177,14 +179,13 @@ class Run:
             together = (m1 * g / k1, rest + m1 * g / k2) if rest else (0.0, 0.0)
             self._weight[:] = g, k1, k2, rest, *together
         if world.longest_leap:
-            law = world.effective["stiffness"], world.effective["damping"], reduced_masses(scene)
-            self._law = np.array(law)
-        self._memory = np.zeros(1, MEMORY).view(np.recarray)  # an interpreted `scan` reads its fields too
-        self._memory["lead"], self._memory["flight"] = np.inf, -1
-        self._memory["closed"], self._memory["closed_at"] = 1, -np.inf  # as far back as there was a past
-        self._memory["met"] = (scene.gaps > 0) @ (1 << np.arange(len(scene.stiffnesses)))
-        self._starts: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
-        self._states: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
+            says = world.effective
+            self._law = np.array([says["stiffness"], says["damping"], reduced_masses(scene)])
+        memory = self._memory = np.zeros(1, MEMORY).view(np.recarray)
+        memory.lead, memory.flight, memory.closed, memory.closed_at = np.inf, -1, 1, -np.inf
+        memory.met = _as_bits(scene.gaps > 0)
+        # Steps after which the state is another, and that state: shape (2, n).
+        self._changes = [np.zeros((2, 0), np.int64)]
         # Points of the path: every `_stride`-th, borders between states, and the ends.
         self._points = [np.array([[0.0, *scene.velocities]])] if record_path else []
         self._stride, self._size = 1, 0
@@ -202,8 +203,7 @@ class Run:
         n, self.end = scan(v, x, before, *how)
         if n:
             changes = np.flatnonzero(codes[:n] != np.append(self._code, codes[: n - 1]))
-            self._starts.append(changes + self.n_steps)
-            self._states.append(codes[changes])
+            self._changes.append(np.array([changes + self.n_steps, codes[changes]]))
             if self._points:
                 number = self.n_steps + 1 + np.arange(n)
                 wanted = number % self._stride == 0
@@ -248,41 +248,37 @@ class Run:
         the accelerations from the law. That is of fourth order in the time of the n steps, and of first in their own.
         """
         if self._points:
-            first = (self.n_steps // self._stride + 1) * self._stride
-            number = np.arange(first, self.n_steps + n + self._stride, self._stride)
-            number[-1] = self.n_steps + n
+            first, last = (self.n_steps // self._stride + 1) * self._stride, self.n_steps + n
+            number = np.append(np.arange(first, last, self._stride), last)
             ends = self.velocities, self.heights, v, x
             how = (number - self.n_steps) / n, n * self.scene.step, self._masses, self._law, self._weight[0]
             self._keep(number, between(self._code, *ends, *how))
         self.velocities, self.heights = v, x
         self.n_steps += n
-        self._memory["n_steps"] += n
+        self._memory.n_steps += n
 
     @property
     def raw(self) -> Runs:
         """States step by step, nothing merged."""
-        return Runs(np.concatenate(self._starts), np.concatenate(self._states), self.n_steps)
+        start, state = np.hstack(self._changes)
+        return Runs(start, state, self.n_steps)
 
     @property
     def starts(self) -> float:
-        """What contacts that were met at a speed did in their first steps.
+        """What contacts met at a speed did in their first steps: changes of the relative velocity, summed, in m/s.
 
-        Summed as changes of the relative velocity of their pair, in m/s. The time at which one is met within a step is
-        arbitrary: so much depends on it.
+        When within a step one is met is arbitrary: so much depends on it.
         """
-        return float(self._memory["again"][0])
+        return float(self._memory.again[0])
 
     @property
     def lead(self) -> tuple[float, int]:
         """Time in s by which its first flight began, or, negative, did not, and the contact, from 0, that decided."""
-        return float(self._memory["lead"][0]) * self.scene.step, int(self._memory["lead_contact"][0])
+        return float(self._memory.lead[0]) * self.scene.step, int(self._memory.lead_contact[0])
 
     @property
     def points(self) -> Floats | None:
-        """Number of the step (0 is the start) and velocities after it, shape (n, 1 + N); None if not asked for.
-
-        Every so many steps, and borders of raw states.
-        """
+        """Number of the step (0 is the start) and velocities after it, shape (n, 1 + N); None if not asked for."""
         return self._points[0] if self._points else None
 
     @property
@@ -328,15 +324,13 @@ class Run:
     def states(self, shortest_state: float) -> Runs:
         """State sequence, in steps; `shortest_state` as in `solver.Settings`."""
         c = self.scene
-        closed = (c.gaps == 0) @ (1 << np.arange(len(c.stiffnesses)))
-        return merge_runs(self.raw, shortest_state * min(c.periods) / c.step, closed)
+        return merge_runs(self.raw, shortest_state * min(c.periods) / c.step, _as_bits(c.gaps == 0))
 
     def energy_gain(self) -> float:
-        """Give the energy gained over the kinetic energy at the start, without what springs hold at the end.
+        """Give the energy gained over the kinetic energy at the start: a positive value is the engine's doing.
 
         Kinetic energy, without a table that about the centre of mass, and, as long as the bodies fall, height count,
-        and so does what the support of a settled B2 holds at the start. Dissipation and springs left loaded only make
-        it smaller: a positive value is the engine's doing.
+        and so does what the support of a settled B2 holds at the start; not what springs hold at the end.
         """
         c, m = self.scene, np.array(self.scene.masses)
 
@@ -351,27 +345,25 @@ class Run:
 
     def too_much_energy(self) -> str:
         """Why the result is not converged, if it gained so much energy; else empty."""
-        gain = self.energy_gain()
-        says = f"it ended with {gain:.1%} more energy than it began with: the step is too long"
-        return says if gain > ENERGY_GAIN_ALLOWED else ""
+        if (gain := self.energy_gain()) <= ENERGY_GAIN_ALLOWED:
+            return ""
+        return f"it ended with {gain:.1%} more energy than it began with: the step is too long"
 
     def path(self, runs: Runs) -> Path:
         """Give the recorded path under a (merged) state sequence."""
         assert self.points is not None
-        step = self.points[:, 0].astype(np.int64)
         # Step n ends at point n. The state of a point is that of the step before it; at a border the point is
         # given again, with the state of the step after it.
-        at = np.searchsorted(runs.start, np.maximum(step - 1, 0), side="right") - 1
-        again = np.flatnonzero(np.isin(step, runs.start[1:]))
-        order = np.sort(np.concatenate([np.arange(step.size), again]), kind="stable")
-        index = at[order]
-        index[1:] += (order[1:] == order[:-1]).astype(index.dtype)
-        velocities, time = self.points[order, 1:], np.asarray(step[order] * self.scene.step, np.float64)
+        times = 1 + np.isin(self.points[:, 0], runs.start[1:])
+        step = np.repeat(self.points[:, 0].astype(np.int64), times)
+        of = np.maximum(step - 1, 0) + np.append(False, step[1:] == step[:-1])
+        state = runs.state[np.searchsorted(runs.start, of, side="right") - 1]
+        velocities, time = np.repeat(self.points[:, 1:], times, axis=0), np.float64(self.scene.step) * step
         impulses = self.impulses(velocities, time)
         between = np.diff(time)[:, None]  # of a point that is given twice none, and the force before it
         means = np.diff(impulses, axis=0) / np.where(between > 0, between, 1.0)
         forces = np.vstack([means[:1], np.where(between > 0, means, np.roll(means, 1, axis=0))])
-        acting = (runs.state[index][:, None] >> np.arange(impulses.shape[1]) & 1).astype(np.bool_)
+        acting = (state[:, None] >> np.arange(impulses.shape[1]) & 1).astype(np.bool_)
         return Path(time, velocities, impulses, forces, acting)
 
 

@@ -39,11 +39,10 @@ class BulletWorld(RigidWorld):
         self._p = p
         p.resetSimulation()
         exact = scene.mapping != "shipped"
-        how: dict[str, Any] = (
-            {"numSolverIterations": self.sweeps, "erp": 0, "contactERP": 0, **EXACT} if exact else {}
-        )
         # The threshold is the process's: another scene may have set it.
-        how["contactBreakingThreshold"] = 1e-4 * self.radius if exact else SHIPPED_BREAKING
+        how: dict[str, Any] = {"contactBreakingThreshold": 1e-4 * self.radius if exact else SHIPPED_BREAKING}
+        if exact:
+            how |= {"numSolverIterations": self.sweeps, "erp": 0, "contactERP": 0, **EXACT}
         p.setPhysicsEngineParameter(fixedTimeStep=scene.step, numSubSteps=0, **how)
         sphere = p.createCollisionShape(p.GEOM_SPHERE, self.radius)
         link = {**FIXED, "linkCollisionShapeIndices": [sphere], "linkJointTypes": [p.JOINT_FIXED]}
@@ -67,8 +66,10 @@ class BulletWorld(RigidWorld):
             said.append(p.getDynamicsInfo(ball, BASE)[5] * p.getDynamicsInfo(*above)[5])
         for ball, v in zip(self._balls, scene.velocities, strict=True):
             p.resetBaseVelocity(ball, (0, 0, v), (0, 0, 0))
-        step = p.getPhysicsEngineParameters()["fixedTimeStep"]
-        self.effective = {"restitution": tuple(said), "step": (step,)}
+        self.effective = {
+            "restitution": tuple(said),
+            "step": (p.getPhysicsEngineParameters()["fixedTimeStep"],),
+        }
 
     def step(self) -> tuple[list[float], list[float]]:
         """Take a step."""

@@ -87,9 +87,10 @@ class Dart(RigidEngine):
 
     def refusal(self, scene: Scene) -> str | None:
         """Why DART cannot take a scene: where it would drop or cut the restitution of a first impact."""
-        for i, (e, rate) in enumerate(zip(scene.restitutions, scene.rates.tolist(), strict=True), 1):
-            if 0 < e * rate <= SLOWEST:
-                return f"contact {i} would rebound at {e * rate:.3g} m/s: DART drops restitution up to {SLOWEST} m/s"
-            if e * rate > FASTEST:
-                return f"contact {i} would rebound at {e * rate:.3g} m/s: DART has none faster than {FASTEST} m/s"
+        for i, rebound in enumerate((scene.restitutions * scene.rates).tolist(), 1):
+            would = f"contact {i} would rebound at {rebound:.3g} m/s: DART"
+            if 0 < rebound <= SLOWEST:
+                return f"{would} drops restitution up to {SLOWEST} m/s"
+            if rebound > FASTEST:
+                return f"{would} has none faster than {FASTEST} m/s"
         return super().refusal(scene)

@@ -29,8 +29,8 @@ OVERLAP = 2.0**-16
 #: Radius in m of the balls of an engine that is run as it ships: its thresholds are lengths.
 SHIPPED_RADIUS = 2.0**-4
 
-#: Sixty-four units in the last place, in double and in single precision.
-DOUBLE, SINGLE = 2.0**-46, 2.0**-17
+#: Sixty-four units in the last place, in double and in single precision; a number that has an inverse in both.
+DOUBLE, SINGLE, LARGEST = 2.0**-46, 2.0**-17, 1e30
 
 
 def radius_in(scene: Scene) -> float:
@@ -52,10 +52,8 @@ class RigidWorld(World):
         self.radius = radius_in(scene)
         self._table, self._tiny = scene.table, self.resolution * scene.fastest
         self.places = scene.places(self.radius)
-        heights = scene.start(self.radius)
         below = np.append(scene.gaps == 0, [] if scene.table else [False])
-        self.heights = heights - OVERLAP * self.radius * np.cumsum(below[::-1])[::-1]
-
+        self.heights = scene.start(self.radius) - OVERLAP * self.radius * np.cumsum(below[::-1])[::-1]
         #: Sweeps over the contacts after which sequential impulses are converged to rounding.
         self.sweeps = 4 + min(996, sweeps(scene))
 
@@ -77,28 +75,15 @@ class RigidWorld(World):
             v[together, i] = v[together, i + 1]
         return v[:, :-1], states[:, 1] - self.places
 
-    def weightless(self, velocities: Floats, heights: Floats) -> None:
-        """Go on without gravity: of drops, which are refused."""
-
 
 class RigidEngine(Engine):
     """A rigid engine: restitutions are the contacts' own, stiffnesses only say how long a step is."""
 
     kind, law = "rigid", None
 
-    #: What it makes of a scene.
-    made: type[RigidWorld]
-
-    #: Largest number that its precision has; the inverse is the smallest.
-    largest = 1e30
-
     def radius(self, scene: Scene) -> float:
         """As `Engine.radius`."""
         return radius_in(scene)
-
-    def world(self, scene: Scene) -> RigidWorld:
-        """Set a scene up."""
-        return self.made(scene)
 
     def refusal(self, scene: Scene) -> str | None:
         """Why it cannot take a scene: drops, and what single precision has no numbers for."""
@@ -110,9 +95,9 @@ class RigidEngine(Engine):
                 f"in a step of {scene.step:.3g} s"
             )
         numbers = (*scene.masses, *filter(None, map(abs, scene.velocities)), scene.step)
-        if not 1 / self.largest < min(numbers) <= max(numbers) < self.largest:
-            return f"masses, velocities or a step beyond {self.largest:.0e} or below its inverse, in SI units"
-        return None
+        if 1 / LARGEST < min(numbers) <= max(numbers) < LARGEST:
+            return None
+        return f"masses, velocities or a step beyond {LARGEST:.0e} or below its inverse, in SI units"
 
 
 def said(value: float, asked: float) -> float:

@@ -28,9 +28,7 @@ class PymunkWorld(RigidWorld):
         upper: list[Any] = [pymunk.Circle(ball, half, (0, half)) for ball in self._balls]
         wide = 100 * half
         upper.append(pymunk.Segment(space.static_body, (-wide, -half), (wide, -half), half))
-        for shape, e in zip(
-            lower, scene.restitutions, strict=False
-        ):  # without a table the lowest meets nothing
+        for shape, e in zip(lower, scene.restitutions, strict=False):  # the lowest may meet nothing
             shape.elasticity = e
         for shape in upper:
             shape.elasticity = self.partner

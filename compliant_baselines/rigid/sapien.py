@@ -78,14 +78,6 @@ class SapienWorld(RigidWorld):
         return velocities, [float(body.pose.p[2]) for body in self._bodies]
 
 
-@contextmanager
-def _without_graphics() -> Iterator[None]:
-    """Keep SAPIEN from warning that it finds no graphics, of which ours needs none."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        yield
-
-
 class Sapien(RigidEngine):
     """SAPIEN."""
 
@@ -94,8 +86,8 @@ class Sapien(RigidEngine):
     made = SapienWorld
 
     def unavailable(self) -> str | None:
-        """Why it cannot run."""
-        with _without_graphics():
+        """Why it cannot run; without its warning that it finds no graphics, of which ours needs none."""
+        with warnings.catch_warnings(action="ignore"):
             return super().unavailable()
 
     @contextmanager
@@ -106,7 +98,7 @@ class Sapien(RigidEngine):
         threshold = before.bounce_threshold
         physx.set_scene_config(gravity=[0, 0, 0], bounce_threshold=0.0, enable_tgs=True)
         try:
-            with _without_graphics():
+            with warnings.catch_warnings(action="ignore"):
                 yield
         finally:
             before.bounce_threshold = threshold
