@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import os
+import sys
+import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
 from math import inf
 from platform import python_version
+from threading import Lock
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from impact_xval.compliant_baselines.engines.convergence import Limit, estimate_limit
-from impact_xval.compliant_baselines.engines.packages import import_quietly, version_of
 from impact_xval.compliant_baselines.engines.scene import (
     BEYOND,
     Scene,
@@ -28,6 +33,44 @@ from impact_xval.compliant_baselines.references import law_at
 from impact_xval.compliant_baselines.solver import Settings, Solver, by_kind
 from impact_xval.model.chain.rest import REST, STUCK
 from impact_xval.model.collision import Collision, Collisions, Outcome
+
+_importing = Lock()
+
+
+def import_quietly(module: str) -> Any:
+    """Import a module, without the line "pybullet build time: ..." of PyBullet's C code at the first import."""
+    with _importing:
+        if module in sys.modules or module != "pybullet":
+            return import_module(module)
+        with standard_error_without(b"pybullet build time"):
+            return import_module(module)
+
+
+@contextmanager
+def standard_error_without(beginning: bytes) -> Iterator[None]:
+    """Hold back what is written to the descriptor of standard error; write it afterwards, but for some lines."""
+    try:
+        terminal = os.dup(2)
+    except OSError:  # closed: there is nothing to keep clean
+        yield
+        return
+    with tempfile.TemporaryFile() as held:
+        os.dup2(held.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(terminal, 2)
+            os.close(terminal)
+            held.seek(0)
+            os.write(2, b"".join(line for line in held if not line.startswith(beginning)))
+
+
+def version_of(distribution: str) -> str:
+    """Version of an installed package, by the name it is distributed under; ``""`` if it is not installed."""
+    try:
+        return version(distribution)
+    except PackageNotFoundError:
+        return ""
 
 
 class Engine(Solver):

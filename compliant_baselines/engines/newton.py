@@ -10,13 +10,13 @@ Warp replays in C++ at a hundredth of the cost of calls from Python, serves all 
 from __future__ import annotations
 
 from functools import lru_cache
+from importlib import import_module
 from threading import get_ident
 from typing import Any
 
 import numpy as np
 
-from impact_xval.compliant_baselines.engines.engine import Engine
-from impact_xval.compliant_baselines.engines.packages import import_quietly, standard_error_without
+from impact_xval.compliant_baselines.engines.engine import Engine, standard_error_without
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, radius_of, reduced_masses
 from impact_xval.compliant_baselines.mapping import Contact
 
@@ -28,7 +28,7 @@ STEPS, RESOLVED = 64, 2.0**-14
 @lru_cache(maxsize=16)
 def _recorded(balls: int, table: bool, _thread: int) -> Any:
     """Record steps, for one thread: model, state, what comes after each step, and the graph and what it points to."""
-    newton, warp = import_quietly("newton"), import_quietly("warp")
+    newton, warp = import_module("newton"), import_module("warp")
     level = warp.ScopedLogLevel(warp.LOG_WARNING)
     with standard_error_without(b"Warp CUDA warning"), level, warp.ScopedDevice("cpu"):
         builder = newton.ModelBuilder()
@@ -89,7 +89,7 @@ class NewtonWorld(World):
     def advance(self, n: int) -> tuple[Floats, Floats]:
         """Take up to `STEPS` steps; what a recording takes beyond n nobody reads."""
         poses, twists, graph, _ = self._steps
-        import_quietly("warp").capture_launch(graph)
+        import_module("warp").capture_launch(graph)
         velocities, heights = (each.numpy()[:n, :, 2].astype(float) for each in (twists, poses))
         return velocities * self._speed, heights * self._length
 

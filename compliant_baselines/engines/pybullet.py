@@ -23,8 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from impact_xval.compliant_baselines.engines.engine import Engine
-from impact_xval.compliant_baselines.engines.packages import import_quietly
+from impact_xval.compliant_baselines.engines.engine import Engine, import_quietly
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, radius_of, sweeps
 from impact_xval.compliant_baselines.mapping import Side, Sides, combined, pybullet_side, sides
 

@@ -9,9 +9,9 @@ contact whose rebound were `SLOWEST` or less rebounds, and none rebounds faster 
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Any
 
-from impact_xval.compliant_baselines.engines.packages import import_quietly
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.rigid.lines import RigidEngine, RigidWorld
 
@@ -27,7 +27,7 @@ class DartWorld(RigidWorld):
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
-        dart: Any = import_quietly("dartpy")
+        dart: Any = import_module("dartpy")
         world, half = dart.simulation.World(), self.radius / 2
         self._world, self._joints, lower, upper = world, [], [], []
         world.setGravity([0, 0, 0])

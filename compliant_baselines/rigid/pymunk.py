@@ -6,10 +6,10 @@ meets. `collision_bias` = 1 and `collision_slop` = 0 leave overlaps as they are.
 
 from __future__ import annotations
 
+from importlib import import_module
 from math import inf
 from typing import Any
 
-from impact_xval.compliant_baselines.engines.packages import import_quietly
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.rigid.lines import RigidEngine, RigidWorld
 
@@ -19,7 +19,7 @@ class PymunkWorld(RigidWorld):
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
-        pymunk: Any = import_quietly("pymunk")
+        pymunk: Any = import_module("pymunk")
         space = self._space = pymunk.Space()
         space.iterations, space.collision_slop, space.collision_bias = self.sweeps, 0, 1
         half, self._h = self.radius / 2, scene.step

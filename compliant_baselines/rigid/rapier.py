@@ -7,9 +7,9 @@ pushed out is 0, and the one that no body exceeds (400 lengths a second by defau
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Any
 
-from impact_xval.compliant_baselines.engines.packages import import_quietly
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.rigid.lines import SINGLE, RigidEngine, RigidWorld, said
 
@@ -21,7 +21,7 @@ class RapierWorld(RigidWorld):
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
-        rapier: Any = import_quietly("rapier3d")
+        rapier: Any = import_module("rapier3d")
         world, half = rapier.PhysicsWorld(), self.radius / 2
         how = world.integration_parameters
         how.dt, how.length_unit, how.normalized_max_corrective_velocity = scene.step, self.radius, 0

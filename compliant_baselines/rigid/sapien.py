@@ -10,9 +10,9 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from typing import Any
 
-from impact_xval.compliant_baselines.engines.packages import import_quietly
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.rigid.lines import SINGLE, RigidEngine, RigidWorld, said
 
@@ -27,7 +27,7 @@ class SapienWorld(RigidWorld):
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
-        sapien: Any = import_quietly("sapien")
+        sapien: Any = import_module("sapien")
         physx, half = sapien.physx, self.radius / 2
         system = self._system = physx.PhysxCpuSystem()
         self._scene = sapien.Scene([system])
@@ -93,7 +93,7 @@ class Sapien(RigidEngine):
     @contextmanager
     def running(self) -> Iterator[None]:
         """Set what SAPIEN sets for all scenes, and restore it."""
-        physx: Any = import_quietly("sapien").physx
+        physx: Any = import_module("sapien").physx
         before = physx.get_scene_config()
         threshold = before.bounce_threshold
         physx.set_scene_config(gravity=[0, 0, 0], bounce_threshold=0.0, enable_tgs=True)

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from impact_xval.compliant_baselines import Settings, get_solver
 from impact_xval.compliant_baselines.conformance import checks
-from impact_xval.compliant_baselines.engines.packages import version_of
+from impact_xval.compliant_baselines.engines.engine import version_of
 from impact_xval.model import Collision
 from tests.compliant_baselines.reference_cells import chain, in_time
 from tests.compliant_baselines.references.test_columns import by_force_alone, with_gaps
