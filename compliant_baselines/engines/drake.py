@@ -17,6 +17,7 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from importlib import import_module
 from itertools import pairwise
 from typing import Any
@@ -25,7 +26,7 @@ import numpy as np
 
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, radius_of
-from impact_xval.compliant_baselines.mapping import RIGID, Side, combined, drake_side, sides
+from impact_xval.compliant_baselines.mapping import Side, combined, drake_side, sides
 from impact_xval.compliant_baselines.restitution import hunt_crossley_coefficients
 
 #: Relative tolerance of the solver (SapSolverParameters; Python cannot set it), and the phase angle of a contact
@@ -77,7 +78,11 @@ class DrakeWorld(World):
 
     def __init__(self, scene: Scene, discrete: bool) -> None:
         self._scene, self._discrete = scene, discrete
-        self._sides = sides(list(map(drake_side, scene.contacts)), scene.mapping)
+        carried = [drake_side(contact) for contact in scene.contacts]
+        if not discrete:
+            law = hunt_crossley_coefficients(np.array(scene.restitutions)) / scene.speed
+            carried = [*map(Side, scene.stiffnesses, law.tolist())]
+        self._sides = sides(carried, scene.mapping)
         pairs = combined(self._sides)
         self._radius = radius_of(scene.depth([pair.stiffness for pair in pairs]))
         self._places, self._refused = scene.places(self._radius), _too_short(scene) if discrete else None
@@ -132,15 +137,10 @@ class DrakeWorld(World):
             bodies.append((body, sphere))
         if self._scene.table:
             bodies.append((plant.world_body(), geometry.HalfSpace()))
-        shapes = [
-            [
-                plant.RegisterCollisionGeometry(
-                    body, here, shape, f"{i}-{n}", self._material(i - 1 + n, side)
-                )
-                for n, side in enumerate(self._sides[i])
-            ]
-            for i, (body, shape) in enumerate(bodies)
-        ]
+        shapes = []
+        for i, ((body, shape), both) in enumerate(zip(bodies, self._sides, strict=True)):
+            add = partial(plant.RegisterCollisionGeometry, body, here, shape)
+            shapes.append([add(f"{i}-{n}", self._material(side)) for n, side in enumerate(both)])
         plant.Finalize()
         every = geometry.GeometrySet([shape for both in shapes for shape in both])
         met = geometry.CollisionFilterDeclaration().ExcludeWithin(every)
@@ -151,16 +151,14 @@ class DrakeWorld(World):
         self._said = [[_geometry(properties(shape)) for shape in both] for both in shapes]
         return joints
 
-    def _material(self, contact: int, side: Side) -> Any:
-        """Make the frictionless proximity properties of a side that takes part in a contact."""
-        frictionless = _module("multibody.plant").CoulombFriction(0.0, 0.0)
-        how = {"friction": frictionless, "point_stiffness": side.stiffness}
-        if not self._discrete:
-            e = np.array(self._scene.restitutions[contact : contact + 1])
-            law = 0.0 if side is RIGID else float(hunt_crossley_coefficients(e)[0]) / self._scene.speed
-            how["dissipation"] = law
-        properties = _module("geometry").ProximityProperties()
-        _module("geometry").AddContactMaterial(properties=properties, **how)
+    def _material(self, side: Side) -> Any:
+        """Make the frictionless proximity properties of a side."""
+        geometry, frictionless = _module("geometry"), _module("multibody.plant").CoulombFriction(0.0, 0.0)
+        properties = geometry.ProximityProperties()
+        how = {} if self._discrete else {"dissipation": side.dissipation}
+        geometry.AddContactMaterial(
+            properties=properties, friction=frictionless, point_stiffness=side.stiffness, **how
+        )
         if self._discrete:
             properties.AddProperty("material", "relaxation_time", side.dissipation)
         return properties
