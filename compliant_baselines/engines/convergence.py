@@ -66,15 +66,16 @@ class Limit:
     """The limit dt -> 0; velocities and errors in m/s."""
 
     velocities: tuple[float, ...]
-    #: Estimated error of all of them, as the engine's own limit, and by how much its regularisation moves them.
+    #: Estimated error of all of them, as the engine's own limit.
     step_error: float
-    regularisation: float
-    #: Fitted order of convergence, NaN where there is nothing but rounding, and the shortest step, in s.
+    #: Fitted order of convergence, NaN where there is nothing but rounding.
     order: float
+    #: By how much the engine's regularisation moves the velocities.
+    regularisation: float
+    #: The shortest step, in s; whether there gravity ended in a first flight, and B2 came to rest on the table.
     step: float
-    #: Whether at that step gravity ended in a first flight, and whether B2 came to rest on the table.
-    flight: bool = False
-    rest: bool = False
+    flight: bool
+    rest: bool
 
     @property
     def error(self) -> float:
@@ -111,21 +112,19 @@ def parted(velocities: Sequence[float], weights: Sequence[float], table: bool = 
 def limit_of(
     velocities: Floats,
     starts: float,
-    step: float,
     weights: Sequence[float],
-    regularisation: float = 0.0,
     *,
     table: bool = True,
     alike: bool = True,
     orders: int = 2,
     gravity_doubt: float = 0.0,
-) -> Limit:
+) -> tuple[tuple[float, ...], float, float]:
     """Extrapolate final velocities in m/s, shape (n, balls), n >= 3, at steps each half of the one before, to zero.
 
-    Of the last run are `Run.starts` in m/s and the step in s; weights are masses over that of the first ball. In m/s is
-    also what regularisation does, and `gravity_doubt`, what the instants of a first flight and of the end may change.
-    `alike` says that the last two runs pass through the same states to the same end, and `orders`, by how many orders
-    it may be extrapolated: 1 or 2.
+    `starts` in m/s is that of the last run; weights are masses over that of the first ball; `gravity_doubt` is what the
+    instants of a first flight and of the end may change, in m/s. `alike` says that the last two runs pass through the
+    same states to the same end, and `orders`, by how many orders it may be extrapolated: 1 or 2. Gives the first three
+    of `Limit`.
     """
     limits = 2 * velocities[1:] - velocities[:-1]
     doubt = DOUBT * np.abs(velocities[-1] - velocities[-2])
@@ -148,7 +147,7 @@ def limit_of(
     moves, order = np.abs(np.diff(velocities, axis=0)).max(axis=1), math.nan
     if np.all(moves > 0):
         order = -float(np.polyfit(np.arange(len(moves)), np.log2(moves), 1)[0])
-    return Limit(inside, error, regularisation, order, step)
+    return inside, error, order
 
 
 def _of_second_order(corrections: Floats) -> bool:
@@ -222,18 +221,17 @@ def _extrapolated(runs: Sequence[Run], regularisation: Sequence[float]) -> Limit
     last, scene = runs[-1], runs[-1].scene
     paths = [(run.states(SHORTEST_STATE).names(False), run.fall is None, run.end) for run in runs[:-4:-1]]
     resolved = 8 * scene.step <= RESOLVED * min(scene.periods)
-    limit = limit_of(
+    found = limit_of(
         np.array([run.reported for run in runs]),
         last.starts,
-        scene.step,
         [m / scene.masses[0] for m in scene.masses],
-        *regularisation[-1:],
         table=scene.table,
         alike=paths[0] == paths[1],
         orders=2 if paths[0] == paths[1] == paths[2] and resolved else 1,
         gravity_doubt=max(_flight_doubt(runs[-2], last), scene.gravity * scene.step),
     )
-    return replace(limit, flight=last.fall is not None, rest=last.end in (REST, STUCK))
+    moved = regularisation[-1] if regularisation else 0.0
+    return Limit(*found, moved, scene.step, flight=last.fall is not None, rest=last.end in (REST, STUCK))
 
 
 def estimate_limit(

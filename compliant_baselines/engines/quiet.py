@@ -78,14 +78,6 @@ def sticks(v, x, masses, weight, times):  # pragma: no cover (compiled)
     return energy <= times * g * g * min(m1**2 / k1, (m1 + m2) ** 2 / k2)
 
 
-@rounded_part
-def _may_end(code, v, x, masses, weight):  # pragma: no cover (compiled)
-    """Whether a drop of two balls may soon be over by rest, or stuck (3 of the module)."""
-    if code == 3:
-        return sticks(v, x, masses, weight, 16.0)
-    return not code & 1 and rests(v, x, masses, weight, 16.0)
-
-
 @rounded
 def quiet_steps(code, v, x, masses, law, weight, h):  # pragma: no cover (compiled)
     """Count the steps in which nothing happens: two less than their time has, at most a million.
@@ -98,8 +90,11 @@ def quiet_steps(code, v, x, masses, law, weight, h):  # pragma: no cover (compil
     if code < 0:
         return 0
     contacts, g = law.shape[1], weight[0]
-    if g > 0 and _may_end(code, v, x, masses, weight):
-        return 0
+    if g > 0:  # 3 of the module: a drop of two balls that may soon be stuck, or over by rest
+        if code == 3 and sticks(v, x, masses, weight, 16.0):
+            return 0
+        if not code & 1 and rests(v, x, masses, weight, 16.0):
+            return 0
     stiff = damp = force = pull = 0.0
     for i in range(contacts):
         if code >> i & 1:
