@@ -69,12 +69,12 @@ def mjcf(balls: int, table: bool) -> str:
     return SCENE.format(bodies="".join(bodies), pairs="".join(pairs))
 
 
-@lru_cache(maxsize=16)
-def _compiled(balls: int, table: bool) -> tuple[Any, list[int]]:
-    """Compile the scene of N balls; it, and where the engine, which sorts pairs by their geoms, has the contacts."""
+def _batch(balls: int, table: bool) -> tuple[Any, list[int]]:
+    """Compile N balls; a batch of one, and where the engine, which sorts pairs by their geoms, has the contacts."""
     mujoco: Any = import_module("mujoco")  # the names of the compiled module are invisible to a type checker
     model = mujoco.MjModel.from_xml_string(mjcf(balls, table))
-    return model, [model.pair(str(i)).id for i in range(1, balls + table)]
+    where = [model.pair(str(i)).id for i in range(1, balls + table)]
+    return import_module("mujoco.batch").Batch(model, 1, 1), where
 
 
 @lru_cache(maxsize=1)
@@ -116,7 +116,7 @@ class Mujoco(Engine):
 
     def world(self, scene: Scene) -> MujocoWorld:
         """Set a scene up."""
-        return MujocoWorld(scene, self._batches)
+        return MujocoWorld(scene, *self._batch(len(scene.masses), scene.table))
 
     @contextmanager
     def running(self) -> Iterator[None]:
@@ -128,7 +128,7 @@ class Mujoco(Engine):
         before, clock = mujoco.get_mju_user_warning(), _clock()
         mujoco.set_mju_user_warning(lambda _message: None)
         ticking, clock.value = clock.value, None
-        self._batches: dict[tuple[int, bool], Any] = {}
+        self._batch = lru_cache(_batch)
         try:
             yield
         finally:
@@ -139,15 +139,9 @@ class Mujoco(Engine):
 class MujocoWorld(World):
     """A scene as a batch of one."""
 
-    def __init__(self, scene: Scene, batches: dict[tuple[int, bool], Any]) -> None:
-        from mujoco.batch import Batch
-
-        kind = len(scene.masses), scene.table
-        model, where = _compiled(*kind)
-        if kind not in batches:
-            batches[kind] = Batch(model, 1, 1)
-        self.batch = batches[kind]
-        self.batch.reset(stage=0)  # nothing is computed before the numbers are written
+    def __init__(self, scene: Scene, batch: Any, where: list[int]) -> None:
+        self.batch = batch
+        batch.reset(stage=0)  # nothing is computed before the numbers are written
         balls, (pairs, depth, acceleration) = slice(1, 1 + len(scene.masses)), mapped(scene)
         radius = radius_of(depth)
         for name, at, value in (
@@ -162,14 +156,14 @@ class MujocoWorld(World):
             ("pair_solref", (where,), [pair.solref for pair in pairs]),
             ("pair_solimp", (where,), [pair.solimp for pair in pairs]),
         ):
-            self.batch.expand(name)[0, *at] = value
-        self.batch.set_const()  # the inverse weights follow the masses
+            batch.expand(name)[0, *at] = value
+        batch.set_const()  # the inverse weights follow the masses
         self.rest = pairs[-1].rest_penetration(scene.gravity)
         self.heights = scene.start(radius, self.rest)
-        self.batch.qpos[0], self.batch.qvel[0] = self.heights, scene.velocities
+        batch.qpos[0], batch.qvel[0] = self.heights, scene.velocities
         # A pair alone, by the engine's own inverse weights (docs/mapping.md); that of the table, body 0, is 0.
-        inverse = self.batch.expand("body_invweight0")[0][[*range(1, balls.stop), 0], 0]
-        solref, solimp = (self.batch.expand(name)[0][where] for name in ("pair_solref", "pair_solimp"))
+        inverse = batch.expand("body_invweight0")[0][[*range(1, balls.stop), 0], 0]
+        solref, solimp = (batch.expand(name)[0][where] for name in ("pair_solref", "pair_solimp"))
         share, masses = solimp[:, 0] / solimp[:, 1], 1 / (inverse[1:] + inverse[:-1])[: len(where)]
         times = solref[:, 0] > 0
         solref[times, 0] = np.maximum(solref[times, 0], 2 * scene.step)  # refsafe
@@ -178,7 +172,7 @@ class MujocoWorld(World):
         self.effective = {
             "stiffness": tuple((direct[:, 0] * masses * share**2).tolist()),
             "damping": tuple((direct[:, 1] * masses * share).tolist()),
-            "step": (float(self.batch.expand("opt.timestep")[0]),),
+            "step": (float(batch.expand("opt.timestep")[0]),),
         }
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
