@@ -84,10 +84,9 @@ class DrakeWorld(World):
             carried = [*map(Side, scene.stiffnesses, law.tolist())]
         self._sides = sides(carried, scene.mapping)
         pairs = combined(self._sides)
-        self._radius = radius_of(scene.depth([pair.stiffness for pair in pairs]))
-        self._places, self._refused = scene.places(self._radius), _too_short(scene) if discrete else None
-        self.rest = scene.masses[-1] * scene.gravity / pairs[-1].stiffness
-        self.heights = scene.start(self._radius, self.rest)
+        radius = radius_of(scene.depth([pair.stiffness for pair in pairs]))
+        super().__init__(scene, radius, scene.masses[-1] * scene.gravity / pairs[-1].stiffness)
+        self._refused = _too_short(scene) if discrete else None
         self._build(scene.velocities, self.heights)
         pairs = combined(self._said)
         self.effective = {"stiffness": tuple(pair.stiffness for pair in pairs), "step": (scene.step,)}
@@ -110,7 +109,7 @@ class DrakeWorld(World):
         self._simulator = _module("systems.analysis").Simulator(builder.Build())
         root = self._simulator.get_mutable_context()
         context = plant.GetMyMutableContextFromRoot(root)
-        for joint, z, v in zip(joints, self._places + heights, velocities, strict=True):
+        for joint, z, v in zip(joints, self.places + heights, velocities, strict=True):
             joint.set_translation(context, z)
             joint.set_translation_rate(context, v)
         if not self._discrete:
@@ -127,7 +126,7 @@ class DrakeWorld(World):
         """Add table and balls and finish the plant; the joints of the balls, the upper one's first."""
         geometry, tree = _module("geometry"), _module("multibody.tree")
         here = _module("math").RigidTransform()
-        sphere, inertia = geometry.Sphere(self._radius), tree.UnitInertia.SolidSphere(self._radius)
+        sphere, inertia = geometry.Sphere(self.radius), tree.UnitInertia.SolidSphere(self.radius)
         joints, bodies = [], []
         for i, mass in enumerate(self._scene.masses):
             body = plant.AddRigidBody(f"B{i + 1}", tree.SpatialInertia(mass, [0, 0, 0], inertia))
@@ -167,13 +166,13 @@ class DrakeWorld(World):
         """Take n steps, logged in C++."""
         if self._refused:
             raise RuntimeError(self._refused)
-        balls, step = len(self._places), self._scene.step
+        balls, step = len(self.places), self._scene.step
         self._log.Clear()
         self._simulator.AdvanceTo((self._taken + n) * step)
         # The first sample may repeat the last of the call before.
         data = self._log.data()[:, self._log.sample_times() > (self._taken + 0.5) * step]
         self._taken += n
-        return data[balls:].T.copy(), data[:balls].T - self._places
+        return data[balls:].T.copy(), data[:balls].T - self.places
 
     def weightless(self, velocities: Floats, heights: Floats) -> None:
         """Gravity is part of a finished plant: another one goes on from here."""

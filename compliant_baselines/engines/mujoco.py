@@ -143,11 +143,11 @@ class MujocoWorld(World):
         self.batch = batch
         batch.reset(stage=0)  # nothing is computed before the numbers are written
         balls, (pairs, depth, acceleration) = slice(1, 1 + len(scene.masses)), mapped(scene)
-        radius = radius_of(depth)
+        super().__init__(scene, radius_of(depth), pairs[-1].rest_penetration(scene.gravity))
         for name, at, value in (
-            ("geom_size", (balls, 0), radius),
-            ("geom_rbound", (balls,), radius),
-            ("body_pos", (balls, 2), scene.places(radius)),
+            ("geom_size", (balls, 0), self.radius),
+            ("geom_rbound", (balls,), self.radius),
+            ("body_pos", (balls, 2), self.places),
             ("body_mass", (balls,), scene.masses),
             ("opt.timestep", (), scene.step),
             # Of two measures, an acceleration and its square, the smaller: stops at the second Newton iteration.
@@ -158,8 +158,6 @@ class MujocoWorld(World):
         ):
             batch.expand(name)[0, *at] = value
         batch.set_const()  # the inverse weights follow the masses
-        self.rest = pairs[-1].rest_penetration(scene.gravity)
-        self.heights = scene.start(radius, self.rest)
         batch.qpos[0], batch.qvel[0] = self.heights, scene.velocities
         # A pair alone, by the engine's own inverse weights (docs/mapping.md); that of the table, body 0, is 0.
         inverse = batch.expand("body_invweight0")[0][[*range(1, balls.stop), 0], 0]

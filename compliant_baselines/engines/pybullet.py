@@ -142,9 +142,8 @@ class PybulletWorld(World):
         bodies = _sides(scene)
         pairs = combined(bodies)
         radius = radius_of(scene.depth([pair.stiffness for pair in pairs]))
-        self._places = scene.places(radius)
-        self.rest = scene.masses[-1] * scene.gravity / pairs[-1].stiffness
-        self.heights = self._x = scene.start(radius, self.rest)
+        super().__init__(scene, radius, scene.masses[-1] * scene.gravity / pairs[-1].stiffness)
+        self._x = self.heights
         kind = len(scene.masses), scene.table, radius
         if kind not in made:
             made.clear()
@@ -163,10 +162,10 @@ class PybulletWorld(World):
                 p.changeDynamics(*part, contactStiffness=side.stiffness, contactDamping=side.dissipation)
         # Apart for a step, in which the engine forgets contact points and what it warm-starts from.
         p.setGravity(0, 0, 0)
-        self._place(10 * self._places, [0.0] * len(self.balls))
+        self._place(10 * self.places, [0.0] * len(self.balls))
         p.stepSimulation()
         p.setGravity(0, 0, -scene.gravity)
-        self._place(self._places + self._x, scene.velocities)
+        self._place(self.places + self._x, scene.velocities)
         if _linked(scene):  # of bodies in maximal coordinates it says nothing
             pairs = combined([[Side(*p.getDynamicsInfo(*part)[9:7:-1]) for part in both] for both in parts])
         self.effective = {
@@ -187,7 +186,7 @@ class PybulletWorld(World):
         if linked:
             how = {**FIXED, "linkCollisionShapeIndices": [sphere], "linkJointTypes": [p.JOINT_FIXED]}
         parts = [((table, BASE), (table, BASE))] if scene.table else []
-        for z in 10 * self._places[::-1]:
+        for z in 10 * self.places[::-1]:
             ball = p.createMultiBody(1, sphere, basePosition=(0, 0, z), **how)
             parts.insert(0, ((ball, LINK if linked else BASE), (ball, BASE)))
         for body, part in {part for both in parts for part in both}:
@@ -236,7 +235,7 @@ class PybulletWorld(World):
         p.stepSimulation(client)
         v = np.array([p.getBaseVelocity(ball, client)[0][2] for ball in self.balls])
         z = np.array([p.getBasePositionAndOrientation(ball, client)[0][2] for ball in self.balls])
-        self._x = z - self._places
+        self._x = z - self.places
         return n, v, self._x
 
     def weightless(self, velocities: Floats, heights: Floats) -> None:

@@ -121,18 +121,6 @@ class Scene:
         mean = 0.0 if self.table else float(m @ v / m.sum())
         return math.sqrt(float(m @ (v - mean) ** 2) / min(stiffnesses))
 
-    def start(self, radius: float, rest: float = 0.0) -> Floats:
-        """Give the heights at t = 0 in m, shape (N,), for how deep a settled lowest ball rests in m.
-
-        Rounded so that adding up to 2 N radii rounds nothing away: gaps are then exact, see `radius_of`.
-        """
-        far = 2.0 ** math.ceil(math.log2(2 * len(self.masses) * radius))
-        return np.asarray((np.array(self.heights) - rest + far) - far, np.float64)
-
-    def places(self, radius: float) -> Floats:
-        """Give the centres of the balls above the table where all only just touch, in m, shape (N,)."""
-        return radius * np.arange(2 * len(self.masses) - 1, 0, -2, dtype=np.float64)
-
 
 class World(ABC):
     """One scene as an engine has set it up, at t = 0: what an adapter gives, and `stepping` follows."""
@@ -152,6 +140,14 @@ class World(ABC):
     #: Steps that `leap` takes at most, between events that stiffness and damping as effective foretell
     #: (`engines.quiet`); 0 for an engine that is read after every step.
     longest_leap: int = 0
+
+    def __init__(self, scene: Scene, radius: float, rest: float = 0.0) -> None:
+        #: Centres of balls of this radius above the table where all only just touch, in m, shape (N,).
+        self.places = radius * np.arange(2 * len(scene.masses) - 1, 0, -2, dtype=np.float64)
+        self.radius, self.rest = radius, rest
+        # Rounded so that adding up to 2 N radii rounds nothing away: gaps are then exact, see `radius_of`.
+        far = 2.0 ** math.ceil(math.log2(2 * len(scene.masses) * radius))
+        self.heights = np.asarray((np.array(scene.heights) - rest + far) - far, np.float64)
 
     @abstractmethod
     def advance(self, n: int) -> tuple[Floats, Floats]:

@@ -49,11 +49,10 @@ class RigidWorld(World):
     resolution, partner = DOUBLE, 1.0
 
     def __init__(self, scene: Scene) -> None:
-        self.radius = radius_in(scene)
+        super().__init__(scene, radius_in(scene))
         self._table, self._tiny = scene.table, self.resolution * scene.fastest
-        self.places = scene.places(self.radius)
         below = np.append(scene.gaps == 0, [] if scene.table else [False])
-        self.heights = scene.start(self.radius) - OVERLAP * self.radius * np.cumsum(below[::-1])[::-1]
+        self.heights = self.heights - OVERLAP * self.radius * np.cumsum(below[::-1])[::-1]
         #: Sweeps over the contacts after which sequential impulses are converged to rounding.
         self.sweeps = 4 + min(996, sweeps(scene))
 
