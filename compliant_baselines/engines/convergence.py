@@ -5,9 +5,8 @@ extrapolated, and what the error is made of. Balls that part for good have v1 >=
 they meet once more as the step goes to zero, and is replaced by the nearest point inside, which is what a plastic
 meeting makes of it.
 
-What the engine's own regularisation of contacts does to the velocities, which no step removes, is measured by one more
-run at 4h with `probe` times as much of it; it is of first order in the regularisation. Where it exceeds the tolerance
-it is measured again at the shortest step, and the step is halved further unless two measures agree.
+What the engine's own regularisation of contacts does to the velocities, no step removes. Where it exceeds the tolerance
+at 4h it is measured again at the shortest step, and the step is halved further unless two measures agree.
 """
 
 from __future__ import annotations
@@ -59,6 +58,9 @@ PATIENCE = 8
 
 #: Factor within which two measures of a regularisation agree, and a fall of corrections with the quarter expected.
 ALIKE = 2.0
+
+#: Runs a scene for at most so many steps.
+Follow = Callable[[Scene, int], Run]
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +175,7 @@ class _Regularisation:
         #: In m/s, at ever shorter steps.
         self.moves: list[float] = []
 
-    def measure(self, run: Callable[[Scene, int], Run], own: Run, most: int) -> None:
+    def measure(self, run: Follow, own: Run, most: int) -> None:
         """Run once more at the step of a run, with more regularisation."""
         if self.factor > 1:
             more = run(replace(own.scene, regularisation=self.factor), most)
@@ -235,18 +237,13 @@ def _extrapolated(runs: Sequence[Run], regularisation: Sequence[float]) -> Limit
 
 
 def estimate_limit(
-    run: Callable[[Scene, int], Run],
-    probe: float | None,
-    first: Run,
-    convergence: Convergence,
-    max_steps: int,
+    run: Follow, probe: float | None, first: Run, convergence: Convergence, max_steps: int
 ) -> tuple[Limit | None, str]:
     """Find the limit of a scene, of which `first` is the run, which is over, at the step h that a user takes.
 
-    `run` runs a scene for at most so many steps, and `probe` is the engine's `regularisation_probe`. A run at a longer
-    step may take as many steps as that at h; one at a shorter step `max_steps` as many times more, and no more than
-    `PATIENCE` times what the run at h took. The limit is None where too few runs came to an end; the text says why it
-    is not converged, and is empty if it is.
+    `probe` is the engine's `regularisation_probe`. A run at a longer step may take as many steps as that at h; one at a
+    shorter step `max_steps` as many times more, and no more than `PATIENCE` times what the run at h took. The limit is
+    None where too few runs came to an end; the text says why it is not converged, and is empty if it is.
     """
     scene, runs, failure = first.scene, [first], ""
     tolerance = convergence.tolerance * scene.speed

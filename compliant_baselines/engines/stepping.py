@@ -49,8 +49,8 @@ PATH_LEAP, PATH_SHARE = 32, 4
 #: * loaded, met: the contacts that carry force, and those that are met at a speed if they begin to, as they have ceased
 #:   to or were open at first; as bits;
 #: * n_steps so far; again: `Run.starts`;
-#: * lead, lead_contact: as of `Run`, in steps: after so many of flight the contact closed, or, negative, it had closed
-#:   so many before the other one opened. The nearest such event; infinite without one;
+#: * lead, lead_contact: after so many steps of flight the contact closed, or, negative, it had closed so many before
+#:   the other one opened. The nearest such event; infinite without one;
 #: * flight: the step at which the first flight began (-1 before it, -2 once a gap has closed again);
 #: * closed, closed_at: whether the gap of a contact is closed, and the step at which it last closed.
 MEMORY = np.dtype(
@@ -159,10 +159,9 @@ def _as_bits(contacts: NDArray[np.bool_]) -> int:
 class Run:
     """What an engine made of a scene: takes its steps in blocks until the collision is over, and says what came of it.
 
-    `start`, `velocities` and `heights` are the state at the start, as the engine had it, and after `n_steps`, in m/s
-    and m, shape (N,). `end` says how it ended, as of `scan`: `GOING` if it ran out of `max_steps`; `failure` is what
-    the engine itself complained of. `fall` is the number of steps and the heights at the first flight, from which on
-    bodies no longer fall; None without one. `effective` is that of `World`.
+    Heights at the `start`, as the engine had them, and `velocities` and `heights` after `n_steps` have the shape (N,).
+    `end` is as of `scan`: `GOING` if it ran out of `max_steps`; `failure` is what the engine itself complained of.
+    `fall` is the number of steps and the heights at the first flight, from which on bodies no longer fall.
     """
 
     def __init__(self, scene: Scene, world: World, max_steps: int, record_path: bool = False) -> None:
@@ -191,10 +190,9 @@ class Run:
         self._stride, self._size = 1, 0
 
     def feed(self, v: Floats, x: Floats) -> bool:
-        """Take the next steps, up to the one after which the collision is over, given up or in its first flight.
+        """Take velocities and heights after the next steps, shape (n, N), up to the end, or to a first flight.
 
-        Velocities in m/s and heights in m after each step, shape (n, N). Gives whether the engine has to go on from the
-        state of this run without gravity.
+        Gives whether it is that, so that the engine has to go on from the state of this run without gravity.
         """
         codes = np.empty(len(v), np.int64)
         left, contacts = self.max_steps - self.n_steps - len(v), len(self.scene.stiffnesses)
@@ -244,8 +242,7 @@ class Run:
     def skip(self, n: int, v: Floats, x: Floats) -> None:
         """Take n steps together in which nothing happened; velocities and heights after the last, shape (N,) each.
 
-        Points of the path in between lie on the cubics through the velocities and accelerations at both ends,
-        the accelerations from the law. That is of fourth order in the time of the n steps, and of first in their own.
+        Points of the path in between are interpolated, which is of fourth order in the time of the n steps.
         """
         if self._points:
             first, last = (self.n_steps // self._stride + 1) * self._stride, self.n_steps + n

@@ -127,8 +127,7 @@ class Line:
         meet = ~self.touching & (u < -self.tiny)
         if not meet.any():
             return False
-        times = np.full(u.size, np.inf)
-        times[meet] = self.gaps[meet] / -u[meet]
+        times = np.divide(self.gaps, -u, out=np.full(u.size, np.inf), where=meet)
         first = int(times.argmin())
         self.time += times[first]
         self.gaps = self.gaps + u * times[first]
