@@ -10,7 +10,7 @@ drop, gravity is off for good from the first flight on: the end of the first ste
 at whose end both gaps are open. It is over when both gaps are open as well, or B2 is *at rest* on the table with B1
 clear of it and rising, or both are *stuck*: when the energy about equilibrium cannot unload what is closed. Velocities
 at rest are reported as 0; what v2 was is `rest_speed`. The reasons are in docs/theory.md, section 8; engines and
-and references keep these rules alike. A flight that outlasts the steps that are left is given up.
+references keep these rules alike. A flight that outlasts the steps that are left is given up.
 """
 
 from __future__ import annotations

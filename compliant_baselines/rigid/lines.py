@@ -1,16 +1,15 @@
 """What adapters of rigid engines share: spheres of one size in a line, and steps that are read one by one.
 
-Contacts that touch overlap by `OVERLAP` of a radius at first, a fraction of the way of a step: most engines meet bodies
-that only just touch in another step than those that overlap, or not, and would make one impact after the other of what
-is meant to be one. Heights at t = 0 are those with the overlap. It is not pushed out: each adapter switches the
-correction of positions off.
+Contacts that touch overlap by `OVERLAP` of a radius at first: most engines meet bodies that only just touch in another
+step than those that overlap, or not, and would make one impact after the other of what is meant to be one. The overlap
+is not pushed out: each adapter switches the correction of positions off.
 
-Most engines make the restitution of a contact from one number a body (their product, mean, ...). A ball is therefore
-two spheres of half its radius, one above the other: the lower one carries the contact with what is below, and the upper
-one that with what is above. Where they are, no other two can meet.
+Most engines make the restitution of a contact from one number a body. A ball is therefore two spheres of half its
+radius, one above the other: the lower one carries the contact with what is below, the upper one that with what is
+above. Where they are, no other two can meet.
 
-Bodies that move together do so within rounding: relative velocities of up to `RigidWorld.resolution` of the fastest
-ball at the start are reported as none, or a collision would not be over until a gap has closed at 1e-17 m/s.
+Relative velocities of up to `RigidWorld.resolution` of the fastest ball at the start are reported as none, or a
+collision would not be over until a gap has closed at 1e-17 m/s.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ OVERLAP = 2.0**-16
 #: Radius in m of the balls of an engine that is run as it ships: its thresholds are lengths.
 SHIPPED_RADIUS = 2.0**-4
 
-#: Sixty-four units in the last place, in double and in single precision; a number that has an inverse in both.
+#: Sixty-four units in the last place, in double and in single precision; a large number that has an inverse in both.
 DOUBLE, SINGLE, LARGEST = 2.0**-46, 2.0**-17, 1e30
 
 
@@ -41,9 +40,7 @@ def radius_in(scene: Scene) -> float:
 class RigidWorld(World):
     """Spheres in a line, ball 1 on top; the table's surface is at height 0.
 
-    `places`, in m, are the centres of balls that only just touch, and `places + heights` those at t = 0. Relative
-    velocities up to `resolution` of the largest speed at the start are none. `partner` is the coefficient of
-    restitution above a ball and on the table, with which e combines.
+    `partner` is the coefficient of restitution above a ball and on the table, with which e combines.
     """
 
     resolution, partner = DOUBLE, 1.0
