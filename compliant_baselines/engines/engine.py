@@ -19,20 +19,21 @@ from typing import Any
 import numpy as np
 
 from impact_xval.compliant_baselines.engines.convergence import Limit, estimate_limit
-from impact_xval.compliant_baselines.engines.scene import (
-    BEYOND,
-    Scene,
-    World,
-    radius_of,
-    reduced_masses,
-    unrepresentable,
-)
+from impact_xval.compliant_baselines.engines.scene import Scene, World, radius_of, reduced_masses
 from impact_xval.compliant_baselines.engines.stepping import Run, follow
 from impact_xval.compliant_baselines.marks import marks_of
 from impact_xval.compliant_baselines.references import law_at
 from impact_xval.compliant_baselines.solver import Settings, Solver, by_kind
 from impact_xval.model.chain.rest import REST, STUCK
 from impact_xval.model.collision import Collision, Collisions, Outcome
+
+#: Most contacts of a scene: the states of a run are sets of them, kept as bits.
+MOST_CONTACTS = 60
+
+#: Why an engine cannot take what double precision has no numbers for.
+BEYOND = (
+    "periods, penetrations or energies beyond double precision; scale stiffnesses, masses or v0 (Theorem 5)"
+)
 
 _importing = Lock()
 
@@ -144,14 +145,27 @@ class Engine(Solver):
 
     def scene_or_refusal(self, collision: Collision, settings: Settings) -> Scene | str:
         """Set a collision up as a scene that this engine takes, or say in one sentence why it takes none."""
-        shipped = settings.mapping == "shipped"
-        refused = unrepresentable(collision, settings, dashpots=self.kind == "compliant" and not shipped)
-        if refused is not None:
-            return refused
+        c, shipped = collision, settings.mapping == "shipped"
+        if settings.scenario == "drop" and not c.falls_on_resting:
+            return f"scenario = {settings.scenario!r}: only two balls on a table are dropped; legal: 'impact'"
+        if c.exponent != 1:
+            return (
+                f"exponent = {c.exponent!r}: the contacts of an engine are linear springs and dashpots; legal: 1 "
+                "(the references kelvin-voigt, hunt-crossley and bistiffness have others)"
+            )
+        if len(c.stiffnesses) > MOST_CONTACTS:
+            return f"{len(c.stiffnesses)} contacts: engines run up to {MOST_CONTACTS}"
+        limit = "or the state-transition model, which knows the limit"
+        for i, (k, e) in enumerate(zip(c.stiffnesses, c.restitutions, strict=True), 1):
+            if k in (0, inf):
+                return f"k{i} = {k!r} N/m: an engine needs a finite stiffness > 0; take a large or small k2/k1, {limit}"
+            if e == 0 and self.kind == "compliant" and not shipped:
+                why = "no finite damping makes a dashpot perfectly plastic; take a small positive e"
+                return f"e{i} = 0: {why}, {limit}"
         if shipped and settings.scenario == "drop":
             return "scenario = 'drop': an engine as it ships is run without gravity; legal: 'impact'"
         try:
-            scene = Scene.of(collision, settings)
+            scene = Scene.of(c, settings)
             if shipped:
                 scene = replace(scene, step=self.shipped_step)
             energy = sum(m * v * v for m, v in zip(scene.masses, scene.velocities, strict=True))
@@ -170,9 +184,23 @@ class Engine(Solver):
             return [Outcome.failure(self.name, each, "unavailable", missing) for each in collisions]
         with self.running():
             found = [self._solved(each, settings) for each in collisions]
-        if not settings.mark or settings.mapping != "calibrated" or self.law is None:
-            return [outcome for outcome, _ in found]  # whose contacts may not be those of the law
-        return _marked(found, collisions, self.law, settings)
+        law, outcomes = self.law, [outcome for outcome, _ in found]
+        if not settings.mark or settings.mapping != "calibrated" or law is None:
+            return outcomes  # whose contacts may not be those of the law
+        # Marked by the exact law that the engine was asked for; what has no numbers stays as it is.
+        there = [i for i, outcome in enumerate(outcomes) if np.isfinite(outcome.velocities).all()]
+        limits = [found[i][1] for i in there]
+        g = settings.gravity if settings.scenario == "drop" else 0.0
+        ends = {n: (limit.flight, limit.rest) for n, limit in enumerate(limits) if g and limit is not None}
+        solve = law_at(law, max_steps=settings.max_steps)
+
+        def why(some: Collisions) -> list[str]:
+            gravity = np.full(len(some), g)
+            return marks_of(solve, law, some, solve(some, gravity), gravity, ends).tolist()
+
+        for i, mark in zip(there, by_kind([collisions[i] for i in there], why), strict=True):
+            outcomes[i] = replace(outcomes[i], marked=mark) if mark else outcomes[i]
+        return outcomes
 
     def _solved(self, collision: Collision, settings: Settings) -> tuple[Outcome, Limit | None]:
         """Answer a collision, with its limit dt -> 0 if that is asked for and known."""
@@ -190,27 +218,6 @@ class Engine(Solver):
         if limit is not None:
             outcome = replace(outcome, diagnostics={**outcome.diagnostics, **limit.stated})
         return outcome, limit
-
-
-def _marked(
-    found: Sequence[tuple[Outcome, Limit | None]],
-    collisions: Sequence[Collision],
-    law: str,
-    settings: Settings,
-) -> list[Outcome]:
-    """Mark outcomes by the exact law that an engine was asked for; what has no numbers stays as it is."""
-    there = [i for i, (outcome, _) in enumerate(found) if np.isfinite(outcome.velocities).all()]
-    limits = [found[i][1] for i in there]
-    g = settings.gravity if settings.scenario == "drop" else 0.0
-    ends = {n: (limit.flight, limit.rest) for n, limit in enumerate(limits) if g and limit is not None}
-    solve = law_at(law, max_steps=settings.max_steps)
-
-    def why(some: Collisions) -> list[str]:
-        gravity = np.full(len(some), g)
-        return marks_of(solve, law, some, solve(some, gravity), gravity, ends).tolist()
-
-    marks = dict(zip(there, by_kind([collisions[i] for i in there], why), strict=True))
-    return [replace(o, marked=mark) if (mark := marks.get(i)) else o for i, (o, _) in enumerate(found)]
 
 
 def outcome_of(solver: str, collision: Collision, run: Run, settings: Settings) -> Outcome:

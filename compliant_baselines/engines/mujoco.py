@@ -17,15 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from impact_xval.compliant_baselines.engines.engine import Engine
-from impact_xval.compliant_baselines.engines.scene import (
-    BEYOND,
-    Floats,
-    Scene,
-    World,
-    radius_of,
-    reduced_masses,
-)
+from impact_xval.compliant_baselines.engines.engine import BEYOND, Engine
+from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, radius_of, reduced_masses
 from impact_xval.compliant_baselines.mapping import (
     MUJOCO_DEFAULT_SOLIMP,
     MUJOCO_DEFAULT_SOLREF,

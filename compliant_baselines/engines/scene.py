@@ -18,14 +18,6 @@ from impact_xval.compliant_baselines.mapping import Contact
 from impact_xval.compliant_baselines.solver import MappingName, Settings
 from impact_xval.model.collision import Collision, Floats
 
-#: Most contacts of a scene: the states of a run are sets of them, kept as bits.
-MOST_CONTACTS = 60
-
-#: Why an engine cannot take what double precision has no numbers for.
-BEYOND = (
-    "periods, penetrations or energies beyond double precision; scale stiffnesses, masses or v0 (Theorem 5)"
-)
-
 
 @dataclass(frozen=True)
 class Scene:
@@ -203,24 +195,3 @@ def radius_of(depth: float) -> float:
     are exact: whether a contact shows in the first step is the same at any scale, and not rounding's to say.
     """
     return 2.0 ** math.ceil(math.log2(4 * depth))
-
-
-def unrepresentable(collision: Collision, settings: Settings, *, dashpots: bool) -> str | None:
-    """Why no engine represents a collision, or none whose contacts are dashpots, in one sentence; None if one may."""
-    c = collision
-    if settings.scenario == "drop" and not c.falls_on_resting:
-        return f"scenario = {settings.scenario!r}: only two balls on a table are dropped; legal: 'impact'"
-    if c.exponent != 1:
-        return (
-            f"exponent = {c.exponent!r}: the contacts of an engine are linear springs and dashpots; legal: 1 "
-            "(the references kelvin-voigt, hunt-crossley and bistiffness have others)"
-        )
-    if len(c.stiffnesses) > MOST_CONTACTS:
-        return f"{len(c.stiffnesses)} contacts: engines run up to {MOST_CONTACTS}"
-    limit = "or the state-transition model, which knows the limit"
-    for i, (k, e) in enumerate(zip(c.stiffnesses, c.restitutions, strict=True), 1):
-        if k == 0 or math.isinf(k):
-            return f"k{i} = {k!r} N/m: an engine needs a finite stiffness > 0; take a large or small k2/k1, {limit}"
-        if e == 0 and dashpots:
-            return f"e{i} = 0: no finite damping makes a dashpot perfectly plastic; take a small positive e, {limit}"
-    return None
