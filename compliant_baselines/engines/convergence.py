@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from impact_xval.compliant_baselines.engines.scene import Floats, Scene
+from impact_xval.compliant_baselines.engines.scene import Floats, Scene, periods
 from impact_xval.compliant_baselines.engines.stepping import Run
 from impact_xval.compliant_baselines.solver import Convergence
 from impact_xval.compliant_baselines.states import SHORTEST_STATE
@@ -213,7 +213,7 @@ def _flight_doubt(before: Run, last: Run) -> float:
     limit = 2 * now - earlier
     if now * earlier > 0 and now * limit > 0 and abs(now) > 2 * scene.step:
         return 0.0
-    return scene.gravity * 0.5 * scene.periods[contact]
+    return scene.gravity * 0.5 * periods(scene)[contact]
 
 
 def _extrapolated(runs: Sequence[Run], regularisation: Sequence[float]) -> Limit | None:
@@ -222,7 +222,7 @@ def _extrapolated(runs: Sequence[Run], regularisation: Sequence[float]) -> Limit
         return None
     last, scene = runs[-1], runs[-1].scene
     paths = [(run.states(SHORTEST_STATE).names(False), run.fall is None, run.end) for run in runs[:-4:-1]]
-    resolved = 8 * scene.step <= RESOLVED * min(scene.periods)
+    resolved = 8 * scene.step <= RESOLVED * min(periods(scene))
     found = limit_of(
         np.array([run.reported for run in runs]),
         last.starts,

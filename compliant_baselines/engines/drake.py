@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from impact_xval.compliant_baselines.engines.engine import Engine
-from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, radius_of
+from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, periods, radius_of
 from impact_xval.compliant_baselines.mapping import Side, combined, drake_side, sides
 from impact_xval.compliant_baselines.restitution import hunt_crossley_coefficients
 
@@ -114,7 +114,7 @@ class DrakeWorld(World):
             joint.set_translation_rate(context, v)
         if not self._discrete:
             # The accuracy bounds changes of heights in m and of velocities in m/s: it goes with the larger of the two.
-            integrator, slow = self._simulator.get_mutable_integrator(), max(scene.periods) / (2 * math.pi)
+            integrator, slow = self._simulator.get_mutable_integrator(), max(periods(scene)) / (2 * math.pi)
             integrator.set_target_accuracy(ACCURACY * scene.speed * max(1.0, slow))
             integrator.set_maximum_step_size(step)
             integrator.request_initial_step_size_target(step / 10)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from impact_xval.compliant_baselines.engines.engine import Engine, standard_error_without
-from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, radius_of, reduced_masses
+from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, periods, radius_of
 from impact_xval.compliant_baselines.mapping import Contact
 
 #: Steps of a recording, an even number, as states are written to two places in turn; and the smallest depth over the
@@ -71,8 +71,8 @@ class NewtonWorld(World):
         self._speed, masses = self._length / time, np.array(scene.masses) / mass
         model, self._state, *self._steps = _recorded(masses.size, scene.table, get_ident())
         # The damping that gives e in compression alone gives e^2 in both directions (`restitution`).
-        wanted = zip(scene.stiffnesses, scene.restitutions, reduced_masses(scene), strict=True)
-        pairs = [Contact.from_restitution(k * time**2 / mass, e * e, m / mass) for k, e, m in wanted]
+        wanted = zip(scene.contacts, scene.restitutions, strict=True)
+        pairs = [Contact.from_restitution(c.k * time**2 / mass, e * e, c.mass / mass) for c, e in wanted]
         k, c = np.repeat(np.array([(pair.k, pair.c) for pair in pairs], np.float32).T, 2, axis=1)
         ke, kd = (each.numpy()[1 : 1 + k.size] for each in (model.shape_material_ke, model.shape_material_kd))
         ke[:], kd[:] = k, c
@@ -110,6 +110,6 @@ class Newton(Engine):
         """Why Newton cannot take a scene: another mapping, depths too far apart for single precision."""
         if scene.mapping != "calibrated":
             return f"mapping = {scene.mapping!r}: Newton has one; legal: 'calibrated'"
-        depth = scene.speed * min(scene.periods) / (2 * np.pi) / radius_of(scene.depth(scene.stiffnesses))
+        depth = scene.speed * min(periods(scene)) / (2 * np.pi) / self.radius(scene)
         why = f"a contact {depth:.1e} radii deep beside others: single precision needs {RESOLVED:.1e}"
         return why if depth < RESOLVED else None

@@ -75,11 +75,6 @@ class Scene:
         return asked
 
     @property
-    def periods(self) -> tuple[float, ...]:
-        """Periods of the contacts asked for, in s."""
-        return periods(self)
-
-    @property
     def gaps(self) -> Floats:
         """Gaps of the contacts at t = 0, in m, shape (C,)."""
         return -np.diff([*self.heights, *([0.0] if self.table else [])])

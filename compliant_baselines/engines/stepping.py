@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_xval.compliant_baselines.engines.quiet import between, quiet_steps, rests, sticks
-from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, reduced_masses
+from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, periods, reduced_masses
 from impact_xval.compliant_baselines.states import Runs, merge_runs
 from impact_xval.model.chain.rest import FREE, GOING, REST, STUCK
 from impact_xval.model.collision import Path, Status
@@ -151,11 +151,6 @@ def scan(
     return v.shape[0], GOING
 
 
-def _as_bits(contacts: NDArray[np.bool_]) -> int:
-    """Set of contacts, as bits."""
-    return int(contacts @ (1 << np.arange(contacts.size)))
-
-
 class Run:
     """What an engine made of a scene: takes its steps in blocks until the collision is over, and says what came of it.
 
@@ -182,7 +177,7 @@ class Run:
             self._law = np.array([says["stiffness"], says["damping"], reduced_masses(scene)])
         memory = self._memory = np.zeros(1, MEMORY).view(np.recarray)
         memory.lead, memory.flight, memory.closed, memory.closed_at = np.inf, -1, 1, -np.inf
-        memory.met = _as_bits(scene.gaps > 0)
+        memory.met = (scene.gaps > 0) @ (1 << np.arange(len(scene.stiffnesses)))
         # Steps after which the state is another, and that state: shape (2, n).
         self._changes = [np.zeros((2, 0), np.int64)]
         # Points of the path: every `_stride`-th, borders between states, and the ends.
@@ -321,7 +316,8 @@ class Run:
     def states(self, shortest_state: float) -> Runs:
         """State sequence, in steps; `shortest_state` as in `solver.Settings`."""
         c = self.scene
-        return merge_runs(self.raw, shortest_state * min(c.periods) / c.step, _as_bits(c.gaps == 0))
+        closed = (c.gaps == 0) @ (1 << np.arange(len(c.stiffnesses)))
+        return merge_runs(self.raw, shortest_state * min(periods(c)) / c.step, closed)
 
     def energy_gain(self) -> float:
         """Give the energy gained over the kinetic energy at the start: a positive value is the engine's doing.
