@@ -97,8 +97,8 @@ class Engine(Solver):
     as_set: Mapping[str, Any] = MappingProxyType({})
     shipped_step: float
 
-    #: What it makes of a scene, unless `world` says more.
-    made: Callable[[Scene], World]
+    #: What it makes of a scene and a radius, unless `world` says more.
+    made: Callable[[Scene, float], World]
 
     def version(self) -> str:
         """Version of the engine's package, or ``""`` if it is not installed."""
@@ -127,7 +127,7 @@ class Engine(Solver):
 
     def world(self, scene: Scene) -> World:
         """Set a scene up; the world before it is done with."""
-        return self.made(scene)
+        return self.made(scene, self.radius(scene))
 
     @contextmanager
     def running(self) -> Iterator[None]:

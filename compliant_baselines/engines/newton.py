@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from impact_xval.compliant_baselines.engines.engine import Engine, standard_error_without
-from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, periods, radius_of
+from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, periods
 from impact_xval.compliant_baselines.mapping import Contact
 
 #: Steps of a recording, an even number, as states are written to two places in turn; and the smallest depth over the
@@ -66,8 +66,8 @@ class NewtonWorld(World):
     #: An addition, and an increment of three factors: half a unit each, and as much again.
     rounding = 2.0**-22
 
-    def __init__(self, scene: Scene) -> None:
-        self._length, mass, time = radius_of(scene.depth(scene.stiffnesses)), scene.masses[0], scene.step
+    def __init__(self, scene: Scene, radius: float) -> None:
+        self._length, mass, time = radius, scene.masses[0], scene.step
         self._speed, masses = self._length / time, np.array(scene.masses) / mass
         model, self._state, *self._steps = _recorded(masses.size, scene.table, get_ident())
         # The damping that gives e in compression alone gives e^2 in both directions (`restitution`).

@@ -34,8 +34,8 @@ UNDAMPED = {"linearDamping": 0.0, "angularDamping": 0.0}
 class BulletWorld(RigidWorld):
     """Plane and spheres in a client, which is emptied first."""
 
-    def __init__(self, scene: Scene, p: Client) -> None:
-        super().__init__(scene)
+    def __init__(self, scene: Scene, radius: float, p: Client) -> None:
+        super().__init__(scene, radius)
         self._p = p
         p.resetSimulation()
         exact = scene.mapping != "shipped"
@@ -93,4 +93,4 @@ class PybulletRestitution(RigidEngine):
 
     def world(self, scene: Scene) -> BulletWorld:
         """Set a scene up."""
-        return BulletWorld(scene, self._client)
+        return BulletWorld(scene, self.radius(scene), self._client)

@@ -25,8 +25,8 @@ class DartWorld(RigidWorld):
 
     resolution = 1e-4
 
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
+    def __init__(self, scene: Scene, radius: float) -> None:
+        super().__init__(scene, radius)
         dart: Any = import_module("dartpy")
         world, half = dart.simulation.World(), self.radius / 2
         self._world, self._joints, lower, upper = world, [], [], []

@@ -19,7 +19,7 @@ from abc import abstractmethod
 import numpy as np
 
 from impact_xval.compliant_baselines.engines.engine import Engine
-from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, radius_of, sweeps
+from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, sweeps
 
 #: Overlap of touching bodies over the radius: 60 units in the last place of a single-precision height of four radii, a
 #: fiftieth of the way in a step of a thousandth of a period. A power of two: exact in double precision.
@@ -32,11 +32,6 @@ SHIPPED_RADIUS = 2.0**-4
 DOUBLE, SINGLE, LARGEST = 2.0**-46, 2.0**-17, 1e30
 
 
-def radius_in(scene: Scene) -> float:
-    """Choose the radius in m of the balls of a scene."""
-    return SHIPPED_RADIUS if scene.mapping == "shipped" else radius_of(scene.depth(scene.stiffnesses))
-
-
 class RigidWorld(World):
     """Spheres in a line, ball 1 on top; the table's surface is at height 0.
 
@@ -45,8 +40,8 @@ class RigidWorld(World):
 
     resolution, partner = DOUBLE, 1.0
 
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene, radius_in(scene))
+    def __init__(self, scene: Scene, radius: float) -> None:
+        super().__init__(scene, radius)
         self._table, self._tiny = scene.table, self.resolution * scene.fastest
         below = np.append(scene.gaps == 0, [] if scene.table else [False])
         self.heights = self.heights - OVERLAP * self.radius * np.cumsum(below[::-1])[::-1]
@@ -79,7 +74,7 @@ class RigidEngine(Engine):
 
     def radius(self, scene: Scene) -> float:
         """As `Engine.radius`."""
-        return radius_in(scene)
+        return SHIPPED_RADIUS if scene.mapping == "shipped" else super().radius(scene)
 
     def refusal(self, scene: Scene) -> str | None:
         """Why it cannot take a scene: drops, and what single precision has no numbers for."""

@@ -17,8 +17,8 @@ from impact_xval.compliant_baselines.rigid.lines import RigidEngine, RigidWorld
 class PymunkWorld(RigidWorld):
     """A space of its own."""
 
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
+    def __init__(self, scene: Scene, radius: float) -> None:
+        super().__init__(scene, radius)
         pymunk: Any = import_module("pymunk")
         space = self._space = pymunk.Space()
         space.iterations, space.collision_slop, space.collision_bias = self.sweeps, 0, 1

@@ -19,8 +19,8 @@ class RapierWorld(RigidWorld):
 
     resolution = SINGLE
 
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
+    def __init__(self, scene: Scene, radius: float) -> None:
+        super().__init__(scene, radius)
         rapier: Any = import_module("rapier3d")
         world, half = rapier.PhysicsWorld(), self.radius / 2
         how = world.integration_parameters

@@ -25,8 +25,8 @@ class SapienWorld(RigidWorld):
 
     resolution = SINGLE
 
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
+    def __init__(self, scene: Scene, radius: float) -> None:
+        super().__init__(scene, radius)
         sapien: Any = import_module("sapien")
         physx, half = sapien.physx, self.radius / 2
         system = self._system = physx.PhysxCpuSystem()
