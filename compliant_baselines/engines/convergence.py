@@ -165,38 +165,34 @@ def _of_second_order(corrections: Floats) -> bool:
 
 
 class _Regularisation:
-    """What the engine's regularisation of contacts does to velocities, seen by runs with `factor` times as much of it.
+    """What the engine's regularisation of contacts does to velocities, by runs with `factor` times as much of it."""
 
-    A factor of 1 is that of an engine without any.
-    """
-
-    def __init__(self, factor: float, tolerance: float) -> None:
-        self.factor, self.tolerance = factor, tolerance
-        #: In m/s, at ever shorter steps.
-        self.moves: list[float] = []
+    def __init__(self, factor: float | None, tolerance: float) -> None:
+        self.factor, self.tolerance = factor or 1.0, tolerance
+        #: In m/s, at ever shorter steps; an engine without any has done nothing.
+        self.moves = [] if factor else [0.0]
 
     def measure(self, run: Follow, own: Run, most: int) -> None:
         """Run once more at the step of a run, with more regularisation."""
-        if self.factor > 1:
-            more = run(replace(own.scene, regularisation=self.factor), most)
-            if more.over:
-                moved = np.abs(np.subtract(more.reported, own.reported)).max()
-                self.moves.append(float(moved) / (self.factor - 1))
+        more = run(replace(own.scene, regularisation=self.factor), most)
+        if more.over:
+            moved = np.abs(np.subtract(more.reported, own.reported)).max()
+            self.moves.append(float(moved) / (self.factor - 1))
 
     def doubtful(self) -> bool:
         """Whether what it does is not known, or seems to be more than the tolerance."""
-        return self.factor > 1 and not (self.moves and self.moves[-1] <= self.tolerance)
+        return not (self.moves and self.moves[-1] <= self.tolerance)
 
     def settled(self) -> bool:
         """Whether it is more than the tolerance at two lengths of the step alike: what it does no step brings back."""
-        if len(self.moves) < 2 or self.moves[-1] <= self.tolerance:
+        if len(self.moves) < 2 or not self.doubtful():
             return False
         before, now = self.moves[-2:]
         return before / ALIKE <= now <= before * ALIKE
 
     def lets_end(self, limit: Limit | None) -> bool:
         """Whether a limit is known as well as it is asked for, or as any step makes it known."""
-        if limit is None or (self.factor > 1 and not self.moves):
+        if limit is None or not self.moves:
             return False
         return limit.error <= self.tolerance or self.settled()
 
@@ -247,13 +243,13 @@ def estimate_limit(
     """
     scene, runs, failure = first.scene, [first], ""
     tolerance = convergence.tolerance * scene.speed
-    own = _Regularisation(probe if probe and scene.mapping == "calibrated" else 1.0, tolerance)
+    own = _Regularisation(probe if scene.mapping == "calibrated" else None, tolerance)
     for times in (2, 4):
         longer = run(replace(scene, step=scene.step * times), first.n_steps)
         if not longer.over:
             break
         runs.insert(0, longer)
-    if len(runs) == 3:
+    if len(runs) == 3 and own.doubtful():
         own.measure(run, runs[0], first.n_steps)
     limit = _extrapolated(runs, own.moves)
     for halved in range(1, convergence.halvings + 1):
