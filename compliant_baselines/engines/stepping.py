@@ -181,8 +181,8 @@ class Run:
         # Closed as far back as there was a past.
         memory.lead, memory.flight, memory.closed, memory.closed_at = np.inf, -1, 1, -np.inf
         memory.met = (scene.gaps > 0) @ (1 << np.arange(len(scene.stiffnesses)))
-        # Steps after which the state is another, and that state: shape (2, n).
-        self._changes = [np.zeros((2, 0), np.int64)]
+        # Steps after which the state is another, and that state, by windows.
+        self._changes = [(np.zeros(0, np.int64), np.zeros(0, np.int64))]
         # Points of the path: every `_stride`-th, borders between states, and the ends.
         self._points = [np.array([[0.0, *scene.velocities]])] if record_path else []
         self._stride, self._size = 1, 0
@@ -199,7 +199,7 @@ class Run:
         n, self.end = scan(v, x, before, *how)
         if n:
             changes = np.flatnonzero(codes[:n] != np.append(self._code, codes[: n - 1]))
-            self._changes.append(np.array([changes + self.n_steps, codes[changes]]))
+            self._changes.append((changes + self.n_steps, codes[changes]))
             if self._points:
                 number = self.n_steps + 1 + np.arange(n)
                 wanted = number % self._stride == 0
@@ -255,7 +255,7 @@ class Run:
     @property
     def raw(self) -> Runs:
         """States step by step, nothing merged."""
-        start, state = np.hstack(self._changes)
+        start, state = map(np.concatenate, zip(*self._changes, strict=True))
         return Runs(start, state, self.n_steps)
 
     @property
