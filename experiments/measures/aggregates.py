@@ -78,20 +78,14 @@ def levels_of(x: NDArray[np.float64]) -> Levels:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Compared:
-    """The rows of the table of divergence, in columns of small numbers.
-
-    Attributes
-    ----------
-    levels : dict of Levels
-        By axis.
-    rows : DataFrame
-        ``solver`` and the level of every axis, as categories; ``compared``, whether there is a result on both sides;
-        ``marked``, whether the row is kept apart (`schema`).
-    """
+    """The rows of the table of divergence, in columns of small numbers."""
 
     path: Path
     solvers: list[str]
+    #: By axis.
     levels: dict[str, Levels]
+    #: ``solver`` and the level of every axis, as categories; ``compared``, whether there is a result on both sides;
+    #: ``marked``, whether the row is kept apart (`schema`).
     rows: Frame
 
     @property

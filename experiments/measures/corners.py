@@ -1,21 +1,15 @@
-r"""The corners between the model and what an engine was asked for: every combination of three switches.
+"""The corners between the model and what an engine was asked for: every combination of three switches (docs/ladder.md).
 
-| switch | off | on |
-|---|---|---|
-| positions | `frozen`: a contact returns as soon as its bodies approach | `free`: when its gap has closed |
-| law | `energetic` restitution | the law that the engine was `asked` for, kelvin-voigt as a rule |
-| gravity | `weightless` | as in the `scenario` of the run, B2 in static equilibrium |
-
-All off is the state-transition model, all on the law of the engine in its scenario (docs/ladder.md). They are computed
-by the references, without a time step, whether or not a run lists them as solvers; the model's is the run's own row. In
-an `impact` the corners of the third switch are two and two the same; columns of N balls know no gravity, and have two
-switches.
+They are positions, law and gravity. All off is the state-transition model, all on the law of the engine in its
+scenario. Corners are computed by the references, without a time step, whether or not a run lists them as solvers; the
+model's is the run's own row. In an `impact` the corners of the third switch are two and two the same; columns of N
+balls know no gravity, and have two switches.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,22 +31,15 @@ MODEL: Index = (0, 0, 0)
 _MAX_STEPS = 100_000
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Corners:
-    """The corners of n cells.
+class Corners(NamedTuple):
+    """The corners of n cells of N balls."""
 
-    Attributes
-    ----------
-    velocities : ndarray, shape (2, 2, g, n, N)
-        By position of each switch, per abs(v0); g is 1 of columns of N balls. NaN from the first without a result on.
-    reason : ndarray of str, shape (n,)
-        Which corner, beside the model, is the first without a result, and its status; empty where all have one.
-    mark : ndarray of str, shape (n,)
-        Which corner jumps beside the cell, or is decided by rounding: shares would be others; empty where none does.
-    """
-
+    #: By position of each switch, per abs(v0), shape (2, 2, g, n, N); g is 1 of columns of N balls. NaN from the first
+    #: without a result on.
     velocities: Floats
+    #: Which corner, beside the model, is the first without a result, and its status; empty where all have one.
     reason: Texts
+    #: Which corner jumps beside the cell, or is decided by rounding: shares would be others; empty where none does.
     mark: Texts
 
     @property

@@ -33,17 +33,7 @@ _VELOCITY = re.compile(r"v\d+_limit|limit_error|velocity_error|regularisation|re
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Results:
-    """Outcomes of n cells by one solver, of up to N balls; NaN where a cell has fewer, and where nothing is known.
-
-    Attributes
-    ----------
-    states, compared : list of str
-        State sequences of two balls on a table, as the solver gives them and as they are compared; else empty.
-    diagnostics : dict of str to ndarray, shape (n,)
-        Velocities per abs(v0), times in s.
-    paths : Paths or None
-        Of two balls on a table.
-    """
+    """Outcomes of n cells by one solver, of up to N balls; NaN where a cell has fewer, and where nothing is known."""
 
     velocities: Floats
     impulses: Floats
@@ -51,12 +41,15 @@ class Results:
     reason: Texts
     mark: Texts
     differences: Texts
+    #: State sequences of two balls on a table, as the solver gives them and as they are compared; else empty.
     states: list[str]
     compared: list[str]
     n_states: NDArray[np.int64]
     n_events: NDArray[np.int64]
     margin: Floats
+    #: Velocities per abs(v0), times in s.
     diagnostics: dict[str, Floats]
+    #: Of two balls on a table.
     paths: Paths | None
 
     @property

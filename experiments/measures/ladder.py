@@ -1,33 +1,19 @@
-r"""Why an engine diverges from the model: the difference of final velocities, split into its causes (docs/ladder.md).
+"""Why an engine diverges from the model: the difference of final velocities, split into its causes (docs/ladder.md).
 
-In every cell, for the velocities of all balls, to rounding,
+The three causes stand between the model and the law that the engine was asked for in its scenario: switches, all
+combinations of which (`corners`) are known without an engine. A cause is the mean of what its switch changes over the
+six orders in which they can be turned on (its Shapley value); columns of N balls know no gravity, and have two. The
+last two contributions, from that law to the engine, have one order. All sum to engine minus model, to rounding.
 
-    engine - model = frozen positions + dissipation law + gravity + regularisation and mapping + time step
-
-**The three causes** stand between the model and the law that the engine was asked for in its scenario: three switches,
-every combination of which is known without an engine (`corners`). The vector of a cause is the mean of what its switch
-changes over the six orders in which they can be turned on (its *Shapley value*); how far the orders are apart is given
-as the least and the largest share. Columns of N balls know no gravity, and have two switches with two orders.
-
-**The last two contributions** have one order, since nothing is known of an engine with the model's law: the limit
-dt -> 0 minus the law it was asked for, then the engine minus that limit. Where no limit was computed, or it did not
-converge, the two are one, `ENGINE`.
-
-**Sizes.** The size of a contribution is its kinetic norm (`model.kinetic`) per \|v0\|. Norms do not add; components
-along the total do:
-
-    along_i = <contribution_i, total>/D,    <a, b> = a1 b1 + (m2/m1) a2 b2,    sum along_i = D,
-
-and share_i = along_i/D. A negative share takes the engine back towards the model. Over many cells a share is
-sum(along_i)/sum(D), its range that of this quotient over the six orders.
+Norms do not add, components along the total do: their sum is D. A share is one of them over D; over many cells it is
+sum(along)/sum(D), its range that of this quotient over the orders.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from itertools import permutations
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,24 +28,15 @@ NOTHING = 1e-9
 CANCEL = (-1.0, 2.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Contribution:
-    """One part of a divergence.
-
-    Attributes
-    ----------
-    before, after : str
-        Of a cause (`CAUSES`) the positions of a switch of `corners`; else two outcomes, of which it is the difference.
-    color : str
-        Of Tol's muted palette, which shares none with solvers.
-    phrase : str
-        In a sentence about an engine, after "by".
-    """
+class Contribution(NamedTuple):
+    """One part of a divergence; the phrase stands in a sentence about an engine, after "by"."""
 
     name: str
     label: str
+    #: Of a cause the positions of its switch (`corners`); else two outcomes, of which it is the difference.
     before: str
     after: str
+    #: Of Tol's muted palette, which shares none with solvers.
     color: str
     phrase: str
 
@@ -68,61 +45,58 @@ _ASKED = "kelvin-voigt in the scenario of the run"
 _LIMIT = "the engine in the limit dt -> 0"
 _RUN = "the engine at the step it was run with"
 
-FROZEN = Contribution(
-    "frozen_positions",
-    "frozen positions",
-    "contacts that return when their bodies approach",
-    "contacts that return when their gap has closed",
-    "#332288",
-    "frozen positions",
-)
-LAW = Contribution(
-    "dissipation_law",
-    "dissipation law",
-    "energetic restitution",
-    "the law the engine was asked for (spring and dashpot, kelvin-voigt)",
-    "#DDCC77",
-    "the dissipation law",
-)
-GRAVITY = Contribution(
-    "gravity",
-    "gravity",
-    "no gravity",
-    "gravity as in the scenario of the run, B2 in static equilibrium",
-    "#88CCEE",
-    "gravity",
-)
-MAPPING = Contribution(
-    "mapping",
-    "regularisation and mapping",
-    _ASKED,
-    _LIMIT,
-    "#AA4499",
-    "its regularisation and mapping",
-)
-STEP = Contribution("discretisation", "time step", _LIMIT, _RUN, "#999933", "its time step")
-ENGINE = Contribution(
-    "engine", "mapping and time step", _ASKED, _RUN, "#117733", "its mapping and time step, not separated"
-)
-
 #: Those that need no engine, in the order of `by_order`: averages over the orders in which they can be made.
-CAUSES = (FROZEN, LAW, GRAVITY)
+CAUSES = (
+    Contribution(
+        "frozen_positions",
+        "frozen positions",
+        "contacts that return when their bodies approach",
+        "contacts that return when their gap has closed",
+        "#332288",
+        "frozen positions",
+    ),
+    Contribution(
+        "dissipation_law",
+        "dissipation law",
+        "energetic restitution",
+        "the law the engine was asked for (spring and dashpot, kelvin-voigt)",
+        "#DDCC77",
+        "the dissipation law",
+    ),
+    Contribution(
+        "gravity",
+        "gravity",
+        "no gravity",
+        "gravity as in the scenario of the run, B2 in static equilibrium",
+        "#88CCEE",
+        "gravity",
+    ),
+)
 
 #: All, in their order; a cell has either the last one or the two before it. Where one says kelvin-voigt, an engine of
 #: another law has its own.
-CONTRIBUTIONS = (*CAUSES, MAPPING, STEP, ENGINE)
+CONTRIBUTIONS = (
+    *CAUSES,
+    Contribution(
+        "mapping", "regularisation and mapping", _ASKED, _LIMIT, "#AA4499", "its regularisation and mapping"
+    ),
+    Contribution("discretisation", "time step", _LIMIT, _RUN, "#999933", "its time step"),
+    Contribution(
+        "engine", "mapping and time step", _ASKED, _RUN, "#117733", "its mapping and time step, not separated"
+    ),
+)
 
 
-def contributions_of(*, gravity: bool = True) -> tuple[Contribution, ...]:
+def contributions_of(*, gravity: bool) -> tuple[Contribution, ...]:
     """Return the contributions in their order; `gravity` is whether there may be any."""
-    return tuple(c for c in CONTRIBUTIONS if gravity or c is not GRAVITY)
+    return tuple(c for c in CONTRIBUTIONS if gravity or c.name != "gravity")
 
 
 def by_order(corners: Floats) -> Floats:
     """Turn the three switches of corners on in each of their six orders, and say what every step changes.
 
-    From shape (2, 2, g, ...) to (6, g + 1, ...), by order and cause; g is 1 without gravity. Each order sums to the
-    last corner minus the first.
+    From shape (2, 2, g, ...) to (6, g + 1, ...), by order and cause; g is 1 without gravity, and each of the two orders
+    there three times. Each order sums to the last corner minus the first.
     """
     found = []
     for order in permutations(range(3)):
@@ -143,54 +117,22 @@ def cancelling(shares: Sequence[float]) -> tuple[int, int] | None:
     return (high, low) if found[high] > CANCEL[1] and found[low] < CANCEL[0] else None
 
 
-@dataclass(frozen=True, eq=False)
-class Split:
-    """The m contributions to the divergence of n cells of N balls, as differences of velocities per abs(v0).
-
-    Attributes
-    ----------
-    weights : ndarray, shape (n, N)
-        Masses over that of what moves at first.
-    vectors : ndarray, shape (m, n, N)
-        NaN for a contribution that a cell does not have.
-    causes : ndarray, shape (6, c, n, N)
-        Those of the causes by each of their orders, without gravity two orders three times each.
-    total : ndarray, shape (n, N)
-        Engine minus model.
-    """
+class Split(NamedTuple):
+    """The m contributions to the divergence of n cells of N balls, as differences of velocities per abs(v0)."""
 
     contributions: tuple[Contribution, ...]
-    weights: Floats
-    vectors: Floats
-    causes: Floats
+    #: Engine minus model, shape (n, N), and D, its kinetic norm, shape (n,).
     total: Floats
-
-    @cached_property
-    def divergence(self) -> Floats:
-        """D, shape (n,)."""
-        return np.sqrt((self.weights * self.total**2).sum(axis=1))
-
-    @cached_property
-    def norms(self) -> Floats:
-        """Kinetic norm of each contribution, shape (m, n)."""
-        return np.sqrt((self.weights * self.vectors**2).sum(axis=2))
-
-    def component(self, differences: Floats) -> Floats:
-        """Component of differences of velocities along the total, shape (..., n); NaN where D is 0."""
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return (self.weights * differences * self.total).sum(axis=-1) / self.divergence
-
-    @cached_property
-    def along(self) -> Floats:
-        """Component of each contribution along the total, shape (m, n)."""
-        return self.component(self.vectors)
-
-    @cached_property
-    def orders(self) -> Floats:
-        """`along` by each order of the causes, shape (6, m, n); all the same for those that have one order."""
-        causes = self.component(self.causes)
-        rest = self.along[causes.shape[1] :]
-        return np.concatenate([causes, np.broadcast_to(rest, (len(causes), *rest.shape))], axis=1)
+    divergence: Floats
+    #: Contributions, shape (m, n, N), and their kinetic norms, shape (m, n); NaN for one that a cell does not have.
+    vectors: Floats
+    norms: Floats
+    #: Their components along the total, shape (m, n), and these by each order of the causes, shape (6, m, n); NaN where
+    #: D is 0.
+    along: Floats
+    orders: Floats
+    #: Component of each corner minus the model along the total, shape (2, 2, g, n).
+    corners: Floats
 
     @property
     def shares(self) -> Floats:
@@ -213,27 +155,44 @@ class Split:
 
     def agreed(self) -> NDArray[np.bool_]:
         """Whether the same contribution has the largest share by all orders."""
-        return np.all([_largest(along) == self.dominant() for along in self.orders], axis=0)
+        return (_largest(self.orders) == self.dominant()).all(axis=0)
 
 
 def _largest(along: Floats) -> NDArray[np.intp]:
-    return np.argmax(np.where(np.isnan(along), -np.inf, along), axis=0)
+    return np.argmax(np.where(np.isnan(along), -np.inf, along), axis=-2)
 
 
 def split(weights: Floats, corners: Corners, limit: Floats, engine: Floats) -> Split:
     """Split the difference of an engine from the model into contributions.
 
-    Parameters
-    ----------
-    weights : ndarray, shape (n, N)
-        Masses over that of what moves at first.
-    corners : Corners
-    limit, engine : ndarray, shape (n, N)
-        The engine in the limit dt -> 0, and at its step: final velocities per abs(v0), NaN where there are none.
+    Weights are masses over that of what moves at first; `limit` and `engine` final velocities per abs(v0), in the limit
+    dt -> 0 and at the engine's step, NaN where there are none. All are of shape (n, N).
     """
     known = ~np.isnan(limit).any(axis=1, keepdims=True)
-    causes = by_order(corners.velocities)
     mapping, step = (np.where(known, x, np.nan) for x in (limit - corners.asked, engine - limit))
     joined = np.where(known, np.nan, engine - corners.asked)
+    causes, total = by_order(corners.velocities), engine - corners.model
     vectors = np.concatenate([causes.mean(axis=0), [mapping, step, joined]])
-    return Split(contributions_of(gravity=corners.gravity), weights, vectors, causes, engine - corners.model)
+    divergence = _norm(weights, total)
+
+    def component(differences: Floats) -> Floats:
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return (weights * differences * total).sum(axis=-1) / divergence
+
+    along, of_causes = component(vectors), component(causes)
+    rest = along[of_causes.shape[1] :]  # the same by every order
+    return Split(
+        contributions=contributions_of(gravity=corners.gravity),
+        total=total,
+        divergence=divergence,
+        vectors=vectors,
+        norms=_norm(weights, vectors),
+        along=along,
+        orders=np.concatenate([of_causes, np.broadcast_to(rest, (len(of_causes), *rest.shape))], axis=1),
+        corners=component(corners.velocities - corners.model),
+    )
+
+
+def _norm(weights: Floats, differences: Floats) -> Floats:
+    """Kinetic norm."""
+    return np.sqrt((weights * differences**2).sum(axis=-1))

@@ -131,10 +131,8 @@ def _parts(here: Corners, ladder: Split) -> Columns:
         if c in CAUSES:
             columns |= {f"{c.name}_share_low": low[i], f"{c.name}_share_high": high[i]}
     for index, name in corner_names(gravity=here.gravity).items():
-        corner = here.velocities[index]
-        columns |= {f"{name}_v{j}": x for j, x in enumerate(corner.T, 1)}
-        along = ladder.component(corner - here.model)
-        columns[f"{name}_along"] = np.where(ladder.divergence == 0, 0.0, along)
+        columns |= {f"{name}_v{j}": x for j, x in enumerate(here.velocities[index].T, 1)}
+        columns[f"{name}_along"] = np.where(ladder.divergence == 0, 0.0, ladder.corners[index])
     return columns
 
 

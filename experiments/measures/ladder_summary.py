@@ -1,8 +1,6 @@
 """What the divergence of the engines is made of, over many cells: by engine and by region.
 
-The share of a contribution over a region is the sum of its components along the total over the sum of D (`ladder`): the
-shares of an engine and region sum to 1. Its range is that of the same quotient over the six orders of the causes.
-Grazing cells are left out, as in the rest of a summary.
+The shares of an engine and region (`ladder`) sum to 1. Marked cells are left out, as in the rest of a summary.
 """
 
 from __future__ import annotations
@@ -22,8 +20,8 @@ from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.measures.aggregates import Frame, axis_levels, statistics_of
 from impact_xval.experiments.measures.corners import corner_names
 from impact_xval.experiments.measures.ladder import (
+    CAUSES,
     CONTRIBUTIONS,
-    GRAVITY,
     NOTHING,
     Contribution,
     by_order,
@@ -36,26 +34,19 @@ from impact_xval.experiments.tables.parquet import selected
 BAND = "stiffness_band"
 BANDS = {0.0: "k2/k1 < 0.1", 0.1: "0.1 <= k2/k1 <= 10", 10.0: "k2/k1 > 10"}
 
-_LABELS = AXES | COLUMN_AXES
-
 _COLUMNS = ["solver", "axis", "value", "contribution", "n", "total", "share", "low", "high"]
 _COLUMNS += ["mean", "median", "p95", "max", "dominant"]
 
 
 @dataclass(frozen=True, slots=True)
 class LadderSummary:
-    """Statistics of the ladders of a run.
+    """Statistics of the ladders of a run."""
 
-    Attributes
-    ----------
-    statistics : DataFrame
-        ``solver, axis ("all", an axis of the cells or "stiffness_band"), value, contribution, n, total, share, low,
-        high, mean, median, p95, max, dominant``. `n` cells have the contribution, `total` is the mean D of the region,
-        `share` its share of that, `low` and `high` the least and largest that the orders of the causes give (the share
-        itself for one that is no cause); `mean` to `max` are of its norm. It has the largest share in the fraction
-        `dominant` of the cells.
-    """
-
+    #: ``solver, axis ("all", an axis of the cells or "stiffness_band"), value, contribution, n, total, share, low,
+    #: high, mean, median, p95, max, dominant``. `n` cells have the contribution, `total` is the mean D of the region,
+    #: `share` its share of that, `low` and `high` the least and largest that the orders of the causes give (the share
+    #: itself for one that is no cause); `mean` to `max` are of its norm. It has the largest share in the fraction
+    #: `dominant` of the cells.
     statistics: Frame
 
     @property
@@ -72,23 +63,20 @@ class LadderSummary:
     @property
     def orders(self) -> str:
         """In how many orders the causes can be taken: without gravity there are two of them."""
-        return "six" if GRAVITY in self.present else "two"
+        return "six" if CAUSES[-1] in self.present else "two"
 
     @property
-    def axes(self) -> dict[str, str]:
-        """The axes by whose values results are grouped, and how a reader knows them."""
-        return {name: _LABELS[name] for name in dict.fromkeys(self.statistics.axis) if name in _LABELS}
+    def axes(self) -> list[str]:
+        """What results are grouped by: all in one, axes of the cells, bands."""
+        return list(dict.fromkeys(self.statistics.axis))
 
     @property
     def regions(self) -> dict[str, tuple[str, Any]]:
         """Parts of the cells that are told apart: an axis and its value, by what a reader knows them by."""
-        axes = set(self.statistics.axis)
-        if BAND in axes:
+        if BAND in self.axes:
             return {label: (BAND, edge) for edge, label in BANDS.items()}
-        if "arrangement" not in axes:
-            return {}
-        names = self.statistics.value[self.statistics.axis == "arrangement"].unique()
-        return {f"arrangement = {name}": ("arrangement", name) for name in names}
+        of_columns = self.statistics[self.statistics.axis == "arrangement"]
+        return {f"arrangement = {name}": ("arrangement", name) for name in of_columns.value.unique()}
 
     def region(self, solver: str, axis: str = "all", value: Any = np.nan) -> Frame:
         """Return the rows of one engine and region, indexed by contribution; empty where nothing was compared."""

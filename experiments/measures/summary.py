@@ -38,24 +38,10 @@ from impact_xval.experiments.tables.folder import RunFolder, Tally, statuses_of
 from impact_xval.experiments.tables.parquet import GROUP, codes, column, present, selected
 from impact_xval.model.collision import RESULT_STATUSES
 
-#: Measures that are summarised, by their size, and how a reader knows them: of two balls, and of columns of N.
-SUMMARISED = {
-    "velocity_divergence": "D",
-    "dv1": "|dv1|",
-    "dv2": "|dv2|",
-    "dimpulse1": "|dI1|",
-    "dimpulse2": "|dI2|",
-    "dretained_energy": "|d energy|",
-    "curve_distance": "curve distance",
-    "states_edit_distance": "path edits",
-}
-
-SUMMARISED_OF_COLUMNS = {
-    "velocity_divergence": "D",
-    "largest_dv": "largest |dv|",
-    "dretained_energy": "|d energy|",
-    "limit_distance": "limit's distance",
-}
+#: Measures that are summarised, by their size: of two balls, and of columns of N.
+SUMMARISED = ("velocity_divergence", "dv1", "dv2", "dimpulse1", "dimpulse2")
+SUMMARISED += ("dretained_energy", "curve_distance", "states_edit_distance")
+SUMMARISED_OF_COLUMNS = ("velocity_divergence", "largest_dv", "dretained_energy", "limit_distance")
 
 _SHARES = ("states_equal", FULL_PATHS, OWN_LAW)
 
@@ -65,39 +51,27 @@ HONEST = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Summary:
-    """Statistics of a run.
-
-    Attributes
-    ----------
-    levels : dict of Levels
-        Values by which the statistics are grouped, by axis.
-    statistics : DataFrame
-        ``solver, cells ("all", "regular" or "marked"), axis ("all" or an axis), value, measure, n, mean,
-        median, p95, max``; measures are taken by size, those of `_SHARES` have only a mean.
-    worst : DataFrame
-        The regular cells with the largest D of every solver, as rows of the divergence table.
-    statuses : DataFrame
-        Number of cells by solver (index) and status (columns).
-    reasons : DataFrame
-        ``solver, status, reason, n``: the most frequent reasons first.
-    between, estimates : DataFrame
-        As of the functions `between` and `convergence_estimates`.
-    n_cells, n_marked : int
-        Cells, and those of them in which the model is marked.
-    marked_beyond : dict of int
-        Of solvers the number of results that are marked where that of the model is not, where there are any.
-    """
+    """Statistics of a run."""
 
     config: Config
+    #: Values by which the statistics are grouped, by axis.
     levels: dict[str, Levels]
+    #: ``solver, cells ("all", "regular" or "marked"), axis ("all" or an axis), value, measure, n, mean, median, p95,
+    #: max``; measures are taken by size, those of `_SHARES` have only a mean.
     statistics: Frame
+    #: The regular cells with the largest D of every solver, as rows of the divergence table.
     worst: Frame
+    #: Number of cells by solver (index) and status (columns).
     statuses: Frame
+    #: ``solver, status, reason, n``: the most frequent reasons first.
     reasons: Frame
+    #: As of the functions `between` and `convergence_estimates`.
     between: Frame
     estimates: Frame
+    #: Cells, and those of them in which the model is marked.
     n_cells: int
     n_marked: int
+    #: Of solvers the number of results that are marked where that of the model is not, where there are any.
     marked_beyond: dict[str, int]
     ladder: LadderSummary
 
