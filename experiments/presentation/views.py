@@ -12,8 +12,7 @@ from rich.console import Console
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.measures.ladder import CAUSES, CONTRIBUTIONS, cancelling
-from impact_xval.experiments.measures.ladder_rows import between
+from impact_xval.experiments.measures.ladder import CAUSES, CONTRIBUTIONS, between, cancelling
 from impact_xval.experiments.measures.summary import Summary
 from impact_xval.experiments.presentation.document import Block, Table
 from impact_xval.experiments.presentation.findings import brief, region_table

@@ -25,7 +25,7 @@ from impact_xval.experiments.measures.divergence import (
     retained_energy,
     retained_momentum,
 )
-from impact_xval.experiments.measures.ladder_rows import ladders, of_balls, scatter
+from impact_xval.experiments.measures.ladder import ladders, of_balls, scatter
 from impact_xval.experiments.measures.laws import exact_for
 from impact_xval.experiments.measures.layout import laddered, layout_of
 from impact_xval.experiments.tables.schema import Layout, to_table
