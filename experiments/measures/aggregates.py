@@ -22,6 +22,9 @@ from impact_xval.experiments.tables.parquet import blocks, codes, column, presen
 #: either.
 Frame = Any
 
+#: Columns of ``summary.csv``: which rows, of what, and the statistics of it.
+STATISTICS = ["solver", "cells", "axis", "value", "measure", "n", "mean", "median", "p95", "max"]
+
 #: Whether the state paths are equal, where the model followed its own to the end; null elsewhere.
 FULL_PATHS = "states_equal_without_limit"
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any
@@ -105,10 +105,7 @@ def _of_arrays(outcomes: Outcomes, shortest: Floats | None) -> dict[str, Any]:
 
 
 def _of_list(outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    def numbers(values: Iterable[float | None]) -> Floats:
-        return np.array([np.nan if value is None else value for value in values], float)
-
-    names = dict.fromkeys(name for each in outcomes for name in each.diagnostics)
+    stated = dict.fromkeys(name for each in outcomes for name in each.diagnostics)
     alike = ("velocities", "impulses", "status", "reason", "differences")
     return {
         **{name: [getattr(each, name) for each in outcomes] for name in alike},
@@ -116,8 +113,10 @@ def _of_list(outcomes: Sequence[Outcome]) -> dict[str, Any]:
         "states": [" ".join(each.states) for each in outcomes],
         "n_states": np.array([len(each.states) for each in outcomes], np.int64),
         "n_events": np.array([each.n_events for each in outcomes], np.int64),
-        "margin": numbers(each.grazing_margin for each in outcomes),
-        "diagnostics": {name: numbers(each.diagnostics.get(name) for each in outcomes) for name in names},
+        "margin": np.array([each.grazing_margin for each in outcomes], float),  # NaN for None
+        "diagnostics": {
+            name: np.array([each.diagnostics.get(name) for each in outcomes], float) for name in stated
+        },
         "paths": [each.path for each in outcomes],
     }
 

@@ -17,7 +17,7 @@ from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import Config
-from impact_xval.experiments.measures.aggregates import Frame, axis_levels, statistics_of
+from impact_xval.experiments.measures.aggregates import STATISTICS, Frame, axis_levels, statistics_of
 from impact_xval.experiments.measures.corners import corner_names
 from impact_xval.experiments.measures.ladder import (
     CAUSES,
@@ -34,19 +34,18 @@ from impact_xval.experiments.tables.parquet import selected
 BAND = "stiffness_band"
 BANDS = {0.0: "k2/k1 < 0.1", 0.1: "0.1 <= k2/k1 <= 10", 10.0: "k2/k1 > 10"}
 
-_COLUMNS = ["solver", "axis", "value", "contribution", "n", "total", "share", "low", "high"]
-_COLUMNS += ["mean", "median", "p95", "max", "dominant"]
+_COLUMNS = ["solver", "axis", "value", "contribution", "n", "mean", "median", "p95", "max"]
+_COLUMNS += ["total", "share", "low", "high"]
 
 
 @dataclass(frozen=True, slots=True)
 class LadderSummary:
     """Statistics of the ladders of a run."""
 
-    #: ``solver, axis ("all", an axis of the cells or "stiffness_band"), value, contribution, n, total, share, low,
-    #: high, mean, median, p95, max, dominant``. `n` cells have the contribution, `total` is the mean D of the region,
-    #: `share` its share of that, `low` and `high` the least and largest that the orders of the causes give (the share
-    #: itself for one that is no cause); `mean` to `max` are of its norm. It has the largest share in the fraction
-    #: `dominant` of the cells.
+    #: ``solver, axis ("all", an axis of the cells or "stiffness_band"), value, contribution``; ``n`` cells have the
+    #: contribution, ``mean, median, p95, max`` are of its norm; ``total`` is the mean D of the region, ``share`` its
+    #: share of that, ``low`` and ``high`` the least and largest that the orders of the causes give (the share itself
+    #: for one that is no cause).
     statistics: Frame
 
     @property
@@ -113,7 +112,7 @@ def _regular_rows(path: Path, solver: str, config: Config) -> Frame:
     pair = config.column is None
     columns = [f"{c.name}_{number}" for c in contributions_of(gravity=pair) for number in ("norm", "share")]
     columns += [f"{name}_along" for name in corner_names(gravity=pair).values()]
-    columns += ["solver", "status", "velocity_divergence", "dominant"]
+    columns += ["solver", "status", "velocity_divergence"]
     regular = (pc.field("solver") == solver) & (pc.field("status") == "ok") & pc.field("marked").is_null()
     return selected(path, [*(AXES if pair else COLUMN_AXES), *columns], regular).to_pandas()
 
@@ -142,7 +141,6 @@ def _by_region(rows: Frame, region: Frame, *, gravity: bool) -> Frame:
     along = rows[[f"{name}_share" for name in names]].set_axis(names, axis=1).mul(total, axis=0)
     sums = total.groupby(region).sum()
     whole = sums.where(sums > 0)
-    dominant = pd.DataFrame({name: rows.dominant == name for name in names})
     share = along.groupby(region).sum().div(whole, axis=0)
     # Components along the total are linear: those of the corners are summed over a region before they are split.
     corners = rows[[f"{name}_along" for name in corner_names(gravity=gravity).values()]]
@@ -154,7 +152,6 @@ def _by_region(rows: Frame, region: Frame, *, gravity: bool) -> Frame:
         "share": share,
         "low": share.assign(**dict(zip(causes, by_orders.min(axis=0), strict=True))),
         "high": share.assign(**dict(zip(causes, by_orders.max(axis=0), strict=True))),
-        "dominant": dominant.groupby(region).mean(),
     }
     found = pd.concat(of_each, axis=1, names=["statistic", "contribution"]).stack(future_stack=True)
     return found.join(total.groupby(region).mean().rename("total")).reset_index()
@@ -165,8 +162,6 @@ def csv_rows(ladder: LadderSummary) -> list[Frame]:
     table = ladder.statistics.assign(cells="regular")
     frames = [table.assign(measure="norm_" + table.contribution)]
     for measure, statistic in (("share", "share"), ("share_low", "low"), ("share_high", "high")):
-        shares = table.assign(measure=f"{measure}_" + table.contribution, mean=table[statistic])
-        frames.append(shares.assign(median=np.nan, p95=np.nan, max=np.nan))
-    return [
-        frame.drop(columns=["contribution", "total", "share", "low", "high", "dominant"]) for frame in frames
-    ]
+        shares = table[["solver", "cells", "axis", "value", "n"]]
+        frames.append(shares.assign(measure=f"{measure}_" + table.contribution, mean=table[statistic]))
+    return [frame.reindex(columns=STATISTICS) for frame in frames]

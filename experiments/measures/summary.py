@@ -25,6 +25,7 @@ from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.measures.aggregates import (
     FULL_PATHS,
     OWN_LAW,
+    STATISTICS,
     Compared,
     Frame,
     Levels,
@@ -56,8 +57,8 @@ class Summary:
     config: Config
     #: Values by which the statistics are grouped, by axis.
     levels: dict[str, Levels]
-    #: ``solver, cells ("all", "regular" or "marked"), axis ("all" or an axis), value, measure, n, mean, median, p95,
-    #: max``; measures are taken by size, those of `_SHARES` have only a mean.
+    #: `STATISTICS`: cells are "all", "regular" or "marked", an axis may be "all"; measures are taken by size, those of
+    #: `_SHARES` have only a mean.
     statistics: Frame
     #: The regular cells with the largest D of every solver, as rows of the divergence table.
     worst: Frame
@@ -159,10 +160,9 @@ def _statistics(table: Compared, *, pair: bool) -> Frame:
                 found = pd.DataFrame(shares if measure in _SHARES else statistics_of(groups)).reset_index()
                 found = found.rename(columns={axis: "value"})
                 frames.append(found.assign(cells=cells, axis=axis, measure=measure))
-    columns = ["solver", "cells", "axis", "value", "measure", "n", "mean", "median", "p95", "max"]
     kinds = {"solver": str, "value": float if pair else object, "median": float}
-    filled = [frame.reindex(columns=columns).astype(kinds) for frame in frames if len(frame)]
-    return pd.concat(filled, ignore_index=True) if filled else pd.DataFrame(columns=columns)
+    filled = [frame.reindex(columns=STATISTICS).astype(kinds) for frame in frames if len(frame)]
+    return pd.concat(filled, ignore_index=True) if filled else pd.DataFrame(columns=STATISTICS)
 
 
 def _worst_rows(table: Compared, count: int) -> Frame:
