@@ -16,7 +16,7 @@ from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.tables.folder import RunFolder
-from impact_xval.experiments.tables.parquet import blocks, codes, column, present
+from impact_xval.experiments.tables.parquet import codes, column, present, selected
 
 #: A pandas DataFrame or Series. Their annotations are too wide to check code against: any selection may be
 #: either.
@@ -112,15 +112,11 @@ class Compared:
         law = np.array([self.solvers.index(name) if name in self.solvers else -1 for name in laws])
         if not (law >= 0).any():
             return np.full(len(self.rows), np.nan)
-        pieces = [np.empty((0, len(law)), bool)]
-        for block in blocks(self.path, ["cell", "states_compared"]):
-            paths = block["states_compared"].combine_chunks().dictionary_encode().indices
-            of_cell = paths.fill_null(-1).to_numpy(zero_copy_only=False).reshape(-1, len(law))
-            pieces.append(of_cell == of_cell[:, law])
-        equal = np.concatenate(pieces)
+        paths = selected(self.path, ["states_compared"])["states_compared"].combine_chunks()
+        paths = paths.indices.fill_null(-1).to_numpy().reshape(-1, len(law))
         compared = self.rows.compared.to_numpy().reshape(-1, len(law))
         there = compared & compared[:, law] & (law >= 0)
-        return np.where(there, equal, np.nan).ravel()
+        return np.where(there, paths == paths[:, law], np.nan).ravel()
 
     def frame(self, measures: Sequence[str]) -> Frame:
         """Make a table of the regular rows: solver, the level of every axis, and measures."""

@@ -217,23 +217,26 @@ def edit_distance(a: Sequence[str], b: Sequence[str]) -> int:
 
 
 def measures_of(collision: Collision, outcomes: Mapping[str, Outcome]) -> dict[str, dict[str, float]]:
-    """Measure the outcomes of one collision by several solvers, as in `schema`, beside their scaled diagnostics.
+    """Measure the outcomes of one collision by several solvers: measures of `schema`, beside their scaled diagnostics.
 
     NaN where there is nothing to measure.
     """
-    balls, contacts = len(collision.masses), len(collision.stiffnesses)
-    masses, starts = masses_and_starts([collision], balls)
-    speed, measured = np.abs(starts).max(axis=1), {}
-    results = {name: results_of([each], speed, balls, contacts, None) for name, each in outcomes.items()}
-    for name, found in results.items():
-        model, exact = results.get(REFERENCE), results.get(exact_for(name, "calibrated"))
-        measures = {"retained_energy": retained_energy(masses, starts, found)}
-        measures["retained_momentum"] = retained_momentum(masses, starts, found)
-        if model is not None:
-            measures |= divergence(masses, starts, speed, model, found)
+    masses, start = np.array(collision.masses), np.array(collision.velocities)
+    speed, weights, measured = np.abs(start).max(), masses / masses.max(), {}
+    model = outcomes.get(REFERENCE)
+    for name, outcome in outcomes.items():
+        v, exact = np.array(outcome.velocities), outcomes.get(exact_for(name, "calibrated"))
+        stated = {key: x / speed if _VELOCITY.fullmatch(key) else x for key, x in outcome.diagnostics.items()}
+        limit = np.array([stated.get(f"v{i}_limit", np.nan) for i in range(1, 1 + len(v))])
+        measured[name] = {
+            "limit_error": np.nan,
+            "limit_distance": np.nan,
+            "velocity_divergence": np.nan,
+        } | stated
+        measured[name]["retained_energy"] = outcome.retained_energy(collision)
+        measured[name]["retained_momentum"] = weights @ v / (weights @ start)
         if exact is not None:
-            limit = [found.diagnostic(f"v{i}_limit") for i in range(1, 1 + balls)]
-            measures["limit_distance"] = np.abs(np.transpose(limit) - exact.velocities / speed).max(axis=1)
-        known = {key: [np.nan] for key in ("velocity_divergence", "limit_distance", "limit_error")}
-        measured[name] = {key: float(x[0]) for key, x in (known | found.diagnostics | measures).items()}
+            measured[name]["limit_distance"] = np.abs(limit - np.divide(exact.velocities, speed)).max()
+        if model is not None and {model.status, outcome.status} <= {*RESULT_STATUSES}:
+            measured[name]["velocity_divergence"] = norms(masses, v - model.velocities, start)
     return measured
