@@ -10,7 +10,7 @@ import json
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import CancelledError
 from functools import cache, lru_cache
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -152,18 +152,10 @@ class _Request(BaseHTTPRequestHandler):
         """Write nothing: the terminal is for the address alone."""
 
 
-def _until_interrupted() -> None:
-    """Wait in short pieces: a signal that came as a request's thread began was seen not to wake this one."""
-    with contextlib.suppress(KeyboardInterrupt):
-        while True:
-            time.sleep(0.2)
+def explore(port: int, opened: Callable[[str], object]) -> None:
+    """Serve the page on this machine alone, until interrupted; all that was started is gone then.
 
-
-@contextlib.contextmanager
-def explorer(port: int) -> Iterator[tuple[str, Callable[[], object]]]:
-    """Open the server, on this machine alone; it, and all that it started, is gone when the block ends.
-
-    Yields where the page is, and what waits until it is interrupted; port 0 is any that is free.
+    `opened` is told where the page is; port 0 is any that is free.
     """
     with contextlib.ExitStack() as ending:
         cells = Cells(ending)
@@ -175,7 +167,12 @@ def explorer(port: int) -> Iterator[tuple[str, Callable[[], object]]]:
         # Beside the main thread: Ctrl-C, which that meets, could come while a request's thread is started.
         threading.Thread(target=server.serve_forever, daemon=True).start()
         try:
-            yield f"http://127.0.0.1:{server.server_port}/", _until_interrupted
+            opened(f"http://127.0.0.1:{server.server_port}/")
+            with contextlib.suppress(KeyboardInterrupt):
+                while (
+                    True
+                ):  # in short pieces: a signal that came as a request's thread began was seen not to wake it
+                    time.sleep(0.2)
         finally:
             cells.close()
             server.shutdown()

@@ -124,14 +124,15 @@ def explore(
 
     Example: impact-xval explore --no-browser
     """
-    from impact_xval.experiments.cells.explorer import explorer
+    from impact_xval.experiments.cells import explorer
     from impact_xval.experiments.presentation.terminal import make_console, print_line
 
-    with explorer(port) as (where, wait):
+    def opened(where: str) -> None:
         print_line(make_console(), f"{where} (Ctrl-C ends it)")
         if not no_browser:
             webbrowser.open(where)
-        wait()
+
+    explorer.explore(port, opened)
 
 
 @of_one_collision("arrangement", *OF_COLUMN, "cell_timeout")

@@ -1,12 +1,9 @@
-"""The limits of the supplement, the points at which each is approached, and the run of them.
+"""The limits of the supplement, the points at which each is approached, and the run of them (docs/hypothesis.md).
 
-Each is approached along one number x >= 1, its contrast, that goes to infinity (docs/hypothesis.md). For e_i → 0 it is
-1/e_i^2, because an end of compression multiplies the stiffness by it (supplement, 3.3): a rate in e_i is twice that in
-x. Closed forms are the model's own at a contrast of infinity (`model.pair.limits`); tests hold them against those of
-the supplement. Velocities are per abs(v0), masses per m1.
-
-The points at all contrasts are lists of cells, for exact solvers and for engines, which the sweep solves: each is a run
-of its own in the folder of the test, and is continued, or read again, as any is.
+For e_i → 0 the contrast is 1/e_i^2, because an end of compression multiplies the stiffness by it (supplement, 3.3): a
+rate in e_i is twice that in x. Closed forms are the model's own at a contrast of infinity (`model.pair.limits`); tests
+hold them against those of the supplement. Velocities are per abs(v0), masses per m1. The points at all contrasts are
+lists of cells, for exact solvers and for engines; the sweep of each is a run in the folder of the test.
 """
 
 from __future__ import annotations

@@ -91,7 +91,7 @@ def corners(
         velocities[index][left] = found.velocities / speed[left, None]
         there = found.has_result
         reason[left[~there]] = [f"{name}: {status}" for status in found.statuses[~there]]
-        says = _jumps(solve, some, found, g) if pair else _rounding(solve, law, some, found, g)
+        says = _beside(solve, law, some, found, g, pair)
         new = (mark[left] == "") & (says != "")  # the first that jumps is told
         mark[left[new]] = f"ladder: {name}" + says[new]
         left = left[there]
@@ -101,15 +101,14 @@ def corners(
     return Corners(velocities, reason, mark)
 
 
-def _jumps(solve: Law, collisions: Collisions, found: Outcomes, gravity: Floats) -> Texts:
-    """Say where a corner of two balls jumps (`marks.jumps`)."""
-    excess, _ = jumps(solve, collisions, found, gravity)
-    text = f" jumps where a parameter changes by {max(JUMPS):g} or less"
-    return np.where(excess > 1, text, "").astype(object)
-
-
-def _rounding(solve: Law, law: str, collisions: Collisions, found: Outcomes, gravity: Floats) -> Texts:
-    """Say where a corner of N balls grazes, or is decided by rounding."""
+def _beside(
+    solve: Law, law: str, collisions: Collisions, found: Outcomes, gravity: Floats, pair: bool
+) -> Texts:
+    """Say where a corner jumps; of N balls where it grazes, or is decided by rounding."""
+    if pair:
+        excess, _ = jumps(solve, collisions, found, gravity)
+        text = f" jumps where a parameter changes by {max(JUMPS):g} or less"
+        return np.where(excess > 1, text, "").astype(object)
     marks, margins = marks_of(solve, law, collisions, found, gravity), found.grazing_margin
     says = np.array([f": {mark}" if mark else "" for mark in marks], dtype=object)
     grazes = found.has_result & (margins < GRAZING_THRESHOLD)
