@@ -49,62 +49,45 @@ Columns = dict[str, np.ndarray]
 
 
 class Contribution(NamedTuple):
-    """One part of a divergence; the phrase stands in a sentence about an engine, after "by"."""
+    """One part of a divergence."""
 
     name: str
     label: str
+    #: In a sentence about an engine, after "by".
+    phrase: str
+    #: Of Tol's muted palette, which shares none with solvers.
+    color: str
     #: Of a cause the positions of its switch (`corners`); else two outcomes, of which it is the difference.
     before: str
     after: str
-    #: Of Tol's muted palette, which shares none with solvers.
-    color: str
-    phrase: str
 
 
+_NAMES = (
+    ("frozen_positions", "frozen positions", "frozen positions", "#332288"),
+    ("dissipation_law", "dissipation law", "the dissipation law", "#DDCC77"),
+    ("gravity", "gravity", "gravity", "#88CCEE"),
+    ("mapping", "regularisation and mapping", "its regularisation and mapping", "#AA4499"),
+    ("discretisation", "time step", "its time step", "#999933"),
+    ("engine", "mapping and time step", "its mapping and time step, not separated", "#117733"),
+)
 _ASKED = "kelvin-voigt in the scenario of the run"
 _LIMIT = "the engine in the limit dt -> 0"
 _RUN = "the engine at the step it was run with"
-
-#: Those that need no engine, in the order of `by_order`: averages over the orders in which they can be made.
-CAUSES = (
-    Contribution(
-        "frozen_positions",
-        "frozen positions",
-        "contacts that return when their bodies approach",
-        "contacts that return when their gap has closed",
-        "#332288",
-        "frozen positions",
-    ),
-    Contribution(
-        "dissipation_law",
-        "dissipation law",
-        "energetic restitution",
-        "the law the engine was asked for (spring and dashpot, kelvin-voigt)",
-        "#DDCC77",
-        "the dissipation law",
-    ),
-    Contribution(
-        "gravity",
-        "gravity",
-        "no gravity",
-        "gravity as in the scenario of the run, B2 in static equilibrium",
-        "#88CCEE",
-        "gravity",
-    ),
+_ENDS = (
+    ("contacts that return when their bodies approach", "contacts that return when their gap has closed"),
+    ("energetic restitution", "the law the engine was asked for (spring and dashpot, kelvin-voigt)"),
+    ("no gravity", "gravity as in the scenario of the run, B2 in static equilibrium"),
+    (_ASKED, _LIMIT),
+    (_LIMIT, _RUN),
+    (_ASKED, _RUN),
 )
 
 #: All, in their order; a cell has either the last one or the two before it. Where one says kelvin-voigt, an engine of
 #: another law has its own.
-CONTRIBUTIONS = (
-    *CAUSES,
-    Contribution(
-        "mapping", "regularisation and mapping", _ASKED, _LIMIT, "#AA4499", "its regularisation and mapping"
-    ),
-    Contribution("discretisation", "time step", _LIMIT, _RUN, "#999933", "its time step"),
-    Contribution(
-        "engine", "mapping and time step", _ASKED, _RUN, "#117733", "its mapping and time step, not separated"
-    ),
-)
+CONTRIBUTIONS = tuple(Contribution(*names, *ends) for names, ends in zip(_NAMES, _ENDS, strict=True))
+
+#: Those that need no engine, in the order of `by_order`: averages over the orders in which they can be made.
+CAUSES = CONTRIBUTIONS[:3]
 
 
 def contributions_of(*, gravity: bool) -> tuple[Contribution, ...]:
