@@ -5,7 +5,6 @@ The shares of an engine and region (`ladder`) sum to 1. Marked cells are left ou
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,6 @@ from impact_xval.experiments.measures.ladder import (
     CAUSES,
     CONTRIBUTIONS,
     NOTHING,
-    Contribution,
     by_order,
     contributions_of,
 )
@@ -38,44 +36,28 @@ _COLUMNS = ["solver", "axis", "value", "contribution", "n", "mean", "median", "p
 _COLUMNS += ["total", "share", "low", "high"]
 
 
-@dataclass(frozen=True, slots=True)
 class LadderSummary:
     """Statistics of the ladders of a run."""
 
-    #: ``solver, axis ("all", an axis of the cells or "stiffness_band"), value, contribution``; ``n`` cells have the
-    #: contribution, ``mean, median, p95, max`` are of its norm; ``total`` is the mean D of the region, ``share`` its
-    #: share of that, ``low`` and ``high`` the least and largest that the orders of the causes give (the share itself
-    #: for one that is no cause).
-    statistics: Frame
-
-    @property
-    def solvers(self) -> list[str]:
-        """The engines, in the order of the tables."""
-        return list(dict.fromkeys(self.statistics.solver))
-
-    @property
-    def present(self) -> list[Contribution]:
-        """The contributions that some cell has, in their order."""
-        there = set(self.statistics.contribution)
-        return [c for c in CONTRIBUTIONS if c.name in there]
-
-    @property
-    def orders(self) -> str:
-        """In how many orders the causes can be taken: without gravity there are two of them."""
-        return "six" if CAUSES[-1] in self.present else "two"
-
-    @property
-    def axes(self) -> list[str]:
-        """What results are grouped by: all in one, axes of the cells, bands."""
-        return list(dict.fromkeys(self.statistics.axis))
-
-    @property
-    def regions(self) -> dict[str, tuple[str, Any]]:
-        """Parts of the cells that are told apart: an axis and its value, by what a reader knows them by."""
-        if BAND in self.axes:
-            return {label: (BAND, edge) for edge, label in BANDS.items()}
-        of_columns = self.statistics[self.statistics.axis == "arrangement"]
-        return {f"arrangement = {name}": ("arrangement", name) for name in of_columns.value.unique()}
+    def __init__(self, statistics: Frame) -> None:
+        #: ``solver, axis ("all", an axis of the cells or "stiffness_band"), value, contribution``; ``n`` cells have the
+        #: contribution, ``mean, median, p95, max`` are of its norm; ``total`` is the mean D of the region, ``share``
+        #: its share of that, ``low`` and ``high`` the least and largest that the orders of the causes give (the share
+        #: itself for one that is no cause).
+        self.statistics = statistics
+        #: The engines, in the order of the tables, and what results are grouped by.
+        self.solvers, self.axes = (list(dict.fromkeys(statistics[name])) for name in ("solver", "axis"))
+        #: The contributions that some cell has, in their order.
+        self.present = [c for c in CONTRIBUTIONS if c.name in set(statistics.contribution)]
+        #: In how many orders the causes can be taken: without gravity there are two of them.
+        self.orders = "six" if CAUSES[-1] in self.present else "two"
+        arrangements = statistics.value[statistics.axis == "arrangement"].unique()
+        #: Parts of the cells that are told apart: an axis and its value, by what a reader knows them by.
+        self.regions: dict[str, tuple[str, Any]] = (
+            {label: (BAND, edge) for edge, label in BANDS.items()}
+            if BAND in self.axes
+            else {f"arrangement = {name}": ("arrangement", name) for name in arrangements}
+        )
 
     def region(self, solver: str, axis: str = "all", value: Any = np.nan) -> Frame:
         """Return the rows of one engine and region, indexed by contribution; empty where nothing was compared."""

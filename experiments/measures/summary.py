@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -28,12 +26,11 @@ from impact_xval.experiments.measures.aggregates import (
     STATISTICS,
     Compared,
     Frame,
-    Levels,
     cuts,
     load_divergence,
     statistics_of,
 )
-from impact_xval.experiments.measures.ladder_summary import LadderSummary, summarise_ladder
+from impact_xval.experiments.measures.ladder_summary import summarise_ladder
 from impact_xval.experiments.measures.laws import exact_for, in_order_of_laws
 from impact_xval.experiments.tables.folder import RunFolder, Tally, statuses_of
 from impact_xval.experiments.tables.parquet import GROUP, codes, column, present, selected
@@ -50,48 +47,41 @@ _SHARES = ("states_equal", FULL_PATHS, OWN_LAW)
 HONEST = 3.0
 
 
-@dataclass(frozen=True, eq=False)
 class Summary:
-    """Statistics of a run."""
+    """Statistics of a finished run, computed from its stored tables, whatever their size."""
 
-    config: Config
-    #: Values by which the statistics are grouped, by axis.
-    levels: dict[str, Levels]
-    #: `STATISTICS`: cells are "all", "regular" or "marked", an axis may be "all"; measures are taken by size, those of
-    #: `_SHARES` have only a mean.
-    statistics: Frame
-    #: The regular cells with the largest D of every solver, as rows of the divergence table.
-    worst: Frame
-    #: Number of cells by solver (index) and status (columns).
-    statuses: Frame
-    #: ``solver, status, reason, n``: the most frequent reasons first.
-    reasons: Frame
-    #: As of the functions `between` and `convergence_estimates`.
-    between: Frame
-    estimates: Frame
-    #: Cells, and those of them in which the model is marked.
-    n_cells: int
-    n_marked: int
-    #: Of solvers the number of results that are marked where that of the model is not, where there are any.
-    marked_beyond: dict[str, int]
-    ladder: LadderSummary
-
-    @property
-    def solvers(self) -> list[str]:
-        """The solvers that were compared with the reference, grouped by the law they were asked for."""
-        return in_order_of_laws(name for name in self.config.solvers if name != REFERENCE)
-
-    @property
-    def axes(self) -> dict[str, list[Any]]:
-        """Levels of the axes that have several."""
-        return {axis: levels.values for axis, levels in self.levels.items() if len(levels.values) > 1}
-
-    @cached_property
-    def _places(self) -> dict[tuple[Any, ...], int]:
-        table = self.statistics
-        values = table.value.where(table.axis != "all", "")
-        keys = zip(table.solver, table.measure, table.axis, table.cells, values, strict=True)
-        return {key: place for place, key in enumerate(keys)}
+    def __init__(self, folder: RunFolder) -> None:
+        self.config = config = folder.config()
+        pair, cells, outcomes = config.column is None, folder.table_path("cells.parquet"), folder.tally()
+        #: The solvers that were compared with the reference, grouped by the law they were asked for.
+        self.solvers = in_order_of_laws(name for name in config.solvers if name != REFERENCE)
+        table = load_divergence(folder, config)
+        #: Values by which the statistics are grouped, by axis; levels of the axes that have several.
+        self.levels = table.levels
+        self.axes = {axis: each.values for axis, each in self.levels.items() if len(each.values) > 1}
+        #: `STATISTICS`: cells are "all", "regular" or "marked", an axis may be "all"; measures are taken by size, those
+        #: of `_SHARES` have only a mean.
+        self.statistics = found = _statistics(table, pair=pair)
+        values = found.value.where(found.axis != "all", "")
+        keys = zip(found.solver, found.measure, found.axis, found.cells, values, strict=True)
+        self._places = {key: place for place, key in enumerate(keys)}
+        #: The regular cells with the largest D of every solver, as rows of the divergence table.
+        self.worst = _worst_rows(table, 5 if pair else 3)
+        #: Number of cells by solver (index) and status (columns).
+        self.statuses = _status_frame(outcomes, config)
+        #: ``solver, status, reason, n``: the most frequent reasons first.
+        self.reasons: Frame = pd.DataFrame(reasons_of(outcomes), columns=["solver", "status", "reason", "n"])
+        self.between = between(cells, config) if pair else pd.DataFrame()
+        self.estimates = convergence_estimates(cells, config.solvers, config.mapping, marked=pair)
+        self.ladder = summarise_ladder(folder, config)
+        # Rows of a cell are in the order of the solvers, the model first; where that is marked they all are.
+        marked = present(cells, "marked").reshape(-1, len(config.solvers))
+        result = (codes(cells, "status", RESULT_STATUSES) >= 0).reshape(marked.shape)
+        beyond = (marked & result & ~marked[:, :1]).sum(axis=0).tolist()
+        #: Cells, and those of them in which the model is marked.
+        self.n_cells, self.n_marked = len(marked), int(marked[:, 0].sum())
+        #: Of solvers the number of results that are marked where that of the model is not, where there are any.
+        self.marked_beyond = {name: n for name, n in zip(config.solvers, beyond, strict=True) if n}
 
     def get(
         self, solver: str, measure: str, axis: str = "all", value: Any = "", cells: str = "regular"
@@ -104,28 +94,8 @@ class Summary:
 
 
 def summarise(folder: RunFolder) -> Summary:
-    """Compute the statistics of a finished run from its stored tables, whatever their size."""
-    config, outcomes = folder.config(), folder.tally()
-    cells, pair = folder.table_path("cells.parquet"), config.column is None
-    table = load_divergence(folder, config)
-    # Rows of a cell are in the order of the solvers, the model first; where that is marked they all are.
-    marked = present(cells, "marked").reshape(-1, len(config.solvers))
-    result = (codes(cells, "status", RESULT_STATUSES) >= 0).reshape(marked.shape)
-    beyond = (marked & result & ~marked[:, :1]).sum(axis=0).tolist()
-    return Summary(
-        config=config,
-        levels=table.levels,
-        statistics=_statistics(table, pair=pair),
-        worst=_worst_rows(table, 5 if pair else 3),
-        statuses=_status_frame(outcomes, config),
-        reasons=pd.DataFrame(reasons_of(outcomes), columns=["solver", "status", "reason", "n"]),
-        between=between(cells, config) if pair else pd.DataFrame(),
-        n_cells=sum(n for (name, _, _), n in outcomes.items() if name == REFERENCE),
-        n_marked=int(marked[:, 0].sum()),
-        marked_beyond={name: n for name, n in zip(config.solvers, beyond, strict=True) if n},
-        estimates=convergence_estimates(cells, config.solvers, config.mapping, marked=pair),
-        ladder=summarise_ladder(folder, config),
-    )
+    """Compute the statistics of a finished run."""
+    return Summary(folder)
 
 
 def reasons_of(outcomes: Tally) -> list[tuple[str, str, str, int]]:
