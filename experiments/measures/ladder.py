@@ -134,23 +134,11 @@ class Split(NamedTuple):
     #: D is 0.
     along: Floats
     orders: Floats
+    #: `along` over D, and the least and largest of `orders` over D, shape (m, n); NaN where there is nothing to split.
+    shares: Floats
+    ranges: tuple[Floats, Floats]
     #: Component of each corner minus the model along the total, shape (2, 2, g, n).
     corners: Floats
-
-    @property
-    def shares(self) -> Floats:
-        """`along` over D; NaN where there is nothing to split."""
-        return self.along / self._divided
-
-    @property
-    def ranges(self) -> tuple[Floats, Floats]:
-        """Least and largest share by the orders, shape (m, n) each."""
-        shares = self.orders / self._divided
-        return shares.min(axis=0), shares.max(axis=0)
-
-    @property
-    def _divided(self) -> Floats:
-        return np.where(self.divergence >= NOTHING, self.divergence, np.nan)
 
     def dominant(self) -> NDArray[np.intp]:
         """Index of the largest share in each cell; -1 where there is nothing to split."""
@@ -184,6 +172,9 @@ def split(weights: Floats, corners: Corners, limit: Floats, engine: Floats) -> S
 
     along, of_causes = component(vectors), component(causes)
     rest = along[of_causes.shape[1] :]  # the same by every order
+    orders = np.concatenate([of_causes, np.broadcast_to(rest, (len(of_causes), *rest.shape))], axis=1)
+    divided = np.where(divergence >= NOTHING, divergence, np.nan)
+    shares = orders / divided
     return Split(
         contributions=contributions_of(gravity=corners.gravity),
         total=total,
@@ -191,7 +182,9 @@ def split(weights: Floats, corners: Corners, limit: Floats, engine: Floats) -> S
         vectors=vectors,
         norms=_norm(weights, vectors),
         along=along,
-        orders=np.concatenate([of_causes, np.broadcast_to(rest, (len(of_causes), *rest.shape))], axis=1),
+        orders=orders,
+        shares=along / divided,
+        ranges=(shares.min(axis=0), shares.max(axis=0)),
         corners=component(corners.velocities - corners.model),
     )
 
