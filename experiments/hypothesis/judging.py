@@ -266,7 +266,10 @@ def _gathered(points: Frame) -> dict[str, Any]:
             f"{len(worst)} of {n} points: {worst.reason.iloc[0]}" if len(worst) else "one point is refuted"
         )
     quiet = (points.verdict == "supported") | (points.consistent & points.settles)
-    low, high = _interval(supported.rate.to_numpy())
+    # Bootstrap; one rate is legal, which scipy.stats.bootstrap refuses.
+    rates, draws = supported.rate.to_numpy(), (_RESAMPLES, len(supported))
+    medians = np.median(np.random.default_rng(_SEED).choice(rates, draws), axis=1) if rates.size else np.nan
+    low, high = np.quantile(medians, [0.025, 0.975])
     return {
         "verdict": verdict,
         "within_error": verdict == "undecided" and quiet.all(),
@@ -278,11 +281,3 @@ def _gathered(points: Frame) -> dict[str, Any]:
         "close_from": points.close_from.median(),
         "reason": reason,
     }
-
-
-def _interval(rates: Floats) -> tuple[float, float]:
-    """95 % bootstrap interval of the median; one rate is legal, which scipy.stats.bootstrap refuses."""
-    if not rates.size:
-        return np.nan, np.nan
-    draws = np.random.default_rng(_SEED).choice(rates, (_RESAMPLES, rates.size))
-    return tuple(np.quantile(np.median(draws, axis=1), [0.025, 0.975]))

@@ -219,9 +219,7 @@ def ladders(
             ladder = split(collisions.masses / moving, here, limit, velocities)
             found = _said(name, some, engine, here, ladder)
             ok = ~np.isnan(ladder.divergence) & np.isin(found["status"].tolist(), ("ok", UNCONVERGED))
-            found |= _dominant(name, ladder, ok)
-            found |= {key: np.where(ok, x, np.nan) for key, x in _parts(here, ladder).items()}
-            for key, values in found.items():
+            for key, values in (found | _split_columns(name, here, ladder, ok)).items():
                 scatter(columns[name], key, values, places, len(block))
     return columns
 
@@ -265,37 +263,33 @@ def _said(name: str, model: pa.Table, engine: pa.Table, here: Corners, ladder: S
     }
 
 
-def _dominant(name: str, ladder: Split, ok: NDArray[np.bool_]) -> Columns:
-    """Columns of what carries most of each divergence."""
-    first, agreed = np.where(ok, ladder.dominant(), -1), ladder.agreed()
-    names = np.array([*(c.name for c in ladder.contributions), None], dtype=object)
-    columns, sentences = (ladder.shares, ladder.norms, *ladder.ranges), np.full(len(ok), None, dtype=object)
+def _split_columns(name: str, here: Corners, ladder: Split, ok: NDArray[np.bool_]) -> Columns:
+    """Columns of corners and contributions, and of what carries most of each divergence; nothing where not `ok`."""
+    shares, norms, (low, high) = ladder.shares, ladder.norms, ladder.ranges
+    numbers = {"velocity_divergence": ladder.divergence} | _by_ball("dv", ladder.total)
+    for i, c in enumerate(ladder.contributions):
+        numbers |= _by_ball(f"{c.name}_dv", ladder.vectors[i])
+        numbers |= {f"{c.name}_norm": norms[i], f"{c.name}_share": shares[i]}
+        if c in CAUSES:
+            numbers |= {f"{c.name}_share_low": low[i], f"{c.name}_share_high": high[i]}
+    for index, corner in corner_names(gravity=here.gravity).items():
+        numbers |= _by_ball(f"{corner}_v", here.velocities[index])
+        numbers[f"{corner}_along"] = np.where(ladder.divergence == 0, 0.0, ladder.corners[index])
+    first, agreed, sentences = np.where(ok, ladder.dominant(), -1), ladder.agreed(), np.full(len(ok), _NONE)
     for i in np.flatnonzero(ok):
-        numbers = zip(*(x[:, i].tolist() for x in columns), strict=True)
-        parts = [Part(c.phrase, *row) for c, row in zip(ladder.contributions, numbers, strict=True)]
+        rows = zip(*(x[:, i].tolist() for x in (shares, norms, low, high)), strict=True)
+        parts = [Part(c.phrase, *row) for c, row in zip(ladder.contributions, rows, strict=True)]
         found = [part for part in parts if not np.isnan(part.norm)]
         sentences[i] = sentence(name, float(ladder.divergence[i]), found, bool(agreed[i]))
-    return {
-        "velocity_divergence": np.where(ok, ladder.divergence, np.nan),
-        "dominant": names[first],
+    return {key: np.where(ok, x, np.nan) for key, x in numbers.items()} | {
+        "dominant": np.array([*(c.name for c in ladder.contributions), None], dtype=object)[first],
         "dominant_by_every_order": np.where(first >= 0, agreed.astype(object), _NONE),
         "sentence": sentences,
     }
 
 
-def _parts(here: Corners, ladder: Split) -> Columns:
-    """Columns of contributions and corners."""
-    columns: Columns = {f"dv{i}": x for i, x in enumerate(ladder.total.T, 1)}
-    shares, (low, high) = ladder.shares, ladder.ranges
-    for i, c in enumerate(ladder.contributions):
-        columns |= {f"{c.name}_dv{j}": x for j, x in enumerate(ladder.vectors[i].T, 1)}
-        columns |= {f"{c.name}_norm": ladder.norms[i], f"{c.name}_share": shares[i]}
-        if c in CAUSES:
-            columns |= {f"{c.name}_share_low": low[i], f"{c.name}_share_high": high[i]}
-    for index, name in corner_names(gravity=here.gravity).items():
-        columns |= {f"{name}_v{j}": x for j, x in enumerate(here.velocities[index].T, 1)}
-        columns[f"{name}_along"] = np.where(ladder.divergence == 0, 0.0, ladder.corners[index])
-    return columns
+def _by_ball(name: str, velocities: Floats) -> Columns:
+    return {f"{name}{i}": x for i, x in enumerate(velocities.T, 1)}
 
 
 class Part(NamedTuple):

@@ -5,7 +5,6 @@ The shares of an engine and region (`ladder`) sum to 1. Marked cells are left ou
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -76,27 +75,21 @@ def band_of(stiffness_ratio: Any) -> Any:
 
 def summarise_ladder(folder: RunFolder, config: Config) -> LadderSummary:
     """Compute the statistics of the ladders of a finished run, the rows of an engine in memory at a time."""
-    frames = []
+    path, pair, frames = folder.table_path("ladder.parquet"), config.column is None, []
+    columns = [f"{c.name}_{number}" for c in contributions_of(gravity=pair) for number in ("norm", "share")]
+    columns += [f"{name}_along" for name in corner_names(gravity=pair).values()]
+    columns += [*(AXES if pair else COLUMN_AXES), "velocity_divergence"]
+    regular = (pc.field("status") == "ok") & pc.field("marked").is_null()  # others count in no statistic
     for solver in filter(is_engine, config.solvers):
-        rows = _regular_rows(folder.table_path("ladder.parquet"), solver, config)
+        rows = selected(path, columns, regular & (pc.field("solver") == solver)).to_pandas()
         for axis, region in (_regions(rows, config) if len(rows) else {}).items():
-            found = _by_region(rows, pd.Series(region, name="value"), gravity=config.column is None)
+            found = _by_region(rows, pd.Series(region, name="value"), gravity=pair)
             frames.append(found.assign(solver=solver, axis=axis))
     if not frames:
         return LadderSummary(pd.DataFrame(columns=_COLUMNS))
     statistics = pd.concat(frames, ignore_index=True)
     statistics.loc[statistics.axis == "all", "value"] = np.nan
     return LadderSummary(statistics.loc[statistics.n > 0, _COLUMNS].reset_index(drop=True))
-
-
-def _regular_rows(path: Path, solver: str, config: Config) -> Frame:
-    """Read the ladders of an engine that count: converged, and not marked."""
-    pair = config.column is None
-    columns = [f"{c.name}_{number}" for c in contributions_of(gravity=pair) for number in ("norm", "share")]
-    columns += [f"{name}_along" for name in corner_names(gravity=pair).values()]
-    columns += ["solver", "status", "velocity_divergence"]
-    regular = (pc.field("solver") == solver) & (pc.field("status") == "ok") & pc.field("marked").is_null()
-    return selected(path, [*(AXES if pair else COLUMN_AXES), *columns], regular).to_pandas()
 
 
 def _regions(rows: Frame, config: Config) -> dict[str, Any]:

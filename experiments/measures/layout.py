@@ -16,7 +16,9 @@ from impact_xval.experiments.tables.schema import Column, Cut, Layout, columns, 
 
 def layout_of(config: Config) -> Layout:
     """Lay out the tables of an experiment."""
-    pair, (balls, contacts) = config.column is None, size_of(config)
+    line = config.column
+    pair, balls = line is None, 2 if line is None else int(max(line.axes("drop")["balls"]))
+    contacts = balls if line is None or {"drop", "stack"} & set(line.arrangement) else balls - 1
     parameters = known.PAIR if pair else known.LINE
 
     def block(*some: Mapping[str, Column]) -> dict[str, Column]:
@@ -41,14 +43,6 @@ def layout_of(config: Config) -> Layout:
     }
     rows = schema(cells | divergence | (in_part if laddered(config) else {}))
     return Layout(pair, balls, contacts, rows, tables)
-
-
-def size_of(config: Config) -> tuple[int, int]:
-    """Return the largest numbers of balls and of contacts of a cell."""
-    if config.column is None:
-        return 2, 2
-    balls = int(max(config.column.axes("drop")["balls"]))
-    return balls, balls - 1 + bool({"drop", "stack"} & set(config.column.arrangement))
 
 
 def laddered(config: Config) -> list[str]:

@@ -67,8 +67,10 @@ class Summary:
         self._places = {key: place for place, key in enumerate(keys)}
         #: The regular cells with the largest D of every solver, as rows of the divergence table.
         self.worst = _worst_rows(table, 5 if pair else 3)
-        #: Number of cells by solver (index) and status (columns).
-        self.statuses = _status_frame(outcomes, config)
+        counts = pd.DataFrame.from_dict(statuses_of(outcomes), orient="index").fillna(0).astype(int)
+        names = sorted(counts.columns, key=lambda name: ([name != each for each in RESULT_STATUSES], name))
+        #: Number of cells by solver (index) and status (columns), the results first.
+        self.statuses = counts.reindex(index=in_order_of_laws(config.solvers), columns=names, fill_value=0)
         #: ``solver, status, reason, n``: the most frequent reasons first.
         self.reasons: Frame = pd.DataFrame(reasons_of(outcomes), columns=["solver", "status", "reason", "n"])
         self.between = between(cells, config) if pair else pd.DataFrame()
@@ -102,13 +104,6 @@ def reasons_of(outcomes: Tally) -> list[tuple[str, str, str, int]]:
     """Return why rows have no result: solver, status, reason and number, the most frequent reasons first."""
     rows = [(*key, n) for key, n in outcomes.items() if key[1] not in RESULT_STATUSES]
     return sorted(rows, key=lambda row: (-row[3], row[0], row[2], row[1]))
-
-
-def _status_frame(outcomes: Tally, config: Config) -> Frame:
-    """Count rows by solver (index) and status (columns): the results first, the others by name."""
-    counts = pd.DataFrame.from_dict(statuses_of(outcomes), orient="index").fillna(0).astype(int)
-    columns = sorted(counts.columns, key=lambda name: ([name != each for each in RESULT_STATUSES], name))
-    return counts.reindex(index=in_order_of_laws(config.solvers), columns=columns, fill_value=0)
 
 
 def _statistics(table: Compared, *, pair: bool) -> Frame:
