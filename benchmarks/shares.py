@@ -20,7 +20,7 @@ import numpy as np
 from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.measures.corners import corners
 from impact_xval.experiments.measures.ladder import NOTHING, split
-from impact_xval.experiments.measures.ladder_summary import BANDS, band_of
+from impact_xval.experiments.measures.summary import BANDS, band_of
 from impact_xval.experiments.tables.numbers import percent
 from impact_xval.model import Collisions, solve_batch
 

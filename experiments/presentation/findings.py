@@ -13,9 +13,8 @@ from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, cancelling
-from impact_xval.experiments.measures.ladder_summary import LadderSummary
 from impact_xval.experiments.measures.laws import exact_for
-from impact_xval.experiments.measures.summary import Summary
+from impact_xval.experiments.measures.summary import LadderSummary, Summary
 from impact_xval.experiments.presentation.document import Block, Table, Value, say
 from impact_xval.experiments.presentation.words import (
     LAWS_WITH_LAWS,

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from impact_xval.experiments.measures.ladder_summary import csv_rows
-from impact_xval.experiments.measures.summary import Summary, summarise
+from impact_xval.experiments.measures.summary import Summary, csv_rows, summarise
 from impact_xval.experiments.presentation.findings import overall_table
 from impact_xval.experiments.presentation.html import page_of
 from impact_xval.experiments.presentation.page.page import blocks_of, cells_that_open

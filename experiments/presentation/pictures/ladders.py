@@ -23,8 +23,8 @@ from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.measures.aggregates import Frame, axis_levels
 from impact_xval.experiments.measures.ladder import CAUSES, CONTRIBUTIONS, Contribution
-from impact_xval.experiments.measures.ladder_summary import LadderSummary
 from impact_xval.experiments.measures.laws import in_order_of_laws
+from impact_xval.experiments.measures.summary import LadderSummary
 from impact_xval.experiments.presentation.style import LEFT_OUT, Drawn, drawing, label_places
 from impact_xval.experiments.presentation.words import named
 from impact_xval.experiments.tables.folder import RunFolder

@@ -15,7 +15,7 @@ from impact_xval.experiments.config.experiment import REFERENCE, parse_config
 from impact_xval.experiments.measures import corners as of_corners
 from impact_xval.experiments.measures.corners import Corners, corner_names
 from impact_xval.experiments.measures.ladder import NO_LIMIT, Part, by_order, ladders, sentence, split
-from impact_xval.experiments.measures.ladder_summary import BAND, summarise_ladder
+from impact_xval.experiments.measures.summary import BAND, summarise_ladder
 from impact_xval.experiments.sweep.rows import Experiment, solve_by
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.folder import RunFolder
