@@ -226,17 +226,15 @@ def measures_of(collision: Collision, outcomes: Mapping[str, Outcome]) -> dict[s
     model = outcomes.get(REFERENCE)
     for name, outcome in outcomes.items():
         v, exact = np.array(outcome.velocities), outcomes.get(exact_for(name, "calibrated"))
-        stated = {key: x / speed if _VELOCITY.fullmatch(key) else x for key, x in outcome.diagnostics.items()}
-        limit = np.array([stated.get(f"v{i}_limit", np.nan) for i in range(1, 1 + len(v))])
-        measured[name] = {
-            "limit_error": np.nan,
-            "limit_distance": np.nan,
-            "velocity_divergence": np.nan,
-        } | stated
-        measured[name]["retained_energy"] = outcome.retained_energy(collision)
-        measured[name]["retained_momentum"] = weights @ v / (weights @ start)
-        if exact is not None:
-            measured[name]["limit_distance"] = np.abs(limit - np.divide(exact.velocities, speed)).max()
+        found = dict.fromkeys(("velocity_divergence", "limit_distance", "limit_error"), np.nan)
+        found |= {key: x / speed if _VELOCITY.fullmatch(key) else x for key, x in outcome.diagnostics.items()}
         if model is not None and {model.status, outcome.status} <= {*RESULT_STATUSES}:
-            measured[name]["velocity_divergence"] = norms(masses, v - model.velocities, start)
+            found["velocity_divergence"] = norms(masses, v - model.velocities, start)
+        if exact is not None:
+            limit = [found.get(f"v{i}_limit", np.nan) for i in range(1, 1 + len(v))]
+            found["limit_distance"] = np.abs(limit - np.divide(exact.velocities, speed)).max()
+        found["retained_energy"] = outcome.retained_energy(collision)
+        with np.errstate(all="ignore"):  # there may be no momentum before
+            found["retained_momentum"] = weights @ v / (weights @ start)
+        measured[name] = {key: float(x) for key, x in found.items()}
     return measured
