@@ -23,10 +23,9 @@ from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.sweep.pool import Slot, in_flight
 from impact_xval.experiments.sweep.process import FaultError, WorkerError, in_halves
 from impact_xval.experiments.sweep.rows import Experiment, Lost, completed, solve_by, without_ladder
-from impact_xval.experiments.sweep.warmup import compile_own, own_kernel, stated, warm
+from impact_xval.experiments.sweep.warmup import compile_own, kernels_of, stated, warm
 from impact_xval.experiments.tables.folder import part_bytes
 from impact_xval.model.chain.kernel import follow_chains
-from impact_xval.model.collision import Status
 from impact_xval.model.compiled import is_compiled
 
 #: Seconds for what follows the solvers of a chunk, or the cells of a run; not their limit, for these are references in
@@ -58,7 +57,7 @@ def begin_compiling(pool: Any, experiment: Experiment) -> None:
     """Have kernels compiled that are not, by two workers: that of N balls takes as long as all others together."""
     pair, chains, others = experiment.layout.pair, [], []
     for name in filter(is_ours, experiment.config.solvers):
-        kernel = own_kernel(name, pair=pair)
+        kernel, *_ = kernels_of(name, pair=pair)
         if not is_compiled(kernel):
             (chains if kernel is follow_chains else others).append(name)
     for names in filter(None, (chains, others)):
@@ -89,9 +88,8 @@ class Chunk:
         """Rows of a solver, in pieces: where it dies, without an answer."""
         said = self._slot.once(solver_versions)[name]
         if said.startswith(UNAVAILABLE):
-            why: tuple[Status, str] = "unavailable", said.removeprefix(UNAVAILABLE)
-            self._lost |= {(name, cell): why for cell in self._cells.index.tolist()}
-            return [self._without(name, slice(0, len(self._cells)))]
+            fault = FaultError("unavailable", said.removeprefix(UNAVAILABLE))
+            return [self._failed(name, slice(None), fault)]
         return in_halves(partial(self._rows, name), len(self._cells), partial(self._failed, name))
 
     def _rows(self, name: str, place: slice) -> pa.Table:
@@ -107,17 +105,17 @@ class Chunk:
             self.seconds[name] += time.perf_counter() - start
 
     def _failed(self, name: str, place: slice, fault: FaultError) -> pa.Table:
-        self._lost[name, int(self._cells.index[place.start])] = fault.status, fault.reason
-        return self._without(name, place)
-
-    def _without(self, name: str, place: slice) -> pa.Table:
         """Rows of cells that are lost to a solver, by our process: it asks that solver nothing."""
-
-        def give_up(_: slice, fault: FaultError) -> pa.Table:
-            raise WorkerError(f"cells {self._cells.index[place]}, outside of every solver: {fault.reason}")
+        cells = self._cells[place]
+        self._lost |= dict.fromkeys(
+            ((name, cell) for cell in cells.index.tolist()), (fault.status, fault.reason)
+        )
 
         def call(_: slice) -> pa.Table:
-            return self._slot.call(None, solve_by, name, self._cells[place], self._lost, timeout=TO_COMPLETE)
+            return self._slot.call(None, solve_by, name, cells, self._lost, timeout=TO_COMPLETE)
+
+        def give_up(_: slice, fault: FaultError) -> pa.Table:
+            raise fault
 
         return in_halves(call, 1, give_up)[0]
 

@@ -12,8 +12,16 @@ import threading
 import uuid
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ThreadPoolExecutor, as_completed, wait
-from contextlib import closing, contextmanager, suppress
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    CancelledError,
+    Executor,
+    Future,
+    ThreadPoolExecutor,
+    as_completed,
+    wait,
+)
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -38,7 +46,7 @@ class Slot:
     """
 
     def __init__(self, context: Any = None, log: Path | None = None, *, isolate: bool = True) -> None:
-        self.context, self._isolate = context, isolate
+        self.context, self.isolate = context, isolate
         self._origins = origins()
         self._workers = {origin: Worker(context, log) for origin in self._origins.values()}
         self._deaths: Counter[str] = Counter()
@@ -46,28 +54,29 @@ class Slot:
 
     def start(self) -> None:
         """Start the process of our solvers, while the caller goes on."""
-        self._worker(None).start()
+        if self.isolate:
+            self._worker(None).start()
 
     def call(self, solver: str | None, function: Callable[..., Any], *arguments: Any, timeout: float) -> Any:
         """Return ``function(context, *arguments)`` of the process of a solver, or of ours; as `Worker.call`."""
-        if not self._isolate:
+        if not self.isolate:
             return function(self.context, *arguments)
         return self._worker(solver).call(function, *arguments, timeout=timeout)
 
-    def prepare(self, solver: str, function: Callable[..., Any], *arguments: Any) -> None:
+    def prepare(self, solver: str, function: Callable[..., bool], *arguments: Any) -> None:
         """Call for a solver, once in each process; not where two have died of it: then its cells are to say so.
 
         A process in which it is True, for kernels were compiled there, is replaced by one that reads them (`warm`).
         """
         worker, replaced = self._worker(solver), False
+        limit = TO_PREPARE if is_ours(solver) else TO_STATE
         while solver not in worker.ready and self._deaths[solver] < 2:
-            limit = TO_PREPARE if is_ours(solver) else TO_STATE
             try:
-                compiled = self.call(solver, function, *arguments, timeout=limit) is True
+                compiled = self.call(solver, function, *arguments, timeout=limit)
             except FaultError:
                 self._deaths[solver] += 1
                 continue
-            if compiled and self._isolate and not replaced:
+            if compiled and not replaced:
                 worker.end()
                 replaced = True  # once: a cache that cannot be written is none for the next process either
             else:
@@ -77,8 +86,7 @@ class Slot:
         """Have kernels compiled by a process of ours, which is replaced then; where it dies, cells are to say so."""
         with suppress(FaultError):
             self.call(None, function, *arguments, timeout=TO_PREPARE)
-        if self._isolate:
-            self._worker(None).end()
+        self._worker(None).end()
 
     def once(self, function: Callable[[Slot], _Answer]) -> _Answer:
         """Return ``function(slot)``, which is called once."""
@@ -95,13 +103,25 @@ class Slot:
         return self._workers[self._origins[solver or REFERENCE]]
 
 
+class _AtOnce(Executor):
+    """Calls in the caller's thread: a crash of a solver is one of the caller."""
+
+    def submit(self, fn: Callable[..., _Answer], /, *args: Any, **_: Any) -> Future[_Answer]:
+        future: Future[_Answer] = Future()
+        try:
+            future.set_result(fn(*args))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
 class Pool:
-    """Threads of this process, each with a slot."""
+    """Threads of this process, each with a slot; without `isolate` of the slots this thread."""
 
     def __init__(self, make_slot: Callable[[], Slot], workers: int) -> None:
         self.workers = workers
-        self._threads = ThreadPoolExecutor(workers)
         self._slots = [make_slot() for _ in range(workers)]
+        self._threads = ThreadPoolExecutor(workers) if self._slots[0].isolate else _AtOnce()
         self._unused: queue.SimpleQueue[Slot] = queue.SimpleQueue()
         for slot in self._slots:
             self._unused.put(slot)
@@ -112,9 +132,8 @@ class Pool:
         """Have ``function(slot, *arguments)`` called."""
         return self._threads.submit(self._call, function, *arguments)
 
-    def here(self, function: Callable[..., _Answer], *arguments: Any) -> Future[_Answer]:
-        """Have ``function(slot, *arguments)`` called on this machine, wherever all else is called."""
-        return self.submit(function, *arguments)
+    #: The same on this machine, wherever all else is called.
+    here = submit
 
     def close(self, *, now: bool = False) -> None:
         """End threads and processes; `now` whatever they do."""
@@ -131,41 +150,18 @@ class Pool:
             self._unused.put(slot)
 
 
-class _Direct:
-    """A pool without threads and processes: a crash of a solver is one of the caller."""
-
-    workers = 1
-
-    def __init__(self, context: Any) -> None:
-        self._slot = Slot(context, isolate=False)
-
-    def submit(self, function: Callable[..., _Answer], *arguments: Any) -> Future[_Answer]:
-        return _called(function, self._slot, *arguments)
-
-    here = submit
-
-
-def _called(function: Callable[..., _Answer], *arguments: Any) -> Future[_Answer]:
-    """Call a function at once."""
-    future: Future[_Answer] = Future()
-    try:
-        future.set_result(function(*arguments))
-    except Exception as error:
-        future.set_exception(error)
-    return future
-
-
-#: In a worker of Dask: the pools of the runs that it works for; None of one that is over.
-_pools: dict[str, Pool | None] = {}
-_lock = threading.Lock()
-
-
 class _Dask:
     """The threads of a cluster's workers. None of them runs a solver, so that Dask never sees a crash."""
 
-    def __init__(self, client: Any, make_slot: Callable[[], Slot]) -> None:
+    def __init__(self, client: Any, make_slot: Callable[[], Slot], say: Callable[[str], None]) -> None:
         self._client, self._make_slot, self._run = client, make_slot, uuid.uuid4().hex
-        self._executor = client.get_executor(pure=False)
+        address = client.scheduler.address
+        say(f"Dask cluster at {address}: {self.workers} worker threads")
+        if not self.workers:
+            say(f"waiting for a worker; start some: dask worker {address} --nthreads 1")
+        client.wait_for_workers(1)
+        self._executor, self._local = client.get_executor(pure=False), Pool(make_slot, 1)
+        self.here = self._local.submit
 
     @property
     def workers(self) -> int:
@@ -175,33 +171,34 @@ class _Dask:
     def submit(self, function: Callable[..., _Answer], *arguments: Any) -> Future[_Answer]:
         return self._executor.submit(_on_worker, self._run, self._make_slot, function, *arguments)
 
-    def here(self, function: Callable[..., _Answer], *arguments: Any) -> Future[_Answer]:
-        with closing(self._make_slot()) as slot:
-            return _called(function, slot, *arguments)
-
     def close(self, *, now: bool = False) -> None:
+        self._local.close(now=now)
         self._executor.shutdown(wait=False)
         if self._client.status == "running":  # else it is gone
             self._client.run(_end_on_worker, self._run, on_error="ignore")
 
 
-def _on_worker(run: str, make_slot: Callable[[], Slot], function: Callable[..., Any], *arguments: Any) -> Any:
-    from distributed import get_worker
+#: In a worker of Dask: by run the slots of its threads, which live as long as it; None of a run that is over.
+_slots: dict[str, dict[int, Slot] | None] = {}
+_lock = threading.Lock()
 
+
+def _on_worker(run: str, make_slot: Callable[[], Slot], function: Callable[..., Any], *arguments: Any) -> Any:
+    thread = threading.get_ident()
     with _lock:
-        if run not in _pools:
-            _pools[run] = Pool(make_slot, get_worker().state.nthreads)
-        pool = _pools[run]
-    if pool is None:
-        raise ClosedError
-    return pool.submit(function, *arguments).result()
+        slots = _slots.setdefault(run, {})
+        if slots is None:
+            raise ClosedError
+        if thread not in slots:
+            slots[thread] = make_slot()
+    return function(slots[thread], *arguments)
 
 
 def _end_on_worker(run: str) -> None:
     with _lock:
-        pool, _pools[run] = _pools.get(run), None
-    if pool is not None:
-        pool.close(now=True)
+        slots, _slots[run] = _slots.get(run), None
+    for slot in (slots or {}).values():
+        slot.close()
 
 
 @contextmanager
@@ -209,32 +206,20 @@ def open_pool(
     context: Any,
     workers: int,
     *,
-    scheduler: str | None = None,
+    client: Any = None,
     isolate: bool = True,
     say: Callable[[str], None] = lambda line: None,
     log: Path | None = None,
 ) -> Iterator[Any]:
     """Give a pool, here or of a Dask cluster; all it started is gone when the block ends, at once if by an error.
 
-    `context`, `log` and `isolate` are of every `Slot`; those of a cluster have no log. A scheduler that does not answer
-    is a UserError, a cluster that is lost an InterruptedRunError.
+    `context`, `log` and `isolate` are of every `Slot`; those of a cluster have no log.
     """
-    if not isolate:
-        yield _Direct(context)
-    elif scheduler is None:
-        with _ended(Pool(partial(Slot, context, log), workers)) as pool:
-            yield pool
+    pool: Any
+    if client is None:
+        pool = Pool(partial(Slot, context, log, isolate=isolate), workers if isolate else 1)
     else:
-        with _cluster(scheduler) as client, _ended(_Dask(client, partial(Slot, context))) as pool:
-            say(f"Dask cluster at {scheduler}: {pool.workers} worker threads")
-            if not pool.workers:
-                say(f"waiting for a worker; start some: dask worker {scheduler} --nthreads 1")
-            client.wait_for_workers(1)
-            yield pool
-
-
-@contextmanager
-def _ended(pool: Any) -> Iterator[Any]:
+        pool = _Dask(client, partial(Slot, context), say)
     try:
         yield pool
     except BaseException:
@@ -244,7 +229,14 @@ def _ended(pool: Any) -> Iterator[Any]:
 
 
 @contextmanager
-def _cluster(scheduler: str) -> Iterator[Any]:  # a Client; its calls are annotated as coroutines
+def cluster(scheduler: str | None) -> Iterator[Any]:  # a Client; its calls are annotated as coroutines
+    """Give a client of a Dask cluster, None without a scheduler.
+
+    One that does not answer is a UserError, a cluster that is lost an InterruptedRunError.
+    """
+    if scheduler is None:
+        yield None
+        return
     try:
         from distributed import Client
         from distributed.comm.core import CommClosedError
@@ -271,7 +263,7 @@ def _cluster(scheduler: str) -> Iterator[Any]:  # a Client; its calls are annota
 
 
 def _short(error: BaseException) -> str:
-    return " ".join(str(error).split())[:200] or type(error).__name__
+    return f"{error!s:.200}" or type(error).__name__
 
 
 def in_flight(

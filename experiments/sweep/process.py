@@ -21,7 +21,9 @@ from collections.abc import Callable
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
+
+from impact_xval.model.collision import Status
 
 _Piece = TypeVar("_Piece")
 
@@ -46,9 +48,9 @@ _PR_SET_PDEATHSIG = 1
 class FaultError(Exception):
     """The process died, or did not answer in time; the reason is the same whenever the same happens."""
 
-    def __init__(self, status: Literal["crashed", "timeout"], reason: str) -> None:
+    def __init__(self, status: Status, reason: str) -> None:
         super().__init__(reason)
-        self.status: Literal["crashed", "timeout"] = status
+        self.status: Status = status
         self.reason = reason
 
 
@@ -90,20 +92,16 @@ class Worker:
         process, pipe = self.start()
         try:
             pipe.send((function, arguments))
-            if not pipe.poll(timeout):
-                raise TimeoutError
-            answer = pipe.recv_bytes()
-        except TimeoutError:
+            if pipe.poll(timeout):
+                done, value = pipe.recv()
+                if done:
+                    return value
+                raise WorkerError(value)
             fault = FaultError("timeout", f"no answer within {timeout:g} s; its process was ended")
         except (EOFError, OSError):
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(_TO_EXIT)
             fault = FaultError("crashed", f"its process died: {_cause(_ended(process))}")
-        else:
-            done, value = pickle.loads(answer)
-            if done:
-                return value
-            raise WorkerError(value)
         self.end()
         raise ClosedError if self._closed else fault
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
 
@@ -55,18 +55,20 @@ class Experiment:
         return layout_of(self.config)
 
     def results(self, name: str, block: Block, lost: Lost) -> Results:
-        """Solve cells by a solver; those that are lost to it are failures."""
-        why, asked = [lost.get((name, cell)) for cell in block.index.tolist()], block.collisions
-        if any(why):
-            asked = [c for c, failed in zip(block.collisions, why, strict=True) if not failed]
-        outcomes = []
-        if len(asked):  # a solver that is lost to all cells is not asked what it is either
-            outcomes = answer(self.resolve(name), asked, settings_of(self.config, paths=self.layout.pair))
-        if any(why):
-            rest, cells = iter(outcomes), zip(block.collisions, why, strict=True)
-            outcomes = [Outcome.failure(name, c, *failed) if failed else next(rest) for c, failed in cells]
-        paths = self.layout.pair and self.config.measures == "all"
-        shortest = self.config.shortest_state * shortest_periods(block) if paths else None
+        """Solve cells by a solver; those that are lost to it are failures, and it is not asked for them."""
+        pair, full = self.layout.pair, self.config.measures == "all"
+        why, settings = (
+            [lost.get((name, cell)) for cell in block.index.tolist()],
+            settings_of(self.config, paths=pair),
+        )
+        if not any(why):
+            outcomes = answer(self.resolve(name), block.collisions, settings)
+        else:
+            cells = list(zip(block.collisions, why, strict=True))
+            left = [c for c, failed in cells if not failed]
+            solved = iter(answer(self.resolve(name), left, settings) if left else [])
+            outcomes = [Outcome.failure(name, c, *failed) if failed else next(solved) for c, failed in cells]
+        shortest = self.config.shortest_state * shortest_periods(block) if pair and full else None
         return results_of(outcomes, _speeds(block), self.layout.balls, self.layout.contacts, shortest)
 
     def models(self, block: Block, lost: Lost) -> Results:
@@ -116,6 +118,7 @@ def _columns(
         return np.where(numbers, values, np.nan)
 
     columns: dict[str, Any] = {
+        **found.diagnostics,  # those of which there is a column
         "cell": block.index,
         **block.parameters,
         "solver": np.full(len(block), name, dtype=object),
@@ -132,9 +135,6 @@ def _columns(
         "grazing_margin": found.margin,
         "retained_energy": kept(retained_energy(masses, starts, found)),
         "retained_momentum": kept(retained_momentum(masses, starts, found)),
-        **{key: found.diagnostic(key) for key in ("step", "n_steps", "duration", "velocity_error")},
-        **{f"v{i}_limit": found.diagnostic(f"v{i}_limit") for i in range(1, 1 + layout.balls)},
-        **{key: found.diagnostic(key) for key in ("limit_error", "regularisation", "order", "finest_step")},
         "model_states": model.states,
         "model_states_compared": model.compared,
         "model_status": model.status,
@@ -168,8 +168,8 @@ def completed(experiment: Experiment, block: Block, rows: pa.Table) -> pa.Table:
 def without_ladder(experiment: Experiment, rows: pa.Table, status: str, reason: str) -> pa.Table:
     """Say of the rows of engines why they have no ladder."""
     engines = np.isin(rows["solver"].to_pylist(), laddered(experiment.config))
-    known = {key: np.array(rows[key].to_pylist(), dtype=object) for key in ("marked", "limit_error")}
-    said = known | {"status": status, "reason": reason}
+    said = {"status": status, "reason": reason}
+    said |= {key: np.array(rows[key].to_pylist(), dtype=object) for key in ("marked", "limit_error")}
     return _with(rows, {f"ladder_{key}": np.where(engines, x, np.array(None)) for key, x in said.items()})
 
 
@@ -224,17 +224,7 @@ def shortest_periods(block: Block) -> Floats:
 
 def settings_of(config: Config, *, paths: bool = True) -> Settings:
     """Return the settings of every solver of an experiment; outcomes carry their paths, if asked for."""
-    how = config.convergence
-    return Settings(
-        scenario=config.scenario,
-        gravity=config.gravity,
-        step_fraction=config.step_fraction,
-        max_steps=config.max_steps,
-        mapping=config.mapping,
-        shortest_state=config.shortest_state,
-        record_path=paths and config.measures == "all",
-        mark=config.measures == "all",
-        stiffness_ratio_cutoff=config.stiffness_ratio_cutoff,
-        grazing_threshold=config.grazing_threshold,
-        convergence=Convergence(how.tolerance, how.halvings) if how.enabled else None,
-    )
+    how, full = config.convergence, config.measures == "all"
+    alike = config.model_dump(include={each.name for each in fields(Settings)} - {"convergence"})
+    limit = Convergence(how.tolerance, how.halvings) if how.enabled else None
+    return Settings(**alike, record_path=paths and full, mark=full, convergence=limit)

@@ -30,7 +30,7 @@ from impact_xval.experiments.sweep.chunk import (
     solver_versions,
 )
 from impact_xval.experiments.sweep.curves import write_curves
-from impact_xval.experiments.sweep.pool import Slot, available_cores, open_pool
+from impact_xval.experiments.sweep.pool import Slot, available_cores, cluster, open_pool
 from impact_xval.experiments.sweep.process import ClosedError
 from impact_xval.experiments.sweep.rows import Experiment, Resolve
 from impact_xval.experiments.tables.folder import (
@@ -101,17 +101,16 @@ def run_sweep(
     """
     experiment, cells = Experiment(config, resolve), experiment_cells(config)
     workers, say = workers or config.workers or available_cores(), functools.partial(progress, 0, 0)
-    with _one_line(root), writing(root, config, shard) as (folder, continued):
+    with _one_line(root), cluster(scheduler) as client, writing(root, config, shard) as (folder, continued):
         run = _Run(experiment, cells, folder, shard, progress)
-        how = {"scheduler": scheduler, "isolate": isolate, "say": say, "log": folder.root / LOG}
+        how = {"client": client, "isolate": isolate, "say": say, "log": folder.root / LOG}
         with open_pool(experiment, min(workers, cells.chunks()), **how) as pool:
             run.begin(pool.here(Slot.once, solver_versions).result(), continued)
             begin_compiling(pool, experiment)
             run.solve(pool)
-            run.curves(pool)
             apart = functools.partial(pool.here, functools.partial(Slot.call, timeout=TO_COMPLETE), None)
             by = {"where": scheduler or "this machine", "workers": workers}
-            run.finish(by, lambda folder: present(folder, apart))
+            run.finish(pool, by, lambda: present(folder, apart))
     return folder
 
 
@@ -191,38 +190,30 @@ class _Run:
         self._seconds.update(report.seconds)
         self._faults += report.faults
 
-    def _all_parts(self) -> dict[int, Path] | None:
-        """Find the parts of all shards; None where one is missing."""
-        parts = self._folder.named_parts(range(self._cells.chunks()), self._identity)
-        return parts if len(parts) == self._cells.chunks() else None
-
-    def curves(self, pool: Any) -> None:
-        """Compute the curves of the figures, once all parts are there."""
-        if self._all_parts() is not None:
-            write_curves(self._experiment.config, self._folder, pool)
+    def finish(self, pool: Any, by: dict[str, Any], present: Callable[[], None]) -> None:
+        """Write curves and tables and have them presented, once all parts are there; `by` is who computed the parts."""
+        config, folder, chunks = self._experiment.config, self._folder, self._cells.chunks()
+        parts = folder.named_parts(range(chunks), self._identity)  # of all shards
+        whole = len(parts) == chunks
+        if whole:
+            write_curves(config, folder, pool)
             self._stage("curves")
-
-    def finish(self, by: dict[str, Any], present: Callable[[RunFolder], None]) -> None:
-        """Write the tables and have them presented, once all parts are there; `by` is who computed the parts."""
-        folder, parts, chunks = self._folder, self._all_parts(), self._cells.chunks()
         with tables_lock(folder):
             state = folder.manifest()["state"]  # complete where another shard has been faster
-            if parts is not None and state == "running":
+            if whole and state == "running":
                 folder.remove_leftovers()
-                rows = len(self._cells) * len(self._experiment.config.solvers)
-                folder.assemble(parts, self._experiment.layout, rows)
+                folder.assemble(parts, self._experiment.layout, len(self._cells) * len(config.solvers))
                 self._stage("tables")
                 state = "tables"
             manifest = self._manifest(state, self._session(by))
-            if state != "running":
+            if state == "running":
+                line = f"{len(parts)} of {chunks} parts are there; the shard that finds all writes the tables"
+                self._progress(self._done, self._total, line)
+            else:
                 manifest["statuses"] = statuses_of(folder.tally())
             write_json(folder.root / MANIFEST, manifest)
-            if state == "running":
-                there = len(folder.named_parts(range(chunks), self._identity))
-                line = f"{there} of {chunks} parts are there; the shard that finds all writes the tables"
-                self._progress(self._done, self._total, line)
             if state == "tables":
-                present(folder)
+                present()
                 write_json(folder.root / MANIFEST, manifest | {"state": "complete"})
 
     def _session(self, by: dict[str, Any]) -> dict[str, Any]:

@@ -45,7 +45,7 @@ def warm(_: object, resolve: Resolve, name: str, pair: bool) -> bool:
     it: where they have just been compiled alone, these are linked, and they were optimised in other surroundings.
     """
     experiment, blocks = _usual(resolve, pair)
-    with event.install_recorder("numba:compile") as compiled, _compiling(*_kernels(name, pair=pair)):
+    with event.install_recorder("numba:compile") as compiled, _compiling(*kernels_of(name, pair=pair)):
         for block in blocks:
             solve_by(experiment, name, block, {})
     return bool(compiled.buffer)
@@ -58,7 +58,7 @@ def compile_own(_: object, resolve: Resolve, names: Sequence[str], pair: bool) -
     """
     experiment, blocks = _usual(resolve, pair)
     alone = replace(settings_of(experiment.config), mark=False)
-    own = {own_kernel(name, pair=pair) for name in names}
+    own = {kernels_of(name, pair=pair)[0] for name in names}
     with _compiling(*own, *([distances] if collide_all in own else [])):
         for name in names:
             for block in blocks:
@@ -89,26 +89,20 @@ def _compiling(*kernels: Any) -> Iterator[None]:
         yield
 
 
-def own_kernel(name: str, *, pair: bool) -> Any:
-    """Return the kernel that a solver needs by itself."""
-    if is_ours(name) and is_engine(name):
-        return scan
-    return collide_all if pair and (name == REFERENCE or not is_ours(name)) else follow_chains
-
-
-def _kernels(name: str, *, pair: bool) -> list[Any]:
-    """Kernels that rows of a solver need."""
-    kernels: list[Any] = [collide_all] if pair else [follow_chains]
-    if pair and name != REFERENCE:
-        kernels += [distances, follow_chains] if is_ours(name) else [distances]
-    if is_ours(name) and is_engine(name):
-        kernels += [scan]
-    return kernels
+def kernels_of(name: str, *, pair: bool) -> list[Any]:
+    """Kernels that rows of a solver need, its own first: references, and marks of engines, follow chains."""
+    model = collide_all if pair else follow_chains
+    if not is_ours(name):
+        return [model, distances] if pair else [model]
+    own = [scan] if is_engine(name) else []
+    if not pair:
+        return [*own, model]
+    return [model] if name == REFERENCE else [*own, follow_chains, distances, model]
 
 
 def are_compiled(name: str, *, pair: bool) -> bool:
     """Whether the kernels that rows of a solver need are in the cache."""
-    return all(map(is_compiled, _kernels(name, pair=pair)))
+    return all(map(is_compiled, kernels_of(name, pair=pair)))
 
 
 def stated(slot: Slot, resolve: Resolve, name: str) -> tuple[str, str | None]:

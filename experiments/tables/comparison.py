@@ -26,27 +26,19 @@ LISTED = 10
 
 @dataclass(slots=True)
 class Comparison:
-    """What moved between two runs: changes above a tolerance, by solver in the order of the first run.
-
-    Attributes
-    ----------
-    solvers : dict of dict
-        By solver ``compared, moved, statuses``, numbers of rows that were compared, moved, have another status, and
-        ``velocity, divergence``, the largest changes where both runs have a number.
-    worst : list of named tuples
-        The worst rows, the worst first, at most `LISTED`: ``cell, solver, status_a, status_b, velocity, divergence``;
-        changes are infinite where one run alone has a number, 0 where neither has.
-    alone, cells_alone : list
-        Solvers, and numbers of cells, that one run alone has; nothing is compared of them.
-    settings, versions : dict
-        Of configurations and solvers, what differs: both values by name.
-    """
+    """What moved between two runs by more than a tolerance."""
 
     tolerance: float
+    #: By solver, in the order of the first run: numbers of rows that were ``compared``, ``moved``, have other
+    #: ``statuses``; and the largest changes, ``velocity`` and ``divergence``, where both runs have a number.
     solvers: dict[str, dict[str, Any]]
+    #: The worst rows, the worst first: ``cell, solver, status_a, status_b, velocity, divergence``; a change is infinite
+    #: where one run alone has a number, 0 where neither has.
     worst: list[Any]
+    #: Solvers, and numbers of cells, that one run alone has.
     alone: list[str]
     cells_alone: list[int]
+    #: Of configurations and solvers, what differs: both values by name.
     settings: dict[str, tuple[str, str]]
     versions: dict[str, tuple[str, str]]
 
@@ -58,16 +50,13 @@ class Comparison:
 
 def compare(a: RunFolder, b: RunFolder, tolerance: float) -> Comparison:
     """Compare two finished runs; a `UserError` says where a cell is not the same in both, or a table is damaged."""
-    configs = a.config(), b.config()
-    kinds = ["collisions" if each.column is None else "columns of N balls" for each in configs]
+    here, there = a.config(), b.config()
+    kinds = ["collisions" if each.column is None else "columns of N balls" for each in (here, there)]
     if kinds[0] != kinds[1]:
         raise UserError(
             f"{a.root}: a run of {kinds[0]}, {b.root}: of {kinds[1]}; legal: two runs of one kind"
         )
-    here, there = (set(each.solvers) for each in configs)
-    plain, manifests = [each.canonical() for each in configs], (a.manifest(), b.manifest())
-    own = {key: value for key, value in plain[0].items() if key not in _ELSEWHERE}
-    both = [name for name in configs[0].solvers if name in there]
+    both = [name for name in here.solvers if name in there.solvers]
     of_a, of_b = _rows(a, both), _rows(b, both)
     rows = of_a.merge(of_b, on=["cell", "solver"], suffixes=("_a", "_b"))
     _check_same(a, b, rows)
@@ -92,14 +81,15 @@ def compare(a: RunFolder, b: RunFolder, tolerance: float) -> Comparison:
         ["other", "velocity", "divergence", "cell"], ascending=[False, False, False, True], kind="stable"
     )
     shown = ["cell", "solver", "status_a", "status_b", "velocity", "divergence"]
+    settings = ({k: v for k, v in c.canonical().items() if k not in _ELSEWHERE} for c in (here, there))
     return Comparison(
         tolerance,
         changes.loc[both].to_dict("index"),
         worst=list(worst[shown].head(LISTED).itertuples(index=False)),
-        alone=sorted(here ^ there),
+        alone=sorted({*here.solvers} ^ {*there.solvers}),
         cells_alone=np.setxor1d(of_a.cell, of_b.cell).tolist(),
-        settings=_differing(own, plain[1]),
-        versions=_differing(manifests[0]["versions"], manifests[1]["versions"]),
+        settings=_differing(*settings),
+        versions=_differing(a.manifest()["versions"], b.manifest()["versions"]),
     )
 
 

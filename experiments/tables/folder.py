@@ -80,11 +80,11 @@ class RunFolder:
         """Read the manifest, of this format."""
         path = self.root / MANIFEST
         again = "the command that began the run writes it again"
+        if not path.exists():
+            raise UserError(f"{self.root}: no {MANIFEST}; legal: the folder of a run, or {again}")
         try:
             value = json.loads(path.read_text(encoding="utf-8"))
             found = value["format"]
-        except FileNotFoundError:
-            raise UserError(f"{self.root}: no {MANIFEST}; legal: the folder of a run, or {again}") from None
         except OSError as error:
             raise UserError(f"{path}: cannot be read: {error.strerror}") from None
         except (ValueError, TypeError, KeyError):
@@ -118,18 +118,16 @@ class RunFolder:
         with contextlib.ExitStack() as stack:
             writers = []
             for name, cut in layout.tables.items():
-                add = stack.enter_context(table_writer(self.root / f"{name}.parquet", cut.schema))
-                csv = None
+                add = [stack.enter_context(table_writer(self.root / f"{name}.parquet", cut.schema))]
                 if cut.text and rows <= _CSV:
                     text = stack.enter_context(replacing(self.root / f"{name}.csv"))
-                    csv = stack.enter_context(pacsv.CSVWriter(str(text), cut.schema))
-                writers.append((cut, add, csv))
+                    add += [stack.enter_context(pacsv.CSVWriter(str(text), cut.schema)).write_table]
+                writers.append((cut, add))
             for piece in _pieces((parts[number] for number in sorted(parts)), layout):
-                for cut, add, csv in writers:
+                for cut, add in writers:
                     some = cut.of(piece)
-                    add(some)
-                    if csv is not None:
-                        csv.write_table(some)
+                    for each in add:
+                        each(some)
 
     def tally(self) -> Tally:
         """Count the rows of the finished table of cells by what became of them."""
@@ -203,37 +201,36 @@ def _pieces(parts: Iterable[Path], layout: Layout) -> Iterator[pa.Table]:
 def writing(root: Path, config: Config, shard: tuple[int, int] = (1, 1)) -> Iterator[tuple[RunFolder, bool]]:
     """Keep a folder to this process as the one that computes a run, or a shard of it; and say whether a run is there.
 
-    The lock is the operating system's, which lets go of it the moment its process is gone, however it went. After a
-    `UserError`, here or in the block, what was made for nothing is removed.
+    The lock is the operating system's, which lets go of it the moment its process is gone, however it went.
     """
     folder = RunFolder(root)
-    continued = _looked_at(folder, config)
-    lock = FileLock(root / (_LOCK if shard == (1, 1) else f"{_LOCK}-{shard[0]}-of-{shard[1]}"), timeout=0)
-    made = [path for path in (folder.parts, root, *root.parents) if not path.exists()]
+    lock = root / (_LOCK if shard == (1, 1) else f"{_LOCK}-{shard[0]}-of-{shard[1]}")
+    with contextlib.ExitStack() as held:
+        with _usable(root, "--out "):
+            continued = _looked_at(folder, config)
+            folder.parts.mkdir(parents=True, exist_ok=True)
+            try:
+                held.enter_context(FileLock(lock, timeout=0))
+            except Timeout:
+                says = f"--out {root}: another run writes there; legal: wait for it, or another folder"
+                raise UserError(says) from None
+        yield folder, continued
+
+
+@contextlib.contextmanager
+def _usable(root: Path, option: str) -> Iterator[None]:
+    """Turn what keeps the folder of an option from being read or written to into one line."""
     try:
-        folder.parts.mkdir(parents=True, exist_ok=True)
-        lock.acquire()
-    except Timeout:
-        raise UserError(
-            f"--out {root}: another run writes there; legal: wait for it, or another folder"
-        ) from None
+        yield
     except OSError as error:
-        _remove(made)
-        raise UserError(f"--out {root}: cannot be written to: {error.strerror}") from None
-    with lock:
-        try:
-            yield folder, continued
-        except UserError:
-            if made:
-                Path(lock.lock_file).unlink(missing_ok=True)
-            _remove(made)
-            raise
+        raise UserError(
+            f"{option}{root}: cannot be written to: {error.strerror}; legal: a new or empty folder"
+        ) from None
 
 
-def _remove(folders: Iterable[Path]) -> None:
-    for path in folders:
-        with contextlib.suppress(OSError):  # it holds something, or was never made
-            path.rmdir()
+def _entries(root: Path) -> list[str]:
+    """List the names in a folder, if it is there."""
+    return sorted(entry.name for entry in root.iterdir()) if root.exists() else []
 
 
 def _looked_at(folder: RunFolder, config: Config) -> bool:
@@ -248,16 +245,6 @@ def _looked_at(folder: RunFolder, config: Config) -> bool:
     if foreign:
         raise UserError(f"--out {root}: not empty ({foreign[0]}) and not a run; legal: a new or empty folder")
     return False
-
-
-def _entries(root: Path, option: str = "--out ") -> list[str]:
-    """List the names in a folder, if it is there."""
-    try:
-        return sorted(entry.name for entry in root.iterdir()) if root.exists() else []
-    except NotADirectoryError:
-        raise UserError(f"{option}{root}: is a file; legal: a new or empty folder") from None
-    except OSError as error:
-        raise UserError(f"{option}{root}: cannot be read: {error.strerror}") from None
 
 
 def _check_same(folder: RunFolder, config: Config) -> None:
@@ -317,12 +304,10 @@ def finished_collisions(root: Path) -> RunFolder:
 
 def new_folder(root: Path, option: str = "--out ") -> None:
     """Make the folder of an option, of a command that does not continue what it finds: it must be new or empty."""
-    if _entries(root, option):
-        raise UserError(f"{option}{root}: not empty; legal: a new or empty folder")
-    try:
+    with _usable(root, option):
+        if _entries(root):
+            raise UserError(f"{option}{root}: not empty; legal: a new or empty folder")
         root.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"{option}{root}: cannot be written to: {error.strerror}") from None
 
 
 def cells_of_run(folder: RunFolder, config: Config) -> Cells:
