@@ -21,7 +21,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Literal, get_args
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from impact_xval.experiments.config.axes import LEGAL, Axes, Axis, Strict, expand_axis, parameter, positive
 from impact_xval.experiments.config.errors import short
@@ -61,7 +61,7 @@ class Arranged(Strict):
 
     @field_validator("balls")
     @classmethod
-    def _something_meets(cls, balls: int, info: Any) -> int:
+    def _something_meets(cls, balls: int, info: ValidationInfo) -> int:
         name = info.data.get("arrangement", "stack")
         fewest = 1 if name == "stack" else 2
         if not fewest <= balls <= MAX_BALLS:
@@ -70,14 +70,13 @@ class Arranged(Strict):
 
     @field_validator("strike")
     @classmethod
-    def _some_rest(cls, strike: int | None, info: Any) -> int | None:
-        name, balls = info.data.get("arrangement"), info.data.get("balls")
-        if strike is None or name is None or balls is None:
-            return strike
-        if name != "cradle":
-            raise ValueError(f"{strike}; legal: none for a {name}, it is of a cradle")
-        if not 1 <= strike < balls:
-            raise ValueError(f"{strike}; legal: a whole number from 1 to {balls - 1}, for {balls} balls")
+    def _some_rest(cls, strike: int | None, info: ValidationInfo) -> int | None:
+        if strike is not None and {"arrangement", "balls"} <= info.data.keys():
+            name, balls = info.data["arrangement"], info.data["balls"]
+            if name != "cradle":
+                raise ValueError(f"{strike}; legal: none for a {name}, it is of a cradle")
+            if not 1 <= strike < balls:
+                raise ValueError(f"{strike}; legal: a whole number from 1 to {balls - 1}, for {balls} balls")
         return strike
 
     @model_validator(mode="after")
@@ -95,30 +94,24 @@ class Arranged(Strict):
     @property
     def striking(self) -> int:
         """Number of balls that move at first; the contact below them, of this number, is struck."""
-        if self.arrangement == "stack":
-            return self.balls
-        return self.strike or 1
+        return self.balls if self.arrangement == "stack" else self.strike or 1
 
     def column(self) -> Collision:
         """Return the column in kg, N/m^p and m/s; the contact that is struck touches, all others have the gap."""
         table = self.arrangement in ("drop", "stack")
-        contacts = self.balls - 1 + table
-        gaps = [self.gap] * contacts
-        gaps[self.striking - 1] = 0.0
+        contacts, struck = self.balls - 1 + table, self.striking - 1
+        with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+            masses = self.m * np.power(float(self.mass_taper), np.arange(self.balls))
+            stiffnesses = self.k * np.power(float(self.stiffness_taper), np.arange(contacts))
         return Collision(
-            masses=_tapered(self.m, self.mass_taper, self.balls),
-            stiffnesses=_tapered(self.k, self.stiffness_taper, contacts),
+            masses=tuple(masses.tolist()),
+            stiffnesses=tuple(stiffnesses.tolist()),
             restitutions=(self.e,) * contacts,
-            velocities=(self.v0,) * self.striking + (0.0,) * (self.balls - self.striking),
+            velocities=tuple(self.v0 if i <= struck else 0.0 for i in range(self.balls)),
             table=table,
-            gaps=tuple(gaps),
+            gaps=tuple(self.gap if i != struck else 0.0 for i in range(contacts)),
             exponent=self.exponent,
         )
-
-
-def _tapered(first: float, taper: float, count: int) -> tuple[float, ...]:
-    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-        return tuple((first * np.power(float(taper), np.arange(count))).tolist())
 
 
 class ColumnTable(Axes):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -47,7 +48,7 @@ _AXIS = "a number, a list of them (one or more), {log = [lo, hi, n]} or {linear 
 _RANGE = "a number, {log = [lo, hi]} or {linear = [lo, hi]}"
 
 
-def _check_values(legal: Legal, values: list[Any]) -> None:
+def _check(legal: Legal, values: list[Any]) -> None:
     for value in values:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ValueError(f"{short(value)} is not a number; legal: {legal.text}")
@@ -55,54 +56,40 @@ def _check_values(legal: Legal, values: list[Any]) -> None:
             raise ValueError(f"{short(value)}; legal: {legal.text}")
 
 
-def _check_ends(legal: Legal, spacing: dict[str, Any], lo: Any, hi: Any) -> None:
-    _check_values(legal, [lo, hi])
-    if not lo < hi < math.inf:
-        raise ValueError(f"{short(spacing)}: lo = {lo!r}, hi = {hi!r}; legal: lo < hi, both finite")
-    if "log" in spacing and not (lo > 0 and math.isfinite(hi / lo)):
-        ends = "lo > 0 and hi/lo finite on a logarithmic axis"
-        raise ValueError(f"{short(spacing)}: lo = {lo!r}; legal: {ends}")
-
-
-def _legal_axis(value: Any, info: ValidationInfo) -> Any:
+def _legal(value: Any, info: ValidationInfo, *, axis: bool) -> Any:
+    """Check an axis, or a range, of which the ends alone are given."""
     legal = LEGAL[str(info.field_name)]
     match value:
-        case {"log": [lo, hi, n]} | {"linear": [lo, hi, n]} if len(value) == 1:
-            _check_ends(legal, value, lo, hi)
-            if isinstance(n, bool) or not isinstance(n, int) or not 2 <= n <= _MAX_VALUES:
-                raise ValueError(f"{short(value)}: n = {short(n)}; legal: whole, from 2 to {_MAX_VALUES}")
-        case dict() | []:
-            raise ValueError(f"{short(value)}; legal: {_AXIS}")
-        case list():
-            pass
+        case {"log": [lo, hi, *n]} | {"linear": [lo, hi, *n]} if len(value) == 1 and len(n) == axis:
+            _check(legal, [lo, hi])
+            if not lo < hi < math.inf:
+                raise ValueError(f"{short(value)}: lo = {lo!r}, hi = {hi!r}; legal: lo < hi, both finite")
+            if "log" in value and not (lo > 0 and math.isfinite(hi / lo)):
+                ends = "lo > 0 and hi/lo finite on a logarithmic axis"
+                raise ValueError(f"{short(value)}: lo = {lo!r}; legal: {ends}")
+            if axis and not (type(n[0]) is int and 2 <= n[0] <= _MAX_VALUES):
+                raise ValueError(f"{short(value)}: n = {short(n[0])}; legal: whole, from 2 to {_MAX_VALUES}")
+            values = expand_axis(value) if axis else [lo, hi]
+        case list() if axis and value:
+            values = value
+        case dict() | list():
+            raise ValueError(f"{short(value)}; legal: {_AXIS if axis else _RANGE}")
         case _:
-            value = [value]
-    values = expand_axis(value) if isinstance(value, dict) else value
-    _check_values(legal, values)
+            values = [value]
+            value = values if axis else value
+    _check(legal, values)
     if len(set(values)) < len(values):
         twice = next(each for each in values if values.count(each) > 1)
         raise ValueError(f"{short(value)} holds {twice!r} more than once; legal: each value once")
     return value
 
 
-def _legal_range(value: Any, info: ValidationInfo) -> Any:
-    legal = LEGAL[str(info.field_name)]
-    match value:
-        case {"log": [lo, hi]} | {"linear": [lo, hi]} if len(value) == 1:
-            _check_ends(legal, value, lo, hi)
-        case int() | float():
-            _check_values(legal, [value])
-        case _:
-            raise ValueError(f"{short(value)}; legal: {_RANGE}")
-    return value
-
-
 #: Values of a parameter: a number, a list, ``{"log": [lo, hi, n]}`` or ``{"linear": [lo, hi, n]}``. The name of the
 #: field says what is legal.
-Axis = Annotated[list[float] | dict[str, list[int | float]], BeforeValidator(_legal_axis)]
+Axis = Annotated[list[float] | dict[str, list[int | float]], BeforeValidator(partial(_legal, axis=True))]
 
 #: Where a parameter is sampled: a number, ``{"log": [lo, hi]}`` or ``{"linear": [lo, hi]}``.
-Range = Annotated[float | dict[str, list[int | float]], BeforeValidator(_legal_range)]
+Range = Annotated[float | dict[str, list[int | float]], BeforeValidator(partial(_legal, axis=False))]
 
 
 def expand_axis(axis: Axis) -> list[float]:
@@ -136,13 +123,9 @@ class Axes(Strict):
         """Values of every axis that is there, and varies by itself."""
         return {name: expand_axis(axis) for name, axis in self if axis is not None}
 
-    def lengths(self) -> dict[str, int]:
-        """Count the values of every axis that varies by itself."""
-        return {name: len(values) for name, values in self.varied().items()}
-
     def count(self) -> int:
         """Count the cells."""
-        return math.prod(self.lengths().values())
+        return math.prod(map(len, self.varied().values()))
 
 
 def whole(default: int | None, low: int, high: int, what: str = "") -> Any:
@@ -182,26 +165,18 @@ class Sample(Strict):
 
     def ends(self) -> dict[str, list[float]]:
         """Least and greatest value of every parameter; of a number only itself."""
-        ranges = ((name, getattr(self, name)) for name in AXES)
-        return {
-            name: [float(end) for end in (next(iter(r.values())) if isinstance(r, dict) else [r])]
-            for name, r in ranges
-        }
+        given = {name: getattr(self, name) for name in AXES}
+        return {name: next(iter(x.values())) if isinstance(x, dict) else [x] for name, x in given.items()}
 
     def free(self) -> list[str]:
         """Names of the parameters that are ranges."""
-        return [name for name in AXES if isinstance(getattr(self, name), dict)]
+        return [name for name, ends in self.ends().items() if len(ends) > 1]
 
     def place(self, unit: NDArray[np.float64]) -> NDArray[np.float64]:
         """Place points of the unit cube, a column for each free parameter, in the box; shape (n, 4)."""
-        columns = iter(unit.T)
-        placed = np.empty((len(unit), len(AXES)))
-        for i, (name, ends) in enumerate(self.ends().items()):
-            if len(ends) == 1:
-                placed[:, i] = ends
-                continue
-            lo, hi = ends
-            u = next(columns)
-            inside = lo * (hi / lo) ** u if "log" in getattr(self, name) else lo + (hi - lo) * u
-            placed[:, i] = np.clip(inside, lo, hi)
-        return placed
+        placed = {name: np.full(len(unit), ends[0], float) for name, ends in self.ends().items()}
+        for name, u in zip(self.free(), unit.T, strict=True):
+            ((kind, (lo, hi)),) = getattr(self, name).items()
+            inside = lo * (hi / lo) ** u if kind == "log" else lo + (hi - lo) * u
+            placed[name] = np.clip(inside, lo, hi)
+        return np.column_stack(list(placed.values()))

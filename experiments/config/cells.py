@@ -70,9 +70,16 @@ class Cells:
 
     def block(self, indices: range) -> Block:
         """Make some cells."""
-        build = _two_balls if self._config.column is None else _columns
-        parameters, collisions = build(self._config, self._values(indices))
-        return Block(np.arange(indices.start, indices.stop), parameters, collisions)
+        config, found = self._config, self._values(indices)
+        found |= {name: np.full(len(indices), getattr(config, name)) for name in ("m1", "k1", "v0")}
+        if config.column is None:
+            found["m2"] = found["m1"] * found["mass_ratio"]
+            found["k2"] = found["k1"] * found["stiffness_ratio"]
+            collisions = _two_balls(found)
+        else:
+            collisions = _columns(found)
+            found["balls"] = found["balls"].astype(int)
+        return Block(np.arange(indices.start, indices.stop), found, collisions)
 
     def __getitem__(self, index: int) -> Collision:
         if not 0 <= index < len(self):
@@ -162,29 +169,21 @@ def _of_columns(table: ColumnTable) -> _Values:
     return of
 
 
-def _two_balls(config: Config, ratios: dict[str, NDArray[Any]]) -> tuple[dict[str, NDArray[Any]], Collisions]:
-    ones = np.ones(len(ratios["e1"]))
-    m1, k1, v0 = config.m1 * ones, config.k1 * ones, config.v0 * ones
-    m2, k2 = m1 * ratios["mass_ratio"], k1 * ratios["stiffness_ratio"]
-    pairs = ((m1, m2), (k1, k2), (ratios["e1"], ratios["e2"]), (v0, 0.0 * ones))
-    m, k, e, v = (np.column_stack(pair) for pair in pairs)
-    parameters = ratios | {"m1": m1, "m2": m2, "k1": k1, "k2": k2, "v0": v0}
-    return parameters, Collisions(m, k, e, v, True, np.zeros_like(k))
+def _two_balls(cells: dict[str, NDArray[Any]]) -> Collisions:
+    pairs = ("m1", "m2"), ("k1", "k2"), ("e1", "e2")
+    m, k, e = (np.column_stack([cells[name] for name in pair]) for pair in pairs)
+    v = np.column_stack([cells["v0"], np.zeros(len(m))])
+    return Collisions(m, k, e, v, True, np.zeros_like(k))
 
 
-def _columns(
-    config: Config, axes: dict[str, NDArray[Any]]
-) -> tuple[dict[str, NDArray[Any]], Sequence[Collision]]:
-    scales = {"m": config.m1, "k": config.k1, "v0": config.v0}
-    rows = zip(*(values.tolist() for values in axes.values()), strict=True)
-    given = [arranged(dict(zip(axes, row, strict=True))) | scales for row in rows]
+def _columns(cells: dict[str, NDArray[Any]]) -> Sequence[Collision]:
+    names = [{"m1": "m", "k1": "k"}.get(name, name) for name in cells]
+    rows = zip(*(values.tolist() for values in cells.values()), strict=True)
+    given = (arranged(dict(zip(names, row, strict=True))) for row in rows)
     # The corners of the table have been validated, and no other column is illegal where they are legal.
     columns = [Arranged.model_construct(None, **each).column() for each in given]
     kinds = {(len(each.masses), each.table, each.exponent) for each in columns}
-    ones = np.ones(len(columns))
-    scales = {"m1": config.m1 * ones, "k1": config.k1 * ones, "v0": config.v0 * ones}
-    parameters = axes | {"balls": axes["balls"].astype(int)} | scales
-    return parameters, Collisions.of(columns) if len(kinds) == 1 else columns
+    return Collisions.of(columns) if len(kinds) == 1 else columns
 
 
 def draw(sample: Sample) -> NDArray[np.float64]:
@@ -232,5 +231,4 @@ def _read(path: Path) -> pa.Table:
         names = [name for name in AXES if name in pq.read_schema(path).names]
         return pq.read_table(path, columns=names)
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
-        detail = " ".join(str(error).split())[:160]
-        raise UserError(f"{path}: cannot be read: {detail}; legal: a CSV or Parquet file") from None
+        raise UserError(f"{path}: cannot be read: {error!s:.160}; legal: a CSV or Parquet file") from None

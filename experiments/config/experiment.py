@@ -164,11 +164,11 @@ class Config(Strict):
 
     @field_validator("stiffness_ratio_cutoff", mode="before")
     @classmethod
-    def _cutoff(cls, value: Any) -> Cutoff:
+    def _cutoff(cls, value: Any) -> Any:
         # Before the union's own validation, which would tell one mistake twice, once for each type.
         if not legal_cutoff(value):
             raise ValueError(f"{short(value)}; legal: {LEGAL_CUTOFF}")
-        return "exact" if value == "exact" else float(value)
+        return value
 
     @field_validator("solvers")
     @classmethod
@@ -178,35 +178,33 @@ class Config(Strict):
 
     @model_validator(mode="after")
     def _one_design(self) -> Config:
-        given = self.model_fields_set
+        given, columns = self.model_fields_set, self.column is not None
         designs = [name for name in DESIGNS if name in given and getattr(self, name) is not None]
         if len(designs) > 1:
             raise ValueError(f"{' and '.join(designs)} are given; legal: one of {', '.join(DESIGNS)}")
-        if self.column is None:
-            others = {"figure_column": "figure_cell"}
-        else:
+        others = {"figure_column": "figure_cell"}
+        if columns:
             others = {"figure_cell": "figure_column", "gravity": "none, columns are solved without it"}
-        wrong = [name for name in others if name in given]
-        if wrong:
-            beside = "without" if self.column is None else "with"
-            raise ValueError(f"{wrong[0]} is given {beside} column; legal: {others[wrong[0]]}")
-        if self.column is None and "gravity" in given and self.scenario == "impact":
-            raise ValueError(f"gravity = {self.gravity:g}: scenario = 'impact' has none; legal: with 'drop'")
-        if self.column is not None and self.scenario != "impact":
+        for name, legal in others.items():
+            if name in given:
+                raise ValueError(f"{name} is given {'with' if columns else 'without'} column; legal: {legal}")
+        if columns and self.scenario != "impact":
             raise ValueError(f"scenario = {self.scenario!r}: columns have no gravity; legal: 'impact'")
+        if "gravity" in given and self.scenario == "impact":
+            raise ValueError(f"gravity = {self.gravity:g}: scenario = 'impact' has none; legal: with 'drop'")
         return self
 
     @model_validator(mode="after")
     def _computable(self) -> Config:
         # The built-in grid stands beside other designs too, and nothing computes it there.
-        of_grid = self.sample is None and self.cells is None and self.column is None
-        ends = self.grid.axes() if of_grid else self.sample.ends() if self.sample is not None else {}
+        ends: dict[str, list[float]] = {}
+        if self.cells is None and self.column is None:
+            ends = self.grid.axes() if self.sample is None else self.sample.ends()
         names = ("stiffness_ratio", "mass_ratio")
         pairs = ([*ends.get(name, ()), getattr(self.figure_cell, name)] for name in names)
-        found = self.beyond_precision(*pairs)
-        if found:
+        if found := self.beyond_precision(*pairs):
             raise ValueError(found[1])
-        for corner in self.column.corners() if self.column is not None else ():
+        for corner in self.column.corners() if self.column else ():
             validated(Arranged, corner | {"m": self.m1, "k": self.k1, "v0": self.v0}, "column")
         return self
 
@@ -246,8 +244,8 @@ class Config(Strict):
             return ""
         table = self.column or self.grid
         axes = (
-            f"{name} {length}" + ("" if name in table.model_fields_set else " (default)")
-            for name, length in table.lengths().items()
+            f"{name} {len(values)}" + ("" if name in table.model_fields_set else " (default)")
+            for name, values in table.varied().items()
         )
         return f"{table.count()} {'cells' if self.column is None else 'columns'}: {', '.join(axes)}"
 
