@@ -28,12 +28,6 @@ from impact_xval.model.chain.kernel import follow_chains
 from impact_xval.model.compiled import cache_folder, is_compiled
 from impact_xval.model.pair.kernel import collide_all
 
-#: Experiments of two cells that any solver does at once.
-_PAIR: dict[str, Any] = {
-    "grid": {"stiffness_ratio": [1.0, 2.0], "mass_ratio": [2.0], "e1": [0.9], "e2": [0.7]}
-}
-_COLUMN: dict[str, Any] = {"column": {"arrangement": "cradle", "balls": [2], "e": [0.8, 0.9]}}
-
 #: In the order in which they are locked.
 _KERNELS: tuple[Any, ...] = (collide_all, distances, follow_chains, scan)
 
@@ -68,11 +62,13 @@ def compile_own(_: object, resolve: Resolve, names: Sequence[str], pair: bool) -
 
 
 def _usual(resolve: Resolve, pair: bool) -> tuple[Experiment, list[Block]]:
-    """Return an experiment, and one of its cells and two.
+    """Return an experiment of cells that any solver does at once, one of them and two.
 
     A column of an array is contiguous where that has one row only, and numba compiles for either.
     """
-    usual = parse_config(_PAIR if pair else _COLUMN)
+    grid = {"stiffness_ratio": [1.0, 2.0], "mass_ratio": [2.0], "e1": [0.9], "e2": [0.7]}
+    column = {"arrangement": "cradle", "balls": [2], "e": [0.8, 0.9]}
+    usual = parse_config({"grid": grid} if pair else {"column": column})
     cells = experiment_cells(usual)
     return Experiment(usual, resolve), [cells.block(range(n)) for n in (1, 2)]
 

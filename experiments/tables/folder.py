@@ -264,17 +264,15 @@ def tables_lock(folder: RunFolder) -> FileLock:
 
 def running(root: Path) -> bool:
     """Whether a process writes to a folder now; one that may not be written to is left alone."""
-    return any(map(_held, root.glob(f"{_LOCK}*")))
-
-
-def _held(path: Path) -> bool:
-    try:
-        with FileLock(path, timeout=0):
-            return False
-    except Timeout:
-        return True
-    except OSError:
-        return False
+    for path in root.glob(f"{_LOCK}*"):
+        try:
+            with FileLock(path, timeout=0):
+                continue
+        except Timeout:
+            return True
+        except OSError:
+            continue
+    return False
 
 
 def run_folder(root: Path) -> RunFolder:

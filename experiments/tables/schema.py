@@ -152,24 +152,16 @@ class Cut:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layout:
-    """What the parts and tables of an experiment hold.
+    """What the parts and tables of an experiment hold."""
 
-    Attributes
-    ----------
-    pair : bool
-        Whether its cells are two balls on a table.
-    balls, contacts : int
-        Most of a cell.
-    rows : Schema
-        Of a part: everything known of one cell and solver.
-    tables : dict of str to Cut
-        By name, without suffix.
-    """
-
+    #: Whether cells are two balls on a table.
     pair: bool
+    #: Most of a cell.
     balls: int
     contacts: int
+    #: Of a part: everything known of one cell and solver.
     rows: pa.Schema
+    #: By name, without suffix.
     tables: dict[str, Cut]
 
 
@@ -204,7 +196,4 @@ def _array(values: Any, n: int, kind: pa.DataType) -> pa.Array:
         return pa.nulls(n, kind)
     if pa.types.is_string(kind):
         return pa.array([text or None for text in values], kind)
-    values = np.asarray(values)
-    if values.dtype == object:
-        return pa.array(values.tolist(), kind)
-    return pa.array(values, from_pandas=True).cast(kind)
+    return pa.array(np.asarray(values), kind, from_pandas=True)
