@@ -6,8 +6,9 @@ They are numbered and deterministic, and made block by block: ten million of the
 from __future__ import annotations
 
 import hashlib
+import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.registry import is_engine
-from impact_xval.experiments.config.arrangements import Arranged, ColumnTable, arranged
+from impact_xval.experiments.config.arrangements import Arranged, arranged
 from impact_xval.experiments.config.axes import AXES, LEGAL, MAX_CELLS, Sample
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import Cell, Config, untied
@@ -31,9 +32,6 @@ _CHUNK, _COLUMNS_CHUNK, _QUICK_CHUNK = 16, 4, 1024
 
 #: The number of chunks from which they become larger instead of more.
 _MOST_CHUNKS = 10_000
-
-#: Gives the parameters of some cells by their names, shape (n,) each.
-_Values = Callable[[range], dict[str, NDArray[Any]]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,24 +53,26 @@ class Block:
         return Block(self.index[place], parameters, self.collisions[place])
 
 
+@dataclass(frozen=True, slots=True)
 class Cells:
-    """The cells of an experiment, in order, and their chunks.
+    """The cells of an experiment, in order, and their chunks."""
 
-    `values` gives the ratios, or the axes of columns, of a range of the `count` cells; `digest` is the SHA-256 of those
-    that are listed, to the last bit.
-    """
-
-    def __init__(self, config: Config, count: int, values: _Values, digest: str = "") -> None:
-        self._config, self._count, self._values, self.digest = config, count, values, digest
+    config: Config
+    count: int
+    #: Gives the ratios, or the axes of columns, of a range of cells by their names, shape (n,) each.
+    values: Callable[[range], dict[str, NDArray[Any]]]
+    #: SHA-256 of cells that are listed, to the last bit.
+    digest: str = ""
 
     def __len__(self) -> int:
-        return self._count
+        return self.count
 
     def block(self, indices: range) -> Block:
         """Make some cells."""
-        config, found = self._config, self._values(indices)
+        config, found = self.config, self.values(indices)
         found |= {name: np.full(len(indices), getattr(config, name)) for name in ("m1", "k1", "v0")}
         if config.column is None:
+            found = untied(found)
             found["m2"] = found["m1"] * found["mass_ratio"]
             found["k2"] = found["k1"] * found["stiffness_ratio"]
             collisions = _two_balls(found)
@@ -89,10 +89,10 @@ class Cells:
     @property
     def chunk_size(self) -> int:
         """Cells of a chunk: as configured, or by whether an engine is among the solvers."""
-        if self._config.chunk_size is not None:
-            return self._config.chunk_size
-        usual = _CHUNK if self._config.column is None else _COLUMNS_CHUNK
-        if not any(map(is_engine, self._config.solvers)):
+        if self.config.chunk_size is not None:
+            return self.config.chunk_size
+        usual = _CHUNK if self.config.column is None else _COLUMNS_CHUNK
+        if not any(map(is_engine, self.config.solvers)):
             usual = max(_CHUNK, min(_QUICK_CHUNK, len(self) // 64))
         return max(usual, -(-len(self) // _MOST_CHUNKS))
 
@@ -109,7 +109,8 @@ class Cells:
 def experiment_cells(config: Config) -> Cells:
     """Return the cells of an experiment of any kind; a `UserError` says what is wrong with a file of them."""
     if config.column is not None:
-        return Cells(config, config.column.count(), _of_columns(config.column))
+        table = config.column
+        return _gridded(config, [{"arrangement": [name]} | table.axes(name) for name in table.arrangement])
     if config.sample is not None:
         return listed(config, draw(config.sample))
     if config.cells is not None:
@@ -118,8 +119,7 @@ def experiment_cells(config: Config) -> Cells:
         if found:
             raise UserError(f"{config.cells}: row {found[0] + 1}: {found[1]}")
         return listed(config, values)
-    of_grid = _of_grid(config.grid.varied())
-    return Cells(config, config.grid.count(), lambda indices: untied(of_grid(indices)))
+    return _gridded(config, [config.grid.varied()])
 
 
 def listed(config: Config, values: NDArray[np.float64]) -> Cells:
@@ -137,36 +137,25 @@ def collision_of(config: Config, cell: Cell) -> Collision:
     return Collision.two_balls(config.m1, m2, config.k1, k2, cell.e1, cell.e2, config.v0)
 
 
-def _of_grid(axes: dict[str, list[float]]) -> _Values:
-    """Go through axes, the last fastest.
+def _gridded(config: Config, grids: Sequence[Mapping[str, list[Any]]]) -> Cells:
+    """Go through the axes of one grid after the other, the last axis fastest.
 
     Stiffness ratios (or numbers of balls) vary slowest, so that neighbouring cells need about the same number of steps.
     """
-    arrays = {name: np.array(axis) for name, axis in axes.items()}
-    shape = tuple(map(len, arrays.values()))
+    axes = [{name: np.array(axis) for name, axis in grid.items()} for grid in grids]
+    shapes = [tuple(map(len, grid.values())) for grid in grids]
+    ends = [0, *itertools.accumulate(map(math.prod, shapes))]
 
     def of(indices: range) -> dict[str, NDArray[Any]]:
-        places = np.unravel_index(np.arange(indices.start, indices.stop), shape)
-        return {name: axis[place] for (name, axis), place in zip(arrays.items(), places, strict=True)}
-
-    return of
-
-
-def _of_columns(table: ColumnTable) -> _Values:
-    """Go through the axes of one arrangement after the other."""
-    axes = {name: table.axes(name) for name in table.arrangement}
-    grids = [(name, math.prod(map(len, each.values())), _of_grid(each)) for name, each in axes.items()]
-
-    def of(indices: range) -> dict[str, NDArray[Any]]:
-        pieces, first = [], 0
-        for name, count, grid in grids:
-            inside = range(max(indices.start - first, 0), min(indices.stop - first, count))
+        pieces = []
+        for grid, shape, start, stop in zip(axes, shapes, ends, ends[1:], strict=False):
+            inside = range(max(indices.start, start), min(indices.stop, stop))
             if inside:
-                pieces.append({"arrangement": np.full(len(inside), name, object)} | grid(inside))
-            first += count
+                places = np.unravel_index(np.arange(inside.start, inside.stop) - start, shape)
+                pieces.append({name: grid[name][place] for name, place in zip(grid, places, strict=True)})
         return {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
 
-    return of
+    return Cells(config, ends[-1], of)
 
 
 def _two_balls(cells: dict[str, NDArray[Any]]) -> Collisions:

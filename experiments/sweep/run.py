@@ -23,7 +23,6 @@ from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.sweep.chunk import (
     TO_COMPLETE,
     UNAVAILABLE,
-    Report,
     Versions,
     begin_compiling,
     solve_chunks,
@@ -132,12 +131,7 @@ class _Run:
     """A session of a run: what it is to do, and what it has done."""
 
     def __init__(
-        self,
-        experiment: Experiment,
-        cells: Cells,
-        folder: RunFolder,
-        shard: Shard,
-        progress: Progress,
+        self, experiment: Experiment, cells: Cells, folder: RunFolder, shard: Shard, progress: Progress
     ) -> None:
         self._experiment, self._cells, self._folder, self._shard = experiment, cells, folder, shard
         self._progress = progress
@@ -172,23 +166,21 @@ class _Run:
 
     def solve(self, pool: Any) -> None:
         """Compute the parts that are not there."""
-        cells = self._cells
+        cells, ours = self._cells, _comparable(self._versions)
         for report in solve_chunks(pool, ((n, cells.block(cells.chunk(n))) for n in self._mine)):
-            self._keep(report)
+            if differing := sorted(name for name, _ in _comparable(report.versions) - ours):
+                there, here = (
+                    ", ".join(f"{name} {versions[name]}" for name in differing)
+                    for versions in (report.versions, self._versions)
+                )
+                says = f"a worker has {there}, this process {here}; legal: the same versions everywhere"
+                raise UserError(says)
+            self._folder.write_part(report.number, self._identity, report.data)
+            self._seconds.update(report.seconds)
+            self._faults += report.faults
             self._done += len(cells.chunk(report.number))
             self._progress(self._done, self._total, "")
         self._stage("solve")
-
-    def _keep(self, report: Report) -> None:
-        ours, theirs = self._versions, report.versions
-        differing = sorted(name for name in ours if not _same_version(ours[name], theirs.get(name, "")))
-        if differing:
-            there = ", ".join(f"{name} {theirs.get(name)}" for name in differing)
-            here = ", ".join(f"{name} {ours[name]}" for name in differing)
-            raise UserError(f"a worker has {there}, this process {here}; legal: the same versions everywhere")
-        self._folder.write_part(report.number, self._identity, report.data)
-        self._seconds.update(report.seconds)
-        self._faults += report.faults
 
     def finish(self, pool: Any, by: dict[str, Any], present: Callable[[], None]) -> None:
         """Write curves and tables and have them presented, once all parts are there; `by` is who computed the parts."""
@@ -272,9 +264,9 @@ def van_der_corput(count: int) -> Iterator[int]:
     return (number for number in mirrored if number < count)
 
 
-def _same_version(ours: str, theirs: str) -> bool:
-    """Whether rows of a solver are the same by both; the reason of one that is unavailable may have other words."""
-    return ours == theirs or (ours.startswith(UNAVAILABLE) and theirs.startswith(UNAVAILABLE))
+def _comparable(versions: Versions) -> set[tuple[str, str]]:
+    """Versions of solvers by name; the reason of one that is unavailable may have other words on another machine."""
+    return {(name, "-" if v.startswith(UNAVAILABLE) else v) for name, v in versions.items()}
 
 
 def _identity(experiment: Experiment, cells: Cells, versions: Versions) -> str:
