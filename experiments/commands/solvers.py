@@ -29,8 +29,8 @@ def solvers(
     from impact_xval.compliant_baselines.registry import description_of, get_solver, law_of, origins
     from impact_xval.experiments.presentation.document import Table
     from impact_xval.experiments.presentation.terminal import at_work, make_console, show
+    from impact_xval.experiments.sweep.chunk import stated
     from impact_xval.experiments.sweep.pool import Slot
-    from impact_xval.experiments.sweep.warmup import stated
 
     if law and name is None:
         raise UserError(f"--law = {law!r} without NAME; legal: beside the solver that has it")
@@ -55,9 +55,9 @@ def _check(name: str, law: str) -> None:
     from impact_xval.compliant_baselines.registry import get_solver, law_of
     from impact_xval.experiments.config.experiment import solvers_problem
     from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line
+    from impact_xval.experiments.sweep.chunk import stated
     from impact_xval.experiments.sweep.pool import Slot
     from impact_xval.experiments.sweep.process import FaultError, Worker
-    from impact_xval.experiments.sweep.warmup import stated
 
     problem = solvers_problem([name])
     if problem:

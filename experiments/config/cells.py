@@ -191,7 +191,13 @@ def read_cells(path: Path) -> NDArray[np.float64]:
 
     A `UserError` names the file, the column, the row (from 1, a header not counted) and what is legal.
     """
-    table = _read(path)
+    try:
+        if path.suffix.lower() in (".parquet", ".pq"):
+            table = pq.read_table(path, columns=[name for name in AXES if name in pq.read_schema(path).names])
+        else:
+            table = pacsv.read_csv(path)
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
+        raise UserError(f"{path}: cannot be read: {error!s:.160}; legal: a CSV or Parquet file") from None
     missing = [name for name in AXES if name not in table.column_names]
     if missing:
         legal = f"columns {', '.join(AXES)} (others are ignored)"
@@ -211,13 +217,3 @@ def read_cells(path: Path) -> NDArray[np.float64]:
             shown = "is empty" if value is None else f"= {value!r}"
             raise UserError(f"{path}: row {illegal[0] + 1}: {name} {shown}; legal: {LEGAL[name].text}")
     return cells
-
-
-def _read(path: Path) -> pa.Table:
-    try:
-        if path.suffix.lower() not in (".parquet", ".pq"):
-            return pacsv.read_csv(path)
-        names = [name for name in AXES if name in pq.read_schema(path).names]
-        return pq.read_table(path, columns=names)
-    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
-        raise UserError(f"{path}: cannot be read: {error!s:.160}; legal: a CSV or Parquet file") from None

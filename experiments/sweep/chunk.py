@@ -1,32 +1,51 @@
-"""A chunk of cells by each solver, as the rows of a part; a call of a process is one solver's.
+"""A chunk of cells by each solver, as the rows of a part, and what a process needs before its first cell.
 
-What crashes or hangs is found by halving (`process.in_halves`), and becomes rows with that status.
+A call of a process is one solver's. What crashes or hangs is found by halving (`process.in_halves`), and becomes rows
+with that status. Solvers are imported and kernels compiled outside of every limit of a cell: by one process of an
+installation, while others wait for its lock, and read them from the cache then.
 """
 
 from __future__ import annotations
 
+import contextlib
+import gc
 import time
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from filelock import FileLock
+from numba.core import event
 
-from impact_xval.compliant_baselines.answers import one_line
-from impact_xval.compliant_baselines.registry import is_ours
-from impact_xval.experiments.config.cells import Block
-from impact_xval.experiments.config.experiment import Config
-from impact_xval.experiments.sweep.pool import Slot, in_flight
+from impact_xval.compliant_baselines.answers import answer, one_line, stated_version, why_unavailable
+from impact_xval.compliant_baselines.engines.stepping import scan
+from impact_xval.compliant_baselines.registry import is_engine, is_ours
+from impact_xval.experiments.config.cells import Block, experiment_cells
+from impact_xval.experiments.config.experiment import REFERENCE, Config, parse_config
+from impact_xval.experiments.measures.hausdorff import distances
+from impact_xval.experiments.sweep.pool import TO_STATE, Slot, in_flight
 from impact_xval.experiments.sweep.process import FaultError, WorkerError, in_halves
-from impact_xval.experiments.sweep.rows import Experiment, Lost, completed, solve_by, without_ladder
-from impact_xval.experiments.sweep.warmup import compile_own, kernels_of, stated, warm
+from impact_xval.experiments.sweep.rows import (
+    Experiment,
+    Lost,
+    Resolve,
+    completed,
+    settings_of,
+    solve_by,
+    without_ladder,
+)
 from impact_xval.experiments.tables.folder import part_bytes
 from impact_xval.model.chain.kernel import follow_chains
-from impact_xval.model.compiled import is_compiled
+from impact_xval.model.compiled import cache_folder, is_compiled
+from impact_xval.model.pair.kernel import collide_all
+
+#: In the order in which they are locked.
+_KERNELS: tuple[Any, ...] = (collide_all, distances, follow_chains, scan)
 
 #: Seconds for what follows the solvers of a chunk, or the cells of a run; not their limit, for these are references in
 #: closed form, and tables must not depend on how busy a machine is.
@@ -35,6 +54,86 @@ TO_COMPLETE = 600.0
 Versions = dict[str, str]
 #: In the place of a version; why not follows.
 UNAVAILABLE = "unavailable: "
+
+
+def begin_compiling(pool: Any, experiment: Experiment) -> None:
+    """Have kernels compiled that are not, by two workers: that of N balls takes as long as all others together."""
+    pair, chains, others = experiment.layout.pair, [], []
+    for name in filter(is_ours, experiment.config.solvers):
+        kernel, *_ = kernels_of(name, pair=pair)
+        if not is_compiled(kernel):
+            (chains if kernel is follow_chains else others).append(name)
+    for names in filter(None, (chains, others)):
+        pool.submit(Slot.compile, compile_own, experiment.resolve, names, pair)
+
+
+def warm(_: object, resolve: Resolve, name: str, pair: bool) -> bool:
+    """Solve ordinary cells by a solver, of two balls or columns, so that all is imported and compiled; whether any was.
+
+    Such a process may differ in a last bit from those that read the kernels. The parts of a kernel are weak symbols of
+    it: where they have just been compiled alone, these are linked, and they were optimised in other surroundings.
+    """
+    experiment, blocks = _usual(resolve, pair)
+    with event.install_recorder("numba:compile") as compiled, _compiling(*kernels_of(name, pair=pair)):
+        for block in blocks:
+            solve_by(experiment, name, block, {})
+    return bool(compiled.buffer)
+
+
+def compile_own(_: object, resolve: Resolve, names: Sequence[str], pair: bool) -> None:
+    """Have each solver solve cells by itself, so that another process can compile the kernels of others meanwhile.
+
+    With the model, distances of nothing are measured, for all others need them.
+    """
+    experiment, blocks = _usual(resolve, pair)
+    alone = replace(settings_of(experiment.config), mark=False)
+    own = {kernels_of(name, pair=pair)[0] for name in names}
+    with _compiling(*own, *([distances] if collide_all in own else [])):
+        for name in names:
+            for block in blocks:
+                answer(resolve(name), block.collisions, alone)
+        if collide_all in own:
+            distances(np.empty((0, 2)), np.empty((0, 2)), np.zeros(1, int), np.zeros(1, int))
+
+
+def _usual(resolve: Resolve, pair: bool) -> tuple[Experiment, list[Block]]:
+    """Return an experiment of cells that any solver does at once, one of them and two.
+
+    A column of an array is contiguous where that has one row only, and numba compiles for either.
+    """
+    grid = {"stiffness_ratio": [1.0, 2.0], "mass_ratio": [2.0], "e1": [0.9], "e2": [0.7]}
+    column = {"arrangement": "cradle", "balls": [2], "e": [0.8, 0.9]}
+    usual = parse_config({"grid": grid} if pair else {"column": column})
+    cells = experiment_cells(usual)
+    return Experiment(usual, resolve), [cells.block(range(n)) for n in (1, 2)]
+
+
+@contextlib.contextmanager
+def _compiling(*kernels: Any) -> Iterator[None]:
+    """Hold the locks of kernels that are not compiled yet, in one order everywhere."""
+    with contextlib.ExitStack() as held:
+        for kernel in _KERNELS:
+            if kernel in kernels and not is_compiled(kernel):
+                held.enter_context(FileLock(cache_folder(kernel) / "compiling.lock"))
+                held.callback(gc.enable)
+                gc.disable()  # looking for garbage takes up to a tenth of the time of compiling
+        yield
+
+
+def kernels_of(name: str, *, pair: bool) -> list[Any]:
+    """Kernels that rows of a solver need, its own first: references, and marks of engines, follow chains."""
+    model = collide_all if pair else follow_chains
+    if not is_ours(name):
+        return [model, distances] if pair else [model]
+    own = [scan] if is_engine(name) else []
+    if not pair:
+        return [*own, model]
+    return [model] if name == REFERENCE else [*own, follow_chains, distances, model]
+
+
+def are_compiled(name: str, *, pair: bool) -> bool:
+    """Whether the kernels that rows of a solver need are in the cache."""
+    return all(map(is_compiled, kernels_of(name, pair=pair)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,17 +150,6 @@ class Report:
 def solve_chunks(pool: Any, chunks: Iterable[tuple[int, Block]]) -> Iterator[Report]:
     """Solve numbered chunks of cells, twice as many at a time as there are workers; the reports as they come."""
     return in_flight(lambda chunk: pool.submit(solve_chunk, *chunk), chunks, lambda: max(2, 2 * pool.workers))
-
-
-def begin_compiling(pool: Any, experiment: Experiment) -> None:
-    """Have kernels compiled that are not, by two workers: that of N balls takes as long as all others together."""
-    pair, chains, others = experiment.layout.pair, [], []
-    for name in filter(is_ours, experiment.config.solvers):
-        kernel, *_ = kernels_of(name, pair=pair)
-        if not is_compiled(kernel):
-            (chains if kernel is follow_chains else others).append(name)
-    for names in filter(None, (chains, others)):
-        pool.submit(Slot.compile, compile_own, experiment.resolve, names, pair)
 
 
 def solve_chunk(slot: Slot, number: int, block: Block) -> Report:
@@ -147,3 +235,17 @@ def solver_versions(slot: Slot) -> Versions:
         said, reason = stated(slot, experiment.resolve, name)
         found[name] = said if reason is None else UNAVAILABLE + reason
     return found
+
+
+def stated(slot: Slot, resolve: Resolve, name: str) -> tuple[str, str | None]:
+    """Ask a solver for its version, and why it cannot run; both in its own process."""
+    return in_halves(
+        lambda _: slot.call(name, _stated, resolve, name, timeout=TO_STATE),
+        1,
+        lambda _, fault: ("", f"asked what it is, it gave no answer: {fault.reason}"),
+    )[0]
+
+
+def _stated(_: object, resolve: Resolve, name: str) -> tuple[str, str | None]:
+    solver = resolve(name)
+    return stated_version(solver), why_unavailable(solver)

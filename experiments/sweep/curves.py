@@ -16,10 +16,10 @@ from impact_xval.compliant_baselines.answers import answer
 from impact_xval.experiments.config.cells import collision_of
 from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.measures.hausdorff import LARGEST
+from impact_xval.experiments.sweep.chunk import warm
 from impact_xval.experiments.sweep.pool import Slot
 from impact_xval.experiments.sweep.process import FaultError, in_halves
 from impact_xval.experiments.sweep.rows import Experiment, settings_of
-from impact_xval.experiments.sweep.warmup import warm
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.parquet import replacing
 from impact_xval.experiments.tables.schema import WHO, columns, schema

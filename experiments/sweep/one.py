@@ -29,7 +29,6 @@ class SolversApart:
 
     def __init__(self, pool: Any, begun: Future[bool]) -> None:
         self._pool, self._begun = pool, begun
-        self._said = False
 
     def solve(
         self,
@@ -46,8 +45,7 @@ class SolversApart:
         points at most, none with 0.
         """
         pair = collision.falls_on_resting
-        if not (self._begun.result() or self._said):
-            self._said = True
+        if not self._begun.result():
             say("")
         ended = f"has taken {{:.0f}} s; it is ended after {TO_PREPARE:g} s"
         at_work = f"has worked for {{:.0f}} s; it is ended after {config.cell_timeout:g} s"
@@ -89,7 +87,7 @@ def _begun(slot: Slot, names: Sequence[str], pair: bool) -> bool:
 
 
 def _import(_: object, names: Sequence[str], pair: bool) -> bool:
-    from impact_xval.experiments.sweep.warmup import are_compiled
+    from impact_xval.experiments.sweep.chunk import are_compiled
 
     for name in filter(is_ours, names):
         get_solver(name).unavailable()
@@ -98,7 +96,7 @@ def _import(_: object, names: Sequence[str], pair: bool) -> bool:
 
 def _warm(_: object, resolve: Any, name: str, pair: bool) -> bool:
     """Make a process ready; one of our solvers whose kernels are compiled reads them as fast while it solves."""
-    from impact_xval.experiments.sweep.warmup import are_compiled, warm
+    from impact_xval.experiments.sweep.chunk import are_compiled, warm
 
     if is_ours(name) and are_compiled(name, pair=pair):
         resolve(name).unavailable()
@@ -109,18 +107,16 @@ def _warm(_: object, resolve: Any, name: str, pair: bool) -> bool:
 def _answer(
     _: object, resolve: Any, name: str, config: Config, collision: Collision, points: int | None
 ) -> Outcome:
+    import numpy as np
+
     from impact_xval.compliant_baselines.answers import answer
     from impact_xval.experiments.sweep.rows import settings_of
 
     outcome = answer(resolve(name), [collision], settings_of(config, paths=points != 0))[0]
-    if points and outcome.path is not None:
-        return dataclasses.replace(outcome, path=_fewer(outcome.path, points))
-    return outcome
-
-
-def _fewer(path: Path, points: int) -> Path:
-    """Pick so many points of a path at most, its ends among them: of many balls it is large to be sent."""
-    import numpy as np
-
+    path = outcome.path
+    if not points or path is None:
+        return outcome
+    # With its ends; of many balls a path is large to be sent.
     kept = np.unique(np.linspace(0, len(path.time) - 1, points).astype(int))
-    return Path(*(getattr(path, each.name)[kept] for each in dataclasses.fields(Path)))
+    fewer = Path(*(getattr(path, each.name)[kept] for each in dataclasses.fields(Path)))
+    return dataclasses.replace(outcome, path=fewer)

@@ -145,7 +145,10 @@ class _Run:
     def begin(self, versions: Versions, continued: bool) -> None:
         """Find the parts that are there, and say what the run is of."""
         config, cells, folder = self._experiment.config, self._cells, self._folder
-        self._versions, self._identity = versions, _identity(self._experiment, cells, versions)
+        # All that the content of a part depends on, but for its number.
+        content = [config.identity(), versions, self._experiment.layout.rows.names, cells.digest]
+        self._identity = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
+        self._versions = versions
         if not continued:
             folder.write_config(config)
         with tables_lock(folder):
@@ -267,10 +270,3 @@ def van_der_corput(count: int) -> Iterator[int]:
 def _comparable(versions: Versions) -> set[tuple[str, str]]:
     """Versions of solvers by name; the reason of one that is unavailable may have other words on another machine."""
     return {(name, "-" if v.startswith(UNAVAILABLE) else v) for name, v in versions.items()}
-
-
-def _identity(experiment: Experiment, cells: Cells, versions: Versions) -> str:
-    """Hash all that the content of a part depends on, but for its number."""
-    config, columns = experiment.config, experiment.layout.rows.names
-    found = json.dumps([config.identity(), versions, columns, cells.digest], sort_keys=True)
-    return hashlib.sha256(found.encode()).hexdigest()[:32]

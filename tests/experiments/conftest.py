@@ -6,8 +6,8 @@ import pytest
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.presentation.report import present
+from impact_xval.experiments.sweep.chunk import warm
 from impact_xval.experiments.sweep.run import run_sweep
-from impact_xval.experiments.sweep.warmup import warm
 from tests.experiments import fakes
 
 SMALL = {

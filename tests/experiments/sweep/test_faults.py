@@ -12,10 +12,10 @@ from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.hausdorff import distances
 from impact_xval.experiments.measures.summary import summarise
+from impact_xval.experiments.sweep.chunk import warm
 from impact_xval.experiments.sweep.process import Worker
 from impact_xval.experiments.sweep.rows import Experiment, solve_by
 from impact_xval.experiments.sweep.run import run_sweep
-from impact_xval.experiments.sweep.warmup import warm
 from impact_xval.model.chain.kernel import follow_chains
 from impact_xval.model.pair.kernel import collide_all
 from tests.compliant_baselines.third_party import install
