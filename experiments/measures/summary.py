@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
@@ -44,7 +43,7 @@ from impact_xval.experiments.measures.ladder import (
 )
 from impact_xval.experiments.measures.laws import exact_for, in_order_of_laws
 from impact_xval.experiments.tables.folder import RunFolder, Tally, statuses_of
-from impact_xval.experiments.tables.parquet import GROUP, codes, column, present, selected
+from impact_xval.experiments.tables.parquet import codes, column, present, rows_at, selected
 from impact_xval.model.collision import RESULT_STATUSES
 
 #: Measures that are summarised, by their size: of two balls, and of columns of N.
@@ -153,9 +152,7 @@ def _worst_rows(table: Compared, count: int) -> Frame:
     rows = table.rows.assign(d=table.measure("velocity_divergence"))[table.regular]
     largest = rows.sort_values(["solver", "d"], ascending=[True, False], kind="stable")
     picked = largest.groupby("solver", observed=True).head(count).index
-    with pq.ParquetFile(table.path) as file:  # a row group at a time: a data set would hold the whole table
-        rows = [file.read_row_group(i // GROUP).take([i % GROUP]) for i in picked.tolist()]
-        return pa.concat_tables([file.schema_arrow.empty_table(), *rows]).to_pandas()
+    return rows_at(table.path, picked.tolist()).to_pandas()
 
 
 def between(path: Path, config: Config) -> Frame:

@@ -20,9 +20,6 @@ from impact_xval.experiments.tables.folder import RunFolder
 #: A pandas DataFrame or Series; their annotations are too wide to check code against.
 Frame = Any
 
-#: Rows that are listed as the worst.
-LISTED = 10
-
 
 @dataclass(slots=True)
 class Comparison:
@@ -32,8 +29,8 @@ class Comparison:
     #: By solver, in the order of the first run: numbers of rows that were ``compared``, ``moved``, have other
     #: ``statuses``; and the largest changes, ``velocity`` and ``divergence``, where both runs have a number.
     solvers: dict[str, dict[str, Any]]
-    #: The worst rows, the worst first: ``cell, solver, status_a, status_b, velocity, divergence``; a change is infinite
-    #: where one run alone has a number, 0 where neither has.
+    #: The ten worst rows, the worst first: ``cell, solver, status_a, status_b, velocity, divergence``; a change is
+    #: infinite where one run alone has a number, 0 where neither has.
     worst: list[Any]
     #: Solvers, and numbers of cells, that one run alone has.
     alone: list[str]
@@ -85,7 +82,7 @@ def compare(a: RunFolder, b: RunFolder, tolerance: float) -> Comparison:
     return Comparison(
         tolerance,
         changes.loc[both].to_dict("index"),
-        worst=list(worst[shown].head(LISTED).itertuples(index=False)),
+        worst=list(worst[shown].head(10).itertuples(index=False)),
         alone=sorted({*here.solvers} ^ {*there.solvers}),
         cells_alone=np.setxor1d(of_a.cell, of_b.cell).tolist(),
         settings=_differing(*settings),

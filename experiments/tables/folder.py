@@ -25,7 +25,7 @@ from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.cells import Cells, experiment_cells, listed
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import COSMETIC, KEPT, Config, load_config
-from impact_xval.experiments.tables.parquet import blocks, column, replacing, table_writer
+from impact_xval.experiments.tables.parquet import GROUP, blocks, column, replacing, table_writer
 from impact_xval.experiments.tables.schema import Layout
 
 FORMAT = "impact-xval run, format 3"
@@ -35,8 +35,6 @@ MANIFEST, CONFIGURATION = "manifest.json", "experiment.toml"
 #: Every name in a folder that a lock, or a file half-written, begins with.
 _LOCK, _TEMPORARY = ".lock", ".tmp-"
 
-#: Rows that are joined together, at least.
-_PIECE = 8192
 #: A run of more rows than this writes no CSV: no spreadsheet opens it.
 _CSV = 100_000
 #: Number of rows by solver, status and reason ("" if none).
@@ -125,9 +123,9 @@ class RunFolder:
                 writers.append((cut, add))
             for piece in _pieces((parts[number] for number in sorted(parts)), layout):
                 for cut, add in writers:
-                    some = cut.of(piece)
-                    for each in add:
-                        each(some)
+                    if len(some := cut.of(piece)):
+                        for each in add:
+                            each(some)
 
     def tally(self) -> Tally:
         """Count the rows of the finished table of cells by what became of them."""
@@ -186,15 +184,15 @@ def statuses_of(outcomes: Tally) -> dict[str, dict[str, int]]:
 
 
 def _pieces(parts: Iterable[Path], layout: Layout) -> Iterator[pa.Table]:
-    """Read parts, several at a time: what is done with a table costs more for its columns than for its rows."""
+    """Read parts, as many at a time as make a row group."""
     tables: list[pa.Table] = []
     for part in parts:
         tables.append(read_part(part, layout))
-        if sum(map(len, tables)) >= _PIECE:
-            yield pa.concat_tables(tables)
+        if sum(map(len, tables)) >= GROUP:
+            yield pa.concat_tables(tables).combine_chunks()
             tables = []
     if tables:
-        yield pa.concat_tables(tables)
+        yield pa.concat_tables(tables).combine_chunks()
 
 
 @contextlib.contextmanager

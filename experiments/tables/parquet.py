@@ -1,4 +1,4 @@
-"""Tables larger than the memory: read in blocks of whole cells, written in row groups of one size, put in place whole.
+"""Tables larger than the memory: written and read in row groups of whole cells, put in place whole.
 
 Tables are written by Arrow: polars (2.1) and DuckDB (2.0) keep neither the units in the metadata of the
 columns nor the type of text, and their means differ from those of pandas in the last bits.
@@ -6,7 +6,9 @@ columns nor the type of text, and their means differ from those of pandas in the
 
 from __future__ import annotations
 
+import bisect
 import contextlib
+import itertools
 import os
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -17,7 +19,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-#: Rows of one row group of the tables, and of one block that is read.
+#: Rows from which on parts are one row group of the tables.
 GROUP = 65_536
 
 
@@ -44,46 +46,27 @@ def replacing(path: Path, *, sync: bool = True) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def table_writer(path: Path, schema: pa.Schema) -> Iterator[Callable[[pa.Table], None]]:
-    """Give what adds rows to a Parquet table, which is put in its place at the end.
-
-    Its row groups do not depend on the pieces it comes in.
-    """
-    pending = schema.empty_table()
-
-    def add(rows: pa.Table, group: int = GROUP) -> None:
-        nonlocal pending
-        pending = pa.concat_tables([pending, rows])
-        end = len(pending) // group * group
-        if end:
-            writer.write_table(pending.slice(0, end).combine_chunks(), row_group_size=GROUP)
-            # Copied: a slice would keep alive all that it was cut from.
-            pending = pending.slice(end).combine_chunks()
-
+    """Give what adds a row group to a Parquet table, which is put in its place at the end."""
     with replacing(path) as temporary, pq.ParquetWriter(temporary, schema, compression="zstd") as writer:
-        yield add
-        add(schema.empty_table(), group=1)
+        yield lambda rows: writer.write_table(rows, row_group_size=len(rows))
 
 
 def blocks(path: Path, columns: Sequence[str]) -> Iterator[pa.Table]:
-    """Read columns of a table whose rows are ordered by ``cell``, a block of about `GROUP` rows at a time.
-
-    With ``cell`` among them all rows of a cell are in one block.
-    """
+    """Read columns of a finished table, a row group at a time, which holds all rows of its cells."""
     with pq.ParquetFile(path) as file:
-        batches = file.iter_batches(GROUP, columns=list(columns))
-        tables = (pa.Table.from_batches([batch]) for batch in batches)
-        if "cell" not in columns:
-            yield from tables
-            return
-        rest: list[pa.Table] = []
-        for table in tables:
-            block = pa.concat_tables([*rest, table])
-            cells = block.column("cell").to_numpy()
-            cut = int(np.searchsorted(cells, cells[-1]))
-            rest = [block.slice(cut).combine_chunks()]
-            if cut:
-                yield block.slice(0, cut)
-        yield from rest
+        for group in range(file.num_row_groups):
+            yield file.read_row_group(group, columns=list(columns))
+
+
+def rows_at(path: Path, places: Sequence[int]) -> pa.Table:
+    """Read rows by their numbers, a row group at a time: a data set would hold the whole table."""
+    with pq.ParquetFile(path) as file:
+        lengths = (file.metadata.row_group(group).num_rows for group in range(file.num_row_groups))
+        starts, rows = [0, *itertools.accumulate(lengths)], [file.schema_arrow.empty_table()]
+        for place in places:
+            group = bisect.bisect_right(starts, place) - 1
+            rows.append(file.read_row_group(group).take([place - starts[group]]))
+        return pa.concat_tables(rows)
 
 
 def selected(path: Path, columns: Sequence[str], keep: pc.Expression | None = None) -> pa.Table:

@@ -1,4 +1,4 @@
-"""Tables are written whole or not at all, and do not depend on the pieces they come in."""
+"""Tables are written whole or not at all, in row groups of whole cells."""
 
 import numpy as np
 import pyarrow as pa
@@ -6,8 +6,9 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
-from impact_xval.experiments.tables import parquet
+from impact_xval.experiments.tables import folder
 from impact_xval.experiments.tables.parquet import blocks, selected, table_writer
+from tests.experiments.conftest import resumed
 
 pytestmark = pytest.mark.smoke
 
@@ -22,42 +23,33 @@ def _table(n_cells):
     )
 
 
-def _write(path, table, pieces):
+def _write(path, table):
     with table_writer(path, SCHEMA) as add:
-        start = 0
-        for size in pieces:
-            add(table.slice(start, size))
-            start += size
-        add(table.slice(start))
+        add(table)
     return path.read_bytes()
 
 
-def test_a_file_does_not_depend_on_the_pieces(tmp_path, monkeypatch):
-    monkeypatch.setattr(parquet, "GROUP", 100)
-    table = _table(333)
-    whole = _write(tmp_path / "a", table, [])
-    rng = np.random.default_rng(0)
-    for _ in range(5):
-        assert _write(tmp_path / "b", table, rng.integers(0, 260, 12).tolist()) == whole
-    assert pq.read_table(tmp_path / "a").equals(table)
-    assert pq.ParquetFile(tmp_path / "a").metadata.row_group(0).num_rows == 100
-
-
 def test_an_error_leaves_what_was_there(tmp_path):
-    before = _write(tmp_path / "a", _table(3), [])
+    before = _write(tmp_path / "a", _table(3))
     writer = table_writer(tmp_path / "a", SCHEMA)
     writer.__enter__()(_table(2))
     assert not writer.__exit__(ValueError, ValueError("no"), None)
     assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("a", before)]
 
 
-def test_blocks_hold_whole_cells(tmp_path, monkeypatch):
-    _write(tmp_path / "a", _table(333), [])
-    monkeypatch.setattr(parquet, "GROUP", 100)
-    read = list(blocks(tmp_path / "a", ["cell", "v"]))
-    assert pa.concat_tables(read).equals(_table(333).select(["cell", "v"]))
-    assert len(read) > 3
-    assert all(len(block) % 3 == 0 for block in read)
+def test_tables_are_the_same_in_row_groups_of_whole_cells(tmp_path, monkeypatch, fake_run):
+    monkeypatch.setattr(folder, "GROUP", 20)
+    resumed(tmp_path / "a")
+    for name, rows in (
+        ("cells.parquet", [24, 12]),
+        ("divergence.parquet", [16, 8]),
+        ("ladder.parquet", [16, 8]),
+    ):
+        read = list(blocks(tmp_path / "a" / name, ["cell", "solver"]))
+        assert list(map(len, read)) == rows
+        assert set(read[0]["cell"].to_pylist()) == set(range(8))
+        assert pq.read_table(tmp_path / "a" / name).equals(pq.read_table(fake_run.root / name))
+    assert (tmp_path / "a/ladder.csv").read_bytes() == (fake_run.root / "ladder.csv").read_bytes()
 
 
 def test_rows_without_an_entry_are_found_in_a_column_of_none(tmp_path):
