@@ -159,7 +159,7 @@ def solve_chunk(slot: Slot, number: int, block: Block) -> Report:
     rows = pa.concat_tables([part for name in names for part in chunk.solved_by(name)])
     by_cell = np.arange(len(rows)).reshape(len(names), -1).T.ravel()
     rows = pa.concat_tables(chunk.completed(rows.take(by_cell)))
-    return Report(number, part_bytes(rows), dict(chunk.seconds), slot.once(solver_versions), chunk.faults)
+    return Report(number, part_bytes(rows), dict(chunk.seconds), solver_versions(slot), chunk.faults)
 
 
 class Chunk:
@@ -174,7 +174,7 @@ class Chunk:
 
     def solved_by(self, name: str) -> list[pa.Table]:
         """Rows of a solver, in pieces: where it dies, without an answer."""
-        said = self._slot.once(solver_versions)[name]
+        said = solver_versions(self._slot)[name]
         if said.startswith(UNAVAILABLE):
             fault = FaultError("unavailable", said.removeprefix(UNAVAILABLE))
             return [self._failed(name, slice(None), fault)]
@@ -228,13 +228,14 @@ class Chunk:
 
 
 def solver_versions(slot: Slot) -> Versions:
-    """Versions of the project and of every solver; why not, for one that is unavailable."""
-    experiment: Experiment = slot.context
-    found = {"impact-xval": version("impact-xval")}
-    for name in experiment.config.solvers:
-        said, reason = stated(slot, experiment.resolve, name)
-        found[name] = said if reason is None else UNAVAILABLE + reason
-    return found
+    """Versions of the project and of every solver; why not, for one that is unavailable. They are asked once."""
+    if not slot.versions:
+        found = {"impact-xval": version("impact-xval")}
+        for name in slot.context.config.solvers:
+            said, reason = stated(slot, slot.context.resolve, name)
+            found[name] = said if reason is None else UNAVAILABLE + reason
+        slot.versions = found
+    return slot.versions
 
 
 def stated(slot: Slot, resolve: Resolve, name: str) -> tuple[str, str | None]:

@@ -50,7 +50,8 @@ class Slot:
         self._origins = origins()
         self._workers = {origin: Worker(context, log) for origin in self._origins.values()}
         self._deaths: Counter[str] = Counter()
-        self._known: dict[Any, Any] = {}
+        #: What its solvers have said, once they were asked (`chunk.solver_versions`).
+        self.versions: dict[str, str] = {}
 
     def start(self) -> None:
         """Start the process of our solvers, while the caller goes on."""
@@ -87,12 +88,6 @@ class Slot:
         with suppress(FaultError):
             self.call(None, function, *arguments, timeout=TO_PREPARE)
         self._worker(None).end()
-
-    def once(self, function: Callable[[Slot], _Answer]) -> _Answer:
-        """Return ``function(slot)``, which is called once."""
-        if function not in self._known:
-            self._known[function] = function(self)
-        return self._known[function]
 
     def close(self) -> None:
         """End all processes, whatever they do; safe from any thread, and at any time."""

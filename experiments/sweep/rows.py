@@ -56,11 +56,8 @@ class Experiment:
 
     def results(self, name: str, block: Block, lost: Lost) -> Results:
         """Solve cells by a solver; those that are lost to it are failures, and it is not asked for them."""
-        pair, full = self.layout.pair, self.config.measures == "all"
-        why, settings = (
-            [lost.get((name, cell)) for cell in block.index.tolist()],
-            settings_of(self.config, paths=pair),
-        )
+        layout, why = self.layout, [lost.get((name, cell)) for cell in block.index.tolist()]
+        settings = settings_of(self.config, paths=layout.pair)
         if not any(why):
             outcomes = answer(self.resolve(name), block.collisions, settings)
         else:
@@ -68,8 +65,10 @@ class Experiment:
             left = [c for c, failed in cells if not failed]
             solved = iter(answer(self.resolve(name), left, settings) if left else [])
             outcomes = [Outcome.failure(name, c, *failed) if failed else next(solved) for c, failed in cells]
-        shortest = self.config.shortest_state * shortest_periods(block) if pair and full else None
-        return results_of(outcomes, _speeds(block), self.layout.balls, self.layout.contacts, shortest)
+        paths = layout.pair and self.config.measures == "all"
+        shortest = self.config.shortest_state * shortest_periods(block) if paths else None
+        speed = np.abs(block.parameters["v0"])
+        return results_of(outcomes, speed, layout.balls, layout.contacts, shortest)
 
     def models(self, block: Block, lost: Lost) -> Results:
         """Solve cells by the reference; kept for the next solver of the same cells."""
@@ -110,7 +109,7 @@ def _columns(
     """Columns of the rows of a solver."""
     config, layout = experiment.config, experiment.layout
     masses, starts = masses_and_starts(block.collisions, layout.balls)
-    speed = _speeds(block)
+    speed = np.abs(block.parameters["v0"])
     # A result that is not converged keeps the numbers it came to, but is no measure of anything.
     numbers = (found.there | (found.status == "unconverged")) & ~np.isnan(found.velocities[:, 0])
 
@@ -189,7 +188,7 @@ def _limit_distances(
     for name, places in per_cell.items():
         law = exact_for(name, experiment.config.mapping)
         if law in per_cell and law != name:
-            exact = of_balls(rows.take(per_cell[law]), "v{}", balls) / _speeds(block)[:, None]
+            exact = of_balls(rows.take(per_cell[law]), "v{}", balls) / np.abs(block.parameters["v0"])[:, None]
             away = np.abs(of_balls(rows.take(places), "v{}_limit", balls) - exact)
             both = ~np.isnan(away[:, 0])
             found[places[both]] = np.nanmax(away[both], axis=1, initial=0.0)
@@ -198,19 +197,13 @@ def _limit_distances(
 
 def _marked(name: str, model: Results, found: Results) -> NDArray[np.object_]:
     """Say what a comparison of results with the model's lies beside: a jump of either, or a cut-off."""
-    own = _named(name, found.mark)
-    if found is model:
-        return own
-    models = _named(REFERENCE, model.mark)
-    return models + np.where((models != "") & (own != ""), "; ", "").astype(object) + own
-
-
-def _named(name: str, marks: NDArray[np.object_]) -> NDArray[np.object_]:
-    return np.array([f"{name}: {mark}" if mark else "" for mark in marks], dtype=object)
-
-
-def _speeds(block: Block) -> Floats:
-    return np.abs(block.parameters["v0"].astype(float))
+    models, *others = (
+        np.array([f"{who}: {mark}" if mark else "" for mark in each.mark], dtype=object)
+        for who, each in {REFERENCE: model, name: found}.items()
+    )
+    for own in others:
+        models = models + np.where((models != "") & (own != ""), "; ", "").astype(object) + own
+    return models
 
 
 def shortest_periods(block: Block) -> Floats:

@@ -49,12 +49,6 @@ Progress = Callable[[int, int, str], None]
 #: Has ``function(_, *arguments)`` called by a process of this machine; on a Dask cluster the caller waits for it.
 Apart = Callable[..., Future[Any]]
 
-#: Number of a shard, from 1, and how many there are.
-Shard = tuple[int, int]
-
-#: What solvers write to standard error, in a run's folder.
-LOG = "solvers.log"
-
 
 def run_sweep(
     config: Config,
@@ -62,7 +56,7 @@ def run_sweep(
     *,
     workers: int | None = None,
     scheduler: str | None = None,
-    shard: Shard = (1, 1),
+    shard: tuple[int, int] = (1, 1),
     isolate: bool = True,
     progress: Progress = lambda done, total, line: None,
     resolve: Resolve = get_solver,
@@ -80,7 +74,8 @@ def run_sweep(
     scheduler : str, optional
         Address of a Dask scheduler.
     shard : tuple of int and int
-        It computes its parts alone; whichever finds all parts at its end writes the tables.
+        Its number, from 1, and how many there are. It computes its parts alone; whichever finds all parts at its end
+        writes the tables.
     isolate : bool
         False runs the solvers in this process: one that crashes ends the run.
     progress : callable
@@ -102,9 +97,9 @@ def run_sweep(
     workers, say = workers or config.workers or available_cores(), functools.partial(progress, 0, 0)
     with _one_line(root), cluster(scheduler) as client, writing(root, config, shard) as (folder, continued):
         run = _Run(experiment, cells, folder, shard, progress)
-        how = {"client": client, "isolate": isolate, "say": say, "log": folder.root / LOG}
+        how = {"client": client, "isolate": isolate, "say": say, "log": folder.root / "solvers.log"}
         with open_pool(experiment, min(workers, cells.chunks()), **how) as pool:
-            run.begin(pool.here(Slot.once, solver_versions).result(), continued)
+            run.begin(pool.here(solver_versions).result(), continued)
             begin_compiling(pool, experiment)
             run.solve(pool)
             apart = functools.partial(pool.here, functools.partial(Slot.call, timeout=TO_COMPLETE), None)
@@ -131,7 +126,12 @@ class _Run:
     """A session of a run: what it is to do, and what it has done."""
 
     def __init__(
-        self, experiment: Experiment, cells: Cells, folder: RunFolder, shard: Shard, progress: Progress
+        self,
+        experiment: Experiment,
+        cells: Cells,
+        folder: RunFolder,
+        shard: tuple[int, int],
+        progress: Progress,
     ) -> None:
         self._experiment, self._cells, self._folder, self._shard = experiment, cells, folder, shard
         self._progress = progress
