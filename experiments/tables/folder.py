@@ -114,18 +114,18 @@ class RunFolder:
     def assemble(self, parts: dict[int, Path], layout: Layout, rows: int) -> None:
         """Write the finished tables from the parts, in the order of the cells, in one pass; `rows` are in them all."""
         with contextlib.ExitStack() as stack:
-            writers = []
-            for name, cut in layout.tables.items():
-                add = [stack.enter_context(table_writer(self.root / f"{name}.parquet", cut.schema))]
-                if cut.text and rows <= _CSV:
-                    text = stack.enter_context(replacing(self.root / f"{name}.csv"))
-                    add += [stack.enter_context(pacsv.CSVWriter(str(text), cut.schema)).write_table]
-                writers.append((cut, add))
+            adds = [
+                (cut, stack.enter_context(table_writer(self.root / f"{name}.parquet", cut.schema)))
+                for name, cut in layout.tables.items()
+            ]
             for piece in _pieces((parts[number] for number in sorted(parts)), layout):
-                for cut, add in writers:
+                for cut, add in adds:
                     if len(some := cut.of(piece)):
-                        for each in add:
-                            each(some)
+                        add(some)
+        for name, cut in layout.tables.items():
+            if cut.text and rows <= _CSV:
+                with replacing(self.root / f"{name}.csv") as text:
+                    pacsv.write_csv(self.read_table(f"{name}.parquet"), text)
 
     def tally(self) -> Tally:
         """Count the rows of the finished table of cells by what became of them."""
