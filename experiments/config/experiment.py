@@ -29,15 +29,7 @@ from impact_xval.experiments.config.axes import (
     table,
     whole,
 )
-from impact_xval.experiments.config.errors import (
-    FieldName,
-    UserError,
-    dotted,
-    hint,
-    read_toml,
-    short,
-    validated,
-)
+from impact_xval.experiments.config.errors import UserError, hint, read_toml, short, validated
 from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, V0, Cutoff, legal_cutoff
 
 #: What says which cells are computed; an experiment has one of them, without any the built-in grid.
@@ -312,6 +304,6 @@ def load_config(path: Path | str, context: str = "") -> Config:
     return validated(Config, data, str(path), context=context)
 
 
-def parse_config(data: dict[str, Any], where: str = "configuration", name: FieldName = dotted) -> Config:
+def parse_config(data: dict[str, Any], where: str = "configuration") -> Config:
     """Validate an experiment given as a TOML file holds it, as `validated` does."""
-    return validated(Config, data, where, name)
+    return validated(Config, data, where)

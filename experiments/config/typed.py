@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.config.errors import UserError, validated
 
 if TYPE_CHECKING:
     from impact_xval.experiments.config.arrangements import Arranged
@@ -73,7 +73,7 @@ def asked(parameters: Mapping[str, Any]) -> tuple[Collision, Arranged | None, Co
 
 def _two_balls(plain: dict[str, Any]) -> tuple[Collision, None, Config]:
     from impact_xval.experiments.config.cells import collision_of
-    from impact_xval.experiments.config.experiment import parse_config
+    from impact_xval.experiments.config.experiment import Config
 
     for ratio, (upper, lower) in _IN_SI.items():
         if upper in plain:
@@ -94,19 +94,19 @@ def _two_balls(plain: dict[str, Any]) -> tuple[Collision, None, Config]:
     cell = {key: plain.pop(key) for key in RATIOS}
     # The built-in grid may leave double precision where the cell does not.
     data = {"scenario": "impact", "figure_cell": cell, "grid": {key: [1.0] for key in cell}} | plain
-    config = parse_config(data, where="", name=_named)
+    config = validated(Config, data, "", name=_named)
     return collision_of(config, config.figure_cell), None, config
 
 
 def _column(plain: dict[str, Any]) -> tuple[Collision, Arranged, Config]:
-    from impact_xval.experiments.config.experiment import parse_config
+    from impact_xval.experiments.config.experiment import Config
 
     setup = {key: plain.pop(key) for key in (*OF_COLUMN, "arrangement", "v0") if key in plain}
     setup |= {key[0]: plain.pop(key) for key in ("m1", "k1") if key in plain}
     for key in _COUNTS:
         if isinstance(value := setup.get(key), float) and value.is_integer():
             setup[key] = int(value)
-    config = parse_config({"column": {}, "figure_column": setup} | plain, where="", name=_named)
+    config = validated(Config, {"column": {}, "figure_column": setup} | plain, "", name=_named)
     return config.figure_column.column(), config.figure_column, config
 
 

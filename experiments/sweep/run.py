@@ -32,16 +32,7 @@ from impact_xval.experiments.sweep.curves import write_curves
 from impact_xval.experiments.sweep.pool import Slot, available_cores, cluster, open_pool
 from impact_xval.experiments.sweep.process import ClosedError
 from impact_xval.experiments.sweep.rows import Experiment, Resolve
-from impact_xval.experiments.tables.folder import (
-    FORMAT,
-    MANIFEST,
-    RunFolder,
-    read_part,
-    statuses_of,
-    tables_lock,
-    write_json,
-    writing,
-)
+from impact_xval.experiments.tables.folder import RunFolder, read_part, statuses_of, tables_lock, writing
 
 #: Given how many cells are done, of how many, and a line worth saying ("" if none).
 Progress = Callable[[int, int, str], None]
@@ -152,7 +143,7 @@ class _Run:
         if not continued:
             folder.write_config(config)
         with tables_lock(folder):
-            write_json(folder.root / MANIFEST, self._manifest("running"))
+            folder.write_manifest(self._manifest("running"))
         there = set()
         for number, path in folder.named_parts(self._mine, self._identity).items():
             try:
@@ -206,10 +197,10 @@ class _Run:
                 self._progress(self._done, self._total, line)
             else:
                 manifest["statuses"] = statuses_of(folder.tally())
-            write_json(folder.root / MANIFEST, manifest)
+            folder.write_manifest(manifest)
             if state == "tables":
                 present()
-                write_json(folder.root / MANIFEST, manifest | {"state": "complete"})
+                folder.write_manifest(manifest | {"state": "complete"})
 
     def _session(self, by: dict[str, Any]) -> dict[str, Any]:
         return {
@@ -231,7 +222,6 @@ class _Run:
         with contextlib.suppress(UserError):  # there is none, or none that can be read
             earlier = self._folder.manifest()["sessions"]
         return {
-            "format": FORMAT,
             "state": state,
             "name": config.name,
             "cells": len(self._cells),

@@ -91,6 +91,10 @@ class RunFolder:
             raise UserError(f"{path}: format = {found!r:.60}; legal: {FORMAT!r}, which this version writes")
         return value
 
+    def write_manifest(self, value: dict[str, Any]) -> None:
+        """Write the manifest, of this format."""
+        write_json(self.root / MANIFEST, {"format": FORMAT} | value)
+
     def write_part(self, number: int, identity: str, data: bytes) -> None:
         """Write a part; one that a power cut emptied is told by its checksums."""
         with replacing(self._part(number, identity), sync=False) as temporary:
