@@ -45,8 +45,9 @@ class SolversApart:
         points at most, none with 0.
         """
         pair = collision.falls_on_resting
-        if not self._begun.result():
-            say("")
+        with contextlib.suppress(FaultError):  # then the solvers say so
+            if not self._begun.result():
+                say("")
         ended = f"has taken {{:.0f}} s; it is ended after {TO_PREPARE:g} s"
         at_work = f"has worked for {{:.0f}} s; it is ended after {config.cell_timeout:g} s"
         solve, solved = partial(Slot.call, timeout=config.cell_timeout), {}
@@ -74,19 +75,13 @@ def solvers_apart(names: Sequence[str], *, columns: bool = False) -> Iterator[So
     Names may be illegal; none stand for the solvers that a run has by default.
     """
     legal = [name for name in solver_names(on_request=True) if name in names] or list(solver_names())
+    begin = partial(Slot.call, timeout=TO_PREPARE)
     with open_pool(None, 1) as pool:
-        yield SolversApart(pool, pool.submit(_begun, legal, not columns))
-
-
-def _begun(slot: Slot, names: Sequence[str], pair: bool) -> bool:
-    """Have our solvers imported; whether all kernels are compiled."""
-    try:
-        return slot.call(None, _import, names, pair, timeout=TO_PREPARE)
-    except FaultError:
-        return True
+        yield SolversApart(pool, pool.submit(begin, None, _import, legal, not columns))
 
 
 def _import(_: object, names: Sequence[str], pair: bool) -> bool:
+    """Import our solvers; whether all kernels are compiled."""
     from impact_xval.experiments.sweep.chunk import are_compiled
 
     for name in filter(is_ours, names):
