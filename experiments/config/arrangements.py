@@ -1,13 +1,4 @@
-"""Columns as people set them up, each by a few numbers: a chain, a cradle, a drop, a stack.
-
-`chain`
-    ball 1 strikes a row of N - 1 balls at rest;
-`cradle`
-    j balls strike N - j at rest;
-`drop`
-    ball 1 falls on a stack of N - 1 balls that rests on a table;
-`stack`
-    N balls fall together onto a table.
+"""Columns as people set them up, each by a few numbers: a chain, a cradle, a drop, a stack (`docs/columns.md`).
 
 Masses and stiffnesses taper from the top: of every next ball and contact they are so many times those of the one above.
 A drop of two balls is therefore the cell of two balls, the tapers being m2/m1 and k2/k1.
