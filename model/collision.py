@@ -7,7 +7,6 @@ many of them as arrays. Nothing here computes a collision.
 from __future__ import annotations
 
 import math
-import operator
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
@@ -17,22 +16,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_xval.model.inputs import (
-    E1,
-    E2,
     EXPONENT,
-    GAPS,
-    K1,
-    K2,
-    M1,
-    M2,
-    MASS_RATIO,
-    MASSES,
-    RESTITUTIONS,
-    STIFFNESS_RATIO,
-    STIFFNESSES,
+    LINE,
+    RATIOS,
     STIFFNESSES_WITH_LIMITS,
-    V0,
-    VELOCITIES,
+    TWO_BALLS,
     Legal,
     checked_array,
 )
@@ -52,30 +40,22 @@ _STATE_OF_SET = ("S4", "S3", "S2", "S1")
 #: Most balls of a collision.
 MAX_BALLS = 1000
 
-#: Fields of `Collision` and `Collisions` that hold a number a ball or a contact.
-_ARRAYS = ("masses", "stiffnesses", "restitutions", "velocities", "gaps")
-
 
 def _legal(balls: int, table: bool) -> Iterator[tuple[Legal, int]]:
-    """Tell what the fields of a collision may hold, in the order of `_ARRAYS`, and how many numbers each."""
+    """Tell what the fields of a collision may hold that are a number a ball or a contact, and how many."""
+    masses, stiffnesses, *others = LINE
+    if table and balls == 2:
+        stiffnesses = STIFFNESSES_WITH_LIMITS
     contacts = balls - 1 + table
-    stiffnesses = STIFFNESSES_WITH_LIMITS if table and balls == 2 else STIFFNESSES
-    lengths = balls, contacts, contacts, balls, contacts
-    return zip((MASSES, stiffnesses, RESTITUTIONS, VELOCITIES, GAPS), lengths, strict=True)
+    return zip((masses, stiffnesses, *others), (balls, contacts, contacts, balls, contacts), strict=True)
 
 
 class Units(NamedTuple):
-    """Units in which a collision has m1 = k1 = 1 and 1 as its largest compression rate (Theorem 5).
+    """Units in which a collision has m1 = k1 = 1 and 1 as its largest compression rate (Theorem 5)."""
 
-    Attributes
-    ----------
-    time : float
-        In s; sqrt(m1/k1) where contacts are linear; infinite without a stiffness.
-    velocity, impulse : float
-        The largest rate at first touch in m/s, for two balls on a table abs(v0); m1 times that in N s.
-    """
-
+    #: In s; sqrt(m1/k1) where contacts are linear; infinite without a stiffness.
     time: float
+    #: The largest rate at first touch in m/s, for two balls on a table abs(v0); m1 times that in N s.
     velocity: float
     impulse: float
 
@@ -129,14 +109,14 @@ class Collision:
     def __post_init__(self) -> None:
         if type(self.table) is not bool:
             raise ValueError(f"table = {self.table!r}; legal: True or False")
-        object.__setattr__(self, "masses", _numbers(MASSES, self.masses))
         object.__setattr__(self, "exponent", EXPONENT.number(self.exponent))
-        balls = len(self.masses)
+        balls = len(_numbers(LINE[0], self.masses))
         if not 1 <= balls <= MAX_BALLS:
             raise ValueError(f"masses: {balls} balls; legal: from 1 to {MAX_BALLS}")
         for legal, length in _legal(balls, self.table):
             numbers = _numbers(legal, getattr(self, legal.name))
-            numbers = numbers or (0.0,) * length if legal is GAPS else numbers
+            if legal.name == "gaps":
+                numbers = numbers or (0.0,) * length
             if len(numbers) != length:
                 given, on = f"{legal.name}: {len(numbers)} values", "on a" if self.table else "without a"
                 raise ValueError(f"{given}; legal: {length}, for {balls} balls {on} table")
@@ -165,13 +145,8 @@ class Collision:
             Coefficients of energetic restitution, from 0 (perfectly plastic) to 1 (elastic).
         v0 : float
             Velocity of B1 when it touches B2, in m/s; negative, finite.
-
-        Raises
-        ------
-        ValueError
-            For an illegal value; the message names the parameter, the value and the legal range.
         """
-        given = zip((M1, M2, K1, K2, E1, E2, V0), (m1, m2, k1, k2, e1, e2, v0), strict=True)
+        given = zip(TWO_BALLS, (m1, m2, k1, k2, e1, e2, v0), strict=True)
         m1, m2, k1, k2, e1, e2, v0 = (legal.number(value) for legal, value in given)
         return cls((m1, m2), (k1, k2), (e1, e2), (v0, 0.0), table=True)
 
@@ -189,13 +164,8 @@ class Collision:
             m2/m1, positive, finite.
         e1, e2 : float
             Coefficients of energetic restitution, from 0 to 1.
-
-        Raises
-        ------
-        ValueError
-            For an illegal value; the message names the parameter, the value and the legal range.
         """
-        ratio, mass = STIFFNESS_RATIO.number(stiffness_ratio), MASS_RATIO.number(mass_ratio)
+        ratio, mass = RATIOS[0].number(stiffness_ratio), RATIOS[1].number(mass_ratio)
         return cls.two_balls(m1=1.0, m2=mass, k1=1.0, k2=ratio, e1=e1, e2=e2)
 
     m1 = property(lambda self: self.masses[0], doc="Mass of ball 1, in kg.")
@@ -238,7 +208,7 @@ class Collision:
         """Return the collision seen from below, if it has no table: order of balls and sign of velocities reversed."""
         if self.table:
             raise ValueError("table = True: a column on a table has no reverse; legal: False")
-        seen = {name: getattr(self, name)[::-1] for name in _ARRAYS}
+        seen = {legal.name: getattr(self, legal.name)[::-1] for legal in LINE}
         return replace(self, **(seen | {"velocities": tuple(-v for v in seen["velocities"])}))
 
 
@@ -326,8 +296,7 @@ class Collisions(Sequence[Collision]):
         cls, stiffness_ratio: ArrayLike, mass_ratio: ArrayLike, e1: ArrayLike, e2: ArrayLike
     ) -> Collisions:
         """Build two balls on a table with m1 = 1 kg, k1 = 1 N/m and v0 = -1 m/s, flat from inputs that broadcast."""
-        given = {STIFFNESS_RATIO: stiffness_ratio, MASS_RATIO: mass_ratio, E1: e1, E2: e2}
-        arrays = np.broadcast_arrays(*(checked_array(legal, values) for legal, values in given.items()))
+        arrays = np.broadcast_arrays(*map(checked_array, RATIOS, (stiffness_ratio, mass_ratio, e1, e2)))
         kappa, mu, e1, e2 = map(np.ravel, arrays)
         ones, zeros = np.ones_like(mu), np.zeros_like(mu)
         pairs = ((ones, mu), (ones, kappa), (e1, e2), (-ones, zeros))
@@ -342,7 +311,7 @@ class Collisions(Sequence[Collision]):
     @overload
     def __getitem__(self, index: slice | NDArray[Any]) -> Collisions: ...
     def __getitem__(self, index: Any) -> Collision | Collisions:
-        arrays = {name: getattr(self, name)[index] for name in _ARRAYS}
+        arrays = {legal.name: getattr(self, legal.name)[index] for legal in LINE}
         if arrays["masses"].ndim == 2:
             return replace(self, **arrays)
         numbers = {name: tuple(array.tolist()) for name, array in arrays.items()}
@@ -457,10 +426,10 @@ class Paths(Sequence[Path | None]):
     def __len__(self) -> int:
         return len(self.offsets) - 1
 
-    def __getitem__(self, index: Any) -> Any:
+    def __getitem__(self, index: int | slice) -> Any:
         if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        i = range(len(self))[operator.index(index)]
+            return [self[i] for i in range(len(self))[index]]
+        i = range(len(self))[index]
         here = slice(*self.offsets[i : i + 2].tolist())
         if here.start == here.stop:
             return None
@@ -625,8 +594,6 @@ class Outcomes(Sequence[Outcome]):
     solver : str
     velocities, impulses : ndarray, shapes (n, N) and (n, C)
         In m/s and N s; NaN where there is no result.
-    table : bool
-        As of the collisions.
     status : ndarray of uint8, shape (n,)
         Index into `STATUSES`; `statuses` is the text.
     reason, mark : ndarray of int, shape (n,)
@@ -645,7 +612,6 @@ class Outcomes(Sequence[Outcome]):
     solver: str
     velocities: Floats
     impulses: Floats
-    table: bool
     status: NDArray[np.uint8]
     reason: NDArray[np.int32]
     reasons: tuple[str, ...]
@@ -715,7 +681,6 @@ class Outcomes(Sequence[Outcome]):
             solver=solver,
             velocities=velocities,
             impulses=impulses,
-            table=collisions.table,
             status=np.array([STATUSES.index(each) for each in ("ok", *statuses)], np.uint8)[reason],
             reason=reason,
             reasons=("", *reasons),
@@ -750,14 +715,11 @@ class Outcomes(Sequence[Outcome]):
     def __len__(self) -> int:
         return len(self.velocities)
 
-    def __iter__(self) -> Iterator[Outcome]:
-        return map(self.__getitem__, range(len(self)))
-
-    def __getitem__(self, index: Any) -> Any:
+    def __getitem__(self, index: int | slice) -> Any:
         if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        i = range(len(self))[operator.index(index)]
-        margin, paper = float(self.grazing_margin[i]), self.table and self.velocities.shape[1] == 2
+            return [self[i] for i in range(len(self))[index]]
+        i = range(len(self))[index]
+        margin, paper = float(self.grazing_margin[i]), self.velocities.shape[1] == self.impulses.shape[1] == 2
         stated = ((name, float(values[i])) for name, values in self.diagnostics.items())
         return Outcome(
             self.solver,

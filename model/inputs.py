@@ -26,13 +26,7 @@ class Legal(NamedTuple):
         return self.low <= value <= self.high
 
     def number(self, value: object) -> float:
-        """Return a value as a number.
-
-        Raises
-        ------
-        ValueError
-            If it is none or illegal; the message holds the name, the value and the legal range.
-        """
+        """Return a value as a number; a ValueError holds the name, the value and the legal range."""
         if isinstance(value, bool) or not isinstance(value, Real) or math.isnan(float(value)):
             raise ValueError(f"{self.name} = {value!r}: not a number")
         if not self.includes(float(value)):
@@ -42,20 +36,28 @@ class Legal(NamedTuple):
 
 _LEAST, _LARGEST = math.ulp(0.0), float(np.finfo(float).max)
 
-M1, M2 = (Legal(name, _LEAST, _LARGEST, "a finite number > 0 (kg)") for name in ("m1", "m2"))
-K1, K2 = (Legal(name, 0.0, math.inf, "from 0 to inf (N/m)") for name in ("k1", "k2"))
 E1, E2 = (Legal(name, 0.0, 1.0, "from 0 to 1") for name in ("e1", "e2"))
 V0 = Legal("v0", -_LARGEST, -_LEAST, "a finite number < 0 (m/s, up is positive)")
 STIFFNESS_RATIO = Legal("stiffness_ratio", 0.0, math.inf, "from 0 to inf (k2/k1)")
 MASS_RATIO = Legal("mass_ratio", _LEAST, _LARGEST, "a finite number > 0 (m2/m1)")
 
-MASSES = Legal("masses", _LEAST, _LARGEST, "finite numbers > 0 (kg)")
-STIFFNESSES = Legal("stiffnesses", _LEAST, _LARGEST, "finite numbers > 0 (N/m)")
-#: Of two balls on a table.
+#: Two balls on a table by their parameters, and by the ratios that decide (Theorem 5).
+TWO_BALLS = (
+    *(Legal(name, _LEAST, _LARGEST, "a finite number > 0 (kg)") for name in ("m1", "m2")),
+    *(Legal(name, 0.0, math.inf, "from 0 to inf (N/m)") for name in ("k1", "k2")),
+    *(E1, E2, V0),
+)
+RATIOS = (STIFFNESS_RATIO, MASS_RATIO, E1, E2)
+
+#: N balls in a line; and the stiffnesses of two on a table.
+LINE = (
+    Legal("masses", _LEAST, _LARGEST, "finite numbers > 0 (kg)"),
+    Legal("stiffnesses", _LEAST, _LARGEST, "finite numbers > 0 (N/m)"),
+    Legal("restitutions", 0.0, 1.0, "from 0 to 1"),
+    Legal("velocities", -_LARGEST, _LARGEST, "finite numbers (m/s, up is positive)"),
+    Legal("gaps", 0.0, _LARGEST, "finite numbers >= 0 (m)"),
+)
 STIFFNESSES_WITH_LIMITS = Legal("stiffnesses", 0.0, math.inf, "numbers from 0 to inf (N/m)")
-RESTITUTIONS = Legal("restitutions", 0.0, 1.0, "from 0 to 1")
-VELOCITIES = Legal("velocities", -_LARGEST, _LARGEST, "finite numbers (m/s, up is positive)")
-GAPS = Legal("gaps", 0.0, _LARGEST, "finite numbers >= 0 (m)")
 
 #: p of the contacts' forces, F = k delta^p.
 EXPONENT = Legal("exponent", 1.0, 3.0, "from 1 (linear contacts; 1.5: Hertz) to 3")
@@ -77,13 +79,7 @@ def legal_cutoff(value: object) -> bool:
 
 
 def checked_array(legal: Legal, values: ArrayLike) -> NDArray[np.float64]:
-    """Return values as an array of numbers.
-
-    Raises
-    ------
-    ValueError
-        If any is illegal; the message names the parameter, the first such value and its row, and the legal range.
-    """
+    """Return values as an array; a ValueError names the parameter, its first illegal value and row, and the range."""
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):

@@ -9,21 +9,10 @@ from numpy.typing import ArrayLike
 
 
 def kinetic_norm(masses: ArrayLike, velocities: ArrayLike) -> Any:
-    """Kinetic norm sqrt(sum m_i v_i^2) of velocities of N balls, per root of the largest mass.
+    """Kinetic norm sqrt(sum m_i v_i^2) over the last axis, in the unit of velocities, per root of the largest mass.
 
     Only quotients of it are of use: that of a difference of final velocities and of the velocities at first touch is D,
-    the velocity divergence.
-
-    Parameters
-    ----------
-    masses : array_like, shape (..., N)
-        In kg, positive; NaN where a collision has fewer balls.
-    velocities : array_like, shape (..., N)
-
-    Returns
-    -------
-    float or ndarray, shape (...)
-        In the unit of the velocities.
+    the velocity divergence. Masses are NaN where a collision has fewer balls.
     """
     m, v = np.asarray(masses, float), np.asarray(velocities, float)
     with np.errstate(over="ignore", invalid="ignore"):
