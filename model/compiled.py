@@ -44,48 +44,35 @@ merged = compiled_with(inline="always", **_INNER)
 #: A kernel of these, which Python calls: it holds no lock, so that threads can be given parts of arrays.
 entry = compiled_with(nogil=True, _nrt=False)
 
+
 #: States of a collision for which a log has room at first.
 FEW_STATES = 32
 
 
 def in_shares(
-    follow: Callable[..., int], n: int, share: int, states: bool, words: int
-) -> tuple[NDArray[np.uint64], NDArray[np.float64]]:
-    """Follow n collisions, `share` of them at once, in as many threads as numba would take, with a log of their states.
+    follow: Callable[..., int], n: int, share: int, few: int, *kinds: tuple[Any, ...]
+) -> list[NDArray[Any]]:
+    """Follow n collisions, `share` of them at once, in as many threads as numba would take; the arrays of their log.
 
     A kernel that holds no lock of Python is compiled once so; a loop that numba shares out takes four times as long.
-
-    Parameters
-    ----------
-    follow : callable
-        Given a slice of the collisions, and arrays for sets and their starts; returns the number of states.
-    n, share : int
-    states : bool
-        Whether there is a log. It has room for `FEW_STATES` a collision; a share with more is followed once more.
-    words : int
-        Of a set.
-
-    Returns
-    -------
-    sets : ndarray, shape (entries, words)
-    starts : ndarray, shape (entries,)
+    `follow` is given a slice of the collisions and an array of each of `kinds`, the shape of an entry and its type, and
+    returns how many entries it has. There is room for `few` a collision; a share with more is followed once more.
     """
 
-    def logged(start: int) -> tuple[NDArray[np.uint64], NDArray[np.float64]]:
+    def logged(start: int) -> list[NDArray[Any]]:
         part, room = slice(start, min(start + share, n)), few * (min(start + share, n) - start)
         while True:
-            log = np.empty((room, words), np.uint64), np.empty(room)
+            log = [np.empty((room, *shape), kind) for shape, kind in kinds]
             used = follow(part, *log)
-            if used <= room or not states:
-                return log[0][:used], log[1][:used]
+            if used <= room:
+                return [each[:used] for each in log]
             room = used
 
-    few, starts = FEW_STATES if states else 0, range(0, max(n, 1), share)
+    starts = range(0, max(n, 1), share)
     count: int = vars(config)["NUMBA_NUM_THREADS"]  # numba sets it from the environment
     with ThreadPoolExecutor(count) as threads:
         parts = [logged(0)] if len(starts) == 1 else list(threads.map(logged, starts))
-    sets, times = zip(*parts, strict=True)
-    return np.concatenate(sets), np.concatenate(times)
+    return [np.concatenate(each) for each in zip(*parts, strict=True)]
 
 
 def cache_folder(kernel: Any) -> Path:

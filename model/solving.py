@@ -29,13 +29,8 @@ from impact_xval.model.collision import (
     Status,
     in_unit,
 )
-from impact_xval.model.compiled import in_shares
-from impact_xval.model.inputs import (
-    GRAZING_THRESHOLD,
-    LEGAL_CUTOFF,
-    Cutoff,
-    legal_cutoff,
-)
+from impact_xval.model.compiled import FEW_STATES, in_shares
+from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, Cutoff, legal_cutoff
 from impact_xval.model.pair import kernel
 from impact_xval.model.pair.events import MOST_WINDOWS
 from impact_xval.model.pair.grazing import CUTOFF_THRESHOLD, MARKS
@@ -57,9 +52,8 @@ LOG_ROWS = 512
 #: Collisions that a thread is given at once.
 SHARE = 8192
 
-#: Columns of what `pair.kernel.collide_all` says of each collision; their number in a row of its log.
+#: Columns of what `pair.kernel.collide_all` says of each collision.
 NUMBERS = ("code", "n_states", "n_events", "rows", "margin", "residual")
-LOG_WIDTH = len(LOG_COLUMNS)
 
 
 def solve(collision: Collision, *, path: bool = False, **how: Any) -> Outcome:
@@ -96,7 +90,6 @@ def solve_many(
     stiffness_ratio_cutoff: Cutoff = "exact",
     max_events: int | None = None,
     grazing_threshold: float = GRAZING_THRESHOLD,
-    cutoff_effect: bool = False,
     states: bool = True,
     paths: bool = False,
 ) -> Outcomes:
@@ -117,9 +110,6 @@ def solve_many(
         Events, of N balls pieces of segments, after which a collision is given up; by default some that take a second.
     grazing_threshold : float
         Grazing margin below which an outcome is marked.
-    cutoff_effect : bool
-        Whether to say what the cut-off changes, by solving once more those that used it; with a finite cut-off it is
-        said in any case.
     states, paths : bool
         Whether outcomes carry their states and paths; the latter one by one.
 
@@ -130,9 +120,9 @@ def solve_many(
         masses or stiffnesses lie further apart than `MASS_PRECISION`, or so far that rounding made energy, else ``ok``.
         Marked where the grazing margin is small or a cut-off changed an outcome by more than `CUTOFF_THRESHOLD`
         (`pair.grazing`). Diagnostics: ``energy_residual``, of the energy balance per kinetic energy at first touch,
-        relative to the centre of mass or the table; and ``cutoff_effect``, by how much velocities differ from the
-        outcome without a cut-off (kinetic norm per sqrt(m1) abs(v0)), not there where that is not reached within
-        `max_events`.
+        relative to the centre of mass or the table; and with a finite cut-off ``cutoff_effect``, by how much velocities
+        differ from the outcome without one (kinetic norm per sqrt(m1) abs(v0)), not there where that is not reached
+        within `max_events`.
 
     Raises
     ------
@@ -152,15 +142,13 @@ def solve_many(
             "velocities: B2 rests in some rows and not in others; legal: collisions of one kind at a time"
         )
     if two.any():
-        found = _by_diagram(
-            collisions, LAWS[law], cutoff, max_events or MAX_EVENTS, cutoff_effect, states, paths
-        )
+        found = _by_diagram(collisions, LAWS[law], cutoff, max_events or MAX_EVENTS, states, paths)
     else:
         found = _by_chain(collisions, LAWS[law], max_events or MAX_PIECES, states, paths)
     # A restart that takes back the loss leaves no jump.
     there = found.has_result
     margin = found.grazing_margin if LAWS[law] == STATE_TRANSITION else np.where(there, np.inf, np.nan)
-    effect = found.diagnostics.get("cutoff_effect", 0.0) if cutoff != kernel.EXACT else 0.0
+    effect = found.diagnostics.get("cutoff_effect", 0.0)
     grazes, cut = np.less(margin, grazing_threshold), ~np.less_equal(effect, CUTOFF_THRESHOLD)
     mark = np.where(there, grazes + 2 * cut, 0).astype(np.int32)
     return replace(found, grazing_margin=margin, mark=mark, marks=MARKS)
@@ -188,24 +176,20 @@ def _by_chain(collisions: Collisions, law: int, max_pieces: int, states: bool, p
 
 
 def _by_diagram(
-    collisions: Collisions, law: int, cutoff: float, max_events: int, effect: bool, states: bool, paths: bool
+    c: Collisions, law: int, cutoff: float, max_events: int, states: bool, paths: bool
 ) -> Outcomes:
-    c, stiffens = collisions, law == STATE_TRANSITION
-    cells = _cells(c)
-    velocities, numbers, sets, starts = _diagrams(cells, cutoff, max_events, stiffens, states)
+    cells, how = _cells(c), (max_events, law == STATE_TRANSITION)
+    velocities, numbers, sets, starts = _diagrams(cells, cutoff, *how, states)
     code, n_states, n_events, _, margin, residual = numbers.T
     diagnostics = {"energy_residual": residual}
-    if effect or 1 < cutoff < math.inf:
-        used = np.flatnonzero(code == kernel.LIMIT)
-        # The outcome to compare with: by the exact rule, and without any for an outcome by that rule.
-        beyond = math.inf if cutoff == kernel.EXACT else kernel.EXACT
-        others = _diagrams([each[used] for each in cells], beyond, max_events, stiffens, False)[0]
-        moved = others - velocities[used]
-        diagnostics["cutoff_effect"] = np.zeros(len(c))
-        diagnostics["cutoff_effect"][used] = np.hypot(moved[:, 0], np.sqrt(cells[1][used]) * moved[:, 1])
+    if 1 < cutoff < math.inf:
+        used, effect = np.flatnonzero(code == kernel.LIMIT), np.zeros(len(c))
+        exact = _diagrams([each[used] for each in cells], kernel.EXACT, *how, False)[0]
+        moved = exact - velocities[used]
+        effect[used] = np.hypot(moved[:, 0], np.sqrt(cells[1][used]) * moved[:, 1])
+        diagnostics["cutoff_effect"] = effect
     time, speed = c.units
     there = ~np.isnan(velocities[:, 0])
-    drawn = _diagram_paths(c[there], cutoff, max_events, stiffens).spread(there) if paths else None
     return Outcomes.of(
         NAME,
         c,
@@ -216,7 +200,7 @@ def _by_diagram(
         grazing_margin=margin,
         states=States.of(n_states, sets, starts, time) if states else None,
         diagnostics=diagnostics,
-        paths=drawn,
+        paths=_diagram_paths(c[there], cutoff, *how).spread(there) if paths else None,
     )
 
 
@@ -230,35 +214,35 @@ def _diagrams(
     cells: Sequence[Floats], cutoff: float, max_events: int, stiffens: bool, states: bool
 ) -> tuple[Floats, Floats, NDArray[np.uint64], Floats]:
     """Velocities per abs(v0), numbers, sets and starts of `pair.kernel.collide_all`, of any number of cells."""
-    n, no_log = len(cells[0]), np.empty((0, LOG_WIDTH))
+    n, no_path = len(cells[0]), np.empty((0, len(LOG_COLUMNS)))
     velocities, numbers = np.empty((n, 2)), np.empty((n, len(NUMBERS)))
 
     def follow(share: slice, *log: Any) -> int:
-        arguments: list[Any] = [*(each[share] for each in cells), cutoff, max_events, stiffens, 1, no_log]
-        arguments += [*log, velocities[share], numbers[share]]
-        kernel.collide_all(*arguments)
-        return int(numbers[share, NUMBERS.index("n_states")].sum())
+        how, out = (cutoff, max_events, stiffens, 1, no_path), (velocities[share], numbers[share])
+        kernel.collide_all(*(each[share] for each in cells), *how, *log, *out)
+        return int(numbers[share, NUMBERS.index("n_states")].sum()) if states else 0
 
-    return velocities, numbers, *in_shares(follow, n, SHARE, states, 1)
+    sets, starts = in_shares(follow, n, SHARE, FEW_STATES * states, ((1,), np.uint64), ((), float))
+    return velocities, numbers, sets, starts
 
 
 def _diagram_paths(collisions: Collisions, cutoff: float, max_events: int, stiffens: bool) -> Paths:
     """Paths of collisions, from the log of the kernel: time, state, velocities and forces."""
-    c, k, rows = collisions, collisions.stiffnesses.copy(), LOG_ROWS * len(collisions)
+    c, k = collisions, collisions.stiffnesses.copy()
     stiff = np.isinf(k[:, 0])  # whose time unit would be 0: any such ratio is infinite to rounding
     k[stiff, 0] = 1e60 * k[stiff, 1]
     c = replace(c, stiffnesses=k)
-    cells = _cells(c)
-    while True:
-        log, numbers = np.empty((rows, LOG_WIDTH)), np.empty((len(c), len(NUMBERS)))
-        none: tuple[Any, ...] = np.empty((0, 1), np.uint64), np.empty(0), np.empty((len(c), 2))
-        arguments: list[Any] = [*cells, cutoff, max_events, stiffens, POINTS, log, *none, numbers]
-        kernel.collide_all(*arguments)
-        lengths = numbers[:, NUMBERS.index("rows")].astype(np.int64)
-        if (needed := int(lengths.sum())) <= rows:
-            break
-        rows = needed
-    log, of = log[:needed], np.repeat(np.arange(len(c)), lengths)
+    cells, numbers, ends = _cells(c), np.empty((len(c), len(NUMBERS))), np.empty((len(c), 2))
+    no_states = np.empty((0, 1), np.uint64), np.empty(0)
+
+    def follow(share: slice, log: Floats) -> int:
+        how, out = (cutoff, max_events, stiffens, POINTS, log), (*no_states, ends[share], numbers[share])
+        kernel.collide_all(*(each[share] for each in cells), *how, *out)
+        return int(numbers[share, NUMBERS.index("rows")].sum())
+
+    (log,) = in_shares(follow, len(c), SHARE, LOG_ROWS, ((len(LOG_COLUMNS),), float))
+    lengths = numbers[:, NUMBERS.index("rows")].astype(np.int64)
+    of = np.repeat(np.arange(len(c)), lengths)
     offsets, (time, speed) = np.append(0, np.cumsum(lengths)), c.units
     state, velocities, passed = log[:, 0].astype(int), log[:, 2:4] * speed[of, None], log[:, 1].copy()
     for i, j in pairwise(offsets.tolist()):  # a segment may end before it starts, to a rounding

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,7 +23,7 @@ from impact_xval.model.chain.kernel import (
 from impact_xval.model.chain.power_law import TOLERANCE, new_workspace
 from impact_xval.model.chain.state import new_chain
 from impact_xval.model.collision import Collisions, Floats, Outcomes, Paths, States, Status
-from impact_xval.model.compiled import in_shares
+from impact_xval.model.compiled import FEW_STATES, in_shares
 from impact_xval.model.inputs import MASS_PRECISION
 
 #: Pieces of segments after which a collision is given up.
@@ -51,18 +50,11 @@ _MADE_ENERGY = "energy was made: double precision cannot follow masses and stiff
 
 
 class Went(NamedTuple):
-    """How collisions went.
+    """How collisions went, shape (n,) each; NaN where one was left out."""
 
-    Attributes
-    ----------
-    velocities : ndarray, shape (n, N)
-        In m/s; NaN where a collision was left out.
-    numbers : dict of str to ndarray, shape (n,)
-        What `chain.kernel.Followed` says; `time` and `fall` in s; NaN where a collision was left out.
-    states : States or None
-    """
-
+    #: In m/s, shape (n, N).
     velocities: Floats
+    #: By name what `chain.kernel.Followed` says; `time` and `fall` in s.
     numbers: dict[str, Floats]
     states: States | None
 
@@ -79,48 +71,36 @@ class Went(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
-    """Collisions under a law.
-
-    Attributes
-    ----------
-    collisions : Collisions
-    law : int
-        One of `chain.laws`.
-    dampings : ndarray, shape (n, C)
-        What the law has of each contact, in the units of the collision; a collision with one that is not finite is left
-        out, as one of `too_far_apart`.
-    frozen : bool
-        Whether positions are frozen.
-    gravity : ndarray, shape (n,)
-        In m/s^2; above 0 only for two balls on a table.
-    tolerance : float
-        Error of a step, where steps are taken.
-    max_pieces : int
-        Pieces of segments after which a collision is given up.
-    """
+    """Collisions under a law, one of `chain.laws`, with frozen positions or not."""
 
     collisions: Collisions
     law: int
+    #: What the law has of each contact, shape (n, C), in the units of the collision; a collision with one that is not
+    #: finite is left out, as one of `too_far_apart`.
     dampings: Floats
     frozen: bool
+    #: In m/s^2, shape (n,); above 0 only for two balls on a table.
     gravity: Floats
+    #: Error of a step, where steps are taken.
     tolerance: float = TOLERANCE
+    #: Pieces of segments after which a collision is given up.
     max_pieces: int = MAX_PIECES
 
     def follow(self, *, states: bool = True) -> Went:
         """Follow all of them to their ends."""
-        c, cells, names = self.collisions, self._scaled(), list(Followed._fields)
+        c, cells, names = self.collisions, self._scaled(), Followed._fields
         n, contacts = c.stiffnesses.shape
         velocities = np.full(c.velocities.shape, np.nan)
         numbers = np.full((n, len(names)), np.nan)
-        words, no_log = max(1, -(-contacts // 64)), np.empty((0, 0))
+        points, no_path = np.ones(n, np.int64), np.empty((0, 0))
 
         def follow(share: slice, *log: Any) -> int:
-            out = velocities[share], numbers[share], *log
-            self._collide([each[share] for each in cells], 1, no_log, out)
-            return int(np.nansum(numbers[share, names.index("n_states")]))
+            out = no_path, *log, velocities[share], numbers[share]
+            self._collide([each[share] for each in cells], points[share], *out)
+            return int(np.nansum(numbers[share, names.index("n_states")])) if states else 0
 
-        sets, starts = in_shares(follow, n, SHARE, states, words)
+        words = max(1, -(-contacts // 64))
+        sets, starts = in_shares(follow, n, SHARE, FEW_STATES * states, ((words,), np.uint64), ((), float))
         time, speed = c.units
         found = dict(zip(names, numbers.T, strict=True))
         with np.errstate(over="ignore", invalid="ignore"):  # no fall has an end where nothing falls
@@ -170,27 +150,18 @@ class Problem:
 
     def paths(self, pieces: Floats) -> Paths:
         """Paths of all of them, given of how many pieces of segments each is (`follow`)."""
-        c, cells = self.collisions, self._scaled()
+        c, (time, speed), g = self.collisions, self.collisions.units, self.gravity
         (n, balls), contacts = c.masses.shape, c.stiffnesses.shape[1]
         width = 1 + 2 * balls + contacts
-        each = np.clip(LOG_NUMBERS // (pieces * width + 1), 1, POINTS)
-        numbers, unused = np.full((n, len(Followed._fields)), np.nan), np.empty(0)
-        logs = [np.empty((0, width))]
-        for i, j in pairwise(
-            sorted({0, *(np.flatnonzero(np.diff(each)) + 1).tolist(), n})
-        ):  # as many points each
-            log = np.empty((int((pieces[i:j] * each[i] + 1).sum()), width))
-            out = np.empty((j - i, balls)), numbers[i:j], np.empty((0, 1), np.uint64), unused
-            self._collide([x[i:j] for x in cells], int(each[i]), log, out)
-            logs.append(log[: int(numbers[i:j, 9].sum())])
-        return self._unscaled(np.concatenate(logs), Followed(*numbers.T))
-
-    def _unscaled(self, log: Floats, went: Followed) -> Paths:
-        """Turn rows of the kernel's log into paths in SI units."""
-        c, (time, speed), g = self.collisions, self.collisions.units, self.gravity
-        balls, contacts = c.masses.shape[1], c.stiffnesses.shape[1]
+        points = np.clip(LOG_NUMBERS // (pieces * width + 1), 1, POINTS).astype(np.int64)
+        log = np.empty((int((pieces * points + 1).sum()), width))
+        no_states, ends = (np.empty((0, 1), np.uint64), np.empty(0)), np.empty((n, balls))
+        numbers = np.full((n, len(Followed._fields)), np.nan)
+        self._collide(self._scaled(), points, log, *no_states, ends, numbers)
+        went = Followed(*numbers.T)
         lengths = went.rows.astype(np.int64)
         offsets, of = np.append(0, np.cumsum(lengths)), np.repeat(np.arange(len(c)), lengths)
+        log = log[: len(of)]
         flags = log[:, 1 + 2 * balls :]
         acting = (flags == ACTS) | ((flags == UNITED) & (flags == ACTS).any(axis=1, keepdims=True))
         acting[offsets[1:][lengths > 0] - 1] = False
@@ -220,11 +191,11 @@ class Problem:
         # Copied: the kernel would be compiled once more for arrays that are read-only.
         return [masses, stiffnesses, c.restitutions.copy(), self.dampings, rates, drift, gaps, gravity]
 
-    def _collide(self, cells: list[Any], points: int, log: Floats, out: tuple[Any, ...]) -> None:
-        c, contacts = self.collisions, self.collisions.stiffnesses.shape[1]
-        chain = new_chain(contacts, c.exponent, self.law, self.frozen)
-        arguments: list[Any] = [chain, new_workspace(contacts), *cells, self.tolerance, self.max_pieces]
-        follow_chains(*arguments, points, log, *out)
+    def _collide(self, cells: list[Any], *log_and_out: Any) -> None:
+        contacts = self.collisions.stiffnesses.shape[1]
+        chain = new_chain(contacts, self.collisions.exponent, self.law, self.frozen)
+        how = self.tolerance, self.max_pieces
+        follow_chains(chain, new_workspace(contacts), *cells, *how, *log_and_out)
 
 
 def too_far_apart(collisions: Collisions) -> NDArray[np.bool_]:

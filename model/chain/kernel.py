@@ -374,8 +374,6 @@ def note_set(c, n, work, time, sets, starts, first, row):
 class Followed(NamedTuple):
     """How a chain went: the numbers that `follow_chains` gives of each."""
 
-    #: Contacts that have not become rigid.
-    n: Any
     #: What happened on the way, as bits; how it ended (`chain.rest`), `GOING` if it was given up.
     code: Any
     end: Any
@@ -461,15 +459,15 @@ def collide(c, work, energy, drift, g, tolerance, max_pieces, points, log, at, o
         if end != FREE:
             row = note_set(c, n, work, time, sets, starts, first, row)
         row = note_set(c, ZERO, work, time, sets, starts, first, row)
-    out[0], out[1], out[2], out[3], out[4], out[5] = n, code, end, events, pieces, margin
-    out[6], out[7], out[8], out[9], out[10] = loss, time, min(fall, time), rows - at, row - first
+    out[0], out[1], out[2], out[3], out[4] = code, end, events, pieces, margin
+    out[5], out[6], out[7], out[8], out[9] = loss, time, min(fall, time), rows - at, row - first
     return n
 
 
 @entry
 def follow_chains(
     c, work, masses, stiffnesses, restitutions, dampings, rates, drifts, gaps, gravities, tolerance,
-    max_pieces, points, log, velocities, numbers, sets, starts,
+    max_pieces, points, log, sets, starts, velocities, numbers,
 ):  # fmt: skip
     """Follow chains of one number of balls, in units of about 1; the only kernel that Python calls.
 
@@ -493,13 +491,13 @@ def follow_chains(
         Error of a step, where steps are taken.
     max_pieces : int
         Pieces of segments after which a chain is given up; all are after `MOST_WORK`.
-    points : int
+    points : ndarray of int, shape (n,)
         Rows of the log for each piece.
     log : ndarray, shape (rows, 1 + 2 N + C)
         Filled with the paths of all chains and their ends, one after another, as far as they fit; may have no rows.
     velocities : ndarray, shape (n, N)
         Where the final velocities go.
-    numbers : ndarray, shape (n, 11)
+    numbers : ndarray, shape (n, 10)
         Where the numbers of `Followed` go.
     sets : ndarray of uint64, shape (capacity, W)
         Where the sets of acting contacts go, those of all chains one after another, as far as they fit: bit i of word
@@ -510,7 +508,7 @@ def follow_chains(
     """
     at, row = ZERO, ZERO
     for i in range(masses.shape[0]):
-        numbers[i, 9], numbers[i, 10] = 0.0, 0.0
+        numbers[i, 8], numbers[i, 9] = 0.0, 0.0
         if isnan(masses[i, 0]):
             continue
         begin(c, masses[i], stiffnesses[i], restitutions[i], dampings[i], rates[i], gaps[i], gravities[i])
@@ -520,11 +518,11 @@ def follow_chains(
             one, work[j].cut = c[j], False
             one.length = (energy * (one.p + 1) / one.k) ** (1 / (one.p + 1))
         n = collide(
-            c, work, energy, drifts[i], gravities[i], tolerance, max_pieces, points, log, at, numbers[i],
+            c, work, energy, drifts[i], gravities[i], tolerance, max_pieces, points[i], log, at, numbers[i],
             sets, starts, row,
         )  # fmt: skip
         left = energy_of(c, n, masses, drifts[i], velocities, i)
-        numbers[i, 6] = (numbers[i, 6] + left) / energy
-        numbers[i, 1] += MADE_ENERGY * (gravities[i] == 0 and not kinetic_energy(c, n) <= most)
-        at += int(numbers[i, 9])
-        row += int(numbers[i, 10])
+        numbers[i, 5] = (numbers[i, 5] + left) / energy
+        numbers[i, 0] += MADE_ENERGY * (gravities[i] == 0 and not kinetic_energy(c, n) <= most)
+        at += int(numbers[i, 8])
+        row += int(numbers[i, 9])
