@@ -472,39 +472,26 @@ def follow_chains(
     """Follow chains of one number of balls, in units of about 1; the only kernel that Python calls.
 
     No lock of Python is held meanwhile, so that threads can be given parts of the arrays. The kernel is no loop that
-    numba shares out to threads: compiling one takes four times as long.
+    numba shares out to threads: compiling one takes four times as long. Given are, for C of N - 1, or N on a table,
 
-    Parameters
-    ----------
-    c, work : ndarray of `CONTACT`, shape (C + 1,), and of `WORK`, shape (C,)
-        Written over, but for the law, the exponent of the forces, and whether positions are frozen.
-    masses : ndarray, shape (n, N)
-        A first mass of NaN marks a chain that is left out.
-    stiffnesses, restitutions, dampings, rates : ndarray, shape (n, C)
-        C is N - 1, or N on a table. Rates are those of compression at first touch.
-    drifts : ndarray, shape (n,)
-        Velocity of the centre of mass; without meaning on a table.
-    gaps : ndarray, shape (n, C)
-        At first; zero where positions are frozen.
-    gravities : ndarray, shape (n,)
-    tolerance : float
-        Error of a step, where steps are taken.
-    max_pieces : int
-        Pieces of segments after which a chain is given up; all are after `MOST_WORK`.
-    points : ndarray of int, shape (n,)
-        Rows of the log for each piece.
-    log : ndarray, shape (rows, 1 + 2 N + C)
-        Filled with the paths of all chains and their ends, one after another, as far as they fit; may have no rows.
-    velocities : ndarray, shape (n, N)
-        Where the final velocities go.
-    numbers : ndarray, shape (n, 10)
-        Where the numbers of `Followed` go.
-    sets : ndarray of uint64, shape (capacity, W)
-        Where the sets of acting contacts go, those of all chains one after another, as far as they fit: bit i of word
-        i//64 is contact i, and W the words that hold C bits. The first of a chain is that at first touch, its last one
-        the empty one of the end, unless it is given up; a set that lasts no time is left out.
-    starts : ndarray, shape (capacity,)
-        Time since first touch at which each set began.
+        c, work         (C + 1,) of `CONTACT` and (C,) of `WORK`: written over, but for law, exponent and frozen
+        masses          (n, N); a first mass of NaN marks a chain that is left out
+        stiffnesses, restitutions, dampings, rates, gaps    (n, C), rates of compression at first touch
+        drifts          (n,): velocity of the centre of mass, without meaning on a table
+        gravities       (n,)
+        tolerance       error of a step, where steps are taken
+        max_pieces      pieces of segments after which a chain is given up; all are after `MOST_WORK`
+        points          (n,): rows of the log for each piece
+
+    Filled are, the first three for all chains one after another as far as they fit,
+
+        log             (rows, 1 + 2 N + C): the paths of chains and their ends (`write_path`); may have no rows
+        sets            (entries, W): the sets of acting contacts, bit i of word i//64 for contact i. The first of a
+                        chain is that at first touch, its last one the empty one of the end, unless it is given up; a
+                        set that lasts no time is left out
+        starts          (entries,): time since first touch at which each set began
+        velocities      (n, N): the final ones
+        numbers         (n, 10): those of `Followed`
     """
     at, row = ZERO, ZERO
     for i in range(masses.shape[0]):

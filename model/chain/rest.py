@@ -1,9 +1,6 @@
 """When a drop is over, and when it is in flight: two balls on a table, the lower one settled, with gravity.
 
-A collision with gravity is over at the first instant at which the balls are apart, the lower one is off the table or at
-rest on it, and v1 >= v2 >= 0. *At rest* is a ball that cannot lift off any more: its energy about equilibrium does not
-exceed what it takes to unload its contact. From the first instant at which no contact is closed the bodies no longer
-fall. The three ways to be over become true
+docs/theory.md, section 8, says what over, at rest and in flight are. The three ways to be over become true
 
 * where a contact opens or B1 and B2 reach the same velocity, which are borders of pieces, or
 * where energy about equilibrium falls to what it takes to unload the contacts. While the same contacts carry force that

@@ -107,38 +107,15 @@ def first_event(mu, modes, state, signs, watched, losses, a, b, margin):
     One function, with the four watched ones as separate variables, because that is faster: split into
     functions of tuples of four, `solve_batch` runs at 0.96 to 0.98 of its rate (medians of 60 to 100 alternations).
 
-    Parameters
-    ----------
-    mu : float
-        m2/m1.
-    modes : Modes
-        At the running stiffnesses.
-    state : 4 floats
-        d1, v2, F1, F2 at the start. A rate that is exactly zero there began the segment; that is not an event.
-    signs : pair
-        Of d1 and v2, so that the watched rates signs[0] d1 and signs[1] v2 are positive until their events.
-    watched : pair of bools
-        Whether the forces are watched (contacts in restitution); the rates always are.
-    losses : pair
-        1 - e_i^2, the share of its energy a contact loses at an end of compression.
-    a, b : pairs
-        Modal coordinates at the start.
-    margin : float
-        Of the segments before.
+    Given are m2/m1 and the modes at the running stiffnesses; d1, v2, F1, F2 at the start (a rate of exactly zero there
+    began the segment and is no event) and modal coordinates a and b; the signs that make the watched rates d1 and v2
+    positive until their events; whether each force is watched, that of a contact in restitution; 1 - e_i^2, the share
+    of its energy that a contact loses at an end of compression; and the margin of the segments before.
 
-    Returns
-    -------
-    time : float
-        Since the start of the segment.
-    fired : 4 bools
-        Which of rate 1, rate 2, force 1, force 2 reach zero at that time.
-    state : 4 floats
-        d1, v2, F1, F2 at that time.
-    margin : float
-        Smallest magnitude, relative to its amplitude, of a local extremum of a rate passed so far where an end of
-        compression would have lost more than `pair.grazing.STAKE` (infinity if there was none).
-    steps : int
-        Windows tried, a measure of cost; `MOST_WINDOWS` where none can be certified, and nothing fires.
+    Gives the time since the start of the segment; which of rate 1, rate 2, force 1, force 2 are zero then; the state
+    then; the margin, the smallest magnitude, relative to its amplitude, of a local extremum of a rate passed so far
+    where an end of compression would have lost more than `pair.grazing.STAKE` (infinity if there was none); and the
+    number of windows tried: `MOST_WINDOWS` where none can be certified, and nothing fires.
     """
     delta, phi2, force1, force2 = modes.delta, modes.phi2, modes.force1, modes.force2
     omega, k1, k2 = modes.omega, modes.k1, modes.k2

@@ -1,9 +1,7 @@
 """Grazing: how near a collision is to a jump of the model, and which results are marked for it.
 
-Where a compression rate comes down to zero and turns around, a collision in which compression ends there, with its
-loss, and one in which it goes on are neighbours: the outcome jumps there as a function of the parameters
-(docs/theory.md, section 6). The grazing margin is the smallest magnitude of such a local extremum, relative to the
-rate's amplitude. A result that a little of anything would change is marked, and kept apart from all statistics.
+The grazing margin is the smallest magnitude of a local extremum of a compression rate, relative to the rate's
+amplitude (docs/theory.md, section 6).
 """
 
 from __future__ import annotations

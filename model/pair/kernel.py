@@ -245,38 +245,24 @@ def collide_all(
     """Follow collisions through the diagram, in units of m1, k1 and abs(v0); the only kernel that Python calls.
 
     Not a loop that numba shares out to threads: compiling one takes several times as long. It holds no lock of Python,
-    so that threads can be given parts of the arrays.
+    so that threads can be given parts of the arrays. Given are, the first four of shape (n,),
 
-    Parameters
-    ----------
-    kappa, mu, e1, e2 : ndarray, shape (n,)
-        k2/k1 in [0, inf], m2/m1, and coefficients of restitution.
-    cutoff : float
-        The running stiffness ratio is taken for infinite above it and for zero below its inverse; `EXACT` for the
-        outcome without a cut-off, sooner.
-    max_events : int
-        Events after which a collision is given up.
-    stiffens : bool
-        Whether a repeated compression runs at the stiffness that the ends of compression left, else at the original
-        one (`pair.law`). If so, the ratio k2/k1 may run away (`pair.limits.runaway`), and outcomes jump where a
-        compression nearly ends (`pair.grazing`). If not, some collisions repeat one cycle of states for ever.
-    points : int
-        Points of the path per half period of the fastest oscillation of a segment; 0 or 1: starts of segments only.
-    log : ndarray, shape (rows, 6)
-        Filled with the paths of all collisions (`pair.path.LOG_COLUMNS`), one after another, as far as they fit; may
-        have no rows.
-    sets : ndarray of uint64, shape (capacity, 1)
-        Filled with the states of all collisions, one collision after the other, as far as they go: the acting
-        contacts as bits, contact 1 lowest; no contact is the end.
-    starts : ndarray, shape (capacity,)
-        Filled with the times at which they begin; infinite where a contact without stiffness has to finish.
-    velocities : ndarray, shape (n, 2)
-        Filled with the final velocities; NaN where a collision was given up, or m2/m1 is beyond `MASS_PRECISION`.
-    numbers : ndarray, shape (n, 6)
-        Filled with the code of how it ended; numbers of states, of events, and of rows of the path; the grazing margin:
-        the smallest magnitude of a local extremum of a compression rate in S1, relative to that rate's amplitude, where
-        an end of compression counts (`pair.grazing.STAKE`), infinity if there was none; and the residual of the energy
-        balance, 1/2 less what was lost and what is left.
+        kappa, mu, e1, e2   k2/k1 from 0 to inf, m2/m1, and coefficients of restitution
+        cutoff              running stiffness ratio above which, and below the inverse of which, a contact is taken for
+                            rigid; `EXACT` for the outcome without a cut-off, sooner
+        max_events          events after which a collision is given up
+        stiffens            whether a repeated compression runs at the stiffness that the ends of compression left, else
+                            at the original one (`pair.law`)
+        points              points of the path per half period of the fastest oscillation of a segment; 0 or 1: starts
+
+    Filled are, the first three for all collisions one after another as far as they fit,
+
+        log                 rows of paths (`pair.path.LOG_COLUMNS`); may have none
+        sets                the contacts that act, of shape (entries, 1): contact 1 is the lowest bit, 0 is the end
+        starts              the times at which they begin; infinite where a contact without stiffness has to finish
+        velocities          v1, v2; NaN where a collision was given up, or m2/m1 is beyond `MASS_PRECISION`
+        numbers             code; numbers of states, events and rows; the grazing margin (`pair.events.first_event`);
+                            and the residual of the energy balance, 1/2 less what was lost and what is left
     """
     at, place = np.int64(0), 0
     for i in range(kappa.size):

@@ -23,24 +23,14 @@ INACTIVE, COMPRESSION, RESTITUTION = 0, 1, 2
 
 
 class Contact(NamedTuple):
-    """One contact under way.
-
-    Attributes
-    ----------
-    phase : int
-        `INACTIVE`, `COMPRESSION` or `RESTITUTION`.
-    k, E : float
-        Running stiffness and strain energy.
-    F : float
-        sqrt(2 k E), kept in S1 only.
-    e, original : float
-        Coefficient of restitution, and the stiffness before any end of compression.
-    """
+    """One contact under way."""
 
     phase: int
+    #: Running stiffness, strain energy, and force sqrt(2 k E), which is kept in S1 only.
     k: float
     E: float
     F: float
+    #: Coefficient of restitution, and the stiffness before any end of compression.
     e: float
     original: float
 

@@ -9,15 +9,12 @@ holds none, its bodies are one and the soft contact works against them as such, 
 and S3 need nothing new.
 
 At a finite ratio a stiff contact holds some energy merely by passing on the soft contact's force, and that energy
-cannot part its bodies: about the static force F_s the stiff contact oscillates, and F falls to zero with the relative
-speed s where M s^2/2 = M d^2/2 + E - F F_s/k. Where what is left would part the bodies at less than |v0|/sqrt(cutoff),
-they are taken as one. Without this distinction a collision whose ratio leaves the cut-off at the very first end of
+cannot part its bodies. Without this distinction a collision whose ratio leaves the cut-off at the very first end of
 compression would lose all its restitution (docs/errata.md).
 
 Started from the beginning of the collision this is the supplement's section 3.2 (k2/k1 = 0; its (11)-(13), (13)
 without the misprint) and 3.1 (k2/k1 = infinity; (6)); where contact i ends compression with e_i = 0 it is 3.3; from
 the state at hand when the running stiffness ratio leaves the cut-off it is 3.4.
-
 Without a cut-off the closed form is taken when nothing that it leaves out matters any more (`runaway`).
 
 Units as in `pair.motion`; m1 = 1.
@@ -44,29 +41,14 @@ CLEAR = 1e-4
 def runaway(united, mass, share, V, G, k_soft, F, k, e):
     """Tell what a stiff contact does to the soft one's energy until it is rigid, if that is all it can do.
 
-    The stiff contact has just ended a compression. It rings about the static force F_s = share G, with an amplitude
-    A = F - F_s that stays, and every end of compression stiffens it by 1/e^2 and shortens its period by e: it is rigid
-    after the finite time tau = period/(1 - e), and its bodies are one. Each end of compression takes some energy of the
-    slow motion, for the stiff contact passes on the soft one's force. Summed over all of them, to first order in
-    the drift of F_s, that is what is returned; what is left out is of second order in tau (docs/theory.md, section 4).
+    The stiff contact has just ended a compression, and rings about the static force F_s = share G that it passes on;
+    docs/theory.md, section 4, has the sum over all of its ends of compression, and what that leaves out. `united` is
+    the mass of its bodies as one, `mass` that which it works against; V, G and k_soft are compression rate, force and
+    stiffness of the soft contact; F, k and e force, stiffness and restitution of the stiff one.
 
-    Parameters
-    ----------
-    united, mass : float
-        Mass of the stiff contact's bodies as one, and the mass that the stiff contact works against.
-    share : float
-        F_s/G.
-    V, G, k_soft : float
-        Compression rate, force and stiffness of the soft contact.
-    F, k, e : float
-        Force, stiffness and restitution of the stiff one; its rate is zero.
-
-    Returns
-    -------
-    float
-        What to add to the energy of the soft contact before the bodies go on as one. NaN if the stiff contact could
-        still change more than `BOUND`: by what the sum leaves out, by carrying the rate of the soft contact through
-        zero, which decides on an end of compression, or by not running away.
+    Gives what to add to the energy of the soft contact before the bodies go on as one. NaN if the stiff contact could
+    still change more than `BOUND`: by what the sum leaves out, by carrying the rate of the soft contact through zero,
+    which decides on an end of compression, or by not running away.
     """
     F_s = share * G
     A = F - F_s

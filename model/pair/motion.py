@@ -72,17 +72,6 @@ class Modes(NamedTuple):
 
     With w = (v1, v2), the equations of motion are diag(1, mu) w'' = -K w, K = [[k1, -k1], [-k1, k1 + k2]]. Mode j has
     the frequency omega_j and the shape (phi1, phi2) of unit modal mass, phi1^2 + mu phi2^2 = 1.
-
-    Attributes
-    ----------
-    k1, k2 : float
-        The stiffnesses.
-    omega, phi1, phi2 : pair
-    delta, sigma : pair
-        phi2 - phi1 and phi1 + mu phi2, formed as -omega^2 phi1/k1 and k2 phi2/omega^2 (the two rows of the eigenvalue
-        equation), which lose no digits when a mode is nearly rigid or nearly massless.
-    force1, force2 : pair
-        omega phi1 and omega sigma.
     """
 
     k1: float
@@ -90,8 +79,11 @@ class Modes(NamedTuple):
     omega: tuple[float, float]
     phi1: tuple[float, float]
     phi2: tuple[float, float]
+    #: phi2 - phi1 and phi1 + mu phi2, formed as -omega^2 phi1/k1 and k2 phi2/omega^2 (the two rows of the eigenvalue
+    #: equation), which lose no digits when a mode is nearly rigid or nearly massless.
     delta: tuple[float, float]
     sigma: tuple[float, float]
+    #: omega phi1 and omega sigma.
     force1: tuple[float, float]
     force2: tuple[float, float]
 
@@ -186,32 +178,14 @@ def motion(q, r, modes):
 
 @inlined
 def single_contact(mass, d, E, e, compressing, impulse_to_return):
-    """S2 or S3 from entry to exit: one contact acts, until it ends or the other contact returns.
+    """Follow S2 or S3 from entry to exit: one contact acts, until it ends or the other contact returns.
 
-    The supplement's section 1, read for either contact: equation (1) with M the mass the contact works against
-    (S3: M = m1 m2/(m1 + m2), S2: m2).
+    The supplement's section 1, read for either contact: equation (1) with M the mass the contact works against (S3:
+    m1 m2/(m1 + m2), S2: m2), d and E its compression rate and strain energy at entry. The inactive contact starts to
+    approach at an impulse of m2 v2 in S3, of m2 (v1 - v2) in S2.
 
-    Parameters
-    ----------
-    mass : float
-        The mass the contact works against.
-    d, E : float
-        Its compression rate and strain energy at entry.
-    e : float
-        Its coefficient of restitution.
-    compressing : bool
-        Whether it is in compression at entry.
-    impulse_to_return : float
-        Impulse at which the inactive contact starts to approach: m2 v2 in S3, m2 (v1 - v2) in S2.
-
-    Returns
-    -------
-    returns : bool
-        True if the other contact returns first (exit to S1), False if this one ends restitution (exit to S4).
-    compression_ended : bool
-        Whether compression ended on the way. A tie with the return counts as ended.
-    impulse, d, E : float
-        Accumulated impulse, compression rate and strain energy at exit.
+    Gives whether the other contact returns first (exit to S1, else to S4); whether compression ended on the way (a tie
+    with the return counts as ended); and impulse, compression rate and strain energy at exit.
     """
     w = sqrt(
         d * d + 2 * E / mass
