@@ -389,16 +389,9 @@ class Path:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Paths(Sequence[Path | None]):
-    """Paths of n collisions of one number of balls, one after the other; `[i]` is a `Path`, None where there is none.
+    """Paths of n collisions of one number of balls, one after another; `[i]` is a `Path`, None where there is none."""
 
-    Attributes
-    ----------
-    offsets : ndarray of int, shape (n + 1,)
-        The points of path i are those from offsets[i] to offsets[i + 1].
-    time, velocities, impulses, forces, acting : ndarray
-        As of `Path`, of all points.
-    """
-
+    #: The points of path i are those from offsets[i] to offsets[i + 1].
     offsets: NDArray[np.int64]
     time: Floats
     velocities: Floats
@@ -443,7 +436,6 @@ class Outcome:
     Attributes
     ----------
     solver : str
-        Name of the solver.
     velocities : tuple of float, length N
         When the collision is over, in m/s; NaN only with a status that explains it.
     impulses : tuple of float, one a contact
@@ -463,7 +455,6 @@ class Outcome:
         Which jump of its outcome, or which cut-off, is so near that a little of anything would change the numbers, in
         one sentence; empty if none is. A marked result is kept apart from all statistics.
     n_events : int
-        Number of events.
     diagnostics : mapping of str to float
         Further numbers a solver wishes to state (its time step, its number of steps, an energy residual).
     path : Path or None
@@ -548,20 +539,13 @@ def name_of_set(contacts: int, paper: bool) -> str:
 
 
 class States(NamedTuple):
-    """Sequences of states of many collisions.
+    """Sequences of states of many collisions."""
 
-    Attributes
-    ----------
-    offsets : ndarray of int, shape (n + 1,)
-        Those of collision i are the entries from offsets[i] to offsets[i + 1].
-    sets : ndarray of uint64, shape (entries, words)
-        Which contacts act: bit i of word j is contact 64 j + i + 1.
-    starts : ndarray, shape (entries,)
-        When, in s since first touch.
-    """
-
+    #: Those of collision i are the entries from offsets[i] to offsets[i + 1].
     offsets: NDArray[np.int64]
+    #: Which contacts act, shape (entries, words): bit i of word j is contact 64 j + i + 1.
     sets: NDArray[np.uint64]
+    #: When, in s since first touch.
     starts: Floats
 
     @classmethod
@@ -660,21 +644,11 @@ class Outcomes(Sequence[Outcome]):
     ) -> Outcomes:
         """Say what became of collisions; none is marked yet.
 
-        Parameters
-        ----------
-        velocities : ndarray, shape (n, N)
-            In m/s.
-        endings : sequence of (condition, status, reason)
-            Conditions of shape (n,) or (), of which the first that holds counts; ``ok`` where none does.
-        fallen : array_like, shape (n,) or ()
-            What gravity has added to the velocities of free balls, in m/s.
-        **more
-            Other fields; no states, diagnostics and paths by default.
+        Endings are conditions of shape (n,) or (), of which the first that holds counts, with their status and reason;
+        ``ok`` where none does. `fallen` is what gravity has added to the velocities of free balls, in m/s.
         """
         n, (conditions, statuses, reasons) = len(collisions), zip(*endings, strict=True)
-        reason = np.zeros(n, np.int32)
-        for i, condition in reversed([*enumerate(conditions, 1)]):
-            reason = np.where(condition, np.int32(i), reason)
+        reason = np.broadcast_to(np.select(conditions, range(1, 1 + len(reasons))), n).astype(np.int32)
         changes = velocities - collisions.velocities + np.reshape(fallen, (-1, 1))
         impulses = np.cumsum(collisions.masses * changes, axis=1)[:, : collisions.stiffnesses.shape[1]]
         return cls(

@@ -15,62 +15,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from impact_xval.model.chain.laws import (
-    FORCE,
-    GAP,
-    HELD,
-    HUNT_CROSSLEY,
-    LIU_ZHAO_BROGLIATO,
-    RATE,
-    SLACK,
-    STATE_TRANSITION,
-    TURN,
-    WATCHED,
-    carries,
-    dashpot_event,
-    end_compression,
-    force,
-    has_dashpot,
-    has_series,
-    rest,
-    restart_compression,
-    returned,
-    spent,
-)
-from impact_xval.model.chain.power_law import (
-    ORDER_OF_STEP,
-    advance,
-    settle,
-    step,
-    watch_force,
-)
-from impact_xval.model.chain.rest import (
-    FREE,
-    GOING,
-    QUIET,
-    fall_time,
-    how_ended,
-    in_flight,
-    over_within,
-)
+from impact_xval.model.chain import laws, state
+from impact_xval.model.chain.laws import FORCE, GAP, RATE, TURN, carries, force, has_dashpot, has_series, rest
+from impact_xval.model.chain.power_law import ORDER_OF_STEP, advance, settle, step, watch_force
+from impact_xval.model.chain.rest import FREE, GOING, QUIET, fall_time, how_ended, in_flight, over_within
 from impact_xval.model.chain.roots import first_root, refine
 from impact_xval.model.chain.series import ORDER, expand, expand_product, place, slope, span, value
-from impact_xval.model.chain.state import (
-    acceleration,
-    ball_values,
-    begin,
-    bring_to_rest,
-    energy_left,
-    energy_of,
-    kinetic_energy,
-    neighbours,
-    nothing,
-    oscillation,
-    still,
-    strain,
-    tangent,
-    unite,
-)
 from impact_xval.model.compiled import entry, merged, uncounted
 from impact_xval.model.pair.grazing import STAKE
 from impact_xval.model.pair.law import INACTIVE, RESTITUTION
@@ -116,21 +66,21 @@ def ringing_ends(c, n, i):
     """
     one, upper = c[i], c[i - 1]
     e, F = one.e, force(one)
-    inverse, k = one.a + c[i + 1].a, tangent(one)
+    inverse, k = one.a + c[i + 1].a, state.tangent(one)
     tau = 2 * pi / sqrt(k * inverse) / (1 - e)
-    static, change, _, swing = neighbours(c, i)
+    static, change, _, swing = state.neighbours(c, i)
     if not one.frozen and meets_within(c, n, 2 * tau, RIGID * swing):
         return False
     load = max(F, static) ** 2
     if one.g > 0 and i > 0 and not carries(upper):
-        swing = oscillation(c, i - 1)  # the upper ball comes down again, with this energy
+        swing = state.oscillation(c, i - 1)  # the upper ball comes down again, with this energy
         load = max(load, upper.k * swing)
     if abs(change) * tau >= 0.5 * static or load / (k * (1 - e)) > RIGID * swing:
         return False
     wiggle = abs(F - static) / sqrt(inverse * k)
     for j in range(i - 1, i + 2, 2):
-        if carries(c[j]) and oscillation(c, j) > SMALL * swing:
-            room = 4 * c[max(i, j)].a * wiggle + 2 * abs(acceleration(c, j)) * tau
+        if carries(c[j]) and state.oscillation(c, j) > SMALL * swing:
+            room = 4 * c[max(i, j)].a * wiggle + 2 * abs(state.acceleration(c, j)) * tau
             if abs(c[j].w) < room:
                 return False
     return True
@@ -142,7 +92,7 @@ def meets_within(c, n, time, least):
     for j in range(n):
         one = c[j]
         if one.phase == INACTIVE:
-            approach = one.w + time * max(acceleration(c, j), 0.0)
+            approach = one.w + time * max(state.acceleration(c, j), 0.0)
             matters = approach * approach > least * (one.a + c[j + 1].a)
             if matters and -(one.delta + rest(one)) < time * approach:
                 return True
@@ -160,9 +110,9 @@ def first_event(c, n, h, work):
     first, which, happens, its_sign = inf, -1, FORCE, 0.0
     for i in range(n):
         one, own = c[i], work[i]
-        row = HELD if one.frozen and one.phase == INACTIVE else one.phase
+        row = laws.HELD if one.frozen and one.phase == INACTIVE else one.phase
         for what in range(4):
-            sign = WATCHED[one.law, row, what]
+            sign = laws.WATCHED[one.law, row, what]
             if what == TURN and i == 0 and n == 2 and c[1].g > 0 and row == INACTIVE and carries(c[1]):
                 # B2 at rest counts once B1 no longer approaches.
                 w = own.rates[0]
@@ -193,7 +143,7 @@ def first_event(c, n, h, work):
 @uncounted
 def watch_force_of_series(one, own):
     """Write the series of the force of a dashpot before it is cut off, up to a positive factor."""
-    product, k, b = one.law == HUNT_CROSSLEY, one.k, one.b
+    product, k, b = one.law == laws.HUNT_CROSSLEY, one.k, one.b
     for j in range(ORDER + 1):
         damping = b * own.rates[j]
         own.watched[j] = damping if product else damping + k * own.deltas[j]
@@ -210,8 +160,8 @@ def near_misses(c, n, degree, x, energy, margin, work):
     for i in range(n):
         one, rates, watched = c[i], work[i].rates, work[i].watched
         start = rates[1]
-        stake = (1 - one.e * one.e) * strain(one)
-        if not carries(one) or stake <= STAKE * energy or start * acceleration(c, i) >= 0:
+        stake = (1 - one.e * one.e) * state.strain(one)
+        if not carries(one) or stake <= STAKE * energy or start * state.acceleration(c, i) >= 0:
             continue
         sign = 1.0 if start > 0 else -1.0
         for j in range(degree):
@@ -222,8 +172,8 @@ def near_misses(c, n, degree, x, energy, margin, work):
         if turn < 0:
             at, _ = refine(watched, sign, sign * start, ZERO, degree - 1, 0.0, x, sign * start, turn, bend)
         least = value(rates, degree, at)
-        static, _, imposed, _ = neighbours(c, i)
-        k = tangent(one)
+        static, _, imposed, _ = state.neighbours(c, i)
+        k = state.tangent(one)
         if k > 0:
             ring = (force(one) - static) * sqrt((one.a + c[i + 1].a) / k)
             size = sqrt(max(least * least, one.w * one.w) + ring * ring) + imposed
@@ -241,10 +191,10 @@ def write_path(c, n, degree, work, x, h, time, drift, points, log, row):
             log[row, 0] = time + now * h
             for i in range(n):
                 work[i].value = value(work[i].rates, degree, now)
-            ball_values(c, n, work.value, drift, log, row, ONE)
+            state.ball_values(c, n, work.value, drift, log, row, ONE)
             for i in range(n):
                 work[i].value = slope(work[i].rates, degree, now) / h
-            ball_values(c, n, work.value, 0.0, log, row, ONE + balls)
+            state.ball_values(c, n, work.value, 0.0, log, row, ONE + balls)
             first = 1 + 2 * balls
             for column in range(first, log.shape[1]):
                 log[row, column] = UNITED
@@ -258,27 +208,27 @@ def write_path(c, n, degree, work, x, h, time, drift, points, log, row):
 def apply_event(c, n, i, what, energy):
     """Apply the law to contact i, and unite its bodies if that made it rigid: contacts left, loss, code."""
     one = c[i]
-    held, code = strain(one), 0
+    held, code = state.strain(one), 0
     if what >= RATE:
         one.w = 0.0
     if what == TURN:
         pass
     elif has_dashpot(one):
-        dashpot_event(one, what)
+        laws.dashpot_event(one, what)
     elif one.phase == INACTIVE:
-        returned(one)
+        laws.returned(one)
     elif one.phase == RESTITUTION and what == RATE:
-        restart_compression(one)
-    elif what == GAP or (one.e > 0 and held <= nothing(one, energy)):
-        spent(one)
+        laws.restart_compression(one)
+    elif what == GAP or (one.e > 0 and held <= state.nothing(one, energy)):
+        laws.spent(one)
     elif one.e == 0:
         code = PLASTIC
     else:
-        end_compression(one)
-        code = RUNAWAY if one.law == STATE_TRANSITION and one.e < 1 and ringing_ends(c, n, i) else 0
+        laws.end_compression(one)
+        code = RUNAWAY if one.law == laws.STATE_TRANSITION and one.e < 1 and ringing_ends(c, n, i) else 0
     if code:
-        return unite(c, n, i), held, code
-    return n, held - strain(one), code
+        return state.unite(c, n, i), held, code
+    return n, held - state.strain(one), code
 
 
 @uncounted
@@ -304,7 +254,7 @@ def fly(c, n, h, work):
         one = c[i]
         work[i].rates[0] = one.w
         one.delta += h * one.w
-        if one.phase == SLACK and one.delta <= 0:
+        if one.phase == laws.SLACK and one.delta <= 0:
             one.phase = INACTIVE
 
 
@@ -320,7 +270,7 @@ def follow(c, n, h_next, tolerance, work):
     if series:
         h = span(c, n, work)
         h = h if h < inf else fall_time(c, n)
-        if c[0].law == HUNT_CROSSLEY:
+        if c[0].law == laws.HUNT_CROSSLEY:
             h = expand_product(c, n, h, work)
         else:
             expand(c, n, h, work)
@@ -406,8 +356,8 @@ def collide(c, work, energy, drift, g, tolerance, max_pieces, points, log, at, o
     code, end, events, pieces, quiet, rows = ZERO, GOING, ZERO, ZERO, ZERO, at
     margin, loss, time, fall, h_next, row = inf, 0.0, 0.0, inf, FIRST_STEP, first
     while True:
-        if c[0].law <= LIU_ZHAO_BROGLIATO and 0 < energy_left(c, n) <= COLLAPSED * energy:
-            dropped, lossy = bring_to_rest(c, n)
+        if c[0].law <= laws.LIU_ZHAO_BROGLIATO and 0 < state.energy_left(c, n) <= COLLAPSED * energy:
+            dropped, lossy = state.bring_to_rest(c, n)
             loss, code = loss + dropped, code | (COLLAPSE if lossy else 0)
         h, which = 0.0, n
         if g > 0:
@@ -451,7 +401,7 @@ def collide(c, work, energy, drift, g, tolerance, max_pieces, points, log, at, o
             # That bodies part which overlapped without force changes nothing.
             if what != TURN and (not dashpot or carries(c[which]) != acted):
                 events, quiet = events + 1, 0
-        still(c, n, energy)
+        state.still(c, n, energy)
     for i in range(n):
         work[i].rates[0] = c[i].w
     rows = write_path(c, n, ZERO, work, 0.0, 1.0, time, drift, ONE, log, rows)  # the end
@@ -498,9 +448,11 @@ def follow_chains(
         numbers[i, 8], numbers[i, 9] = 0.0, 0.0
         if isnan(masses[i, 0]):
             continue
-        begin(c, masses[i], stiffnesses[i], restitutions[i], dampings[i], rates[i], gaps[i], gravities[i])
-        energy = energy_of(c, work.size, masses, drifts[i], velocities, i)
-        most = (1 + GAIN) * kinetic_energy(c, work.size)
+        state.begin(
+            c, masses[i], stiffnesses[i], restitutions[i], dampings[i], rates[i], gaps[i], gravities[i]
+        )
+        energy = state.energy_of(c, work.size, masses, drifts[i], velocities, i)
+        most = (1 + GAIN) * state.kinetic_energy(c, work.size)
         for j in range(work.size):
             one, work[j].cut = c[j], False
             one.length = (energy * (one.p + 1) / one.k) ** (1 / (one.p + 1))
@@ -508,8 +460,8 @@ def follow_chains(
             c, work, energy, drifts[i], gravities[i], tolerance, max_pieces, points[i], log, at, numbers[i],
             sets, starts, row,
         )  # fmt: skip
-        left = energy_of(c, n, masses, drifts[i], velocities, i)
+        left = state.energy_of(c, n, masses, drifts[i], velocities, i)
         numbers[i, 5] = (numbers[i, 5] + left) / energy
-        numbers[i, 0] += MADE_ENERGY * (gravities[i] == 0 and not kinetic_energy(c, n) <= most)
+        numbers[i, 0] += MADE_ENERGY * (gravities[i] == 0 and not state.kinetic_energy(c, n) <= most)
         at += int(numbers[i, 8])
         row += int(numbers[i, 9])
