@@ -60,12 +60,6 @@ class Units(NamedTuple):
     impulse: float
 
 
-def in_unit(values: Floats, unit: ArrayLike) -> Floats:
-    """Return values times a unit: 0 stays 0 where the unit leaves double precision, as that of time may."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return np.multiply(values, unit, out=np.zeros_like(values), where=values != 0)
-
-
 @dataclass(frozen=True, slots=True)
 class Collision:
     """N balls in a line, each touching the next, ball 1 on top; with a table, ball N touches it. Up is positive.
@@ -320,10 +314,7 @@ class Collisions(Sequence[Collision]):
     @property
     def compression_rates(self) -> Floats:
         """As of `Collision`, shape (n, C)."""
-        below = self.velocities[:, 1:]
-        if self.table:
-            below = np.column_stack([below, np.zeros(len(self))])
-        return below - self.velocities[:, : below.shape[1]]
+        return np.diff(self.velocities, axis=1, append=np.zeros((len(self), int(self.table))))
 
     @property
     def stiffness_ratio(self) -> Floats:
@@ -545,14 +536,11 @@ class States(NamedTuple):
     offsets: NDArray[np.int64]
     #: Which contacts act, shape (entries, words): bit i of word j is contact 64 j + i + 1.
     sets: NDArray[np.uint64]
-    #: When, in s since first touch.
-    starts: Floats
 
     @classmethod
-    def of(cls, counts: Floats, sets: NDArray[np.uint64], starts: Floats, units: Floats) -> States:
-        """Take numbers of states, shape (n,), what was logged of them, and units of time in s."""
-        offsets = np.append(0, np.cumsum(counts)).astype(np.int64)
-        return cls(offsets, sets, in_unit(starts, np.repeat(units, np.diff(offsets))))
+    def of(cls, counts: Floats, sets: NDArray[np.uint64]) -> States:
+        """Take numbers of states, shape (n,), and what was logged of them."""
+        return cls(np.append(0, np.cumsum(counts)).astype(np.int64), sets)
 
     def texts(self) -> list[str]:
         """Name the states of all collisions of two balls on a table, each in one text."""

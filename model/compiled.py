@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from numba import config, njit
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 #: A decorator; types of what it makes a kernel are numba's to infer.
 Decorator = Callable[[Callable[..., Any]], Any]
@@ -50,29 +50,29 @@ FEW_STATES = 32
 
 
 def in_shares(
-    follow: Callable[..., int], n: int, share: int, few: int, *kinds: tuple[Any, ...]
-) -> list[NDArray[Any]]:
-    """Follow n collisions, `share` of them at once, in as many threads as numba would take; the arrays of their log.
+    follow: Callable[[slice, Any], int], n: int, share: int, few: int, width: int, kind: DTypeLike
+) -> NDArray[Any]:
+    """Follow n collisions, `share` of them at once, in as many threads as numba would take; the rows of their log.
 
     A kernel that holds no lock of Python is compiled once so; a loop that numba shares out takes four times as long.
-    `follow` is given a slice of the collisions and an array of each of `kinds`, the shape of an entry and its type, and
-    returns how many entries it has. There is room for `few` a collision; a share with more is followed once more.
+    `follow` is given a slice of the collisions and a log of that width and type, and returns how many rows it has.
+    There is room for `few` a collision; a share with more is followed once more.
     """
 
-    def logged(start: int) -> list[NDArray[Any]]:
+    def logged(start: int) -> NDArray[Any]:
         part, room = slice(start, min(start + share, n)), few * (min(start + share, n) - start)
         while True:
-            log = [np.empty((room, *shape), kind) for shape, kind in kinds]
-            used = follow(part, *log)
+            log: NDArray[Any] = np.zeros((room, width), kind)
+            used = follow(part, log)
             if used <= room:
-                return [each[:used] for each in log]
+                return log[:used]
             room = used
 
     starts = range(0, max(n, 1), share)
     count: int = vars(config)["NUMBA_NUM_THREADS"]  # numba sets it from the environment
     with ThreadPoolExecutor(count) as threads:
         parts = [logged(0)] if len(starts) == 1 else list(threads.map(logged, starts))
-    return [np.concatenate(each) for each in zip(*parts, strict=True)]
+    return np.concatenate(parts)
 
 
 def cache_folder(kernel: Any) -> Path:

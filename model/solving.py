@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_xval.model.chain.following import HAPPENED, MAX_PIECES, TOO_FAR_APART, Problem
-from impact_xval.model.chain.kernel import COLLAPSE
+from impact_xval.model.chain.following import MAX_PIECES, TOO_FAR_APART, Problem
+from impact_xval.model.chain.kernel import COLLAPSE, HAPPENED
 from impact_xval.model.chain.laws import LIU_ZHAO_BROGLIATO, STATE_TRANSITION
 from impact_xval.model.collision import (
     Collision,
@@ -27,7 +27,6 @@ from impact_xval.model.collision import (
     Paths,
     States,
     Status,
-    in_unit,
 )
 from impact_xval.model.compiled import FEW_STATES, in_shares
 from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, Cutoff, legal_cutoff
@@ -179,17 +178,16 @@ def _by_diagram(
     c: Collisions, law: int, cutoff: float, max_events: int, states: bool, paths: bool
 ) -> Outcomes:
     cells, how = _cells(c), (max_events, law == STATE_TRANSITION)
-    velocities, numbers, sets, starts = _diagrams(cells, cutoff, *how, states)
+    velocities, numbers, sets = _diagrams(cells, cutoff, *how, states)
     code, n_states, n_events, _, margin, residual = numbers.T
     diagnostics = {"energy_residual": residual}
     if 1 < cutoff < math.inf:
         used, effect = np.flatnonzero(code == kernel.LIMIT), np.zeros(len(c))
-        exact = _diagrams([each[used] for each in cells], kernel.EXACT, *how, False)[0]
+        exact = _diagrams([each[used] for each in cells], kernel.EXACT, *how)[0]
         moved = exact - velocities[used]
         effect[used] = np.hypot(moved[:, 0], np.sqrt(cells[1][used]) * moved[:, 1])
         diagnostics["cutoff_effect"] = effect
-    time, speed = c.units
-    there = ~np.isnan(velocities[:, 0])
+    speed, there = c.units[1], ~np.isnan(velocities[:, 0])
     return Outcomes.of(
         NAME,
         c,
@@ -198,7 +196,7 @@ def _by_diagram(
         n_states=n_states,
         n_events=n_events,
         grazing_margin=margin,
-        states=States.of(n_states, sets, starts, time) if states else None,
+        states=States.of(n_states, sets) if states else None,
         diagnostics=diagnostics,
         paths=_diagram_paths(c[there], cutoff, *how).spread(there) if paths else None,
     )
@@ -211,19 +209,26 @@ def _cells(collisions: Collisions) -> list[Floats]:
 
 
 def _diagrams(
-    cells: Sequence[Floats], cutoff: float, max_events: int, stiffens: bool, states: bool
-) -> tuple[Floats, Floats, NDArray[np.uint64], Floats]:
-    """Velocities per abs(v0), numbers, sets and starts of `pair.kernel.collide_all`, of any number of cells."""
-    n, no_path = len(cells[0]), np.empty((0, len(LOG_COLUMNS)))
+    cells: Sequence[Floats],
+    cutoff: float,
+    max_events: int,
+    stiffens: bool,
+    states: bool = False,
+    paths: bool = False,
+) -> tuple[Floats, Floats, NDArray[Any]]:
+    """Velocities per abs(v0), numbers, and sets or paths of `pair.kernel.collide_all`, of any number of cells."""
+    n, width = len(cells[0]), len(LOG_COLUMNS)
     velocities, numbers = np.empty((n, 2)), np.empty((n, len(NUMBERS)))
+    no_path, no_states = np.empty((0, width)), np.empty((0, 1), np.uint64)
 
-    def follow(share: slice, *log: Any) -> int:
-        how, out = (cutoff, max_events, stiffens, 1, no_path), (velocities[share], numbers[share])
-        kernel.collide_all(*(each[share] for each in cells), *how, *log, *out)
-        return int(numbers[share, NUMBERS.index("n_states")].sum()) if states else 0
+    def follow(share: slice, log: NDArray[Any]) -> int:
+        how, logs = (cutoff, max_events, stiffens, POINTS), (log, no_states) if paths else (no_path, log)
+        kernel.collide_all(*(x[share] for x in cells), *how, *logs, velocities[share], numbers[share])
+        used = numbers[share, NUMBERS.index("rows" if paths else "n_states")].sum()
+        return int(used) if states or paths else 0
 
-    sets, starts = in_shares(follow, n, SHARE, FEW_STATES * states, ((1,), np.uint64), ((), float))
-    return velocities, numbers, sets, starts
+    log = (LOG_ROWS, width, float) if paths else (FEW_STATES * states, 1, np.uint64)
+    return velocities, numbers, in_shares(follow, n, SHARE, *log)
 
 
 def _diagram_paths(collisions: Collisions, cutoff: float, max_events: int, stiffens: bool) -> Paths:
@@ -232,15 +237,7 @@ def _diagram_paths(collisions: Collisions, cutoff: float, max_events: int, stiff
     stiff = np.isinf(k[:, 0])  # whose time unit would be 0: any such ratio is infinite to rounding
     k[stiff, 0] = 1e60 * k[stiff, 1]
     c = replace(c, stiffnesses=k)
-    cells, numbers, ends = _cells(c), np.empty((len(c), len(NUMBERS))), np.empty((len(c), 2))
-    no_states = np.empty((0, 1), np.uint64), np.empty(0)
-
-    def follow(share: slice, log: Floats) -> int:
-        how, out = (cutoff, max_events, stiffens, POINTS, log), (*no_states, ends[share], numbers[share])
-        kernel.collide_all(*(each[share] for each in cells), *how, *out)
-        return int(numbers[share, NUMBERS.index("rows")].sum())
-
-    (log,) = in_shares(follow, len(c), SHARE, LOG_ROWS, ((len(LOG_COLUMNS),), float))
+    _, numbers, log = _diagrams(_cells(c), cutoff, max_events, stiffens, paths=True)
     lengths = numbers[:, NUMBERS.index("rows")].astype(np.int64)
     of = np.repeat(np.arange(len(c)), lengths)
     offsets, (time, speed) = np.append(0, np.cumsum(lengths)), c.units
@@ -249,9 +246,15 @@ def _diagram_paths(collisions: Collisions, cutoff: float, max_events: int, stiff
         np.maximum.accumulate(passed[i:j], out=passed[i:j])
     impulses = np.cumsum(c.masses[of] * (velocities - c.velocities[of]), axis=1)
     with np.errstate(divide="ignore"):  # the forces of an instant are infinite
-        forces = in_unit(log[:, 4:6], (c.masses[:, 0] * speed / time)[of, None])
+        forces = _in_unit(log[:, 4:6], (c.masses[:, 0] * speed / time)[of, None])
     acting = np.stack([np.isin(state, (1, 3)), np.isin(state, (1, 2))], axis=1)
-    return Paths(offsets, in_unit(passed, time[of]), velocities, impulses, forces, acting)
+    return Paths(offsets, _in_unit(passed, time[of]), velocities, impulses, forces, acting)
+
+
+def _in_unit(values: Floats, unit: Floats) -> Floats:
+    """Return values times a unit: 0 stays 0 where the unit leaves double precision, as that of time may."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.multiply(values, unit, out=np.zeros_like(values), where=values != 0)
 
 
 def _endings(

@@ -9,17 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.model.chain.kernel import (
-    ACTS,
-    COLLAPSE,
-    GOING,
-    MADE_ENERGY,
-    PLASTIC,
-    RUNAWAY,
-    UNITED,
-    Followed,
-    follow_chains,
-)
+from impact_xval.model.chain.kernel import GOING, HAPPENED, MADE_ENERGY, Followed, follow_chains
 from impact_xval.model.chain.power_law import TOLERANCE, new_workspace
 from impact_xval.model.chain.state import new_chain
 from impact_xval.model.collision import Collisions, Floats, Outcomes, Paths, States, Status
@@ -34,13 +24,6 @@ POINTS, LOG_NUMBERS = 9, 2**23
 
 #: Collisions that a thread is given at once: some ten milliseconds of work.
 SHARE = 512
-
-#: Why outcomes of chains are limits, by the bit of the kernel's code.
-HAPPENED = {
-    PLASTIC: "closed form of e = 0: the bodies of a contact that ended compression are one from there on",
-    RUNAWAY: "the running stiffness of a contact runs away: its bodies are one from where it is rigid to rounding",
-    COLLAPSE: "bodies come to rest together after infinitely many events",
-}
 
 #: Why there is no result of a collision that was left out, and of a chain that has more kinetic energy than before.
 TOO_FAR_APART = (
@@ -94,18 +77,18 @@ class Problem:
         numbers = np.full((n, len(names)), np.nan)
         points, no_path = np.ones(n, np.int64), np.empty((0, 0))
 
-        def follow(share: slice, *log: Any) -> int:
-            out = no_path, *log, velocities[share], numbers[share]
+        def follow(share: slice, sets: NDArray[np.uint64]) -> int:
+            out = no_path, sets, velocities[share], numbers[share]
             self._collide([each[share] for each in cells], points[share], *out)
             return int(np.nansum(numbers[share, names.index("n_states")])) if states else 0
 
         words = max(1, -(-contacts // 64))
-        sets, starts = in_shares(follow, n, SHARE, FEW_STATES * states, ((words,), np.uint64), ((), float))
+        sets = in_shares(follow, n, SHARE, FEW_STATES * states, words, np.uint64)
         time, speed = c.units
         found = dict(zip(names, numbers.T, strict=True))
         with np.errstate(over="ignore", invalid="ignore"):  # no fall has an end where nothing falls
             found |= {name: found[name] * time for name in ("time", "fall")}
-        logged = States.of(np.nan_to_num(found["n_states"]), sets, starts, time) if states else None
+        logged = States.of(np.nan_to_num(found["n_states"]), sets) if states else None
         return Went(velocities * speed[:, None], found, logged)
 
     def outcomes(
@@ -155,16 +138,13 @@ class Problem:
         width = 1 + 2 * balls + contacts
         points = np.clip(LOG_NUMBERS // (pieces * width + 1), 1, POINTS).astype(np.int64)
         log = np.empty((int((pieces * points + 1).sum()), width))
-        no_states, ends = (np.empty((0, 1), np.uint64), np.empty(0)), np.empty((n, balls))
+        no_states, ends = np.empty((0, 1), np.uint64), np.empty((n, balls))
         numbers = np.full((n, len(Followed._fields)), np.nan)
-        self._collide(self._scaled(), points, log, *no_states, ends, numbers)
+        self._collide(self._scaled(), points, log, no_states, ends, numbers)
         went = Followed(*numbers.T)
         lengths = went.rows.astype(np.int64)
         offsets, of = np.append(0, np.cumsum(lengths)), np.repeat(np.arange(len(c)), lengths)
         log = log[: len(of)]
-        flags = log[:, 1 + 2 * balls :]
-        acting = (flags == ACTS) | ((flags == UNITED) & (flags == ACTS).any(axis=1, keepdims=True))
-        acting[offsets[1:][lengths > 0] - 1] = False
         # What leaves double precision is said of the outcome; without gravity a fall has no end.
         with np.errstate(over="ignore", invalid="ignore"):
             fallen = (g * time)[of] * np.minimum(log[:, 0], went.fall[of])
@@ -175,6 +155,7 @@ class Problem:
             impulses, forces = (
                 np.cumsum(c.masses[of] * each, axis=1)[:, :contacts] for each in (changes, pushes)
             )
+            acting = log[:, 1 + 2 * balls :] > 0
             return Paths(offsets, log[:, 0] * time[of], velocities, impulses, forces, acting)
 
     def _scaled(self) -> list[Any]:

@@ -28,8 +28,12 @@ from impact_xval.model.pair.law import INACTIVE, RESTITUTION
 #: How a chain ended, as bits: what happened on the way.
 PLASTIC, RUNAWAY, COLLAPSE, TOO_MANY_EVENTS, MADE_ENERGY = 1, 2, 4, 8, 16
 
-#: What the log says of a contact that acts, and of one that has become rigid; 0 of others.
-ACTS, UNITED = 1.0, 2.0
+#: Why its outcome is a limit, by the bit.
+HAPPENED = {
+    PLASTIC: "closed form of e = 0: the bodies of a contact that ended compression are one from there on",
+    RUNAWAY: "the running stiffness of a contact runs away: its bodies are one from where it is rigid to rounding",
+    COLLAPSE: "bodies come to rest together after infinitely many events",
+}
 
 #: Bodies are united where all that the contact between them can still do changes less than this share of its
 #: neighbours' energy.
@@ -183,7 +187,7 @@ def near_misses(c, n, degree, x, energy, margin, work):
 
 @uncounted
 def write_path(c, n, degree, work, x, h, time, drift, points, log, row):
-    """Write points of a piece: time, velocities and accelerations of balls, and which contacts act; the next row."""
+    """Write points of a piece: time, velocities and accelerations of balls, which contacts act; the next row."""
     balls = (log.shape[1] - c.size) // 2
     for point in range(points):
         if row < log.shape[0]:
@@ -195,11 +199,8 @@ def write_path(c, n, degree, work, x, h, time, drift, points, log, row):
             for i in range(n):
                 work[i].value = slope(work[i].rates, degree, now) / h
             state.ball_values(c, n, work.value, 0.0, log, row, ONE + balls)
-            first = 1 + 2 * balls
-            for column in range(first, log.shape[1]):
-                log[row, column] = UNITED
-            for i in range(n):
-                log[row, first + c[i].contact] = ACTS if carries(c[i]) else 0.0
+            for i in range(work.size):
+                log[row, 1 + 2 * balls + i] = 1.0 if work[i].acts else 0.0
         row += 1
     return row
 
@@ -296,7 +297,7 @@ def follow(c, n, h_next, tolerance, work):
 
 
 @uncounted
-def note_set(c, n, work, time, sets, starts, first, row):
+def note_set(c, n, work, sets, first, row):
     """Write the set of acting contacts to row `row` if it is not that before, of rows from `first` on; the next row.
 
     A rigid contact acts while another one does.
@@ -305,19 +306,15 @@ def note_set(c, n, work, time, sets, starts, first, row):
     for i in range(n):
         some |= carries(c[i])
     for i in range(work.size):
-        work[i].acts = some
+        work[i].acted, work[i].acts = work[i].acts, some
     for i in range(n):
         work[c[i].contact].acts = carries(c[i])
     new = row == first
     for i in range(work.size):
-        own = work[i]
-        new |= own.acts != own.acted
-        own.acted = own.acts
-    if new and row < starts.size:
-        starts[row] = time
+        new |= work[i].acts != work[i].acted
+    if new and row < sets.shape[0]:
         for i in range(work.size):
-            others = sets[row, i // 64] if i % 64 > 0 else np.uint64(0)
-            sets[row, i // 64] = others | (np.uint64(work[i].acts) << np.uint64(i % 64))
+            sets[row, i // 64] |= np.uint64(work[i].acts) << np.uint64(i % 64)
     return row + new
 
 
@@ -345,7 +342,7 @@ class Followed(NamedTuple):
 
 
 @merged
-def collide(c, work, energy, drift, g, tolerance, max_pieces, points, log, at, out, sets, starts, first):
+def collide(c, work, energy, drift, g, tolerance, max_pieces, points, log, at, out, sets, first):
     """Follow a chain from first touch to its end, as it is left.
 
     `out` is given the numbers of `Followed`, and the number of contacts that are left is returned; the log is written
@@ -389,7 +386,7 @@ def collide(c, work, energy, drift, g, tolerance, max_pieces, points, log, at, o
         if x > 0:
             for i in range(work.size):
                 work[i].cut = False
-            row = note_set(c, n, work, time, sets, starts, first, row)
+            row = note_set(c, n, work, sets, first, row)
             rows = write_path(c, n, last_power, work, x, h, time, drift, points, log, rows)
         time += x * h
         if which >= 0:
@@ -402,13 +399,13 @@ def collide(c, work, energy, drift, g, tolerance, max_pieces, points, log, at, o
             if what != TURN and (not dashpot or carries(c[which]) != acted):
                 events, quiet = events + 1, 0
         state.still(c, n, energy)
+    if end != GOING:
+        if end != FREE:
+            row = note_set(c, n, work, sets, first, row)
+        row = note_set(c, ZERO, work, sets, first, row)
     for i in range(n):
         work[i].rates[0] = c[i].w
     rows = write_path(c, n, ZERO, work, 0.0, 1.0, time, drift, ONE, log, rows)  # the end
-    if end != GOING:
-        if end != FREE:
-            row = note_set(c, n, work, time, sets, starts, first, row)
-        row = note_set(c, ZERO, work, time, sets, starts, first, row)
     out[0], out[1], out[2], out[3], out[4] = code, end, events, pieces, margin
     out[5], out[6], out[7], out[8], out[9] = loss, time, min(fall, time), rows - at, row - first
     return n
@@ -417,7 +414,7 @@ def collide(c, work, energy, drift, g, tolerance, max_pieces, points, log, at, o
 @entry
 def follow_chains(
     c, work, masses, stiffnesses, restitutions, dampings, rates, drifts, gaps, gravities, tolerance,
-    max_pieces, points, log, sets, starts, velocities, numbers,
+    max_pieces, points, log, sets, velocities, numbers,
 ):  # fmt: skip
     """Follow chains of one number of balls, in units of about 1; the only kernel that Python calls.
 
@@ -433,13 +430,12 @@ def follow_chains(
         max_pieces      pieces of segments after which a chain is given up; all are after `MOST_WORK`
         points          (n,): rows of the log for each piece
 
-    Filled are, the first three for all chains one after another as far as they fit,
+    Filled are, the first two for all chains one after another as far as they fit,
 
         log             (rows, 1 + 2 N + C): the paths of chains and their ends (`write_path`); may have no rows
-        sets            (entries, W): the sets of acting contacts, bit i of word i//64 for contact i. The first of a
-                        chain is that at first touch, its last one the empty one of the end, unless it is given up; a
-                        set that lasts no time is left out
-        starts          (entries,): time since first touch at which each set began
+        sets            (entries, W), zero before: the sets of acting contacts, bit i of word i//64 for contact i. The
+                        first of a chain is that at first touch, its last one the empty one of the end, unless it is
+                        given up; a set that lasts no time is left out
         velocities      (n, N): the final ones
         numbers         (n, 10): those of `Followed`
     """
@@ -458,7 +454,7 @@ def follow_chains(
             one.length = (energy * (one.p + 1) / one.k) ** (1 / (one.p + 1))
         n = collide(
             c, work, energy, drifts[i], gravities[i], tolerance, max_pieces, points[i], log, at, numbers[i],
-            sets, starts, row,
+            sets, row,
         )  # fmt: skip
         left = state.energy_of(c, n, masses, drifts[i], velocities, i)
         numbers[i, 5] = (numbers[i, 5] + left) / energy

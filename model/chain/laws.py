@@ -10,9 +10,8 @@
 
 A contact is INACTIVE while it carries no force. With frozen positions, as in the model, it keeps delta = 0 and returns
 where its bodies begin to approach; with positions it returns where its gap has closed. The first law with positions is
-*bistiffness*; there an end of compression moves the point of zero force by (1 - e^2) delta into the contact, for good:
-the permanent indentation of a loading along k and an unloading along k/e^2. A contact that ends restitution therefore
-opens with a gap of exactly zero, and returns when its bodies meet where they parted.
+*bistiffness*: an end of compression moves the point of zero force by (1 - e^2) delta into the contact, for good, so
+that a contact that ends restitution opens with a gap of exactly zero.
 
 With gravity the lower ball of a drop has settled on the table: its contact counts delta from there, so that the weight
 need not cancel to rounding (`rest`). An end of compression takes 1 - e^2 of all its strain energy, weight included.

@@ -169,12 +169,8 @@ def first_event(mu, modes, state, signs, watched, losses, a, b, margin):
         if below0 | below1 | below2 | below3:
             # The one that seems to have vanished first, for its root spares those of the others.
             high = h
-            back0, back1, back2, back3 = (
-                behind(below0, h, g0),
-                behind(below1, h, g1),
-                behind(below2, h, g2),
-                behind(below3, h, g3),
-            )
+            back0, back1 = behind(below0, h, g0), behind(below1, h, g1)
+            back2, back3 = behind(below2, h, g2), behind(below3, h, g3)
             farthest = max(max(back0, back1), max(back2, back3))
             is0, is1, is2 = back0 == farthest, back1 == farthest, back2 == farthest
             rate = is0 | is1  # a force is a sum of r_j, and has for r_j what a rate has for q_j

@@ -19,19 +19,9 @@ import numpy as np
 
 from impact_xval.model.compiled import compiled_with, inlined
 from impact_xval.model.inputs import MASS_PRECISION
+from impact_xval.model.pair import law
 from impact_xval.model.pair.events import MOST_WINDOWS, first_event, next_turn
-from impact_xval.model.pair.law import (
-    COMPRESSION,
-    INACTIVE,
-    RESTITUTION,
-    Contact,
-    after_event,
-    end_of_compression,
-    restart,
-    returned,
-    spent,
-    with_energy,
-)
+from impact_xval.model.pair.law import COMPRESSION, INACTIVE, RESTITUTION, Contact
 from impact_xval.model.pair.limits import runaway
 from impact_xval.model.pair.motion import amplitudes, modes_of, single_contact
 from impact_xval.model.pair.path import write, write_both, write_one
@@ -71,20 +61,10 @@ def both_contacts(mu, modes, a, b, d1, v2, one, two, stiffens, exact, loss, marg
         )
     d1, v2, F1, F2 = at_event
     rate1, rate2, force1, force2 = fired
-    one, loss = after_event(stiffens, one, F1, rate1, force1, loss)
-    two, loss = after_event(stiffens, two, F2, rate2, force2, loss)
-    return (
-        (0.0 if rate1 else d1),
-        (0.0 if rate2 else v2),
-        one,
-        two,
-        rate1,
-        rate2,
-        loss,
-        duration,
-        margin,
-        windows,
-    )
+    d1, v2 = (0.0 if rate1 else d1), (0.0 if rate2 else v2)
+    one, loss = law.after_event(stiffens, one, F1, rate1, force1, loss)
+    two, loss = law.after_event(stiffens, two, F2, rate2, force2, loss)
+    return d1, v2, one, two, rate1, rate2, loss, duration, margin, windows
 
 
 @inlined
@@ -115,7 +95,7 @@ def taken_for_rigid(mu, M, d1, v2, one, two, stiffens, highest, cutoff, loss):
     if isnan(gain):
         return 0, DONE, one, two, loss
     loss += stiff.E - gain
-    stiff, soft = with_energy(stiff, 0.0), with_energy(soft, soft.E + gain)
+    stiff, soft = law.with_energy(stiff, 0.0), law.with_energy(soft, soft.E + gain)
     return (1 if first else 2), LIMIT, (stiff if first else soft), (soft if first else stiff), loss
 
 
@@ -138,7 +118,7 @@ def at_work(mu, M, state, d1, v2, one, two, rigid, highest):
     # Of its energy, F F_s/k is held by merely passing on the force F_s.
     E = stiff.E - 2 * sqrt(one.E * two.E * (soft.k / stiff.k)) * share
     if rate * rate + 2 * E / mass > 1 / highest:
-        return first, False, with_energy(stiff, E), mass, rate, inf
+        return first, False, law.with_energy(stiff, E), mass, rate, inf
     return not first, True, soft, united, soft_rate + rate * share, inf
 
 
@@ -148,28 +128,28 @@ def after_one_contact(mu, state, d1, v2, one, two, stiffens, rigid, first, unite
     returns, ended, impulse, after, E = exit
     other = two if first else one
     if ended:
-        c, loss = end_of_compression(with_energy(c, c.E + 0.5 * mass * rate * rate), loss)
-    c = Contact(c.phase, c.k, E, sqrt(2 * c.k * E), c.e, c.original) if returns else spent(c)
+        c, loss = law.end_of_compression(law.with_energy(c, c.E + 0.5 * mass * rate * rate), loss)
+    c = Contact(c.phase, c.k, E, sqrt(2 * c.k * E), c.e, c.original) if returns else law.spent(c)
     if first:
         d1, v2 = after, (0.0 if returns or united else v2 - impulse / mu)
         v2 = max(0.0, v2) if state == S3 else v2
     else:
         d1, v2 = (0.0 if returns or united else d1 - (v2 + after)), (v2 - d1 if returns else -after)
     if returns:
-        other = returned(stiffens, other)
+        other = law.returned(stiffens, other)
     elif united:
-        other = spent(other)
+        other = law.spent(other)
     elif rigid != 0 and other.phase == RESTITUTION and (-v2 if first else d1) > 0:
-        other, loss = restart(stiffens, other, loss)
+        other, loss = law.restart(stiffens, other, loss)
     return d1, v2, (c if first else other), (other if first else c), loss
 
 
 @compiled_with(inline="always")
-def collide(kappa, mu, e1, e2, cutoff, max_events, stiffens, points, log, at, place, sets, starts):
+def collide(kappa, mu, e1, e2, cutoff, max_events, stiffens, points, log, at, place, sets):
     """Follow one collision through the diagram as `collide_all` says, and as a part of that.
 
-    Its first row is `at` in the log, `place` in `sets` and `starts`. Gives v1, v2, code, numbers of states, of events
-    and of rows, the grazing margin, and the energy lost.
+    Its first row is `at` in the log, `place` in `sets`. Gives v1, v2, code, numbers of states, of events and of rows,
+    the grazing margin, and the energy lost.
     """
     # Whole numbers that are literals are of types of their own, for which functions would be compiled once more.
     state, phase, rows = np.int64(S1), np.int64(COMPRESSION), at
@@ -181,12 +161,12 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, stiffens, points, log, at, pl
     M = mu / (1 + mu)
     exact = cutoff == EXACT
     highest = PRECISION_RATIO if exact else min(cutoff, PRECISION_RATIO)
-    recorded = log.shape[0] > 0 or starts.size > 0
+    recorded = log.shape[0] > 0
     modes = modes_of(mu, one.k, two.k)
     while True:
         if state != before:
-            if place + states < starts.size:
-                sets[place + states, 0], starts[place + states] = S4 - state, time
+            if place + states < sets.shape[0]:
+                sets[place + states, 0] = S4 - state
             before, states = state, states + 1
         if state == S4:
             break
@@ -208,10 +188,8 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, stiffens, points, log, at, pl
                 mu, modes, a, b, d1, v2, one, two, stiffens, exact, loss, margin
             )
             windows += tried
-            if log.shape[0] > 0:
+            if recorded:
                 time, rows = write_both(log, rows, points, time, state, duration, modes, a, b)
-            else:
-                time += duration
             events += rate1 + rate2 + (one.phase == INACTIVE) + (two.phase == INACTIVE)
             ended1, ended2 = rate1 and e1 == 0, rate2 and e2 == 0
         else:
@@ -239,9 +217,7 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, stiffens, points, log, at, pl
 
 
 @compiled_with(nogil=True)
-def collide_all(
-    kappa, mu, e1, e2, cutoff, max_events, stiffens, points, log, sets, starts, velocities, numbers
-):  # fmt: skip
+def collide_all(kappa, mu, e1, e2, cutoff, max_events, stiffens, points, log, sets, velocities, numbers):
     """Follow collisions through the diagram, in units of m1, k1 and abs(v0); the only kernel that Python calls.
 
     Not a loop that numba shares out to threads: compiling one takes several times as long. It holds no lock of Python,
@@ -253,13 +229,12 @@ def collide_all(
         max_events          events after which a collision is given up
         stiffens            whether a repeated compression runs at the stiffness that the ends of compression left, else
                             at the original one (`pair.law`)
-        points              points of the path per half period of the fastest oscillation of a segment; 0 or 1: starts
+        points              points of the path per half period of the fastest oscillation of a segment
 
-    Filled are, the first three for all collisions one after another as far as they fit,
+    Filled are, the first two for all collisions one after another as far as they fit,
 
         log                 rows of paths (`pair.path.LOG_COLUMNS`); may have none
         sets                the contacts that act, of shape (entries, 1): contact 1 is the lowest bit, 0 is the end
-        starts              the times at which they begin; infinite where a contact without stiffness has to finish
         velocities          v1, v2; NaN where a collision was given up, or m2/m1 is beyond `MASS_PRECISION`
         numbers             code; numbers of states, events and rows; the grazing margin (`pair.events.first_event`);
                             and the residual of the energy balance, 1/2 less what was lost and what is left
@@ -271,7 +246,7 @@ def collide_all(
         if 1 / MASS_PRECISION <= mu[i] <= MASS_PRECISION:
             v1, v2, code, states, events, rows, margin, loss = collide(
                 kappa[i], mu[i], e1[i], e2[i], cutoff, max_events, stiffens, points,
-                log, at, place, sets, starts,
+                log, at, place, sets,
             )  # fmt: skip
         if code == TOO_MANY_EVENTS:
             v1 = v2 = nan

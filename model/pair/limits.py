@@ -1,12 +1,9 @@
 """Closed forms of the limiting cases, as motion inside S1.
 
-They rest on the supplement's hypothesis: if one contact is infinitely stiffer than the other, its two bodies act as
-one once they reach the same velocity, and the rest of the collision is a single impact with the third body.
-
-A contact that is infinitely stiff therefore does one of two things in S1 (`pair.kernel.at_work`). While it still holds
-energy that can part its bodies, it completes its own impact at once, the soft contact standing still meanwhile. Once it
-holds none, its bodies are one and the soft contact works against them as such, to the end of the collision. States S2
-and S3 need nothing new.
+A contact that is infinitely stiff does one of two things in S1 (`pair.kernel.at_work`; docs/theory.md, section 4).
+While it still holds energy that can part its bodies, it completes its own impact at once, the soft contact standing
+still meanwhile. Once it holds none, its bodies are one and the soft contact works against them as such, to the end of
+the collision. States S2 and S3 need nothing new.
 
 At a finite ratio a stiff contact holds some energy merely by passing on the soft contact's force, and that energy
 cannot part its bodies. Without this distinction a collision whose ratio leaves the cut-off at the very first end of

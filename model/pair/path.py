@@ -35,21 +35,20 @@ def write(log, row, state, time, v1, v2, F1, F2):
 
 @inlined
 def number_of(points, half_periods):
-    """Count the points of a smooth piece, its ends included; only its start where `points` is 0 or 1."""
-    return min(MOST_POINTS, 3 + ceil(points * half_periods)) if points > 1 else 1
+    """Count the points of a smooth piece, its ends included."""
+    return min(MOST_POINTS, 3 + ceil(points * half_periods))
 
 
 @inlined
 def write_both(log, row, points, time, state, duration, modes, a, b):
     """Write a segment of S1; the time and the row after it."""
-    t = time + duration
-    n = number_of(points, modes.omega[1] * duration / pi)
+    n, t = number_of(points, modes.omega[1] * duration / pi), time
     for i in range(n):
-        passed = duration * i / max(n - 1, 1)
-        t = time + passed if n > 1 else t
+        passed = duration * i / (n - 1)
+        t = time + passed
         q, r = modal(passed, modes.omega, a, b)
         d1, v2, F1, F2 = motion(q, r, modes)
-        row = write(log, row, state, time + passed, v2 - d1, v2, F1, F2)
+        row = write(log, row, state, t, v2 - d1, v2, F1, F2)
     return t, row
 
 
@@ -74,7 +73,7 @@ def write_one(log, row, points, time, state, v1, v2, first, united, mu, c, other
         turn, unit = max(end - start, 0.0), sqrt(mass / k)
         n, t = number_of(points, turn / pi), time
         for i in range(n):
-            angle = turn * i / max(n - 1, 1)
+            angle = turn * i / (n - 1)
             theta = start + angle
             change = W * cos(theta) - rate
             F = sqrt(k * mass) * W * sin(theta) if W > 0 and 0 < theta < pi else 0.0
@@ -82,6 +81,5 @@ def write_one(log, row, points, time, state, v1, v2, first, united, mu, c, other
             F1, F2 = (F, passed) if first else (passed, F)
             t = time + unit * angle if angle > 0 else time
             row = write(log, row, state, t, v1 + on_v1 * change, v2 + on_v2 * change, F1, F2)
-        time = t if n > 1 or turn <= 0 else time + unit * turn
-        start, W, k = end, c.e * W, k / (c.e * c.e)
+        time, start, W, k = t, end, c.e * W, k / (c.e * c.e)
     return time, row

@@ -46,8 +46,8 @@ def path_of(kappa, mu, e1, e2, points):
     """
     cells = [np.array([x], dtype=float) for x in (kappa, mu, e1, e2)]
     log, n = np.empty((100_000, 6)), np.empty((1, 6))
-    no_states = np.empty((0, 1), np.uint64), np.empty(0)
-    collide_all(*cells, math.inf, 10_000, True, points, log, *no_states, np.empty((1, 2)), n)
+    no_states = np.empty((0, 1), np.uint64)
+    collide_all(*cells, math.inf, 10_000, True, points, log, no_states, np.empty((1, 2)), n)
     log = log[: int(n[0, 3])].T
     state, time, v1, v2, *forces = log
     middle = np.append(np.diff(time), 1.0) > 0  # not the last point of a piece
