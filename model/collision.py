@@ -393,13 +393,13 @@ class Paths(Sequence[Path | None]):
     @classmethod
     def of(cls, paths: Iterable[Path | None], balls: int, contacts: int) -> Paths:
         """Put paths together, of that many balls and contacts."""
-        some = list(paths)
-        lengths = [0 if path is None else len(path.time) for path in some]
         t, v, i = np.empty(0), np.empty((0, balls)), np.empty((0, contacts))
         none = Path(t, v, i, i, np.empty(i.shape, bool))
-        there = [none, *(path for path in some if path is not None)]
-        arrays = (np.concatenate([getattr(path, each.name) for path in there]) for each in fields(Path))
-        return cls(np.cumsum([0, *lengths]), *arrays)
+        some = [path or none for path in paths]
+        arrays = (
+            np.concatenate([getattr(path, each.name) for path in (none, *some)]) for each in fields(Path)
+        )
+        return cls(np.cumsum([0, *(len(path.time) for path in some)]), *arrays)
 
     def spread(self, there: NDArray[np.bool_]) -> Paths:
         """Return the paths of more collisions, of which these are those that are there."""

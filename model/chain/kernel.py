@@ -418,8 +418,7 @@ def follow_chains(
 ):  # fmt: skip
     """Follow chains of one number of balls, in units of about 1; the only kernel that Python calls.
 
-    No lock of Python is held meanwhile, so that threads can be given parts of the arrays. The kernel is no loop that
-    numba shares out to threads: compiling one takes four times as long. Given are, for C of N - 1, or N on a table,
+    It holds no lock, so that threads can be given parts of arrays. Given are, for C of N - 1, or N on a table,
 
         c, work         (C + 1,) of `CONTACT` and (C,) of `WORK`: written over, but for law, exponent and frozen
         masses          (n, N); a first mass of NaN marks a chain that is left out

@@ -220,8 +220,7 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, stiffens, points, log, at, pl
 def collide_all(kappa, mu, e1, e2, cutoff, max_events, stiffens, points, log, sets, velocities, numbers):
     """Follow collisions through the diagram, in units of m1, k1 and abs(v0); the only kernel that Python calls.
 
-    Not a loop that numba shares out to threads: compiling one takes several times as long. It holds no lock of Python,
-    so that threads can be given parts of the arrays. Given are, the first four of shape (n,),
+    It holds no lock, so that threads can be given parts of arrays. Given are, the first four of shape (n,),
 
         kappa, mu, e1, e2   k2/k1 from 0 to inf, m2/m1, and coefficients of restitution
         cutoff              running stiffness ratio above which, and below the inverse of which, a contact is taken for

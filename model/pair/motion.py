@@ -187,9 +187,8 @@ def single_contact(mass, d, E, e, compressing, impulse_to_return):
     Gives whether the other contact returns first (exit to S1, else to S4); whether compression ended on the way (a tie
     with the return counts as ended); and impulse, compression rate and strain energy at exit.
     """
-    w = sqrt(
-        d * d + 2 * E / mass
-    )  # the rate at which all of E and d would be gone: at maximum compression, E = 0
+    # The rate at which all of E and d would be gone: at maximum compression, E = 0.
+    w = sqrt(d * d + 2 * E / mass)
     if compressing:
         w *= e
     maximum = mass * (d + w)  # supplement: Delta I_max, both cases
