@@ -178,7 +178,7 @@ def _by_diagram(
     c: Collisions, law: int, cutoff: float, max_events: int, states: bool, paths: bool
 ) -> Outcomes:
     cells, how = _cells(c), (max_events, law == STATE_TRANSITION)
-    velocities, numbers, sets = _diagrams(cells, cutoff, *how, states)
+    velocities, numbers, sets = _diagrams(cells, cutoff, *how, "n_states" if states else "")
     code, n_states, n_events, _, margin, residual = numbers.T
     diagnostics = {"energy_residual": residual}
     if 1 < cutoff < math.inf:
@@ -209,25 +209,19 @@ def _cells(collisions: Collisions) -> list[Floats]:
 
 
 def _diagrams(
-    cells: Sequence[Floats],
-    cutoff: float,
-    max_events: int,
-    stiffens: bool,
-    states: bool = False,
-    paths: bool = False,
+    cells: Sequence[Floats], cutoff: float, max_events: int, stiffens: bool, logged: str = ""
 ) -> tuple[Floats, Floats, NDArray[Any]]:
-    """Velocities per abs(v0), numbers, and sets or paths of `pair.kernel.collide_all`, of any number of cells."""
-    n, width = len(cells[0]), len(LOG_COLUMNS)
+    """Velocities per abs(v0), numbers and a log of `pair.kernel.collide_all`, named by what counts it in `NUMBERS`."""
+    n, width, path = len(cells[0]), len(LOG_COLUMNS), logged == "rows"
     velocities, numbers = np.empty((n, 2)), np.empty((n, len(NUMBERS)))
     no_path, no_states = np.empty((0, width)), np.empty((0, 1), np.uint64)
 
     def follow(share: slice, log: NDArray[Any]) -> int:
-        how, logs = (cutoff, max_events, stiffens, POINTS), (log, no_states) if paths else (no_path, log)
+        how, logs = (cutoff, max_events, stiffens, POINTS), (log, no_states) if path else (no_path, log)
         kernel.collide_all(*(x[share] for x in cells), *how, *logs, velocities[share], numbers[share])
-        used = numbers[share, NUMBERS.index("rows" if paths else "n_states")].sum()
-        return int(used) if states or paths else 0
+        return int(numbers[share, NUMBERS.index(logged)].sum()) if logged else 0
 
-    log = (LOG_ROWS, width, float) if paths else (FEW_STATES * states, 1, np.uint64)
+    log = (LOG_ROWS, width, float) if path else (FEW_STATES if logged else 0, 1, np.uint64)
     return velocities, numbers, in_shares(follow, n, SHARE, *log)
 
 
@@ -237,7 +231,7 @@ def _diagram_paths(collisions: Collisions, cutoff: float, max_events: int, stiff
     stiff = np.isinf(k[:, 0])  # whose time unit would be 0: any such ratio is infinite to rounding
     k[stiff, 0] = 1e60 * k[stiff, 1]
     c = replace(c, stiffnesses=k)
-    _, numbers, log = _diagrams(_cells(c), cutoff, max_events, stiffens, paths=True)
+    _, numbers, log = _diagrams(_cells(c), cutoff, max_events, stiffens, "rows")
     lengths = numbers[:, NUMBERS.index("rows")].astype(np.int64)
     of = np.repeat(np.arange(len(c)), lengths)
     offsets, (time, speed) = np.append(0, np.cumsum(lengths)), c.units
