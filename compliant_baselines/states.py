@@ -121,9 +121,9 @@ def compared_states(paths: Paths, shortest: NDArray[np.float64]) -> list[str]:
     ends = np.zeros(len(paths))
     ends[lengths > 0] = paths.time[paths.offsets[1:][lengths > 0] - 1]
     runs = np.bincount(of[first], minlength=len(paths))
-    lengths, start, state = merge_all(runs, paths.time[first], sets[first], ends, shortest, 0b11)
+    lengths, _, state = merge_all(runs, paths.time[first], sets[first], ends, shortest, 0b11)
     after = np.cumsum(lengths)
     unclosed = state[after - 1] != 0  # by rule 3
     closed = np.insert(state, after[unclosed], 0).astype(np.uint64)
-    states = States(np.append(0, np.cumsum(lengths + unclosed)), closed[:, np.newaxis], start)
+    states = States.of(lengths + unclosed, closed[:, np.newaxis])
     return [text if there else "" for text, there in zip(states.texts(), runs, strict=True)]

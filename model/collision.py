@@ -139,6 +139,11 @@ class Collision:
             Coefficients of energetic restitution, from 0 (perfectly plastic) to 1 (elastic).
         v0 : float
             Velocity of B1 when it touches B2, in m/s; negative, finite.
+
+        Raises
+        ------
+        ValueError
+            For an illegal value; the message names the parameter, the value and the legal range.
         """
         given = zip(TWO_BALLS, (m1, m2, k1, k2, e1, e2, v0), strict=True)
         m1, m2, k1, k2, e1, e2, v0 = (legal.number(value) for legal, value in given)
@@ -158,6 +163,11 @@ class Collision:
             m2/m1, positive, finite.
         e1, e2 : float
             Coefficients of energetic restitution, from 0 to 1.
+
+        Raises
+        ------
+        ValueError
+            For an illegal value; the message names the parameter, the value and the legal range.
         """
         ratio, mass = RATIOS[0].number(stiffness_ratio), RATIOS[1].number(mass_ratio)
         return cls.two_balls(m1=1.0, m2=mass, k1=1.0, k2=ratio, e1=e1, e2=e2)
