@@ -28,23 +28,6 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},  # commands inherit it
 )
 
-#: Names of earlier versions, and what there is instead.
-FORMER = {
-    "status": "show DIR",
-    "ladder": "show DIR, show DIR --cell N",
-    "table": "report DIR --only tables, show DIR",
-    "figures": "report DIR --only figures, report DIR --supplement",
-    "compare-runs": "compare A B",
-    "cradle": "solve --arrangement cradle",
-    "animate": "solve --plot FILE.gif",
-    "export-scene": "scene",
-    "doctor": "inspect SCENE.xml",
-    "conform": "solvers NAME",
-    "map": "solve_batch in Python (examples/trust_map.py)",
-    "search": "a [sample] in a run",
-    "calibrate": "contact",
-}
-
 # typer may carry its own copy of click: the class of usage errors is reached through typer alone.
 _UsageError: Any = typer.BadParameter.__base__
 
@@ -83,8 +66,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
         sys.stdout.reconfigure(errors="backslashreplace")  # a name that a terminal cannot show ends no run
     typed = list(sys.argv[1:] if arguments is None else arguments)
-    if typed and typed[0] in FORMER:
-        return _fail(f"{typed[0]}: of an earlier version; now: {FORMER[typed[0]]}", 2)
     try:
         result = typer.main.get_command(app).main(typed, prog_name=PROGRAM, standalone_mode=False)
     except _UsageError as error:

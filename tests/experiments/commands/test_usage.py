@@ -3,7 +3,7 @@
 import pytest
 import typer
 
-from impact_xval.experiments.commands.cli import FORMER, app, main
+from impact_xval.experiments.commands.cli import app, main
 
 COMMANDS: list[str] = sorted(vars(typer.main.get_command(app))["commands"])
 
@@ -77,10 +77,3 @@ def test_both_words_for_help_are_legal_everywhere(capsys):
         assert shown[0].startswith(" ".join(["Usage: impact-xval", *command]))
         assert shown[0].count("\n") <= 40
         assert not command or "Example: impact-xval " + command[0] in shown[0]
-
-
-def test_former_names_say_what_there_is_instead(capsys):
-    for name, instead in FORMER.items():
-        assert main([name, "x"]) == 2
-        said = f"impact-xval: {name}: of an earlier version; now: {instead}\n"
-        assert capsys.readouterr().err == said
