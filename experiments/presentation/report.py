@@ -15,6 +15,7 @@ from impact_xval.experiments.presentation.html import page_of
 from impact_xval.experiments.presentation.page.page import blocks_of, cells_that_open
 from impact_xval.experiments.presentation.pictures.figures import write_figures
 from impact_xval.experiments.presentation.style import CAPTIONS
+from impact_xval.experiments.sweep.process import FaultError
 from impact_xval.experiments.sweep.run import Apart
 from impact_xval.experiments.tables.folder import RunFolder, write_text
 from impact_xval.experiments.tables.parquet import replacing
@@ -22,11 +23,18 @@ from impact_xval.experiments.tables.parquet import replacing
 
 def present(folder: RunFolder, apart: Apart) -> Summary:
     """Write all that people look at of a finished run; what cells show that open is collected by a process apart."""
-    cells = apart(cells_that_open, folder)
+    collected = apart(cells_that_open, folder)
+
+    def cells() -> str:
+        try:
+            return collected.result()
+        except FaultError:  # the process was killed
+            return cells_that_open(None, folder)
+
     summary = summarise(folder)
     write_tables(folder, summary)
     write_figures(folder, summary)
-    write_report(folder, summary, cells.result)
+    write_report(folder, summary, cells)
     return summary
 
 

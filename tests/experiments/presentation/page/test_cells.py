@@ -2,12 +2,18 @@
 
 import json
 import shlex
+import shutil
+from concurrent.futures import Future
+from pathlib import Path
 
 import pandas as pd
 import pytest
 
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.presentation.page.opened import opened_cells
+from impact_xval.experiments.presentation.page.page import cells_that_open
+from impact_xval.experiments.presentation.report import present
+from impact_xval.experiments.sweep.process import FaultError
 from impact_xval.experiments.tables.folder import RunFolder
 
 CELLS = [0, 7, 11]
@@ -65,3 +71,10 @@ def test_its_commands_can_be_pasted(run, cell, count, request, monkeypatch, caps
     assert main([*solve, "--json", *(word for name in expected for word in ("--solver", name))]) == 0
     found = {row["solver"]: row["velocities"] for row in json.loads(capsys.readouterr().out)}
     assert found == expected
+
+
+def test_a_process_that_is_killed_while_it_collects_them_costs_nothing(engine_run, tmp_path):
+    root, killed = Path(shutil.copytree(engine_run, tmp_path / engine_run.name)), Future()
+    killed.set_exception(FaultError("crashed", "its process died: SIGKILL"))
+    present(RunFolder(root), lambda *_: killed)
+    assert cells_that_open(None, RunFolder(root)) in (root / "report.html").read_text(encoding="utf-8")
