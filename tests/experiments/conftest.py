@@ -3,12 +3,11 @@ from pathlib import Path
 
 import pytest
 
-from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.presentation.report import present
-from impact_xval.experiments.sweep.chunk import warm
 from impact_xval.experiments.sweep.run import run_sweep
 from tests.experiments import fakes
+from tests.model.conftest import compiled_kernels  # noqa: F401
 
 SMALL = {
     "name": "small",
@@ -18,13 +17,26 @@ SMALL = {
     "grid": {"stiffness_ratio": [0.5, 1.0, 2.0], "mass_ratio": [1.0, 1.5], "e1": [0.5, 0.9], "e2": [0.7]},
 }
 
+COLUMNS = {
+    "name": "few columns",
+    "solvers": ["bistiffness", "kelvin-voigt", "mujoco"],
+    "column": {"arrangement": ["cradle", "drop"], "balls": [2, 3, 4], "e": [0.6, 0.9], "exponent": [1.0, 1.5]}
+    | {"stiffness_taper": 1.0},
+    "figure_column": {"balls": 4, "e": 0.8},
+}
+
 #: Text that a page, a table and LaTeX are to show as it is.
 HOSTILE = "</script><script>document.title = 'taken'</script><img src=x onerror=\"document.title='taken'\">"
 
 
 def tables_of(root):
-    """Return the bytes of the finished tables of a run."""
     return {path.name: path.read_bytes() for path in root.iterdir() if path.suffix in (".csv", ".parquet")}
+
+
+def swept(root, resolve=fakes.shifted, **changes):
+    """Run `SMALL`, or what is changed of it (None leaves a key out), in this process."""
+    data = {key: value for key, value in (SMALL | changes).items() if value is not None}
+    return run_sweep(parse_config(data), root, isolate=False, resolve=resolve)
 
 
 def resumed(root, config=None, **how):
@@ -33,14 +45,6 @@ def resumed(root, config=None, **how):
     how = {"resolve": fakes.shifted} | how
     run_sweep(config, root, isolate=False, progress=lambda done, total, line: said.append(line), **how)
     return said
-
-
-@pytest.fixture(scope="session", autouse=True)
-def compiled_kernels():
-    """Compile what runs need before the first of them, once for all workers: `warm` locks."""
-    for pair in (True, False):
-        for name in ("state-transition", "kelvin-voigt", "mujoco", "pybullet"):
-            warm(None, get_solver, name, pair)
 
 
 @pytest.fixture(scope="session")
@@ -54,10 +58,17 @@ def engine_run(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
+def column_run(tmp_path_factory):
+    """A small run of columns, half of which no engine represents, with its page; no test changes it."""
+    root = tmp_path_factory.mktemp("columns") / "run"
+    run_sweep(parse_config(COLUMNS), root, isolate=False, present=present)
+    return root
+
+
+@pytest.fixture(scope="session")
 def fake_run(tmp_path_factory):
     """A small run of an engine that is 0.01 m/s off and of one that is not installed; no test changes it."""
-    root = tmp_path_factory.mktemp("fakes") / "run"
-    return run_sweep(parse_config(SMALL), root, isolate=False, resolve=fakes.shifted)
+    return swept(tmp_path_factory.mktemp("fakes") / "run")
 
 
 @pytest.fixture

@@ -1,5 +1,1 @@
-"""Numba compiles what the golden values need before the first test, not within one."""
-
-from tests.experiments.conftest import compiled_kernels
-
-__all__ = ["compiled_kernels"]
+from tests.model.conftest import compiled_kernels  # noqa: F401

@@ -1,26 +1,8 @@
-"""Numba compiles the kernels of the model here, before the first test that runs them."""
-
-import fcntl
-import os
-from pathlib import Path
-from tempfile import gettempdir
-
 import pytest
 from numba import njit
 
-from impact_xval.model import Collision, solve
-
-
-def compiled(*calls):
-    """Make calls that compile, each in one worker at a time: the next one loads from the cache on disk.
-
-    Every second worker begins with the last.
-    """
-    odd = os.environ.get("PYTEST_XDIST_WORKER", "gw0")[-1] in "13579"
-    for call in calls[:: -1 if odd else 1]:
-        with Path(gettempdir(), f"impact-xval-{os.getuid()}-{call.__name__}.lock").open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            call()
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.experiments.sweep.chunk import warm
 
 
 def from_python(part):
@@ -28,17 +10,9 @@ def from_python(part):
     return njit(lambda *numbers: part(*numbers))
 
 
-def pair():
-    collision = Collision.from_ratios(2, 1.2, 0.9, 0.7)
-    for law in ("jia-mason-erdmann", "liu-zhao-brogliato"):
-        solve(collision, law=law, path=True)
-
-
-def chain():
-    column = Collision((1, 1), (1,), (0.9,), (-1, 0))
-    solve(column, path=True)
-
-
 @pytest.fixture(scope="session", autouse=True)
-def compiled_model():
-    compiled(pair, chain)
+def compiled_kernels():
+    """Compile what solvers and runs need before the first test, once for all workers: `warm` locks."""
+    for pair in (True, False):
+        for name in ("state-transition", "kelvin-voigt", "mujoco", "pybullet"):
+            warm(None, get_solver, name, pair)

@@ -1,1 +1,1 @@
-from tests.model.conftest import compiled_model  # noqa: F401
+from tests.model.conftest import compiled_kernels  # noqa: F401

@@ -1,7 +1,6 @@
 """Runs: independence of workers, resumption, and solvers that fail."""
 
 import itertools
-import math
 
 import pyarrow.parquet as pq
 import pytest
@@ -9,16 +8,17 @@ import pytest
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.layout import layout_of
 from impact_xval.experiments.sweep.run import run_sweep, van_der_corput
+from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.schema import MEASURES, expanded
 from tests.experiments import fakes
 from tests.experiments.conftest import SMALL, resumed, tables_of
 
 
-def test_the_tables_are_long_and_tidy(fake_run):
+def test_the_tables_are_long_and_tidy(fake_run, column_run):
+    for run in (fake_run, RunFolder(column_run)):
+        for name, table in layout_of(run.config()).tables.items():
+            assert pq.read_schema(run.root / f"{name}.parquet").equals(table.schema)
     cells, divergence = (pq.read_table(fake_run.root / f"{name}.parquet") for name in ("cells", "divergence"))
-    tables = layout_of(fake_run.config()).tables
-    assert cells.schema.equals(tables["cells"].schema)
-    assert divergence.schema.equals(tables["divergence"].schema)
     assert cells.schema.field("v1").metadata[b"unit"] == b"m/s"
     assert cells["cell"].to_pylist() == [i for i in range(12) for _ in range(3)]
     assert cells["solver"].to_pylist() == ["state-transition", "mujoco", "pybullet"] * 12
@@ -29,18 +29,6 @@ def test_the_tables_are_long_and_tidy(fake_run):
     missing = "no wheel for this Python; use Python 3.11"
     assert (absent["status"], absent["reason"]) == ("unavailable", missing)
     assert all(absent[measure] is None for measure in expanded(MEASURES, 2, 2))
-
-
-def test_n_balls_each_faster_by_a_hundredth_are_sqrt_n_hundredths_away(tmp_path):
-    column = {"arrangement": ["cradle", "drop"], "balls": [3, 4], "e": [0.7, 0.9], "stiffness_taper": 1.0}
-    config = parse_config({"solvers": ["mujoco"], "chunk_size": 3, "column": column})
-    run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.shifted)
-    for name, schema in ((name, table.schema) for name, table in layout_of(config).tables.items()):
-        assert pq.read_schema(tmp_path / f"a/{name}.parquet").equals(schema)
-    divergence = pq.read_table(tmp_path / "a/divergence.parquet")
-    expected = [0.01 * math.sqrt(n) for n in (3, 3, 4, 4)] * 2
-    assert divergence["velocity_divergence"].to_pylist() == pytest.approx(expected)
-    assert divergence["largest_dv"].to_pylist() == pytest.approx([0.01] * 8)
 
 
 def test_chunks_done_so_far_lie_all_over_the_grid():
