@@ -6,6 +6,7 @@ from collections import Counter
 from contextlib import suppress
 from pathlib import Path
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 # Numba keys its cache by a kernel's own file, not by those it calls: drop what a later edit made stale.
@@ -38,3 +39,38 @@ def pytest_collection_modifyitems(items):
     marked = (item.path for item in items for name in ("slow", "nightly") if item.get_closest_marker(name))
     slow = Counter(marked)
     items.sort(key=lambda item: -slow[item.path])
+
+
+def ended(typed):
+    """Exit code of a command, typed as one string or a list of words."""
+    from impact_xval.experiments.commands.cli import main
+
+    return main(typed.split() if isinstance(typed, str) else [str(word) for word in typed])
+
+
+@pytest.fixture
+def command(capsys):
+    """Run a command; what it prints, once it has ended with 0 or as is said."""
+
+    def command(words, ends=0):
+        capsys.readouterr()
+        assert ended(words) == ends, capsys.readouterr().err
+        return capsys.readouterr().out
+
+    return command
+
+
+@pytest.fixture
+def refused(capsys):
+    """Require of a command exit code 2, and a single line that holds all that is said."""
+
+    def refused(words, *says):
+        assert ended(words) == 2, words
+        out, err = capsys.readouterr()
+        at_work = ("compiling the kernels", " ...")
+        lines = [line for line in err.splitlines() if not any(each in line for each in at_work)]
+        assert (out, len(lines)) == ("", 1), (words, err)
+        assert lines[0].startswith("impact-xval: ")
+        assert not [text for text in says if text not in lines[0]], (words, lines[0])
+
+    return refused

@@ -116,11 +116,8 @@ def test_an_unknown_law_is_refused_by_name():
         checks("hertz")
 
 
-def test_the_command_prints_what_it_found(capsys):
-    from impact_xval.experiments.commands.cli import main
-
-    assert main(["solvers", "kelvin-voigt"]) == 0
-    assert capsys.readouterr().out.count("passed  ") == len(checks())
-    assert main(["solvers", "kelvin-voigt-textbook", "--law", "kelvin-voigt"]) == 3
-    assert "FAILED  converges to kelvin voigt: " in capsys.readouterr().out
-    assert main(["solvers", "mujoco", "--law", "hertz"]) == 2
+def test_the_command_prints_what_it_found(command, refused):
+    assert command("solvers kelvin-voigt").count("passed  ") == len(checks())
+    said = command("solvers kelvin-voigt-textbook --law kelvin-voigt", ends=3)
+    assert "FAILED  converges to kelvin voigt: " in said
+    refused("solvers mujoco --law hertz")

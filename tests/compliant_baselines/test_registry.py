@@ -10,7 +10,6 @@ from impact_xval.compliant_baselines.answers import answer
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.registry import origins
 from impact_xval.compliant_baselines.solver import Settings
-from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.laws import voters
 from impact_xval.experiments.measures.layout import laddered
@@ -57,7 +56,7 @@ def test_solvers_are_told_of_without_importing_them_and_made_without_importing_e
 
 
 CELL = Collision.two_balls(m1=1.0, m2=1.0, k1=1e6, k2=1e6, e1=0.9, e2=0.7)
-RATIOS = ["--stiffness-ratio", "1", "--mass-ratio", "1", "--e1", "0.9", "--e2", "0.7"]
+SOLVE = "solve --stiffness-ratio 1 --mass-ratio 1 --e1 0.9 --e2 0.7"
 
 
 @pytest.fixture
@@ -75,7 +74,7 @@ def _install_toy(site, distribution="toy-engine", module="toy_engine"):
     install(site, distribution, {"toy": f"{module}:ToyEngine"}, **{module: TOY})
 
 
-def test_an_installed_engine_is_found_and_used(site, capsys):
+def test_an_installed_engine_is_found_and_used(site, command):
     _install_toy(site)
     assert "toy" in solver_names()
     assert origins()["toy"] == "toy-engine 1.2"
@@ -86,17 +85,16 @@ def test_an_installed_engine_is_found_and_used(site, capsys):
     assert toy.solve(CELL).velocities == pytest.approx((0.62925, 0.009975), abs=1e-14)
     with pytest.raises(SolverError, match=r"toy: unrepresentable: gravity = 9.81 m/s\^2"):
         toy.solve(CELL, Settings(scenario="drop"))
-    assert main(["solve", *RATIOS, "--scenario", "impact", "--solver", "toy", "--json"]) == 0
-    ours, _ = json.loads(capsys.readouterr().out)  # and the model
+    ours, _ = json.loads(command(f"{SOLVE} --scenario impact --solver toy --json"))  # and the model
     assert ours["v1"] == pytest.approx(0.62925, abs=1e-14)
     assert registry.description_of("toy").startswith("The adapter: what the engine is")
 
 
-def test_the_examples_of_the_documentation_conform(site):
+def test_the_examples_of_the_documentation_conform(site, command):
     _install_toy(site)
     install(site, "anvil", {"anvil": "anvil:Anvil"}, anvil=ANVIL)
     for name in ("toy", "anvil"):
-        assert main(["solvers", name]) == 0
+        command(["solvers", name])
 
 
 def test_a_run_writes_its_version_and_asks_it_for_no_law(site):
@@ -141,7 +139,7 @@ def test_a_plug_in_states_its_kind_and_law(site):
     assert laddered(config) == ["gone"]  # the others have no ladder
 
 
-def test_broken_ones_are_unavailable_with_the_reason_and_break_no_command(site, capsys):
+def test_broken_ones_are_unavailable_with_the_reason_and_break_no_command(site, command):
     modules = {value.split(":")[0]: text for value, text, _ in BROKEN.values() if text}
     install(site, "broken", {name: value for name, (value, _, _) in BROKEN.items()}, **modules)
     for name, (value, _, says) in BROKEN.items():
@@ -150,11 +148,10 @@ def test_broken_ones_are_unavailable_with_the_reason_and_break_no_command(site, 
         assert outcome.status == "unavailable"
         assert re.search(rf"broken 1.2 provides '{name}' as {value}, but .*{says}", outcome.reason)
         assert solver.version() == ""
-    assert main(["solve", *RATIOS]) == 0  # every solver, these included
-    printed = capsys.readouterr().out
+    printed = command(SOLVE)  # every solver, these included
     assert all(f"{name}: unavailable: broken 1.2" in printed for name in BROKEN)
-    assert main(["solvers"]) == 0
-    assert main(["solvers", "lacks"]) == 2
+    command("solvers")
+    command("solvers lacks", ends=2)
 
 
 def test_two_distributions_with_one_name_are_told(site):

@@ -1,6 +1,9 @@
-"""Solvers that misbehave on purpose; at the top level of a module, so that worker processes find them."""
+"""Solvers that misbehave on purpose, in every way a solver and its process can; worker processes find them here."""
 
+import ctypes
 import dataclasses
+import os
+import time
 
 import numpy as np
 
@@ -42,15 +45,11 @@ class Perfect(Shifted):
 
 
 class Refusing(Shifted):
-    """Has no result, wherever."""
-
     def moved(self, collision, settings):
         return Outcome.failure(self.name, collision, "unrepresentable", "not today")
 
 
 class Missing(Shifted):
-    """Not installed."""
-
     name = "pybullet"
 
     def version(self):
@@ -82,22 +81,13 @@ class Interrupting(Shifted):
 
 
 #: By k2/k1 and e1 how much faster than the model's B1 of `Graded` is, per abs(v0).
-GRADES = {
-    (0.5, 0.5): 0.002,
-    (0.5, 0.9): 0.004,
-    (1.0, 0.5): 0.004,
-    (1.0, 0.9): 0.03,
-    (2.0, 0.5): 0.1,
-    (2.0, 0.9): 0.4,
-}
+GRADES = {0.5: {0.5: 0.002, 0.9: 0.004}, 1.0: {0.5: 0.004, 0.9: 0.03}, 2.0: {0.5: 0.1, 0.9: 0.4}}
 
 
 class Graded(Shifted):
-    """The model's answer, B1 faster by k2/k1 and e1."""
-
     def moved(self, collision, settings):
         o = solve(collision, path=settings.record_path)
-        faster = GRADES[collision.stiffness_ratio, collision.e1] * -collision.v0
+        faster = GRADES[collision.stiffness_ratio][collision.e1] * -collision.v0
         return dataclasses.replace(o, solver=self.name, velocities=(o.v1 + faster, o.v2))
 
 
@@ -107,5 +97,49 @@ def refusing_all(name):
     return solver
 
 
+#: Values of e1 that make a cell fatal, by what happens.
+SEGFAULT, HANG, LEAVE, RAISE, SHORT = 0.901, 0.902, 0.903, 0.904, 0.905
+
+
+class Faulty(Shifted):
+    def solve_many(self, collisions, settings):
+        for c in collisions:
+            if c.e1 == SEGFAULT:
+                ctypes.string_at(0)
+            while c.e1 == HANG:
+                time.sleep(1)
+            if c.e1 == LEAVE:
+                os._exit(3)
+            if c.e1 == RAISE:
+                raise ZeroDivisionError("a bug")
+        return super().solve_many([c for c in collisions if c.e1 != SHORT], settings)
+
+
+class FaultyModel(Faulty):
+    name = "state-transition"
+
+
+class SlowToStart(Shifted):
+    """Takes five seconds to answer the first time, as one does whose kernels are to be compiled."""
+
+    started = False
+
+    def solve_many(self, collisions, settings):
+        if not SlowToStart.started:
+            time.sleep(5)
+        SlowToStart.started = True
+        return super().solve_many(collisions, settings)
+
+
+class Slow(Shifted):
+    """Takes its time for each collision, so that a run can be ended in the middle."""
+
+    def solve_many(self, collisions, settings):
+        time.sleep(0.05 * len(collisions))
+        return super().solve_many(collisions, settings)
+
+
 shifted, perfect, graded = (c.resolve for c in (Shifted, Perfect, Graded))
 refusing, crashing, interrupting = (c.resolve for c in (Refusing, Crashing, Interrupting))
+faulty, faulty_model = Faulty.resolve, FaultyModel.resolve
+slow_to_start, slow = SlowToStart.resolve, Slow.resolve

@@ -8,22 +8,17 @@ import pytest
 from impact_xval.compliant_baselines import registry, solver_names
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.sweep import one
-from tests.experiments import faulty
+from tests.experiments import fakes
 
 CELL = ["--stiffness-ratio", "40", "--mass-ratio", str(2 / math.sqrt(3)), "--e1", "0.9", "--e2", "0.7"]
 
 
-def _json(capsys, *arguments):
-    assert main(["solve", *arguments, "--json"]) == 0
-
-    def refuse(name):
-        raise AssertionError(f"{name} is not strict JSON")
-
-    return json.loads(capsys.readouterr().out, parse_constant=refuse)
+def _json(command, *arguments):
+    return json.loads(command(["solve", *arguments, "--json"]), parse_constant=pytest.fail)  # strict JSON
 
 
-def test_solve_json_keeps_the_contract(capsys):
-    (found,) = _json(capsys, *CELL, "--solver", "state-transition")
+def test_solve_json_keeps_the_contract(command):
+    (found,) = _json(command, *CELL, "--solver", "state-transition")
     assert found["solver"] == "state-transition"
     assert found["v1"] == pytest.approx(0.88981120733190, abs=1e-12)
     assert found["v2"] == pytest.approx(0.00016910787873, abs=1e-12)
@@ -44,11 +39,11 @@ SOFT = ["--stiffness-ratio", "0.1", "--mass-ratio", "0.5", "--e1", "0.9", "--e2"
     [(CELL, ["--v0", "-4"]), ([*SOFT, "--scenario", "drop"], ["--v0", "-4", "--gravity", "39.24"])],
     ids=["impact", "drop"],
 )
-def test_no_number_of_the_list_depends_on_the_speed(capsys, cell, faster):
+def test_no_number_of_the_list_depends_on_the_speed(command, cell, faster):
     """g in proportion to |v0| keeps the gravity number of a drop; times do not depend on the speed anyway."""
     names = ["mujoco", "kelvin-voigt", "bistiffness", "state-transition"]
     asked = [word for name in names for word in ("--solver", name)]
-    slow, quick = _json(capsys, *cell, *asked), _json(capsys, *cell, *asked, *faster)
+    slow, quick = _json(command, *cell, *asked), _json(command, *cell, *asked, *faster)
     assert [each["solver"] for each in slow] == names
     for plain, fast in zip(slow, quick, strict=True):
         assert fast["states"] == plain["states"]
@@ -58,8 +53,8 @@ def test_no_number_of_the_list_depends_on_the_speed(capsys, cell, faster):
     assert "v1_limit" in slow[0]["diagnostics"]
 
 
-def test_solve_takes_an_infinite_ratio_and_shows_refusals(capsys):
-    found = _json(capsys, "--stiffness-ratio", "inf", "--mass-ratio", "1", "--e1", "0.5", "--e2", "0.5")
+def test_solve_takes_an_infinite_ratio_and_shows_refusals(command):
+    found = _json(command, "--stiffness-ratio", "inf", "--mass-ratio", "1", "--e1", "0.5", "--e2", "0.5")
     assert [each["solver"] for each in found] == list(solver_names())
     model = found[0]
     assert (model["v1"], model["v2"], model["status"]) == (0.5, 0.0, "limit")
@@ -83,28 +78,23 @@ def test_help_and_version_are_quick_and_load_nothing_heavy():
 
 
 @pytest.mark.smoke
-def test_a_run_from_end_to_end(tmp_path, capsys, monkeypatch):
+def test_a_run_from_end_to_end(tmp_path, command, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "my.toml").write_text(
         "name = '../<b>my [bold]run[/bold]</b>'\nsolvers = ['state-transition']\n"
         "[grid]\nstiffness_ratio = [0, 1, inf]\nmass_ratio = [1.0]\ne1 = [0.9]\ne2 = [0.7]\n"
     )
-    assert main(["run", "my.toml", "--workers", "1"]) == 0
-    last = capsys.readouterr().out.strip().splitlines()[-1]
+    last = command("run my.toml --workers 1").strip().splitlines()[-1]
     root = tmp_path / "runs" / "b-my-bold-run-bold-b"
     assert last.endswith("runs/b-my-bold-run-bold-b")
     names = ("cells.parquet", "divergence.parquet", "divergence.csv", "curves.parquet", "ladder.parquet")
     for name in ("manifest.json", *names, "ladder.csv", "summary.csv", "figures", "report.html", "parts"):
         assert (root / name).exists(), name
-    assert main(["run", "my.toml", "--workers", "1"]) == 0
-    assert main(["report", str(root)]) == 0
-    assert main(["show", str(root)]) == 0
-    capsys.readouterr()
-    assert main(["show", str(root), "--cell", "1", "--json"]) == 0
-    (row,) = json.loads(capsys.readouterr().out)
+    for words in ("run my.toml --workers 1", f"report {root}", f"show {root}"):
+        command(words)
+    (row,) = json.loads(command(f"show {root} --cell 1 --json"))
     assert (row["solver"], row["status"], row["velocity_divergence"]) == ("state-transition", "ok", None)
-    assert main(["show", str(root), "--cell", "2", "--json"]) == 0
-    (row,) = json.loads(capsys.readouterr().out)
+    (row,) = json.loads(command(f"show {root} --cell 2 --json"))
     assert (row["status"], row["stiffness_ratio"]) == ("limit", None)  # JSON has no infinity
 
 
@@ -120,13 +110,13 @@ def test_ctrl_c_in_any_command_is_one_line_and_exit_code_1(capsys, monkeypatch):
 @pytest.mark.parametrize(
     ("e1", "status", "reason"),
     [
-        (faulty.HANG, "timeout", "no answer within 5 s; its process was ended"),
-        (faulty.LEAVE, "crashed", "its process died: exit code 3"),
+        (fakes.HANG, "timeout", "no answer within 5 s; its process was ended"),
+        (fakes.LEAVE, "crashed", "its process died: exit code 3"),
     ],
 )
-def test_a_solver_that_hangs_or_dies_costs_its_own_row(e1, status, reason, capsys, monkeypatch):
-    monkeypatch.setattr(registry, "get_solver", faulty.faulty)
+def test_a_solver_that_hangs_or_dies_costs_its_own_row(e1, status, reason, command, monkeypatch):
+    monkeypatch.setattr(registry, "get_solver", fakes.faulty)
     cell = [*CELL[:4], "--e1", str(e1), "--e2", "0.7", "--cell-timeout", "5"]
-    found = _json(capsys, *cell, "--solver", "mujoco", "--solver", "state-transition")
+    found = _json(command, *cell, "--solver", "mujoco", "--solver", "state-transition")
     assert [each["status"] for each in found] == [status, "ok"]
     assert found[0]["reason"] == reason

@@ -14,15 +14,15 @@ from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.experiment import REFERENCE, parse_config
 from impact_xval.experiments.measures import corners as of_corners
 from impact_xval.experiments.measures.corners import Corners, corner_names
-from impact_xval.experiments.measures.ladder import NO_LIMIT, Part, by_order, ladders, sentence, split
+from impact_xval.experiments.measures.ladder import NO_LIMIT, Part, ladders, sentence, split
 from impact_xval.experiments.measures.summary import BAND, summarise_ladder
 from impact_xval.experiments.sweep.rows import Experiment, solve_by
-from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.model import solve, solve_batch
 from impact_xval.model.collision import Collisions
 from tests.compliant_baselines.reference_cells import BATCHES, coefficients_of
 from tests.experiments import fakes
+from tests.experiments.conftest import swept
 from tests.model.column_reference import integrate
 
 MU = 2 / math.sqrt(3)
@@ -31,7 +31,8 @@ CAUSES = "frozen_positions", "dissipation_law", "gravity"
 
 def corners(model, cells, gravity_number):
     collisions = Collisions.from_ratios(*cells)
-    return of_corners.corners(model, collisions, gravity_number * np.sqrt(1 + 1 / cells[1]))
+    velocities = np.column_stack([model.v1, model.v2])
+    return of_corners.corners(velocities, collisions, gravity_number * np.sqrt(1 + 1 / cells[1]))
 
 
 def cube_of(c, gravity, law):
@@ -109,17 +110,6 @@ def test_corners_of_columns_are_those_of_an_integration_in_time(arrangement, bal
         assert found.velocities[names[corner]][0] == pytest.approx(expected, abs=1e-8), corner
 
 
-def velocities(batch):
-    return np.column_stack([batch.v1, batch.v2])
-
-
-def test_published_numbers():
-    cell = np.array([[1.0], [MU], [0.9], [0.7]])
-    causes = by_order(corners(velocities(solve_batch(*cell)), cell, np.zeros(1)).velocities).mean(axis=0)
-    expected = (0.65159996 - 0.61394941925041, 0.31646952 - 0.20971952034697)
-    np.testing.assert_allclose(causes[0] + causes[1], [expected], atol=6e-9)
-
-
 @pytest.mark.parametrize(("switches", "balls"), [((2, 2, 2), 2), ((2, 2, 1), 5)], ids=["pairs", "columns"])
 def test_closes_for_any_corners_and_outcomes(switches, balls):
     n, rng = 400, np.random.default_rng(4)
@@ -167,8 +157,8 @@ def test_only_the_last_contribution_depends_on_the_step_and_it_goes_away_with_it
     grid = {"stiffness_ratio": [1.0, 10.0], "mass_ratio": [MU], "e1": [0.9], "e2": [0.7]}
     found = []
     for fraction in (8e-3, 4e-3, 2e-3):
-        config = {"scenario": "impact", "solvers": ["mujoco"], "step_fraction": fraction, "grid": grid}
-        folder = run_sweep(parse_config(config), tmp_path / f"{fraction}", isolate=False)
+        root = tmp_path / f"{fraction}"
+        folder = swept(root, get_solver, solvers=["mujoco"], step_fraction=fraction, grid=grid)
         found.append(pd.read_parquet(folder.root / "ladder.parquet"))
     for name in CAUSES:
         assert np.ptp([t[f"{name}_norm"].to_numpy() for t in found], axis=0).max() == 0
@@ -184,8 +174,7 @@ def test_only_the_last_contribution_depends_on_the_step_and_it_goes_away_with_it
 
 def test_a_missing_outcome_is_a_row_with_a_status_and_a_reason(tmp_path):
     grid = {"stiffness_ratio": [1.0], "mass_ratio": [1.0], "e1": [0.0, 0.5, 0.9], "e2": [0.7]}
-    config = parse_config({"scenario": "impact", "solvers": ["mujoco", "pybullet"], "grid": grid})
-    folder = run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.crashing)
+    folder = swept(tmp_path / "a", fakes.crashing, grid=grid)
     table = pd.read_parquet(folder.root / "ladder.parquet").set_index(["solver", "e1"]).sort_index()
     assert table.loc["mujoco"].status.tolist() == ["unrepresentable", "crashed", "ok"]
     # the fake answers, no reference does
@@ -194,7 +183,7 @@ def test_a_missing_outcome_is_a_row_with_a_status_and_a_reason(tmp_path):
     failed = table[table.status != "ok"]
     assert failed[["velocity_divergence", "frozen_positions_norm", "sentence"]].isna().all(axis=None)
     assert failed.reason.notna().all()
-    assert summarise_ladder(folder, config).solvers == ["mujoco"]
+    assert summarise_ladder(folder, folder.config()).solvers == ["mujoco"]
 
 
 def test_shares_of_a_region_are_of_its_sum_of_d(engine_run):
@@ -226,7 +215,7 @@ def test_a_cell_is_marked_where_a_corner_of_its_ladder_jumps():
     cell = 0.0367233421504446, 0.6889490525763244, 0.5694414020068647, 0.7990332863355147
     cells = [np.array([x, y]) for x, y in zip(cell, (1.0, 1.0, 0.8, 0.8), strict=True)]
     number = 9.81 / np.sqrt(1e8 * (1 + 1 / cells[1]))
-    first, second = corners(velocities(solve_batch(*cells)), cells, number).mark
+    first, second = corners(solve_batch(*cells), cells, number).mark
     assert first == "ladder: frozen bistiffness with gravity jumps where a parameter changes by 0.004 or less"
     assert second == ""
 

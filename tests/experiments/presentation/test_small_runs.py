@@ -5,11 +5,8 @@ import math
 import pytest
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.config.experiment import parse_config
-from impact_xval.experiments.sweep.run import run_sweep
 from tests.experiments import fakes
-from tests.experiments.conftest import SMALL
+from tests.experiments.conftest import swept
 
 _ONE = {"stiffness_ratio": [2.0], "mass_ratio": [1.5], "e1": [0.9], "e2": [0.7]}
 _LIMITS = {"stiffness_ratio": [0, 1, math.inf], "mass_ratio": [1.0], "e1": [0.0], "e2": [0.0, 1.0]}
@@ -35,14 +32,12 @@ RUNS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", RUNS)
-def test_terminal_and_page_show_it(kind, tmp_path, capsys):
+def test_terminal_and_page_show_it(kind, tmp_path, command):
     changes, resolve, says = RUNS[kind]
-    data = {key: value for key, value in (SMALL | changes).items() if value is not None}
-    root = run_sweep(parse_config(data), tmp_path / "run", isolate=False, resolve=resolve).root
-    assert main(["show", str(root)]) == 0, capsys.readouterr().err
-    shown = " ".join(capsys.readouterr().out.split())
+    root = swept(tmp_path / "run", resolve, **changes).root
+    shown = " ".join(command(["show", root]).split())
     assert says in shown
     assert ("one vote" in shown) == (kind == "the model refuses some")  # without a result it is no vote
-    assert main(["report", str(root)]) == 0, capsys.readouterr().err
+    command(["report", root])
     page, said = (root / "report.html").read_text(encoding="utf-8"), "in all but the model and Liu-Zhao"
     assert (f"Gravity acts {said}-Brogliato." in page) == (kind == "no engine")

@@ -5,7 +5,6 @@ import io
 import pyarrow.parquet as pq
 from rich.console import Console
 
-from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.presentation.terminal import show_progress
 from impact_xval.experiments.presentation.views import show_end
@@ -45,17 +44,14 @@ def test_the_end_of_a_run_is_one_screen(fake_run):
         assert row == ["kelvin-voigt", "mujoco", "12", "0.01", "0.01", "0.01", "100.0", "%", "0"]
 
 
-def test_a_column_is_shown_with_its_ladder_or_why_it_has_none(column_run, capsys):
+def test_a_column_is_shown_with_its_ladder_or_why_it_has_none(column_run, command):
     ladder = pq.read_table(column_run / "ladder.parquet").to_pandas()
     assert (len(ladder), (ladder.status == "ok").sum()) == (24, 12)
-    assert main(["show", str(column_run), "--cell", "0"]) == 0
-    shown = " ".join(capsys.readouterr().out.split())
+    shown = " ".join(command(["show", column_run, "--cell", "0"]).split())
     assert "cell 0: balls = 2, arrangement = cradle" in shown
     assert ladder.sentence[0].replace("mujoco", "MuJoCo") in shown
-    assert main(["show", str(column_run), "--cell", "2"]) == 0
-    assert "mujoco: unrepresentable: exponent = 1.5" in capsys.readouterr().out
+    assert "mujoco: unrepresentable: exponent = 1.5" in command(["show", column_run, "--cell", "2"])
 
 
-def test_a_command_for_two_balls_refuses_a_run_of_columns(column_run, capsys):
-    assert main(["scene", str(column_run), "0"]) == 2
-    assert "columns of N balls; legal: " in capsys.readouterr().err
+def test_a_command_for_two_balls_refuses_a_run_of_columns(column_run, refused):
+    refused(["scene", column_run, "0"], "columns of N balls; legal: ")

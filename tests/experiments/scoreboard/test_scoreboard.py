@@ -13,7 +13,6 @@ from markupsafe import escape
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.rigid.laws import follow
-from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.scoreboard import playing
 from impact_xval.experiments.scoreboard.judging import judge, laws, moved
 from impact_xval.experiments.scoreboard.page import board_of, how, worst_of, write_all
@@ -92,30 +91,30 @@ def test_gaps_are_those_that_are_said_and_a_mirrored_line_is_numbered_as_the_oth
     assert found[MIRRORED] == pytest.approx(found[USUAL], abs=1e-7)
 
 
-def test_a_baseline_catches_an_answer_that_moved_and_an_engine_that_is_gone(tmp_path, capsys, monkeypatch):
+def test_a_baseline_catches_an_answer_that_moved_and_an_engine_that_is_gone(
+    tmp_path, command, refused, monkeypatch
+):
     pytest.importorskip("pymunk")
     few = {case: column for case, column in CASES.items() if case[1] == 0.9 and "apart" not in case[0]}
     monkeypatch.setattr(playing, "CASES", few)
     board = ["scoreboard", "--solver", "pymunk", "--workers", "1", "--out"]
-    assert main([*board, str(tmp_path / "before")]) == 0
-    assert main([*board, str(tmp_path / "same"), "--baseline", str(tmp_path / "before")]) == 0
-    assert "no answer moved" in capsys.readouterr().out
+    command([*board, tmp_path / "before"])
+    again = [*board, tmp_path / "same", "--baseline", tmp_path / "before"]
+    assert "no answer moved" in command(again)
     # What another adapter of the same version would have answered, kept for the command to go on from.
     (kept,) = (tmp_path / "same" / "answers").glob("pymunk-*.json")
     first, *others = json.loads(kept.read_text())
     kept.write_text(json.dumps([first | {"v1": first["v1"] + 1e-5}, *others]))
-    assert main([*board, str(tmp_path / "same"), "--baseline", str(tmp_path / "before")]) == 3
-    assert re.search(r"\b1 answers? moved from those in", capsys.readouterr().out)
+    assert re.search(r"\b1 answers? moved from those in", command(again, ends=3))
     # and an engine that is gone
     answers = pd.read_parquet(tmp_path / "before" / "answers.parquet")
     more = [answers, answers[answers.solver == "pymunk"].assign(solver="dart")]
     (tmp_path / "more").mkdir()
     pd.concat(more).to_parquet(tmp_path / "more" / "answers.parquet")
-    assert main([*board, str(tmp_path / "more")]) == 2  # the folder of something else
+    refused([*board, tmp_path / "more"])  # the folder of something else
     monkeypatch.setattr(playing, "solver_names", lambda on_request: ["pymunk"])
-    every = ["scoreboard", "--workers", "1", "--out", str(tmp_path / "before"), "--baseline"]
-    assert main([*every, str(tmp_path / "more")]) == 3
-    assert "dart: in" in capsys.readouterr().out
+    every = ["scoreboard", "--workers", "1", "--out", tmp_path / "before", "--baseline"]
+    assert "dart: in" in command([*every, tmp_path / "more"], ends=3)
 
 
 def test_what_moved_is_a_status_an_answer_or_a_velocity():

@@ -3,7 +3,6 @@
 import psutil
 import pytest
 
-from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.errors import InterruptedRunError
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.sweep import pool
@@ -52,14 +51,13 @@ def test_neither_an_interrupt_nor_a_worker_that_dies_changes_a_byte(tmp_path):
     assert tables_of(tmp_path / "a") == undisturbed
 
 
-def test_no_scheduler_is_one_line_and_leaves_nothing(tmp_path, capsys, monkeypatch):
+def test_no_scheduler_is_one_line_and_leaves_nothing(tmp_path, refused, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr(pool, "_TO_CONNECT", 0.5)
     (tmp_path / "c.toml").write_text("solvers = ['state-transition']")
     monkeypatch.chdir(tmp_path)
     for address in ("nonsense", "tcp://127.0.0.1:1"):
-        assert main(["run", "c.toml", "--scheduler", address]) == 2
-        error = capsys.readouterr().err
-        assert f"--scheduler {address}: no Dask scheduler answers there" in error
-        assert error.count("\n") == 1
+        refused(
+            f"run c.toml --scheduler {address}", f"--scheduler {address}: no Dask scheduler answers there"
+        )
     assert [path.name for path in tmp_path.iterdir()] == ["c.toml"]

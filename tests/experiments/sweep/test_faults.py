@@ -19,16 +19,16 @@ from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.model.chain.kernel import follow_chains
 from impact_xval.model.pair.kernel import collide_all
 from tests.compliant_baselines.third_party import install
-from tests.experiments import fakes, faulty
+from tests.experiments import fakes
 from tests.experiments.conftest import tables_of
 
 #: By e1 the status and the reason of a cell where a solver lives up to 3 s.
 SAID = {
-    faulty.SEGFAULT: ("crashed", "its process died: SIGSEGV"),
-    faulty.HANG: ("timeout", "no answer within 3 s; its process was ended"),
-    faulty.LEAVE: ("crashed", "its process died: exit code 3"),
-    faulty.RAISE: ("crashed", "ZeroDivisionError: a bug"),
-    faulty.SHORT: ("crashed", "RuntimeError: 0 outcomes for 1 collisions"),
+    fakes.SEGFAULT: ("crashed", "its process died: SIGSEGV"),
+    fakes.HANG: ("timeout", "no answer within 3 s; its process was ended"),
+    fakes.LEAVE: ("crashed", "its process died: exit code 3"),
+    fakes.RAISE: ("crashed", "ZeroDivisionError: a bug"),
+    fakes.SHORT: ("crashed", "RuntimeError: 0 outcomes for 1 collisions"),
 }
 
 
@@ -52,11 +52,11 @@ def _failed(rows):
 @pytest.mark.slow
 def test_every_failure_of_a_plug_in_is_found_named_and_costs_its_cell(tmp_path, monkeypatch):
     """Of a distribution that runs, and of one that cannot be imported; ours goes on in its own process."""
-    text = "from tests.experiments.faulty import Faulty\nclass Bad(Faulty):\n    name, law = 'bad', None\n"
+    text = "from tests.experiments.fakes import Faulty\nclass Bad(Faulty):\n    name, law = 'bad', None\n"
     install(tmp_path / "site", "bad-dist", {"bad": "bad_solver:Bad"}, bad_solver=text)
     install(tmp_path / "site", "lost-dist", {"lost": "no_such_module:Solver"})
     monkeypatch.syspath_prepend(str(tmp_path / "site"))
-    e1 = [faulty.SEGFAULT, faulty.RAISE, faulty.SHORT, *[0.9] * 9, faulty.HANG]
+    e1 = [fakes.SEGFAULT, fakes.RAISE, fakes.SHORT, *[0.9] * 9, fakes.HANG]
     config = _config(tmp_path, e1, solvers=["bad", "lost", "kelvin-voigt"], chunk_size=2)
     folder = run_sweep(config, tmp_path / "a", workers=2)
     failed = _failed(_rows(tmp_path / "a"))
@@ -71,10 +71,10 @@ def test_every_failure_of_a_plug_in_is_found_named_and_costs_its_cell(tmp_path, 
 
 
 def test_a_reference_that_dies_leaves_the_others_a_result_without_a_comparison(tmp_path):
-    config = _config(tmp_path, [0.9, faulty.LEAVE], solvers=["kelvin-voigt"])
-    run_sweep(config, tmp_path / "a", workers=1, resolve=faulty.faulty_model)
+    config = _config(tmp_path, [0.9, fakes.LEAVE], solvers=["kelvin-voigt"])
+    run_sweep(config, tmp_path / "a", workers=1, resolve=fakes.faulty_model)
     rows = _rows(tmp_path / "a")
-    assert _failed(rows) == {(1, "state-transition"): SAID[faulty.LEAVE]}
+    assert _failed(rows) == {(1, "state-transition"): SAID[fakes.LEAVE]}
     assert rows[1, "kelvin-voigt"]["v1"] is not None
     compared, lost = pq.read_table(tmp_path / "a/divergence.parquet").to_pylist()
     assert compared["velocity_divergence"] is not None
@@ -92,7 +92,7 @@ def test_processes_that_are_killed_cost_nothing_but_time(tmp_path):
                 child.kill()
 
     # Each new process is made ready first: else the five seconds of that were beyond the limit of a cell.
-    run_sweep(config, tmp_path / "a", workers=2, resolve=faulty.slow_to_start, progress=kill)
+    run_sweep(config, tmp_path / "a", workers=2, resolve=fakes.slow_to_start, progress=kill)
     assert killed
     whole = run_sweep(config, tmp_path / "b", isolate=False, resolve=fakes.shifted)
     assert tables_of(tmp_path / "a") == tables_of(whole.root)
@@ -101,7 +101,7 @@ def test_processes_that_are_killed_cost_nothing_but_time(tmp_path):
 def test_what_a_solver_needs_at_its_first_call_has_no_limit(tmp_path):
     """Nor do kernels, which numba compiles for every kind of array anew: none is left after the warm-up."""
     config = _config(tmp_path, [0.9] * 12, solvers=["kelvin-voigt", "mujoco"])
-    run_sweep(config, tmp_path / "a", workers=1, resolve=faulty.slow_to_start)
+    run_sweep(config, tmp_path / "a", workers=1, resolve=fakes.slow_to_start)
     assert _failed(_rows(tmp_path / "a")) == {}
     with contextlib.closing(Worker(Experiment(config))) as worker:
         before, after = worker.call(_compiled, timeout=600)

@@ -17,7 +17,7 @@ from impact_xval.experiments.config.experiment import load_config
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.sweep.status import status_of
 from impact_xval.experiments.tables.folder import write_text
-from tests.experiments import faulty
+from tests.experiments import fakes
 from tests.experiments.conftest import resumed, tables_of
 from tests.waiting import gone, wait_until
 
@@ -58,8 +58,8 @@ def _parts(root):
 #: The command, with an engine that hangs where e1 = 0.902.
 HANGING = (
     "import functools, sys\n"
-    "from impact_xval.experiments.sweep import run as sweep; from tests.experiments import faulty\n"
-    "sweep.run_sweep = functools.partial(sweep.run_sweep, resolve=faulty.faulty)\n"
+    "from impact_xval.experiments.sweep import run as sweep; from tests.experiments import fakes\n"
+    "sweep.run_sweep = functools.partial(sweep.run_sweep, resolve=fakes.faulty)\n"
     "from impact_xval.__main__ import entry; sys.exit(entry())\n"
 )
 CONFIG = """
@@ -82,7 +82,7 @@ stiffness_ratio = [0.5, 1.0, 2.0]
 )
 def test_a_signal_while_a_solver_hangs_keeps_what_is_done_and_says_how_to_go_on(tmp_path, end):
     """As sent by a scheduler of jobs or a closed terminal; sent twice, to all of a group and to the run alone."""
-    (tmp_path / "c.toml").write_text(CONFIG % [0.9, faulty.HANG])
+    (tmp_path / "c.toml").write_text(CONFIG % [0.9, fakes.HANG])
     root = tmp_path / "a"
     command = [sys.executable, "-c", HANGING, "run", tmp_path / "c.toml", "--out", root, "--workers", "2"]
     pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
@@ -102,7 +102,7 @@ def test_a_signal_while_a_solver_hangs_keeps_what_is_done_and_says_how_to_go_on(
 
 def run_slowly(config, root):
     os.setsid()  # to be killed with all that it starts
-    run_sweep(load_config(config), root, workers=2, resolve=faulty.slow)
+    run_sweep(load_config(config), root, workers=2, resolve=fakes.slow)
 
 
 @pytest.mark.slow
@@ -110,7 +110,7 @@ def test_five_kills_change_no_byte(tmp_path):
     """SIGKILL to the run and all that it started, each time one more part is there, wherever that finds it."""
     (tmp_path / "c.toml").write_text(CONFIG % [0.7, 0.9])
     config, root = load_config(tmp_path / "c.toml"), tmp_path / "cut"
-    left_alone = run_sweep(config, tmp_path / "whole", isolate=False, resolve=faulty.slow)
+    left_alone = run_sweep(config, tmp_path / "whole", isolate=False, resolve=fakes.slow)
     # The runner starts in a process whose modules are there already; importing them takes seconds.
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([__name__])
@@ -122,7 +122,7 @@ def test_five_kills_change_no_byte(tmp_path):
             os.killpg(process.pid, signal.SIGKILL)
         process.join()
         assert len(_parts(root)) >= parts
-    said = resumed(root, config, resolve=faulty.slow)
+    said = resumed(root, config, resolve=fakes.slow)
     assert any(" of 6 parts are there and whole" in line for line in said)
     assert not list(root.rglob(".tmp-*"))
     assert tables_of(root) == tables_of(left_alone.root)

@@ -73,22 +73,17 @@ def test_a_killed_process_is_a_fault_that_says_so_and_the_next_call_is_answered(
 
 
 @pytest.mark.parametrize("dies", [False, True])
-def test_a_process_that_compiled_or_died_when_made_ready_is_replaced_once(tmp_path, dies):
+def test_a_process_that_compiled_or_died_of_it_is_replaced_once(tmp_path, dies):
     with contextlib.closing(Slot()) as slot:
         for _ in range(2):
-            slot.prepare("mujoco", made_ready, tmp_path / "pids", dies)
-        first, second = (tmp_path / "pids").read_text().split()
-        assert slot.call("mujoco", pid, timeout=60) == int(second) != int(first)
-        assert gone(int(first))
-
-
-@pytest.mark.parametrize("dies", [False, True])
-def test_a_process_that_compiles_is_replaced_and_may_die_of_it(tmp_path, dies):
-    with contextlib.closing(Slot()) as slot:
-        slot.compile(made_ready, tmp_path / "pids", dies)
-        (first,) = (tmp_path / "pids").read_text().split()
-        assert slot.call(None, pid, timeout=60) != int(first)
-        assert gone(int(first))
+            slot.prepare("mujoco", made_ready, tmp_path / "ready", dies)
+        first, second = map(int, (tmp_path / "ready").read_text().split())
+        assert slot.call("mujoco", pid, timeout=60) == second != first
+        slot.compile(made_ready, tmp_path / "compiled", dies)
+        (third,) = map(int, (tmp_path / "compiled").read_text().split())
+        assert slot.call(None, pid, timeout=60) != third
+        assert gone(first)
+        assert gone(third)
 
 
 def test_it_does_not_outlive_a_killed_parent_whatever_it_does():

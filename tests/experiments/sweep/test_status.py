@@ -6,7 +6,6 @@ import shlex
 
 import pytest
 
-from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.errors import InterruptedRunError
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.sweep import run as sweep
@@ -16,7 +15,7 @@ from tests.experiments import fakes
 from tests.experiments.conftest import SMALL
 
 
-def test_status_while_it_runs_and_after(tmp_path, capsys):
+def test_status_while_it_runs_and_after(tmp_path, command, refused):
     seen = []
 
     def look(done, total, line):
@@ -31,18 +30,16 @@ def test_status_while_it_runs_and_after(tmp_path, capsys):
     final = status_of(tmp_path / "a")
     assert (final.state, final.cells_done, final.parts_done) == ("complete", 12, 3)
     assert ("mujoco", "crashed", "ZeroDivisionError: a bug of the engine | here", 6) in final.reasons
-    assert main(["show", str(tmp_path / "a")]) == 0
-    text = capsys.readouterr().out
+    text = command(["show", tmp_path / "a"])
     assert "12 of 12 cells (100.0 %), 3 of 3 parts" in text
     assert "ZeroDivisionError: a bug of the engine | here" in text
-    assert main(["show", str(tmp_path / "a"), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["statuses"]["mujoco"] == {"ok": 6, "crashed": 6}
-    assert main(["show", str(tmp_path / "a"), "--cell", "999"]) == 2
-    assert "--cell = 999" in capsys.readouterr().err
+    statuses = json.loads(command(["show", tmp_path / "a", "--json"]))["statuses"]
+    assert statuses["mujoco"] == {"ok": 6, "crashed": 6}
+    refused(["show", tmp_path / "a", "--cell", "999"], "--cell = 999")
 
 
 def test_a_stopped_run_counts_what_is_damaged_and_its_command_to_continue_can_be_pasted(
-    tmp_path, capsys, monkeypatch
+    tmp_path, command, monkeypatch
 ):
     """As it stands, without the file of the configuration, from a folder whose name a shell would take apart."""
     root = tmp_path / "my *runs* _a_ & 'b' | $c"
@@ -52,13 +49,12 @@ def test_a_stopped_run_counts_what_is_damaged_and_its_command_to_continue_can_be
     damaged.write_bytes(damaged.read_bytes()[:100])
     status = status_of(root)
     assert (status.state, status.cells_done, status.parts_done, status.parts_damaged) == ("stopped", 4, 1, 1)
-    assert main(["show", str(root)]) == 0
-    (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("to continue: ")]
+    (line,) = [line for line in command(["show", root]).splitlines() if line.startswith("to continue: ")]
     program, *words = shlex.split(line.removeprefix("to continue: "))
     assert (program, words) == ("impact-xval", ["run", "--out", str(root)])
     begun = functools.partial(run_sweep, isolate=False, resolve=fakes.shifted)
     monkeypatch.setattr(sweep, "run_sweep", begun)
     before = kept.stat().st_mtime_ns
-    assert main(words) == 0
+    command(words)
     assert status_of(root).state == "complete"
     assert kept.stat().st_mtime_ns == before

@@ -8,12 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.config.experiment import parse_config
-from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.comparison import compare
 from tests.experiments import fakes
-from tests.experiments.conftest import SMALL
+from tests.experiments.conftest import SMALL, swept
 
 SOLVERS = ["state-transition", "bistiffness", "mujoco"]
 #: Change of v1 per |v0| by stiffness ratio.
@@ -33,9 +30,7 @@ class Upgraded(fakes.Crashing):
 
 
 def _run(root, resolve=fakes.shifted, **changes):
-    return run_sweep(
-        parse_config(SMALL | {"solvers": SOLVERS} | changes), root, isolate=False, resolve=resolve
-    )
+    return swept(root, resolve, **{"solvers": SOLVERS} | changes)
 
 
 @pytest.fixture(scope="module")
@@ -73,16 +68,13 @@ def test_the_changes_are_those_of_the_tables(runs, tolerance, moved):
     assert worst.e1_a.tolist() == ([0.5] * 6 + [0.9] * 4)[:moved]
 
 
-def test_the_command_ends_with_3_where_something_moved_and_with_0_where_nothing_did(runs, capsys):
-    a, b = (str(folder.root) for folder in runs)
-    assert main(["compare", a, a, "--tolerance", "0"]) == 0
-    assert capsys.readouterr().out.startswith("Nothing moved by more than 0.")
-    assert main(["compare", a, b]) == 3
-    text = capsys.readouterr().out
+def test_the_command_ends_with_3_where_something_moved_and_with_0_where_nothing_did(runs, command):
+    a, b = (folder.root for folder in runs)
+    assert command(["compare", a, a, "--tolerance", "0"]).startswith("Nothing moved by more than 0.")
+    text = command(["compare", a, b], ends=3)
     assert "8 rows moved by more than 1e-09, or have another status." in text
     assert "mujoco is shifted 1 in the first run, shifted 2 in the second." in text
-    assert main(["compare", a, b, "--json"]) == 3
-    found = json.loads(capsys.readouterr().out)
+    found = json.loads(command(["compare", a, b, "--json"], ends=3))
     assert (found["moved"], found["worst"][0]["statuses"]) == (8, ["ok", "crashed"])
 
 
@@ -94,45 +86,36 @@ def test_solvers_and_settings_that_differ_are_named(runs, tmp_path):
     assert found.settings == {"step_fraction": ("0.001", "0.0005")}
 
 
-def test_a_solver_or_cells_of_one_run_alone_are_said_and_end_with_3(runs, tmp_path, capsys):
-    a, longer = str(runs[0].root), {"grid": SMALL["grid"] | {"stiffness_ratio": [0.5, 1, 2, 3]}}
+def test_a_solver_or_cells_of_one_run_alone_are_said_and_end_with_3(runs, tmp_path, command):
+    a, longer = runs[0].root, {"grid": SMALL["grid"] | {"stiffness_ratio": [0.5, 1, 2, 3]}}
     for changes, solvers, cells, says in (
         ({"solvers": SOLVERS[:-1]}, ["mujoco"], [], "mujoco."),
         (longer, [], [12, 13, 14, 15], "4 cells, the first 12."),
     ):
-        b = str(_run(tmp_path / str(len(solvers)), **changes).root)
+        b = _run(tmp_path / str(len(solvers)), **changes).root
         for pair in ([a, b], [b, a]):
-            assert main(["compare", *pair]) == 3
-            assert f"Not compared, since only one run has them: {says}\n" in capsys.readouterr().out
-            assert main(["compare", *pair, "--json"]) == 3
-            found = json.loads(capsys.readouterr().out)
+            said = command(["compare", *pair], ends=3)
+            assert f"Not compared, since only one run has them: {says}\n" in said
+            found = json.loads(command(["compare", *pair, "--json"], ends=3))
             assert (found["moved"], found["not_compared"], found["cells_not_compared"]) == (0, solvers, cells)
 
 
-def test_runs_whose_cells_differ_are_refused_with_the_place(runs, tmp_path, capsys):
+def test_runs_whose_cells_differ_are_refused_with_the_place(runs, tmp_path, refused):
     a, grid = runs[0].root, SMALL["grid"]
     for changes, says in (
         ({"grid": grid | {"e2": [0.71]}}, f"cell 0: e2 = 0.7 in {a}, 0.71 in "),
         ({"v0": -2.0}, f"cell 0: v0 = -1.0 in {a}, -2.0 in "),
     ):
         other = _run(tmp_path / str(len(list(tmp_path.iterdir()))), **changes)
-        assert main(["compare", str(a), str(other.root)]) == 2
-        error = capsys.readouterr().err
-        assert error.startswith(f"impact-xval: {says}")
-        assert error.endswith("; legal: two runs of the same cells\n")
-    assert main(["compare", str(a), str(a), "--tolerance", "nan"]) == 2
-    assert "--tolerance = nan; legal: a" in capsys.readouterr().err
+        refused(["compare", a, other.root], f"impact-xval: {says}", "; legal: two runs of the same cells")
+    refused(["compare", a, a, "--tolerance", "nan"], "--tolerance = nan; legal: a")
 
 
-def test_columns_of_n_balls_are_compared_ball_by_ball(tmp_path, capsys, runs):
+def test_columns_of_n_balls_are_compared_ball_by_ball(tmp_path, refused, runs):
     column = {"arrangement": ["cradle", "stack"], "balls": [2, 3], "stiffness_taper": 1.0, "e": 0.9}
-    config = parse_config({"solvers": SOLVERS, "chunk_size": 1, "column": column})
-    a, b = (
-        run_sweep(config, tmp_path / name, isolate=False, resolve=resolve)
-        for name, resolve in (("a", fakes.shifted), ("b", fakes.refusing))
-    )
+    a = _run(tmp_path / "a", chunk_size=1, grid=None, column=column)
+    b = _run(tmp_path / "b", fakes.refusing, chunk_size=1, grid=None, column=column)
     assert compare(a, a, 0).moved == 0
     found = compare(a, b, 1e-9)
     assert [each["moved"] for each in found.solvers.values()] == [0, 0, 4]
-    assert main(["compare", str(a.root), str(runs[0].root)]) == 2
-    assert "a run of columns of N balls, " in capsys.readouterr().err
+    refused(["compare", a.root, runs[0].root], "a run of columns of N balls, ")

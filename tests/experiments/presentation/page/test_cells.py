@@ -9,7 +9,6 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.presentation.page.opened import opened_cells
 from impact_xval.experiments.presentation.page.page import cells_that_open
 from impact_xval.experiments.presentation.report import present
@@ -57,19 +56,18 @@ def test_curves_end_where_the_tables_do_and_the_scene_is_one(cells):
 
 
 @pytest.mark.parametrize(("run", "cell", "count"), [("engine_run", 7, 4), ("column_run", 0, 3)])
-def test_its_commands_can_be_pasted(run, cell, count, request, monkeypatch, capsys):
+def test_its_commands_can_be_pasted(run, cell, count, request, monkeypatch, command):
     root = request.getfixturevalue(run)
     opened = opened_cells(RunFolder(root), [cell])[cell]
-    *others, solve, film = commands = [shlex.split(command)[1:] for _, command in opened["commands"]]
+    *others, solve, film = commands = [shlex.split(line)[1:] for _, line in opened["commands"]]
     assert len(commands) == count
     monkeypatch.chdir(root.parent)
-    for command in (*others, [*film, "--solver", "kelvin-voigt"]):
-        assert main(command) == 0, capsys.readouterr().err
+    for words in (*others, [*film, "--solver", "kelvin-voigt"]):
+        command(words)
     assert (root.parent / f"cell-{cell}.html").read_text().startswith("<!doctype html>")
     expected = {row["solver"]: row["velocities"] for row in opened["results"]}
-    capsys.readouterr()
-    assert main([*solve, "--json", *(word for name in expected for word in ("--solver", name))]) == 0
-    found = {row["solver"]: row["velocities"] for row in json.loads(capsys.readouterr().out)}
+    said = command([*solve, "--json", *(word for name in expected for word in ("--solver", name))])
+    found = {row["solver"]: row["velocities"] for row in json.loads(said)}
     assert found == expected
 
 

@@ -3,18 +3,16 @@
 import pandas as pd
 import pytest
 
-from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.summary import load_divergence
 from impact_xval.experiments.presentation.page.charts import TILES, tiles_of
-from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.folder import finished
+from tests.experiments.conftest import swept
 
 
 def tiles(root, **config):
     """Run an experiment of exact solvers, if one is given; the tiles and the table of what is there."""
     if config:
-        config |= {"scenario": "impact", "solvers": ["kelvin-voigt", "bistiffness"]}
-        run_sweep(parse_config(config), root, isolate=False)
+        swept(root, solvers=["kelvin-voigt", "bistiffness"], chunk_size=None, **config)
     folder = finished(root)
     return tiles_of(load_divergence(folder, folder.config())), pd.read_parquet(root / "divergence.parquet")
 
@@ -41,7 +39,7 @@ def test_a_tile_of_columns_is_a_column(column_run):
 
 
 def test_scattered_cells_share_tiles_of_bins(tmp_path):
-    found, table = tiles(tmp_path / "run", sample={"n": 2400, "seed": 1})
+    found, table = tiles(tmp_path / "run", grid=None, sample={"n": 2400, "seed": 1})
     assert len(found.places) <= TILES < table.cell.nunique() == 2400
     assert not found.places.duplicated(["across", "above"]).any()
     worst = table.loc[table[table.marked.isna()].velocity_divergence.idxmax()]

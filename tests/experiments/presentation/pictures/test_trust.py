@@ -3,19 +3,15 @@
 import pandas as pd
 import pytest
 
-from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.ladder import CONTRIBUTIONS
 from impact_xval.experiments.presentation.pictures.ladders import draw_trust, trust_of
-from impact_xval.experiments.sweep.run import run_sweep
 from tests.experiments import fakes
-from tests.experiments.conftest import SMALL
+from tests.experiments.conftest import SMALL, swept
 
 
 def trusted(root, **fields):
     """Run an experiment; its trust, and the ladders of its engine."""
-    data = {key: value for key, value in (SMALL | fields).items() if value is not None}
-    how = fakes.graded if data.get("grid") else fakes.shifted
-    folder = run_sweep(parse_config(data), root, isolate=False, resolve=how)
+    folder = swept(root, fakes.shifted if "sample" in fields else fakes.graded, **fields)
     table = pd.read_parquet(folder.root / "ladder.parquet")
     return trust_of(folder, folder.config()), table[table.solver == "mujoco"]
 

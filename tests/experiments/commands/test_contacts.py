@@ -1,0 +1,110 @@
+"""The commands `contact`, `inspect` and `scene`: contacts asked for or found in a file, and scenes of a run's cells."""
+
+import json
+import math
+import re
+
+import pyarrow.parquet as pq
+import pytest
+
+from impact_xval.experiments.commands import solvers
+from impact_xval.experiments.config.experiment import parse_config
+from impact_xval.experiments.sweep.run import run_sweep
+from tests.compliant_baselines.test_paste import ENGINES, run_alone
+
+
+def _shown(text):
+    """By quantity what was asked, and the least and greatest that drops gave."""
+    rows = re.findall(r"^(restitution|duration) +(\S+)(?: s)? +(\S+) to (\S+)", text, re.MULTILINE)
+    return {name: [float(number) for number in numbers] for name, *numbers in rows}
+
+
+def test_what_was_asked_what_to_paste_and_what_came_back(command):
+    text = command("contact --engine mujoco --masses 1.0 0.5 --restitution 0.7 --stiffness 1e6")
+    drops = _shown(text)
+    assert text.startswith("k = 1e+06 N/m, c = 141.121 N s/m (zeta = 0.1222) between bodies of reduced mass")
+    assert float(re.search(r'solref="(\S+) ', text)[1]) == pytest.approx(-3e6)  # -k/M, M = 1/3 kg
+    for asked, low, high in drops.values():
+        assert 0.99 * asked <= low <= high <= 1.01 * asked
+    assert drops["restitution"][0] == 0.7
+    step = re.search(r'timestep="(\S+)"', text)[1]
+    assert f"\n{float(step):g} s is the largest step tried" in text
+
+
+def test_a_material_and_a_radius_are_a_contact(command):
+    text = command("contact --engine mujoco --material steel --radius 0.02")
+    drops = _shown(text)
+    mass = float(re.search(r"reduced mass (\S+) kg", text)[1])
+    assert mass == pytest.approx(7850 * 4 / 3 * 3.14159 * 0.02**3, rel=1e-5)
+    assert drops["restitution"][0] == 0.85
+    hertz = float(re.search(r"it lasts 6.7% longer than (\S+) s, its peak force is -20%", text)[1])
+    assert drops["duration"][0] / hertz == pytest.approx(1.067, rel=0.05)
+
+
+BALL = '<body pos="0 0 {z}"><freejoint/><geom {name} size="1" solref="{solref}"/></body>'
+SCENE = '<mujoco><option timestep="1e-3"/><worldbody><geom type="plane" size="1 1 1"/>{}</worldbody></mujoco>'
+
+
+def test_an_mjcf_file_and_its_names_as_they_are_written(tmp_path, command):
+    path, name = tmp_path / "scene.xml", 'name="b&#x202e;&#x9b;ll"'
+    path.write_text(SCENE.format(BALL.format(z=2, name='name="ball"', solref="0.05 1")))
+    out = command(["inspect", path])
+    assert "geoms #0 and ball  4189 inf" in out  # of the density 1000 kg/m^3
+    assert out.endswith(f"\n{path}: no traps found\n")
+    balls = [BALL.format(z=z, name=name * (z == 2), solref="-100 1") for z in (2, 5)]
+    path.write_text(SCENE.format("".join(balls)))
+    out = command(["inspect", path], ends=3)
+    # contacts that are alike are one line, and JSON names all of them
+    assert r"geoms #0 and b\u202e\x9bll and 1 more  4189 inf" in out
+    assert r"mixed-signs: geoms #0 and b\u202e\x9bll and 2 more: solref (-100, 1) is neither" in out
+    found = json.loads(command(["inspect", path, "--json"], ends=3))
+    ball = "b\u202e\x9bll"
+    names = [f"geoms #0 and {ball}", "geoms #0 and #2", f"geoms {ball} and #2"]
+    assert [row["where"] for row in found["traps"] if row["trap"] == "mixed-signs"] == [names]
+    assert [row["where"] for row in found["contacts"]] == [names[:2], names[2:]]
+    row = found["contacts"][0]
+    assert row["masses"] == [pytest.approx(4000 * math.pi / 3), "inf"]
+    assert row["damping"] == pytest.approx(row["masses"][0] * 100, rel=0.1)  # 2 M/(0.02 s): the default
+    assert row["change"].startswith("for 100 N/m and 1 N s/m: <pair ")
+    assert row["change"].split(": ", 1)[1] in out
+
+
+ENDLESS = '<replicate count="1000000000" offset="0 0 1"><geom size="1"/></replicate>'
+
+
+@pytest.mark.parametrize(
+    ("inside", "seconds", "says"),
+    [
+        ("<oops/>", 120.0, "MuJoCo does not compile it"),
+        pytest.param(ENDLESS, 3.0, "no answer within 3 s", marks=pytest.mark.slow),
+    ],
+)
+def test_what_cannot_be_examined_costs_a_line(inside, seconds, says, tmp_path, refused, monkeypatch):
+    monkeypatch.setattr(solvers, "_TO_INSPECT", seconds)
+    (tmp_path / "bad.xml").write_text(SCENE.format(inside))
+    refused(["inspect", tmp_path / "bad.xml"], says)
+
+
+def test_a_cell_of_a_run_gives_what_its_table_holds(tmp_path, command, refused):
+    run = tmp_path / "run"
+    grid = {"stiffness_ratio": [0.1, 10.0], "mass_ratio": [1.0], "e1": [0.7], "e2": [0.7, 0.0]}
+    run_sweep(parse_config({"solvers": ENGINES, "step_fraction": 5e-3, "grid": grid}), run, isolate=False)
+    said = command(["scene", run, "2", "--out", tmp_path / "scene"])
+    assert said.count(" m/s (difference 0.0e+00 |v0|)") == len(ENGINES)
+    assert f"to check: python {tmp_path / 'scene'}" in said
+    rows = {r["solver"]: r for r in pq.read_table(run / "cells.parquet").to_pylist() if r["cell"] == 2}
+    for engine in ENGINES:
+        v1, v2 = run_alone(tmp_path / "scene" / engine / "run.py")
+        assert max(abs(v1 - rows[engine]["v1"]), abs(v2 - rows[engine]["v2"])) <= 1e-12
+    cell = "scene --stiffness-ratio 40 --mass-ratio 1.1547 --e1 0.9 --e2 0.7 --v0 -3.3 --solver mujoco --out"
+    said = command([*cell.split(), tmp_path / "typed"])
+    v1, v2 = run_alone(tmp_path / "typed" / "mujoco" / "run.py")
+    assert f"mujoco: v1 = {v1!r} m/s, v2 = {v2!r} m/s" in said
+    # what cannot be exported is said, and nothing is written
+    for arguments, says in (
+        (["1"], "unrepresentable: e2 = 0: no finite damping"),
+        (["4"], "N = 4; legal: a whole number from 0 to 3"),
+        (["1", "--solver", "kelvin-voigt"], "--solver = 'kelvin-voigt'; legal: mujoco, pybullet"),
+    ):
+        refused(["scene", run, *arguments, "--out", tmp_path / "nothing"], says)
+        assert not (tmp_path / "nothing").exists()
