@@ -13,7 +13,6 @@ PAPER = {"1+2": "S1", "2": "S2", "1": "S3", "-": "S4"}
 
 
 def solved(column, *, exponent=1.0, **how):
-    """Solve a collision of N balls with contacts of an exponent."""
     return solve(replace(column, exponent=exponent), **how)
 
 

@@ -122,7 +122,6 @@ class _Run:
         return run.y[:, -1]
 
     def advance(self):
-        """Integrate to the next event and apply it."""
         events, forms, offsets = zip(*self.watched(), strict=True)
         integrator = DOP853(self.slope, 0.0, self.y, math.inf, rtol=RTOL, atol=ATOL)
         while True:

@@ -64,6 +64,8 @@ def test_an_illegal_line_of_balls_is_refused_by_field_value_and_range():
         ("velocities", (0, 0), "velocities: 2 values; legal: 3"),
         ("velocities", (1, 0, 0), r"\(1.0, 0.0, 0.0\): nothing meets; legal: a ball is slower"),
         ("exponent", 0.5, r"exponent = 0\.5; legal: from 1"),
+        ("gaps", (0, -1), r"gaps\[2\] = -1\.0; legal: finite numbers >= 0"),
+        ("gaps", (0,), "gaps: 1 values; legal: 2, for 3 balls without a table"),
     ):
         refuses(says, Collision, **LINE | {field: value})
 

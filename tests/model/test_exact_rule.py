@@ -1,4 +1,4 @@
-"""The default rule against the outcome without a cut-off; what a cut-off changes is stated and marked."""
+"""The default rule against the outcome without a cut-off; what a cut-off changes is stated and marked; what jumps."""
 
 import math
 
@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from impact_xval.model import SUPPLEMENT_CUTOFF, Collision, solve, solve_batch
-from impact_xval.model.pair.grazing import CUTOFF, CUTOFF_THRESHOLD
+from impact_xval.model.inputs import GRAZING_THRESHOLD
+from impact_xval.model.pair.grazing import CUTOFF, CUTOFF_THRESHOLD, GRAZING
 from impact_xval.model.pair.limits import BOUND
-from tests.model.column_reference import integrate
+from tests.compliant_baselines.reference_cells import random_cells
+from tests.model.column_reference import LZB, integrate
 from tests.model.oracle import solve_oracle
 
 #: The supplement's cut-off changes the outcome of this cell by 0.19: a ringing ball-ball contact takes v2 through zero
@@ -16,29 +18,18 @@ from tests.model.oracle import solve_oracle
 CELL = 0.0015084387939204636, 0.52750555599096, 0.8331581428053493, 0.5341764334383219
 VALUE = 0.21817817381416
 
-#: Of k2/k1 and m2/m1 the decades, of e the least: the box of docs/errata.md, a wide one and that of the default run.
-BOXES = {
-    "errata": ((-2, 2), (-1, 1), 0.3),
-    "wide": ((-6, 6), (-2, 2), 0.05),
-    "default": ((-3, 3), (math.log10(0.5), math.log10(2)), 0.5),
-}
-
-
-def random_cells(box, n, seed):
-    rng = np.random.default_rng(seed)
-    kappa, mu, least = BOXES[box]
-    return 10 ** rng.uniform(*kappa, n), 10 ** rng.uniform(*mu, n), *rng.uniform(least, 1, (2, n))
+#: Of e the least, of k2/k1 and m2/m1 the decades: the box of docs/errata.md, a wide one and that of the default run.
+BOXES = {"errata": (0.3, (2, 1)), "wide": (0.05, (6, 2)), "default": (0.5, (3, math.log10(2)))}
 
 
 def difference(one, other, mu):
-    """Of the velocities, in the kinetic norm."""
     return np.hypot(one.v1 - other.v1, np.sqrt(mu) * (one.v2 - other.v2))
 
 
 @pytest.mark.parametrize("box", BOXES)
 @pytest.mark.parametrize("n", [4_000, pytest.param(400_000, marks=pytest.mark.nightly)])
 def test_outcomes_are_those_without_a_cutoff(n, box):
-    cells = random_cells(box, n, seed=1)
+    cells = random_cells(n, 1, *BOXES[box])
     exact, without = solve_batch(*cells), solve_batch(*cells, stiffness_ratio_cutoff=math.inf)
     off = np.maximum(abs(exact.v1 - without.v1), abs(exact.v2 - without.v2))
     marked = exact.marked != ""
@@ -63,25 +54,15 @@ def test_a_ringing_contact_that_ends_another_compression_is_followed():
     assert "to 1e-12" in outcome.reason
 
 
-def test_an_outcome_is_marked_exactly_where_it_depends_on_its_cutoff():
-    for box in BOXES:
-        cells = random_cells(box, 20_000, seed=3)
-        cut = solve_batch(*cells, stiffness_ratio_cutoff=SUPPLEMENT_CUTOFF)
-        off = difference(cut, solve_batch(*cells, stiffness_ratio_cutoff=math.inf), cells[1])
-        marked = np.char.find(cut.marked.astype(str), CUTOFF) >= 0
-        assert np.max(off[~marked]) < CUTOFF_THRESHOLD + 1e-11, box
-        assert np.min(off[marked]) > CUTOFF_THRESHOLD - 1e-11, box
-
-
 def test_a_cutoff_whose_effect_is_not_known_marks_the_outcome():
     # 1e10 vibrations of an elastic contact are more than are followed.
     outcome = solve(Collision.from_ratios(1e-20, 1.3, 1.0, 0.7), stiffness_ratio_cutoff=1e5, max_events=1_000)
     assert (outcome.status, outcome.marked) == ("limit", CUTOFF)
 
 
-@pytest.mark.parametrize("cutoff", [1e3, 1e5])
-def test_the_stated_effect_of_a_cutoff_is_the_change_when_it_is_switched_off(cutoff):
-    cells = random_cells("errata", 10_000, 1)
+@pytest.mark.parametrize(("box", "cutoff"), [("errata", 1e3), *((box, SUPPLEMENT_CUTOFF) for box in BOXES)])
+def test_the_stated_effect_of_a_cutoff_is_the_change_when_it_is_switched_off_and_marks(box, cutoff):
+    cells = random_cells(20_000, 1, *BOXES[box])
     with_it = solve_batch(*cells, stiffness_ratio_cutoff=cutoff)
     change = difference(with_it, solve_batch(*cells, stiffness_ratio_cutoff=math.inf), cells[1])
     used, effect = with_it.statuses == "limit", with_it.diagnostics["cutoff_effect"]
@@ -89,6 +70,9 @@ def test_the_stated_effect_of_a_cutoff_is_the_change_when_it_is_switched_off(cut
     assert not np.any([effect[~used], change[~used]])
     assert np.max(effect) > 1e-8
     assert np.max(np.abs(effect - change)) < 1e-11
+    marked = np.char.find(with_it.marked.astype(str), CUTOFF) >= 0
+    assert np.max(change[~marked]) < CUTOFF_THRESHOLD + 1e-11
+    assert np.min(change[marked]) > CUTOFF_THRESHOLD - 1e-11
 
 
 def test_a_cutoff_has_no_effect_on_exact_limits():
@@ -97,3 +81,17 @@ def test_a_cutoff_has_no_effect_on_exact_limits():
         outcome, without = solve(c), solve(c, stiffness_ratio_cutoff=math.inf)
         assert (outcome.status, outcome.velocities) == ("limit", without.velocities)
     assert "cutoff_effect" not in solve_batch(1.0, 1.0, 0.9, 0.9).diagnostics
+
+
+def test_a_law_without_jumps_is_marked_for_none():
+    cells = random_cells(60_000, 3)
+    here, there = solve_batch(*cells), solve_batch(*cells, law=LZB)
+    near = np.flatnonzero(here.grazing_margin < 2e-4)
+    assert len(near) > 20
+    assert np.isinf(there.grazing_margin).all()
+    assert not there.mark.any()
+    assert np.array_equal(here.marked == GRAZING, here.grazing_margin < GRAZING_THRESHOLD)
+    # next to where it would be marked, nothing moves
+    some = [x[near] for x in cells]
+    moved = solve_batch(some[0] * (1 + 1e-5), *some[1:], law=LZB)
+    assert np.abs(moved.v1 - there.v1[near]).max() < 1e-3

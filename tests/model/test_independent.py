@@ -1,12 +1,14 @@
-"""`solve_batch` against two independent integrations: in time (column_reference) and in impulse space (oracle)."""
+"""Two balls against two independent integrations: in time (column_reference) and in impulse space (oracle)."""
 
+import math
 from itertools import product
 
 import numpy as np
 import pytest
 
-from impact_xval.model import SUPPLEMENT_CUTOFF, Collision, solve_batch
+from impact_xval.model import SUPPLEMENT_CUTOFF, Collision, solve, solve_batch
 from tests.compliant_baselines.reference_cells import random_cells
+from tests.model.column_reference import LZB, integrate
 from tests.model.columns import assert_integrated
 from tests.model.oracle import solve_oracle
 
@@ -61,3 +63,29 @@ def test_many_random_cells_are_those_of_an_integration(n, cutoffs, comparison):
     grazing, limits = compare(np.array(random_cells(n, 1)), cutoffs, comparison)
     assert grazing <= n / 100
     assert limits > n / 5  # beyond the cut-off a closed form is compared
+
+
+def test_random_cells_by_the_law_of_liu_zhao_and_brogliato_are_those_of_an_integration_in_time():
+    repeated = 0
+    for cell in np.transpose(random_cells(60, 8)).tolist():
+        c = Collision.from_ratios(*cell)
+        o = solve(c, law=LZB, stiffness_ratio_cutoff=math.inf)
+        if o.v1 > 0:  # else collapsed, the subject of the test below
+            assert_integrated(o, c, LZB)
+            repeated += math.dist(o.velocities, solve(c).velocities) > 1e-6
+    assert repeated >= 40
+
+
+def test_a_cycle_that_repeats_on_a_smaller_scale_ends_at_rest():
+    """A cycle of states that repeats on a smaller scale for ever: by self-similarity the bodies end at rest."""
+    c = Collision.from_ratios(0.775, 0.165, 0.4, 0.33)
+    o = solve(c, law=LZB, path=True)
+    p = o.path
+    assert (o.v1, o.v2, o.status) == (0, 0, "limit")
+    assert "infinitely many events" in o.reason
+    returns = p.v1[1:][(p.state[1:] == 1) & (p.state[:-1] == 2)]
+    factors = returns[31:60] / returns[30:59]
+    np.testing.assert_allclose(factors, factors[-1], rtol=1e-5)
+    assert 0.1 < factors[-1] < 0.9
+    assert math.hypot(*integrate(c, LZB, least=1e-3).velocities) < 2e-3
+    assert solve(c).v1 > 0.01  # stiffening ends the cycle

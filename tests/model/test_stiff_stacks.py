@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from impact_xval.model import Collision, solve
-from tests.compliant_baselines.reference_cells import in_time
+from tests.compliant_baselines.reference_cells import chain, in_time
 
 STACKS = [json.loads(row) for row in Path(__file__).with_name("stiff_stacks.jsonl").read_text().splitlines()]
 SOLVERS = {"model": solve, "bistiffness": lambda column: in_time(column, "bistiffness")}
@@ -32,10 +32,7 @@ def test_a_stiff_contact_ahead_of_the_wave_changes_no_digit(law):
 @pytest.mark.parametrize("balls", [22, 60])
 @pytest.mark.parametrize("table", [True, False])
 def test_a_tall_elastic_pile_ends_and_keeps_its_energy(balls, table):
-    ones = (1.0,) * balls
-    velocities = (-1.0,) * balls if table else (-1.0,) + (0.0,) * (balls - 1)
-    contacts = ones if table else ones[1:]
-    column = Collision(ones, contacts, contacts, velocities, table=table)
+    column = chain(-1.0, *[-1.0 if table else 0.0] * (balls - 1), table=table)
     for law in SOLVERS:
         outcome = SOLVERS[law](column)
         assert outcome.status == "ok"

@@ -163,10 +163,6 @@ def test_what_is_refused():
     column = chain(-1, 0, 0)
     with pytest.raises(ValueError, match=r"law = 'hertz'; legal: bistiffness, kelvin-voigt"):
         in_time(column, "hertz")
-    with pytest.raises(ValueError, match=r"gaps\[2\] = -1\.0; legal: finite numbers >= 0"):
-        replace(column, gaps=(0, -1))
-    with pytest.raises(ValueError, match=r"gaps: 1 values; legal: 2, for 3 balls without a table"):
-        replace(column, gaps=(0,))
     with pytest.raises(ValueError, match=r"gaps of up to 0\.1 m: the model has no positions; legal: 0"):
         solve(chain(-1, 0, 0, gap=0.1))
     with pytest.raises(ValueError, match=r"gaps: 0\.1; legal where positions are frozen: none"):
