@@ -22,24 +22,18 @@ def opened(address, width=1200, scheme="light", offline=True) -> Iterator:
     from playwright.sync_api import sync_playwright
 
     complaints = []
+
+    def requested(request):
+        if offline and request.url != address and not request.url.startswith(("data:", "blob:")):
+            complaints.append(f"asks for {request.url}")
+
     with sync_playwright() as started:
         browser = started.chromium.launch(executable_path=chromium, args=["--no-sandbox"], timeout=HUNG)
         page = browser.new_page(viewport={"width": width, "height": 900}, color_scheme=scheme)
         page.set_default_timeout(HUNG)
         page.on("pageerror", lambda error: complaints.append(f"error: {error}"))
-        page.on(
-            "console",
-            lambda said: complaints.append(said.text) if said.type in ("error", "warning") else None,
-        )
-        if offline:
-            page.on(
-                "request",
-                lambda request: (
-                    None
-                    if request.url.startswith(("data:", "blob:")) or request.url == address
-                    else complaints.append(f"asks for {request.url}")
-                ),
-            )
+        page.on("console", lambda said: said.type in ("error", "warning") and complaints.append(said.text))
+        page.on("request", requested)
         page.goto(address)
         yield page
         browser.close()

@@ -73,7 +73,6 @@ def commands(code):
 
 
 def skip_without(code):
-    """Skip where an engine that is asked is not installed."""
     asked = code.replace("newton-restitution", "")  # a law, not the engine
     missing = [name for name in OPTIONAL if name in asked and get_solver(name).unavailable()]
     if missing:

@@ -22,7 +22,6 @@ BATCHES = {law: partial(solve_batch, law) for law in references.LAWS}
 
 
 def in_time(collision, law="kelvin-voigt", *, exponent=1.0, path=False, **how):
-    """Solve one collision by a law in time."""
     some = Collisions.of([replace(collision, exponent=exponent)])
     return references.solve(some, law, paths=path, **how)[0]
 
@@ -55,12 +54,10 @@ def random_cells(n, seed, lowest_e=0.3, decades=(2, 1)):
 
 
 def two_balls(kappa, mu, e1, e2, k1=1e8, v0=-1.0):
-    """Two balls on a table, m1 = 1 kg."""
     return Collision.two_balls(1.0, mu, k1, k1 * kappa, e1, e2, v0)
 
 
 def random_collisions(*how, k1=1e8, v0=-1.0, **cells):
-    """Random cells as two balls on a table, m1 = 1 kg."""
     return [two_balls(*cell, k1, v0) for cell in np.transpose(random_cells(*how, **cells)).tolist()]
 
 

@@ -32,8 +32,6 @@ def test_illegal_settings_are_named_with_the_legal_range():
 
 
 class Mine(Solver):
-    """A solver that does with collisions what a test says."""
-
     name = "mine"
 
     def __init__(self, made):

@@ -165,7 +165,6 @@ def ball_on_plane(solref, solimp=FORCE_LEVEL, floor=None, mass=0.5, step=1e-5, *
 
 
 def bounce(model):
-    """Restitution and duration."""
     (row,) = measure_model(model)
     return row.restitution, row.duration
 

@@ -179,5 +179,4 @@ def fingerprint():
 
 
 def unavailable(engine):
-    """Why an engine cannot run here, or None."""
     return get_solver(engine).unavailable()

@@ -19,11 +19,7 @@ NAMES = ("two-balls", "lines", "paths", "engines", "tables", "hypothesis")
 
 
 def git(*arguments):
-    """Answer of git, in the root of the checkout."""
-    root = values.HERE.parents[1]
-    return subprocess.run(
-        ["git", *arguments], cwd=root, capture_output=True, text=True, check=True
-    ).stdout.strip()
+    return subprocess.check_output(["git", *arguments], cwd=values.HERE.parents[1], text=True).strip()
 
 
 def rows(name):
@@ -53,7 +49,6 @@ def make(name):
 
 
 def main(names):
-    """Make some golden values, or all."""
     if unknown := set(names) - {*NAMES}:
         sys.exit(f"{', '.join(sorted(unknown))}: unknown; legal: {', '.join(NAMES)}")
     if dirty := git("status", "--porcelain", "--", *SOURCES, ":(exclude)tests/golden/values"):

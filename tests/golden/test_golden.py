@@ -11,7 +11,6 @@ def report(misses, most=20):
 
 
 def rows(name, solver):
-    """Golden outcomes by a solver, each with its collision."""
     problems = {problem["name"]: problem for problem in values.read(f"inputs/{name}.jsonl")}
     found = [row for row in values.read(f"values/{name}.jsonl") if solver in (None, row["solver"])]
     assert [row["input"] for row in found] == [*problems]
@@ -24,12 +23,11 @@ def skip_without(*engines):
             pytest.skip(reason)
 
 
+KERNELS = {"two-balls": "pair", "lines": "chain"}
+
+
 @pytest.mark.parametrize(
-    ("name", "solver"),
-    [
-        *(("two-balls", solver) for solver in adapter.EXACT["pair"]),
-        *(("lines", solver) for solver in adapter.EXACT["chain"]),
-    ],
+    ("name", "solver"), [(name, solver) for name in KERNELS for solver in adapter.EXACT[KERNELS[name]]]
 )
 def test_exact_solvers(name, solver):
     found = ((problem, row, adapter.solve(problem, solver)) for problem, row in rows(name, solver))

@@ -28,13 +28,8 @@ LINEAR, INTEGRATED = 1e-12, 1e-9
 #: Relative tolerances of other numbers.
 RELATIVE = {"margin": 1e-6, "duration": 1e-10, "first_flight": 1e-10, "gravity_number": 1e-12}
 #: Tolerances by a part of the name of a number, absolute and relative; the first that fits counts.
-COMMON = {
-    "n_steps": (1.0, 0.0),
-    "error": (1e-9, 1e-3),
-    "regularisation": (1e-9, 1e-3),
-    "order": (1e-9, 1e-3),
-    "limit": (1e-8, 0.0),
-}
+COMMON = {"n_steps": (1.0, 0.0), **dict.fromkeys(("error", "regularisation", "order"), (1e-9, 1e-3))}
+COMMON |= {"limit": (1e-8, 0.0)}
 #: Of numbers of tables where nothing else is said, those of engines 1e-9.
 EXACT = 1e-10
 #: Of outcomes of engines on another machine, and of tables; durations of engines differ by a step.
@@ -45,17 +40,14 @@ WORDS = ("status", "states", "events", "mark")
 
 
 def read(name):
-    """Read a file of JSON lines."""
     return [json.loads(row) for row in (HERE / name).read_text().splitlines()]
 
 
 def spec(name):
-    """Read what is to be run, by name."""
     return json.loads((HERE / "inputs" / f"{name}.json").read_text())
 
 
 def provenance():
-    """Read where golden values come from."""
     return json.loads(PROVENANCE.read_text())
 
 
@@ -91,7 +83,6 @@ def changed(problem, rng, size):
 
 
 def golden(problem, solver):
-    """Make the golden outcome of a collision by an exact solver, with its moves."""
     rng = np.random.default_rng(zlib.crc32(f"{problem['name']} {solver}".encode()))
     found = adapter.solve(problem, solver)
     numbers, moved, unsteady = flat(problem, found), {}, set()
@@ -109,7 +100,6 @@ def golden(problem, solver):
 
 
 def exact_misses(problem, golden, found):
-    """Say what of an exact solver's outcome is further away than it may be, one sentence each."""
     unsteady = golden.get("unsteady", [])
     moves = {name: float(x) for name, x in golden.get("moves", {}).items()}
     w = max(
@@ -146,12 +136,10 @@ def engine_misses(problem, golden, found, *, same_machine):
 
 
 def tolerances(table, name, *default):
-    """Absolute and relative tolerance of a number."""
     return next((both for part, both in table.items() if part in name), default)
 
 
 def word_misses(golden, found, names):
-    """Say which of some fields of an outcome differ."""
     where = f"{golden['input']}, {golden['solver']}"
     return [
         f"{where}: {name}: expected {golden.get(name)!r}, found {found.get(name)!r}"
@@ -179,7 +167,6 @@ def miss(where, name, expected, found, tolerance):
 
 
 def path_misses(problem, golden, found):
-    """Say what of a path is further away than it may be."""
     where, misses = f"{golden['input']}, {golden['solver']}, path", []
     expected, there = golden["path"], found["path"]
     speed = max(map(abs, problem["velocities"]))
@@ -204,7 +191,6 @@ PROSE = ("reason", "marked", "sentence", "without_result")
 
 
 def table_misses(where, found):
-    """Say what of a table, columns of text, is further away than it may be."""
     golden = pd.read_csv(HERE / "values" / f"{where}.csv", dtype=str, keep_default_na=False)
     there = pd.DataFrame(found)
     if missing := {*golden} - {*there}:

@@ -56,7 +56,6 @@ def test_newtons_cradle(law, gap):
 
 @st.composite
 def columns(draw):
-    """Draw a collision, and masses, restitutions and velocities as fractions."""
     table = draw(st.booleans())
     n = draw(st.integers(2 - table, 4))
 
