@@ -17,8 +17,6 @@ EXAMPLES = ROOT / "examples"
 
 @pytest.fixture
 def run(monkeypatch, capsys):
-    """Run an example as a script; what it prints."""
-
     def run(name, *arguments):
         monkeypatch.setattr(sys, "argv", [name, *map(str, arguments)])
         runpy.run_path(str(EXAMPLES / name), run_name="__main__")

@@ -35,14 +35,11 @@ def _command(marker):
     return found
 
 
-def test_the_readme_has_two_commands_of_one_line():
+def test_the_readme_has_two_commands_of_one_line_and_continuous_integration_runs_that_of_tests():
     for marker, last in (("run", "impact-xval run"), ("test", "pytest")):
         command = _command(marker)
         assert command.startswith("python3 -m venv .venv && ")
         assert command.endswith(last)
-
-
-def test_continuous_integration_runs_the_test_command_of_the_readme():
     script = (ROOT / ".ci/run").read_text(encoding="utf-8")
     extract = re.search(r"command=\$\((.*)\)\n", script)
     assert extract

@@ -1,5 +1,8 @@
+"""One collision and runs, as they are asked for: what is printed, what is written, and what runs say first."""
+
 import json
 import math
+import shlex
 import subprocess
 import sys
 
@@ -7,7 +10,13 @@ import pytest
 
 from impact_xval.compliant_baselines import registry, solver_names
 from impact_xval.experiments.commands.cli import main
+from impact_xval.experiments.config.cells import experiment_cells
+from impact_xval.experiments.config.errors import InterruptedRunError, UserError
+from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.sweep import one
+from impact_xval.experiments.sweep import run as sweep
+from impact_xval.experiments.tables.folder import RunFolder
+from impact_xval.model import Collision, solve
 from tests.experiments import fakes
 
 CELL = ["--stiffness-ratio", "40", "--mass-ratio", str(2 / math.sqrt(3)), "--e1", "0.9", "--e2", "0.7"]
@@ -19,15 +28,14 @@ def _json(command, *arguments):
 
 def test_solve_json_keeps_the_contract(command):
     (found,) = _json(command, *CELL, "--solver", "state-transition")
-    assert found["solver"] == "state-transition"
-    assert found["v1"] == pytest.approx(0.88981120733190, abs=1e-12)
-    assert found["v2"] == pytest.approx(0.00016910787873, abs=1e-12)
-    assert found["states"] == ["S1", "S3", "S1", "S2", "S4"]
-    assert found["status"] == "ok"
-    assert found["velocities"] == [found["v1"], found["v2"]]
-    impulse1, impulse2 = found["impulses"]
-    assert impulse1 == pytest.approx(1 + found["v1"], abs=1e-12)
-    assert impulse2 == pytest.approx(impulse1 + 2 / math.sqrt(3) * found["v2"], abs=1e-12)
+    outcome = solve(Collision.from_ratios(40, 2 / math.sqrt(3), 0.9, 0.7))
+    assert (found["solver"], found["status"], found["states"]) == (
+        "state-transition",
+        "ok",
+        [*outcome.states],
+    )
+    assert found["velocities"] == [found["v1"], found["v2"]] == [*outcome.velocities]
+    assert found["impulses"] == [*outcome.impulses]
 
 
 #: A drop after which B2 is at rest on the table, at some speed.
@@ -120,3 +128,54 @@ def test_a_solver_that_hangs_or_dies_costs_its_own_row(e1, status, reason, comma
     found = _json(command, *cell, "--solver", "mujoco", "--solver", "state-transition")
     assert [each["status"] for each in found] == [status, "ok"]
     assert found[0]["reason"] == reason
+
+
+GRID = "[grid]\nstiffness_ratio = [0.1, 2, 10]\nmass_ratio = [1.25]\ne2 = {linear = [0.5, 0.9, 3]}\n"
+
+
+def test_a_run_says_how_many_cells_there_are_and_which_axes_took_defaults(tmp_path, capsys, monkeypatch):
+    def begun(config, root, *, progress, **_):
+        progress(0, 0, "")
+        raise UserError("far enough")
+
+    monkeypatch.setattr(sweep, "run_sweep", begun)
+    for text, says in (
+        (GRID, "36 cells: stiffness_ratio 3, mass_ratio 1, e1 4 (default), e2 3"),
+        (
+            "[column]\narrangement = ['drop']\nballs = [2, 3]\ne = 0.9\n",
+            "6 columns: arrangement 1, balls 2, exponent 1 (default), mass_taper 1 (default), "
+            "stiffness_taper 3 (default), gap 1 (default), e 1",
+        ),
+    ):
+        (tmp_path / "my.toml").write_text(text)
+        assert main(["run", str(tmp_path / "my.toml"), "--out", str(tmp_path / "a")]) == 2
+        assert says in capsys.readouterr().out.splitlines()
+
+
+def test_a_quick_run_is_of_a_few_cells_of_the_built_in_grid_and_is_continued_as_one(
+    tmp_path, capsys, monkeypatch
+):
+    configs = []
+
+    def begun(config, root, **_):
+        configs.append(config)
+        raise InterruptedRunError("interrupted")
+
+    monkeypatch.setattr(sweep, "run_sweep", begun)
+    root = tmp_path / "my run"
+    assert main(["run", "--quick", "--out", str(root)]) == 1
+    command = capsys.readouterr().err.strip().split("to continue: ")[1]
+    words = shlex.split(command)
+    assert words == ["impact-xval", "run", "--quick", "--out", str(root)]
+    assert main(words[1:]) == 1
+    assert configs[0] == configs[1]
+    quick, whole = configs[0], parse_config({})
+    assert len(experiment_cells(quick)) == 40
+    for name, values in whole.grid.axes().items():
+        taken = quick.grid.axes()[name]
+        assert set(taken) < set(values)
+        assert (taken[0], taken[-1]) == (values[0], values[-1])
+    assert quick.canonical() | {"name": "", "grid": {}} == whole.canonical() | {"name": "", "grid": {}}
+    RunFolder(tmp_path).write_config(whole)
+    assert main(["run", "--quick", "--out", str(tmp_path)]) == 2
+    assert f"--quick with --out {tmp_path}: holds another run" in capsys.readouterr().err
