@@ -218,6 +218,5 @@ def test_a_path_ends_in_the_outcome_and_its_forces_are_the_rates_of_its_impulses
     rounding = 1e-9 if exponent == 1 else 1e-6  # of the quintics between the ends of a step
     assert path.forces.min() > -rounding
     assert np.all(np.abs(path.forces[~path.acting]) < rounding)
-    mean = 0.5 * (path.forces[1:] + path.forces[:-1])
-    grown = np.sum(mean * np.diff(path.time)[:, None], axis=0)
+    grown = np.trapezoid(path.forces, path.time, axis=0)
     assert grown == pytest.approx(outcome.impulses, rel=0.02)

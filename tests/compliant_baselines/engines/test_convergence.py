@@ -178,17 +178,10 @@ def test_a_path_ends_with_the_outcome_and_its_forces_are_those_of_kelvin_voigt(e
         # Means, so that they are those of the middle of a step. The reference has a few points a segment: its
         # velocities between them are those of the cubic through velocities and forces.
         middle = 0.5 * (time[1:] + time[:-1])
-        theirs = np.column_stack([between(exact, i, middle) for i in range(2)])
+        theirs = CubicHermiteSpline(exact.time, exact.impulses, exact.forces).derivative()(middle)
         # In the first step MuJoCo has no contacts yet: balls that only just touch have no depth.
         off = np.abs(forces[2:] - theirs[1:])
         assert off.max() < 1.5 * step
         # When in its last step a contact opens is chance, and no matter of order.
         errors.append(np.quantile(off, 0.95))
-    order = np.polyfit(np.log2([4, 2, 1]), np.log2(errors), 1)[0]
-    assert order == pytest.approx(1, abs=0.05)
-
-
-def between(path, contact, time):
-    """Force of a contact between the points of a path, from the cubics through its impulses and forces."""
-    impulses, forces = path.impulses[:, contact], path.forces[:, contact]
-    return CubicHermiteSpline(path.time, impulses, forces).derivative()(time)
+    assert slope([4, 2, 1], errors) == pytest.approx(1, abs=0.05)
