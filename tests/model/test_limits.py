@@ -47,6 +47,13 @@ def test_at_a_limit_of_the_stiffness_ratio_the_outcome_is_its_closed_form(ratio,
             assert outcome.states == states, cell
 
 
+def test_either_stiffness_may_be_the_zero_or_the_infinite_one():
+    for k1, k2, v1 in ((math.inf, 5, 0.45203), (2, 0, 0.45203), (2, math.inf, 0.9), (0, 5, 0.9)):
+        outcome = solve(Collision.two_balls(1, MU, k1, k2, 0.9, 0.7), path=True)
+        assert outcome.v1 == pytest.approx(v1, abs=1e-5)
+        assert not np.isnan(outcome.path.time).any()
+
+
 def test_a_limit_of_the_stiffness_ratio_is_reached_at_its_rate():
     """From the finite side, cut-off switched off: log |v - limit| has a slope in log k2/k1."""
     to_zero, to_infinity = np.logspace(-11, -5, 13), np.logspace(3.5, 7, 15)
