@@ -21,9 +21,10 @@ from collections.abc import Callable
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from impact_xval.model.collision import Status
+if TYPE_CHECKING:  # whose room imports numpy
+    from impact_xval.model.collision import Status
 
 _Piece = TypeVar("_Piece")
 

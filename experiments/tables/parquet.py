@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
@@ -92,5 +91,6 @@ def present(path: Path, name: str) -> np.ndarray:
 def codes(path: Path, name: str, values: Sequence[str]) -> np.ndarray:
     """Read one column of text as the position of each entry among some values; -1 where it is none of them."""
     known = selected(path, [name])[name].combine_chunks().dictionary_encode()
-    places = pd.Index(values).get_indexer(known.dictionary.to_pylist()).astype(np.int8)
-    return np.append(places, np.int8(-1))[known.indices.fill_null(-1)]
+    place = {value: i for i, value in enumerate(values)}
+    places = [place.get(text, -1) for text in known.dictionary.to_pylist()]
+    return np.array([*places, -1], np.int8)[known.indices.fill_null(-1)]

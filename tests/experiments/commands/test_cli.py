@@ -74,7 +74,7 @@ def test_solve_takes_an_infinite_ratio_and_shows_refusals(command):
 
 def test_help_and_version_are_quick_and_load_nothing_heavy():
     script = (
-        "import sys; from impact_xval.experiments.commands.cli import main; code = main(sys.argv[1:]);"
+        "import sys; from impact_xval.__main__ import entry; code = entry();"
         "heavy = {'numpy', 'pandas', 'matplotlib', 'pyarrow', 'numba', 'mujoco', 'jinja2'} & set(sys.modules);"
         "sys.exit(f'{heavy}' if heavy else code)"
     )
@@ -83,6 +83,8 @@ def test_help_and_version_are_quick_and_load_nothing_heavy():
             [sys.executable, "-c", script, *arguments], capture_output=True, text=True, check=True
         )
         assert "impact-xval" in done.stdout
+    solving = "import sys, impact_xval.experiments.sweep.chunk; assert not {'pandas', 'matplotlib'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", solving], check=True)
 
 
 @pytest.mark.smoke
