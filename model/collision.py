@@ -18,7 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 from impact_xval.model.inputs import (
     EXPONENT,
     LINE,
+    MASS_RATIO,
     RATIOS,
+    STIFFNESS_RATIO,
     STIFFNESSES_WITH_LIMITS,
     TWO_BALLS,
     Legal,
@@ -104,7 +106,8 @@ class Collision:
         if type(self.table) is not bool:
             raise ValueError(f"table = {self.table!r}; legal: True or False")
         object.__setattr__(self, "exponent", EXPONENT.number(self.exponent))
-        balls = len(_numbers(LINE[0], self.masses))
+        masses, *_ = LINE
+        balls = len(_numbers(masses, self.masses))
         if not 1 <= balls <= MAX_BALLS:
             raise ValueError(f"masses: {balls} balls; legal: from 1 to {MAX_BALLS}")
         for legal, length in _legal(balls, self.table):
@@ -169,7 +172,7 @@ class Collision:
         ValueError
             For an illegal value; the message names the parameter, the value and the legal range.
         """
-        ratio, mass = RATIOS[0].number(stiffness_ratio), RATIOS[1].number(mass_ratio)
+        ratio, mass = STIFFNESS_RATIO.number(stiffness_ratio), MASS_RATIO.number(mass_ratio)
         return cls.two_balls(m1=1.0, m2=mass, k1=1.0, k2=ratio, e1=e1, e2=e2)
 
     m1 = property(lambda self: self.masses[0], doc="Mass of ball 1, in kg.")

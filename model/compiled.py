@@ -44,7 +44,6 @@ merged = compiled_with(inline="always", **_INNER)
 #: A kernel of these, which Python calls: it holds no lock, so that threads can be given parts of arrays.
 entry = compiled_with(nogil=True, _nrt=False)
 
-
 #: States of a collision for which a log has room at first.
 FEW_STATES = 32
 

@@ -62,7 +62,7 @@ def command(capsys):
 
 @pytest.fixture
 def refused(capsys):
-    """Require of a command exit code 2, and a single line that holds all that is said."""
+    """Require of a command exit code 2, and a single line that holds all that is said, in this order."""
 
     def refused(words, *says):
         assert ended(words) == 2, words
@@ -71,6 +71,9 @@ def refused(capsys):
         lines = [line for line in err.splitlines() if not any(each in line for each in at_work)]
         assert (out, len(lines)) == ("", 1), (words, err)
         assert lines[0].startswith("impact-xval: ")
-        assert not [text for text in says if text not in lines[0]], (words, lines[0])
+        rest = lines[0]
+        for text in says:
+            assert text in rest, (words, lines[0])
+            rest = rest.partition(text)[2]
 
     return refused

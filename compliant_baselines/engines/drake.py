@@ -78,8 +78,9 @@ class DrakeWorld(World):
 
     def __init__(self, scene: Scene, discrete: bool) -> None:
         self._scene, self._discrete = scene, discrete
-        carried = [drake_side(contact) for contact in scene.contacts]
-        if not discrete:
+        if discrete:
+            carried = [drake_side(contact) for contact in scene.contacts]
+        else:
             law = hunt_crossley_coefficients(np.array(scene.restitutions)) / scene.speed
             carried = [*map(Side, scene.stiffnesses, law.tolist())]
         self._sides = sides(carried, scene.mapping)

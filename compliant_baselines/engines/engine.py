@@ -211,8 +211,9 @@ class Engine(Solver):
         outcome = outcome_of(self.name, collision, run, settings)
         if settings.convergence is None or not run.over:
             return outcome, None
-        how = settings.convergence, settings.max_steps
-        limit, reason = estimate_limit(self.follow, self.regularisation_probe, run, *how)
+        limit, reason = estimate_limit(
+            self.follow, self.regularisation_probe, run, settings.convergence, settings.max_steps
+        )
         if reason and outcome.status == "ok":
             outcome = replace(outcome, status="unconverged", reason=reason)
         if limit is not None:

@@ -143,9 +143,9 @@ class World(ABC):
         A RuntimeError says that the engine broke, and why.
         """
 
+    @abstractmethod
     def weightless(self, velocities: Floats, heights: Floats) -> None:
-        """Go on without gravity from the state after a step that was given, shape (N,) each; asked in drops only."""
-        raise NotImplementedError
+        """Go on without gravity from the state after a step that was given, shape (N,) each."""
 
     def leap(self, n: int) -> tuple[int, Floats, Floats]:
         """Take up to n steps that nobody reads: how many, and velocities and heights after the last, shape (N,)."""

@@ -175,10 +175,8 @@ class Run:
         if world.longest_leap:
             says = world.effective
             self._law = np.array([says["stiffness"], says["damping"], reduced_masses(scene)])
-        memory = self._memory = np.zeros(1, MEMORY).view(
-            np.recarray
-        )  # an interpreted `scan` reads its fields too
-        # Closed as far back as there was a past.
+        # A record array: an interpreted `scan` reads its fields too. Closed as far back as there was a past.
+        memory = self._memory = np.zeros(1, MEMORY).view(np.recarray)
         memory.lead, memory.flight, memory.closed, memory.closed_at = np.inf, -1, 1, -np.inf
         memory.met = (scene.gaps > 0) @ (1 << np.arange(len(scene.stiffnesses)))
         # Steps after which the state is another, and that state, by windows.

@@ -161,7 +161,8 @@ def reflection(line: Line) -> None:
     """Apply generalised reflections, blended with the plastic impact of all touching contacts."""
     plastic, e = line.complementary(line.u, line.touching), line.e[0]
     elastic, u = np.zeros(line.e.size), line.u
-    for _ in range(left := line.most - line.impacts):
+    left = line.most - line.impacts
+    for _ in range(left):
         approaching = line.touching & (u < -line.tiny)
         if not approaching.any():
             break
@@ -238,19 +239,17 @@ class RigidLaw(OneByOne):
     def solve_one(self, collision: Collision, settings: Settings) -> Outcome:
         """Answer one collision."""
         c = collision
+        if settings.scenario != "impact":
+            reason = f"scenario = {settings.scenario!r}: rigid laws are without gravity; legal: 'impact'"
+            return Outcome.failure(self.name, c, "unrepresentable", reason)
         try:
-            if settings.scenario != "impact":
-                raise ValueError(
-                    f"scenario = {settings.scenario!r}: rigid laws are without gravity; legal: 'impact'"
-                )
             line = follow(c, self.name, min(settings.max_steps, 100_000))
-        except (ValueError, TooManyImpactsError) as error:
-            status = "unrepresentable" if isinstance(error, ValueError) else "timeout"
-            return Outcome.failure(self.name, c, status, str(error))
+        except TooManyImpactsError as error:
+            return Outcome.failure(self.name, c, "timeout", str(error))
+        except ValueError as error:
+            return Outcome.failure(self.name, c, "unrepresentable", str(error))
         endless = line.slowest < ENDLESS / TINY * line.tiny
-        time, velocities, impulses, acting = (np.array(each) for each in zip(*line.points, strict=True))
-        touching = sum(1 << int(i) for i in np.flatnonzero(acting[0]))
-        velocities[-1], acting[-1] = line.v, False
+        touching = sum(1 << int(i) for i in np.flatnonzero(line.points[0][3]))
         paper = c.table and len(c.masses) == 2
         return Outcome(
             self.name,
@@ -261,7 +260,12 @@ class RigidLaw(OneByOne):
             "bodies come to rest together after infinitely many impacts" if endless else "",
             n_events=line.impacts,
             diagnostics={"duration": line.time},
-            path=Path(time, velocities, impulses, np.zeros_like(impulses), acting)
-            if settings.record_path
-            else None,
+            path=_path_of(line) if settings.record_path else None,
         )
+
+
+def _path_of(line: Line) -> Path:
+    """Give the path of a line that is over; velocities at the end as they are reported."""
+    time, velocities, impulses, acting = (np.array(each) for each in zip(*line.points, strict=True))
+    velocities[-1], acting[-1] = line.v, False
+    return Path(time, velocities, impulses, np.zeros_like(impulses), acting)

@@ -66,6 +66,9 @@ class RigidWorld(World):
             v[together, i] = v[together, i + 1]
         return v[:, :-1], states[:, 1] - self.places
 
+    def weightless(self, velocities: Floats, heights: Floats) -> None:
+        """Go on without gravity: of drops, which are refused."""
+
 
 class RigidEngine(Engine):
     """A rigid engine: restitutions are the contacts' own, stiffnesses only say how long a step is."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -56,27 +55,29 @@ def _check(legal: Legal, values: list[Any]) -> None:
             raise ValueError(f"{short(value)}; legal: {legal.text}")
 
 
-def _legal(value: Any, info: ValidationInfo, *, axis: bool) -> Any:
-    """Check an axis, or a range, of which the ends alone are given."""
+def _check_ends(legal: Legal, spacing: dict[str, Any], lo: Any, hi: Any) -> None:
+    _check(legal, [lo, hi])
+    if not lo < hi < math.inf:
+        raise ValueError(f"{short(spacing)}: lo = {lo!r}, hi = {hi!r}; legal: lo < hi, both finite")
+    if "log" in spacing and not (lo > 0 and math.isfinite(hi / lo)):
+        ends = "lo > 0 and hi/lo finite on a logarithmic axis"
+        raise ValueError(f"{short(spacing)}: lo = {lo!r}; legal: {ends}")
+
+
+def _legal_axis(value: Any, info: ValidationInfo) -> Any:
     legal = LEGAL[str(info.field_name)]
     match value:
-        case {"log": [lo, hi, *n]} | {"linear": [lo, hi, *n]} if len(value) == 1 and len(n) == axis:
-            _check(legal, [lo, hi])
-            if not lo < hi < math.inf:
-                raise ValueError(f"{short(value)}: lo = {lo!r}, hi = {hi!r}; legal: lo < hi, both finite")
-            if "log" in value and not (lo > 0 and math.isfinite(hi / lo)):
-                ends = "lo > 0 and hi/lo finite on a logarithmic axis"
-                raise ValueError(f"{short(value)}: lo = {lo!r}; legal: {ends}")
-            if axis and not (type(n[0]) is int and 2 <= n[0] <= _MAX_VALUES):
-                raise ValueError(f"{short(value)}: n = {short(n[0])}; legal: whole, from 2 to {_MAX_VALUES}")
-            values = expand_axis(value) if axis else [lo, hi]
-        case list() if axis and value:
-            values = value
-        case dict() | list():
-            raise ValueError(f"{short(value)}; legal: {_AXIS if axis else _RANGE}")
+        case {"log": [lo, hi, n]} | {"linear": [lo, hi, n]} if len(value) == 1:
+            _check_ends(legal, value, lo, hi)
+            if type(n) is not int or not 2 <= n <= _MAX_VALUES:
+                raise ValueError(f"{short(value)}: n = {short(n)}; legal: whole, from 2 to {_MAX_VALUES}")
+        case dict() | []:
+            raise ValueError(f"{short(value)}; legal: {_AXIS}")
+        case list():
+            pass
         case _:
-            values = [value]
-            value = values if axis else value
+            value = [value]
+    values = expand_axis(value) if isinstance(value, dict) else value
     _check(legal, values)
     if len(set(values)) < len(values):
         twice = next(each for each in values if values.count(each) > 1)
@@ -84,12 +85,24 @@ def _legal(value: Any, info: ValidationInfo, *, axis: bool) -> Any:
     return value
 
 
+def _legal_range(value: Any, info: ValidationInfo) -> Any:
+    legal = LEGAL[str(info.field_name)]
+    match value:
+        case {"log": [lo, hi]} | {"linear": [lo, hi]} if len(value) == 1:
+            _check_ends(legal, value, lo, hi)
+        case int() | float():
+            _check(legal, [value])
+        case _:
+            raise ValueError(f"{short(value)}; legal: {_RANGE}")
+    return value
+
+
 #: Values of a parameter: a number, a list, ``{"log": [lo, hi, n]}`` or ``{"linear": [lo, hi, n]}``. The name of the
 #: field says what is legal.
-Axis = Annotated[list[float] | dict[str, list[int | float]], BeforeValidator(partial(_legal, axis=True))]
+Axis = Annotated[list[float] | dict[str, list[int | float]], BeforeValidator(_legal_axis)]
 
 #: Where a parameter is sampled: a number, ``{"log": [lo, hi]}`` or ``{"linear": [lo, hi]}``.
-Range = Annotated[float | dict[str, list[int | float]], BeforeValidator(partial(_legal, axis=False))]
+Range = Annotated[float | dict[str, list[int | float]], BeforeValidator(_legal_range)]
 
 
 def expand_axis(axis: Axis) -> list[float]:

@@ -195,7 +195,7 @@ def retained_energy(masses: Floats, starts: Floats, results: Results) -> Floats:
 def retained_momentum(masses: Floats, starts: Floats, results: Results) -> Floats:
     """Momentum after the collision over that before it, shape (n,): 1 without a table."""
     weights = masses / np.nanmax(masses, axis=1, keepdims=True)
-    with np.errstate(over="ignore", invalid="ignore"):
+    with np.errstate(all="ignore"):  # there may be no momentum before
         after, before = (np.nansum(weights * v, axis=1) for v in (results.velocities, starts))
         return np.where(np.isnan(results.velocities).all(axis=1), np.nan, after / before)
 
@@ -221,20 +221,19 @@ def measures_of(collision: Collision, outcomes: Mapping[str, Outcome]) -> dict[s
 
     NaN where there is nothing to measure.
     """
-    masses, start = np.array(collision.masses), np.array(collision.velocities)
-    speed, weights, measured = np.abs(start).max(), masses / masses.max(), {}
-    model = outcomes.get(REFERENCE)
-    for name, outcome in outcomes.items():
-        v, exact = np.array(outcome.velocities), outcomes.get(exact_for(name, "calibrated"))
-        found = dict.fromkeys(("velocity_divergence", "limit_distance", "limit_error"), np.nan)
-        found |= {key: x / speed if _VELOCITY.fullmatch(key) else x for key, x in outcome.diagnostics.items()}
-        if model is not None and {model.status, outcome.status} <= {*RESULT_STATUSES}:
-            found["velocity_divergence"] = norms(masses, v - model.velocities, start)
+    balls, contacts = len(collision.masses), len(collision.stiffnesses)
+    masses, starts = masses_and_starts([collision], balls)
+    speed, measured = np.abs(starts).max(axis=1), {}
+    results = {name: results_of([each], speed, balls, contacts, None) for name, each in outcomes.items()}
+    for name, found in results.items():
+        model, exact = results.get(REFERENCE), results.get(exact_for(name, "calibrated"))
+        measures = {"retained_energy": retained_energy(masses, starts, found)}
+        measures["retained_momentum"] = retained_momentum(masses, starts, found)
+        if model is not None:
+            measures |= divergence(masses, starts, speed, model, found)
         if exact is not None:
-            limit = [found.get(f"v{i}_limit", np.nan) for i in range(1, 1 + len(v))]
-            found["limit_distance"] = np.abs(limit - np.divide(exact.velocities, speed)).max()
-        found["retained_energy"] = outcome.retained_energy(collision)
-        with np.errstate(all="ignore"):  # there may be no momentum before
-            found["retained_momentum"] = weights @ v / (weights @ start)
-        measured[name] = {key: float(x) for key, x in found.items()}
+            limit = [found.diagnostic(f"v{i}_limit") for i in range(1, 1 + balls)]
+            measures["limit_distance"] = np.abs(np.transpose(limit) - exact.velocities / speed).max(axis=1)
+        known = {key: [np.nan] for key in ("velocity_divergence", "limit_distance", "limit_error")}
+        measured[name] = {key: float(x[0]) for key, x in (known | found.diagnostics | measures).items()}
     return measured

@@ -197,13 +197,15 @@ def _limit_distances(
 
 def _marked(name: str, model: Results, found: Results) -> NDArray[np.object_]:
     """Say what a comparison of results with the model's lies beside: a jump of either, or a cut-off."""
-    models, *others = (
-        np.array([f"{who}: {mark}" if mark else "" for mark in each.mark], dtype=object)
-        for who, each in {REFERENCE: model, name: found}.items()
-    )
-    for own in others:
-        models = models + np.where((models != "") & (own != ""), "; ", "").astype(object) + own
-    return models
+    own = _named(name, found.mark)
+    if found is model:
+        return own
+    models = _named(REFERENCE, model.mark)
+    return models + np.where((models != "") & (own != ""), "; ", "").astype(object) + own
+
+
+def _named(name: str, marks: NDArray[np.object_]) -> NDArray[np.object_]:
+    return np.array([f"{name}: {mark}" if mark else "" for mark in marks], dtype=object)
 
 
 def shortest_periods(block: Block) -> Floats:

@@ -37,7 +37,7 @@ from impact_xval.experiments.tables.folder import RunFolder, read_part, statuses
 #: Given how many cells are done, of how many, and a line worth saying ("" if none).
 Progress = Callable[[int, int, str], None]
 
-#: Has ``function(_, *arguments)`` called by a process of this machine; on a Dask cluster the caller waits for it.
+#: Has ``function(_, *arguments)`` called by a process of this machine, while the caller goes on.
 Apart = Callable[..., Future[Any]]
 
 

@@ -76,7 +76,7 @@ WRONG = [
     (f"{CRADLE} --arrangement tower", "'tower'", "'chain', 'cradle', 'drop' or 'stack'"),
     (f"{CRADLE} --mass-taper 0", "--mass-taper = 0.0", "a finite number > 0 (m_(i+1)/m_i)"),
     (f"{CRADLE} --k1 1e300 --stiffness-taper 1e10", "k = 1e+300, stiffness_taper = 1", "numbers > 0"),
-    (f"{CRADLE} --m1 1e-200 --v0 -1e-200", "v0 = -1e-200", "m = 1e-200", "product > 0"),
+    (f"{CRADLE} --m1 1e-200 --v0 -1e-200", "m = 1e-200", "v0 = -1e-200", "product > 0"),
     (f"{CRADLE} --e 2 --gap -1", "--e = 2.0", "(and 1 more)"),
 ]
 

@@ -88,7 +88,7 @@ def test_a_configuration_that_cannot_be_read_is_one_line(tmp_path, refused):
 
 HEADER = "stiffness_ratio,mass_ratio,e1,e2\n"
 LISTS = [
-    ("", ["c.toml: cells = ", "cells.csv", "no such file"]),
+    ("", ["no such file"]),
     ("stiffness_ratio,mass_ratio,e1\n1,1,1\n", ["column e2 is missing", "legal: columns"]),
     (HEADER, ["0 rows", "legal: 1 to"]),
     (HEADER + "1,1,1,half\n", ["e2 is not a column of numbers"]),
@@ -108,7 +108,8 @@ def test_a_wrong_list_of_cells_is_one_line(text, expected, tmp_path, refused):
     if text:
         path.write_text(text)
     (tmp_path / "c.toml").write_text(f"cells = '{path.name}'")
-    refused(["run", tmp_path / "c.toml", "--out", tmp_path / "out"], path.name, *expected)
+    field = [] if text else ["c.toml: cells = "]
+    refused(["run", tmp_path / "c.toml", "--out", tmp_path / "out"], *field, path.name, *expected)
     assert not (tmp_path / "out").exists()
 
 

@@ -146,7 +146,7 @@ def test_bad_input_is_one_line_and_writes_nothing(tmp_path, refused, monkeypatch
     monkeypatch.chdir(tmp_path)
     for text, says in BAD.items():
         Path("h.toml").write_text(text)
-        refused("hypothesis h.toml", f"impact-xval: h.toml: {says[0]}", *says)
+        refused("hypothesis h.toml", f"impact-xval: h.toml: {says[0]}", *says[1:])
     assert [*Path().iterdir()] == [Path("h.toml")]
 
 
