@@ -42,6 +42,7 @@ from importlib.metadata import version
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
+from scipy.optimize import isotonic_regression
 
 from impact_xval.compliant_baselines.solver import OneByOne, Settings
 from impact_xval.model.collision import Collision, Floats, Outcome, Path, name_of_set
@@ -143,7 +144,10 @@ class Line:
         v = [np.full(m.size, np.average(v, weights=m)) if m.size > 1 else v for v, m in groups]
         if self.table and together[-1]:
             v[-1] = np.zeros_like(v[-1])
-        self.v = np.concatenate(v)
+        # Rounding may leave bodies that approach by less than `tiny`: take the nearest ordered velocities.
+        self.v = isotonic_regression(np.concatenate(v), weights=self.mass, increasing=False).x
+        if self.table:
+            self.v = np.maximum(self.v, 0.0)
 
 
 def newton(line: Line) -> None:

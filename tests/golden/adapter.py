@@ -10,13 +10,8 @@ States are sets of acting contacts, "1+2 2 -", for two balls and for N.
 """
 
 import hashlib
-import json
 import math
-import platform
-from importlib.metadata import version
 
-import llvmlite.binding
-import numba
 import numpy as np
 import pyarrow.parquet as pq
 from scipy.interpolate import PchipInterpolator
@@ -164,18 +159,6 @@ def _field(value):
         return ""
     value = value.item() if isinstance(value, np.generic) else value
     return repr(float(value)) if isinstance(value, (int, float)) else str(value)
-
-
-def fingerprint():
-    """What the last bits of an engine's outcome may depend on."""
-    features = json.dumps(sorted(llvmlite.binding.get_host_cpu_features().items()))
-    return {
-        **{name: version(name) for name in ("numpy", "numba", "llvmlite", *ENGINES)},
-        "libc": "-".join(platform.libc_ver()),
-        "machine": platform.machine(),
-        "processor": hashlib.sha256(features.encode()).hexdigest()[:12],
-        "compiled_for": numba.config.CPU_NAME or "host",
-    }
 
 
 def unavailable(engine):
