@@ -19,7 +19,7 @@ RATES = np.array([[-1.0, 1.0], [0.0, -1.0]])
 COMPRESSION, RESTITUTION, INACTIVE = "compression", "restitution", "inactive"
 
 #: Points of the grid in a period of the fast mode, and most segments and points of a collision that is followed.
-FINE, MOST_SEGMENTS, MOST_POINTS = 60, 60, 30_000
+FINE, MOST_SEGMENTS, MOST_POINTS = 500, 100, 100_000
 
 #: What does not count: the share of the energy of impact, 1/2, and of the amplitude.
 LEAST_STAKE, LARGEST = 1e-6 * 0.5, 0.05
@@ -122,7 +122,7 @@ def functions_until_events(here: Segment, phases: list[str]) -> list[tuple[str, 
 
 def nearest_turn(here: Segment, i: int, end: float, loss: float) -> float:
     """Return the smallest rate of a contact where it turns before `end`, relative to its amplitude."""
-    nearest, grid = np.inf, np.linspace(0, end, 1000 + 2 * int(FINE * end * here.omega.max()))
+    nearest, grid = np.inf, np.linspace(0, end, 1000 + int(100 * end * here.omega.max()))
     slopes = here.slope(i, grid)
     for at in np.flatnonzero(slopes[:-1] * slopes[1:] < 0):
         sign = np.sign(slopes[at])

@@ -25,7 +25,8 @@ def test_margin_is_the_defined_one_in_random_cells():
     n = 2000
     cells = np.array([10 ** rng.uniform(-2, 2, n), 10 ** rng.uniform(-1, 1, n), *rng.uniform(0.3, 1, (2, n))])
     found = solve_batch(*cells)
-    followed, finite = found.statuses == "ok", np.isfinite(found.grazing_margin)
-    some = [*np.flatnonzero(followed & finite)[:50], *np.flatnonzero(followed & ~finite)[:50]]
+    finite = np.isfinite(found.grazing_margin)
+    followed = (found.statuses == "ok") & (found.n_events < 50)
+    some = [*np.flatnonzero(followed & finite)[:40], *np.flatnonzero(followed & ~finite)[:40]]
     margins = [reference(*cells[:, i])[0] for i in some]
     assert found.grazing_margin[some] == pytest.approx(margins, rel=1e-8)
