@@ -1,7 +1,7 @@
-"""Grazing margin of two balls on a table by its definition (docs/theory.md, section 6), by plain means.
+"""Grazing margin of balls with linear contacts by its definition (docs/theory.md, section 6), by plain means.
 
 The motion between two events is a sum of the eigenvectors of the stiffness matrix, by numpy. Events and turning points
-are sign changes on a fine grid, closed in on by bisection. Nothing of the package is used.
+are sign changes on a fine grid, closed in on by bisection. No solver of the package is used.
 """
 
 from __future__ import annotations
@@ -11,18 +11,16 @@ from typing import Any
 
 import numpy as np
 
+from impact_xval.model import Collision
 from impact_xval.model.collision import Floats
-
-#: Rate of compression of contact 1 and of contact 2, by the velocities of both balls.
-RATES = np.array([[-1.0, 1.0], [0.0, -1.0]])
 
 COMPRESSION, RESTITUTION, INACTIVE = "compression", "restitution", "inactive"
 
 #: Points of the grid in a period of the fast mode, and most segments and points of a collision that is followed.
 FINE, MOST_SEGMENTS, MOST_POINTS = 500, 100, 100_000
 
-#: What does not count: the share of the energy of impact, 1/2, and of the amplitude.
-LEAST_STAKE, LARGEST = 1e-6 * 0.5, 0.05
+#: What does not count: the share of the energy of impact, and of the amplitude.
+LEAST_STAKE, LARGEST = 1e-6, 0.05
 
 
 def sign_change(f: Callable[[Any], Any], low: float, high: float) -> float:
@@ -34,19 +32,21 @@ def sign_change(f: Callable[[Any], Any], low: float, high: float) -> float:
 
 
 class Segment:
-    """Motion of both balls with one set of acting contacts, from velocities and forces at its start."""
+    """Motion of all balls with one set of acting contacts, from velocities and forces at its start."""
 
-    def __init__(self, masses: Floats, k: list[float], acting: list[int], v: Floats, F: Floats) -> None:
-        stiffness = sum(k[i] * np.outer(RATES[i], RATES[i]) for i in acting)
+    def __init__(
+        self, masses: Floats, rates: Floats, k: list[float], acting: list[int], v: Floats, F: Floats
+    ) -> None:
+        stiffness = sum(k[i] * np.outer(rates[i], rates[i]) for i in acting)
         root = 1 / np.sqrt(masses)
         squares, vectors = np.linalg.eigh(stiffness * np.outer(root, root))
         self.omega = np.sqrt(np.maximum(squares, 0))
         self.omega[self.omega < 1e-10 * self.omega.max()] = 1e-10 * self.omega.max()  # free bodies, nearly
         self.modes = root[:, None] * vectors
         self.a = vectors.T @ (v / root)
-        pushes = RATES[acting].T @ F[acting]
+        pushes = rates[acting].T @ F[acting]
         self.b = vectors.T @ (-pushes * root) / self.omega
-        self.k, self.F, self.shapes = k, F, RATES @ self.modes
+        self.k, self.F, self.shapes = k, F, rates @ self.modes
 
     def rate(self, i: int, t: Any) -> Any:
         """Compression rate of a contact."""
@@ -69,20 +69,25 @@ class Segment:
         return float(np.abs(self.shapes[i]) @ np.hypot(self.a, self.b))
 
     def velocities(self, t: float) -> Floats:
-        """Velocities of both balls."""
+        """Velocities of all balls."""
         return self.modes @ (self.a * np.cos(self.omega * t) + self.b * np.sin(self.omega * t))
 
 
-def reference(kappa: float, mu: float, e1: float, e2: float) -> tuple[float, Floats]:
-    """Grazing margin and final velocities; m1 = k1 = 1, v0 = -1. NaN of a collision that is too long."""
-    masses, e, k = np.array([1.0, mu]), (e1, e2), [1.0, kappa]
-    v, F, phases = np.array([-1.0, 0.0]), np.zeros(2), [COMPRESSION, COMPRESSION]
-    margin, unknown = np.inf, (np.nan, np.full(2, np.nan))
+def reference(collision: Collision) -> tuple[float, Floats]:
+    """Grazing margin and final velocities; NaN of a collision that is too long."""
+    masses, v, k = np.array(collision.masses), np.array(collision.velocities), list(collision.stiffnesses)
+    e, contacts, balls = collision.restitutions, len(k), len(masses)
+    # Rates of compression by the velocities of the balls: of each contact, v_{i+1} - v_i.
+    rates = np.eye(contacts, balls, 1) - np.eye(contacts, balls)
+    relative = v if collision.table else v - masses @ v / masses.sum()
+    energy = 0.5 * masses @ relative**2
+    phases, F = [COMPRESSION if rate >= 0 else INACTIVE for rate in rates @ v], np.zeros(contacts)
+    margin = np.inf
     for _ in range(MOST_SEGMENTS):
-        acting = [i for i in (0, 1) if phases[i] != INACTIVE]
+        acting = [i for i in range(contacts) if phases[i] != INACTIVE]
         if not acting:
             return margin, v
-        here = Segment(masses, k, acting, v, F)
+        here = Segment(masses, rates, k, acting, v, F)
         watched = functions_until_events(here, phases)
         step, start, events = 2 * np.pi / here.omega.max() / FINE, 0.0, []
         while not events and start < MOST_POINTS * step:
@@ -94,25 +99,25 @@ def reference(kappa: float, mu: float, e1: float, e2: float) -> tuple[float, Flo
                     events.append((sign_change(f, low, grid[below[0] + 1]), name, i))
             start = grid[-1]
         if not events:
-            return unknown
+            break
         end, name, i = min(events)
-        if len(acting) == 2:
-            margin = min(margin, *(nearest_turn(here, j, end, 1 - e[j] ** 2) for j in acting))
-        v, F = here.velocities(end), np.array([here.force(j, end) * (j in acting) for j in (0, 1)])
+        margin = min(margin, *(nearest_turn(here, j, end, (1 - e[j] ** 2) / energy) for j in acting))
+        v = here.velocities(end)
+        F = np.array([here.force(j, end) if j in acting else 0.0 for j in range(contacts)])
         if name == "force":
             phases[i], F[i] = INACTIVE, 0.0
         else:
-            v[i] = v[1] if i == 0 else 0.0
+            v[i] = v[i + 1] if i + 1 < balls else 0.0
             ends = phases[i] == COMPRESSION
             phases[i] = RESTITUTION if ends else COMPRESSION
             k[i] /= e[i] ** 2 if ends else 1.0
-    return unknown
+    return np.nan, np.full(balls, np.nan)
 
 
 def functions_until_events(here: Segment, phases: list[str]) -> list[tuple[str, int, Callable[[Any], Any]]]:
     """List the functions of time that are positive until an event, each with its name and contact."""
     watched: list[tuple[str, int, Callable[[Any], Any]]] = []
-    for i in (0, 1):
+    for i in range(len(phases)):
         sign = 1.0 if phases[i] == COMPRESSION else -1.0
         watched.append(("rate", i, lambda t, i=i, sign=sign: sign * here.rate(i, t)))
         if phases[i] == RESTITUTION:
