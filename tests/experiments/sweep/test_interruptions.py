@@ -106,7 +106,8 @@ def run_slowly(config, root):
 
 
 @pytest.mark.slow
-def test_five_kills_change_no_byte(tmp_path):
+@pytest.mark.parametrize("kills", [2, pytest.param(5, marks=pytest.mark.nightly)])
+def test_kills_change_no_byte(tmp_path, kills):
     """SIGKILL to the run and all that it started, each time one more part is there, wherever that finds it."""
     (tmp_path / "c.toml").write_text(CONFIG % [0.7, 0.9])
     config, root = load_config(tmp_path / "c.toml"), tmp_path / "cut"
@@ -114,7 +115,7 @@ def test_five_kills_change_no_byte(tmp_path):
     # The runner starts in a process whose modules are there already; importing them takes seconds.
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([__name__])
-    for parts in range(1, 6):
+    for parts in range(1, kills + 1):
         process = context.Process(target=run_slowly, args=(tmp_path / "c.toml", root))
         process.start()
         wait_until(lambda: not process.is_alive() or len(_parts(root)) >= parts)  # noqa: B023
