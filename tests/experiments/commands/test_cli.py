@@ -100,11 +100,11 @@ def test_a_run_from_end_to_end(tmp_path, command, monkeypatch):
     names = ("cells.parquet", "divergence.parquet", "divergence.csv", "curves.parquet", "ladder.parquet")
     for name in ("manifest.json", *names, "ladder.csv", "summary.csv", "figures", "report.html", "parts"):
         assert (root / name).exists(), name
-    for words in ("run my.toml --workers 1", f"report {root}", f"show {root}"):
+    for words in ("run my.toml --workers 1", ["report", root], ["show", root]):
         command(words)
-    (row,) = json.loads(command(f"show {root} --cell 1 --json"))
+    (row,) = json.loads(command(["show", root, "--cell", 1, "--json"]))
     assert (row["solver"], row["status"], row["velocity_divergence"]) == ("state-transition", "ok", None)
-    (row,) = json.loads(command(f"show {root} --cell 2 --json"))
+    (row,) = json.loads(command(["show", root, "--cell", 2, "--json"]))
     assert (row["status"], row["stiffness_ratio"]) == ("limit", None)  # JSON has no infinity
 
 

@@ -27,7 +27,8 @@ def test_a_log_has_a_line_for_the_first_rows_and_for_each_tenth():
     assert lines[6].startswith("60 of 100 cells after ")
 
 
-def test_a_terminal_shows_lines_above_the_bar():
+def test_a_terminal_shows_lines_above_the_bar(monkeypatch):
+    monkeypatch.setenv("TERM", "xterm")  # a dumb terminal gets the lines of a log
     console = Console(file=io.StringIO(), width=40, height=24, force_terminal=True, color_system=None)
     with show_progress(console) as progress:
         progress(8, 32, "")
