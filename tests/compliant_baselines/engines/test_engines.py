@@ -118,7 +118,7 @@ def test_mujoco_s_profiler_has_no_clock_while_scenes_run():
 def test_without_an_engine_the_way_out_is_said(monkeypatch):
     for module, name, advice in (
         ("pybullet", "pybullet", "PyBullet is not installed: run pip install 'pybullet>=3.2.7'"),
-        ("mujoco.batch", "mujoco", "pip install 'mujoco>=4.0'"),
+        ("mujoco.rollout", "mujoco", "pip install 'mujoco>=3.2.7'"),
         ("pydrake", "drake", "pip install 'impact-xval[drake]'"),
         ("pydrake", "drake-hunt-crossley", "pip install 'impact-xval[drake]'"),
     ):
