@@ -100,6 +100,7 @@ class Mujoco(Engine):
 
     name = distribution = "mujoco"
     title, module, way_out = "MuJoCo", "mujoco.rollout", "run pip install 'mujoco>=3.2.7'"
+    oldest = "3.2.7"  # `rollout` took other arguments before
     regularisation_probe = 10.0
     shipped_step = 0.002
 
