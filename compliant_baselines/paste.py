@@ -35,8 +35,9 @@ from impact_xval.model.collision import Collision, Outcome
 TEXTS = {
     "mujoco": """\
 <!-- A and B: names of the two geoms. Free bodies and slides: the numbers hold for a sum of the bodies' inverse
-     weights (body_invweight0[b, 0]) of {inverse} 1/kg. -->
-<option timestep="{step}" integrator="Euler" solver="Newton"/>
+     weights (body_invweight0[b, 0]) of {inverse} 1/kg. The default tolerance is an absolute number, which the heaviest
+     bodies of a scene decide: it lets go of the forces of light ones. -->
+<option timestep="{step}" integrator="Euler" solver="Newton" tolerance="0"/>
 <contact>
   <pair geom1="A" geom2="B" condim="1" margin="0" gap="0"
         solref="{solref}" solimp="{solimp}"/>
@@ -53,7 +54,7 @@ for body, stiffness, damping in (
     (b, {b}),
 ):
     p.changeDynamics(body, -1, contactStiffness=stiffness, contactDamping=damping,
-                     restitution=0, linearDamping=0, angularDamping=0)
+                     restitution=0, linearDamping=0, angularDamping=0, maxJointVelocity=1e30)
 """,
     "drake": """\
 # Proximity properties of the geometries of the two bodies, for RegisterCollisionGeometry. Stiffness
