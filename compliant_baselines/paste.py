@@ -47,7 +47,7 @@ TEXTS = {
 # p: the module pybullet; a and b: ids of the two bodies, base links. Stiffness combines in series, damping adds.
 p.setPhysicsEngineParameter(
     fixedTimeStep={step}, numSubSteps=0, contactSlop=0, useSplitImpulse=0,
-    restitutionVelocityThreshold=0, solverResidualThreshold=0,
+    restitutionVelocityThreshold=0, solverResidualThreshold=0, contactBreakingThreshold=0.02,
 )
 for body, stiffness, damping in (
     (a, {a}),

@@ -1,8 +1,8 @@
 """Drops of two bodies in an engine that has been told nothing but the text to paste (`paste`).
 
 The printed text runs as it stands: MuJoCo loads it from a file, PyBullet executes it as Python. Beside it are only two
-spheres, larger than the contact is deep. So whatever the text leaves at the engine's defaults is at the defaults here
-too. The spheres meet along x, on slides in MuJoCo: MuJoCo's default gravity does not act along x, PyBullet has none.
+bodies, larger than the contact is deep. So whatever the text leaves at the engine's defaults is at the defaults here
+too. They meet along x, on slides in MuJoCo: MuJoCo's default gravity does not act along x, PyBullet has none.
 """
 
 from __future__ import annotations
@@ -29,6 +29,9 @@ QUIET = 3
 
 #: Most steps of one block. Blocks keep the record of a long drop small.
 BLOCK = 4096
+
+#: Half an edge in m of the smallest box in PyBullet: collision shapes have a margin of 0.04 m.
+SMALLEST_BOX = 0.1
 
 #: A MuJoCo file around the pasted text. The bodies are A and B, as the text calls their geoms.
 SCENE = """\
@@ -87,18 +90,35 @@ def drop_in_pybullet(
     text: str, masses: Sequence[float], radius: float, speed: float, gaps: Sequence[float], most_steps: int
 ) -> list[tuple[float, int]]:
     """Do the same as `drop_in_mujoco`."""
-    return [drop for gap in gaps for drop in _drop_once(text, masses, radius, speed, gap, most_steps)]
+    return [_drop_once(text, masses, radius, speed, gap, most_steps, flat=False) for gap in gaps]
+
+
+def drop_on_flat_in_pybullet(
+    text: str, masses: Sequence[float], radius: float, speed: float, gaps: Sequence[float], most_steps: int
+) -> list[tuple[float, int]]:
+    """Do the same on a flat side of B, a plane if B is fixed, else a box.
+
+    A sphere near a flat side has a contact ahead of touch, from `contactBreakingThreshold` on, and two spheres have
+    none. So the first step with force is another one.
+    """
+    return [_drop_once(text, masses, radius, speed, gap, most_steps, flat=True) for gap in gaps]
 
 
 def _drop_once(
-    text: str, masses: Sequence[float], radius: float, speed: float, gap: float, most_steps: int
-) -> list[tuple[float, int]]:
-    """Drop A on B in a client of its own, as a scene of a user's is."""
-    code = compile(text, "pasted", "exec")
+    text: str, masses: Sequence[float], radius: float, speed: float, gap: float, most_steps: int, flat: bool
+) -> tuple[float, int]:
+    """Drop A on B in a client of its own."""
+    code, (mass_a, mass_b), fixed = compile(text, "pasted", "exec"), masses, math.isinf(masses[1])
     with pybullet.connected() as p:
-        sphere = p.createCollisionShape(p.GEOM_SPHERE, radius=radius)
-        b = p.createMultiBody(0 if math.isinf(masses[1]) else masses[1], sphere)
-        a = p.createMultiBody(masses[0], sphere, basePosition=[2 * radius + gap, 0, 0])
+        sphere, depth = p.createCollisionShape(p.GEOM_SPHERE, radius=radius), radius
+        side = sphere
+        if flat and fixed:
+            side, depth = p.createCollisionShape(p.GEOM_PLANE, planeNormal=[1, 0, 0]), 0.0
+        elif flat:
+            depth = max(radius, SMALLEST_BOX)
+            side = p.createCollisionShape(p.GEOM_BOX, halfExtents=[depth] * 3)
+        b = p.createMultiBody(0 if fixed else mass_b, side, basePosition=[-depth, 0, 0])
+        a = p.createMultiBody(mass_a, sphere, basePosition=[radius + gap, 0, 0])
         exec(code, {"p": p, "a": a, "b": b})
         p.resetBaseVelocity(a, [-speed, 0, 0])
         step, read, client = p.module.stepSimulation, p.module.getBaseVelocity, p.number
@@ -110,7 +130,8 @@ def _drop_once(
                 rates[0, i] = read(a, client)[0][0] - read(b, client)[0][0]
             return rates
 
-        return _follow("pybullet", advance, 1, speed, most_steps)
+        (drop,) = _follow("pybullet", advance, 1, speed, most_steps)
+        return drop
 
 
 def _follow(

@@ -20,11 +20,15 @@ from typing import NamedTuple
 import numpy as np
 
 from impact_xval.compliant_baselines.engines.engine import Engine
-from impact_xval.compliant_baselines.engines.scene import Scene
+from impact_xval.compliant_baselines.engines.scene import Scene, radius_of
 from impact_xval.compliant_baselines.engines.stepping import Run
 from impact_xval.compliant_baselines.mapping import Contact, contact_time, damping_ratio
 from impact_xval.compliant_baselines.paste import paste
-from impact_xval.compliant_baselines.pasted_drops import drop_in_mujoco, drop_in_pybullet
+from impact_xval.compliant_baselines.pasted_drops import (
+    drop_in_mujoco,
+    drop_in_pybullet,
+    drop_on_flat_in_pybullet,
+)
 from impact_xval.compliant_baselines.solver import SolverError
 from impact_xval.model.chain.rest import FREE
 from impact_xval.model.inputs import Legal
@@ -61,8 +65,9 @@ _STIFFNESS, _DURATION = (
 )
 LARGEST_RATIO, LONGEST = 1e12, 1e6
 
-#: How the text to paste for an engine is run by itself.
-DROP = {"mujoco": drop_in_mujoco, "pybullet": drop_in_pybullet}
+#: How the text to paste for an engine is run by itself; a step is looked for by the first of these drops, and the
+#: intervals hold for all of them.
+DROP = {"mujoco": [drop_in_mujoco], "pybullet": [drop_in_pybullet, drop_on_flat_in_pybullet]}
 
 #: Shorter steps that have to be good too, down to 0.4 of the one that is named.
 SHORTER = 4
@@ -191,42 +196,47 @@ def drops(engine: Engine, pair: Pair, step: float, places: Sequence[float]) -> D
     return _summary(step, outcomes(engine, pair, step, places))
 
 
-def outcomes(engine: Engine, pair: Pair, step: float, places: Sequence[float]) -> list[tuple[float, float]]:
-    """Give restitution and duration in s for every place of the touch within a step.
+def outcomes(
+    engine: Engine, pair: Pair, step: float, places: Sequence[float], kind: int = 0
+) -> list[tuple[float, float]]:
+    """Give restitution and duration in s for every place of the touch within a step, by one kind of `DROP`.
 
     A SolverError says that the engine refuses the contact, or what went wrong in a drop.
     """
-    some = scenes(pair, step, places)
-    refused = engine.refusal(some[0])
+    adapted = scenes(pair, step, places)
+    refused = engine.refusal(adapted[0])
     if refused is not None:
         raise SolverError(engine.name, "unrepresentable", refused)
     most = 10 * math.ceil(pair.contact.duration / step) + 100
-    drop = DROP.get(engine.name)
-    if drop is None:
-        return [_measured(engine.name, pair, run) for run in engine.run(some, most)]
+    if engine.name not in DROP:
+        return [_measured(engine.name, pair, run) for run in engine.run(adapted, most)]
     text, gaps = paste(engine.name, pair.contact, step), [place * pair.speed * step for place in places]
     light, heavy = sorted(pair.masses)
-    found = drop(text, (light, heavy), engine.radius(some[0]), pair.speed, gaps, most)
+    drop, radius = DROP[engine.name][kind], radius_of(pair.penetration)
+    found = drop(text, (light, heavy), radius, pair.speed, gaps, most)
     return [(restitution, steps * step) for restitution, steps in found]
 
 
 def extremes(engine: Engine, pair: Pair, step: float) -> Drops:
-    """Drop at all `PLACES`, and close in on the places of the least and the greatest restitution."""
-    found = dict(zip(PLACES, outcomes(engine, pair, step, PLACES), strict=True))
+    """Drop at all `PLACES` in all ways, and close in on the places of the least and the greatest restitution."""
+    kinds = range(len(DROP.get(engine.name, [None])))
+    return _summary(step, [drop for kind in kinds for drop in _extremes(engine, pair, step, kind)])
+
+
+def _extremes(engine: Engine, pair: Pair, step: float, kind: int) -> list[tuple[float, float]]:
+    """Give the restitution and duration of all drops of one kind."""
+    found = dict(zip(PLACES, outcomes(engine, pair, step, PLACES, kind), strict=True))
     for _ in range(HALVINGS):
         places, closer = sorted(found), set()
-        for extreme in (
-            min(found, key=lambda place: found[place][0]),
-            max(found, key=lambda place: found[place][0]),
-        ):
-            i = places.index(extreme)
+        for of_two in (min, max):
+            i = places.index(of_two(found, key=lambda place: found[place][0]))
             if 0 < i < len(places) - 1:
-                closer |= {0.5 * (extreme + places[i - 1]), 0.5 * (extreme + places[i + 1])}
+                closer |= {0.5 * (places[i] + places[i - 1]), 0.5 * (places[i] + places[i + 1])}
         if not closer:
             break
         more = sorted(closer)
-        found |= dict(zip(more, outcomes(engine, pair, step, more), strict=True))
-    return _summary(step, list(found.values()))
+        found |= dict(zip(more, outcomes(engine, pair, step, more, kind), strict=True))
+    return list(found.values())
 
 
 def _summary(step: float, found: Sequence[tuple[float, float]]) -> Drops:
@@ -305,7 +315,7 @@ def largest_step(engine: Engine, pair: Pair) -> Drops:
 def tried(engine: Engine, pair: Pair) -> tuple[Drops, Drops]:
     """Drop a pair at the largest good step, wherever within it the bodies touch, and once at a tenth of it."""
     found = largest_step(engine, pair)
-    return found, drops(engine, pair, found.step / 10, [0.0])
+    return found, drops(engine, pair, found.step / 10, [END])
 
 
 def _good_drops(engine: Engine, pair: Pair, step: float, places: Sequence[float]) -> Drops:

@@ -25,14 +25,14 @@ def contact_blocks(engine: Engine, pair: Pair, touch: Touch | None, found: Drops
     for what, unit, asked in (("restitution", "", pair.restitution), ("duration", " s", c.duration)):
         at_tenth = f"{getattr(fine, what)[0]:.6g}{unit}"
         rows.append((what, f"{asked:.6g}{unit}", f"{rounded_outward(*getattr(found, what))}{unit}", at_tenth))
-    how = "of the lines above, as they stand" if name in DROP else "of the adapter's scene"
+    how = "by the lines above alone" if name in DROP else "by the adapter's scene"
     header = ("", "asked", f"at {found.step:.6g} s", f"at {found.step / 10:.6g} s")
     return [
         f"k = {c.k:.6g} N/m, c = {c.c:.6g} N s/m (zeta = {c.zeta:.4g}) between bodies of reduced mass {c.mass:.6g} kg",
         f"at {pair.speed:.6g} m/s the penetration is {pair.penetration:.3g} m: the bodies must be much larger",
         *([] if touch is None else [_linearised(touch, pair.speed)]),
         f"\n{paste(name, c, found.step).rstrip()}",
-        Table(header, rows, f"Drops in {name} {how}, by its time step"),
+        Table(header, rows, f"Drops in {name} {how}"),
         f"{found.step:.6g} s is the largest step tried (ten a decade) at which {name} {engine.version()} keeps both "
         f"within {TOLERANCE:g} of the request, wherever within a step the bodies touch ({found.n} drops), and at the "
         f"four shorter steps too: {c.duration / found.step:.0f} steps in a contact",
