@@ -36,8 +36,9 @@ from impact_xval.model.collision import Collision, Outcome
 TEXTS = {
     "mujoco": """\
 <!-- A and B: names of the two geoms. Free bodies and slides: the numbers hold for a sum of the bodies' inverse
-     weights (body_invweight0[b, 0]) of {inverse} 1/kg. -->
-<option timestep="{step}" integrator="Euler" solver="Newton"/>
+     weights (body_invweight0[b, 0]) of {inverse} 1/kg. The default tolerance is an absolute number, which the heaviest
+     bodies of a scene decide: it lets go of the forces of light ones. -->
+<option timestep="{step}" integrator="Euler" solver="Newton" tolerance="0"/>
 <contact>
   <pair geom1="A" geom2="B" condim="1" margin="0" gap="0"
         solref="{solref}" solimp="{solimp}"/>
@@ -47,14 +48,14 @@ TEXTS = {
 # p: the module pybullet; a and b: ids of the two bodies, base links. Stiffness combines in series, damping adds.
 p.setPhysicsEngineParameter(
     fixedTimeStep={step}, numSubSteps=0, contactSlop=0, useSplitImpulse=0,
-    restitutionVelocityThreshold=0, solverResidualThreshold=0,
+    restitutionVelocityThreshold=0, solverResidualThreshold=0, contactBreakingThreshold=0.02,
 )
 for body, stiffness, damping in (
     (a, {a}),
     (b, {b}),
 ):
     p.changeDynamics(body, -1, contactStiffness=stiffness, contactDamping=damping,
-                     restitution=0, linearDamping=0, angularDamping=0)
+                     restitution=0, linearDamping=0, angularDamping=0, maxJointVelocity=1e30)
 """,
     "drake": """\
 # Proximity properties of the geometries of the two bodies, for RegisterCollisionGeometry. Stiffness
