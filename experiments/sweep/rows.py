@@ -111,7 +111,8 @@ def _columns(
     masses, starts = masses_and_starts(block.collisions, layout.balls)
     speed = np.abs(block.parameters["v0"])
     # A result that is not converged keeps the numbers it came to, but is no measure of anything.
-    numbers = (found.there | (found.status == "unconverged")) & ~np.isnan(found.velocities[:, 0])
+    withheld = (found.status == "unconverged") | (found.status == "timeout")
+    numbers = (found.there | withheld) & ~np.isnan(found.velocities[:, 0])
 
     def kept(values: Any) -> Floats:
         return np.where(numbers, values, np.nan)

@@ -23,7 +23,7 @@ from impact_xval.compliant_baselines.registry import engine_free_names, get_solv
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import Config
-from impact_xval.experiments.presentation.words import named, told, written
+from impact_xval.experiments.presentation.words import explain_reason, named, told, written
 from impact_xval.experiments.sweep.curves import needed
 from impact_xval.experiments.sweep.rows import settings_of
 from impact_xval.experiments.tables.folder import RunFolder, cells_of_run
@@ -70,7 +70,9 @@ def opened_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str,
         cell["results"].append(
             {
                 "name": named(row["solver"]),
-                **{name: row[name] for name in ("solver", *known)},
+                **{name: row[name] for name in ("solver", "status", "marked")},
+                "reason": explain_reason(row["reason"] or ""),
+                "result": row["status"] in RESULT_STATUSES,
                 "velocities": [None if v is None else v / speed for v in velocities],
                 "d": ds.get((row["cell"], row["solver"])),
                 "states": row.get("states_compared"),
