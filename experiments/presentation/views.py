@@ -23,6 +23,7 @@ from impact_xval.experiments.presentation.words import (
     WHAT_NO_RESULT_IS,
     by_axes,
     explain_reason,
+    in_si_units,
     told,
 )
 from impact_xval.experiments.sweep.status import RunStatus
@@ -105,7 +106,10 @@ def show_cell(console: Console, cell: int, rows: list[dict[str, Any]]) -> None:
         for row in rows
     ]
     header = ["solver", "status", *(f"v{i}/|v0|" for i in balls), "D", "states"]
-    blocks: list[Block] = [f"cell {cell}: {by_axes(rows[0], axes)}", Table(header, outcomes, text=2)]
+    setup = by_axes(rows[0], axes)
+    if axes is AXES:
+        setup += f"; {in_si_units(rows[0])}"
+    blocks: list[Block] = [f"cell {cell}: {setup}", Table(header, outcomes, text=2)]
     if any(NO_RESULT in "".join(outcome) for outcome in outcomes):
         blocks.append(WHAT_NO_RESULT_IS)
     blocks += [

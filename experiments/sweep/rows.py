@@ -141,7 +141,9 @@ def _columns(
         "model_grazing_margin": model.margin,
     }
     if layout.pair:
-        columns["gravity_number"] = config.gravity_number(block.parameters["m2"])
+        columns["gravity_number"] = config.gravity_number(
+            *(block.parameters[name] for name in ("m2", "m1", "k1"))
+        )
     if name != REFERENCE:  # the model's divergence from itself is in no table
         measured = divergence(masses, starts, speed, model, found)
         for key in ("velocity_divergence", "dretained_energy"):
