@@ -31,7 +31,14 @@ from impact_xval.experiments.presentation.html import render
 from impact_xval.experiments.presentation.page.charts import LABELS, cells_piece, tiles_of
 from impact_xval.experiments.presentation.page.opened import packed_cells
 from impact_xval.experiments.presentation.pictures.figures import ACCEPTED, recommended
-from impact_xval.experiments.presentation.words import MEANINGS, begun, named, one_vote, written
+from impact_xval.experiments.presentation.words import (
+    MEANINGS,
+    begun,
+    explain_reason,
+    named,
+    one_vote,
+    written,
+)
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.numbers import number, percent
 from impact_xval.experiments.tables.parquet import column
@@ -329,7 +336,10 @@ def _unsolved(summary: Summary) -> Section:
     """Count results by status, and say why there are none and which are kept apart."""
     statuses, unit, more = summary.statuses, unit_of(summary), len(summary.reasons) - _REASONS
     counts = [(named(name), *row) for name, *row in statuses.itertuples()]
-    reasons = [(named(name), *rest) for name, *rest in summary.reasons.head(_REASONS).to_numpy()]
+    reasons = [
+        (named(name), status, explain_reason(why), n)
+        for name, status, why, n in summary.reasons.head(_REASONS).to_numpy()
+    ]
     marked = [
         (named(name), int(row["n"]), *(number(row[cut]) for cut in CUTS))
         for name in summary.solvers
