@@ -20,8 +20,8 @@ Bools = NDArray[np.bool_]
 #: Relative deviation from common factors r and s up to which a cycle repeats the one before.
 SAME_FACTOR = 1e-10
 
-#: The same over (1 - r)^2. Where e is a little too large for a collapse, u turns by a small angle t a cycle, the factors
-#: deviate by t^2, and bodies part after pi/t cycles. With t^2 = 1e-3 (1 - r)^2 all speeds are below e^-99 by then.
+#: The same, over (1 - r)^2. Where e is a little too large for a collapse, u turns by a small angle t in each cycle, the
+#: factors deviate by t^2, and bodies part after pi/t cycles. At t^2 = 1e-3 (1 - r)^2 all speeds have shrunk by e^-99.
 LINGERING = 1e-3
 
 #: Speed, over the largest at the start, below which a sequence counts as one without an end even if no cycle is seen.

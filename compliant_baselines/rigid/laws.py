@@ -11,8 +11,7 @@ impact is that of all touching contacts at once, with no positions in it. The la
   (Glocker and Pfeiffer, 1995; Anitescu and Potra, Nonlinear Dynamics 14:231, 1997.)
 * **sequential-top**, **sequential-bottom**: single impacts of two bodies, P_i = -(1 + e_i) u_i/G_ii; of the contacts
   that touch and approach, always the topmost (lowest) is next. Engines that sweep have other orders where several
-  approach. A sequence of infinitely many impacts is followed until no rate of approach exceeds `TINY` of the largest
-  speed; what is left of a geometric sequence is of that size.
+  approach.
 * **generalised-reflection** (Smith, Kaufman, Vouga, Tamstorf and Grinspun, "Reflections on Simultaneous Impact", ACM
   Trans. Graphics 31(4):106, 2012): while any approach, P += 2 C, with C the compression of the approaching contacts
   alone. For e < 1 we take (1 - e) times the compression of all touching contacts and e times that elastic impulse, as
@@ -25,8 +24,12 @@ impact is that of all touching contacts at once, with no positions in it. The la
   of it is known to us.)
 
 After an impact bodies may approach again, at once (by Newton's law, where a contact parted before the impact) or after
-a flight: impacts follow one another until no contact approaches. Contacts whose gaps close at the same instant, within
-`TINY_GAP` of the largest gap, are one impact.
+a flight: impacts follow one another until no contact approaches. A contact touches where its gap is 0, and no sooner;
+contacts whose gaps close at the same instant (`SAME_INSTANT`) are one impact. A single impact is the same by all laws.
+
+Infinitely many impacts may follow one another at one instant, or in a finite time, in which gaps and rates of approach
+both vanish: a collapse. Its bodies then touch, and move with the velocity of their centre of mass, or not at all if the
+table is among them. `rigid.collapse` tells it from a sequence that ends.
 
 G is a Stieltjes matrix (its entries off the diagonal are not positive), for which the complementarity problem has one
 solution, found in at most as many linear systems as there are contacts: Chandrasekaran, Opsearch 7:263, 1970; Cottle,
@@ -84,7 +87,7 @@ class Line:
         self.impacts, self.fresh, self.endless = 0, True, False
         speed = np.abs(self.start).max()
         self.tiny, self.vanished = TINY * speed, VANISHED * speed
-        #: Times in s beyond which what approaches by less than `tiny` does not meet: by gaps of the size of the largest.
+        #: Time in s after which bodies that approach by less than `tiny` are not awaited any more.
         self.horizon = self.gaps.max() / self.tiny
         #: Of impacts, of collapses of their cycles, of collapses of cycles of such collapses, and so on.
         self.watches = [self.new_watch()]
@@ -92,7 +95,7 @@ class Line:
         self.points = [(0.0, self.u, self.touching)]
 
     def velocities(self, u: Floats) -> Floats:
-        """Give the velocities of the balls in m/s; where u >= 0 they are in order, and where u = 0 equal, to the bit."""
+        """Give velocities in m/s of relative ones. Balls with u >= 0 are apart, and with u = 0 together, to the bit."""
         over_lowest = np.cumsum(u[::-1])[::-1]
         if self.table:
             return over_lowest
@@ -163,7 +166,7 @@ class Line:
         self.look_for_collapse(struck)
 
     def look_for_collapse(self, struck: Bools) -> None:
-        """Move on to the end of infinitely many impacts, if the last one completes a cycle that tells that they come."""
+        """Move on to the end of infinitely many impacts, if the last one, in the contacts `struck`, tells of them."""
         for level, watch in enumerate(self.watches):
             state = self.u, self.gaps, self.touching, struck
             time = watch.time_to_collapse(*state, self.vanished)
