@@ -79,7 +79,7 @@ def scene_blocks(contacts: list[Measured], traps: list[Finding], scene: str, spe
         low, high = (number(e) for e in each.restitution_range or (None, None))
         values = (each.stiffness, each.damping, each.duration, each.steps, each.penetration)
         rows.append((where, masses, low if low == high else f"{low} to {high}", *map(number, values)))
-        lines += [f"{where}: {said}" for said in (each.reason, each.change) if said]
+        lines += [f"{where}: {said}" for said in (each.reason, each.note, each.change) if said]
     caption = (
         f"Dropped at {speed:g} m/s, and loaded with the weight of the lighter body, each two bodies alone"
     )
