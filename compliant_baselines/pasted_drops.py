@@ -8,7 +8,7 @@ too. They meet along x, on slides in MuJoCo: MuJoCo's default gravity does not a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -27,8 +27,8 @@ ROUNDING = 1e-12
 #: Steps without force after which separating bodies have left each other.
 QUIET = 3
 
-#: Most steps of one block. Blocks keep the record of a long drop small.
-BLOCK = 4096
+#: Steps after which it is asked whether all drops are over.
+BLOCK = 128
 
 #: Half an edge in m of the smallest box in PyBullet: collision shapes have a margin of 0.04 m.
 SMALLEST_BOX = 0.1
@@ -140,7 +140,8 @@ def _follow(
     """Advance drops together until all are over; give the restitution and the steps in contact of each drop."""
     before = np.full((drops, 1), -speed)
     first, last = np.full(drops, -1), np.full(drops, -1)
-    for start, n in _blocks(most_steps):
+    for start in range(0, most_steps, BLOCK):
+        n = min(BLOCK, most_steps - start)
         rates = advance(n)
         if not np.isfinite(rates).all():
             raise SolverError(name, "crashed", "velocities are no longer finite")
@@ -154,12 +155,3 @@ def _follow(
     if (first < 0).any():
         raise SolverError(name, "unconverged", "no step with force: the bodies passed through each other")
     raise SolverError(name, "timeout", f"not over after {most_steps} steps")
-
-
-def _blocks(most_steps: int) -> Iterator[tuple[int, int]]:
-    """Yield the number of steps before each block, and the number of steps in it."""
-    start, n = 0, 32
-    while start < most_steps:
-        n = min(n, most_steps - start)
-        yield start, n
-        start, n = start + n, min(2 * n, BLOCK)
