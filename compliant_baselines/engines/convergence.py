@@ -46,11 +46,8 @@ CHANCE = 0.5
 #: length of the step. Those of a dashpot are halved with it; rigid engines of single precision differ by 1e-6.
 WHOLE = 0.01
 
-#: How much of a meeting that is left is in a limit 2 Vn - V(n-1).
+#: A limit 2 Vn - V(n-1) takes so many times the change that a meeting which is left may make in each of the two runs.
 MEETINGS = 3.0
-
-#: Share of the tolerance that a meeting which is left may change, for a run at a shorter step to count.
-LEFT = 0.1
 
 #: Share of what is left of a parting rate that its last change may be, for a straight line to lead to its limit. Bodies
 #: that part slowly do so by what remains of a vibration: the length of a vector, which turns around where it is
@@ -118,10 +115,10 @@ def limit_of(
 ) -> tuple[tuple[float, ...], float, float]:
     """Extrapolate final velocities in m/s, shape (n, balls), n >= 3, at steps each half of the one before, to zero.
 
-    `touch_doubt` is what the instants of touching may change, in m/s; weights are masses over that of the first ball; `gravity_doubt` is what the
-    instants of a first flight and of the end may change, in m/s. `alike` says that the last two runs pass through the
-    same states to the same end, and `orders`, by how many orders it may be extrapolated: 1 or 2. Gives the first three
-    of `Limit`.
+    `weights` are masses over that of the first ball. `touch_doubt` is what the instants of touching may change, in
+    m/s, and `gravity_doubt` what those of a first flight and of the end may. `alike` says that the last two runs pass
+    through the same states to the same end, and `orders`, by how many orders it may be extrapolated: 1 or 2. Gives the
+    first three of `Limit`.
     """
     limits = 2 * velocities[1:] - velocities[:-1]
     doubt = DOUBT * np.abs(velocities[-1] - velocities[-2])
@@ -271,7 +268,7 @@ def estimate_limit(
         if own.lets_end(limit):
             break
         shorter = run(replace(scene, step=scene.step / 2**halved), most)
-        if shorter.meeting_left > LEFT * tolerance:
+        if not shorter.over:
             failure = f"at a step of {shorter.scene.step:.3g} s: {shorter.problem()}"
             break
         runs.append(shorter)

@@ -12,11 +12,11 @@ clear of it and rising, or both are *stuck*: when the energy about equilibrium c
 at rest are reported as 0; what v2 was is `rest_speed`. The reasons are in docs/theory.md, section 8; engines and
 references keep these rules alike. A flight that outlasts the steps that are left is given up.
 
-**A meeting that is left** when a flight is given up cannot change much if bodies approach slowly. Contacts that only push
-and create no energy bring the velocities no further, in the kinetic norm, from any velocities at which all bodies part
-(Moreau's sweeping argument: with p such velocities and v' = v + sum_i P_i n_i, P_i >= 0 and n_i . p >= 0, |v' - p|^2 =
-|v'|^2 - 2 v' . p + |p|^2 <= |v - p|^2). So the end is as near to the nearest such velocities as the flight is. Where that
-is within `SLOWEST_MEETING`, the collision is over, and these velocities are reported.
+**A meeting that is left** when a flight is given up changes little if bodies approach slowly. Let p be any velocities at
+which all bodies part, and |.| the kinetic norm. Contacts that only push, with impulses P_i >= 0, change v to v' = v +
+sum_i P_i n_i, where n_i . p >= 0. They create no energy, so |v' - p|^2 = |v'|^2 - 2 v' . p + |p|^2 <= |v - p|^2: the
+end is no further from p than the flight is. Where the flight is within `SLOWEST_MEETING` of the nearest such p, the
+collision is over, and p is reported.
 """
 
 from __future__ import annotations
@@ -44,9 +44,10 @@ PATH_POINTS = 2000
 #: and dashpots create none; an explicit step of 1/1000 of a period creates 1e-4 of it at most.
 ENERGY_GAIN_ALLOWED = 0.01
 
-#: Largest change of a velocity, over the speed at the start, by a meeting that is left for a collision to be over. MuJoCo's
-#: impedance leaves elastic balls that should rest at some 1e-8.
-SLOWEST_MEETING = 1e-6
+#: Largest change of a velocity, over the speed at the start, by a meeting that is left when a collision counts as over:
+#: a tenth of the default tolerance of a limit. Elastic balls that should rest approach one another at some 1e-8 by
+#: MuJoCo's impedance, and at up to 1e-4 by what PyBullet's steps damp.
+SLOWEST_MEETING = 1e-4
 
 #: Steps read before the next look at what comes, those of an engine that leaps the first time, and its shortest leap.
 WINDOW, SHORT_WINDOW, SHORTEST_LEAP = 256, 8, 8
