@@ -12,9 +12,9 @@ clear of it and rising, or both are *stuck*: when the energy about equilibrium c
 at rest are reported as 0; what v2 was is `rest_speed`. The reasons are in docs/theory.md, section 8; engines and
 references keep these rules alike. A flight that outlasts the steps that are left is given up.
 
-**A meeting that is left** when a flight is given up changes little if bodies approach slowly. Let p be any velocities at
-which all bodies part, and |.| the kinetic norm. Contacts that only push, with impulses P_i >= 0, change v to v' = v +
-sum_i P_i n_i, where n_i . p >= 0. They create no energy, so |v' - p|^2 = |v'|^2 - 2 v' . p + |p|^2 <= |v - p|^2: the
+**A meeting that is left** when a flight is given up changes little if bodies approach slowly. Let p be any velocities
+at which all bodies part, and |.| the kinetic norm. Contacts that only push, with impulses P_i >= 0, change v to v' = v
++ sum_i P_i n_i, where n_i . p >= 0. They create no energy, so |v' - p|^2 = |v'|^2 - 2 v' . p + |p|^2 <= |v - p|^2: the
 end is no further from p than the flight is. Where the flight is within `SLOWEST_MEETING` of the nearest such p, the
 collision is over, and p is reported.
 """
