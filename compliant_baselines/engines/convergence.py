@@ -209,13 +209,13 @@ def _touch_doubt(runs: Sequence[Run]) -> float:
 
     A dashpot misses a share of its first step, and what it does there shrinks with the step. A rigid contact does all
     it does in its first step, whatever its length: nothing is missing, unless contacts beside one another fall into one
-    step, whose impulses then depend on one another.
+    step, whose impulses then depend on one another, or the engine solves them only to its `World.accuracy`.
     """
     left = MEETINGS * max(run.meeting_left for run in runs[-2:])
     starts = [run.starts for run in runs[-3:]]
     changed, last = max(starts) - min(starts), runs[-1]
     if changed <= WHOLE * last.starts:
-        return max(changed, CHANCE * last.starts_together, left)
+        return max(changed, last.starts_together, last.accuracy * last.starts, left)
     return max(CHANCE * last.starts, left)
 
 

@@ -149,8 +149,8 @@ def scan(
                     seen.again += first
             elif seen.loaded & bit:
                 seen.met |= bit
-            if change > 0 and above > 0:
-                seen.together += first + above_first
+            if first > 0 or above_first > 0:
+                seen.together += min(change, above)
             above, above_first = change, first
             if rate > 0:
                 apart = False
@@ -197,7 +197,7 @@ class Run:
     def __init__(self, scene: Scene, world: World, max_steps: int, record_path: bool = False) -> None:
         self.scene, self.max_steps, self.end, self.n_steps, self.failure = scene, max_steps, GOING, 0, ""
         self.velocities, self.heights = np.array(scene.velocities, float), np.array(world.heights, float)
-        self.start, self.effective = self.heights, dict(world.effective)
+        self.start, self.effective, self.accuracy = self.heights, dict(world.effective), world.accuracy
         self.fall: tuple[int, Floats] | None = None
         self._masses, self._rounding, self._code = np.array(scene.masses), world.rounding, -1
         self._weight = np.zeros(6)
@@ -301,10 +301,10 @@ class Run:
 
     @property
     def starts_together(self) -> float:
-        """Share in m/s of `starts` in steps in which a neighbouring contact carried force as well.
+        """What neighbouring contacts did in one step, the first step of one of them: the lesser change, summed, in m/s.
 
-        Contacts that are met one after the other may fall into one step. A contact with two neighbours that carry force
-        counts twice.
+        Contacts that are met one after the other may fall into one step. The lesser one says how much they depend on
+        one another; where an engine's rounding alone loads a contact, it is next to nothing.
         """
         return float(self._memory.together[0])
 
