@@ -1,6 +1,6 @@
 """Engines on chains whose balls are apart: which limits are `ok`, which are withheld, and which of them are right.
 
-    python -m benchmarks.gaps [--chains 200] [--engine rapier] [--seed 0]
+    python -m benchmarks.gaps [--chains 200] [--engine rapier] [--seed 0] [--show]
 
 Chains are drawn: 2 to 4 balls with and without a table, masses from 0.3 to 3 kg, gaps from 2e-4 to 6e-3 m. The first
 ball strikes the others, which are at rest, at 20 m/s; e is 1 in every other chain, and in the others from 0.5 to 1, one

@@ -53,8 +53,14 @@ NEGLIGIBLE = 1.5e-3
 NO_REBOUND = 0.01
 
 #: What decides a contact, by the name of the engine's arrays of pairs: attributes of its mjContact.
-_PARAMETERS = {name: name for name in ("solref", "solimp", "friction", "solreffriction", "adhesion", "dim")}
+_PARAMETERS = {name: name for name in ("solref", "solimp", "friction", "solreffriction", "dim")}
 _PARAMETERS |= {"margin": "includemargin"}
+if hasattr(mujoco.MjContact, "adhesion"):  # from 3.11 on
+    _PARAMETERS["adhesion"] = "adhesion"
+
+
+#: The stage that makes the mass matrix, as the engine calls it: from 3.3 on it adds the inertia of tendons.
+_MASS_MATRIX = "makeM" if hasattr(mujoco, "mj_makeM") else "crb"
 
 
 class Losses(NamedTuple):
@@ -135,16 +141,8 @@ def examine(speed: float, scene: Path) -> tuple[list[Measured], list[Finding]] |
 def examine_model(model: Any, speed: float = 1.0) -> tuple[list[Measured], list[Finding]]:
     """Measure the contacts of a compiled mujoco.MjModel, and look for traps in parameters and in what was measured."""
     examined = _examined(model, speed)
-    by_measuring = [(row.where, traps) for row, traps in examined]
-    lost = {where for row, traps in examined if "tolerance" in traps for where in row.where}
-    by_parameters = [
-        finding._replace(
-            where=[where for where in finding.where if finding.trap != "tolerance" or where not in lost]
-        )
-        for finding in inspect_model(model)
-    ]
-    found = [*by_parameters, *_gathered(by_measuring)]
-    return [row for row, _ in examined], [finding for finding in found if finding.where]
+    measured_traps = _gathered([(row.where, traps) for row, traps in examined])
+    return [row for row, _ in examined], [*inspect_model(model), *measured_traps]
 
 
 def inspect_model(model: Any) -> list[Finding]:
@@ -170,10 +168,10 @@ def called(where: list[str]) -> str:
 def _traps(option: Any, bodies: Bodies) -> dict[str, Any]:
     """All traps: of one that a contact has, what the engine does, with the way out; of another something false."""
     solref, (dmin, dmax, *_) = (dict(bodies.pair)[name] for name in ("solref", "solimp"))
-    step, tolerance = option.timestep, option.tolerance
+    step = option.timestep
     mixed_signs = (solref[0] > 0) != (solref[1] > 0)
     first, second = MUJOCO_DEFAULT_SOLREF if mixed_signs else solref
-    discrete = option.integrator == mujoco.mjtIntegrator.mjINT_DISCRETE
+    discrete = option.integrator == getattr(mujoco.mjtIntegrator, "mjINT_DISCRETE", None)  # from 3.13 on
     safe = not discrete and not option.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE
     acting = max(first, 2 * step) if safe and first > 0 else first
     k, c = (-number for number in MujocoContact((acting, second), MUJOCO_DEFAULT_SOLIMP).direct)
@@ -203,10 +201,6 @@ def _traps(option: Any, bodies: Bodies) -> dict[str, Any]:
         and f"a contact of {duration:.3g} s gets {duration / step:.2g} steps of {step:.3g} s; some {FEWEST_STEPS} are "
         f"the least for its restitution to be within 10 %, {duration / 100:.2g} s the step for about 1 % (see "
         "impact-xval contact)",
-        "tolerance": option.solver == mujoco.mjtSolver.mjSOL_CG
-        and tolerance > 0
-        and f"CG stops at {tolerance:g} of an absolute measure: a contact whose accelerations are small gets part of "
-        "its force, or none; use Newton, or tolerance 0",
     }
 
 
@@ -218,11 +212,11 @@ def contacts(model: Any) -> dict[Bodies, list[str]]:
     """
     near = copy(model)
     near.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
-    near.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+    near.opt.enableflags &= ~_flag("mjtEnableBit", "mjENBL_SLEEP")
     near.body_margin[:] = 1e9  # what is apart is looked at, too
     near.geom_type[near.geom_type > int(mujoco.mjtGeom.mjGEOM_HFIELD)] = int(mujoco.mjtGeom.mjGEOM_SPHERE)
     data = mujoco.MjData(near)
-    for stage in ("kinematics", "comPos", "tendon", "makeM", "factorM"):
+    for stage in ("kinematics", "comPos", "tendon", _MASS_MATRIX, "factorM"):
         getattr(mujoco, f"mj_{stage}")(near, data)
     masses, losses = zip(*(_mass_and_losses(near, data, i) for i in range(model.nbody)), strict=True)
     data.geom_xpos[:] = 0
@@ -285,11 +279,27 @@ def _inertia(model: Any, data: Any, *bodies: int) -> float:
     It runs over all degrees of freedom that are solved together: those of the trees of two bodies, or, without islands,
     all of the scene.
     """
-    diagonal = data.M[model.M_rowadr + model.M_rownnz - 1]  # the last number of each row
-    if not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_ISLAND):
+    dofs = np.arange(model.nv)
+    if _has_islands(model.opt):
         trees = [tree for tree in model.body_treeid[[*bodies]].tolist() if tree >= 0]
-        diagonal = diagonal[np.isin(model.dof_treeid, trees)]
-    return _rounded(diagonal.sum())[0]
+        dofs = dofs[np.isin(model.dof_treeid, trees)]
+    diagonal, row = [], np.empty(model.nv)
+    for dof in dofs:
+        mujoco.mj_mulM(model, data, row, (np.arange(model.nv) == dof).astype(float))
+        diagonal.append(row[dof])
+    return _rounded(sum(diagonal))[0]
+
+
+def _has_islands(option: Any) -> bool:
+    """Tell whether constraints are solved island by island: by default from 3.3 on, before where a flag asks for it."""
+    if disables := _flag("mjtDisableBit", "mjDSBL_ISLAND"):
+        return not option.disableflags & disables
+    return bool(option.enableflags & _flag("mjtEnableBit", "mjENBL_ISLAND"))
+
+
+def _flag(kind: str, name: str) -> int:
+    """Give the bit of a flag of the engine's options; 0 in a version that has no such flag."""
+    return int(getattr(getattr(mujoco, kind), name, 0))
 
 
 def _rounded(values: Any) -> tuple[float, ...]:
@@ -428,15 +438,25 @@ def _alone(bodies: Bodies, option: Any, step: float, speed: float, exact: bool =
     for dof, losses in enumerate(bodies.losses[: model.nv]):
         model.dof_damping[dof], model.dof_frictionloss[dof] = losses.damping, losses.friction
         model.dof_solref[dof], model.dof_solimp[dof] = losses.solref, losses.solimp
-    model.opt = option  # a copy
     own = model.opt
+    _copy_options(option, own)
     own.timestep, own.gravity, own.density, own.viscosity = step, np.zeros(3), 0.0, 0.0
     # What the solver holds against it is divided by the inertia of what is solved together.
     own.tolerance = 0.0 if exact else option.tolerance * bodies.inertia / sum(bodies.masses[: model.nv])
     # A run that goes wrong does not start again, and a slow body does not sleep.
     own.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-    own.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+    own.enableflags &= ~_flag("mjtEnableBit", "mjENBL_SLEEP")
     return model
+
+
+def _copy_options(option: Any, own: Any) -> None:
+    """Give one model the options of another, of which older versions cannot assign the whole."""
+    for name in dir(option):
+        value = getattr(option, name)
+        if isinstance(value, np.ndarray):
+            getattr(own, name)[:] = value
+        elif isinstance(value, int | float):
+            setattr(own, name, value)
 
 
 def measured(

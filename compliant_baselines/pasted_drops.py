@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from impact_xval.compliant_baselines.engines import pybullet
-from impact_xval.compliant_baselines.engines.mujoco import Mujoco
+from impact_xval.compliant_baselines.engines.mujoco import Mujoco, rolled_out
 from impact_xval.compliant_baselines.engines.scene import Floats
 from impact_xval.compliant_baselines.solver import SolverError
 
@@ -74,13 +74,15 @@ def drop_in_mujoco(
             model = mujoco.MjModel.from_xml_path(str(path))
         except ValueError as error:
             raise SolverError("mujoco", "unrepresentable", " ".join(str(error).split())) from None
-        batch = import_module("mujoco.batch").Batch(model, len(gaps), 1)
-        batch.qpos[:, -1], batch.qvel[:, -1] = gaps, -speed
+        drops = [mujoco.MjData(model) for _ in gaps]
+        for data, gap in zip(drops, gaps, strict=True):
+            data.qpos[-1], data.qvel[-1] = gap, -speed
 
         def advance(n: int) -> Floats:
-            velocities = batch.rollout(n, record=("qvel",))["qvel"]
-            if batch.warning[:, :, 1].any():  # (kind, (last info, count))
-                raise SolverError("mujoco", "crashed", "MuJoCo warned of numbers that it does not accept")
+            try:
+                velocities = np.array([rolled_out(model, data, n)[1] for data in drops])
+            except RuntimeError as error:
+                raise SolverError("mujoco", "crashed", str(error)) from None
             return velocities[:, :, -1] - velocities[:, :, :-1].sum(axis=-1)
 
         return _follow("mujoco", advance, len(gaps), speed, most_steps)

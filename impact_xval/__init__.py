@@ -6,7 +6,6 @@ it is first used, so that the command starts at once.
 """
 
 from importlib import import_module
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -19,7 +18,7 @@ __all__ = ["Collision", "compare", "get_solver", "solve", "solve_batch"]
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        return version("impact-xval")
+        return import_module("importlib.metadata").version("impact-xval")
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     module = {"get_solver": "compliant_baselines", "compare": "experiments.cells.compared"}.get(name, "model")

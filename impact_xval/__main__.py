@@ -30,8 +30,7 @@ def entry() -> int:
         if heard and _is_ending(what.exc_value):
             import threading
 
-            to = threading.main_thread().ident
-            again = threading.Timer(_AGAIN, signal.pthread_kill, [to, heard[0]])
+            again = threading.Timer(_AGAIN, _signal_main_thread, [heard[0]])
             again.daemon = True
             again.start()
         else:
@@ -54,7 +53,8 @@ def entry() -> int:
             over = True
             # Python puts the handlers of the system back before its process is gone. Blocked first: where a signal
             # comes while it is told to be ignored, Python prints a traceback.
-            signal.pthread_sigmask(signal.SIG_BLOCK, ENDS)
+            if sys.platform != "win32":
+                signal.pthread_sigmask(signal.SIG_BLOCK, ENDS)
             for number in ENDS:
                 signal.signal(number, signal.SIG_IGN)
     except BaseException:
@@ -63,6 +63,16 @@ def entry() -> int:
         # Any exception: an extension module whose import is interrupted raises an ImportError of its own.
         print("impact-xval: interrupted", file=sys.stderr)
         return 1
+
+
+def _signal_main_thread(number: int) -> None:
+    """Send a signal to the main thread: it wakes from a system call, except on Windows, which has no such call."""
+    if sys.platform == "win32":
+        signal.raise_signal(number)
+    else:
+        import threading
+
+        signal.pthread_kill(threading.main_thread().ident or 0, number)
 
 
 def _is_ending(handled: BaseException | None) -> bool:

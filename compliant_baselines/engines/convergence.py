@@ -239,6 +239,11 @@ def _extrapolated(runs: Sequence[Run], regularisation: Sequence[float]) -> Limit
     return Limit(*found, moved, scene.step, flight=last.fall is not None, rest=last.end in (REST, STUCK))
 
 
+def _percentage(share: float) -> str:
+    """Write a share with two digits: ``110 %``, not ``1.1e+02 %``."""
+    return f"{float(f'{100 * share:.2g}'):g} %"
+
+
 def estimate_limit(
     run: Follow, probe: float | None, first: Run, convergence: Convergence, max_steps: int
 ) -> tuple[Limit | None, str]:
@@ -275,17 +280,19 @@ def estimate_limit(
         limit = _extrapolated(runs, own.moves)
     if limit is None:
         why = failure or "runs at longer steps take more of them than that at h, or come to no end"
-        return None, f"no limit dt -> 0: {why}"
+        return None, f"how v changes as the step is halved is not known: {why}"
     if limit.error <= tolerance:
         return limit, ""
-    reason = (
-        f"the limit dt -> 0 is known to {limit.error / scene.speed:.1e} of |v0|, beyond the tolerance of "
-        f"{tolerance / scene.speed:g}"
+    error, allowed, left = (
+        _percentage(each / scene.speed) for each in (limit.error, tolerance, limit.regularisation)
     )
     if own.settled():
-        share = limit.regularisation / scene.speed
         return limit, (
-            f"{reason}, and no shorter step helps: the engine's own regularisation of contacts leaves {share:.1e}"
+            f"v is off by up to {error} of |v0|, more than the {allowed} that are allowed, and halving the step does "
+            f"not help: the engine softens contacts by itself, which changes v by {left}"
         )
     failed = f" ({failure})" if failure else ""
-    return limit, f"{reason}, at the finest step, {limit.step:.3g} s{failed}"
+    return limit, (
+        f"halving the step may still change v by {error} of |v0|, more than the {allowed} that are allowed; the "
+        f"shortest step tried is {limit.step:.3g} s{failed}"
+    )

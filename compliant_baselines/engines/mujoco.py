@@ -95,6 +95,26 @@ def _clock() -> ctypes.c_void_p:
     return ctypes.c_void_p.in_dll(ctypes.CDLL(str(found[0])), "mjcb_time") if found else ctypes.c_void_p()
 
 
+def rolled_out(model: Any, data: Any, n: int) -> tuple[Floats, Floats]:
+    """Take n steps from the state of an `MjData`, recorded in C++; a RuntimeError says that the engine broke.
+
+    Returns positions in m and velocities in m/s after each step, shape (n, bodies) each, of bodies on slides, whose
+    state is the time, the positions and the velocities.
+    """
+    mujoco: Any = import_module("mujoco")
+    full = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
+    state = np.empty(mujoco.mj_stateSize(model, full))
+    mujoco.mj_getState(model, data, state, full)
+    # Without a warm start of its own `rollout` begins each call from none, and windows of steps would show.
+    warm = np.array(data.qacc_warmstart)
+    (states,), _ = import_module("mujoco.rollout").rollout(
+        model, data, state, nstep=n, initial_warmstart=warm
+    )
+    if data.warning.number.any():
+        raise RuntimeError(f"MuJoCo found positions, velocities or accelerations beyond {LARGEST_VALUE:.0e}")
+    return states[:, 1 : 1 + model.nq], states[:, 1 + model.nq :]
+
+
 class Mujoco(Engine):
     """MuJoCo 3.2.7 or later, in one thread: collisions are shared out to processes further up."""
 
@@ -147,14 +167,11 @@ class MujocoWorld(World):
     """A scene in a compiled model, which the world before it has left."""
 
     def __init__(self, scene: Scene, compiled: _Compiled) -> None:
-        self._mujoco: Any = import_module("mujoco")
-        self._rollout = import_module("mujoco.rollout").rollout
+        mujoco: Any = import_module("mujoco")
         model, contacts = compiled.model, compiled.pairs
         self.model, self._data = model, compiled.data
         balls, (pairs, depth, acceleration) = slice(1, 1 + len(scene.masses)), mapped(scene)
         super().__init__(scene, radius_of(depth), pairs[-1].rest_penetration(scene.gravity))
-        self._state = self._mujoco.mjtState.mjSTATE_FULLPHYSICS.value
-        self._state_size = self._mujoco.mj_stateSize(model, self._state)
         model.geom_size[balls, 0] = self.radius
         model.geom_rbound[balls] = self.radius
         model.body_pos[balls, 2] = self.places
@@ -165,10 +182,9 @@ class MujocoWorld(World):
         model.opt.gravity[2] = -scene.gravity
         model.pair_solref[contacts] = [pair.solref for pair in pairs]
         model.pair_solimp[contacts] = [pair.solimp for pair in pairs]
-        self._mujoco.mj_setConst(model, self._data)  # the inverse weights follow the masses
-        self._mujoco.mj_resetData(model, self._data)
+        mujoco.mj_setConst(model, self._data)  # the inverse weights follow the masses
+        mujoco.mj_resetData(model, self._data)
         self._data.qpos[:], self._data.qvel[:] = self.heights, scene.velocities
-        self._warnings = self._data.warning.number
         # A pair alone, by the engine's own inverse weights (docs/mapping.md); that of the table, body 0, is 0.
         inverse = model.body_invweight0[[*range(1, balls.stop), 0], 0]
         solref, solimp = model.pair_solref[contacts], model.pair_solimp[contacts]
@@ -185,17 +201,8 @@ class MujocoWorld(World):
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
         """Take n steps, recorded in C++."""
-        state = np.empty(self._state_size)
-        self._mujoco.mj_getState(self.model, self._data, state, self._state)
-        # Without a warm start of its own `rollout` begins each call from none, and windows of steps would show.
-        warm = np.array(self._data.qacc_warmstart)
-        states = self._rollout(self.model, self._data, state, nstep=n, initial_warmstart=warm)[0][0]
-        if self._warnings.any():
-            raise RuntimeError(
-                f"MuJoCo found positions, velocities or accelerations beyond {LARGEST_VALUE:.0e}"
-            )
-        balls = self.heights.size  # a state: the time, heights, velocities
-        return states[:, 1 + balls :], states[:, 1 : 1 + balls]
+        heights, velocities = rolled_out(self.model, self._data, n)
+        return velocities, heights
 
     def weightless(self, velocities: Floats, heights: Floats) -> None:
         """Go on from a state without gravity."""

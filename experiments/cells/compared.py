@@ -25,7 +25,6 @@ from impact_xval.experiments.presentation.words import (
     WHAT_NO_RESULT_IS,
     arranged,
     begun,
-    explain_reason,
     one_vote,
 )
 from impact_xval.experiments.sweep.one import solvers_apart
@@ -143,11 +142,7 @@ class Compared:
         setup = begun(f"{self.setup}.") if self.setup else ""
         note = _COLUMN if self.is_column and table.rows else ""
         withheld = WHAT_NO_RESULT_IS if any(map(self._mark, self._known)) else ""
-        reasons = [
-            f"{name}: {each.status}: {explain_reason(each.reason)}"
-            for name, each in self.outcomes.items()
-            if each.reason
-        ]
+        reasons = [f"{n}: {each.status}: {each.reason}" for n, each in self.outcomes.items() if each.reason]
         marks = [f"{name}: marked: {each.marked}" for name, each in self.outcomes.items() if each.marked]
         other = [f"{name}: {each.differences}" for name, each in self.outcomes.items() if each.differences]
         return [

@@ -58,9 +58,9 @@ def axis_levels(config: Config, axis: str, x: NDArray[Any]) -> Levels:
         return Levels(sorted(set(pd.Series(x).dropna())))
     scattered = config.sample is not None or config.cells is not None
     axes = {} if scattered else config.grid.axes()
-    return (
-        Levels(axes[axis]) if axis in axes else levels_of(x)
-    )  # a ratio of quantities in SI units is scattered
+    if axis in axes:
+        return Levels(axes[axis])
+    return levels_of(x)  # so are ratios of quantities in SI units
 
 
 def levels_of(x: NDArray[np.float64]) -> Levels:

@@ -21,7 +21,6 @@ from impact_xval.experiments.presentation.words import (
     MEANINGS,
     begun,
     by_axes,
-    explain_reason,
     named,
     one_vote,
     written,
@@ -209,7 +208,7 @@ def unsolved(summary: Summary) -> list[str]:
             counts = ", ".join(f"{n} {status}" for status, n in numbers.items())
             found.append(
                 f"{begun(named(name))} has no result in {some.n.sum()} of {summary.n_cells} {unit_of(summary)} "
-                f"({counts}), most often: {explain_reason(some.reason.iloc[0])}"
+                f"({counts}), most often: {some.reason.iloc[0]}"
             )
     return found
 

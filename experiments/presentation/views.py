@@ -22,7 +22,6 @@ from impact_xval.experiments.presentation.words import (
     NO_RESULT,
     WHAT_NO_RESULT_IS,
     by_axes,
-    explain_reason,
     in_si_units,
     told,
 )
@@ -63,8 +62,7 @@ def show_status(console: Console, root: str, status: RunStatus) -> None:
     if status.parts_damaged:
         blocks.append(f"{status.parts_damaged} parts are damaged; the next run computes them again")
     blocks.append(Table(["solver", *names], counts))
-    reasons = [(name, what, explain_reason(why), n) for name, what, why, n in status.reasons[:_REASONS]]
-    blocks.append(Table(["solver", "status", "reason", "cells"], reasons, text=3))
+    blocks.append(Table(["solver", "status", "reason", "cells"], status.reasons[:_REASONS], text=3))
     if len(status.reasons) > _REASONS:
         blocks.append(f"and {len(status.reasons) - _REASONS} more reasons")
     if status.state == "stopped":
@@ -112,9 +110,7 @@ def show_cell(console: Console, cell: int, rows: list[dict[str, Any]]) -> None:
     blocks: list[Block] = [f"cell {cell}: {setup}", Table(header, outcomes, text=2)]
     if any(NO_RESULT in "".join(outcome) for outcome in outcomes):
         blocks.append(WHAT_NO_RESULT_IS)
-    blocks += [
-        f"{row['solver']}: {row['status']}: {explain_reason(row['reason'])}" for row in rows if row["reason"]
-    ]
+    blocks += [f"{row['solver']}: {row['status']}: {row['reason']}" for row in rows if row["reason"]]
     blocks += [f"{row['solver']}: marked: {row['marked']}" for row in rows if row["marked"]]
     causes = ["cause", *(f"dv{i}/|v0|" for i in balls), "kinetic norm", "share", "by order"]
     for row in rows:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -84,15 +83,6 @@ WHAT_NO_RESULT_IS = (
     "counts in no statistic."
 )
 
-#: Reasons of engines whose limit dt -> 0 is not known (`compliant_baselines.engines.convergence`), as tables hold them.
-_UNKNOWN_LIMIT = re.compile(
-    r"the limit dt -> 0 is known to (?P<error>\S+) of \|v0\|, beyond the tolerance of (?P<tolerance>[^\s,]+)"
-    r"(?:, and no shorter step helps: the engine's own regularisation of contacts leaves (?P<own>\S+)"
-    r"|, at the finest step, (?P<step>\S+) s)(?P<more>.*)",
-    re.DOTALL,
-)
-_NO_LIMIT = "no limit dt -> 0: "
-
 _COUNTS = ("none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
 
 
@@ -134,32 +124,6 @@ def begun(sentence: str) -> str:
 def written(value: Any, digits: int = 3) -> str:
     """Write a value of an axis: a word, or a number."""
     return value if isinstance(value, str) else number(value, digits)
-
-
-def explain_reason(reason: str) -> str:
-    """Return the reason of a row without a result in words that need no knowledge of how limits are estimated.
-
-    Tables keep the sentence of the solver. A reason that is in such words already is returned as it is.
-    """
-    if reason.startswith(_NO_LIMIT):
-        return f"how v changes as the step is halved is not known: {reason.removeprefix(_NO_LIMIT)}"
-    found = _UNKNOWN_LIMIT.fullmatch(reason)
-    if found is None:
-        return reason
-    error, tolerance = (_percentage(found[name]) for name in ("error", "tolerance"))
-    if found["own"] is not None:
-        return (
-            f"v is off by up to {error} of |v0|, more than the {tolerance} that are allowed, and halving the step does "
-            f"not help: the engine softens contacts by itself, which changes v by {_percentage(found['own'])}"
-        )
-    return (
-        f"halving the step may still change v by {error} of |v0|, more than the {tolerance} that are allowed; the "
-        f"shortest step tried is {found['step']} s{found['more']}"
-    )
-
-
-def _percentage(share: str) -> str:
-    return f"{number(100 * float(share), 2)} %"
 
 
 def by_axes(cell: Mapping[str, Any], axes: Mapping[str, str] = AXES, digits: int = 3) -> str:

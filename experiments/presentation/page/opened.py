@@ -23,7 +23,7 @@ from impact_xval.compliant_baselines.registry import engine_free_names, get_solv
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES, RATIO_OF, SI_AXES
 from impact_xval.experiments.config.experiment import Config
-from impact_xval.experiments.presentation.words import explain_reason, named, told, written
+from impact_xval.experiments.presentation.words import named, told, written
 from impact_xval.experiments.sweep.curves import needed
 from impact_xval.experiments.sweep.rows import settings_of
 from impact_xval.experiments.tables.folder import RunFolder, cells_of_run
@@ -74,8 +74,7 @@ def opened_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str,
         cell["results"].append(
             {
                 "name": named(row["solver"]),
-                **{name: row[name] for name in ("solver", "status", "marked")},
-                "reason": explain_reason(row["reason"] or ""),
+                **{name: row[name] for name in ("solver", *known)},
                 "result": row["status"] in RESULT_STATUSES,
                 "velocities": [None if v is None else v / speed for v in velocities],
                 "d": ds.get((row["cell"], row["solver"])),

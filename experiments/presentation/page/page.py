@@ -34,7 +34,6 @@ from impact_xval.experiments.presentation.pictures.figures import ACCEPTED, reco
 from impact_xval.experiments.presentation.words import (
     MEANINGS,
     begun,
-    explain_reason,
     named,
     one_vote,
     written,
@@ -336,10 +335,7 @@ def _unsolved(summary: Summary) -> Section:
     """Count results by status, and say why there are none and which are kept apart."""
     statuses, unit, more = summary.statuses, unit_of(summary), len(summary.reasons) - _REASONS
     counts = [(named(name), *row) for name, *row in statuses.itertuples()]
-    reasons = [
-        (named(name), status, explain_reason(why), n)
-        for name, status, why, n in summary.reasons.head(_REASONS).to_numpy()
-    ]
+    reasons = [(named(name), *rest) for name, *rest in summary.reasons.head(_REASONS).to_numpy()]
     marked = [
         (named(name), int(row["n"]), *(number(row[cut]) for cut in CUTS))
         for name in summary.solvers

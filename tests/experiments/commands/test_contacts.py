@@ -20,6 +20,7 @@ def _shown(text):
     return {name: [float(number) for number in numbers] for name, *numbers in rows}
 
 
+@pytest.mark.smoke
 def test_what_was_asked_what_to_paste_and_what_came_back(command):
     text = command("contact --engine mujoco --masses 1.0 0.5 --restitution 0.7 --stiffness 1e6")
     drops = _shown(text)
@@ -66,6 +67,7 @@ BALL = '<body pos="0 0 {z}"><freejoint/><geom {name} size="1" solref="{solref}"/
 SCENE = '<mujoco><option timestep="1e-3"/><worldbody><geom type="plane" size="1 1 1"/>{}</worldbody></mujoco>'
 
 
+@pytest.mark.smoke
 def test_an_mjcf_file_and_its_names_as_they_are_written(tmp_path, command):
     path, name = tmp_path / "scene.xml", 'name="b&#x202e;&#x9b;ll"'
     path.write_text(SCENE.format(BALL.format(z=2, name='name="ball"', solref="0.05 1")))

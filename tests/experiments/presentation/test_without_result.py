@@ -13,7 +13,6 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.cells.compared import Compared
 from impact_xval.experiments.presentation.page.opened import opened_cells
 from impact_xval.experiments.presentation.views import show_status
-from impact_xval.experiments.presentation.words import explain_reason
 from impact_xval.experiments.sweep.status import status_of
 from impact_xval.experiments.tables.folder import RunFolder
 from tests.experiments import fakes
@@ -72,7 +71,6 @@ def test_a_cell_of_a_run_shows_numbers_without_a_result_marked(status, tmp_path,
 
 
 def test_a_limit_that_is_not_known_is_told_in_words(tmp_path, command):
-    """Reasons are those that the engines state today: another wording there has to be read here."""
     changes = {"convergence": {"tolerance": 1e-9, "halvings": 1}, "step_fraction": 0.02, "grid": ONE_CELL}
     folder = swept(tmp_path / "run", get_solver, solvers=["mujoco", "pybullet"], **changes)
     rows = json.loads(command(["show", folder.root, "--cell", "0", "--json"]))
@@ -89,30 +87,3 @@ def test_a_limit_that_is_not_known_is_told_in_words(tmp_path, command):
             assert f"{row['solver']}: unconverged: " in shown
             assert percent in shown
     assert "halving the step may still change v by" in shown
-
-
-@pytest.mark.parametrize(
-    ("reason", "words"),
-    [
-        (
-            "the limit dt -> 0 is known to 1.1e+00 of |v0|, beyond the tolerance of 0.001, at the finest step, "
-            "2.5e-06 s (at a step of 1e-06 s: not over after 9 steps of 1e-06 s)",
-            "halving the step may still change v by 110 % of |v0|, more than the 0.1 % that are allowed; the shortest "
-            "step tried is 2.5e-06 s (at a step of 1e-06 s: not over after 9 steps of 1e-06 s)",
-        ),
-        (
-            "the limit dt -> 0 is known to 3.2e-02 of |v0|, beyond the tolerance of 0.001, and no shorter step helps: "
-            "the engine's own regularisation of contacts leaves 3.0e-02",
-            "v is off by up to 3.2 % of |v0|, more than the 0.1 % that are allowed, and halving the step does not "
-            "help: the engine softens contacts by itself, which changes v by 3 %",
-        ),
-        ("no limit dt -> 0: too slow", "how v changes as the step is halved is not known: too slow"),
-        (
-            "it ended with 6.9% more energy than it began with",
-            "it ended with 6.9% more energy than it began with",
-        ),
-        ("", ""),
-    ],
-)
-def test_reasons_in_words(reason, words):
-    assert explain_reason(reason) == words
