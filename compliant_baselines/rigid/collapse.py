@@ -24,8 +24,9 @@ SAME_FACTOR = 1e-10
 #: factors deviate by t^2, and bodies part after pi/t cycles. At t^2 = 1e-3 (1 - r)^2 all speeds have shrunk by e^-99.
 LINGERING = 1e-3
 
-#: Speed, over the largest at the start, below which a sequence counts as one without an end even if no cycle is seen.
-VANISHED = 1e-100
+#: Speeds over the largest at the start, and gaps over the largest then, below which a sequence counts as one without an
+#: end even if no cycle is seen. Which gap closes first would be lost below 1e-308.
+VANISHED_SPEED, VANISHED_GAP = 1e-100, 1e-200
 
 
 class Watch:
@@ -48,11 +49,11 @@ class Watch:
         np.maximum(self.fastest, np.abs(u), out=self.fastest)
 
     def time_to_collapse(
-        self, u: Floats, gaps: Floats, touching: Bools, struck: Bools, vanished: float
+        self, u: Floats, gaps: Floats, touching: Bools, struck: Bools, vanished: tuple[float, float]
     ) -> float | None:
         """Give the time in s after which the active contacts are closed and at rest; None if that is not certain.
 
-        Below the speed `vanished`, in m/s, it is taken as certain.
+        Below a speed in m/s, or a gap in m other than 0, both in `vanished`, it is taken as certain.
         """
         slowed = np.abs(u[self.active]).max()
         if slowed == 0:
@@ -60,7 +61,8 @@ class Watch:
         time = None
         if (struck == self.struck).all():
             time = self._time_of_cycles(u, gaps, touching)
-        if time is None and slowed < vanished:
+        speed, gap = vanished
+        if time is None and (slowed < speed or 0 < gaps[self.active].max() < gap):
             time = self.elapsed
         return time if time is not None and self._undisturbed(time, u, gaps, touching) else None
 

@@ -45,7 +45,7 @@ from importlib.metadata import version
 import numpy as np
 from scipy.linalg import solveh_banded
 
-from impact_xval.compliant_baselines.rigid.collapse import VANISHED, Bools, Watch
+from impact_xval.compliant_baselines.rigid.collapse import VANISHED_GAP, VANISHED_SPEED, Bools, Watch
 from impact_xval.compliant_baselines.solver import OneByOne, Settings
 from impact_xval.model.collision import Collision, Floats, Outcome, Path, name_of_set
 
@@ -86,7 +86,8 @@ class Line:
         #: Number of impacts so far, whether there was none yet at this instant, whether some sequence had no end.
         self.impacts, self.fresh, self.endless = 0, True, False
         speed = np.abs(self.start).max()
-        self.tiny, self.vanished = TINY * speed, VANISHED * speed
+        self.tiny = TINY * speed
+        self.vanished = float(VANISHED_SPEED * speed), float(VANISHED_GAP * self.gaps.max())
         #: Time in s after which bodies that approach by less than `tiny` are not awaited any more.
         self.horizon = self.gaps.max() / self.tiny
         #: Of impacts, of collapses of their cycles, of collapses of cycles of such collapses, and so on.
