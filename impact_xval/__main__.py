@@ -1,10 +1,11 @@
 """The command ``impact-xval``, also as ``python -m impact_xval``."""
 
+import contextlib
 import os
 import signal
 import sys
 from types import FrameType
-from typing import Any
+from typing import Any, NoReturn
 
 #: What ends a command: Ctrl-C, a scheduler of jobs, a terminal that is closed.
 ENDS = (signal.SIGINT, signal.SIGTERM, *((signal.SIGHUP,) if hasattr(signal, "SIGHUP") else ()))
@@ -48,7 +49,7 @@ def entry() -> int:
             from impact_xval.experiments.sweep.process import NO_WINDOW
 
             os.environ.update(NO_WINDOW | os.environ)
-            return main()
+            code = main()
         finally:
             over = True
             # Python puts the handlers of the system back before its process is gone. Blocked first: where a signal
@@ -62,7 +63,22 @@ def entry() -> int:
             raise
         # Any exception: an extension module whose import is interrupted raises an ImportError of its own.
         print("impact-xval: interrupted", file=sys.stderr)
-        return 1
+        code = 1
+    if heard:
+        _leave(code)
+    return code
+
+
+def _leave(code: int) -> NoReturn:
+    """End the process without waiting for its threads, after an interruption.
+
+    An import that was interrupted can leave its lock held, and another thread that imports the same then waits for it
+    for ever; Python would wait for that thread.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError):  # nobody reads it any more, or it is closed
+            stream.flush()
+    os._exit(code)
 
 
 def _signal_main_thread(number: int) -> None:
