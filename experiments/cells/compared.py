@@ -12,7 +12,7 @@ import numpy as np
 from markupsafe import Markup
 from rich.console import Console
 
-from impact_xval.compliant_baselines.registry import get_solver, law_of, solver_names
+from impact_xval.compliant_baselines.registry import get_solver, law_of, solver_names, stated_law
 from impact_xval.experiments.config.arrangements import Arranged
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.divergence import measures_of
@@ -178,7 +178,7 @@ class Compared:
                 numbers = [*known[name], *(impulse / unit for impulse in outcome.impulses)]
                 shown = [self._written(name, each) for each in numbers]
                 shown += [number(away[name]), " ".join(outcome.states)]
-            rows.append((law_of(name) or name, name, outcome.status, *shown))
+            rows.append((stated_law(name) or name, name, outcome.status, *shown))
         header = "law solver status v1/|v0| v2/|v0| I1/(m1|v0|) I2/(m1|v0|) D states"
         return Table(header.split(), rows, text=3)
 

@@ -45,8 +45,11 @@ def _drawable(text: str) -> Path:
     if file.suffix not in (*_PICTURES, *_FILMS) or file.is_dir():
         legal = f"a file that ends in {', '.join((*_PICTURES, *_FILMS))}"
         raise typer.BadParameter(f"{text!r:.60}; legal: {legal}")
-    if not os.access(file.parent, os.W_OK):
+    if not file.parent.is_dir():
         raise typer.BadParameter(f"{text!r:.60}: no folder {file.parent} to write to; legal: a file in one")
+    if not os.access(file.parent, os.W_OK):
+        says = f"the folder {file.parent} cannot be written to; legal: a file in one that can"
+        raise typer.BadParameter(f"{text!r:.60}: {says}")
     return file
 
 

@@ -26,7 +26,7 @@ def solvers(
 
     Example: impact-xval solvers mujoco
     """
-    from impact_xval.compliant_baselines.registry import description_of, get_solver, law_of, origins
+    from impact_xval.compliant_baselines.registry import description_of, get_solver, origins, stated_law
     from impact_xval.experiments.presentation.document import Table
     from impact_xval.experiments.presentation.terminal import at_work, make_console, show
     from impact_xval.experiments.sweep.chunk import stated
@@ -43,7 +43,9 @@ def solvers(
             with at_work(f"asking {each} what it is"):
                 version, reason = stated(slot, get_solver, each)
             what = [description_of(each), "" if reason is None else f"unavailable: {reason}"]
-            rows.append((each, law_of(each) or "-", version or "-", origin, "; ".join(filter(None, what))))
+            rows.append(
+                (each, stated_law(each) or "-", version or "-", origin, "; ".join(filter(None, what)))
+            )
     header = ("solver", "law asked for", "version", "from", "description")
     caption = "Solvers that are known here; those asked for the same law are one vote on it"
     show(make_console(), [Table(header, rows, caption, text=5)])
