@@ -53,7 +53,13 @@ def hypothesis(
         if value is not None:
             raise UserError(f"--{name} = {value}: of one collision nothing is written; legal: without it")
     from impact_xval.experiments.hypothesis.own import own_blocks, own_pair
-    from impact_xval.experiments.presentation.terminal import COMPILING, at_work, error_line, make_console, show
+    from impact_xval.experiments.presentation.terminal import (
+        COMPILING,
+        at_work,
+        error_line,
+        make_console,
+        show,
+    )
     from impact_xval.experiments.sweep.chunk import are_compiled
 
     if not are_compiled("state-transition", pair=own[0].falls_on_resting):

@@ -1,7 +1,7 @@
 """The hypothesis for one collision of one's own: does its stiff pair move as one body, by every law.
 
-The two bodies of the stiffest contact are *welded* (`columns.welded`): one body of the mass and the momentum of both, or,
-at the table, part of the table. Each law solves the welded collision, the collision at hand, and the same at rising
+The two bodies of the stiffest contact are *welded* (`columns.welded`): one body of the mass and the momentum of both,
+or, at the table, part of the table. Each law solves the welded collision, the collision at hand, and the same at rising
 contrasts of the stiff contact, all other contacts being as they are. D is the kinetic norm of the difference from the
 welded collision, per that of the velocities at first touch. Where the contrast goes is judged as in a test of the
 hypothesis (`judging`): one rule for both.
@@ -33,8 +33,11 @@ from impact_xval.model.collision import MAX_BALLS, RESULT_STATUSES, Collision, F
 #: Laws beside those of columns that two balls on a table are solved by.
 OF_PAIRS = ("liu-zhao-brogliato", "kelvin-voigt-anchored", "compression-dashpot", "hunt-crossley")
 
-#: Contrasts of the series: from the first to the second, or to a hundred times that at hand, at most to the third, where
-#: the rounding of double precision shows; so many in a decade. A verdict is on so many decades.
+#: A law that is for two balls on a table alone, and the law that is the same for the one ball that is left of them.
+_WELDED_BY = {"kelvin-voigt-anchored": "kelvin-voigt"}
+
+#: Contrasts of the series: from the first to the second, or to a hundred times that at hand, at most to the third, as
+#: in a test of the hypothesis; how many in a decade, and on how many decades a verdict is.
 _FROM, _TO, _MOST = 10.0, 1e6, 1e10
 _PER_DECADE, _DECADES = 4, 3.0
 
@@ -52,13 +55,21 @@ class OwnCollision(Strict):
     """A collision of one's own, as a TOML file: balls in a line, from the top, and their contacts."""
 
     masses: list[float] = Field(min_length=2, max_length=MAX_BALLS, description="a list of numbers > 0 (kg)")
-    stiffnesses: list[float] = Field(description="a list of numbers > 0 (N/m), one a contact, the table's last")
-    restitutions: list[float] | float = Field(0.9, description="a number from 0 to 1, or a list, one a contact")
+    stiffnesses: list[float] = Field(
+        description="a list of numbers > 0 (N/m), one a contact, the table's last"
+    )
+    restitutions: list[float] | float = Field(
+        0.9, description="a number from 0 to 1, or a list, one a contact"
+    )
     velocities: list[float] | None = Field(
         None, description="a list of numbers (m/s, up is positive), one a ball; by default the first has -1"
     )
-    table: bool | None = Field(None, description="true or false; by default true with as many contacts as balls")
-    stiff: int | None = Field(None, description="the number of the stiff contact, from 1; by default the stiffest")
+    table: bool | None = Field(
+        None, description="true or false; by default true with as many contacts as balls"
+    )
+    stiff: int | None = Field(
+        None, description="the number of the stiff contact, from 1; by default the stiffest"
+    )
 
     def collision(self) -> Collision:
         """Return the collision; a ValueError says what is illegal."""
@@ -155,7 +166,9 @@ def own_pair(collision: Collision, stiff: int | None = None) -> OwnPair:
     contact = int(np.argmax(k)) if stiff is None else stiff
     others = np.delete(k, contact)
     if not others.size:
-        raise UserError("a collision with one contact: with its pair welded nothing is left to collide; legal: two")
+        raise UserError(
+            "a collision with one contact: with its pair welded nothing is left to collide; legal: two"
+        )
     with np.errstate(divide="ignore", invalid="ignore"):
         contrast = float(k[contact] / others.max())
     if not 1 < contrast <= _MOST:
@@ -164,7 +177,9 @@ def own_pair(collision: Collision, stiff: int | None = None) -> OwnPair:
             f"contact {contact + 1}: its stiffness over the largest of the others is {contrast:.6g}; legal: {legal}"
         )
     if collision.exponent != 1 or any(collision.gaps):
-        raise UserError("exponent or gap: the hypothesis is tried on linear contacts that touch; legal: neither")
+        raise UserError(
+            "exponent or gap: the hypothesis is tried on linear contacts that touch; legal: neither"
+        )
     solvers = (*SOLVERS, *OF_PAIRS) if collision.falls_on_resting else SOLVERS
     laws = [_one_law(name, collision, contact, contrast) for name in solvers]
     return OwnPair(collision, contact, contrast, laws)
@@ -176,9 +191,9 @@ def _one_law(name: str, collision: Collision, contact: int, contrast: float) -> 
     series = spaced((_FROM, min(_MOST, max(_TO, 100 * contrast))), _PER_DECADE)
     stiffer = [*multiples[1:], *(x / contrast for x in series)]
     asked = [collision, *(stiffened(collision, contact, x) for x in stiffer)]
-    solver = get_solver(name)
-    (as_one,) = solver.solve_many([welded(collision, contact)], _SETTINGS)
-    outcomes = solver.solve_many(asked, _SETTINGS)
+    outcomes = get_solver(name).solve_many(asked, _SETTINGS)
+    of_welded = get_solver(_WELDED_BY.get(name, name))
+    (as_one,) = of_welded.solve_many([welded(collision, contact)], _SETTINGS)
     for each in (as_one, outcomes[0]):
         if each.status not in RESULT_STATUSES:
             nothing = (math.nan,) * len(MULTIPLES)
@@ -243,16 +258,22 @@ def own_blocks(own: OwnPair) -> Iterator[Block]:
         for law in own.laws
     ]
     yield Table([*header, "as the contrast grows"], rows, text=2)
+    highest = number(max(_TO, min(_MOST, 100 * own.contrast)))
     yield (
         f"D: difference from the same collision with the pair welded, by the same law, in the kinetic norm per that of "
         f"the velocities at first touch. As one body: whether D is at most {CLOSE:g} at your contrast. As the contrast "
-        f"grows: where D goes up to a contrast of {number(max(_TO, min(_MOST, 100 * own.contrast)))}, all else as it is."
+        f"grows: where D goes up to a contrast of {highest}, all else as it is."
     )
     for answer in ("yes", "no"):
         laws = [law for law in own.laws if law.as_one == answer]
         if laws:
             by = listed(f"{named(law.solver)} (D = {number(law.distances[0], 2)})" for law in laws)
-            yield f"As one body: {answer} by {by} from the welded pair."
+            yield f"As one body, by D from the welded pair at your contrast: {answer} by {by}."
+    if own.meets:
+        yield (
+            "The bodies of the stiff contact have an impact of their own first, and what it gives back parts them; the "
+            "supplement's hypothesis is of what follows once they have one velocity (docs/hypothesis.md)."
+        )
     for law in own.laws:
         if law.as_one == "-":
             yield f"{named(law.solver)}: {law.reason}"

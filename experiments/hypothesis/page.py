@@ -48,14 +48,14 @@ _LIMITS = {
 }
 _MEANINGS = {
     "solver": "who solved the collisions: by a law that is exact, or an engine",
-    "the pair is one by": "what makes the pair one body, as the model and exact bistiffness, its law in time, tell apart",
+    "the pair is one by": "what makes the pair one body, by the verdicts on the model and on exact bistiffness",
     "limit": "one of the six limits",
     "elastic contacts": "which contacts of the points have e = 1; of a plastic limit, whether the other one has",
     "bodies at first": "whether the bodies of the stiff contact meet with different velocities, or have one at first",
     "supported": "columns whose D from the welded one falls as a power of the contrast, of how many",
     "refuted": "columns that go to another outcome than the welded one, of how many",
     "rates": "r of the supported columns, D falling as contrast^-r: the least and the largest",
-    "D": "distance of the limit from the closed form, or welded column, in the kinetic norm per that of the incoming motion",
+    "D": "distance from the closed form, or the welded column: a kinetic norm, per that of the incoming motion",
     "contrast": "what goes to infinity: how many times stiffer one contact is",
     "regime": "which collisions of two balls go to that limit",
     "name": "what heads a column, or a row",
@@ -99,7 +99,16 @@ def _blocks(results: Results) -> list[Block]:
         "D over the contrast: median over the points none of whose other contacts is elastic. Open markers: engines, "
         "in the limit dt -> 0. A line that levels out goes to another limit",
     )
-    return [question, said, _verdicts(results), figure, LAWS_WITH_LAWS, _names(results), _more(results), _method(results)]
+    return [
+        question,
+        said,
+        _verdicts(results),
+        figure,
+        LAWS_WITH_LAWS,
+        _names(results),
+        _more(results),
+        _method(results),
+    ]
 
 
 def _names(results: Results) -> Section:
