@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -30,6 +31,7 @@ from impact_xval.experiments.presentation.words import (
 from impact_xval.experiments.sweep.one import solvers_apart
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
+from impact_xval.model.kinetic import kinetic_norm
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -96,6 +98,19 @@ class Compared:
     _measures = property(lambda self: measures_of(self.problem, self.outcomes))
     _speed = property(lambda self: max(map(abs, self.problem.velocities)))
 
+    @property
+    def between(self) -> dict[tuple[str, str], float]:
+        """D between every two solvers with a result, each pair once, in the order of laws; it is the same both ways.
+
+        That is the kinetic norm of the difference of final velocities over that of the velocities at first touch.
+        """
+        masses, length = self.problem.masses, kinetic_norm(self.problem.masses, self.problem.velocities)
+        results = {name: np.array(self.outcomes[name].velocities) for name in self.scaled}
+        return {
+            (one, other): float(kinetic_norm(masses, results[other] - results[one]) / length)
+            for one, other in itertools.combinations(results, 2)
+        }
+
     def objects(self) -> list[dict[str, Any]]:
         """Return an object a solver: velocities per abs(v0), impulses per m1 abs(v0), times in s.
 
@@ -113,6 +128,13 @@ class Compared:
                     for key in ("states", "status", "reason", "grazing_margin", "marked")
                 },
                 "D": measures[name]["velocity_divergence"],
+                "D_from": {
+                    other: away
+                    for pair, away in self.between.items()
+                    if name in pair
+                    for other in pair
+                    if other != name
+                },
                 "diagnostics": {key: measures[name][key] for key in each.diagnostics},
             }
             for name, each in self.outcomes.items()
@@ -146,7 +168,20 @@ class Compared:
         marks = [f"{name}: marked: {each.marked}" for name, each in self.outcomes.items() if each.marked]
         other = [f"{name}: {each.differences}" for name, each in self.outcomes.items() if each.differences]
         return [
-            *filter(None, [setup, table, note, withheld, one_vote(self.outcomes), *reasons, *marks, *other])
+            *filter(
+                None,
+                [
+                    setup,
+                    table,
+                    note,
+                    withheld,
+                    self._matrix(),
+                    one_vote(self.outcomes),
+                    *reasons,
+                    *marks,
+                    *other,
+                ],
+            )
         ]
 
     def _repr_html_(self) -> str:
@@ -181,6 +216,18 @@ class Compared:
             rows.append((stated_law(name) or name, name, outcome.status, *shown))
         header = "law solver status v1/|v0| v2/|v0| I1/(m1|v0|) I2/(m1|v0|) D states"
         return Table(header.split(), rows, text=3)
+
+    def _matrix(self) -> Table | None:
+        """Lay out D between every two solvers; None where the table says all of it, of D from the model."""
+        names, between = list(self.scaled), self.between
+        if len(names) < 3:
+            return None
+        rows = [
+            (other, *(number(between[one, other], 2) for one in names[:place]))
+            for place, other in enumerate(names)
+        ]
+        filled = [(*row, *[""] * (len(names) - len(row))) for row in rows[1:]]
+        return Table(["solver", *names[:-1]], filled, "D between every two solvers")
 
     def _written(self, name: str, value: float) -> str:
         """Write a number of a solver, marked where the solver has no result."""

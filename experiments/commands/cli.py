@@ -18,7 +18,7 @@ from typing import Annotated, Any
 
 import typer
 
-from impact_xval.experiments.commands import contact, one, runs, scoreboard, solvers
+from impact_xval.experiments.commands import contact, hypothesis, one, runs, scoreboard, solvers
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 
 PROGRAM = "impact-xval"
@@ -69,7 +69,7 @@ for command in (
     runs.compare,
     one.solve,
     one.explore,
-    runs.hypothesis,
+    hypothesis.hypothesis,
     scoreboard.scoreboard,
     contact.contact,
     one.scene,

@@ -58,7 +58,9 @@ def solve(
     *,
     solver: Solvers = None,
     plot: Path | None = option(
-        "FILE", "Draw curves (.png, .svg, .pdf), or slow motion beside the model (.gif, .html).", _drawable
+        "FILE",
+        "Draw curves (.png, .svg, .pdf), or slow motion: up to six solvers beside the model (.gif, .html).",
+        _drawable,
     ),
     json: Json = False,
     **typed: str | None,
@@ -66,7 +68,8 @@ def solve(
     """Solve one collision by every solver.
 
     Two balls on a table, by ratios or in SI units, or N balls with --arrangement. Velocities are per |v0|, those of
-    the diagnostics too, impulses per m1 |v0|, times in s.
+    the diagnostics too, impulses per m1 |v0|, times in s. D stands between each solver and the model and, below the
+    table, between every two solvers.
 
     Example: impact-xval solve --stiffness-ratio 40 --mass-ratio 1.15 --e1 0.9 --e2 0.7
     """

@@ -22,7 +22,7 @@ def solvers(
     """List the solvers, or check one.
 
     What each is, its version, where it comes from, and why one cannot run here. With NAME: its checks of the
-    contract, for authors of adapters; exit code 3 if one fails.
+    contract, for authors of adapters, exit code 3 if one fails; and what becomes of the restitutions of two bodies.
 
     Example: impact-xval solvers mujoco
     """
@@ -57,6 +57,7 @@ def _check(name: str, law: str) -> None:
     from impact_xval.compliant_baselines.registry import get_solver, law_of
     from impact_xval.experiments.config.experiment import solvers_problem
     from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line
+    from impact_xval.experiments.presentation.words import restitution_of_two
     from impact_xval.experiments.sweep.chunk import stated
     from impact_xval.experiments.sweep.pool import Slot
     from impact_xval.experiments.sweep.process import FaultError, Worker
@@ -82,6 +83,8 @@ def _check(name: str, law: str) -> None:
                 problem = fault.reason
             failed += bool(problem)
             print_line(console, f"FAILED  {words}: {problem}" if problem else f"passed  {words}")
+    if product := restitution_of_two([name]):
+        print_line(console, product)
     if failed:
         print_line(console, f"{failed} checks failed; what each demands is in docs/adding-a-solver.md")
         raise typer.Exit(3)
