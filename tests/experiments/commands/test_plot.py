@@ -21,7 +21,7 @@ COLUMN = "solve --arrangement cradle --balls 3 --solver kelvin-voigt"
 
 def test_the_suffix_says_what_is_written_and_json_stays_json(tmp_path, capsys):
     for asked, suffix, first, says in (
-        *((BESIDE, *each, "One collision by ") for each in (("png", b"\x89PNG"), ("svg", b"<?xml"))),
+        (BESIDE, "png", b"\x89PNG", "One collision by "),
         (BESIDE, "pdf", b"%PDF", "markers: where each curve ends."),
         (COLUMN, "svg", b"<?xml", "final velocities"),
         (COLUMN, "gif", b"GIF8", "slow motion: the model and exact Kelvin-Voigt: a cradle of 3 balls"),
