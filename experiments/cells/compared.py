@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import base64
 import io
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from markupsafe import Markup
 from rich.console import Console
 
-from impact_xval.compliant_baselines.registry import get_solver, law_of, solver_names
+from impact_xval.compliant_baselines.registry import get_solver, law_of, solver_names, stated_law
 from impact_xval.experiments.config.arrangements import Arranged
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.divergence import measures_of
@@ -19,10 +21,17 @@ from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.presentation.document import Block, Table
 from impact_xval.experiments.presentation.html import fragment
 from impact_xval.experiments.presentation.terminal import say_waiting, show
-from impact_xval.experiments.presentation.words import arranged, begun, one_vote
+from impact_xval.experiments.presentation.words import (
+    NO_RESULT,
+    WHAT_NO_RESULT_IS,
+    arranged,
+    begun,
+    one_vote,
+)
 from impact_xval.experiments.sweep.one import solvers_apart
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
+from impact_xval.model.kinetic import kinetic_norm
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -67,13 +76,40 @@ class Compared:
     @property
     def scaled(self) -> dict[str, list[float]]:
         """Velocities per speed of impact, of solvers with a result in the order of laws."""
-        names = [n for n in in_order_of_laws(self.outcomes) if self.outcomes[n].status in RESULT_STATUSES]
-        return {name: [v / self._speed for v in self.outcomes[name].velocities] for name in names}
+        return {name: velocities for name, velocities in self._known.items() if self._mark(name) == ""}
 
     #: How a column was set up, in words; empty if it is not known.
     setup = property(lambda self: "" if self.arranged is None else arranged(self.arranged))
+
+    @property
+    def _known(self) -> dict[str, list[float]]:
+        """Velocities per speed of impact, of solvers that came to any, in the order of laws."""
+        all_of = {name: self.outcomes[name].velocities for name in in_order_of_laws(self.outcomes)}
+        return {
+            name: [v / self._speed for v in all_of[name]]
+            for name in all_of
+            if np.isfinite(all_of[name]).all()
+        }
+
+    def _mark(self, name: str) -> str:
+        """Return what follows a number of a solver: a mark where the solver has no result."""
+        return "" if self.outcomes[name].status in RESULT_STATUSES else NO_RESULT
+
     _measures = property(lambda self: measures_of(self.problem, self.outcomes))
     _speed = property(lambda self: max(map(abs, self.problem.velocities)))
+
+    @property
+    def between(self) -> dict[tuple[str, str], float]:
+        """D between every two solvers with a result, each pair once, in the order of laws; it is the same both ways.
+
+        That is the kinetic norm of the difference of final velocities over that of the velocities at first touch.
+        """
+        masses, length = self.problem.masses, kinetic_norm(self.problem.masses, self.problem.velocities)
+        results = {name: np.array(self.outcomes[name].velocities) for name in self.scaled}
+        return {
+            (one, other): float(kinetic_norm(masses, results[other] - results[one]) / length)
+            for one, other in itertools.combinations(results, 2)
+        }
 
     def objects(self) -> list[dict[str, Any]]:
         """Return an object a solver: velocities per abs(v0), impulses per m1 abs(v0), times in s.
@@ -92,6 +128,13 @@ class Compared:
                     for key in ("states", "status", "reason", "grazing_margin", "marked")
                 },
                 "D": measures[name]["velocity_divergence"],
+                "D_from": {
+                    other: away
+                    for pair, away in self.between.items()
+                    if name in pair
+                    for other in pair
+                    if other != name
+                },
                 "diagnostics": {key: measures[name][key] for key in each.diagnostics},
             }
             for name, each in self.outcomes.items()
@@ -120,10 +163,26 @@ class Compared:
         table = self._column_table() if self.is_column else self._collision_table()
         setup = begun(f"{self.setup}.") if self.setup else ""
         note = _COLUMN if self.is_column and table.rows else ""
+        withheld = WHAT_NO_RESULT_IS if any(map(self._mark, self._known)) else ""
         reasons = [f"{n}: {each.status}: {each.reason}" for n, each in self.outcomes.items() if each.reason]
         marks = [f"{name}: marked: {each.marked}" for name, each in self.outcomes.items() if each.marked]
         other = [f"{name}: {each.differences}" for name, each in self.outcomes.items() if each.differences]
-        return [*filter(None, [setup, table, note, one_vote(self.outcomes), *reasons, *marks, *other])]
+        return [
+            *filter(
+                None,
+                [
+                    setup,
+                    table,
+                    note,
+                    withheld,
+                    self._matrix(),
+                    one_vote(self.outcomes),
+                    *reasons,
+                    *marks,
+                    *other,
+                ],
+            )
+        ]
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: the table, and the picture as part of it."""
@@ -147,30 +206,47 @@ class Compared:
     __repr__ = __str__
 
     def _collision_table(self) -> Table:
-        away, scaled, unit, rows = self.divergences, self.scaled, self.problem.units.impulse, []
+        away, known, unit, rows = self.divergences, self._known, self.problem.units.impulse, []
         for name in in_order_of_laws(self.outcomes):
             outcome, shown = self.outcomes[name], ["-"] * 6
-            if name in scaled:
-                numbers = [*scaled[name], *(impulse / unit for impulse in outcome.impulses)]
-                shown = [f"{each:.6f}" for each in numbers] + [number(away[name]), " ".join(outcome.states)]
-            rows.append((law_of(name) or name, name, outcome.status, *shown))
+            if name in known:
+                numbers = [*known[name], *(impulse / unit for impulse in outcome.impulses)]
+                shown = [self._written(name, each) for each in numbers]
+                shown += [number(away[name]), " ".join(outcome.states)]
+            rows.append((stated_law(name) or name, name, outcome.status, *shown))
         header = "law solver status v1/|v0| v2/|v0| I1/(m1|v0|) I2/(m1|v0|) D states"
         return Table(header.split(), rows, text=3)
+
+    def _matrix(self) -> Table | None:
+        """Lay out D between every two solvers; None where the table says all of it, of D from the model."""
+        names, between = list(self.scaled), self.between
+        if len(names) < 3:
+            return None
+        rows = [
+            (other, *(number(between[one, other], 2) for one in names[:place]))
+            for place, other in enumerate(names)
+        ]
+        filled = [(*row, *[""] * (len(names) - len(row))) for row in rows[1:]]
+        return Table(["solver", *names[:-1]], filled, "D between every two solvers")
+
+    def _written(self, name: str, value: float) -> str:
+        """Write a number of a solver, marked where the solver has no result."""
+        return "-" if np.isnan(value) else f"{value:.6f}{self._mark(name)}"
 
     def _column_table(self) -> Table:
         """Lay out a column: a fact a row, for there are more of them than solvers."""
         measures, facts = self._measures, {}
-        for name, velocities in self.scaled.items():
+        for name, velocities in self._known.items():
             outcome, measured = self.outcomes[name], measures[name]
             facts[name] = {
                 "law": law_of(name) or "-",
                 "status": outcome.status,
-                **{f"v{i}": f"{round(v, 6) + 0.0:.6f}" for i, v in enumerate(velocities, 1)},
+                **{f"v{i}": self._written(name, round(v, 6) + 0.0) for i, v in enumerate(velocities, 1)},
                 "D": number(measured["velocity_divergence"], 2),
                 "limit": number(measured["limit_distance"], 2),
                 "error": number(measured["limit_error"], 2),
-                "E/E0": f"{measured['retained_energy']:.6f}",
-                "p/p0": f"{measured['retained_momentum']:.6f}",
+                "E/E0": self._written(name, measured["retained_energy"]),
+                "p/p0": self._written(name, measured["retained_momentum"]),
                 "states": str(len(outcome.states)),
             }
         rows = [(fact, *(each[fact] for each in facts.values())) for fact in next(iter(facts.values()), ())]

@@ -6,19 +6,25 @@ anything else. Everything heavy is imported inside the commands, so that help an
 
 from __future__ import annotations
 
+import errno
 import io
+import platform
 import re
 import sys
 from collections.abc import Sequence
-from importlib.metadata import version
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
 from typing import Annotated, Any
 
 import typer
 
-from impact_xval.experiments.commands import contact, one, runs, scoreboard, solvers
+from impact_xval.experiments.commands import contact, hypothesis, one, runs, scoreboard, solvers
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 
 PROGRAM = "impact-xval"
+
+#: Packages of the engines, as they are distributed. Stated here, for no adapter is imported to show versions.
+ENGINE_PACKAGES = ("mujoco", "pybullet", "drake", "pymunk", "dartpy", "rapier3d", "sapien", "newton")
 
 app = typer.Typer(
     help="Cross-validate physics engines against the state-transition model of simultaneous impacts.",
@@ -35,12 +41,24 @@ _UsageError: Any = typer.BadParameter.__base__
 @app.callback(invoke_without_command=True)
 def _root(
     context: typer.Context,
-    show_version: Annotated[bool, typer.Option("--version", help="Print the version and end.")] = False,
+    show_version: Annotated[
+        bool,
+        typer.Option("--version", help="Print the versions of the project, Python and the engines, and end."),
+    ] = False,
 ) -> None:
     if show_version:
-        typer.echo(f"{PROGRAM} {version('impact-xval')}")
+        typer.echo(_versions())
     elif context.invoked_subcommand is None:
         typer.echo(context.get_help())
+
+
+def _versions() -> str:
+    """Name the versions of the project, Python, NumPy and each installed engine, none of which is imported."""
+    lines = [f"{PROGRAM} {version('impact-xval')}", f"Python {platform.python_version()}"]
+    for package in ("numpy", *ENGINE_PACKAGES):
+        with suppress(PackageNotFoundError):
+            lines.append(f"{package} {version(package)}")
+    return "\n".join(lines)
 
 
 # In the order of the help.
@@ -51,7 +69,7 @@ for command in (
     runs.compare,
     one.solve,
     one.explore,
-    runs.hypothesis,
+    hypothesis.hypothesis,
     scoreboard.scoreboard,
     contact.contact,
     one.scene,
@@ -83,7 +101,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         return 1
     except OSError as error:
-        return _fail(f"{error.filename or 'writing'}: {error.strerror or error}", 1)
+        refused = error.errno in (
+            errno.EACCES,
+            errno.EPERM,
+            errno.EROFS,
+        )  # a file of the user's is not theirs to use
+        return _fail(f"{error.filename or 'writing'}: {error.strerror or error}", 2 if refused else 1)
     if result == 130:  # what typer makes of Ctrl-C in a command
         return _fail("interrupted", 1)
     return result if isinstance(result, int) else 0

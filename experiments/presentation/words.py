@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from impact_xval.compliant_baselines.registry import solver_names
 from impact_xval.experiments.config.arrangements import Arranged
-from impact_xval.experiments.config.axes import AXES
+from impact_xval.experiments.config.axes import AXES, SI_AXES
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.laws import by_law
 from impact_xval.experiments.tables.numbers import listed, number
@@ -76,6 +77,16 @@ MEANINGS = {
     "discretisation": "the engine's step is not zero",
 }
 
+#: What follows a number of a row whose status is not that of a result, and what a table of such rows says below.
+NO_RESULT = "*"
+WHAT_NO_RESULT_IS = (
+    f"{NO_RESULT}: what the solver came to, but no result; the status and the reason say why. Such a row has no D, and "
+    "counts in no statistic."
+)
+
+#: Engines in which the restitution of a contact is the product of those of its two bodies, as their makers spell them.
+_MULTIPLYING = {"pybullet": "PyBullet", "dart": "DART", "pymunk": "Pymunk"}
+
 _COUNTS = ("none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
 
 
@@ -125,6 +136,11 @@ def by_axes(cell: Mapping[str, Any], axes: Mapping[str, str] = AXES, digits: int
     return ", ".join(f"{label} = {written(value, digits)}" for label, value in known)
 
 
+def in_si_units(cell: Mapping[str, Any], quantities: Iterable[str] = SI_AXES) -> str:
+    """Name masses and stiffnesses of a cell of two balls with their units."""
+    return ", ".join(f"{name} = {number(cell[name], 6)} {SI_AXES[name]}" for name in quantities)
+
+
 def arranged(column: Arranged) -> str:
     """Say in words how a column is arranged."""
     words = f"a {column.arrangement} of {column.balls} balls"
@@ -134,6 +150,19 @@ def arranged(column: Arranged) -> str:
     words += f", mass taper {number(column.mass_taper, 6)}" if column.mass_taper != 1 else ""
     words += f", stiffness taper {number(column.stiffness_taper, 6)}" if column.stiffness_taper != 1 else ""
     return words + (f", gaps of {number(column.gap, 6)} m" if column.gap else "")
+
+
+def restitution_of_two(solvers: Iterable[str], e: float = 0.9) -> str:
+    """Say of engines that multiply the restitutions of two bodies what to write for e; empty where none does."""
+    engines = [re.split("[-:]", name)[0] for name in solvers]
+    titles = [title for engine, title in _MULTIPLYING.items() if engine in engines]
+    if not titles:
+        return ""
+    verb = "multiplies" if len(titles) == 1 else "multiply"
+    return (
+        f"{listed(titles)} {verb} the restitutions of the two bodies of a contact: {number(e, 4)} on both gives "
+        f"{number(e * e, 4)}. For e = {number(e, 4)} write {number(e, 4)} on one and 1 on the other."
+    )
 
 
 def one_vote(solvers: Iterable[str]) -> str:

@@ -31,7 +31,14 @@ from impact_xval.experiments.presentation.html import render
 from impact_xval.experiments.presentation.page.charts import LABELS, cells_piece, tiles_of
 from impact_xval.experiments.presentation.page.opened import packed_cells
 from impact_xval.experiments.presentation.pictures.figures import ACCEPTED, recommended
-from impact_xval.experiments.presentation.words import MEANINGS, begun, named, one_vote, written
+from impact_xval.experiments.presentation.words import (
+    MEANINGS,
+    begun,
+    named,
+    one_vote,
+    restitution_of_two,
+    written,
+)
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.numbers import number, percent
 from impact_xval.experiments.tables.parquet import column
@@ -322,7 +329,8 @@ def _effective(folder: RunFolder) -> Section:
     ]
     said = "Stiffness, damping, restitution and step of an engine are read back after they were set."
     none = "All are as requested, to the engines' own precision."
-    return Section("Requested and effective", [said, *(found or [none])])
+    product = restitution_of_two(folder.config().solvers)
+    return Section("Requested and effective", [said, *(found or [none]), *([product] if product else [])])
 
 
 def _unsolved(summary: Summary) -> Section:
