@@ -6,14 +6,22 @@ import base64
 import io
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from markupsafe import Markup
 from rich.console import Console
 
-from impact_xval.compliant_baselines.registry import get_solver, law_of, solver_names, stated_law
+from impact_xval.compliant_baselines.registry import (
+    get_solver,
+    is_engine,
+    is_ours,
+    law_of,
+    solver_names,
+    stated_law,
+)
 from impact_xval.experiments.config.arrangements import Arranged
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.divergence import measures_of
@@ -29,7 +37,7 @@ from impact_xval.experiments.presentation.words import (
     one_vote,
 )
 from impact_xval.experiments.sweep.one import solvers_apart
-from impact_xval.experiments.tables.numbers import number
+from impact_xval.experiments.tables.numbers import listed, number
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
 from impact_xval.model.kinetic import kinetic_norm
 
@@ -57,11 +65,14 @@ class Compared:
         By solver, the model (`REFERENCE`) among them; velocities in m/s, impulses in N s, with their paths.
     arranged : Arranged or None
         How a column was set up, if it is known: in words above its table.
+    versions : mapping of str to str
+        By solver, the version that it states, of those that were asked.
     """
 
     problem: Collision
     outcomes: Mapping[str, Outcome]
     arranged: Arranged | None = None
+    versions: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def is_column(self) -> bool:
@@ -120,6 +131,7 @@ class Compared:
         return [
             {
                 "solver": name,
+                "version": self.versions.get(name, ""),
                 "velocities": [v / speed for v in each.velocities],
                 **{f"v{i}": v / speed for i, v in enumerate(each.velocities, 1)},
                 "impulses": [i / (self.problem.masses[0] * speed) for i in each.impulses],
@@ -180,6 +192,7 @@ class Compared:
                     *reasons,
                     *marks,
                     *other,
+                    self._versions(),
                 ],
             )
         ]
@@ -229,6 +242,13 @@ class Compared:
         filled = [(*row, *[""] * (len(names) - len(row))) for row in rows[1:]]
         return Table(["solver", *names[:-1]], filled, "D between every two solvers")
 
+    def _versions(self) -> str:
+        """Say which versions of engines and plug-ins solved this; all other solvers are of the project."""
+        others = [name for name in self.outcomes if is_engine(name) or not is_ours(name)]
+        said = [f"{name} {self.versions[name]}" for name in others if self.versions.get(name)]
+        ours = f"impact-xval {version('impact-xval')}"
+        return f"Versions: {listed([ours, *said])}." if said else ""
+
     def _written(self, name: str, value: float) -> str:
         """Write a number of a solver, marked where the solver has no result."""
         return "-" if np.isnan(value) else f"{value:.6f}{self._mark(name)}"
@@ -275,4 +295,5 @@ def compare(problem: Collision, solvers: Sequence[str] | None = None, *, timeout
     names = [solvers] if isinstance(solvers, str) else list(solver_names() if solvers is None else solvers)
     config = parse_config({"scenario": "impact", "cell_timeout": timeout, "solvers": names}, where="")
     with solvers_apart(config.solvers, columns=not problem.falls_on_resting) as apart:
-        return Compared(problem, apart.solve(problem, config, config.solvers, get_solver, say_waiting))
+        outcomes = apart.solve(problem, config, config.solvers, get_solver, say_waiting)
+        return Compared(problem, outcomes, versions=apart.versions)

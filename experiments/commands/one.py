@@ -88,7 +88,7 @@ def solve(
         )
     from impact_xval.experiments.cells.compared import Compared
 
-    compared = Compared(collision, outcomes, arranged)
+    compared = Compared(collision, outcomes, arranged, apart.versions)
     if json:
         print_json(compared.objects())
     else:
