@@ -120,7 +120,8 @@ def inspect(
         raise UserError(f"--speed = {speed!r}; legal: a finite number > 0 (m/s)")
     if not scene.is_file() or scene.suffix not in (".xml", ".mjb"):
         raise UserError(f"{scene}: no such file of MuJoCo; legal: a file that ends in .xml or .mjb")
-    reason = get_solver("mujoco").unavailable()
+    engine = get_solver("mujoco")
+    reason = engine.unavailable()
     if reason is not None:
         raise UserError(f"{scene}: mujoco is unavailable: {reason}")
     from impact_xval.compliant_baselines.inspect_mujoco import examine
@@ -139,10 +140,16 @@ def inspect(
         rows = [
             row._asdict() | {"masses": [m if m < math.inf else "inf" for m in row.masses]} for row in contacts
         ]
-        print_json({"contacts": rows, "traps": [finding._asdict() for finding in findings]})
+        print_json(
+            {
+                "version": engine.version(),
+                "contacts": rows,
+                "traps": [finding._asdict() for finding in findings],
+            }
+        )
     else:
         from impact_xval.experiments.presentation.contacts import scene_blocks
 
-        show(make_console(), scene_blocks(contacts, findings, str(scene), speed))
+        show(make_console(), scene_blocks(contacts, findings, str(scene), speed, engine.version()))
     if findings:
         raise typer.Exit(3)
