@@ -209,14 +209,15 @@ def _touch_doubt(runs: Sequence[Run]) -> float:
 
     A dashpot misses a share of its first step, and what it does there shrinks with the step. A rigid contact does all
     it does in its first step, whatever its length: nothing is missing, unless contacts beside one another fall into one
-    step, whose impulses then depend on one another, or the engine solves them only to its `World.accuracy`.
+    step, whose impulses then depend on one another, or the engine solves them only to its `World.accuracy`, or gives
+    slow ones no restitution.
     """
     left = MEETINGS * max(run.meeting_left for run in runs[-2:])
     starts = [run.starts for run in runs[-3:]]
     changed, last = max(starts) - min(starts), runs[-1]
     if changed <= WHOLE * last.starts:
-        return max(changed, last.starts_together, last.accuracy * last.starts, left)
-    return max(CHANCE * last.starts, left)
+        return max(changed, last.starts_together, last.accuracy * last.starts, left) + last.dropped
+    return max(CHANCE * last.starts, left) + last.dropped
 
 
 def _extrapolated(runs: Sequence[Run], regularisation: Sequence[float]) -> Limit | None:
@@ -290,6 +291,11 @@ def estimate_limit(
         return limit, (
             f"v is off by up to {error} of |v0|, more than the {allowed} that are allowed, and halving the step does "
             f"not help: the engine softens contacts by itself, which changes v by {left}"
+        )
+    if runs[-1].dropped > tolerance:
+        return limit, (
+            f"v is off by up to {error} of |v0|, more than the {allowed} that are allowed, and halving the step does "
+            "not help: the engine gives slow impacts no restitution"
         )
     failed = f" ({failure})" if failure else ""
     return limit, (

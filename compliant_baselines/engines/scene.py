@@ -127,6 +127,9 @@ class World(ABC):
     #: Share of a contact's change of velocity that the engine may get wrong at every length of the step; stated in the
     #: limits of rigid engines, which have no other error (`convergence`).
     accuracy: float = 0.0
+    #: Relative velocities in m/s that impacts so far should have given back and did not, summed: an engine may drop the
+    #: restitution of slow ones. An error of the limit that no shorter step mends (`convergence`).
+    dropped: float = 0.0
     #: Steps that `leap` takes at most, between events that stiffness and damping as effective foretell
     #: (`engines.quiet`); 0 for an engine that is read after every step.
     longest_leap: int = 0

@@ -198,6 +198,7 @@ class Run:
         self.scene, self.max_steps, self.end, self.n_steps, self.failure = scene, max_steps, GOING, 0, ""
         self.velocities, self.heights = np.array(scene.velocities, float), np.array(world.heights, float)
         self.start, self.effective, self.accuracy = self.heights, dict(world.effective), world.accuracy
+        self.dropped = world.dropped
         self.fall: tuple[int, Floats] | None = None
         self._masses, self._rounding, self._code = np.array(scene.masses), world.rounding, -1
         self._weight = np.zeros(6)
@@ -439,6 +440,7 @@ def follow(scene: Scene, world: World, max_steps: int, record_path: bool = False
             window = min(2 * window, WINDOW)
     except RuntimeError as error:
         run.end, run.failure = BROKEN, " ".join(str(error).split())
+    run.dropped = world.dropped
     if record_path:
         run.thin()
     return run

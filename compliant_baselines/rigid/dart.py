@@ -12,6 +12,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
+import numpy as np
+
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.rigid.lines import RigidEngine, RigidWorld
 
@@ -67,6 +69,7 @@ class DartWorld(RigidWorld):
             upper.append(add(body, dart.dynamics.BoxShape([100 * half] * 3), -50 * half, self.partner))
             world.addSkeleton(skeleton)
         pairs = zip(lower, upper[1:], strict=False)
+        self._restitutions, self._before = scene.restitutions, np.array([*scene.velocities, 0.0])
         self.effective = {
             "restitution": tuple(a.getRestitutionCoeff() * b.getRestitutionCoeff() for a, b in pairs),
             "step": (world.getTimeStep(),),
@@ -74,9 +77,16 @@ class DartWorld(RigidWorld):
         }
 
     def step(self) -> tuple[list[float], list[float]]:
-        """Take a step."""
+        """Take a step, and note the restitution that DART has dropped in it."""
         self._world.step()
-        return [j.getVelocity(0) for j in self._joints], [j.getPosition(0) for j in self._joints]
+        velocities = [j.getVelocity(0) for j in self._joints]
+        after = np.array([*velocities, 0.0])
+        closing, left = (np.diff(v)[: len(self._restitutions)] for v in (self._before, after))
+        rebound = self._restitutions * closing
+        struck = (0 < rebound) & (rebound <= SLOWEST) & (left != closing)
+        self.dropped += float(rebound[struck].sum())
+        self._before = after
+        return velocities, [j.getPosition(0) for j in self._joints]
 
 
 class Dart(RigidEngine):

@@ -98,7 +98,8 @@ def test_a_wrong_collision_is_one_line(text, says, tmp_path, refused):
 
 def test_what_does_not_go_together_is_one_line(tmp_path, refused):
     refused(f"{PAIR} --stiffness-ratio inf", "contact 2", "legal: a contact more than 1")
-    refused(f"{PAIR} --stiffness-ratio 40 --out {tmp_path / 'a'}", "--out = ", "nothing is written")
+    out = ["--out", tmp_path / "a"]
+    refused([*PAIR.split(), "--stiffness-ratio", "40", *out], "--out = ", "nothing is written")
     refused(f"{PAIR} --stiffness-ratio 40 --workers 2", "--workers = 2", "nothing is written")
     refused(f"{PAIR}", "--stiffness-ratio missing")
     file = tmp_path / "h.toml"
