@@ -83,7 +83,7 @@ class DartWorld(RigidWorld):
         after = np.array([*velocities, 0.0])
         closing, left = (np.diff(v)[: len(self._restitutions)] for v in (self._before, after))
         rebound = self._restitutions * closing
-        struck = (0 < rebound) & (rebound <= SLOWEST) & (left != closing)
+        struck = (rebound > 0) & (rebound <= SLOWEST) & (left != closing)
         self.dropped += float(rebound[struck].sum())
         self._before = after
         return velocities, [j.getPosition(0) for j in self._joints]

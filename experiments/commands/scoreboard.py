@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from impact_xval.experiments.commands.options import Solvers, Workers, known_solvers, option, path
 from impact_xval.experiments.config.errors import UserError
 
+if TYPE_CHECKING:  # which import NumPy
+    from impact_xval.experiments.scoreboard.environments import Environment, NotInstalledError
+
 
 def scoreboard(
     solver: Solvers = None,
     out: Path | None = option("DIR", "Folder to write; by default runs/scoreboard.", path),
     baseline: Path | None = option("DIR", "A scoreboard to hold this one against.", path),
+    requirements: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--with",
+            metavar="REQUIREMENT",
+            help="A version of an engine, asked in an environment of its own; may be repeated.",
+        ),
+    ] = None,
     workers: Workers = None,
 ) -> None:
     """Ask every engine what happens when bodies meet at once.
@@ -21,7 +34,10 @@ def scoreboard(
     Installed engines and their settings against every exact law: a table, a page. With --baseline, exit code 3 if an
     answer moved, or a solver is gone. The same command continues one that was stopped.
 
-    Example: impact-xval scoreboard --out now --baseline before
+    Each --with is installed, by uv where it is found or else by pip, in an environment in the user's cache folder, and
+    what moved from version to version is printed. With --solver, those of its solvers are asked.
+
+    Example: impact-xval scoreboard --with mujoco==3.3.7 --with mujoco==4.0.0
     """
     names = known_solvers(solver) if solver else ()
     import pandas as pd
@@ -30,23 +46,81 @@ def scoreboard(
     from impact_xval.experiments.scoreboard.judging import moved
     from impact_xval.experiments.scoreboard.page import ANSWERS, table_of, write_all
     from impact_xval.experiments.scoreboard.playing import entrants, play
+    from impact_xval.experiments.scoreboard.releases import releases_in, write_releases
     from impact_xval.experiments.sweep.pool import available_cores
 
     try:
         before = None if baseline is None else pd.read_parquet(baseline / ANSWERS)
     except (OSError, ValueError) as error:
         raise UserError(f"--baseline = {baseline}: holds no {ANSWERS} of a scoreboard: {error}") from None
+    elsewhere, missing = _environments(requirements or (), names)
     console, root = make_console(), out or Path("runs") / "scoreboard"
     with show_progress(console) as progress:
-        answers = play(entrants(names), root, workers or available_cores(), progress)
-    show(console, [*write_all(answers, root), f"the page is {root / 'report.html'}"])
-    if before is None:
-        return
-    gone = [] if solver else sorted(set(before.solver) - set(answers.solver))
-    show(console, [f"{name}: in {baseline}, and not here" for name in gone])
-    found = moved(before, answers)
-    caption = f"{len(found)} answers moved from those in {baseline}; the largest"
-    table = table_of(found.head(20), caption, 6)
-    show(console, [f"no answer moved from those in {baseline}" if found.empty else table])
+        answers, there = play(entrants(names), root, workers or available_cores(), progress, elsewhere)
+    sections = []
+    if requirements:
+        sections = [write_releases(releases_in(answers, there), missing, there, root)]
+    show(console, [*write_all(answers, root, sections), f"the page is {root / 'report.html'}"])
+    for section in sections:
+        show(console, ["", section.title, *section.blocks])
+    gone: list[str] = []
+    found = answers.head(0)
+    if before is not None:
+        gone = [] if solver else sorted(set(before.solver) - set(answers.solver))
+        show(console, [f"{name}: in {baseline}, and not here" for name in gone])
+        found = moved(before, answers)
+        caption = f"{len(found)} answers moved from those in {baseline}; the largest"
+        table = table_of(found.head(20), caption, 6)
+        show(console, [f"no answer moved from those in {baseline}" if found.empty else table])
+    if missing:
+        raise _all_in_one(missing)
     if gone or len(found):
         raise typer.Exit(3)
+
+
+def _environments(
+    texts: Sequence[str], names: Sequence[str]
+) -> tuple[list[tuple[str, Environment]], list[NotInstalledError]]:
+    """Install what --with asks for; give each solver with the environment it is asked in, and what has failed.
+
+    With `names` those solvers alone are asked. Where nothing can be installed, the first reason is raised.
+    """
+    if not texts:
+        return [], []
+    from impact_xval.experiments.presentation.terminal import at_work
+    from impact_xval.experiments.scoreboard.environments import (
+        NotInstalledError,
+        make_environment,
+        read_requirement,
+        solvers_by_distribution,
+    )
+
+    solvers = {
+        distribution: [name for name in own if not names or name in names]
+        for distribution, own in solvers_by_distribution().items()
+    }
+    requirements = list(map(read_requirement, dict.fromkeys(texts)))
+    for requirement in requirements:
+        if not solvers[requirement.name]:
+            legal = ", ".join(solvers_by_distribution()[requirement.name])
+            raise UserError(f"--with {str(requirement)!r}: no --solver is of this engine; legal: {legal}")
+    elsewhere: list[tuple[str, Environment]] = []
+    missing: list[NotInstalledError] = []
+    for requirement in requirements:
+        try:
+            with at_work(f"installing {requirement} in an environment of its own"):
+                environment = make_environment(requirement)
+        except NotInstalledError as error:
+            missing.append(error)
+        else:
+            elsewhere += [(name, environment) for name in solvers[requirement.name]]
+    if not elsewhere:
+        raise _all_in_one(missing)
+    return elsewhere, missing
+
+
+def _all_in_one(missing: Sequence[NotInstalledError]) -> UserError:
+    """Say in a line that versions could not be installed: why the first, and which others."""
+    first, *others = missing
+    more = "".join(f", {other.requirement}" for other in others)
+    return UserError(f"{first}" + (f" (and {len(others)} more:{more.removeprefix(',')})" if others else ""))

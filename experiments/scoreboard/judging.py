@@ -11,7 +11,7 @@ from impact_xval.compliant_baselines.registry import engine_free_names, is_engin
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.measures.divergence import masses_and_starts, norms
-from impact_xval.experiments.scoreboard.playing import CASES, STEPS, USUAL
+from impact_xval.experiments.scoreboard.cases import CASES, STEPS, USUAL
 
 MODEL = "state-transition"
 #: Columns of the distances from all exact laws.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from impact_xval.compliant_baselines.registry import is_engine, is_mapped, law_of
@@ -10,8 +11,8 @@ from impact_xval.experiments.presentation.document import Block, Figure, Section
 from impact_xval.experiments.presentation.html import page_of
 from impact_xval.experiments.presentation.style import drawing, save
 from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, named
+from impact_xval.experiments.scoreboard.cases import CASES, COLUMNS, RESTITUTIONS
 from impact_xval.experiments.scoreboard.judging import FROM_LAWS, MODEL, judge, laws
-from impact_xval.experiments.scoreboard.playing import CASES, COLUMNS, RESTITUTIONS
 from impact_xval.experiments.tables.folder import write_text
 from impact_xval.experiments.tables.numbers import listed, number
 from impact_xval.experiments.tables.parquet import replacing
@@ -80,8 +81,11 @@ CRADLE = (
 )
 
 
-def write_all(answers: Frame, root: Path) -> list[Block]:
-    """Judge answers and write everything into the folder of a scoreboard; give what is to be said of it in brief."""
+def write_all(answers: Frame, root: Path, more: Sequence[Section] = ()) -> list[Block]:
+    """Judge answers and write everything into the folder of a scoreboard; give what is to be said of it in brief.
+
+    The page has `more` sections after those of the board.
+    """
     judged = judge(answers)
     followed = laws(judged)
     words = answers_in_words(followed)
@@ -97,6 +101,7 @@ def write_all(answers: Frame, root: Path) -> list[Block]:
         Section("The board", [board_of(judged, followed)]),
         Section("One ball strikes four", [Figure("cradle", CRADLE)]),
         Section("At worst", [worst_of(followed)]),
+        *more,
         Section("All answers", [every], folded=True),
     ]
     write_text(root / "report.html", page_of(TITLE, blocks, root))

@@ -6,60 +6,25 @@ import contextlib
 import json
 from collections.abc import Callable, Sequence
 from concurrent.futures import as_completed
-from dataclasses import replace
+from functools import partial
 from hashlib import sha256
 from importlib.metadata import version
-from itertools import product
 from pathlib import Path
-from timeit import timeit
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
-from impact_xval.compliant_baselines.answers import answer, said
-from impact_xval.compliant_baselines.engines.engine import Engine
-from impact_xval.compliant_baselines.engines.scene import Scene
-from impact_xval.compliant_baselines.engines.stepping import ALOFT
 from impact_xval.compliant_baselines.registry import engine_free_names, get_solver, is_engine, solver_names
-from impact_xval.compliant_baselines.solver import Settings, Solver
-from impact_xval.experiments.config.arrangements import Arranged
 from impact_xval.experiments.config.errors import InterruptedRunError
+from impact_xval.experiments.scoreboard.cases import CASES, COLUMNS, SETTINGS, USUAL, answers_to, prepare
+from impact_xval.experiments.scoreboard.environments import Environment
 from impact_xval.experiments.sweep.pool import TO_PREPARE, Slot, open_pool
 from impact_xval.experiments.sweep.process import FaultError
 from impact_xval.experiments.tables.folder import new_folder, write_text
-from impact_xval.model.collision import Collision
 
-#: Coefficients of restitution of all contacts.
-RESTITUTIONS = (1.0, 0.9, 0.5, 0.0)
-
-#: Collisions by name, as `Arranged` takes them; where nothing else is said balls of 1 kg at 1 m/s, contacts of 1e8 N/m.
-COLUMNS: dict[str, dict[str, Any]] = {
-    "drop, k2/k1 = 0.01": {"arrangement": "drop", "balls": 2, "mass_taper": 2.0, "stiffness_taper": 0.01},
-    "drop, k2/k1 = 1": {"arrangement": "drop", "balls": 2, "mass_taper": 2.0},
-    "drop, k2/k1 = 100": {"arrangement": "drop", "balls": 2, "mass_taper": 2.0, "stiffness_taper": 100.0},
-    "cradle 1 on 2": {"arrangement": "cradle", "balls": 3},
-    "1 on 2, 1 mm apart": {"arrangement": "chain", "balls": 3, "gap": 1e-3},
-    "cradle 1 on 4": {"arrangement": "cradle", "balls": 5},
-    "cradle 2 on 3": {"arrangement": "cradle", "balls": 5, "strike": 2},
-    "stack of 3": {"arrangement": "stack", "balls": 3},
-}
-
-#: Every case, in the order of the board.
-CASES = {(name, e): Arranged(**COLUMNS[name], e=e).column() for name, e in product(COLUMNS, RESTITUTIONS)}
-
-#: The arrangement that is compared with the laws: bodies touch, those of a rigid engine overlap by 2^-16 radii.
-USUAL = "as it is"
-#: Mirrored, so that ball N comes first.
-MIRRORED = "made in the other order"
-#: Gaps, in radii, by which touching bodies are apart, or overlap.
-_GAPS = {"apart by 1e-4": 1e-4, "apart by 1e-6": 1e-6}
-_GAPS |= {"overlapping by 1e-6": -1e-6, "overlapping by 1e-4": -1e-4}
-#: Steps over the usual one.
-STEPS = {"half the step": 0.5, "twice the step": 2.0}
-
-#: Steps after which an impact is given up: ten times those of the longest.
-_SETTINGS = Settings(max_steps=200_000)
+#: Columns of answers, as `play` describes them.
+_COLUMNS = ["solver", "version", "microseconds", "case", "e", "arrangement", "status", "reason"]
+_COLUMNS += [f"v{ball}" for ball in range(1, 6)]
 #: Seconds that one case may take in all arrangements.
 _LONGEST = 120.0
 
@@ -71,38 +36,78 @@ def entrants(names: Sequence[str] = ()) -> list[str]:
     return list(dict.fromkeys([*engine_free_names(), *(names or installed)]))
 
 
-def play(names: Sequence[str], root: Path, workers: int, progress: Callable[..., None]) -> pd.DataFrame:
+def play(
+    names: Sequence[str],
+    root: Path,
+    workers: int,
+    progress: Callable[..., None],
+    elsewhere: Sequence[tuple[str, Environment]] = (),
+) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Have solvers answer every case; what each has answered is kept in a folder, for a board that is stopped.
 
-    A row an answer: solver, version, microseconds (a step), case, e, arrangement, status, reason, v1 ... v5 in m/s.
+    Parameters
+    ----------
+    names
+        Solvers that are asked as they are installed here.
+    elsewhere
+        Solvers that are asked in another environment.
+
+    Returns
+    -------
+    here, there : DataFrame
+        Answers of the solvers here, and of those elsewhere. A row an answer: solver, version, microseconds (a step),
+        case, e, arrangement, status, reason, v1 ... v5 in m/s.
     """
+    entrants = [*((name, None) for name in names), *elsewhere]
+    interpreters = [environment.python for _, environment in elsewhere]
     if not (root / "answers").is_dir():
         new_folder(root)
         (root / "answers").mkdir()
     try:
-        with open_pool(None, workers) as pool:
-            asked = [pool.submit(_answered, name, root / "answers") for name in names]
+        with open_pool(None, workers, interpreters=interpreters) as pool:
+            asked = [pool.submit(_answered, name, root / "answers", where) for name, where in entrants]
             for done, future in enumerate(as_completed(asked), 1):
                 future.result()  # an error ends all at once
-                progress(done * len(CASES), len(names) * len(CASES), "")
+                progress(done * len(CASES), len(entrants) * len(CASES), "")
     except KeyboardInterrupt:
         raise InterruptedRunError("interrupted; answers are kept; the same command continues") from None
-    return pd.DataFrame([row for future in asked for row in future.result()])
+    answers = [future.result() for future in asked]
+    here, there = (
+        pd.DataFrame([row for rows in part for row in rows], columns=_COLUMNS)
+        for part in (answers[: len(names)], answers[len(names) :])
+    )
+    return here, there
 
 
-def _answered(slot: Slot, name: str, folder: Path) -> list[dict[str, Any]]:
-    """Have a solver answer every case, unless its file, named by versions and cases, has the answers."""
-    facts: dict[str, Any] = {"solver": name, "version": get_solver(name).version(), "microseconds": None}
-    asked = version("impact-xval"), facts["version"], COLUMNS, list(CASES), str(_SETTINGS)
+def _answered(slot: Slot, name: str, folder: Path, where: Environment | None = None) -> list[dict[str, Any]]:
+    """Have a solver answer every case, unless its file, named by versions and cases, has the answers.
+
+    It is asked in another environment, if one is given, by a process that ends with the last case.
+    """
+    if where is None:
+        return _kept_answers(partial(slot.call, name), name, folder, get_solver(name).version())
+    worker = slot.worker_of(where.python)
+    try:
+        return _kept_answers(worker.call, name, folder, where.version, where.python.parents[1].name)
+    finally:
+        worker.end()
+
+
+def _kept_answers(
+    call: Callable[..., Any], name: str, folder: Path, installed: str, *environment: str
+) -> list[dict[str, Any]]:
+    """Have a solver answer every case by `call`, which is that of its process, and keep the answers in a file."""
+    facts: dict[str, Any] = {"solver": name, "version": installed, "microseconds": None}
+    asked = version("impact-xval"), installed, COLUMNS, list(CASES), str(SETTINGS), *environment
     identity = sha256(json.dumps(asked).encode()).hexdigest()[:12]
     path, rows = folder / f"{name.replace(':', '-')}-{identity}.json", []
     if path.exists():
         return json.loads(path.read_text(encoding="utf-8"))
     with contextlib.suppress(FaultError):  # then each case says so
-        facts["microseconds"] = slot.call(name, _prepared, name, timeout=TO_PREPARE)
+        facts["microseconds"] = call(prepare, name, timeout=TO_PREPARE)
     for case, e in CASES:
         try:
-            answers = slot.call(name, _answers, name, case, e, timeout=_LONGEST)
+            answers = call(answers_to, name, case, e, timeout=_LONGEST)
         except FaultError as fault:
             answers = [(USUAL, fault.status, fault.reason, ())]
         for arrangement, status, reason, v in answers:
@@ -110,61 +115,3 @@ def _answered(slot: Slot, name: str, folder: Path) -> list[dict[str, Any]]:
             rows.append(facts | row | {f"v{i}": each for i, each in enumerate(v, 1)})
     write_text(path, json.dumps(rows, indent=1))
     return rows
-
-
-def _prepared(_: object, name: str) -> float | None:
-    """Compile and import what a solver needs; microseconds a step of an engine, while balls touch."""
-    solver, collision, n = get_solver(name), CASES["drop, k2/k1 = 1", 0.9], 500
-    scenes = arrangements(solver, collision)
-    if not isinstance(solver, Engine) or not scenes:
-        answer(solver, [collision], _SETTINGS)
-        return None
-    with solver.running():
-        world = solver.world(scenes[USUAL])
-        return 1e6 / n * timeit(lambda: world.advance(n), number=1)
-
-
-def _answers(_: object, name: str, *case: Any) -> list[tuple[str, str, str, Sequence[float]]]:
-    """Answer a case, an engine in every arrangement: which, status, reason and velocities."""
-    solver, collision, found = get_solver(name), CASES[case], []
-    try:
-        scenes = arrangements(solver, collision)
-        if not isinstance(solver, Engine) or not scenes:
-            (o,) = answer(solver, [collision], _SETTINGS)
-            return [(USUAL, o.status, o.reason, o.velocities)]
-        runs = solver.run(list(scenes.values()), _SETTINGS.max_steps)
-    except Exception as error:  # of an engine that met what it does not expect
-        return [(USUAL, "crashed", said(error), ())]
-    for arrangement, run in zip(scenes, runs, strict=True):
-        reason = run.problem() or run.too_much_energy()
-        # A run given up in a long flight, after which balls that hardly approach would meet, has the velocities of it.
-        v = run.reported if run.over or run.end == ALOFT else ()
-        v = tuple(-each for each in v[::-1]) if arrangement == MIRRORED else v  # numbered as in the others
-        found.append((arrangement, "unconverged" if run.over and reason else run.status, reason, v))
-    return found
-
-
-def arrangements(solver: Solver, collision: Collision) -> dict[str, Scene]:
-    """Arrange a collision in every way for an engine; in none for another solver, or an engine that cannot take it.
-
-    Every gap is changed at once. Without a table a column is also moved along its line, and mirrored.
-    """
-    if not isinstance(solver, Engine) or solver.unavailable() is not None:
-        return {}
-    settings = replace(_SETTINGS, **solver.as_set)
-    usual = solver.scene_or_refusal(collision, settings)
-    if isinstance(usual, str):
-        return {}
-    radius, heights = solver.radius(usual), np.array(usual.heights)
-    # Heights grow upwards: ball i is above as many changed gaps as there are contacts below it.
-    below = np.arange(len(heights), 0, -1) - (not usual.table)
-
-    def moved(by: Any) -> Scene:
-        return replace(usual, heights=tuple((heights + by * radius).tolist()))
-
-    found = {USUAL: usual} | {name: moved(gap * below) for name, gap in _GAPS.items()}
-    found |= {name: replace(usual, step=usual.step * share) for name, share in STEPS.items()}
-    if not usual.table:
-        mirrored = replace(Scene.of(collision.reversed(), settings), step=usual.step)
-        found |= {"moved by 0.37 radii": moved(0.37), MIRRORED: mirrored}
-    return found

@@ -11,7 +11,7 @@ import queue
 import threading
 import uuid
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
     CancelledError,
@@ -42,13 +42,23 @@ _TO_CONNECT = 10
 class Slot:
     """A `Worker` a distribution: one for our solvers and one for those of each plug-in, which costs its own cells only.
 
+    One more for each of the `interpreters` of other environments; `worker_of` gives it.
+
     Without `isolate` all is called in this process: to look into solvers with a debugger, and for quick tests.
     """
 
-    def __init__(self, context: Any = None, log: Path | None = None, *, isolate: bool = True) -> None:
+    def __init__(
+        self,
+        context: Any = None,
+        log: Path | None = None,
+        *,
+        isolate: bool = True,
+        interpreters: Sequence[Path] = (),
+    ) -> None:
         self.context, self.isolate = context, isolate
         self._origins = origins()
         self._workers = {origin: Worker(context, log) for origin in self._origins.values()}
+        self._elsewhere = {python: Worker(context, log, python) for python in interpreters}
         self._deaths: Counter[str] = Counter()
         #: What its solvers have said, once they were asked (`chunk.solver_versions`).
         self.versions: dict[str, str] = {}
@@ -91,8 +101,12 @@ class Slot:
 
     def close(self) -> None:
         """End all processes, whatever they do; safe from any thread, and at any time."""
-        for worker in self._workers.values():
+        for worker in (*self._workers.values(), *self._elsewhere.values()):
             worker.close()
+
+    def worker_of(self, python: Path) -> Worker:
+        """Return the worker of one of the interpreters."""
+        return self._elsewhere[python]
 
     def _worker(self, solver: str | None) -> Worker:
         return self._workers[self._origins[solver or REFERENCE]]
@@ -205,14 +219,16 @@ def open_pool(
     isolate: bool = True,
     say: Callable[[str], None] = lambda line: None,
     log: Path | None = None,
+    interpreters: Sequence[Path] = (),
 ) -> Iterator[Any]:
     """Give a pool, here or of a Dask cluster; all it started is gone when the block ends, at once if by an error.
 
-    `context`, `log` and `isolate` are of every `Slot`; those of a cluster have no log.
+    `context`, `log`, `isolate` and `interpreters` are of every `Slot`; those of a cluster have the context alone.
     """
     pool: Any
     if client is None:
-        pool = Pool(partial(Slot, context, log, isolate=isolate), workers if isolate else 1)
+        make_slot = partial(Slot, context, log, isolate=isolate, interpreters=interpreters)
+        pool = Pool(make_slot, workers if isolate else 1)
     else:
         pool = _Dask(client, partial(Slot, context), say)
     try:

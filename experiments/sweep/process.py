@@ -38,6 +38,13 @@ _THREADS = (
 #: By this MuJoCo looks for no window: that takes a third of its import, and a process that prints a traceback when the
 #: one that imports it is ended.
 NO_WINDOW = {"MUJOCO_GL": "disable"}
+#: File of the package that runs here, and how another interpreter imports that one: its folder alone, since what is
+#: installed beside it is of other versions.
+_PROJECT = Path(__file__).parents[2] / "__init__.py"
+_IMPORT_PROJECT = (
+    "import importlib.util as u, sys; s = u.spec_from_file_location('impact_xval', {!r}); "
+    "sys.modules['impact_xval'] = m = u.module_from_spec(s); s.loader.exec_module(m)"
+)
 #: Linux ends the process with the highest score first when memory runs out: a worker, not the main process.
 _OOM_SCORE = "600"
 #: Seconds for a process that has closed its end to exit by itself, since its exit code is of interest.
@@ -68,10 +75,13 @@ class Worker:
 
     The context is sent once to each process, and handed to everything that is called there; standard error is appended
     to the log. On Linux it ends with the thread that started it, which must live as long.
+
+    `python` is the interpreter of another environment, of the same version of Python: what is installed there is
+    imported, and this project from where it runs here, so that the environment serves a changed checkout.
     """
 
-    def __init__(self, context: Any = None, log: Path | None = None) -> None:
-        self.context, self._log = context, log
+    def __init__(self, context: Any = None, log: Path | None = None, python: Path | None = None) -> None:
+        self.context, self._log, self._python = context, log, python
         #: What the present process has been made ready for; of the caller, and empty in a new process.
         self.ready: set[str] = set()
         self._lock, self._closed = threading.Lock(), False
@@ -83,7 +93,7 @@ class Worker:
             if self._closed:
                 raise ClosedError
             if self._running is None:
-                self._running = _started(self._log)
+                self._running = _started(self._log, self._python)
                 with contextlib.suppress(OSError):  # it is gone: noticed by who calls it
                     self._running[1].send(self.context)
             return self._running
@@ -146,18 +156,26 @@ def in_halves(
     return pieces(0, n, False)
 
 
-def _started(log: Path | None) -> tuple[subprocess.Popen[bytes], Connection]:
+def _started(log: Path | None, python: Path | None) -> tuple[subprocess.Popen[bytes], Connection]:
     """Start a process that serves, and give our end of its sockets."""
     ours, theirs = Pipe()
-    places = [place for place in sys.path if isinstance(place, str)]  # no import heeds another
     serving = f"from {__name__} import serve; serve({theirs.fileno()}, {os.getpid()})"
+    environment = NO_WINDOW | os.environ | dict.fromkeys(_THREADS, "1")
+    if python is None:
+        places = [place for place in sys.path if isinstance(place, str)]  # no import heeds another
+        command = [sys.executable, "-c", f"import sys; sys.path[:] = {places!r}; {serving}"]
+    else:
+        # Isolated: PYTHONPATH of the caller would put other versions before those of the environment.
+        command = [str(python), "-I", "-c", f"{_IMPORT_PROJECT.format(str(_PROJECT))}; {serving}"]
+        # Another version of Numba would write over the kernels of the one here.
+        environment["NUMBA_CACHE_DIR"] = str(python.parents[1] / "kernels")
     with theirs, (log or Path(os.devnull)).open("ab") as said:
         process = subprocess.Popen(
-            [sys.executable, "-c", f"import sys; sys.path[:] = {places!r}; {serving}"],
+            command,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,  # engines print there
             stderr=said,
-            env=NO_WINDOW | os.environ | dict.fromkeys(_THREADS, "1"),
+            env=environment,
             pass_fds=[theirs.fileno()],
             start_new_session=True,
         )

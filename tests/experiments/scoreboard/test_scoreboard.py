@@ -13,10 +13,10 @@ from markupsafe import escape
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.rigid.laws import follow
-from impact_xval.experiments.scoreboard import playing
+from impact_xval.experiments.scoreboard import cases, playing
+from impact_xval.experiments.scoreboard.cases import CASES, COLUMNS, MIRRORED, USUAL, arrangements
 from impact_xval.experiments.scoreboard.judging import judge, laws, moved
 from impact_xval.experiments.scoreboard.page import board_of, how, worst_of, write_all
-from impact_xval.experiments.scoreboard.playing import CASES, COLUMNS, MIRRORED, USUAL, arrangements
 from impact_xval.experiments.sweep.pool import Slot
 from impact_xval.experiments.tables.numbers import number
 
@@ -72,7 +72,7 @@ def test_the_law_of_an_engine_is_the_one_that_is_near_to_all_it_answers():
 
 def test_rigid_engines_end_elsewhere_where_bodies_do_not_quite_touch():
     pytest.importorskip("pymunk")
-    found = {arrangement: v for arrangement, *_, v in playing._answers(None, "pymunk", *BASIC)}
+    found = {arrangement: v for arrangement, *_, v in cases.answers_to(None, "pymunk", *BASIC)}
     for name in (USUAL, "overlapping by 1e-6", "overlapping by 1e-4", "half the step", "twice the step"):
         assert found[name] == pytest.approx((1.0, 0.0), abs=1e-12), name  # at once
     for name in ("apart by 1e-6", "apart by 1e-4"):
@@ -87,7 +87,7 @@ def test_gaps_are_those_that_are_said_and_a_mirrored_line_is_numbered_as_the_oth
         change = np.diff(scenes[name].heights) - np.diff(usual.heights)
         assert change == pytest.approx([-gap * radius] * 4, rel=1e-9)
     assert np.ptp(np.subtract(scenes["moved by 0.37 radii"].heights, usual.heights)) == 0
-    found = {arrangement: v for arrangement, *_, v in playing._answers(None, "mujoco", *case)}
+    found = {arrangement: v for arrangement, *_, v in cases.answers_to(None, "mujoco", *case)}
     assert found[MIRRORED] == pytest.approx(found[USUAL], abs=1e-7)
 
 
@@ -134,7 +134,7 @@ def dies(_, name, case, e):
 
 
 def test_an_engine_that_dies_costs_the_answers_it_does_not_give(monkeypatch, tmp_path):
-    monkeypatch.setattr(playing, "_answers", dies)
+    monkeypatch.setattr(playing, "answers_to", dies)
     with contextlib.closing(Slot()) as slot:
         found = pd.DataFrame(playing._answered(slot, "newton-restitution", tmp_path))
     said = {*zip(found.case == "stack of 3", found.status, found.reason, strict=True)}

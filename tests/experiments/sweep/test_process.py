@@ -7,9 +7,11 @@ import signal
 import subprocess
 import sys
 import time
+import venv
 
 import pytest
 
+import impact_xval
 from impact_xval import Collision, compare
 from impact_xval.experiments.sweep.pool import Slot
 from impact_xval.experiments.sweep.process import FaultError, Worker, WorkerError
@@ -84,6 +86,21 @@ def test_a_process_that_compiled_or_died_of_it_is_replaced_once(tmp_path, dies):
         assert slot.call(None, pid, timeout=60) != third
         assert gone(first)
         assert gone(third)
+
+
+def test_another_interpreter_imports_this_project_and_nothing_else_that_is_installed_here(
+    tmp_path, monkeypatch
+):
+    venv.create(tmp_path / "other", symlinks=True)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
+    facts = (
+        "(__import__('sys').prefix, __import__('impact_xval').__file__, "
+        "__import__('os').environ['NUMBA_CACHE_DIR'], __import__('importlib.util').util.find_spec('numpy'))"
+    )
+    with contextlib.closing(Worker(facts, python=tmp_path / "other" / "bin" / "python")) as worker:
+        found = worker.call(eval, timeout=60)  # of its context
+    other = tmp_path / "other"
+    assert found == (str(other), impact_xval.__file__, str(other / "kernels"), None)
 
 
 def test_it_does_not_outlive_a_killed_parent_whatever_it_does():

@@ -1,0 +1,122 @@
+"""The collisions of the scoreboard, and what a solver answers to each of them.
+
+A process of another interpreter imports this module, in an environment that holds an engine and little else
+(`environments`): NumPy, SciPy, Numba and pydantic, no pandas.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import product
+from timeit import timeit
+from typing import Any
+
+import numpy as np
+
+from impact_xval.compliant_baselines.answers import answer, said
+from impact_xval.compliant_baselines.engines.engine import Engine
+from impact_xval.compliant_baselines.engines.scene import Scene
+from impact_xval.compliant_baselines.engines.stepping import ALOFT
+from impact_xval.compliant_baselines.registry import get_solver
+from impact_xval.compliant_baselines.solver import Settings, Solver
+from impact_xval.experiments.config.arrangements import Arranged
+from impact_xval.model.collision import Collision
+
+#: Coefficients of restitution of all contacts.
+RESTITUTIONS = (1.0, 0.9, 0.5, 0.0)
+
+#: Collisions by name, as `Arranged` takes them; where nothing else is said balls of 1 kg at 1 m/s, contacts of 1e8 N/m.
+COLUMNS: dict[str, dict[str, Any]] = {
+    "drop, k2/k1 = 0.01": {"arrangement": "drop", "balls": 2, "mass_taper": 2.0, "stiffness_taper": 0.01},
+    "drop, k2/k1 = 1": {"arrangement": "drop", "balls": 2, "mass_taper": 2.0},
+    "drop, k2/k1 = 100": {"arrangement": "drop", "balls": 2, "mass_taper": 2.0, "stiffness_taper": 100.0},
+    "cradle 1 on 2": {"arrangement": "cradle", "balls": 3},
+    "1 on 2, 1 mm apart": {"arrangement": "chain", "balls": 3, "gap": 1e-3},
+    "cradle 1 on 4": {"arrangement": "cradle", "balls": 5},
+    "cradle 2 on 3": {"arrangement": "cradle", "balls": 5, "strike": 2},
+    "stack of 3": {"arrangement": "stack", "balls": 3},
+}
+
+#: Every case, in the order of the board.
+CASES = {(name, e): Arranged(**COLUMNS[name], e=e).column() for name, e in product(COLUMNS, RESTITUTIONS)}
+
+#: The arrangement that is compared with the laws: bodies touch, those of a rigid engine overlap by 2^-16 radii.
+USUAL = "as it is"
+#: Mirrored, so that ball N comes first.
+MIRRORED = "made in the other order"
+#: Gaps, in radii, by which touching bodies are apart, or overlap.
+_GAPS = {"apart by 1e-4": 1e-4, "apart by 1e-6": 1e-6}
+_GAPS |= {"overlapping by 1e-6": -1e-6, "overlapping by 1e-4": -1e-4}
+#: Steps over the usual one.
+STEPS = {"half the step": 0.5, "twice the step": 2.0}
+
+#: Steps after which an impact is given up: ten times those of the longest.
+SETTINGS = Settings(max_steps=200_000)
+
+
+def state(_: object, name: str) -> tuple[str, str]:
+    """Return the version of an engine, and why it cannot run; the reason is empty if it can."""
+    solver = get_solver(name)
+    return solver.version(), solver.unavailable() or ""
+
+
+def prepare(_: object, name: str) -> float | None:
+    """Compile and import what a solver needs; microseconds a step of an engine, while balls touch."""
+    solver, collision, n = get_solver(name), CASES["drop, k2/k1 = 1", 0.9], 500
+    scenes = arrangements(solver, collision)
+    if not isinstance(solver, Engine) or not scenes:
+        answer(solver, [collision], SETTINGS)
+        return None
+    try:
+        with solver.running():
+            world = solver.world(scenes[USUAL])
+            return 1e6 / n * timeit(lambda: world.advance(n), number=1)
+    except Exception:  # of an engine that met what it does not expect: each case says so
+        return None
+
+
+def answers_to(_: object, name: str, *case: Any) -> list[tuple[str, str, str, Sequence[float]]]:
+    """Answer a case, an engine in every arrangement: which, status, reason and velocities."""
+    solver, collision, found = get_solver(name), CASES[case], []
+    try:
+        scenes = arrangements(solver, collision)
+        if not isinstance(solver, Engine) or not scenes:
+            (o,) = answer(solver, [collision], SETTINGS)
+            return [(USUAL, o.status, o.reason, o.velocities)]
+        runs = solver.run(list(scenes.values()), SETTINGS.max_steps)
+    except Exception as error:  # of an engine that met what it does not expect
+        return [(USUAL, "crashed", said(error), ())]
+    for arrangement, run in zip(scenes, runs, strict=True):
+        reason = run.problem() or run.too_much_energy()
+        # A run given up in a long flight, after which balls that hardly approach would meet, has the velocities of it.
+        v = run.reported if run.over or run.end == ALOFT else ()
+        v = tuple(-each for each in v[::-1]) if arrangement == MIRRORED else v  # numbered as in the others
+        found.append((arrangement, "unconverged" if run.over and reason else run.status, reason, v))
+    return found
+
+
+def arrangements(solver: Solver, collision: Collision) -> dict[str, Scene]:
+    """Arrange a collision in every way for an engine; in none for another solver, or an engine that cannot take it.
+
+    Every gap is changed at once. Without a table a column is also moved along its line, and mirrored.
+    """
+    if not isinstance(solver, Engine) or solver.unavailable() is not None:
+        return {}
+    settings = replace(SETTINGS, **solver.as_set)
+    usual = solver.scene_or_refusal(collision, settings)
+    if isinstance(usual, str):
+        return {}
+    radius, heights = solver.radius(usual), np.array(usual.heights)
+    # Heights grow upwards: ball i is above as many changed gaps as there are contacts below it.
+    below = np.arange(len(heights), 0, -1) - (not usual.table)
+
+    def moved(by: Any) -> Scene:
+        return replace(usual, heights=tuple((heights + by * radius).tolist()))
+
+    found = {USUAL: usual} | {name: moved(gap * below) for name, gap in _GAPS.items()}
+    found |= {name: replace(usual, step=usual.step * share) for name, share in STEPS.items()}
+    if not usual.table:
+        mirrored = replace(Scene.of(collision.reversed(), settings), step=usual.step)
+        found |= {"moved by 0.37 radii": moved(0.37), MIRRORED: mirrored}
+    return found

@@ -1,0 +1,161 @@
+"""Environments of their own for versions of engines: what is asked for, and how it is installed.
+
+An environment holds an engine and what the side that answers imports (`cases`); the code of this project is imported
+from where it runs. It is made once, in the user's cache folder, and named by the requirement, the version of Python and
+what the project needs.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import sysconfig
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from hashlib import sha256
+from importlib.metadata import requires
+from pathlib import Path
+
+from filelock import FileLock
+from packaging.requirements import InvalidRequirement, Requirement
+from packaging.utils import canonicalize_name
+
+from impact_xval.compliant_baselines.engines.engine import Engine
+from impact_xval.compliant_baselines.registry import get_solver, is_engine, is_ours, solver_names
+from impact_xval.experiments.config.errors import UserError, hint, short
+from impact_xval.experiments.tables.folder import write_json
+
+#: Dependencies of this project that `cases`, and what it imports, needs; no other is installed beside an engine.
+NEEDED = ("numpy", "scipy", "numba", "pydantic")
+#: File that is written when an environment is complete, with the version that was installed.
+_COMPLETE = "environment.json"
+#: Prints the version of a distribution.
+_STATE = "import importlib.metadata as m, sys; print(m.version(sys.argv[1]))"
+#: Most letters of what an installer says that are shown.
+_LONGEST_REASON = 300
+
+
+@dataclass(frozen=True, slots=True)
+class Environment:
+    """An environment that holds a version of an engine."""
+
+    requirement: str
+    distribution: str
+    version: str
+    #: Its interpreter.
+    python: Path
+
+
+class NotInstalledError(UserError):
+    """A requirement that cannot be installed, as a line for the user."""
+
+    def __init__(self, requirement: Requirement, reason: str) -> None:
+        super().__init__(f"--with {str(requirement)!r}: {reason}")
+        self.distribution, self.requirement, self.reason = requirement.name, str(requirement), reason
+
+
+def solvers_by_distribution() -> Mapping[str, Sequence[str]]:
+    """Name the engines of this project by the distribution that each needs."""
+    found: dict[str, list[str]] = {}
+    for name in filter(is_engine, filter(is_ours, solver_names(on_request=True))):
+        solver = get_solver(name)
+        if isinstance(solver, Engine):
+            found.setdefault(solver.distribution, []).append(name)
+    return found
+
+
+def read_requirement(text: str) -> Requirement:
+    """Read a requirement as pip takes it, of an engine that is known here; anything else is a `UserError`."""
+    try:
+        requirement = Requirement(text)
+    except InvalidRequirement:
+        raise UserError(f"--with {short(text)}: no requirement; legal: such as 'mujoco==3.3.7'") from None
+    known = [*solvers_by_distribution()]
+    requirement.name = canonicalize_name(requirement.name)
+    if requirement.name not in known:
+        raise UserError(
+            f"--with {short(text)}: no engine is distributed as {requirement.name!r}"
+            f"{hint(requirement.name, known)}; legal: a version of {', '.join(known)}"
+        )
+    return requirement
+
+
+def cache_folder() -> Path:
+    """Return the folder in which the user's environments are kept."""
+    home = Path.home()
+    if sys.platform == "win32":
+        cache = Path(os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local")
+    elif sys.platform == "darwin":
+        cache = home / "Library" / "Caches"
+    else:
+        cache = Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache")
+    return cache / "impact-xval" / "environments"
+
+
+def make_environment(requirement: Requirement) -> Environment:
+    """Make an environment for a requirement, or find the one that was made before.
+
+    One that was stopped while it was made is made anew. Raises a `NotInstalledError` with what the installer says.
+    """
+    needed = [text for text in requires("impact-xval") or () if Requirement(text).name in NEEDED]
+    identity = str(requirement), sys.version, sysconfig.get_platform(), sorted(needed)
+    name = re.sub(r"[^\w.]+", "-", str(requirement))[:40].strip("-")
+    folder = cache_folder() / f"{name}-{sha256(json.dumps(identity).encode()).hexdigest()[:12]}"
+    python = folder / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with FileLock(f"{folder}.lock"):
+        if not (folder / _COMPLETE).exists():
+            shutil.rmtree(folder, ignore_errors=True)
+            try:
+                for command in _installing(folder, python, [str(requirement), *needed]):
+                    _run(command, requirement)
+                version = _run([str(python), "-I", "-c", _STATE, requirement.name], requirement).strip()
+            except NotInstalledError:
+                shutil.rmtree(folder, ignore_errors=True)
+                raise
+            write_json(folder / _COMPLETE, {"requirement": str(requirement), "version": version})
+        version = json.loads((folder / _COMPLETE).read_text(encoding="utf-8"))["version"]
+    return Environment(str(requirement), requirement.name, version, python)
+
+
+def _installing(folder: Path, python: Path, requirements: Sequence[str]) -> list[list[str]]:
+    """Return the commands that make an environment: of uv where it is installed, else of venv and pip.
+
+    Wheels alone are installed: an engine is compiled for longer than anyone waits, and mostly in vain.
+    """
+    wanted = ["--only-binary", ":all:", *requirements]
+    uv = shutil.which("uv") or shutil.which("uv", path=str(Path(sys.executable).parent))
+    if uv:
+        return [
+            [uv, "venv", "--quiet", "--python", sys.executable, str(folder)],
+            [uv, "pip", "install", "--quiet", "--python", str(python), *wanted],
+        ]
+    # Isolated: pip takes what PYTHONPATH leads to for installed.
+    return [
+        [sys.executable, "-I", "-m", "venv", str(folder)],
+        [str(python), "-I", "-m", "pip", "install", "--quiet", "--no-input", *wanted],
+    ]
+
+
+def _run(command: Sequence[str], requirement: Requirement) -> str:
+    """Run a command of an installer and return what it prints; if it fails, that is the reason."""
+    done = subprocess.run(
+        command, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace", check=False
+    )
+    if done.returncode:
+        raise NotInstalledError(requirement, reason_in(done.stdout + done.stderr))
+    return done.stdout
+
+
+def reason_in(printed: str) -> str:
+    """Find in what an installer printed why it failed, in a line."""
+    first = re.search(r"^ERROR: (.*)", printed, re.M)  # of pip; those that follow say less
+    text = first[1] if first else re.sub(r"[│╰─▶├×]", " ", printed)
+    text = text.replace("(from versions: none)", "(no version at all: is there a network?)")
+    text = re.sub(r" \((from versions|Ignored):? .*\)", "", text)
+    text = " ".join(text.split()) or "the installer says nothing"
+    return text if len(text) <= _LONGEST_REASON else text[: _LONGEST_REASON - 3] + "..."

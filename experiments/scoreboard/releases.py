@@ -1,0 +1,175 @@
+"""What an engine's releases changed: each version's answers against those of the version before."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+from packaging.version import Version
+
+from impact_xval.experiments.measures.aggregates import Frame
+from impact_xval.experiments.presentation.document import Block, Section, Table
+from impact_xval.experiments.scoreboard.cases import COLUMNS
+from impact_xval.experiments.scoreboard.environments import NotInstalledError, solvers_by_distribution
+from impact_xval.experiments.scoreboard.judging import moved
+from impact_xval.experiments.scoreboard.page import called
+from impact_xval.experiments.tables.folder import write_text
+from impact_xval.experiments.tables.numbers import listed, number
+from impact_xval.experiments.tables.parquet import replacing
+
+#: Files in the folder of a scoreboard: all answers of all versions, and those that moved.
+ANSWERS, MOVED = "releases.parquet", "releases.csv"
+
+TITLE = "What releases changed"
+
+#: Largest change of a velocity, over |v0|, that counts as none; as that of a baseline.
+TOLERANCE = 1e-6
+
+CAPTION = (
+    "A row a version, which is held against the version above that has answers: the largest change of a velocity, over "
+    f"|v0|, among all e and all placements of a case. = : none is larger than {TOLERANCE:g}. ! : another status, "
+    "or an answer in one of the two alone. - : no answer, or no version before. * marks a version that differs; "
+    "“moved” counts its answers that do, of all that it was asked for."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Release:
+    """A version of an engine beside the version before."""
+
+    solver: str
+    version: str
+    #: The version before that has answers; None for the first.
+    before: str | None = None
+    #: Answers that moved, as by `judging.moved`, and how many were compared.
+    moved: Frame | None = None
+    compared: int = 0
+    #: Cases that this version answers for some e.
+    answered: frozenset[str] = frozenset()
+    #: Why this version has no answer at all; empty if it has any.
+    reason: str = ""
+
+    @property
+    def differs(self) -> bool:
+        """Whether an answer moved."""
+        return self.moved is not None and len(self.moved) > 0
+
+
+def releases_in(here: Frame, elsewhere: Frame) -> list[Release]:
+    """Hold the versions of each engine against each other, in the order of their numbers.
+
+    Parameters
+    ----------
+    here
+        Answers of the engines that are installed here, which are a version too.
+    elsewhere
+        Answers of the versions that were asked for. Of two with the same number the first counts.
+    """
+    both = (elsewhere, here[here.solver.isin(elsewhere.solver)])
+    answers = pd.concat([part.drop(columns="microseconds") for part in both], ignore_index=True)
+    answers = answers.drop_duplicates(["solver", "version", "case", "e", "arrangement"])
+    found: list[Release] = []
+    for solver, own in answers.groupby("solver", sort=False):
+        by_version = {str(version): rows for version, rows in own.groupby("version")}
+        before: str | None = None
+        for version in sorted(by_version, key=Version):
+            now = by_version[version]
+            if now.v1.isna().all():
+                found.append(Release(str(solver), version, reason=now.reason.iloc[0]))
+                continue
+            if before is None:
+                found.append(Release(str(solver), version))
+            else:
+                changes = moved(by_version[before], now, TOLERANCE)
+                answered = frozenset(now.case[now.v1.notna()])
+                found.append(Release(str(solver), version, before, changes, len(now), answered))
+            before = version
+    return found
+
+
+def write_releases(
+    releases: Sequence[Release], missing: Sequence[NotInstalledError], answers: Frame, root: Path
+) -> Section:
+    """Write the files of the releases into the folder of a scoreboard; return the section of its page."""
+    with replacing(root / ANSWERS) as temporary:
+        answers.to_parquet(temporary, index=False, compression="zstd")
+    changes = [
+        release.moved.assign(solver=release.solver, before=release.before, version=release.version)
+        for release in releases
+        if release.moved is not None
+    ]
+    text = pd.concat(changes).to_csv(index=False, lineterminator="\n") if changes else ""
+    write_text(root / MOVED, text)
+    return Section(TITLE, [*releases_in_words(releases), table_of_releases(releases, missing)])
+
+
+def releases_in_words(releases: Sequence[Release]) -> list[Block]:
+    """Say which versions of each engine answer otherwise than the version before."""
+    sentences: list[str] = []
+    for distribution, names in solvers_by_distribution().items():
+        same: list[str] = []
+        of_engine = [release for release in releases if release.solver in names and not release.reason]
+        for name in dict.fromkeys(release.solver for release in of_engine):
+            own = [release for release in of_engine if release.solver == name]
+            changes = [_change_in_words(release) for release in own if release.differs]
+            if changes:
+                sentences.append(f"{called(name)}: {'; '.join(changes)}.")
+            elif len(own) > 1:
+                same.append(called(name))
+        if same:
+            versions = listed(dict.fromkeys(release.version for release in of_engine))
+            sentences.append(
+                f"{listed(same)} answer{'s' * (len(same) == 1)} the same in {distribution} {versions}."
+            )
+    return [*sentences]
+
+
+def _change_in_words(release: Release) -> str:
+    """Say what a release changed: how many answers, and where a velocity changed most."""
+    assert release.moved is not None
+    largest = release.moved.iloc[0]
+    return (
+        f"{release.version} moved {len(release.moved)} of {release.compared} answers of {release.before}, "
+        f"the farthest by {number(largest.change, 2)} |v0| ({largest.case}, e = {number(largest.e)}, "
+        f"{largest.arrangement})"
+    )
+
+
+def table_of_releases(releases: Sequence[Release], missing: Sequence[NotInstalledError]) -> Table:
+    """Lay out a row a version and a column a case; a version without answers has its reason."""
+    rows: list[tuple[str, ...]] = []
+    nothing = ["-"] * len(COLUMNS)
+    for distribution, names in solvers_by_distribution().items():
+        for release in (release for release in releases if release.solver in names):
+            if release.reason:
+                rows.append(
+                    (called(release.solver), release.version, f"no answer: {release.reason}", *nothing)
+                )
+            elif release.moved is None:
+                rows.append((called(release.solver), release.version, "the first", *nothing))
+            else:
+                count = f"{len(release.moved)} of {release.compared}"
+                version = f"{release.version} *" if release.differs else release.version
+                rows.append((called(release.solver), version, count, *_cells(release)))
+        for error in (error for error in missing if error.distribution == distribution):
+            rows.append((distribution, error.requirement, f"not installed: {error.reason}", *nothing))
+    return Table(("engine", "version", "moved", *COLUMNS), rows, CAPTION, text=3)
+
+
+def _cells(release: Release) -> list[str]:
+    """Write what moved, a cell a case."""
+    assert release.moved is not None
+    cells: list[str] = []
+    for case in COLUMNS:
+        changes = release.moved[release.moved.case == case]
+        if changes.empty:
+            cells.append("=" if case in release.answered else "-")
+            continue
+        largest = changes.change.max()
+        parts = [number(largest, 2)] if largest > TOLERANCE else []
+        another_status = (changes.status_before != changes.status_after).any()
+        # Without a change of either an answer is there, after a flight that was given up, in one version alone.
+        cells.append(" ".join([*parts, "!"] if another_status or not parts else parts))
+    return cells
