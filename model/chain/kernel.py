@@ -17,7 +17,7 @@ import numpy as np
 
 from impact_xval.model.chain import laws, state
 from impact_xval.model.chain.laws import FORCE, GAP, RATE, TURN, carries, force, has_dashpot, has_series, rest
-from impact_xval.model.chain.power_law import ORDER_OF_STEP, advance, settle, step, watch_force
+from impact_xval.model.chain.power_law import ORDER_OF_STEP, advance, settle, step, through_ends, watch_force
 from impact_xval.model.chain.rest import FREE, GOING, QUIET, fall_time, how_ended, in_flight, over_within
 from impact_xval.model.chain.roots import first_root, refine
 from impact_xval.model.chain.series import ORDER, expand, expand_product, place, slope, span, value
@@ -277,15 +277,25 @@ def follow(c, n, h_next, tolerance, work):
             expand(c, n, h, work)
     else:
         h, h_next = advance(c, n, h_next, tolerance, work)
+    found, found_what = -1, FORCE
     while True:
         which, what, sign, x = first_event(c, n, h, work)
+        if which < 0 and found >= 0:
+            which, what, x = found, found_what, 1.0
+            break
         if series or which < 0 or x < 0:
             break
         x, happened = settle(c, n, h, x, which, what, sign, work)
-        if happened:
-            break
         work[which].left_out |= 1 << what
-        step(c, n, h, work)
+        if happened:
+            # The step now ends with this event. Where its time by the polynomial was wrong another may come before it.
+            found, found_what, h = which, what, x * h
+            if h == 0:
+                x = 1.0
+                break
+            through_ends(c, n, h, work)
+        else:
+            step(c, n, h, work)
     x = min(x, 1.0)
     if series:
         if n == 2 and c[1].g > 0 and x > 0 and has_dashpot(c[0]):
