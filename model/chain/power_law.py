@@ -33,9 +33,14 @@ ORDER_OF_STEP = 5
 #: Error of a step: of a velocity per that of the impact, of a deformation per the one that would hold all the energy.
 TOLERANCE = 1e-14
 
-#: Steps to the time of an event: the most; and of Newton's the most, and the largest one as a share of the step, while
-#: no change of sign is known.
-MOST_REFINEMENTS, REFINEMENTS, LARGEST = 100, 8, 0.05
+#: Most steps to the time of an event between whose ends a sign changes: halvings alone would do.
+MOST_REFINEMENTS = 60
+
+#: Most of Newton's steps, and the largest one as a share of the step, while no change of sign is known.
+REFINEMENTS, LARGEST = 8, 0.05
+
+#: Share of the largest slope that rounding may leave in an estimate: of some ten terms, of weights up to six.
+ROUNDED = 2.0**-49
 
 #: Last of Newton's steps, as a share of the step of the method: where it stops, and what rounding may leave.
 CONVERGED, RESOLVED = 1e-15, 1e-6
@@ -92,15 +97,24 @@ def to_stage(c, n, stage, h, work):
 
 @uncounted
 def error_of_step(c, n, h, work):
-    """Estimate the error of a step of length h from the derivatives at its stages; as of `TOLERANCE`."""
+    """Estimate the error of a step of length h from the derivatives at its stages; as of `TOLERANCE`.
+
+    Rounding in the estimate of a deformation counts as none. A contact that is apart may have been stiffened until its
+    length is 1e-30 of the first: rounding of its gap is large in that length, and no shorter step mends it.
+    """
     fifth, third = 0.0, 0.0
     for i in range(n):
-        one, own, w5, w3, d5, d3 = c[i], work[i], 0.0, 0.0, 0.0, 0.0
+        one, own, w5, w3, d5, d3, largest = c[i], work[i], 0.0, 0.0, 0.0, 0.0, 0.0
         for j in range(STAGES + 1):
             w5 += E5[j] * own.kw[j]
             w3 += E3[j] * own.kw[j]
             d5 += E5[j] * own.kd[j]
             d3 += E3[j] * own.kd[j]
+            largest = max(largest, abs(own.kd[j]))
+        if abs(d5) <= ROUNDED * largest:
+            d5 = 0.0
+        if abs(d3) <= ROUNDED * largest:
+            d3 = 0.0
         length = one.length * (one.original / one.k) ** (1 / (one.p + 1))
         fifth += w5 * w5 + (d5 / length) ** 2
         third += w3 * w3 + (d3 / length) ** 2
@@ -165,7 +179,7 @@ def advance(c, n, h, tolerance, work):
 
 @uncounted
 def through_ends(c, n, h, work):
-    """Write the coefficients in x = t/h of the polynomials through the ends of a step of length h, after which `c` is."""
+    """Write the coefficients in x = t/h of polynomials through the ends of a step of length h; `c` is at its end."""
     for i in range(n):
         one, own = c[i], work[i]
         w0, w1 = h * own.kw[0], h * own.kw[STAGES]
@@ -208,7 +222,7 @@ def settle(c, n, h, x, i, what, sign, work):
     """
     one, own, low, high = c[i], work[i], 0.0, 1.0
     value, _ = watched_value(one, own, what)
-    changes, again = sign * value <= 0, MOST_REFINEMENTS
+    changes, refinements = sign * value <= 0, 0
     while True:
         step(c, n, x * h, work)
         value, rise = watched_value(one, own, what)
@@ -217,12 +231,12 @@ def settle(c, n, h, x, i, what, sign, work):
             low = x
         else:
             high, changes = x, True
-        after = x + max(-LARGEST, min(change, LARGEST))
-        if changes:
+        if not changes:
+            after = max(0.0, x + max(-LARGEST, min(change, LARGEST)))
+        elif value == 0 or low < x + change < high:
             after = x + change
-            if value != 0 and not low < after < high:
-                after = 0.5 * (low + high)
-        after, again = max(0.0, after), again - 1
-        if abs(after - x) <= CONVERGED or again == 0 or (not changes and again == MOST_REFINEMENTS - REFINEMENTS):
+        else:
+            after = 0.5 * (low + high)
+        if abs(after - x) <= CONVERGED or refinements == (MOST_REFINEMENTS if changes else REFINEMENTS):
             return x, sign * value <= 0 or (sign * rise < 0 and abs(change) <= RESOLVED)
-        x = after
+        x, refinements = after, refinements + 1
