@@ -23,7 +23,7 @@ from impact_xval.model.chain.roots import first_root, refine
 from impact_xval.model.chain.series import ORDER, expand, expand_product, place, slope, span, value
 from impact_xval.model.compiled import entry, merged, uncounted
 from impact_xval.model.pair.grazing import STAKE
-from impact_xval.model.pair.law import INACTIVE, RESTITUTION
+from impact_xval.model.pair.law import COMPRESSION, INACTIVE, RESTITUTION
 
 #: How a chain ended, as bits: what happened on the way.
 PLASTIC, RUNAWAY, COLLAPSE, TOO_MANY_EVENTS, MADE_ENERGY = 1, 2, 4, 8, 16
@@ -88,6 +88,25 @@ def ringing_ends(c, n, i):
             if abs(c[j].w) < room:
                 return False
     return True
+
+
+@uncounted
+def rigid_at_rest(c, n, i):
+    """Tell whether a contact at rest has become so stiff that it stays at rest, pressed by its neighbours.
+
+    Its energy is taken for rounding, again and again (`state.still`), and steps that resolve how it is loaded end
+    nowhere. Under a force of a neighbour it holds as little of its energy as delta is of the neighbour's delta.
+    """
+    one, static = c[i], 0.0
+    if one.phase != COMPRESSION or one.w != 0 or one.delta != 0 or not one.e < 1 or not one.k > one.original:
+        return False
+    for j in range(i - 1, i + 2, 2):
+        F = force(c[j])
+        if F > 0:
+            static += c[max(i, j)].a * F
+            if (c[j].k / one.k) ** (1 / one.p) > RIGID:
+                return False
+    return static > 0
 
 
 @uncounted
@@ -409,6 +428,10 @@ def collide(c, work, energy, drift, g, tolerance, max_pieces, points, log, at, o
             if what != TURN and (not dashpot or carries(c[which]) != acted):
                 events, quiet = events + 1, 0
         state.still(c, n, energy)
+        if c[0].law == laws.STATE_TRANSITION and not has_series(c[0]):
+            for i in range(n - 1, -1, -1):
+                if rigid_at_rest(c, n, i):
+                    n, code = state.unite(c, n, i), code | RUNAWAY
     if end != GOING:
         if end != FREE:
             row = note_set(c, n, work, sets, first, row)
