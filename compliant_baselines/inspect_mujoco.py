@@ -4,7 +4,9 @@ The engine documents each trap (XML reference, "Solver parameters" and the optio
 measures its effect. A contact is dropped and loaded in a scene of its own: two spheres, or one and a plane for a fixed
 body, on vertical slides, with the parameters as the engine combines them, and masses, inverse weights and options of
 the user's scene. A sphere has one contact, where a box that lands on a face shares its load among four. A body on
-joints has its mass in the direction in which it moves most easily.
+joints has its mass in the direction in which it moves most easily, and there the damping and the dry friction of the
+joints. The solver stops where it would stop for the two bodies in the user's scene: what it holds against its tolerance
+is divided by the sum of the mass matrix's diagonal, of all that is solved together.
 """
 
 from __future__ import annotations
@@ -44,24 +46,46 @@ FORCE_LEVEL = 0.01
 MOST_ROWS = 50
 #: How far a contact may be from what was meant, in restitution and relatively in stiffness.
 NEAR_E, NEAR_K = 0.02, 0.05
+#: How far restitution may exceed 1, or change with the solver's tolerance (and the duration relatively): at 30 steps
+#: in a contact an elastic one is up to 1.1e-3 off.
+NEGLIGIBLE = 1.5e-3
 #: Restitution of a contact that is not to rebound: no finite damping gives 0.
 NO_REBOUND = 0.01
 
 #: What decides a contact, by the name of the engine's arrays of pairs: attributes of its mjContact.
-_PARAMETERS = {name: name for name in ("solref", "solimp", "friction", "solreffriction", "adhesion", "dim")}
+_PARAMETERS = {name: name for name in ("solref", "solimp", "friction", "solreffriction", "dim")}
 _PARAMETERS |= {"margin": "includemargin"}
+if hasattr(mujoco.MjContact, "adhesion"):  # from 3.11 on
+    _PARAMETERS["adhesion"] = "adhesion"
+
+
+#: The stage that makes the mass matrix, as the engine calls it: from 3.3 on it adds the inertia of tendons.
+_MASS_MATRIX = "makeM" if hasattr(mujoco, "mj_makeM") else "crb"
+
+
+class Losses(NamedTuple):
+    """What the joints of a body take from its motion along the normal."""
+
+    #: In N s/m and N; and the solref and solimp of the dry friction, of the joint that has most of it.
+    damping: float = 0.0
+    friction: float = 0.0
+    solref: tuple[float, ...] = MUJOCO_DEFAULT_SOLREF
+    solimp: tuple[float, ...] = MUJOCO_DEFAULT_SOLIMP
 
 
 class Bodies(NamedTuple):
     """The two bodies of a contact, the lighter first: masses along the normal in kg, inf if fixed, `body_invweight0`.
 
     A `pair` with these numbers has this contact; `mixed` are the solrefs of two geoms, if any is direct and the engine
-    has mixed them.
+    has mixed them. The solver divides by `inertia`, the sum of the mass matrix's diagonal, what it holds against its
+    tolerance.
     """
 
     masses: tuple[float, float]
     weights: tuple[tuple[float, ...], ...]
     pair: tuple[tuple[str, Any], ...]
+    inertia: float
+    losses: tuple[Losses, Losses] = (Losses(), Losses())
     mixed: tuple[Any, ...] | None = None
 
     @property
@@ -87,7 +111,7 @@ class Measured(NamedTuple):
     """Contacts that are alike, in SI units, masses in kg (inf: fixed); None where `reason` says why.
 
     Penetration is None without gravity too. `change` says what to write for what was probably meant, and what that was
-    measured to give; empty if it is there.
+    measured to give; empty if it is there. `note` says what of the joints is in the numbers.
     """
 
     where: list[str]
@@ -101,6 +125,7 @@ class Measured(NamedTuple):
     penetration: float | None = None
     change: str = ""
     reason: str = ""
+    note: str = ""
 
 
 def examine(speed: float, scene: Path) -> tuple[list[Measured], list[Finding]] | str:
@@ -108,20 +133,30 @@ def examine(speed: float, scene: Path) -> tuple[list[Measured], list[Finding]] |
     load = mujoco.MjModel.from_binary_path if scene.suffix == ".mjb" else mujoco.MjModel.from_xml_path
     try:
         model = load(str(scene))
-        return measure_model(model, speed), inspect_model(model)
+        return examine_model(model, speed)
     except Exception as error:  # of an engine that met what it does not expect
         return f"{scene}: MuJoCo does not compile it: {error}"
 
 
+def examine_model(model: Any, speed: float = 1.0) -> tuple[list[Measured], list[Finding]]:
+    """Measure the contacts of a compiled mujoco.MjModel, and look for traps in parameters and in what was measured."""
+    examined = _examined(model, speed)
+    measured_traps = _gathered([(row.where, traps) for row, traps in examined])
+    return [row for row, _ in examined], [*inspect_model(model), *measured_traps]
+
+
 def inspect_model(model: Any) -> list[Finding]:
-    """Look for traps in a compiled mujoco.MjModel; one that many contacts share in the same words stands once."""
-    found = contacts(model)
+    """Look for traps in the parameters of a compiled mujoco.MjModel."""
+    return _gathered([(where, _traps(model.opt, bodies)) for bodies, where in contacts(model).items()])
+
+
+def _gathered(traps: list[tuple[list[str], dict[str, Any]]]) -> list[Finding]:
+    """Gather traps by contacts: one that many contacts share in the same words stands once, first by its name."""
     places: dict[tuple[str, str], list[str]] = {}
-    # By trap, and then by contact.
-    for of_trap in zip(*(_traps(model.opt, bodies).items() for bodies in found), strict=True):
-        for where, (trap, says) in zip(found.values(), of_trap, strict=True):
-            if says:
-                places.setdefault((trap, says), []).extend(where)
+    for name in dict.fromkeys(name for _, of_contact in traps for name in of_contact):
+        for where, of_contact in traps:
+            if says := of_contact.get(name):
+                places.setdefault((name, says), []).extend(where)
     return [Finding(trap, where, says) for (trap, says), where in places.items()]
 
 
@@ -133,10 +168,10 @@ def called(where: list[str]) -> str:
 def _traps(option: Any, bodies: Bodies) -> dict[str, Any]:
     """All traps: of one that a contact has, what the engine does, with the way out; of another something false."""
     solref, (dmin, dmax, *_) = (dict(bodies.pair)[name] for name in ("solref", "solimp"))
-    step, tolerance = option.timestep, option.tolerance
+    step = option.timestep
     mixed_signs = (solref[0] > 0) != (solref[1] > 0)
     first, second = MUJOCO_DEFAULT_SOLREF if mixed_signs else solref
-    discrete = option.integrator == mujoco.mjtIntegrator.mjINT_DISCRETE
+    discrete = option.integrator == getattr(mujoco.mjtIntegrator, "mjINT_DISCRETE", None)  # from 3.13 on
     safe = not discrete and not option.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE
     acting = max(first, 2 * step) if safe and first > 0 else first
     k, c = (-number for number in MujocoContact((acting, second), MUJOCO_DEFAULT_SOLIMP).direct)
@@ -166,10 +201,6 @@ def _traps(option: Any, bodies: Bodies) -> dict[str, Any]:
         and f"a contact of {duration:.3g} s gets {duration / step:.2g} steps of {step:.3g} s; some {FEWEST_STEPS} are "
         f"the least for its restitution to be within 10 %, {duration / 100:.2g} s the step for about 1 % (see "
         "impact-xval contact)",
-        "tolerance": option.solver == mujoco.mjtSolver.mjSOL_CG
-        and tolerance > 0
-        and f"CG stops at {tolerance:g} of an absolute measure: a contact whose accelerations are small gets part of "
-        "its force, or none; use Newton, or tolerance 0",
     }
 
 
@@ -181,13 +212,13 @@ def contacts(model: Any) -> dict[Bodies, list[str]]:
     """
     near = copy(model)
     near.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
-    near.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+    near.opt.enableflags &= ~_flag("mjtEnableBit", "mjENBL_SLEEP")
     near.body_margin[:] = 1e9  # what is apart is looked at, too
     near.geom_type[near.geom_type > int(mujoco.mjtGeom.mjGEOM_HFIELD)] = int(mujoco.mjtGeom.mjGEOM_SPHERE)
     data = mujoco.MjData(near)
-    for stage in ("kinematics", "comPos", "tendon", "makeM", "factorM"):
+    for stage in ("kinematics", "comPos", "tendon", _MASS_MATRIX, "factorM"):
         getattr(mujoco, f"mj_{stage}")(near, data)
-    masses = [_mass(near, data, i) for i in range(model.nbody)]
+    masses, losses = zip(*(_mass_and_losses(near, data, i) for i in range(model.nbody)), strict=True)
     data.geom_xpos[:] = 0
     mujoco.mj_collision(near, data)
     # A geom of -1 is a flex.
@@ -207,17 +238,68 @@ def contacts(model: Any) -> dict[Bodies, list[str]]:
             mixed = None if kept or min(dict(pair)["solref"]) > 0 else (one, two)
             where = " and ".join(model.geom(geom).name or f"#{geom}" for geom in geoms)
             where = f"pair {model.pair(named[geoms]).name or where}" if geoms in named else f"geoms {where}"
-            found.setdefault(Bodies((masses[a], masses[b]), weights, pair, mixed), []).append(where)
+            bodies = Bodies(
+                (masses[a], masses[b]),
+                weights,
+                pair,
+                _inertia(near, data, a, b),
+                (losses[a], losses[b]),
+                mixed,
+            )
+            found.setdefault(bodies, []).append(where)
     return found
 
 
-def _mass(model: Any, data: Any, body: int) -> float:
-    """Mass in the direction in which a body moves most easily, in kg: one over the largest eigenvalue of J M^-1 J^T."""
+def _mass_and_losses(model: Any, data: Any, body: int) -> tuple[float, Losses]:
+    """Give the mass in kg in the direction in which a body moves most easily, and the losses of its joints there.
+
+    The mass is one over the largest eigenvalue of J M^-1 J^T, with the Jacobian J of the centre of mass.
+    """
     jacobian, solved = np.zeros((3, model.nv)), np.zeros((3, model.nv))
     mujoco.mj_jacBodyCom(model, data, jacobian, None, body)
     mujoco.mj_solveM(model, data, solved, jacobian)
-    most = float(np.linalg.eigvalsh(jacobian @ solved.T)[-1])
-    return _rounded(1 / most)[0] if most > 0 else math.inf
+    eigenvalues, directions = np.linalg.eigh(jacobian @ solved.T)
+    most = float(eigenvalues[-1])
+    if most <= 0:
+        return math.inf, Losses()
+    # Rates of the joints when a push moves the body at 1 m/s in this direction.
+    rates = np.abs(directions[:, -1] @ solved) / most
+    friction = rates * model.dof_frictionloss
+    losses = Losses()
+    if friction.any() or (rates * model.dof_damping).any():
+        joint = int(friction.argmax())
+        damping, dry = _rounded([rates**2 @ model.dof_damping, friction.sum()])
+        losses = Losses(damping, dry, _rounded(model.dof_solref[joint]), _rounded(model.dof_solimp[joint]))
+    return _rounded(1 / most)[0], losses
+
+
+def _inertia(model: Any, data: Any, *bodies: int) -> float:
+    """Give what the solver divides its measures by: the sum of the diagonal of the mass matrix, in kg and kg m^2.
+
+    It runs over all degrees of freedom that are solved together: those of the trees of two bodies, or, without islands,
+    all of the scene.
+    """
+    dofs = np.arange(model.nv)
+    if _has_islands(model.opt):
+        trees = [tree for tree in model.body_treeid[[*bodies]].tolist() if tree >= 0]
+        dofs = dofs[np.isin(model.dof_treeid, trees)]
+    diagonal, row = [], np.empty(model.nv)
+    for dof in dofs:
+        mujoco.mj_mulM(model, data, row, (np.arange(model.nv) == dof).astype(float))
+        diagonal.append(row[dof])
+    return _rounded(sum(diagonal))[0]
+
+
+def _has_islands(option: Any) -> bool:
+    """Tell whether constraints are solved island by island: by default from 3.3 on, before where a flag asks for it."""
+    if disables := _flag("mjtDisableBit", "mjDSBL_ISLAND"):
+        return not option.disableflags & disables
+    return bool(option.enableflags & _flag("mjtEnableBit", "mjENBL_ISLAND"))
+
+
+def _flag(kind: str, name: str) -> int:
+    """Give the bit of a flag of the engine's options; 0 in a version that has no such flag."""
+    return int(getattr(getattr(mujoco, kind), name, 0))
 
 
 def _rounded(values: Any) -> tuple[float, ...]:
@@ -230,20 +312,70 @@ def measure_model(model: Any, speed: float = 1.0) -> list[Measured]:
 
     The speed at which bodies meet, in m/s, matters to contacts whose impedance depends on the depth.
     """
-    rows, gravity = [], float(np.linalg.norm(model.opt.gravity))
+    return [row for row, _ in _examined(model, speed)]
+
+
+def _examined(model: Any, speed: float) -> list[tuple[Measured, dict[str, Any]]]:
+    """Measure the contacts of a model; and, for each, the traps that measuring shows, as `_traps` gives them."""
+    examined, gravity = [], float(np.linalg.norm(model.opt.gravity))
     with Mujoco().running():  # without its warnings
         for bodies, where in list(contacts(model).items())[:MOST_ROWS]:
-            row = Measured(where, bodies.masses)
+            row, unkept = Measured(where, bodies.masses, note=_note(bodies)), ""
             try:
-                row = measured(bodies, model.opt, model.opt.timestep, speed, gravity)._replace(where=where)
-                rows.append(row._replace(change=_change(bodies, model.opt, speed, row)))
+                drops = measured(bodies, model.opt, model.opt.timestep, speed, gravity)
+                row = drops._replace(where=where, note=row.note)
+                change, unkept = _change(bodies, model.opt, speed, row)
+                row = row._replace(change=change)
             except Exception as error:  # of an engine that takes other numbers than these
-                rows.append(row._replace(reason=str(error)))
-    return rows
+                row = row._replace(reason=str(error))
+            highest = max(row.restitution_range or (0.0,))
+            traps = {
+                "tolerance": _lost(bodies, model.opt, speed, row),
+                "gains-energy": highest > 1 + NEGLIGIBLE
+                and f"it gives back more than it took, e up to {highest:.6g}: shorten the step, or see the other traps",
+                "unkept": unkept,
+            }
+            examined.append((row, traps))
+    return examined
 
 
-def _change(bodies: Bodies, option: Any, speed: float, row: Measured) -> str:
+def _note(bodies: Bodies) -> str:
+    """Say what of the joints is in the numbers; empty if there is nothing."""
+    damping, friction = (sum(each) for each in zip(*(losses[:2] for losses in bodies.losses), strict=True))
+    if not (damping or friction):
+        return ""
+    return (
+        f"with the joints' damping of {damping:.4g} N s/m and dry friction of {friction:.4g} N along the normal "
+        "(damping and frictionloss), while the lighter body moves and the other is met at rest"
+    )
+
+
+def _lost(bodies: Bodies, option: Any, speed: float, row: Measured) -> str:
+    """Say what the solver's tolerance takes from a contact; empty where it takes nothing."""
+    if option.tolerance <= 0:
+        return ""
+    try:
+        exact = measured(bodies, option, option.timestep, speed, exact=True)
+    except RuntimeError:
+        return ""
+    if row.restitution_range and exact.restitution_range and row.duration and exact.duration:
+        apart = np.abs(np.subtract(row.restitution_range, exact.restitution_range)).max()
+        if apart <= NEGLIGIBLE and abs(row.duration / exact.duration - 1) <= NEGLIGIBLE:
+            return ""
+    was = (
+        "is not over" if row.restitution is None else f"has e = {row.restitution:.4g} in {row.duration:.3g} s"
+    )
+    return (
+        f"the solver stops at {option.tolerance:g} of an absolute measure, over the inertia of the bodies: this "
+        f"contact {was}, and with tolerance 0 e = {exact.restitution:.4g} in {exact.duration:.3g} s; use tolerance 0"
+    )
+
+
+def _change(bodies: Bodies, option: Any, speed: float, row: Measured) -> tuple[str, str]:
     """Say what to write for what was probably meant, and what that does; nothing where the contact is near it.
+
+    And say, if the proposal does not give what was meant, that it does not. Where only the solver's tolerance is in the
+    way, the proposal has its own.
 
     A direct solref was meant in N/m and N s/m, unless it is at the level of forces; a damping ratio as in textbooks,
     whose contact may pull, and has no rebound from a ratio of 1 on.
@@ -262,25 +394,34 @@ def _change(bodies: Bodies, option: Any, speed: float, row: Measured) -> str:
         longest = solref[0] / 2.2  # short enough for refsafe to leave a time constant as it is
         asked = f"e = {e:.2g}" if e > NO_REBOUND else f"no rebound (e = {NO_REBOUND})"
     else:
-        return ""
+        return "", ""
     off = max(abs(e - meant.restitution) for e in row.restitution_range or ())
     soft = direct and (row.stiffness is None or abs(row.stiffness / meant.k - 1) > NEAR_K)
     if off <= NEAR_E and not soft:
-        return ""
+        return "", ""
     step = min(option.timestep, float(f"{min(meant.duration / 100, longest):.2g}"))
     pair = ("solref", solref), ("solimp", solimp), ("dim", 1)
-    try:
-        then = measured(bodies._replace(pair=pair), option, step, speed)
-        k = math.nan if then.stiffness is None else then.stiffness
-        gives = f"gives e = {then.restitution:.3g} and {k:.4g} N/m"
-    except RuntimeError as error:
-        gives = f"was not measured: {error}"
     numbers = (" ".join(f"{number:.6g}" for number in each) for each in (solref, solimp))
     paste = '<pair condim="1" solref="{}" solimp="{}"/>'.format(*numbers)
-    return f"for {asked}: {paste} and a step of {step:g} s, which {gives}"
+    proposed, gives, kept = bodies._replace(pair=pair), "", False
+    for exact in (False, True):
+        try:
+            then = measured(proposed, option, step, speed, exact=exact)
+        except RuntimeError as error:
+            gives = f"was not measured: {error}"
+            continue
+        k = math.nan if then.stiffness is None else then.stiffness
+        off = max(abs(e - meant.restitution) for e in then.restitution_range or (math.inf,))
+        kept = off <= NEAR_E and not (direct and not abs(k / meant.k - 1) <= NEAR_K)
+        gives = f"gives e = {then.restitution:.3g} and {k:.4g} N/m"
+        if kept:
+            paste += ' with <option tolerance="0"/>' * exact
+            break
+    change = f"for {asked}: {paste} and a step of {step:g} s, which {gives}"
+    return change, "" if kept else f"the pair proposed {gives}, not {asked} (e = {meant.restitution:.3g})"
 
 
-def _alone(bodies: Bodies, option: Any, step: float, speed: float) -> Any:
+def _alone(bodies: Bodies, option: Any, step: float, speed: float, exact: bool = False) -> Any:
     """Compile two bodies in a scene of their own, with the user's options: heights are those of the gap between them.
 
     The lighter one is above. The radius is the depth that a drop at this speed could reach before it is given up.
@@ -294,18 +435,38 @@ def _alone(bodies: Bodies, option: Any, step: float, speed: float) -> Any:
     model.body_mass[1:] = bodies.masses[: model.nv]
     mujoco.mj_setConst(model, mujoco.MjData(model))  # what follows from the masses, weights apart
     model.body_invweight0[1:] = bodies.weights[: model.nv]
-    model.opt = option  # a copy
+    for dof, losses in enumerate(bodies.losses[: model.nv]):
+        model.dof_damping[dof], model.dof_frictionloss[dof] = losses.damping, losses.friction
+        model.dof_solref[dof], model.dof_solimp[dof] = losses.solref, losses.solimp
     own = model.opt
+    _copy_options(option, own)
     own.timestep, own.gravity, own.density, own.viscosity = step, np.zeros(3), 0.0, 0.0
+    # What the solver holds against it is divided by the inertia of what is solved together.
+    own.tolerance = 0.0 if exact else option.tolerance * bodies.inertia / sum(bodies.masses[: model.nv])
     # A run that goes wrong does not start again, and a slow body does not sleep.
     own.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-    own.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+    own.enableflags &= ~_flag("mjtEnableBit", "mjENBL_SLEEP")
     return model
 
 
-def measured(bodies: Bodies, option: Any, step: float, speed: float, gravity: float = 0.0) -> Measured:
-    """Measure bodies alone, dropped at a speed in m/s at a step in s, and at rest in a gravity in m/s^2."""
-    model = _alone(bodies, option, step, speed)
+def _copy_options(option: Any, own: Any) -> None:
+    """Give one model the options of another, of which older versions cannot assign the whole."""
+    for name in dir(option):
+        value = getattr(option, name)
+        if isinstance(value, np.ndarray):
+            getattr(own, name)[:] = value
+        elif isinstance(value, int | float):
+            setattr(own, name, value)
+
+
+def measured(
+    bodies: Bodies, option: Any, step: float, speed: float, gravity: float = 0.0, exact: bool = False
+) -> Measured:
+    """Measure bodies alone, dropped at a speed in m/s at a step in s, and at rest in a gravity in m/s^2.
+
+    `exact`: with a tolerance of 0 instead of the scene's.
+    """
+    model = _alone(bodies, option, step, speed, exact)
     drops = [_drop(model, place, speed) for place in PLACES[:2]]
     if min(steps for _, steps in drops) < LONG:
         drops += [_drop(model, place, speed) for place in PLACES[2:]]
@@ -320,23 +481,33 @@ def measured(bodies: Bodies, option: Any, step: float, speed: float, gravity: fl
 
 
 def _drop(model: Any, place: float, speed: float) -> tuple[float, int]:
-    """Restitution, and steps from the first to the last change of the rate; a place from 0 to 1 within a step."""
+    """Restitution, and steps from the first to the last with force; a place from 0 to 1 within a step."""
     data = mujoco.MjData(model)
     data.qpos[0], data.qvel[0] = model.pair_margin[0] + place * speed * model.opt.timestep, -speed
-    before, first, last, rounding = -speed, 0, 0, ROUNDING * speed
+    approach, rebound, before, first, last, rounding = speed, 0.0, -speed, 0, 0, ROUNDING * speed
+    # Joints may slow the bodies too: what they do without contact is not a contact's.
+    slowed = bool(model.dof_damping.any() or model.dof_frictionloss.any())
     for n in range(1, MOST_STEPS + 1):
         mujoco.mj_step(model, data)
         rate = float(data.qvel[0] - data.qvel[1:].sum())
-        if abs(rate - before) > rounding:
-            first, last = first or n, n
+        if _pushed(data) if slowed else abs(rate - before) > rounding:
+            approach = approach if first else -before
+            first, last, rebound = first or n, n, rate
         elif first and n - last >= QUIET and rate >= -rounding:
-            return max(rate, 0.0) / speed, last - first + 1
+            return max(rebound, 0.0) / approach, last - first + 1
         before = rate
     raise RuntimeError(f"{'not over' if first else 'no force'} within {MOST_STEPS} steps")
 
 
+def _pushed(data: Any) -> bool:
+    """Tell whether a contact had a force in the step taken."""
+    of_contacts = data.efc_type >= int(mujoco.mjtConstraint.mjCNSTR_CONTACT_FRICTIONLESS)
+    return bool(data.efc_force[of_contacts].any())
+
+
 def _rest(model: Any, load: float) -> float | None:
     """Depth in m at which bodies that are `_alone` carry a load in N; None if they carry none, or there is no load."""
+    model.dof_frictionloss[:] = 0  # dry friction would carry a load at any depth
     data, touch = mujoco.MjData(model), float(model.pair_margin[0])
 
     def carried(depth: float) -> bool:

@@ -1,7 +1,7 @@
 """One contact to paste into a scene, and a whole scene as files that an engine runs without this package.
 
 Beside the numbers of a contact stands what an engine must not do to it on its own account (the adapters' modules say
-why). No scene is written a second time here: MuJoCo's is the adapter's MJCF with the numbers that stand in the batch it
+why). No scene is written a second time here: MuJoCo's is the adapter's MJCF with the numbers that stand in the model it
 has loaded, PyBullet's are the adapter's own calls. The runners step as often as the adapter did and compare.
 """
 
@@ -14,6 +14,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from impact_xval.compliant_baselines.engines import mujoco, pybullet
 from impact_xval.compliant_baselines.engines.engine import Engine
@@ -35,8 +36,9 @@ from impact_xval.model.collision import Collision, Outcome
 TEXTS = {
     "mujoco": """\
 <!-- A and B: names of the two geoms. Free bodies and slides: the numbers hold for a sum of the bodies' inverse
-     weights (body_invweight0[b, 0]) of {inverse} 1/kg. -->
-<option timestep="{step}" integrator="Euler" solver="Newton"/>
+     weights (body_invweight0[b, 0]) of {inverse} 1/kg. The default tolerance is an absolute number, which the heaviest
+     bodies of a scene decide: it lets go of the forces of light ones. -->
+<option timestep="{step}" integrator="Euler" solver="Newton" tolerance="0"/>
 <contact>
   <pair geom1="A" geom2="B" condim="1" margin="0" gap="0"
         solref="{solref}" solimp="{solimp}"/>
@@ -46,14 +48,14 @@ TEXTS = {
 # p: the module pybullet; a and b: ids of the two bodies, base links. Stiffness combines in series, damping adds.
 p.setPhysicsEngineParameter(
     fixedTimeStep={step}, numSubSteps=0, contactSlop=0, useSplitImpulse=0,
-    restitutionVelocityThreshold=0, solverResidualThreshold=0,
+    restitutionVelocityThreshold=0, solverResidualThreshold=0, contactBreakingThreshold=0.02,
 )
 for body, stiffness, damping in (
     (a, {a}),
     (b, {b}),
 ):
     p.changeDynamics(body, -1, contactStiffness=stiffness, contactDamping=damping,
-                     restitution=0, linearDamping=0, angularDamping=0)
+                     restitution=0, linearDamping=0, angularDamping=0, maxJointVelocity=1e30)
 """,
     "drake": """\
 # Proximity properties of the geometries of the two bodies, for RegisterCollisionGeometry. Stiffness
@@ -163,35 +165,34 @@ def mjcf(scenes: Iterable[Scene]) -> list[str]:
     """Write the scenes that MuJoCo runs, their initial states as the keyframe ``start``."""
     engine = mujoco.Mujoco()
     with engine.running():
-        return [_mjcf(scene, engine.world(scene).batch) for scene in scenes]
+        return [_mjcf(scene, engine.world(scene)) for scene in scenes]
 
 
-def _mjcf(scene: Scene, batch: Any) -> str:
-    """Write a scene by what is in the batch that holds it."""
-    model = batch.model
+def _mjcf(scene: Scene, world: mujoco.MujocoWorld) -> str:
+    """Write a scene by the numbers of the model that holds it."""
+    model = world.model
     root = ElementTree.fromstring(mujoco.mjcf(len(scene.masses), scene.table))
 
-    def loaded(field: str, row: Any = ...) -> str:
-        return " ".join(repr(float(value)) for value in np.ravel(batch.expanded(field)[0][row]))
+    def text_of(values: ArrayLike) -> str:
+        return " ".join(repr(float(value)) for value in np.ravel(values))
 
     for option in root.iter("option"):
         for name in ("timestep", "tolerance", "gravity"):
-            option.set(name, loaded(f"opt.{name}"))
+            option.set(name, text_of(getattr(model.opt, name)))
     for body in root.iter("body"):
         i, geom = model.body(body.get("name")).id, body.find("geom")
         assert geom is not None
-        body.set("pos", loaded("body_pos", i))
-        # As in the batch, where masses and sizes are written after compiling: the inertia, which nothing turns on a
+        body.set("pos", text_of(model.body_pos[i]))
+        # As in that model, where masses and sizes are written after compiling: the inertia, which nothing turns on a
         # slide, is the template's, and no compiler finds that of a small ball too small.
-        inertial = {"pos": "0 0 0", "mass": loaded("body_mass", i), "diaginertia": "1 1 1"}
+        inertial = {"pos": "0 0 0", "mass": text_of(model.body_mass[i]), "diaginertia": "1 1 1"}
         body.insert(0, ElementTree.Element("inertial", inertial))
-        geom.set("size", loaded("geom_size", (model.geom(geom.get("name")).id, 0)))
+        geom.set("size", text_of(model.geom_size[model.geom(geom.get("name")).id, 0]))
         del geom.attrib["mass"]
     for pair in root.iter("pair"):
         for field in ("solref", "solimp"):
-            pair.set(field, loaded(f"pair_{field}", model.pair(pair.get("name")).id))
-    start = {"qpos": batch.qpos[0], "qvel": batch.qvel[0]}
-    texts = {name: " ".join(map(repr, values.tolist())) for name, values in start.items()}
+            pair.set(field, text_of(getattr(model, f"pair_{field}")[model.pair(pair.get("name")).id]))
+    texts = {"qpos": text_of(world.heights), "qvel": text_of(scene.velocities)}
     ElementTree.SubElement(ElementTree.SubElement(root, "keyframe"), "key", {"name": "start"} | texts)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode") + "\n"

@@ -75,7 +75,7 @@ class Settings:
     scenario: Scenario = "impact"
     #: g > 0 in m/s^2, used by ``drop`` only.
     gravity: float = 9.81
-    #: Time step over the period 2 pi sqrt(M_i/k_i) of the faster contact; in (0, 0.1].
+    #: Time step over the period 2 pi sqrt(M_i/k_i) of the faster contact; in (0, 0.2].
     step_fraction: float = 1e-3
     #: Steps after which a collision that is not over is given up (status ``timeout``).
     max_steps: int = 2_000_000
@@ -99,7 +99,7 @@ class Settings:
         for name, legal, legal_range in (
             ("scenario", self.scenario in ("impact", "drop"), "'impact' or 'drop'"),
             ("gravity", 0 < self.gravity < float("inf"), "a finite number > 0 (m/s^2)"),
-            ("step_fraction", 0 < self.step_fraction <= 0.1, "greater than 0, at most 0.1 (of a period)"),
+            ("step_fraction", 0 < self.step_fraction <= 0.2, "greater than 0, at most 0.2 (of a period)"),
             ("max_steps", self.max_steps >= 1, "a whole number >= 1"),
             ("mapping", self.mapping in get_args(MappingName), f"one of {', '.join(get_args(MappingName))}"),
             ("shortest_state", 0 <= self.shortest_state <= 0.1, "from 0 to 0.1 (of the shorter period)"),

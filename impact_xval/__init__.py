@@ -17,6 +17,8 @@ __all__ = ["Collision", "compare", "get_solver", "solve", "solve_batch"]
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return import_module("importlib.metadata").version("impact-xval")
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     module = {"get_solver": "compliant_baselines", "compare": "experiments.cells.compared"}.get(name, "model")

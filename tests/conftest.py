@@ -8,8 +8,11 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 
+import impact_xval
+
 # Numba keys its cache by a kernel's own file, not by those it calls: drop what a later edit made stale.
-folders = [Path(__file__).parents[1] / floor for floor in ("model", "compliant_baselines")]
+# The package holds the folders under any layout: in the checkout as links, in an unpacked sdist as they are.
+folders = [Path(impact_xval.__file__).parent / floor for floor in ("model", "compliant_baselines")]
 newest = max(source.stat().st_mtime for folder in folders for source in folder.rglob("*.py"))
 for cached in (file for folder in folders for file in folder.rglob("*.nb[ic]")):
     with suppress(FileNotFoundError):  # another test session does the same

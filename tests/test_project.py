@@ -9,6 +9,7 @@ from pathlib import Path
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+import impact_xval
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.mapping import (
     damping_ratio,
@@ -21,11 +22,14 @@ from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.model import Collision
 
 ROOT = Path(__file__).parents[1]
-FLOORS = ("model", "compliant_baselines", "experiments")
+#: The three folders of code, which the package holds as links in a checkout, and as they are in an unpacked sdist.
+FLOORS = [
+    Path(impact_xval.__file__).parent / name for name in ("model", "compliant_baselines", "experiments")
+]
 
 
 def test_a_room_holds_fourteen_modules_at_most():
-    for room in {path.parent for floor in FLOORS for path in (ROOT / floor).rglob("*.py")}:
+    for room in {path.parent for floor in FLOORS for path in floor.rglob("*.py")}:
         assert len([path for path in room.glob("*.py") if path.name != "__init__.py"]) <= 14, room
 
 
@@ -80,8 +84,8 @@ def test_links_of_the_readme_lead_somewhere():
 
 def test_sections_that_docstrings_cite_are_there():
     found = []
-    for folder in (*FLOORS, "tests", "benchmarks"):
-        for file in (ROOT / folder).rglob("*.py"):
+    for folder in (*FLOORS, ROOT / "tests", ROOT / "benchmarks"):
+        for file in folder.rglob("*.py"):
             # The citation of a page may be wrapped.
             text = re.sub(r"\s*\n[ #]*", " ", file.read_text(encoding="utf-8"))
             found += [(file.name, *cited) for cited in re.findall(r"docs/([a-z-]+\.md), section (\d+)", text)]

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene, periods
-from impact_xval.compliant_baselines.engines.stepping import Run
+from impact_xval.compliant_baselines.engines.stepping import Run, parted
 from impact_xval.compliant_baselines.solver import Convergence
 from impact_xval.compliant_baselines.states import SHORTEST_STATE
 from impact_xval.model.chain.rest import REST, STUCK
@@ -41,6 +41,13 @@ SMALL = 0.1
 #: Share of what contacts do in their first steps that may be missing from the limit: L takes twice what the shortest
 #: step has of it and once what the step before has, either between nothing and all of it.
 CHANCE = 0.5
+
+#: Share of what contacts do in their first steps that may differ among three runs, for impulses that are whole at any
+#: length of the step. Those of a dashpot are halved with it; rigid engines of single precision differ by 1e-6.
+WHOLE = 0.01
+
+#: A limit 2 Vn - V(n-1) takes so many times the change that a meeting which is left may make in each of the two runs.
+MEETINGS = 3.0
 
 #: Share of what is left of a parting rate that its last change may be, for a straight line to lead to its limit. Bodies
 #: that part slowly do so by what remains of a vibration: the length of a vector, which turns around where it is
@@ -96,24 +103,9 @@ class Limit:
         return {key: value for key, value in numbers.items() if not math.isnan(value)}
 
 
-def parted(velocities: Sequence[float], weights: Sequence[float], table: bool = True) -> tuple[float, ...]:
-    """Nearest velocities with v1 >= v2 >= ..., and >= 0 on a table, in the kinetic norm; `weights` are masses.
-
-    Neighbours in the wrong order are pooled until none are (isotonic regression).
-    """
-    pools: list[tuple[float, float, int]] = []
-    for velocity, weight in zip(velocities, weights, strict=True):
-        v, w, n = velocity, weight, 1
-        while pools and v > pools[-1][0]:
-            above, mass, count = pools.pop()
-            v, w, n = (mass * above + w * v) / (mass + w), mass + w, n + count
-        pools.append((v, w, n))
-    return tuple(max(v, 0.0) if table else v for v, _, n in pools for _ in range(n))
-
-
 def limit_of(
     velocities: Floats,
-    starts: float,
+    touch_doubt: float,
     weights: Sequence[float],
     *,
     table: bool = True,
@@ -123,10 +115,10 @@ def limit_of(
 ) -> tuple[tuple[float, ...], float, float]:
     """Extrapolate final velocities in m/s, shape (n, balls), n >= 3, at steps each half of the one before, to zero.
 
-    `starts` in m/s is that of the last run; weights are masses over that of the first ball; `gravity_doubt` is what the
-    instants of a first flight and of the end may change, in m/s. `alike` says that the last two runs pass through the
-    same states to the same end, and `orders`, by how many orders it may be extrapolated: 1 or 2. Gives the first three
-    of `Limit`.
+    `weights` are masses over that of the first ball. `touch_doubt` is what the instants of touching may change, in
+    m/s, and `gravity_doubt` what those of a first flight and of the end may. `alike` says that the last two runs pass
+    through the same states to the same end, and `orders`, by how many orders it may be extrapolated: 1 or 2. Gives the
+    first three of `Limit`.
     """
     limits = 2 * velocities[1:] - velocities[:-1]
     doubt = DOUBT * np.abs(velocities[-1] - velocities[-2])
@@ -142,7 +134,7 @@ def limit_of(
     error = max(
         float(smooth.max()),
         float((last * np.maximum(grown, 1))[bent].max(initial=0.0)),
-        CHANCE * abs(starts),
+        touch_doubt,
         gravity_doubt,
     )
     inside = parted(limits[-1].tolist(), weights, table)
@@ -212,6 +204,21 @@ def _flight_doubt(before: Run, last: Run) -> float:
     return scene.gravity * 0.5 * periods(scene)[contact]
 
 
+def _touch_doubt(runs: Sequence[Run]) -> float:
+    """Bound in m/s what the instants may change at which contacts are met, and a meeting that is left.
+
+    A dashpot misses a share of its first step, and what it does there shrinks with the step. A rigid contact does all
+    it does in its first step, whatever its length: nothing is missing, unless contacts beside one another fall into one
+    step, whose impulses then depend on one another, or the engine solves them only to its `World.accuracy`.
+    """
+    left = MEETINGS * max(run.meeting_left for run in runs[-2:])
+    starts = [run.starts for run in runs[-3:]]
+    changed, last = max(starts) - min(starts), runs[-1]
+    if changed <= WHOLE * last.starts:
+        return max(changed, last.starts_together, last.accuracy * last.starts, left)
+    return max(CHANCE * last.starts, left)
+
+
 def _extrapolated(runs: Sequence[Run], regularisation: Sequence[float]) -> Limit | None:
     """Find the limit of runs, from the longest step to the shortest; None if they are fewer than three."""
     if len(runs) < 3:
@@ -221,7 +228,7 @@ def _extrapolated(runs: Sequence[Run], regularisation: Sequence[float]) -> Limit
     resolved = 8 * scene.step <= RESOLVED * min(periods(scene))
     found = limit_of(
         np.array([run.reported for run in runs]),
-        last.starts,
+        _touch_doubt(runs),
         [m / scene.masses[0] for m in scene.masses],
         table=scene.table,
         alike=paths[0] == paths[1],
@@ -230,6 +237,11 @@ def _extrapolated(runs: Sequence[Run], regularisation: Sequence[float]) -> Limit
     )
     moved = regularisation[-1] if regularisation else 0.0
     return Limit(*found, moved, scene.step, flight=last.fall is not None, rest=last.end in (REST, STUCK))
+
+
+def _percentage(share: float) -> str:
+    """Write a share with two digits: ``110 %``, not ``1.1e+02 %``."""
+    return f"{float(f'{100 * share:.2g}'):g} %"
 
 
 def estimate_limit(
@@ -268,17 +280,19 @@ def estimate_limit(
         limit = _extrapolated(runs, own.moves)
     if limit is None:
         why = failure or "runs at longer steps take more of them than that at h, or come to no end"
-        return None, f"no limit dt -> 0: {why}"
+        return None, f"how v changes as the step is halved is not known: {why}"
     if limit.error <= tolerance:
         return limit, ""
-    reason = (
-        f"the limit dt -> 0 is known to {limit.error / scene.speed:.1e} of |v0|, beyond the tolerance of "
-        f"{tolerance / scene.speed:g}"
+    error, allowed, left = (
+        _percentage(each / scene.speed) for each in (limit.error, tolerance, limit.regularisation)
     )
     if own.settled():
-        share = limit.regularisation / scene.speed
         return limit, (
-            f"{reason}, and no shorter step helps: the engine's own regularisation of contacts leaves {share:.1e}"
+            f"v is off by up to {error} of |v0|, more than the {allowed} that are allowed, and halving the step does "
+            f"not help: the engine softens contacts by itself, which changes v by {left}"
         )
     failed = f" ({failure})" if failure else ""
-    return limit, f"{reason}, at the finest step, {limit.step:.3g} s{failed}"
+    return limit, (
+        f"halving the step may still change v by {error} of |v0|, more than the {allowed} that are allowed; the "
+        f"shortest step tried is {limit.step:.3g} s{failed}"
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -74,6 +75,11 @@ def version_of(distribution: str) -> str:
         return ""
 
 
+def _numbers_of(version: str) -> tuple[int, ...]:
+    """Numbers of a version before any suffix, to be compared: (3, 2, 7) of ``3.2.7.post1``."""
+    return tuple(map(int, re.findall(r"\d+", re.split(r"[^\d.]", version)[0])))
+
+
 class Engine(Solver):
     """An engine behind the contract: an adapter says what it refuses and how to set a scene up.
 
@@ -89,6 +95,9 @@ class Engine(Solver):
     distribution: str
     module: str
     way_out: str = ""
+
+    #: The oldest version that the adapter can run; empty: any that can be imported.
+    oldest: str = ""
 
     #: How many times as much regularisation of contacts shows what that of the engine does; None: it has none.
     regularisation_probe: float | None = None
@@ -107,6 +116,8 @@ class Engine(Solver):
     def unavailable(self) -> str | None:
         """Why the engine cannot run here and the way out; None if it can."""
         way_out = self.way_out or f"run pip install 'impact-xval[{self.name}]'"
+        if (installed := self.version()) and _numbers_of(installed) < _numbers_of(self.oldest):
+            return f"{self.title} {installed} is too old: {self.oldest} or later runs: {way_out}"
         try:
             import_quietly(self.module)
         except Exception as error:  # of a package that is there but broken, any

@@ -1,6 +1,7 @@
-"""MuJoCo: balls on vertical slides, a scene a batch of one; docs/mapping.md, section 2, gives each setting's reason.
+"""MuJoCo: balls on vertical slides; docs/mapping.md, section 2, gives the reason of each setting.
 
-A batch (`mujoco.batch`) records every step in C++ and takes other numbers without a second compilation.
+`mujoco.rollout` takes many steps in C++ and records each of them; it is in all versions from 3.2.7 on. A scene is
+compiled once for each number of balls, and the numbers of a collision are written into the arrays of that model.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ SCENE = """
 <mujoco model="column">
   <option integrator="Euler" solver="Newton" iterations="100" gravity="0 0 0">
     <flag autoreset="disable" island="disable" equality="disable" frictionloss="disable" limit="disable"
-      spring="disable" damper="disable" actuation="disable" sensor="disable"/>
+      actuation="disable" sensor="disable"/>
   </option>
   <worldbody>
     <geom name="table" type="plane" size="0 0 1" contype="0" conaffinity="0"/>{bodies}
@@ -62,12 +63,24 @@ def mjcf(balls: int, table: bool) -> str:
     return SCENE.format(bodies="".join(bodies), pairs="".join(pairs))
 
 
-def _batch(balls: int, table: bool) -> tuple[Any, list[int]]:
-    """Compile N balls; a batch of one, and where the engine, which sorts pairs by their geoms, has the contacts."""
-    mujoco: Any = import_module("mujoco")  # the names of the compiled module are invisible to a type checker
-    model = mujoco.MjModel.from_xml_string(mjcf(balls, table))
-    where = [model.pair(str(i)).id for i in range(1, balls + table)]
-    return import_module("mujoco.batch").Batch(model, 1, 1), where
+class _Compiled:
+    """Balls that MuJoCo has compiled, their numbers still to be written.
+
+    Attributes
+    ----------
+    model
+        `MjModel`.
+    data
+        `MjData` of the model.
+    pairs
+        Indices of the contacts from the top down; the engine sorts pairs by their geoms.
+    """
+
+    def __init__(self, balls: int, table: bool) -> None:
+        mujoco: Any = import_module("mujoco")  # a type checker does not see the names of the compiled module
+        self.model = mujoco.MjModel.from_xml_string(mjcf(balls, table))
+        self.data = mujoco.MjData(self.model)
+        self.pairs = [self.model.pair(str(i)).id for i in range(1, balls + table)]
 
 
 @lru_cache(maxsize=1)
@@ -82,11 +95,32 @@ def _clock() -> ctypes.c_void_p:
     return ctypes.c_void_p.in_dll(ctypes.CDLL(str(found[0])), "mjcb_time") if found else ctypes.c_void_p()
 
 
+def rolled_out(model: Any, data: Any, n: int) -> tuple[Floats, Floats]:
+    """Take n steps from the state of an `MjData`, recorded in C++; a RuntimeError says that the engine broke.
+
+    Returns positions in m and velocities in m/s after each step, shape (n, bodies) each, of bodies on slides, whose
+    state is the time, the positions and the velocities.
+    """
+    mujoco: Any = import_module("mujoco")
+    full = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
+    state = np.empty(mujoco.mj_stateSize(model, full))
+    mujoco.mj_getState(model, data, state, full)
+    # Without a warm start of its own `rollout` begins each call from none, and windows of steps would show.
+    warm = np.array(data.qacc_warmstart)
+    (states,), _ = import_module("mujoco.rollout").rollout(
+        model, data, state, nstep=n, initial_warmstart=warm
+    )
+    if data.warning.number.any():
+        raise RuntimeError(f"MuJoCo found positions, velocities or accelerations beyond {LARGEST_VALUE:.0e}")
+    return states[:, 1 : 1 + model.nq], states[:, 1 + model.nq :]
+
+
 class Mujoco(Engine):
-    """MuJoCo 4.0 or later, in one thread: collisions are shared out to processes further up."""
+    """MuJoCo 3.2.7 or later, in one thread: collisions are shared out to processes further up."""
 
     name = distribution = "mujoco"
-    title, module, way_out = "MuJoCo", "mujoco.batch", "run pip install 'mujoco>=4.0'"
+    title, module, way_out = "MuJoCo", "mujoco.rollout", "run pip install 'mujoco>=3.2.7'"
+    oldest = "3.2.7"  # `rollout` took other arguments before
     regularisation_probe = 10.0
     shipped_step = 0.002
 
@@ -109,19 +143,19 @@ class Mujoco(Engine):
 
     def world(self, scene: Scene) -> MujocoWorld:
         """Set a scene up."""
-        return MujocoWorld(scene, *self._batch(len(scene.masses), scene.table))
+        return MujocoWorld(scene, self._compiled(len(scene.masses), scene.table))
 
     @contextmanager
     def running(self) -> Iterator[None]:
         """Keep warnings from the terminal and the engine's log file, and the clock from its profiler.
 
-        A batch counts warnings all the same.
+        `MjData` counts warnings all the same.
         """
         mujoco: Any = import_module("mujoco")
         before, clock = mujoco.get_mju_user_warning(), _clock()
         mujoco.set_mju_user_warning(lambda _message: None)
         ticking, clock.value = clock.value, None
-        self._batch = lru_cache(_batch)
+        self._compiled = lru_cache(_Compiled)
         try:
             yield
         finally:
@@ -130,32 +164,31 @@ class Mujoco(Engine):
 
 
 class MujocoWorld(World):
-    """A scene as a batch of one."""
+    """A scene in a compiled model, which the world before it has left."""
 
-    def __init__(self, scene: Scene, batch: Any, where: list[int]) -> None:
-        self.batch = batch
-        batch.reset(stage=0)  # nothing is computed before the numbers are written
+    def __init__(self, scene: Scene, compiled: _Compiled) -> None:
+        mujoco: Any = import_module("mujoco")
+        model, contacts = compiled.model, compiled.pairs
+        self.model, self._data = model, compiled.data
         balls, (pairs, depth, acceleration) = slice(1, 1 + len(scene.masses)), mapped(scene)
         super().__init__(scene, radius_of(depth), pairs[-1].rest_penetration(scene.gravity))
-        for name, at, value in (
-            ("geom_size", (balls, 0), self.radius),
-            ("geom_rbound", (balls,), self.radius),
-            ("body_pos", (balls, 2), self.places),
-            ("body_mass", (balls,), scene.masses),
-            ("opt.timestep", (), scene.step),
-            # Of two measures, an acceleration and its square, the smaller: stops at the second Newton iteration.
-            ("opt.tolerance", (), 1e-14 * min(acceleration, acceleration**2)),
-            ("opt.gravity", (2,), -scene.gravity),
-            ("pair_solref", (where,), [pair.solref for pair in pairs]),
-            ("pair_solimp", (where,), [pair.solimp for pair in pairs]),
-        ):
-            batch.expand(name)[0, *at] = value
-        batch.set_const()  # the inverse weights follow the masses
-        batch.qpos[0], batch.qvel[0] = self.heights, scene.velocities
+        model.geom_size[balls, 0] = self.radius
+        model.geom_rbound[balls] = self.radius
+        model.body_pos[balls, 2] = self.places
+        model.body_mass[balls] = scene.masses
+        model.opt.timestep = scene.step
+        # Of two measures, an acceleration and its square, the smaller: stops at the second Newton iteration.
+        model.opt.tolerance = 1e-14 * min(acceleration, acceleration**2)
+        model.opt.gravity[2] = -scene.gravity
+        model.pair_solref[contacts] = [pair.solref for pair in pairs]
+        model.pair_solimp[contacts] = [pair.solimp for pair in pairs]
+        mujoco.mj_setConst(model, self._data)  # the inverse weights follow the masses
+        mujoco.mj_resetData(model, self._data)
+        self._data.qpos[:], self._data.qvel[:] = self.heights, scene.velocities
         # A pair alone, by the engine's own inverse weights (docs/mapping.md); that of the table, body 0, is 0.
-        inverse = batch.expand("body_invweight0")[0][[*range(1, balls.stop), 0], 0]
-        solref, solimp = (batch.expand(name)[0][where] for name in ("pair_solref", "pair_solimp"))
-        share, masses = solimp[:, 0] / solimp[:, 1], 1 / (inverse[1:] + inverse[:-1])[: len(where)]
+        inverse = model.body_invweight0[[*range(1, balls.stop), 0], 0]
+        solref, solimp = model.pair_solref[contacts], model.pair_solimp[contacts]
+        share, masses = solimp[:, 0] / solimp[:, 1], 1 / (inverse[1:] + inverse[:-1])[: len(contacts)]
         times = solref[:, 0] > 0
         solref[times, 0] = np.maximum(solref[times, 0], 2 * scene.step)  # refsafe
         own = (MujocoContact(tuple(r), tuple(d)) for r, d in zip(solref, solimp, strict=True))
@@ -163,22 +196,18 @@ class MujocoWorld(World):
         self.effective = {
             "stiffness": tuple((direct[:, 0] * masses * share**2).tolist()),
             "damping": tuple((direct[:, 1] * masses * share).tolist()),
-            "step": (float(batch.expand("opt.timestep")[0]),),
+            "step": (float(model.opt.timestep),),
         }
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
         """Take n steps, recorded in C++."""
-        record = self.batch.rollout(n, record=("qvel", "qpos"))
-        if self.batch.warning[0, :, 1].any():  # (kind, (last info, count))
-            raise RuntimeError(
-                f"MuJoCo found positions, velocities or accelerations beyond {LARGEST_VALUE:.0e}"
-            )
-        return record["qvel"][0], record["qpos"][0]
+        heights, velocities = rolled_out(self.model, self._data, n)
+        return velocities, heights
 
     def weightless(self, velocities: Floats, heights: Floats) -> None:
         """Go on from a state without gravity."""
-        self.batch.qpos[0], self.batch.qvel[0] = heights, velocities
-        self.batch.expand("opt.gravity")[0] = 0.0
+        self._data.qpos[:], self._data.qvel[:] = heights, velocities
+        self.model.opt.gravity[2] = 0.0
 
 
 def mapped(scene: Scene) -> tuple[list[MujocoContact], float, float]:

@@ -23,7 +23,7 @@ SLOWEST, FASTEST = 0.1, 100.0
 class DartWorld(RigidWorld):
     """A world of its own."""
 
-    resolution = 1e-4
+    resolution, accuracy = 1e-4, 1e-5
 
     def __init__(self, scene: Scene, radius: float) -> None:
         super().__init__(scene, radius)

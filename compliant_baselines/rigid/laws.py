@@ -11,8 +11,7 @@ impact is that of all touching contacts at once, with no positions in it. The la
   (Glocker and Pfeiffer, 1995; Anitescu and Potra, Nonlinear Dynamics 14:231, 1997.)
 * **sequential-top**, **sequential-bottom**: single impacts of two bodies, P_i = -(1 + e_i) u_i/G_ii; of the contacts
   that touch and approach, always the topmost (lowest) is next. Engines that sweep have other orders where several
-  approach. A sequence of infinitely many impacts is followed until no rate of approach exceeds `TINY` of the largest
-  speed; what is left of a geometric sequence is of that size.
+  approach.
 * **generalised-reflection** (Smith, Kaufman, Vouga, Tamstorf and Grinspun, "Reflections on Simultaneous Impact", ACM
   Trans. Graphics 31(4):106, 2012): while any approach, P += 2 C, with C the compression of the approaching contacts
   alone. For e < 1 we take (1 - e) times the compression of all touching contacts and e times that elastic impulse, as
@@ -25,8 +24,12 @@ impact is that of all touching contacts at once, with no positions in it. The la
   of it is known to us.)
 
 After an impact bodies may approach again, at once (by Newton's law, where a contact parted before the impact) or after
-a flight: impacts follow one another until no contact approaches. Contacts whose gaps close at the same instant, within
-`TINY_GAP` of the largest gap, are one impact.
+a flight: impacts follow one another until no contact approaches. A contact touches where its gap is 0, and no sooner;
+contacts whose gaps close at the same instant (`SAME_INSTANT`) are one impact. A single impact is the same by all laws.
+
+Infinitely many impacts may follow one another at one instant, or in a finite time, in which gaps and rates of approach
+both vanish: a collapse. Its bodies then touch, and move with the velocity of their centre of mass, or not at all if the
+table is among them. `rigid.collapse` tells it from a sequence that ends.
 
 G is a Stieltjes matrix (its entries off the diagonal are not positive), for which the complementarity problem has one
 solution, found in at most as many linear systems as there are contacts: Chandrasekaran, Opsearch 7:263, 1970; Cottle,
@@ -40,24 +43,24 @@ from functools import partial
 from importlib.metadata import version
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
-from scipy.optimize import isotonic_regression
 
+from impact_xval.compliant_baselines.rigid.collapse import VANISHED_GAP, VANISHED_SPEED, Bools, Watch
 from impact_xval.compliant_baselines.solver import OneByOne, Settings
 from impact_xval.model.collision import Collision, Floats, Outcome, Path, name_of_set
 
-Bools = NDArray[np.bool_]
+#: Rounding of a sum, over the sum of the absolute values of its terms: what is smaller is 0.
+ROUNDING = 2.0**-46
 
-#: Relative velocity, over the largest speed at the start, below which bodies move together.
+#: Relative difference of the times at which gaps close up to which they close at the same instant.
+SAME_INSTANT = 1e-12
+
+#: Number of impacts, over that at which a cycle is awaited, from which on its next state is awaited: there are as many
+#: impacts in it at last as the longest cycle needs.
+LATER = 1.5
+
+#: Relative velocity, over the largest speed at the start, that may be rounding where bodies are far apart.
 TINY = 1e-14
-
-#: Gap, over the largest at the start, below which bodies touch.
-TINY_GAP = 1e-12
-
-#: Rate of approach over the largest speed from which on a sequence of impacts counts as one without end: single impacts
-#: of a finite sequence are not that slow.
-ENDLESS = 1e-9
 
 
 class TooManyImpactsError(RuntimeError):
@@ -65,89 +68,160 @@ class TooManyImpactsError(RuntimeError):
 
 
 class Line:
-    """Balls in a line, between impacts, in SI units; arrays of balls have the shape (N,), of contacts (C,)."""
+    """Balls in a line, between impacts, in SI units; arrays of balls have the shape (N,), of contacts (C,).
+
+    Relative velocities and gaps are kept, not velocities and positions: each is known to rounding of its own size,
+    however small it becomes.
+    """
 
     def __init__(self, c: Collision, most: int) -> None:
-        given = (np.array(each) for each in (c.masses, c.velocities, c.restitutions, c.gaps))
-        self.mass, self.v, self.e, self.gaps = given
-        self.table, self.most, contacts = c.table, most, self.e.size
-        #: Relative velocity, and gap, that count as none.
-        self.tiny, self.smallest = TINY * max(map(abs, c.velocities)), TINY_GAP * self.gaps.max()
-        self.touching, self.impulse, self.time = self.gaps <= self.smallest, np.zeros(contacts), 0.0
-        #: How many so far, whether there has been none at this instant, and their lowest rate of approach.
-        self.impacts, self.fresh, self.slowest = 0, True, np.inf
-        below = np.append(1 / self.mass, 0.0)
+        self.mass, self.e, self.gaps = (np.array(each) for each in (c.masses, c.restitutions, c.gaps))
+        self.start, self.table, self.most = np.array(c.velocities), c.table, most
+        contacts, below = self.e.size, np.append(1 / self.mass, 0.0)
         self.diagonal, self.off = (below[:-1] + below[1:])[:contacts], -below[1:contacts]
-        # Time, velocities, impulses and acting contacts at the start and after each impact.
-        self.points = [(0.0, self.v, self.impulse, self.touching)]
+        self.weight = self.mass / self.mass.max()
+        #: Relative velocities in m/s, negative where bodies approach; whether they touch; s since first touch.
+        self.u = -np.diff(self.start, append=0.0) if c.table else -np.diff(self.start)
+        self.touching, self.time = self.gaps == 0, 0.0
+        #: Number of impacts so far, whether there was none yet at this instant, whether some sequence had no end.
+        self.impacts, self.fresh, self.endless = 0, True, False
+        speed = np.abs(self.start).max()
+        self.tiny = TINY * speed
+        self.vanished = float(VANISHED_SPEED * speed), float(VANISHED_GAP * self.gaps.max())
+        #: Time in s after which bodies that approach by less than `tiny` are not awaited any more.
+        self.horizon = self.gaps.max() / self.tiny
+        #: Of impacts, of collapses of their cycles, of collapses of cycles of such collapses, and so on.
+        self.watches = [self.new_watch()]
+        # Time, relative velocities and acting contacts at the start and after each impact.
+        self.points = [(0.0, self.u, self.touching)]
 
-    @property
-    def u(self) -> Floats:
-        """Relative velocities in m/s, shape (C,)."""
-        return -np.diff(self.v, append=0.0) if self.table else -np.diff(self.v)
+    def velocities(self, u: Floats) -> Floats:
+        """Give velocities in m/s of relative ones. Balls with u >= 0 are apart, and with u = 0 together, to the bit."""
+        over_lowest = np.cumsum(u[::-1])[::-1]
+        if self.table:
+            return over_lowest
+        over_lowest = np.append(over_lowest, 0.0)
+        return over_lowest + self.weight @ (self.start - over_lowest) / self.weight.sum()
 
-    def after(self, impulse: Floats) -> Floats:
-        """Give the change of relative velocities in m/s that impulses in N s make: G P."""
-        change = self.diagonal * impulse
-        change[:-1] += self.off * impulse[1:]
-        change[1:] += self.off * impulse[:-1]
-        return change
+    def impulses(self, v: Floats) -> Floats:
+        """Give the impulses in N s that have made velocities: by the balance of momentum, to its last bit."""
+        return np.cumsum(self.mass * (v - self.start))[: self.e.size]
+
+    v = property(lambda self: self.velocities(self.u), doc="Velocities in m/s, shape (N,).")
+
+    def after(self, u: Floats, impulse: Floats) -> Floats:
+        """Give the relative velocities in m/s after impulses in N s, u + G P; 0 where nothing is left but rounding."""
+        own, others = self.diagonal * impulse, np.zeros(u.size)
+        others[:-1] += self.off * impulse[1:]
+        others[1:] += self.off * impulse[:-1]
+        new = u + own + others
+        new[np.abs(new) <= ROUNDING * (np.abs(u) + own - others)] = 0.0
+        return new
 
     def complementary(self, q: Floats, contacts: Bools) -> Floats:
         """Solve 0 <= P, q + G P >= 0, complementary, of some contacts; P of the others is 0."""
         among, impulse = np.zeros(q.size, bool), np.zeros(q.size)
-        while (new := contacts & ~among & (q + self.after(impulse) < 0)).any():
+        while (new := contacts & ~among & (self.after(q, impulse) < 0)).any():
             among |= new
             # One row more than there are contacts: LAPACK's ptsv is not to be had for a single one.
             band = np.array([np.zeros(q.size + 1), np.ones(q.size + 1)])
             band[0, 1:-1] = np.where(among[1:] & among[:-1], self.off, 0.0)
             band[1, :-1][among] = self.diagonal[among]
             right = np.append(np.where(among, -q, 0.0), 0.0)
-            impulse = solveh_banded(band, right, check_finite=False)[:-1]
-        return np.maximum(impulse, 0.0)
+            impulse = np.maximum(solveh_banded(band, right, check_finite=False)[:-1], 0.0)
+        return impulse
 
     def approaching(self) -> Bools:
         """Tell which contacts touch and approach."""
-        return self.touching & (self.u < -self.tiny)
+        return self.touching & (self.u < 0)
+
+    def lone(self) -> int | None:
+        """Give the only contact that touches, if it approaches; None if there are several, or none."""
+        touching = np.flatnonzero(self.touching)
+        return int(touching[0]) if touching.size == 1 and self.u[touching[0]] < 0 else None
 
     def strike(self, impulse: Floats) -> None:
         """Apply impulses in N s."""
+        self.go_on(self.after(self.u, impulse), impulse > 0)
+
+    def bounce(self, i: int) -> None:
+        """Apply the impact of contact i alone."""
+        u, struck = self.u.copy(), np.zeros(self.e.size, bool)
+        impulse = -(1 + self.e[i]) * u[i] / self.diagonal[i]
+        u[i], struck[i] = -self.e[i] * u[i], True
+        for beside in (i - 1, i + 1):
+            if 0 <= beside < u.size:
+                change = self.off[min(i, beside)] * impulse
+                left = u[beside] + change
+                u[beside] = left if abs(left) > ROUNDING * (abs(u[beside]) - change) else 0.0
+        self.go_on(u, struck)
+
+    def go_on(self, u: Floats, struck: Bools) -> None:
+        """Go on with the relative velocities after an impact in the contacts `struck`."""
         if self.impacts == self.most:
             raise TooManyImpactsError(f"not over after {self.impacts} impacts")
-        rates = -self.u[impulse > 0]
-        self.slowest = min(self.slowest, rates[rates > self.tiny].min(initial=np.inf))
-        self.impulse = self.impulse + impulse
-        above = np.append(impulse, [] if self.table else [0.0])
-        self.v = self.v + (above - np.append(0.0, above[:-1])) / self.mass
-        self.impacts, self.fresh = self.impacts + 1, False
-        self.points.append((self.time, self.v, self.impulse, impulse > 0))
+        self.u, self.impacts, self.fresh = u, self.impacts + 1, False
+        self.points.append((self.time, u, struck))
+        for watch in self.watches:
+            watch.note(u, struck)
+        self.look_for_collapse(struck)
+
+    def look_for_collapse(self, struck: Bools) -> None:
+        """Move on to the end of infinitely many impacts, if the last one, in the contacts `struck`, tells of them."""
+        for level, watch in enumerate(self.watches):
+            state = self.u, self.gaps, self.touching, struck
+            time = watch.time_to_collapse(*state, self.vanished)
+            watch.events += 1
+            if time is None:
+                if watch.events >= LATER * watch.begun:
+                    self.watches[level] = Watch(watch.events, *state)
+                return
+            struck = watch.active
+            self.collapse(struck, time)
+            self.watches[level] = self.new_watch()
+        self.watches.append(Watch(1, self.u, self.gaps, self.touching, struck))
+
+    def new_watch(self) -> Watch:
+        """Begin to watch for cycles; the state now does not follow an impact."""
+        return Watch(0, self.u, self.gaps, self.touching, np.zeros(self.e.size, bool))
+
+    def collapse(self, active: Bools, time: float) -> None:
+        """Move on to when some contacts are closed and at rest, after infinitely many impacts in a time in s."""
+        self.u, self.gaps = (self.together(each, active) for each in (self.u, self.gaps))
+        self.gaps = self.gaps + self.u * time
+        self.touching = active | self.touching & (self.u == 0) if time else active | self.touching
+        self.time, self.endless = self.time + time, True
+        for watch in self.watches:
+            watch.elapsed += time
+        self.points.append((self.time, self.u, active))
+
+    def together(self, u: Floats, closed: Bools) -> Floats:
+        """Give relative velocities (gaps) with all bodies between closed contacts at their centre of mass: 0 there."""
+        bodies = u.size + 1
+        change = np.zeros(bodies)
+        for group in np.split(np.arange(bodies), np.flatnonzero(~closed) + 1):
+            over_lowest = np.append(np.cumsum(u[group[:-1]][::-1])[::-1], 0.0)
+            on_table = self.table and group[-1] == bodies - 1
+            mean = 0.0 if on_table else np.average(over_lowest, weights=self.weight[group])
+            change[group] = mean - over_lowest
+        return np.where(closed, 0.0, u - np.diff(change))
 
     def fly(self) -> bool:
         """Move freely until the next contact closes; False if none will."""
-        u = self.u
-        meet = ~self.touching & (u < -self.tiny)
-        if not meet.any():
+        u, closing = self.u, ~self.touching & (self.u < 0)
+        times = np.divide(self.gaps, -u, out=np.full(u.size, np.inf), where=closing)
+        times[(u > -self.tiny) & (times > self.horizon)] = np.inf
+        first = times.min()
+        if first == np.inf:
             return False
-        times = np.divide(self.gaps, -u, out=np.full(u.size, np.inf), where=meet)
-        first = int(times.argmin())
-        self.time += times[first]
-        self.gaps = self.gaps + u * times[first]
-        self.gaps[first], self.fresh = 0.0, True
-        self.touching = self.gaps <= self.smallest
+        closed = times * (1 - SAME_INSTANT) <= first
+        self.gaps = np.where(closed, 0.0, self.gaps + u * first)
+        # What touches and neither parts nor approaches still touches.
+        self.touching, self.fresh = closed | self.touching & (u == 0), True
+        self.time += first
+        for watch in self.watches:
+            watch.elapsed += first
         return True
-
-    def unite(self) -> None:
-        """Give one velocity to bodies that touch and move together but for rounding: that of their centre of mass."""
-        together = self.touching & (np.abs(self.u) <= self.tiny)
-        apart = np.flatnonzero(~together[: self.mass.size - 1]) + 1
-        groups = zip(np.split(self.v, apart), np.split(self.mass, apart), strict=True)
-        v = [np.full(m.size, np.average(v, weights=m)) if m.size > 1 else v for v, m in groups]
-        if self.table and together[-1]:
-            v[-1] = np.zeros_like(v[-1])
-        # Rounding may leave bodies that approach by less than `tiny`: take the nearest ordered velocities.
-        self.v = isotonic_regression(np.concatenate(v), weights=self.mass, increasing=False).x
-        if self.table:
-            self.v = np.maximum(self.v, 0.0)
 
 
 def newton(line: Line) -> None:
@@ -158,7 +232,7 @@ def newton(line: Line) -> None:
 def poisson(line: Line) -> None:
     """Apply Poisson's restitution at all touching contacts."""
     back = (1 + line.e) * line.complementary(line.u, line.touching)
-    line.strike(back + line.complementary(line.u + line.after(back), line.touching))
+    line.strike(back + line.complementary(line.after(line.u, back), line.touching))
 
 
 def reflection(line: Line) -> None:
@@ -167,11 +241,11 @@ def reflection(line: Line) -> None:
     elastic, u = np.zeros(line.e.size), line.u
     left = line.most - line.impacts
     for _ in range(left):
-        approaching = line.touching & (u < -line.tiny)
+        approaching = line.touching & (u < 0)
         if not approaching.any():
             break
-        elastic += 2 * line.complementary(u, approaching)
-        u = line.u + line.after(elastic)
+        reflected = 2 * line.complementary(u, approaching)
+        elastic, u = elastic + reflected, line.after(u, reflected)
     else:
         raise TooManyImpactsError(f"not over after {left} reflections")
     line.strike((1 - e) * plastic + e * elastic)
@@ -184,17 +258,14 @@ def plastic_first(line: Line) -> None:
     impulse = line.complementary(before, line.touching)
     for i in (*range(0, between, 2), *range(1, between, 2), *range(between, line.e.size)):
         if among[i]:
-            goal = (1 + e[i]) * before[i] + line.after(impulse)[i]
-            impulse[i] = max(impulse[i] - goal / line.diagonal[i], 0.0)
+            excess = e[i] * before[i] + line.after(before, impulse)[i]
+            impulse[i] = max(impulse[i] - excess / line.diagonal[i], 0.0)
     line.strike(impulse)
 
 
 def single(line: Line, place: int) -> None:
     """Apply the single impact of a contact that approaches, the topmost (place 0) or the lowest (-1) of them."""
-    i = np.flatnonzero(line.approaching())[place]
-    impulse = np.zeros(line.e.size)
-    impulse[i] = -(1 + line.e[i]) * line.u[i] / line.diagonal[i]
-    line.strike(impulse)
+    line.bounce(int(np.flatnonzero(line.approaching())[place]))
 
 
 LAWS: dict[str, Callable[[Line], None]] = {
@@ -218,11 +289,14 @@ def follow(collision: Collision, law: str, most: int = 100_000) -> Line:
     line, going = Line(collision, most), True
     while going:
         while line.approaching().any():
-            LAWS[law](line)
+            alone = line.lone()
+            if alone is None:
+                LAWS[law](line)
+            else:
+                line.bounce(alone)
         going = line.fly()
-    line.unite()
-    # Impulses of the balance of momentum, so that they go with the velocities to the last bit.
-    line.impulse = np.cumsum(line.mass * (line.v - collision.velocities))[: line.e.size]
+    # What still approaches is rounding (`Line.fly`).
+    line.u = np.maximum(line.u, 0.0)
     return line
 
 
@@ -231,7 +305,7 @@ class RigidLaw(OneByOne):
 
     Stiffnesses, exponents and steps do not concern it. Impacts take no time: the states are the contacts that touch at
     first, and none. `n_events` is the number of impacts, ``duration`` the time of the last one in s; status ``limit``
-    where a sequence of infinitely many impacts was ended (`ENDLESS`).
+    where a sequence had infinitely many impacts, of which the first ones are counted and in the path.
     """
 
     kind = "reference"
@@ -252,16 +326,15 @@ class RigidLaw(OneByOne):
             return Outcome.failure(self.name, c, "timeout", str(error))
         except ValueError as error:
             return Outcome.failure(self.name, c, "unrepresentable", str(error))
-        endless = line.slowest < ENDLESS / TINY * line.tiny
-        touching = sum(1 << int(i) for i in np.flatnonzero(line.points[0][3]))
+        touching = sum(1 << int(i) for i in np.flatnonzero(line.points[0][2]))
         paper = c.table and len(c.masses) == 2
         return Outcome(
             self.name,
             tuple(line.v.tolist()),
-            tuple(line.impulse.tolist()),
+            tuple(line.impulses(line.v).tolist()),
             (name_of_set(touching, paper), name_of_set(0, paper))[not touching :],
-            "limit" if endless else "ok",
-            "bodies come to rest together after infinitely many impacts" if endless else "",
+            "limit" if line.endless else "ok",
+            "bodies come to rest together after infinitely many impacts" if line.endless else "",
             n_events=line.impacts,
             diagnostics={"duration": line.time},
             path=_path_of(line) if settings.record_path else None,
@@ -270,6 +343,8 @@ class RigidLaw(OneByOne):
 
 def _path_of(line: Line) -> Path:
     """Give the path of a line that is over; velocities at the end as they are reported."""
-    time, velocities, impulses, acting = (np.array(each) for each in zip(*line.points, strict=True))
-    velocities[-1], acting[-1] = line.v, False
+    time, u, acting = (np.array(each) for each in zip(*line.points, strict=True))
+    u[-1], acting[-1] = line.u, False
+    velocities = np.array([line.velocities(each) for each in u])
+    impulses = np.array([line.impulses(v) for v in velocities])
     return Path(time, velocities, impulses, np.zeros_like(impulses), acting)

@@ -38,7 +38,7 @@ class RigidWorld(World):
     `partner` is the coefficient of restitution above a ball and on the table, with which e combines.
     """
 
-    resolution, partner = DOUBLE, 1.0
+    resolution, partner, accuracy = DOUBLE, 1.0, DOUBLE
 
     def __init__(self, scene: Scene, radius: float) -> None:
         super().__init__(scene, radius)

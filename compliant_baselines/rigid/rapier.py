@@ -17,7 +17,7 @@ from impact_xval.compliant_baselines.rigid.lines import SINGLE, RigidEngine, Rig
 class RapierWorld(RigidWorld):
     """A world of its own."""
 
-    resolution = SINGLE
+    resolution, accuracy = SINGLE, 1e-6
 
     def __init__(self, scene: Scene, radius: float) -> None:
         super().__init__(scene, radius)

@@ -23,7 +23,7 @@ MOST = 255
 class SapienWorld(RigidWorld):
     """A scene of its own, with physics alone."""
 
-    resolution = SINGLE
+    resolution, accuracy = SINGLE, 2e-5
 
     def __init__(self, scene: Scene, radius: float) -> None:
         super().__init__(scene, radius)

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from markupsafe import Markup
 from rich.console import Console
 
@@ -19,7 +20,13 @@ from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.presentation.document import Block, Table
 from impact_xval.experiments.presentation.html import fragment
 from impact_xval.experiments.presentation.terminal import say_waiting, show
-from impact_xval.experiments.presentation.words import arranged, begun, one_vote
+from impact_xval.experiments.presentation.words import (
+    NO_RESULT,
+    WHAT_NO_RESULT_IS,
+    arranged,
+    begun,
+    one_vote,
+)
 from impact_xval.experiments.sweep.one import solvers_apart
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
@@ -67,11 +74,25 @@ class Compared:
     @property
     def scaled(self) -> dict[str, list[float]]:
         """Velocities per speed of impact, of solvers with a result in the order of laws."""
-        names = [n for n in in_order_of_laws(self.outcomes) if self.outcomes[n].status in RESULT_STATUSES]
-        return {name: [v / self._speed for v in self.outcomes[name].velocities] for name in names}
+        return {name: velocities for name, velocities in self._known.items() if self._mark(name) == ""}
 
     #: How a column was set up, in words; empty if it is not known.
     setup = property(lambda self: "" if self.arranged is None else arranged(self.arranged))
+
+    @property
+    def _known(self) -> dict[str, list[float]]:
+        """Velocities per speed of impact, of solvers that came to any, in the order of laws."""
+        all_of = {name: self.outcomes[name].velocities for name in in_order_of_laws(self.outcomes)}
+        return {
+            name: [v / self._speed for v in all_of[name]]
+            for name in all_of
+            if np.isfinite(all_of[name]).all()
+        }
+
+    def _mark(self, name: str) -> str:
+        """Return what follows a number of a solver: a mark where the solver has no result."""
+        return "" if self.outcomes[name].status in RESULT_STATUSES else NO_RESULT
+
     _measures = property(lambda self: measures_of(self.problem, self.outcomes))
     _speed = property(lambda self: max(map(abs, self.problem.velocities)))
 
@@ -120,10 +141,13 @@ class Compared:
         table = self._column_table() if self.is_column else self._collision_table()
         setup = begun(f"{self.setup}.") if self.setup else ""
         note = _COLUMN if self.is_column and table.rows else ""
+        withheld = WHAT_NO_RESULT_IS if any(map(self._mark, self._known)) else ""
         reasons = [f"{n}: {each.status}: {each.reason}" for n, each in self.outcomes.items() if each.reason]
         marks = [f"{name}: marked: {each.marked}" for name, each in self.outcomes.items() if each.marked]
         other = [f"{name}: {each.differences}" for name, each in self.outcomes.items() if each.differences]
-        return [*filter(None, [setup, table, note, one_vote(self.outcomes), *reasons, *marks, *other])]
+        return [
+            *filter(None, [setup, table, note, withheld, one_vote(self.outcomes), *reasons, *marks, *other])
+        ]
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: the table, and the picture as part of it."""
@@ -147,30 +171,35 @@ class Compared:
     __repr__ = __str__
 
     def _collision_table(self) -> Table:
-        away, scaled, unit, rows = self.divergences, self.scaled, self.problem.units.impulse, []
+        away, known, unit, rows = self.divergences, self._known, self.problem.units.impulse, []
         for name in in_order_of_laws(self.outcomes):
             outcome, shown = self.outcomes[name], ["-"] * 6
-            if name in scaled:
-                numbers = [*scaled[name], *(impulse / unit for impulse in outcome.impulses)]
-                shown = [f"{each:.6f}" for each in numbers] + [number(away[name]), " ".join(outcome.states)]
+            if name in known:
+                numbers = [*known[name], *(impulse / unit for impulse in outcome.impulses)]
+                shown = [self._written(name, each) for each in numbers]
+                shown += [number(away[name]), " ".join(outcome.states)]
             rows.append((law_of(name) or name, name, outcome.status, *shown))
         header = "law solver status v1/|v0| v2/|v0| I1/(m1|v0|) I2/(m1|v0|) D states"
         return Table(header.split(), rows, text=3)
 
+    def _written(self, name: str, value: float) -> str:
+        """Write a number of a solver, marked where the solver has no result."""
+        return "-" if np.isnan(value) else f"{value:.6f}{self._mark(name)}"
+
     def _column_table(self) -> Table:
         """Lay out a column: a fact a row, for there are more of them than solvers."""
         measures, facts = self._measures, {}
-        for name, velocities in self.scaled.items():
+        for name, velocities in self._known.items():
             outcome, measured = self.outcomes[name], measures[name]
             facts[name] = {
                 "law": law_of(name) or "-",
                 "status": outcome.status,
-                **{f"v{i}": f"{round(v, 6) + 0.0:.6f}" for i, v in enumerate(velocities, 1)},
+                **{f"v{i}": self._written(name, round(v, 6) + 0.0) for i, v in enumerate(velocities, 1)},
                 "D": number(measured["velocity_divergence"], 2),
                 "limit": number(measured["limit_distance"], 2),
                 "error": number(measured["limit_error"], 2),
-                "E/E0": f"{measured['retained_energy']:.6f}",
-                "p/p0": f"{measured['retained_momentum']:.6f}",
+                "E/E0": self._written(name, measured["retained_energy"]),
+                "p/p0": self._written(name, measured["retained_momentum"]),
                 "states": str(len(outcome.states)),
             }
         rows = [(fact, *(each[fact] for each in facts.values())) for fact in next(iter(facts.values()), ())]

@@ -7,10 +7,12 @@ anything else. Everything heavy is imported inside the commands, so that help an
 from __future__ import annotations
 
 import io
+import platform
 import re
 import sys
 from collections.abc import Sequence
-from importlib.metadata import version
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
 from typing import Annotated, Any
 
 import typer
@@ -19,6 +21,9 @@ from impact_xval.experiments.commands import contact, one, runs, scoreboard, sol
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 
 PROGRAM = "impact-xval"
+
+#: Packages of the engines, as they are distributed. Stated here, for no adapter is imported to show versions.
+ENGINE_PACKAGES = ("mujoco", "pybullet", "drake", "pymunk", "dartpy", "rapier3d", "sapien", "newton")
 
 app = typer.Typer(
     help="Cross-validate physics engines against the state-transition model of simultaneous impacts.",
@@ -35,12 +40,24 @@ _UsageError: Any = typer.BadParameter.__base__
 @app.callback(invoke_without_command=True)
 def _root(
     context: typer.Context,
-    show_version: Annotated[bool, typer.Option("--version", help="Print the version and end.")] = False,
+    show_version: Annotated[
+        bool,
+        typer.Option("--version", help="Print the versions of the project, Python and the engines, and end."),
+    ] = False,
 ) -> None:
     if show_version:
-        typer.echo(f"{PROGRAM} {version('impact-xval')}")
+        typer.echo(_versions())
     elif context.invoked_subcommand is None:
         typer.echo(context.get_help())
+
+
+def _versions() -> str:
+    """Name the versions of the project, Python, NumPy and each installed engine, none of which is imported."""
+    lines = [f"{PROGRAM} {version('impact-xval')}", f"Python {platform.python_version()}"]
+    for package in ("numpy", *ENGINE_PACKAGES):
+        with suppress(PackageNotFoundError):
+            lines.append(f"{package} {version(package)}")
+    return "\n".join(lines)
 
 
 # In the order of the help.

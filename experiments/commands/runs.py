@@ -78,9 +78,14 @@ def run(
     def presented(folder: RunFolder, apart: Apart) -> None:
         summaries.append(writer()(folder, apart))
 
+    def imported_ahead() -> None:
+        # What fails here is told by who needs it; as where the main thread was interrupted in the same import.
+        with contextlib.suppress(Exception):
+            writer()
+
     with _writing(words, console, experiment.size()) as progress:
         # Imported beside the cells, for matplotlib takes a second.
-        threading.Thread(target=writer).start()
+        threading.Thread(target=imported_ahead).start()
         shares: dict[str, Any] = {"workers": workers, "scheduler": scheduler, "shard": part}
         folder = run_sweep(experiment, root, **shares, progress=progress, present=presented)
     if summaries:  # else parts are left to other shards

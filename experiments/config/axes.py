@@ -16,6 +16,12 @@ from impact_xval.model.inputs import E1, E2, EXPONENT, MASS_RATIO, STIFFNESS_RAT
 #: The parameters that decide an impact, and how a reader knows them.
 AXES = {"stiffness_ratio": "k2/k1", "mass_ratio": "m2/m1", "e1": "e1", "e2": "e2"}
 
+#: Quantities that a grid may have instead of, or beside, a ratio, with their units.
+SI_AXES = {"m1": "kg", "m2": "kg", "k1": "N/m", "k2": "N/m"}
+
+#: By ratio the two quantities it is made of: numerator, denominator.
+RATIO_OF = {"stiffness_ratio": ("k2", "k1"), "mass_ratio": ("m2", "m1")}
+
 _LEAST, _LARGEST = math.ulp(0.0), float(np.finfo(float).max)
 
 #: What is legal on each axis, of two balls and of columns.
@@ -33,6 +39,10 @@ LEGAL = {
         Legal("stiffness_taper", _LEAST, _LARGEST, "a finite number > 0 (k_(i+1)/k_i)"),
         Legal("gap", 0.0, _LARGEST, "a finite number >= 0 (m)"),
         E1._replace(name="e"),
+        Legal("m1", _LEAST, _LARGEST, "a finite number > 0 (kg)"),
+        Legal("m2", _LEAST, _LARGEST, "a finite number > 0 (kg)"),
+        Legal("k1", _LEAST, _LARGEST, "a finite number > 0 (N/m)"),
+        Legal("k2", 0.0, math.inf, "from 0 to inf (N/m)"),
     )
 }
 _WHOLE = ("balls", "strike")

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.config.arrangements import Arranged, arranged
-from impact_xval.experiments.config.axes import AXES, LEGAL, MAX_CELLS, Sample
+from impact_xval.experiments.config.axes import AXES, LEGAL, MAX_CELLS, RATIO_OF, Sample
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import Cell, Config, untied
 from impact_xval.model.collision import Collision, Collisions
@@ -70,11 +70,15 @@ class Cells:
     def block(self, indices: range) -> Block:
         """Make some cells."""
         config, found = self.config, self.values(indices)
-        found |= {name: np.full(len(indices), getattr(config, name)) for name in ("m1", "k1", "v0")}
+        for name in ("m1", "k1", "v0"):
+            found.setdefault(name, np.full(len(indices), getattr(config, name)))
         if config.column is None:
             found = untied(found)
-            found["m2"] = found["m1"] * found["mass_ratio"]
-            found["k2"] = found["k1"] * found["stiffness_ratio"]
+            for ratio, (quantity, unit) in RATIO_OF.items():
+                if quantity in found:
+                    found[ratio] = found[quantity] / found[unit]
+                else:
+                    found[quantity] = found[unit] * found[ratio]
             collisions = _two_balls(found)
         else:
             collisions = _columns(found)
@@ -133,8 +137,9 @@ def listed(config: Config, values: NDArray[np.float64]) -> Cells:
 
 def collision_of(config: Config, cell: Cell) -> Collision:
     """Give a cell the masses, stiffnesses and velocity of an experiment."""
-    m2, k2 = config.m1 * cell.mass_ratio, config.k1 * cell.stiffness_ratio
-    return Collision.two_balls(config.m1, m2, config.k1, k2, cell.e1, cell.e2, config.v0)
+    m1, k1 = config.scales["m1"], config.scales["k1"]
+    m2, k2 = m1 * cell.mass_ratio, k1 * cell.stiffness_ratio
+    return Collision.two_balls(m1, m2, k1, k2, cell.e1, cell.e2, config.v0)
 
 
 def _gridded(config: Config, grids: Sequence[Mapping[str, list[Any]]]) -> Cells:

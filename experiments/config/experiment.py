@@ -6,6 +6,7 @@ Every key has a default, so an empty file is the built-in experiment.
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import math
 from pathlib import Path
@@ -19,6 +20,8 @@ from impact_xval.compliant_baselines.states import SHORTEST_STATE
 from impact_xval.experiments.config.arrangements import Arranged, ColumnTable
 from impact_xval.experiments.config.axes import (
     LEGAL,
+    RATIO_OF,
+    SI_AXES,
     Axes,
     Axis,
     Sample,
@@ -68,10 +71,18 @@ class Cell(Strict):
 
 
 class Grid(Axes):
-    """Axes of the grid; with `e` both restitutions are equal, and vary together."""
+    """Axes of the grid, in the order in which they vary, the first slowest.
+
+    With `e` both restitutions are equal, and vary together. `m2` and `k2`, in SI units, replace their ratios; `m1` and
+    `k1` replace those of the experiment.
+    """
 
     stiffness_ratio: Axis = Field(default={"log": [1e-3, 1e3, 13]})
+    k1: Axis | None = Field(None)
+    k2: Axis | None = Field(None)
     mass_ratio: Axis = Field(default=[0.5, 2 / math.sqrt(3), 2.0])
+    m1: Axis | None = Field(None)
+    m2: Axis | None = Field(None)
     e1: Axis = Field(default=[0.5, 0.7, 0.9, 1.0])
     e2: Axis = Field(default=[0.5, 0.7, 0.9, 1.0])
     e: Axis | None = Field(None)
@@ -81,16 +92,44 @@ class Grid(Axes):
         for name in ("e1", "e2"):
             if self.e is not None and name in self.model_fields_set:
                 raise ValueError(f"e is given with {name}; legal: e for both, or e1 and e2")
+        for ratio, (quantity, _) in RATIO_OF.items():
+            if getattr(self, quantity) is not None and ratio in self.model_fields_set:
+                raise ValueError(f"{quantity} is given with {ratio}; legal: one of both")
         return self
+
+    @property
+    def replaced(self) -> set[str]:
+        """Names of the axes in whose place others are given."""
+        ratios = {ratio for ratio, (quantity, _) in RATIO_OF.items() if getattr(self, quantity) is not None}
+        return ratios if self.e is None else {*ratios, "e1", "e2"}
+
+    @property
+    def in_si(self) -> list[str]:
+        """Names of the axes that are given in SI units."""
+        return [name for name in SI_AXES if getattr(self, name) is not None]
 
     def varied(self) -> dict[str, list[float]]:
         """Values of every axis that varies by itself; the last one varies fastest."""
-        tied = () if self.e is None else ("e1", "e2")
-        return {name: values for name, values in super().varied().items() if name not in tied}
+        return {name: values for name, values in super().varied().items() if name not in self.replaced}
 
     def axes(self) -> dict[str, list[float]]:
-        """Values of every parameter."""
+        """Values of every parameter that is given."""
         return untied(self.varied())
+
+
+def _extremes(values: list[float]) -> list[float]:
+    return sorted({min(values), max(values)})
+
+
+def _check_ratios(
+    ratio: str, quantity: str, ratios: list[float], values: list[float], unit: str, scale: float
+) -> None:
+    """Refuse a quantity whose ratio, which a `Collision` holds, is illegal or over- or underflows."""
+    for value, made in zip(values, ratios, strict=True):
+        limit = value == 0 or math.isinf(value)
+        if not LEGAL[ratio].includes(made) or (not limit and (made == 0 or math.isinf(made))):
+            given = f"{quantity} = {value!r} with {unit} = {scale!r}: {ratio} = {made!r}"
+            raise ValueError(f"{given}; legal: {LEGAL[ratio].text}, within double precision")
 
 
 def untied(values: dict[str, Any]) -> dict[str, Any]:
@@ -117,7 +156,7 @@ class Config(Strict):
     k1: float = positive(1e8, "N/m")
     v0: float = parameter(V0, -1.0)
     solvers: Solvers = Field([REFERENCE, "bistiffness", "kelvin-voigt", "mujoco", "pybullet"])
-    step_fraction: float = at_most(1e-3, 0.1, "of a contact period")
+    step_fraction: float = at_most(1e-3, 0.2, "of a contact period")
     max_steps: int = Field(2_000_000, ge=1, le=10**12, description="a whole number >= 1")
     shortest_state: float = Field(
         SHORTEST_STATE, ge=0, le=0.1, description="from 0 to 0.1 (of the shorter contact period)"
@@ -172,6 +211,9 @@ class Config(Strict):
     def _one_design(self) -> Config:
         given, columns = self.model_fields_set, self.column is not None
         designs = [name for name in DESIGNS if name in given and getattr(self, name) is not None]
+        for name in self.grid.in_si:
+            if name in given:
+                raise ValueError(f"{name} is given above every [table] and in [grid]; legal: one of both")
         if len(designs) > 1:
             raise ValueError(f"{' and '.join(designs)} are given; legal: one of {', '.join(DESIGNS)}")
         others = {"figure_column": "figure_cell"}
@@ -192,43 +234,69 @@ class Config(Strict):
         ends: dict[str, list[float]] = {}
         if self.cells is None and self.column is None:
             ends = self.grid.axes() if self.sample is None else self.sample.ends()
-        names = ("stiffness_ratio", "mass_ratio")
-        pairs = ([*ends.get(name, ()), getattr(self.figure_cell, name)] for name in names)
-        if found := self.beyond_precision(*pairs):
-            raise ValueError(found[1])
+        for m1, k1 in itertools.product(
+            *(_extremes(ends.get(name, [own])) for name, own in self.scales.items())
+        ):
+            below = {"m1": m1, "k1": k1}
+            ratios = []
+            for ratio, (quantity, unit) in RATIO_OF.items():
+                if quantity in ends:
+                    values = [value / below[unit] for value in ends[quantity]]
+                    _check_ratios(ratio, quantity, values, ends[quantity], unit, below[unit])
+                else:
+                    values = ends.get(ratio, [])
+                ratios.append([*values, getattr(self.figure_cell, ratio)])
+            if found := self.beyond_precision(*ratios, m1=m1, k1=k1):
+                raise ValueError(found[1])
         for corner in self.column.corners() if self.column else ():
             validated(Arranged, corner | {"m": self.m1, "k": self.k1, "v0": self.v0}, "column")
         return self
 
-    def beyond_precision(self, stiffness_ratios: ArrayLike, mass_ratios: ArrayLike) -> tuple[int, str] | None:
-        """Find the place of a ratio with which a number of a cell leaves double precision, and say so."""
+    @property
+    def scales(self) -> dict[str, float]:
+        """Mass in kg and stiffness in N/m of the cell of the figures: those of the experiment, or first of the grid."""
+        axes = self.grid.axes() if "grid" in self.model_fields_set else {}
+        return {name: axes[name][0] if name in axes else getattr(self, name) for name in ("m1", "k1")}
+
+    def beyond_precision(
+        self,
+        stiffness_ratios: ArrayLike,
+        mass_ratios: ArrayLike,
+        m1: float | None = None,
+        k1: float | None = None,
+    ) -> tuple[int, str] | None:
+        """Find the place of a ratio with which a number of a cell leaves double precision, and say so.
+
+        m1 in kg and k1 in N/m are by default those of the experiment.
+        """
         k, m = np.asarray(stiffness_ratios, float), np.asarray(mass_ratios, float)
+        m1, k1 = self.m1 if m1 is None else m1, self.k1 if k1 is None else k1
         v0 = np.array([self.v0])
         with np.errstate(over="ignore", under="ignore"):
             numbers = [
-                ("stiffness_ratio", k, "k2", self.k1 * k),
-                ("mass_ratio", m, "m2", self.m1 * m),
-                ("v0", v0, "m1 |v0|", self.m1 * abs(v0)),
+                ("stiffness_ratio", k, "k2", k1 * k),
+                ("mass_ratio", m, "m2", m1 * m),
+                ("v0", v0, "m1 |v0|", m1 * abs(v0)),
             ]
             if self.scenario == "drop":
-                number = self.gravity_number(self.m1 * m)
+                number = self.gravity_number(m1 * m, m1, k1)
                 numbers.append(("mass_ratio", m, "g/(|v0| sqrt(k1 (1/m1 + 1/m2)))", number))
         for name, given, what, made in numbers:
             limit = (given == 0) | np.isinf(given)
             for i in np.flatnonzero(~limit & ~((made > 0) & np.isfinite(made)))[:1].tolist():
-                scales = f"m1 = {self.m1!r}, k1 = {self.k1!r}, v0 = {self.v0!r}, gravity = {self.gravity!r}"
+                scales = f"m1 = {m1!r}, k1 = {k1!r}, v0 = {self.v0!r}, gravity = {self.gravity!r}"
                 wrong = f"{name} = {float(given[i])!r} with {scales}: {what} = {float(made[i])!r}"
                 return i, f"{wrong} leaves double precision; legal: a finite number > 0"
         return None
 
-    def gravity_number(self, m2: ArrayLike) -> NDArray[np.float64]:
-        """Return g/(abs(v0) omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)), of lower balls of m2 kg; 0 without gravity."""
-        m2 = np.asarray(m2, float)
+    def gravity_number(self, m2: ArrayLike, m1: ArrayLike, k1: ArrayLike) -> NDArray[np.float64]:
+        """Return g/(abs(v0) omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)); 0 without gravity. Masses in kg, k1 in N/m."""
+        m2, m1, k1 = (np.asarray(each, float) for each in (m2, m1, k1))
         if self.scenario == "impact":
             return np.zeros(m2.shape)
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-            reduced_mass = self.m1 / (1 + self.m1 / m2)
-            return self.gravity / (abs(self.v0) * np.sqrt(self.k1 / reduced_mass))
+            reduced_mass = m1 / (1 + m1 / m2)
+            return self.gravity / (abs(self.v0) * np.sqrt(k1 / reduced_mass))
 
     def size(self) -> str:
         """Say how many cells the axes make, and which of them took their defaults; "" without axes."""
@@ -243,13 +311,14 @@ class Config(Strict):
 
     def _stated(self) -> dict[str, Any]:
         """Return the configuration as a file holds it."""
-        tied: dict[str, Any] = {} if self.grid.e is None else {"grid": {"e1", "e2"}}
+        replaced: dict[str, Any] = {"grid": self.grid.replaced} if self.grid.replaced else {}
         of_others = {"figure_column"} if self.column is None else {"grid", "figure_cell", "gravity"}
+        of_others |= {name for name in self.grid.in_si if name in ("m1", "k1")}
         if self.sample is not None or self.cells is not None:
             of_others.add("grid")
         if self.scenario == "impact":
             of_others.add("gravity")
-        return self.model_dump(exclude=tied | dict.fromkeys(of_others, True), exclude_none=True)
+        return self.model_dump(exclude=replaced | dict.fromkeys(of_others, True), exclude_none=True)
 
     def canonical(self) -> dict[str, Any]:
         """Return the configuration as plain JSON values; an infinity is the text ``"inf"``."""

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
 #: What decides an impact.
 RATIOS = ("stiffness_ratio", "mass_ratio", "e1", "e2")
-#: Of a ratio the quantity in SI units that may be given instead, and that which it is divided by.
-_IN_SI = {"stiffness_ratio": ("k2", "k1"), "mass_ratio": ("m2", "m1")}
 #: What a column of N balls has beside its arrangement; its first mass and stiffness are m1 and k1.
 _COUNTS = "balls", "strike"
 OF_COLUMN = (*_COUNTS, "e", "exponent", "gap", "mass_taper", "stiffness_taper")
@@ -47,7 +45,7 @@ PARAMETERS = {
     "gap": ("M", "Of every contact but the one that is struck."),
     "mass_taper": ("R", "Mass of each next ball over the one before."),
     "stiffness_taper": ("R", "Stiffness of each next contact over the one before."),
-    "step_fraction": ("X", "Time step over the shortest contact period."),
+    "step_fraction": ("X", "Time step over the shortest contact period, up to 0.2."),
     "cell_timeout": ("S", "Seconds that a solver has; by default 300."),
 }
 
@@ -72,10 +70,11 @@ def asked(parameters: Mapping[str, Any]) -> tuple[Collision, Arranged | None, Co
 
 
 def _two_balls(plain: dict[str, Any]) -> tuple[Collision, None, Config]:
+    from impact_xval.experiments.config.axes import RATIO_OF
     from impact_xval.experiments.config.cells import collision_of
     from impact_xval.experiments.config.experiment import Config
 
-    for ratio, (upper, lower) in _IN_SI.items():
+    for ratio, (upper, lower) in RATIO_OF.items():
         if upper in plain:
             if ratio in plain:
                 raise UserError(f"{_option(ratio)} and --{upper} are given; legal: one of both")

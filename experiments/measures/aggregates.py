@@ -57,7 +57,10 @@ def axis_levels(config: Config, axis: str, x: NDArray[Any]) -> Levels:
     if config.column is not None:
         return Levels(sorted(set(pd.Series(x).dropna())))
     scattered = config.sample is not None or config.cells is not None
-    return levels_of(x) if scattered else Levels(config.grid.axes()[axis])
+    axes = {} if scattered else config.grid.axes()
+    if axis in axes:
+        return Levels(axes[axis])
+    return levels_of(x)  # so are ratios of quantities in SI units
 
 
 def levels_of(x: NDArray[np.float64]) -> Levels:

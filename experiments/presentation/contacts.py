@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.paste import paste
-from impact_xval.compliant_baselines.single_contact import TOLERANCE, Drops, Pair
+from impact_xval.compliant_baselines.single_contact import DROP, TOLERANCE, Drops, Pair
 from impact_xval.experiments.presentation.document import Block, Table
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.model.materials import Touch
@@ -23,20 +23,33 @@ def contact_blocks(engine: Engine, pair: Pair, touch: Touch | None, found: Drops
     """
     c, name, rows = pair.contact, engine.name, []
     for what, unit, asked in (("restitution", "", pair.restitution), ("duration", " s", c.duration)):
-        low, high = getattr(found, what)
         at_tenth = f"{getattr(fine, what)[0]:.6g}{unit}"
-        rows.append((what, f"{asked:.6g}{unit}", f"{low:.6g} to {high:.6g}{unit}", at_tenth))
+        rows.append((what, f"{asked:.6g}{unit}", f"{rounded_outward(*getattr(found, what))}{unit}", at_tenth))
+    how = "by the lines above alone" if name in DROP else "by the adapter's scene"
     header = ("", "asked", f"at {found.step:.6g} s", f"at {found.step / 10:.6g} s")
     return [
         f"k = {c.k:.6g} N/m, c = {c.c:.6g} N s/m (zeta = {c.zeta:.4g}) between bodies of reduced mass {c.mass:.6g} kg",
         f"at {pair.speed:.6g} m/s the penetration is {pair.penetration:.3g} m: the bodies must be much larger",
         *([] if touch is None else [_linearised(touch, pair.speed)]),
         f"\n{paste(name, c, found.step).rstrip()}",
-        Table(header, rows, f"Drops in {name}, by its time step"),
+        Table(header, rows, f"Drops in {name} {how}"),
         f"{found.step:.6g} s is the largest step tried (ten a decade) at which {name} {engine.version()} keeps both "
         f"within {TOLERANCE:g} of the request, wherever within a step the bodies touch ({found.n} drops), and at the "
         f"four shorter steps too: {c.duration / found.step:.0f} steps in a contact",
     ]
+
+
+def rounded_outward(low: float, high: float) -> str:
+    """Write an interval that holds both numbers, wider by at most 2e-4 of its width and 2e-12 of the numbers.
+
+    Rounded to the nearest digit an interval would leave out what was measured.
+    """
+    resolution = max(1e-4 * (high - low), 1e-12 * max(abs(low), abs(high)))
+    exponent = math.floor(math.log10(resolution)) if resolution > 0 else 0
+    unit = 10.0**exponent
+    # What is a multiple of the unit stays one: a thousandth of it may be the rounding of the quotient.
+    ends = math.floor(low / unit + 1e-3), math.ceil(high / unit - 1e-3)
+    return " to ".join(f"{float(f'{end}e{exponent}'):.15g}" for end in ends)
 
 
 def _linearised(touch: Touch, speed: float) -> str:
@@ -66,7 +79,7 @@ def scene_blocks(contacts: list[Measured], traps: list[Finding], scene: str, spe
         low, high = (number(e) for e in each.restitution_range or (None, None))
         values = (each.stiffness, each.damping, each.duration, each.steps, each.penetration)
         rows.append((where, masses, low if low == high else f"{low} to {high}", *map(number, values)))
-        lines += [f"{where}: {said}" for said in (each.reason, each.change) if said]
+        lines += [f"{where}: {said}" for said in (each.reason, each.note, each.change) if said]
     caption = (
         f"Dropped at {speed:g} m/s, and loaded with the weight of the lighter body, each two bodies alone"
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import shlex
 from typing import Any
 
@@ -17,12 +18,21 @@ from impact_xval.experiments.measures.summary import Summary
 from impact_xval.experiments.presentation.document import Block, Table
 from impact_xval.experiments.presentation.findings import brief, region_table
 from impact_xval.experiments.presentation.terminal import print_line, show
-from impact_xval.experiments.presentation.words import by_axes, told
+from impact_xval.experiments.presentation.words import (
+    NO_RESULT,
+    WHAT_NO_RESULT_IS,
+    by_axes,
+    in_si_units,
+    told,
+)
 from impact_xval.experiments.sweep.status import RunStatus
 from impact_xval.experiments.tables.comparison import Comparison
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.numbers import number, percent
+from impact_xval.model.collision import RESULT_STATUSES
 
+#: Columns of the whole difference that a ladder splits.
+_DIFFERENCE = re.compile(r"velocity_divergence|dv\d+")
 #: Reasons that `show_status` prints.
 _REASONS = 12
 #: Balls whose velocities have room beside one another.
@@ -63,8 +73,12 @@ def show_status(console: Console, root: str, status: RunStatus) -> None:
 def rows_of_cell(folder: RunFolder, cell: int) -> list[dict[str, Any]]:
     """Read what a finished run holds of a cell: a row a solver, with its measures and what its D consists of."""
     paths = (folder.table_path(f"{name}.parquet") for name in ("cells", "divergence", "ladder"))
-    rows, *others = (pq.read_table(path, filters=[("cell", "==", cell)]).to_pandas() for path in paths)
-    for table in others:
+    rows, measures, ladder = (
+        pq.read_table(path, filters=[("cell", "==", cell)]).to_pandas() for path in paths
+    )
+    # A ladder has the difference that it splits also where a row has no result, and so no measure of divergence.
+    ladder = ladder.rename(columns=lambda name: f"ladder_{name}" if _DIFFERENCE.fullmatch(name) else name)
+    for table in (measures, ladder):
         new = ["cell", "solver", *table.columns.difference(rows.columns, sort=False)]
         rows = rows.merge(table[new], how="left", on=["cell", "solver"])
     if rows.empty:
@@ -83,14 +97,19 @@ def show_cell(console: Console, cell: int, rows: list[dict[str, Any]]) -> None:
         (
             row["solver"],
             row["status"],
-            *("-" if row[f"v{i}"] is None else f"{row[f'v{i}'] / speed:.6f}" for i in balls),
+            *(_velocity(row, f"v{i}", speed) for i in balls),
             number(row["velocity_divergence"]),
             row.get("states") or "-",
         )
         for row in rows
     ]
     header = ["solver", "status", *(f"v{i}/|v0|" for i in balls), "D", "states"]
-    blocks: list[Block] = [f"cell {cell}: {by_axes(rows[0], axes)}", Table(header, outcomes, text=2)]
+    setup = by_axes(rows[0], axes)
+    if axes is AXES:
+        setup += f"; {in_si_units(rows[0])}"
+    blocks: list[Block] = [f"cell {cell}: {setup}", Table(header, outcomes, text=2)]
+    if any(NO_RESULT in "".join(outcome) for outcome in outcomes):
+        blocks.append(WHAT_NO_RESULT_IS)
     blocks += [f"{row['solver']}: {row['status']}: {row['reason']}" for row in rows if row["reason"]]
     blocks += [f"{row['solver']}: marked: {row['marked']}" for row in rows if row["marked"]]
     causes = ["cause", *(f"dv{i}/|v0|" for i in balls), "kinetic norm", "share", "by order"]
@@ -98,6 +117,13 @@ def show_cell(console: Console, cell: int, rows: list[dict[str, Any]]) -> None:
         if row.get("sentence"):
             blocks.append(Table(causes, _contributions(row, balls), told(row["solver"], row["sentence"])))
     show(console, blocks)
+
+
+def _velocity(row: dict[str, Any], name: str, speed: float) -> str:
+    """Write a velocity per |v0|: marked if the row has no result, a dash where there is no number."""
+    if row[name] is None:
+        return "-"
+    return f"{row[name] / speed:.6f}" + (NO_RESULT if row["status"] not in RESULT_STATUSES else "")
 
 
 def _contributions(row: dict[str, Any], balls: range) -> list[tuple[str, ...]]:
@@ -111,8 +137,10 @@ def _contributions(row: dict[str, Any], balls: range) -> list[tuple[str, ...]]:
         shown = ("cancels", "") if i in pair else (percent(row[name]), by_order)
         changes = (f"{row[f'{c.name}_dv{j}']:.3e}" for j in balls)
         lines.append((c.label, *changes, f"{row[f'{c.name}_norm']:.3e}", *shown))
-    total = (f"{row[f'dv{j}']:.3e}" for j in balls)
-    return [*lines, ("sum", *total, f"{row['velocity_divergence']:.3e}", "100.0 %", "")] if lines else []
+    total = (f"{row[f'ladder_dv{j}']:.3e}" for j in balls)
+    return (
+        [*lines, ("sum", *total, f"{row['ladder_velocity_divergence']:.3e}", "100.0 %", "")] if lines else []
+    )
 
 
 def show_changes(console: Console, a: str, b: str, found: Comparison) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 from impact_xval.compliant_baselines.registry import solver_names
 from impact_xval.experiments.config.arrangements import Arranged
-from impact_xval.experiments.config.axes import AXES
+from impact_xval.experiments.config.axes import AXES, SI_AXES
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.laws import by_law
 from impact_xval.experiments.tables.numbers import listed, number
@@ -76,6 +76,13 @@ MEANINGS = {
     "discretisation": "the engine's step is not zero",
 }
 
+#: What follows a number of a row whose status is not that of a result, and what a table of such rows says below.
+NO_RESULT = "*"
+WHAT_NO_RESULT_IS = (
+    f"{NO_RESULT}: what the solver came to, but no result; the status and the reason say why. Such a row has no D, and "
+    "counts in no statistic."
+)
+
 _COUNTS = ("none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
 
 
@@ -123,6 +130,11 @@ def by_axes(cell: Mapping[str, Any], axes: Mapping[str, str] = AXES, digits: int
     """Name a cell by the axes on which it has a value."""
     known = ((label, cell[axis]) for axis, label in axes.items() if cell[axis] is not None)
     return ", ".join(f"{label} = {written(value, digits)}" for label, value in known)
+
+
+def in_si_units(cell: Mapping[str, Any], quantities: Iterable[str] = SI_AXES) -> str:
+    """Name masses and stiffnesses of a cell of two balls with their units."""
+    return ", ".join(f"{name} = {number(cell[name], 6)} {SI_AXES[name]}" for name in quantities)
 
 
 def arranged(column: Arranged) -> str:

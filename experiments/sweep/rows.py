@@ -111,7 +111,8 @@ def _columns(
     masses, starts = masses_and_starts(block.collisions, layout.balls)
     speed = np.abs(block.parameters["v0"])
     # A result that is not converged keeps the numbers it came to, but is no measure of anything.
-    numbers = (found.there | (found.status == "unconverged")) & ~np.isnan(found.velocities[:, 0])
+    withheld = (found.status == "unconverged") | (found.status == "timeout")
+    numbers = (found.there | withheld) & ~np.isnan(found.velocities[:, 0])
 
     def kept(values: Any) -> Floats:
         return np.where(numbers, values, np.nan)
@@ -140,7 +141,9 @@ def _columns(
         "model_grazing_margin": model.margin,
     }
     if layout.pair:
-        columns["gravity_number"] = config.gravity_number(block.parameters["m2"])
+        columns["gravity_number"] = config.gravity_number(
+            *(block.parameters[name] for name in ("m2", "m1", "k1"))
+        )
     if name != REFERENCE:  # the model's divergence from itself is in no table
         measured = divergence(masses, starts, speed, model, found)
         for key in ("velocity_divergence", "dretained_energy"):

@@ -134,14 +134,12 @@ class _Run:
         self._seconds: Counter[str] = Counter()
 
     def begin(self, versions: Versions, continued: bool) -> None:
-        """Find the parts that are there, and say what the run is of."""
+        """Find the parts that are there, and write what the run is of; `continued` if a session has begun it before."""
         config, cells, folder = self._experiment.config, self._cells, self._folder
         # All that the content of a part depends on, but for its number.
         content = [config.identity(), versions, self._experiment.layout.rows.names, cells.digest]
         self._identity = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
         self._versions = versions
-        if not continued:
-            folder.write_config(config)
         with tables_lock(folder):
             folder.write_manifest(self._manifest("running"))
         there = set()

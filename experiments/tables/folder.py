@@ -79,6 +79,11 @@ class RunFolder:
         path = self.root / MANIFEST
         again = "the command that began the run writes it again"
         if not path.exists():
+            if (self.root / CONFIGURATION).exists():
+                goes_on = f"to continue: {continues(self.root)}"
+                raise UserError(
+                    f"{self.root}: no {MANIFEST}: the run has only begun, or was stopped then; {goes_on}"
+                )
             raise UserError(f"{self.root}: no {MANIFEST}; legal: the folder of a run, or {again}")
         try:
             value = json.loads(path.read_text(encoding="utf-8"))
@@ -201,9 +206,11 @@ def _pieces(parts: Iterable[Path], layout: Layout) -> Iterator[pa.Table]:
 
 @contextlib.contextmanager
 def writing(root: Path, config: Config, shard: tuple[int, int] = (1, 1)) -> Iterator[tuple[RunFolder, bool]]:
-    """Keep a folder to this process as the one that computes a run, or a shard of it; and say whether a run is there.
+    """Keep a folder to this process as the one that computes a run, or a shard of it; and say whether a run was there.
 
-    The lock is the operating system's, which lets go of it the moment its process is gone, however it went.
+    The lock is the operating system's, which lets go of it the moment its process is gone, however it went. The
+    experiment is written before anything that a run leaves behind, so that whatever ends a run, the folder is known as
+    one of it.
     """
     folder = RunFolder(root)
     lock = root / (_LOCK if shard == (1, 1) else f"{_LOCK}-{shard[0]}-of-{shard[1]}")
@@ -216,6 +223,8 @@ def writing(root: Path, config: Config, shard: tuple[int, int] = (1, 1)) -> Iter
             except Timeout:
                 says = f"--out {root}: another run writes there; legal: wait for it, or another folder"
                 raise UserError(says) from None
+            if not continued:
+                folder.write_config(config)
         yield folder, continued
 
 
@@ -231,8 +240,9 @@ def _usable(root: Path, option: str) -> Iterator[None]:
 
 
 def _entries(root: Path) -> list[str]:
-    """List the names in a folder, if it is there."""
-    return sorted(entry.name for entry in root.iterdir()) if root.exists() else []
+    """List the names in a folder, if it is there, but for files half-written: a command that is killed leaves them."""
+    there = (entry.name for entry in root.iterdir()) if root.exists() else ()
+    return sorted(name for name in there if not name.startswith(_TEMPORARY))
 
 
 def _looked_at(folder: RunFolder, config: Config) -> bool:
@@ -243,7 +253,7 @@ def _looked_at(folder: RunFolder, config: Config) -> bool:
         return True
     if MANIFEST in entries:
         folder.manifest()  # one of another format is told as such
-    foreign = [name for name in entries if not name.startswith((_LOCK, _TEMPORARY)) and name != "parts"]
+    foreign = [name for name in entries if not name.startswith(_LOCK) and name != "parts"]
     if foreign:
         raise UserError(f"--out {root}: not empty ({foreign[0]}) and not a run; legal: a new or empty folder")
     return False
@@ -277,6 +287,11 @@ def running(root: Path) -> bool:
     return False
 
 
+def continues(root: Path) -> str:
+    """Return the command that continues the run in a folder."""
+    return shlex.join(["impact-xval", "run", "--out", str(root)])
+
+
 def run_folder(root: Path) -> RunFolder:
     """Return the folder of a run, or a `UserError` where there is none."""
     if not root.is_dir():
@@ -289,8 +304,7 @@ def finished(root: Path) -> RunFolder:
     """Return the folder of a run whose tables are complete, or a `UserError`; its report may be missing."""
     folder = run_folder(root)
     if folder.manifest()["state"] not in FINISHED:
-        command = f"impact-xval run --out {shlex.quote(str(root))}"
-        raise UserError(f"{root}: the run is not finished; to continue: {command}")
+        raise UserError(f"{root}: the run is not finished; to continue: {continues(root)}")
     return folder
 
 

@@ -18,7 +18,7 @@ def test_illegal_settings_are_named_with_the_legal_range():
     for kind, field, values, legal in (
         (Settings, "scenario", ["bounce"], "'impact' or 'drop'"),
         (Settings, "gravity", [0.0, math.inf, math.nan], "a finite number > 0"),
-        (Settings, "step_fraction", [0.0, 0.2, math.nan], "greater than 0, at most 0.1"),
+        (Settings, "step_fraction", [0.0, 0.21, math.nan], "greater than 0, at most 0.2"),
         (Settings, "max_steps", [0], "a whole number >= 1"),
         (Settings, "mapping", ["default"], "one of calibrated, naive, documented, shipped"),
         (Settings, "shortest_state", [-0.001, 0.2, math.nan], "from 0 to 0.1"),

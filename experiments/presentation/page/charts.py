@@ -32,7 +32,7 @@ from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.aggregates import Compared, Frame, levels_of
 from impact_xval.experiments.presentation.html import render
-from impact_xval.experiments.presentation.words import look, named, written
+from impact_xval.experiments.presentation.words import NO_RESULT, WHAT_NO_RESULT_IS, look, named, written
 from impact_xval.experiments.tables.numbers import listed
 from impact_xval.experiments.tables.parquet import column
 
@@ -122,6 +122,8 @@ def cells_piece(tiles: Tiles, n_cells: int, packed: str, solvers: Sequence[str])
         bokeh=bokeh_script(),
         first=tiles.places.cell[tiles.medians.iloc[:, -1].idxmax()],
         data=packed,
+        no_result=NO_RESULT,
+        what_no_result_is=WHAT_NO_RESULT_IS,
         curves="curves" in plots,
         charts=[json_item(plot, ID(name)) for name, plot in plots.items()],
     )

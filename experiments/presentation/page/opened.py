@@ -21,7 +21,7 @@ from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.paste import mjcf
 from impact_xval.compliant_baselines.registry import engine_free_names, get_solver, solver_names
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
-from impact_xval.experiments.config.axes import AXES
+from impact_xval.experiments.config.axes import AXES, RATIO_OF, SI_AXES
 from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.presentation.words import named, told, written
 from impact_xval.experiments.sweep.curves import needed
@@ -61,16 +61,21 @@ def opened_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str,
     balls = [name for name in names if re.fullmatch(r"v[1-9]\d*", name)]
     ends, paths = (["impulse1", "impulse2"], ["states_compared"]) if pair else ([], [])
     known = ("status", "marked", "reason")
-    for row in rows("cells", *axes, *known, "m1", "v0", *balls, *ends, *paths):
+    scales = ("m1", "m2", "k1", "k2") if pair else ("m1", "k1")
+    for row in rows("cells", *axes, *known, *scales, "v0", *balls, *ends, *paths):
         cell, speed = shown[row["cell"]], abs(row["v0"])
         velocities = [row[name] for name in balls[: row.get("balls", 2)]]
         impulses = [row[name] for name in ends if row[name] is not None]
         cell["at"] = {label: written(row[axis], 6) for axis, label in axes.items() if row[axis] is not None}
+        cell["at"] |= {
+            f"{name} in {SI_AXES[name]}": written(row[name], 6) for name in config.grid.in_si if pair
+        }
         cell["commands"] = _commands(folder.root, config, row)
         cell["results"].append(
             {
                 "name": named(row["solver"]),
                 **{name: row[name] for name in ("solver", *known)},
+                "result": row["status"] in RESULT_STATUSES,
                 "velocities": [None if v is None else v / speed for v in velocities],
                 "d": ds.get((row["cell"], row["solver"])),
                 "states": row.get("states_compared"),
@@ -95,7 +100,11 @@ def _commands(root: Path, config: Config, row: dict[str, Any]) -> list[list[str]
     axes, ours = (COLUMN_AXES, []) if config.column is not None else (AXES, ["scenario"])
     ours += [*(["gravity"] if config.scenario == "drop" else []), "m1", "k1", "v0", "step_fraction"]
     given = {axis: row[axis] for axis in axes if row[axis] is not None}
-    given |= {name: getattr(config, name) for name in ours}
+    given |= {name: row[name] if name in row else getattr(config, name) for name in ours}
+    for ratio, (quantity, _) in RATIO_OF.items():
+        if quantity in row and quantity in config.grid.in_si:  # to the last bit
+            given[quantity] = row[quantity]
+            del given[ratio]
     again = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in given.items())
     if config.mapping == "naive":
         naive = (f"{name}-naive" for name in config.solvers)

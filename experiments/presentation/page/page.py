@@ -31,7 +31,13 @@ from impact_xval.experiments.presentation.html import render
 from impact_xval.experiments.presentation.page.charts import LABELS, cells_piece, tiles_of
 from impact_xval.experiments.presentation.page.opened import packed_cells
 from impact_xval.experiments.presentation.pictures.figures import ACCEPTED, recommended
-from impact_xval.experiments.presentation.words import MEANINGS, begun, named, one_vote, written
+from impact_xval.experiments.presentation.words import (
+    MEANINGS,
+    begun,
+    named,
+    one_vote,
+    written,
+)
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.numbers import number, percent
 from impact_xval.experiments.tables.parquet import column

@@ -9,8 +9,10 @@ import pytest
 
 from examples.toy_engine import ToyEngine
 from impact_xval.compliant_baselines import SolverError, get_solver
+from impact_xval.compliant_baselines.engines import engine as engine_module
 from impact_xval.compliant_baselines.engines import stepping
 from impact_xval.compliant_baselines.engines.engine import Engine
+from impact_xval.compliant_baselines.engines.mujoco import Mujoco
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.mapping import restitution
 from impact_xval.compliant_baselines.solver import Settings
@@ -118,7 +120,7 @@ def test_mujoco_s_profiler_has_no_clock_while_scenes_run():
 def test_without_an_engine_the_way_out_is_said(monkeypatch):
     for module, name, advice in (
         ("pybullet", "pybullet", "PyBullet is not installed: run pip install 'pybullet>=3.2.7'"),
-        ("mujoco.batch", "mujoco", "pip install 'mujoco>=4.0'"),
+        ("mujoco.rollout", "mujoco", "pip install 'mujoco>=3.2.7'"),
         ("pydrake", "drake", "pip install 'impact-xval[drake]'"),
         ("pydrake", "drake-hunt-crossley", "pip install 'impact-xval[drake]'"),
     ):
@@ -126,6 +128,17 @@ def test_without_an_engine_the_way_out_is_said(monkeypatch):
         outcome = get_solver(name).solve_many([cell()], COARSE)[0]
         assert outcome.status == "unavailable"
         assert advice in outcome.reason
+
+
+@pytest.mark.parametrize(("version", "is_old"), [("3.1.6", True), ("3.2.7", False), ("3.10.0", False)])
+def test_a_version_that_is_too_old_is_said_to_be(version, is_old, monkeypatch):
+    monkeypatch.setattr(Mujoco, "version", lambda _: version)
+    monkeypatch.setattr(engine_module, "import_quietly", lambda _: None)
+    said = Mujoco().unavailable()
+    if is_old:
+        assert said == f"MuJoCo {version} is too old: 3.2.7 or later runs: run pip install 'mujoco>=3.2.7'"
+    else:
+        assert said is None
 
 
 @pytest.mark.parametrize("scenario", ["impact", "drop"])

@@ -7,7 +7,7 @@ from impact_xval.compliant_baselines import SolverError
 from impact_xval.compliant_baselines.conformance import problems
 from impact_xval.compliant_baselines.rigid.dart import FASTEST, SLOWEST
 from impact_xval.compliant_baselines.rigid.laws import follow
-from impact_xval.compliant_baselines.solver import Settings
+from impact_xval.compliant_baselines.solver import Convergence, Settings
 from impact_xval.model.collision import Collision
 from tests.compliant_baselines.conftest import installed
 from tests.compliant_baselines.reference_cells import chain
@@ -82,6 +82,30 @@ def test_targets_that_are_apart_are_struck_one_after_the_other(name, engine):
     # By 1e-3 radii of 4 m; where they touch the striker reverses, as in the columns above (Donahue's two signs).
     v = engine.solve(chain(-1.0, 0.0, 0.0, gap=4e-3), Settings(step_fraction=1e-3)).velocities
     assert v == pytest.approx([0, 0, -1], abs=3e-5)
+
+
+@pytest.mark.parametrize("e", [1.0, 0.7])
+def test_impacts_across_gaps_are_whole_at_any_step(name, engine, e):
+    """Two balls and a wall: an impulse is all in its first step, wherever within it a contact is met."""
+    wall = chain(-20.0, 0.0, e=e, gap=30.0, table=True)  # so fast that DART drops no restitution
+    exact = follow(wall, "sequential-top").v
+    assert e < 1 or exact.tolist() == [20, 0]
+    outcome = engine.solve(wall, Settings(convergence=Convergence()))
+    numbers = outcome.diagnostics
+    assert numbers["limit_error"] < 2e-2
+    assert [numbers["v1_limit"], numbers["v2_limit"]] == pytest.approx(exact, abs=3 * numbers["limit_error"])
+    assert numbers["finest_step"] == numbers["step"]  # no shorter step is needed
+
+
+def test_impacts_that_fall_into_one_step_are_not_taken_for_known(name, engine):
+    # The middle ball is struck from both sides, within a thousandth of a step: one after the other is not at once.
+    c = Collision((1, 2, 1), (1, 1), (0.5, 0.5), (-1, 0, 1), gaps=(3.0, 3.0 + 1e-6))
+    (outcome,) = engine.solve_many([c], Settings(convergence=Convergence(halvings=1)))
+    limit = [outcome.diagnostics[f"v{i}_limit"] for i in (1, 2, 3)]
+    off = np.abs(limit - follow(c, "sequential-top").v).max()
+    assert off > 0.01
+    assert outcome.status == "unconverged"
+    assert off < 3 * outcome.diagnostics["limit_error"]
 
 
 @pytest.mark.smoke

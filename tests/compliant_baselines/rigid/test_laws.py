@@ -14,7 +14,7 @@ from impact_xval.compliant_baselines.rigid.laws import LAWS, TooManyImpactsError
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.model.collision import Collision
 from tests.compliant_baselines.reference_cells import chain
-from tests.compliant_baselines.rigid.rational import Balls
+from tests.compliant_baselines.rigid.rational import Balls, single_impacts
 
 SINGLE = ("sequential-top", "sequential-bottom", "generalised-reflection")
 AT_ONCE = ("newton-restitution", "poisson-restitution")
@@ -144,6 +144,103 @@ def test_infinitely_many_impacts_end_at_their_limit():
     for e, status in ((0.05, "limit"), (0.09, "ok")):
         o = solve(Collision((1.0,) * 3, (1.0,) * 2, (e, e), (-1.0, 0.0, 1.0), gaps=(1.0, 1.3)))
         assert (o.status, sum(o.velocities)) == (status, pytest.approx(0, abs=1e-14)), e
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_gap_that_shrinks_without_end_is_a_collapse_and_no_touch(law):
+    # 10,232 impacts in decimals of 700 digits; the last gaps are 1e-600.
+    c = Collision((1.0, 0.01, 1.0), (1.0, 1.0), (0.15, 0.15), (-1.0, 0.0, 0.0), gaps=(1.0, 0.001))
+    o = get_solver(law).solve(c)
+    assert (o.status, o.velocities) == ("limit", pytest.approx([-1 / 2.01] * 3, abs=1e-15))
+    # Ball 2 meets ball 1 after 1 s, and ball 3 after it has moved 1 mm at 1.15/1.01 m/s; no later than it arrives there
+    # at the velocity of the three.
+    assert 1 + 0.001 / 1.15 * 1.01 < o.diagnostics["duration"] < 1 + 0.001 * 2.01
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_bodies_touch_where_their_gap_is_zero_and_no_sooner(law):
+    v = velocities(law, Collision((1.0,) * 3, (1.0,) * 2, (1.0,) * 2, (-1.0, 0.0, 0.0), gaps=(1.0, 1e-15)))
+    assert v == pytest.approx([0, 0, -1], abs=1e-15)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_three_balls_collapse_up_to_the_restitution_of_theory(law, sign):
+    # McNamara and Young (1992), for balls of any mass: infinitely many impacts where
+    # m1 m3/((m1 + m2)(m2 + m3)) (1 + e)^2 >= 4 e.
+    for masses in ((1.0, 1.0, 1.0), (2.0, 0.3, 5.0), (50.0, 0.1, 8.0)):
+        m1, m2, m3 = masses
+        q = m1 * m3 / ((m1 + m2) * (m2 + m3))
+        e = (2 - q - 2 * (1 - q) ** 0.5) / q
+        c = Collision(masses, (1.0,) * 2, (e * (1 + sign * 1e-3),) * 2, (-1.0, 0.0, 1.0), gaps=(1.0, 1.3))
+        o = get_solver(law).solve(c)
+        assert o.status == ("limit" if sign < 0 else "ok"), masses
+        assert np.dot(masses, o.velocities) == pytest.approx(m3 - m1, abs=1e-12)
+        mean = (m3 - m1) / sum(masses)
+        # A finite sequence leaves what impacts by the dozen leave of a speed: e^n.
+        assert o.velocities == pytest.approx([mean] * 3, abs=1e-9), masses
+
+
+@pytest.mark.parametrize("law", AT_ONCE)
+def test_bodies_that_have_collapsed_are_struck_as_one_that_touches(law):
+    # Balls 2 to 4 collapse at 1/3 m/s downwards. Ball 1 comes later: u = (-1 + 1/3, 0, 0), an impact of 1 kg and 3 kg.
+    c = Collision((1.0,) * 4, (1.0,) * 3, (0.05,) * 3, (-1.0, -1.0, 0.0, 0.0), gaps=(30.0, 1.0, 0.3))
+    o = get_solver(law).solve(c)
+    mean, u = -1 / 2, 2 / 3
+    apart = [mean + 0.05 * 3 / 4 * u] + [mean - 0.05 / 4 * u] * 3
+    assert (o.status, o.velocities) == ("limit", pytest.approx(apart, abs=1e-14))
+
+
+def test_balls_with_gaps_against_single_impacts_in_decimals_of_eighty_digits():
+    rng, known, answered = np.random.default_rng(5), 0, 0
+    for _ in range(36):
+        n, table = int(rng.integers(2, 6)), bool(rng.integers(2))
+        contacts = n - 1 + table
+        m, gaps = 10 ** rng.uniform(-2, 2, n), 10 ** rng.uniform(-3, 0, contacts)
+        e = np.full(contacts, rng.uniform(0, rng.choice([0.1, 0.4, 1.0])))
+        v = (-1.0, *rng.uniform(-0.5, 0.5, n - 1).tolist())
+        c = Collision(*(tuple(x.tolist()) for x in (m, np.ones(contacts), e)), v, table, tuple(gaps.tolist()))
+        exact = single_impacts(c, most=2_000)
+        for law in LAWS if exact else ():
+            try:
+                line = follow(c, law, most=5_000)
+            except TooManyImpactsError:
+                continue
+            finally:
+                known += 1
+            answered += 1
+            assert line.v == pytest.approx(exact, abs=1e-11), (c, law)
+    assert known > 80
+    assert answered > 0.95 * known
+
+
+def test_balls_that_fall_together_leave_after_one_impact():
+    # All contacts but the table's are at rest, and stay so or open: nothing approaches after the first impact.
+    rng = np.random.default_rng(6)
+    for case in range(60):
+        n = int(rng.integers(2, 5))
+        m, e = 10 ** rng.uniform(-2, 2, n), rng.uniform(0, 1, n)
+        c = Collision(*(tuple(x.tolist()) for x in (m, np.ones(n), e)), (-1.0,) * n, table=True)
+        if not case:
+            c = Collision((2.0, 3.0, 0.1), (1.0,) * 3, (0.5,) * 3, (-1.0,) * 3, table=True)
+        for law, solve in (("newton-restitution", Balls.newton), ("poisson-restitution", Balls.poisson)):
+            exact = Balls(
+                *([Fraction(x) for x in xs] for xs in (c.masses, c.restitutions, c.velocities)), True
+            )
+            solve(exact)
+            line = follow(c, law)
+            assert (line.impacts, line.endless) == (1, False), (c, law)
+            assert line.v == pytest.approx([float(x) for x in exact.v], abs=1e-12), (c, law)
+
+
+def test_collapses_may_follow_one_another_without_an_end():
+    # Whatever balls 2 to 4 meet, they collapse on the table before ball 1 has its turn, which then bounces off 5 kg.
+    c = Collision(
+        (1.5, 5.0, 14 / 3, 1.5), (1.0,) * 4, (0.5, 0.0, 0.0, 0.0), (-2.0, -0.5, 0.0, -1.0), table=True
+    )
+    o = get_solver("sequential-bottom").solve(c)
+    assert (o.status, o.velocities) == ("limit", pytest.approx([4 / 13, 0, 0, 0], abs=1e-15))
+    assert o.n_events < 1_000
 
 
 @pytest.mark.parametrize("law", LAWS)

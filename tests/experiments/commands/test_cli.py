@@ -2,14 +2,17 @@
 
 import json
 import math
+import platform
 import shlex
 import subprocess
 import sys
+from importlib.metadata import version
 
 import pytest
 
 from impact_xval.compliant_baselines import registry, solver_names
-from impact_xval.experiments.commands.cli import main
+from impact_xval.compliant_baselines.engines.engine import Engine
+from impact_xval.experiments.commands.cli import ENGINE_PACKAGES, main
 from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 from impact_xval.experiments.config.experiment import parse_config
@@ -100,11 +103,11 @@ def test_a_run_from_end_to_end(tmp_path, command, monkeypatch):
     names = ("cells.parquet", "divergence.parquet", "divergence.csv", "curves.parquet", "ladder.parquet")
     for name in ("manifest.json", *names, "ladder.csv", "summary.csv", "figures", "report.html", "parts"):
         assert (root / name).exists(), name
-    for words in ("run my.toml --workers 1", f"report {root}", f"show {root}"):
+    for words in ("run my.toml --workers 1", ["report", root], ["show", root]):
         command(words)
-    (row,) = json.loads(command(f"show {root} --cell 1 --json"))
+    (row,) = json.loads(command(["show", root, "--cell", 1, "--json"]))
     assert (row["solver"], row["status"], row["velocity_divergence"]) == ("state-transition", "ok", None)
-    (row,) = json.loads(command(f"show {root} --cell 2 --json"))
+    (row,) = json.loads(command(["show", root, "--cell", 2, "--json"]))
     assert (row["status"], row["stiffness_ratio"]) == ("limit", None)  # JSON has no infinity
 
 
@@ -181,3 +184,17 @@ def test_a_quick_run_is_of_a_few_cells_of_the_built_in_grid_and_is_continued_as_
     RunFolder(tmp_path).write_config(whole)
     assert main(["run", "--quick", "--out", str(tmp_path)]) == 2
     assert f"--quick with --out {tmp_path}: holds another run" in capsys.readouterr().err
+
+
+def test_the_version_names_python_and_the_engines_that_are_installed(command):
+    said = dict(line.split(" ") for line in command("--version").splitlines())
+    assert said.pop("impact-xval") == version("impact-xval")
+    assert said.pop("Python") == platform.python_version()
+    assert set(said) <= {"numpy", *ENGINE_PACKAGES}
+    assert {name: version(name) for name in said} == said
+    assert {"numpy", "mujoco"} <= set(said)
+
+
+def test_every_engine_is_named_by_its_package():
+    solvers = (registry.get_solver(name) for name in solver_names(on_request=True))
+    assert {solver.distribution for solver in solvers if isinstance(solver, Engine)} == set(ENGINE_PACKAGES)

@@ -9,6 +9,7 @@ import pytest
 
 from impact_xval.experiments.commands import solvers
 from impact_xval.experiments.config.experiment import parse_config
+from impact_xval.experiments.presentation.contacts import rounded_outward
 from impact_xval.experiments.sweep.run import run_sweep
 from tests.compliant_baselines.test_paste import ENGINES, run_alone
 
@@ -19,6 +20,7 @@ def _shown(text):
     return {name: [float(number) for number in numbers] for name, *numbers in rows}
 
 
+@pytest.mark.smoke
 def test_what_was_asked_what_to_paste_and_what_came_back(command):
     text = command("contact --engine mujoco --masses 1.0 0.5 --restitution 0.7 --stiffness 1e6")
     drops = _shown(text)
@@ -27,6 +29,8 @@ def test_what_was_asked_what_to_paste_and_what_came_back(command):
     for asked, low, high in drops.values():
         assert 0.99 * asked <= low <= high <= 1.01 * asked
     assert drops["restitution"][0] == 0.7
+    assert 'solver="Newton" tolerance="0"/>' in text
+    assert "Drops in mujoco by the lines above alone" in text
     step = re.search(r'timestep="(\S+)"', text)[1]
     assert f"\n{float(step):g} s is the largest step tried" in text
 
@@ -41,10 +45,29 @@ def test_a_material_and_a_radius_are_a_contact(command):
     assert drops["duration"][0] / hertz == pytest.approx(1.067, rel=0.05)
 
 
+@pytest.mark.parametrize(
+    ("low", "high"),
+    [
+        (0.49641717, 0.50198436),
+        (0.9999995, 1.0000005),
+        (0.0992, 0.1),
+        (1e-12, 3e-12),
+        (5.0, 5.0),
+        (99.9, 123456.7),
+    ],
+)
+def test_an_interval_is_rounded_outward_by_a_ten_thousandth_of_its_width(low, high):
+    shown = [float(number) for number in rounded_outward(low, high).split(" to ")]
+    slack = 1e-4 * (high - low) + 1e-12 * high
+    assert low - slack <= shown[0] <= low * (1 + 1e-15)
+    assert high * (1 - 1e-15) <= shown[1] <= high + slack
+
+
 BALL = '<body pos="0 0 {z}"><freejoint/><geom {name} size="1" solref="{solref}"/></body>'
 SCENE = '<mujoco><option timestep="1e-3"/><worldbody><geom type="plane" size="1 1 1"/>{}</worldbody></mujoco>'
 
 
+@pytest.mark.smoke
 def test_an_mjcf_file_and_its_names_as_they_are_written(tmp_path, command):
     path, name = tmp_path / "scene.xml", 'name="b&#x202e;&#x9b;ll"'
     path.write_text(SCENE.format(BALL.format(z=2, name='name="ball"', solref="0.05 1")))

@@ -10,7 +10,7 @@ from scipy.stats import qmc
 
 from impact_xval.experiments.config.arrangements import Arranged
 from impact_xval.experiments.config.axes import AXES, Sample
-from impact_xval.experiments.config.cells import draw, experiment_cells, read_cells
+from impact_xval.experiments.config.cells import collision_of, draw, experiment_cells, read_cells
 from impact_xval.experiments.config.experiment import REFERENCE, Config, load_config, parse_config
 from impact_xval.experiments.config.typed import asked
 from impact_xval.model import Collision
@@ -47,6 +47,44 @@ def test_restitutions_that_are_tied_are_equal_in_every_cell():
     assert set(cells) & {"e1", "e2", "e"} == {"e1", "e2"}
     assert cells["e1"].tolist() == cells["e2"].tolist() == [0.5, 0.9, 0.5, 0.9]
     assert config.identity() != parse_config({"grid": axes | {"e1": [0.5, 0.9], "e2": [0.5, 0.9]}}).identity()
+
+
+def test_a_grid_in_si_units_holds_them_to_the_last_bit_and_ratios_follow():
+    axes = {"k1": [1e4, 1e6], "k2": [0, 2e4, math.inf], "m1": [0.5], "m2": [0.1, 1, 10], "e": 0.9}
+    config = parse_config({"grid": axes, "v0": -2.0})
+    cells = experiment_cells(config)
+    assert len(cells) == 18
+    block = cells.block(range(18)).parameters
+    assert block["k1"].tolist() == [1e4] * 9 + [1e6] * 9  # the first axis varies slowest
+    assert block["m2"].tolist() == [0.1, 1.0, 10.0] * 6
+    assert block["stiffness_ratio"][::3].tolist() == [0, 2, math.inf, 0, 0.02, math.inf]
+    assert block["mass_ratio"][:3].tolist() == [0.2, 2.0, 20.0]
+    assert cells[4] == Collision.two_balls(m1=0.5, m2=1.0, k1=1e4, k2=2e4, e1=0.9, e2=0.9, v0=-2.0)
+    # As gravity has it: g over |v0| sqrt(k1 (1/m1 + 1/m2)).
+    numbers = config.gravity_number(block["m2"], block["m1"], block["k1"])
+    assert numbers[[1, 10]] == pytest.approx([9.81 / (2 * math.sqrt(3e4)), 9.81 / (2 * math.sqrt(3e6))])
+
+
+def test_masses_and_stiffnesses_may_vary_beside_ratios():
+    config = parse_config(
+        {"grid": {"mass_ratio": [2.0], "stiffness_ratio": [3.0], "m1": [0.1, 7], "k1": 1e5, "e": 1}}
+    )
+    cells = experiment_cells(config)
+    assert [cells[i].masses for i in (0, 1)] == [(0.1, 0.2), (7.0, 14.0)]
+    assert cells[1].stiffnesses == (1e5, 3e5)
+    assert collision_of(config, config.figure_cell).masses[0] == 0.1  # not of a scale that is not in the grid
+
+
+def test_an_experiment_in_si_units_is_written_and_read_back(tmp_path):
+    config = parse_config(
+        {"grid": {"m1": [1, 2], "m2": [0.1, 1, 10], "k1": 1e5, "k2": [1e5, math.inf], "e": 1}}
+    )
+    (tmp_path / "a.toml").write_text(config.toml())
+    again = load_config(tmp_path / "a.toml")
+    assert again.identity() == config.identity() != parse_config({"grid": {"e": 1}}).identity()
+    assert again.grid.varied() == config.grid.varied()
+    assert "mass_ratio" not in config.toml().partition("[figure_cell]")[0]
+    assert config.size() == "12 cells: k1 1, k2 2, m1 2, m2 3, e 1"
 
 
 def test_columns_are_an_arrangement_after_the_other_with_e_fastest():

@@ -2,13 +2,16 @@
 
 import io
 import math
+import shlex
 
 import pyarrow.parquet as pq
 import pytest
 from rich.console import Console
 
 from impact_xval.compliant_baselines import get_solver
+from impact_xval.experiments.config.typed import asked
 from impact_xval.experiments.measures.summary import summarise
+from impact_xval.experiments.presentation.page.opened import opened_cells
 from impact_xval.experiments.presentation.terminal import show_progress
 from impact_xval.experiments.presentation.views import show_end
 from tests.experiments import fakes
@@ -27,7 +30,8 @@ def test_a_log_has_a_line_for_the_first_rows_and_for_each_tenth():
     assert lines[6].startswith("60 of 100 cells after ")
 
 
-def test_a_terminal_shows_lines_above_the_bar():
+def test_a_terminal_shows_lines_above_the_bar(monkeypatch):
+    monkeypatch.setenv("TERM", "xterm")  # a dumb terminal gets the lines of a log
     console = Console(file=io.StringIO(), width=40, height=24, force_terminal=True, color_system=None)
     with show_progress(console) as progress:
         progress(8, 32, "")
@@ -56,6 +60,20 @@ def test_a_column_is_shown_with_its_ladder_or_why_it_has_none(column_run, comman
     assert "cell 0: balls = 2, arrangement = cradle" in shown
     assert ladder.sentence[0].replace("mujoco", "MuJoCo") in shown
     assert "mujoco: unrepresentable: exponent = 1.5" in command(["show", column_run, "--cell", "2"])
+
+
+def test_a_cell_of_a_grid_in_si_units_is_named_and_opened_again_in_them(tmp_path, command):
+    grid = {"m1": [0.5, 2.0], "m2": [0.3], "k1": [1e5], "k2": [7e5], "e": [0.9]}
+    folder = swept(tmp_path / "run", fakes.shifted, grid=grid, solvers=["mujoco"], v0=-3.0)
+    shown = command(["show", folder.root, "--cell", "1"])
+    assert "m1 = 2 kg, m2 = 0.3 kg, k1 = 100000 N/m, k2 = 700000 N/m" in shown
+    cell = opened_cells(folder, [1])[1]
+    assert (cell["at"]["m2/m1"], cell["at"]["m1 in kg"], cell["at"]["k2 in N/m"]) == ("0.15", "2", "700000")
+    (again,) = (line for what, line in cell["commands"] if what.startswith("once more"))
+    options = dict(zip(*[iter(shlex.split(again)[2:])] * 2, strict=True))
+    collision, _, _ = asked({name[2:].replace("-", "_"): value for name, value in options.items()})
+    assert collision.masses == (2.0, 0.3)
+    assert collision.stiffnesses == pytest.approx((1e5, 7e5), rel=1e-15)
 
 
 def test_a_command_for_two_balls_refuses_a_run_of_columns(column_run, refused):

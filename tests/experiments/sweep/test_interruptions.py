@@ -11,14 +11,16 @@ from pathlib import Path
 
 import psutil
 import pytest
+from filelock import FileLock
 
 from impact_xval.experiments.config.errors import InterruptedRunError
 from impact_xval.experiments.config.experiment import load_config
+from impact_xval.experiments.sweep import run as sweep
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.sweep.status import status_of
-from impact_xval.experiments.tables.folder import write_text
+from impact_xval.experiments.tables.folder import new_folder, write_text
 from tests.experiments import fakes
-from tests.experiments.conftest import resumed, tables_of
+from tests.experiments.conftest import resumed, swept, tables_of
 from tests.waiting import gone, wait_until
 
 ROOT = Path(__file__).parents[3]
@@ -49,6 +51,210 @@ def test_a_file_that_cannot_be_written_leaves_no_half_of_it(tmp_path, monkeypatc
     assert status_of(root).state == "complete"
     assert (root / "report.html").exists()
     assert tables_of(root) == tables_of(fake_run.root)
+
+
+def steps(monkeypatch, step):
+    """Have a run's steps in its folder called as ``step(name, function)``, by the name of what each makes."""
+
+    def watched(owner, attribute, name):
+        function = getattr(owner, attribute)
+
+        def called(*arguments, **options):
+            return step(name(*arguments), lambda: function(*arguments, **options))
+
+        monkeypatch.setattr(owner, attribute, called)
+
+    def asks(*_):
+        return "versions"
+
+    watched(Path, "mkdir", lambda path, *_, **__: path.name)
+    watched(FileLock, "acquire", lambda lock, *_: Path(lock.lock_file).name)
+    watched(Path, "replace", lambda _, target: target.name.partition("-")[0])
+    watched(sweep, "solver_versions", asks)
+
+
+def ended_at(monkeypatch, root, name, after, end):
+    """Run `swept` into a folder, and have it ended before or after the first step of a name."""
+    seen = []
+
+    def step(here, function):
+        first = here == name and here not in seen
+        seen.append(here)
+        if here == "versions":
+            (root / "solvers.log").touch()  # as by the processes that are asked, of which there are none here
+        if first and not after:
+            end()
+        done = function()
+        if first:
+            end()
+        return done
+
+    steps(monkeypatch, step)
+    swept(root)
+
+
+def interrupt():
+    raise KeyboardInterrupt
+
+
+def killed_at(root, name, after):
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        ended_at(monkeypatch, root, name, after, lambda: os.kill(os.getpid(), signal.SIGKILL))
+
+
+#: The steps of the folder of a run, in their order, by what each makes.
+STEPS = ["parts", ".lock", "experiment.toml", "versions", ".lock-tables", "manifest.json", "000000"]
+STEPS += ["curves.parquet", "divergence.parquet", "cells.parquet", "divergence.csv"]
+
+
+def test_these_are_the_steps_of_a_run(tmp_path, monkeypatch):
+    seen = []
+
+    def step(name, function):
+        seen.append(name)
+        return function()
+
+    steps(monkeypatch, step)
+    swept(tmp_path / "a")
+    there = [name for name in dict.fromkeys(seen) if name in STEPS]
+    assert there == STEPS, seen
+
+
+@pytest.mark.parametrize("after", [False, True], ids=["before", "after"])
+@pytest.mark.parametrize("name", STEPS)
+def test_a_run_that_is_interrupted_at_any_step_goes_on_by_the_same_command(
+    tmp_path, monkeypatch, fake_run, name, after
+):
+    root = tmp_path / "a"
+    with monkeypatch.context() as patched, pytest.raises(InterruptedRunError, match=r"^interrupted$"):
+        ended_at(patched, root, name, after, interrupt)
+    resumed(root)
+    assert tables_of(root) == tables_of(fake_run.root)
+
+
+@pytest.fixture(scope="module")
+def preloaded():
+    """Processes that start with the modules there already; importing them takes seconds."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([__name__])
+    return context
+
+
+@pytest.mark.parametrize("after", [False, True], ids=["before", "after"])
+@pytest.mark.parametrize(
+    "name", ["parts", ".lock", "experiment.toml", "versions", "manifest.json", "cells.parquet"]
+)
+def test_so_does_one_that_is_killed_there(tmp_path, preloaded, fake_run, name, after):
+    root = tmp_path / "a"
+    process = preloaded.Process(target=killed_at, args=(root, name, after))
+    process.start()
+    process.join()
+    assert process.exitcode == -signal.SIGKILL
+    resumed(root)
+    assert not list(root.rglob(".tmp-*"))
+    assert tables_of(root) == tables_of(fake_run.root)
+
+
+def test_a_test_of_the_hypothesis_whose_folder_was_just_made_goes_on(tmp_path):
+    (tmp_path / ".tmp-1-hypothesis.toml").write_text("half")
+    new_folder(tmp_path)
+
+
+#: The command line, with another command in the place of all that there are.
+STAND_IN = """
+import atexit, os, signal, sys, time, types
+from impact_xval.__main__ import ENDS, entry
+def kill(*numbers):
+    for number in numbers:
+        os.kill(os.getpid(), number)
+    time.sleep(0)
+{}
+sys.modules["impact_xval.experiments.commands.cli"] = types.SimpleNamespace(main=main)
+sys.exit(entry())
+"""
+#: Commands that are sent signals where it matters.
+HIT = {
+    "two signals at once": """
+def main():
+    signal.pthread_sigmask(signal.SIG_BLOCK, ENDS)
+    kill(signal.SIGINT, signal.SIGTERM)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDS)
+""",
+    "again while it ends": """
+def main():
+    try:
+        kill(signal.SIGINT)
+    finally:
+        kill(signal.SIGINT, signal.SIGTERM)
+        print("all ended")
+""",
+    "while an object is deleted": """
+class Deleted:
+    def __del__(self):
+        kill(signal.SIGINT)
+def main():
+    Deleted()
+    time.sleep(60)
+    print('not interrupted')
+""",
+    "in an import that makes it another error": """
+def main():
+    try:
+        kill(signal.SIGINT)
+    except KeyboardInterrupt:
+        raise ImportError("multiarray failed to import") from None
+""",
+    "in an import that drops it, and again": """
+def main():
+    try:
+        kill(signal.SIGINT)
+    except BaseException:
+        pass
+    kill(signal.SIGINT)
+""",
+}
+
+
+@pytest.mark.parametrize("name", HIT)
+def test_a_signal_is_one_line_and_no_traceback_wherever_it_comes(name):
+    done = said_by(HIT[name])
+    assert (done.returncode, done.stderr) == (1, "impact-xval: interrupted\n")
+    assert done.stdout == ("all ended\n" if name == "again while it ends" else "")
+
+
+#: What is deleted last, once Python has put the handlers of the system back.
+LAST = """
+class Deleted:
+    def __init__(self):
+        self.kill, self.numbers = os.kill, (os.getpid(), signal.SIGINT)
+    def __del__(self):
+        self.kill(*self.numbers)
+sys.kept = Deleted()
+def main():
+    atexit.register(kill, signal.SIGINT, signal.SIGTERM)
+    return 3
+"""
+
+
+def test_a_signal_after_the_end_changes_nothing():
+    done = said_by(LAST)
+    assert (done.returncode, done.stderr) == (3, "")
+
+
+def test_an_error_that_no_signal_has_caused_is_shown():
+    done = said_by("def main():\n    raise LookupError('a bug')\n")
+    assert done.returncode == 1
+    assert done.stderr.endswith("LookupError: a bug\n")
+
+
+def said_by(command):
+    return subprocess.run(
+        [sys.executable, "-c", STAND_IN.format(command)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
 
 
 def _parts(root):
@@ -106,16 +312,14 @@ def run_slowly(config, root):
 
 
 @pytest.mark.slow
-def test_five_kills_change_no_byte(tmp_path):
+@pytest.mark.parametrize("kills", [2, pytest.param(5, marks=pytest.mark.nightly)])
+def test_kills_change_no_byte(tmp_path, kills, preloaded):
     """SIGKILL to the run and all that it started, each time one more part is there, wherever that finds it."""
     (tmp_path / "c.toml").write_text(CONFIG % [0.7, 0.9])
     config, root = load_config(tmp_path / "c.toml"), tmp_path / "cut"
     left_alone = run_sweep(config, tmp_path / "whole", isolate=False, resolve=fakes.slow)
-    # The runner starts in a process whose modules are there already; importing them takes seconds.
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([__name__])
-    for parts in range(1, 6):
-        process = context.Process(target=run_slowly, args=(tmp_path / "c.toml", root))
+    for parts in range(1, kills + 1):
+        process = preloaded.Process(target=run_slowly, args=(tmp_path / "c.toml", root))
         process.start()
         wait_until(lambda: not process.is_alive() or len(_parts(root)) >= parts)  # noqa: B023
         with contextlib.suppress(ProcessLookupError):  # it is done already

@@ -40,7 +40,7 @@ def test_the_second_run_refuses_and_a_killed_one_blocks_nobody(tmp_path, refused
     assert not running(tmp_path / "a")
     with writing(tmp_path / "a", parse_config({})) as (folder, continued):
         assert running(folder.root)
-        assert not continued
+        assert continued
 
 
 def test_what_is_no_run_is_one_line_and_is_left_as_it_is(tmp_path, refused):

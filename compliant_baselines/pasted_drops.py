@@ -1,0 +1,159 @@
+"""Drops of two bodies in an engine that has been told nothing but the text to paste (`paste`).
+
+The printed text runs as it stands: MuJoCo loads it from a file, PyBullet executes it as Python. Beside it are only two
+bodies, larger than the contact is deep. So whatever the text leaves at the engine's defaults is at the defaults here
+too. They meet along x, on slides in MuJoCo: MuJoCo's default gravity does not act along x, PyBullet has none.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from impact_xval.compliant_baselines.engines import pybullet
+from impact_xval.compliant_baselines.engines.mujoco import Mujoco, rolled_out
+from impact_xval.compliant_baselines.engines.scene import Floats
+from impact_xval.compliant_baselines.solver import SolverError
+
+#: Change of the relative velocity in a step, over the speed of approach, that counts as no force: rounding alone.
+ROUNDING = 1e-12
+
+#: Steps without force after which separating bodies have left each other.
+QUIET = 3
+
+#: Steps after which it is asked whether all drops are over.
+BLOCK = 128
+
+#: Half an edge in m of the smallest box in PyBullet: collision shapes have a margin of 0.04 m.
+SMALLEST_BOX = 0.1
+
+#: A MuJoCo file around the pasted text. The bodies are A and B, as the text calls their geoms.
+SCENE = """\
+<mujoco>
+{text}
+  <worldbody>
+    {b}
+    {a}
+  </worldbody>
+</mujoco>
+"""
+BODY = """<body pos="{x!r} 0 0"><joint type="slide" axis="1 0 0"/>
+      <inertial pos="0 0 0" mass="{mass!r}" diaginertia="1 1 1"/><geom name="{name}" size="{radius!r}"/></body>"""
+FIXED_BODY = '<geom name="{name}" size="{radius!r}" pos="{x!r} 0 0"/>'
+
+#: Bodies that fall apart, from the start: the relative velocities after each of n more steps, shape (drops, n).
+Advance = Callable[[int], Floats]
+
+
+def mujoco_scene(text: str, masses: Sequence[float], radius: float) -> str:
+    """Write an MJCF file of the pasted text and two spheres that touch, A on the side of positive x.
+
+    Masses are those of A and B in kg; B is fixed if its mass is infinite.
+    """
+    (mass_a, mass_b), fixed = masses, math.isinf(masses[1])
+    b = (FIXED_BODY if fixed else BODY).format(x=0.0, mass=mass_b, name="B", radius=radius)
+    a = BODY.format(x=2 * radius, mass=mass_a, name="A", radius=radius)
+    return SCENE.format(text=text.rstrip(), a=a, b=b)
+
+
+def drop_in_mujoco(
+    text: str, masses: Sequence[float], radius: float, speed: float, gaps: Sequence[float], most_steps: int
+) -> list[tuple[float, int]]:
+    """Drop A on B once for each gap in m; give the restitution and the number of steps in contact of each drop."""
+    mujoco: Any = import_module("mujoco")
+    with TemporaryDirectory() as folder, Mujoco().running():
+        path = Path(folder, "scene.xml")
+        path.write_text(mujoco_scene(text, masses, radius), encoding="utf-8")
+        try:
+            model = mujoco.MjModel.from_xml_path(str(path))
+        except ValueError as error:
+            raise SolverError("mujoco", "unrepresentable", " ".join(str(error).split())) from None
+        drops = [mujoco.MjData(model) for _ in gaps]
+        for data, gap in zip(drops, gaps, strict=True):
+            data.qpos[-1], data.qvel[-1] = gap, -speed
+
+        def advance(n: int) -> Floats:
+            try:
+                velocities = np.array([rolled_out(model, data, n)[1] for data in drops])
+            except RuntimeError as error:
+                raise SolverError("mujoco", "crashed", str(error)) from None
+            return velocities[:, :, -1] - velocities[:, :, :-1].sum(axis=-1)
+
+        return _follow("mujoco", advance, len(gaps), speed, most_steps)
+
+
+def drop_in_pybullet(
+    text: str, masses: Sequence[float], radius: float, speed: float, gaps: Sequence[float], most_steps: int
+) -> list[tuple[float, int]]:
+    """Do the same as `drop_in_mujoco`."""
+    return [_drop_once(text, masses, radius, speed, gap, most_steps, flat=False) for gap in gaps]
+
+
+def drop_on_flat_in_pybullet(
+    text: str, masses: Sequence[float], radius: float, speed: float, gaps: Sequence[float], most_steps: int
+) -> list[tuple[float, int]]:
+    """Do the same on a flat side of B, a plane if B is fixed, else a box.
+
+    A sphere near a flat side has a contact ahead of touch, from `contactBreakingThreshold` on, and two spheres have
+    none. So the first step with force is another one.
+    """
+    return [_drop_once(text, masses, radius, speed, gap, most_steps, flat=True) for gap in gaps]
+
+
+def _drop_once(
+    text: str, masses: Sequence[float], radius: float, speed: float, gap: float, most_steps: int, flat: bool
+) -> tuple[float, int]:
+    """Drop A on B in a client of its own."""
+    code, (mass_a, mass_b), fixed = compile(text, "pasted", "exec"), masses, math.isinf(masses[1])
+    with pybullet.connected() as p:
+        sphere, depth = p.createCollisionShape(p.GEOM_SPHERE, radius=radius), radius
+        side = sphere
+        if flat and fixed:
+            side, depth = p.createCollisionShape(p.GEOM_PLANE, planeNormal=[1, 0, 0]), 0.0
+        elif flat:
+            depth = max(radius, SMALLEST_BOX)
+            side = p.createCollisionShape(p.GEOM_BOX, halfExtents=[depth] * 3)
+        b = p.createMultiBody(0 if fixed else mass_b, side, basePosition=[-depth, 0, 0])
+        a = p.createMultiBody(mass_a, sphere, basePosition=[radius + gap, 0, 0])
+        exec(code, {"p": p, "a": a, "b": b})
+        p.resetBaseVelocity(a, [-speed, 0, 0])
+        step, read, client = p.module.stepSimulation, p.module.getBaseVelocity, p.number
+
+        def advance(n: int) -> Floats:
+            rates = np.empty((1, n))
+            for i in range(n):
+                step(client)
+                rates[0, i] = read(a, client)[0][0] - read(b, client)[0][0]
+            return rates
+
+        (drop,) = _follow("pybullet", advance, 1, speed, most_steps)
+        return drop
+
+
+def _follow(
+    name: str, advance: Advance, drops: int, speed: float, most_steps: int
+) -> list[tuple[float, int]]:
+    """Advance drops together until all are over; give the restitution and the steps in contact of each drop."""
+    before = np.full((drops, 1), -speed)
+    first, last = np.full(drops, -1), np.full(drops, -1)
+    for start in range(0, most_steps, BLOCK):
+        n = min(BLOCK, most_steps - start)
+        rates = advance(n)
+        if not np.isfinite(rates).all():
+            raise SolverError(name, "crashed", "velocities are no longer finite")
+        loaded = np.abs(np.diff(rates, axis=1, prepend=before)) > ROUNDING * speed
+        there = loaded.any(axis=1)
+        first = np.where(there & (first < 0), start + loaded.argmax(axis=1), first)
+        last = np.where(there, start + n - 1 - loaded[:, ::-1].argmax(axis=1), last)
+        before = rates[:, -1:]
+        if ((first >= 0) & (start + n - 1 - last >= QUIET) & (before[:, 0] >= -ROUNDING * speed)).all():
+            return list(zip((before[:, 0] / speed).tolist(), (last - first + 1).tolist(), strict=True))
+    if (first < 0).any():
+        raise SolverError(name, "unconverged", "no step with force: the bodies passed through each other")
+    raise SolverError(name, "timeout", f"not over after {most_steps} steps")

@@ -1,0 +1,89 @@
+"""Rows without a result whose solver came to numbers: shown and marked wherever a collision or a cell is shown."""
+
+import dataclasses
+import io
+import json
+import re
+
+import pytest
+from rich.console import Console
+
+from impact_xval import Collision, solve
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.experiments.cells.compared import Compared
+from impact_xval.experiments.presentation.page.opened import opened_cells
+from impact_xval.experiments.presentation.views import show_status
+from impact_xval.experiments.sweep.status import status_of
+from impact_xval.experiments.tables.folder import RunFolder
+from tests.experiments import fakes
+from tests.experiments.conftest import swept
+
+PLAIN = Collision.from_ratios(2.0, 1.5, 0.9, 0.7)
+CRADLE = Collision((1.0, 1.0, 1.0), (1e8, 1e8), (0.9, 0.9), (-1.0, 0.0, 0.0))
+ONE_CELL = {"stiffness_ratio": [2.0], "mass_ratio": [1.5], "e1": [0.9], "e2": [0.7]}
+
+
+class Withholding(fakes.Shifted):
+    """Numbers that are 0.01 m/s off, and no result."""
+
+    status, reason = "timeout", "not over after 5 steps"
+
+    def moved(self, collision, settings):
+        outcome = super().moved(collision, settings)
+        return dataclasses.replace(outcome, status=self.status, reason=self.reason)
+
+
+@pytest.mark.parametrize("status", ["timeout", "unconverged"])
+@pytest.mark.parametrize("problem", [PLAIN, CRADLE], ids=["two balls", "cradle"])
+def test_a_comparison_shows_numbers_without_a_result_marked_and_compares_none(problem, status):
+    model = solve(problem)
+    velocities = tuple(v + 0.01 for v in model.velocities)
+    withheld = dataclasses.replace(model, velocities=velocities, status=status, reason="too slow", path=None)
+    compared = Compared(problem, {"state-transition": model, "mujoco": withheld})
+    marked = [f"{v:.6f}*" for v in velocities]
+    for shown in (str(compared), compared._repr_html_()):
+        assert all(each in shown for each in marked)
+        assert not any(f"{v:.6f}*" in shown for v in model.velocities)
+        assert "*: what the solver came to, but no result" in shown
+        assert f"mujoco: {status}: too slow" in shown
+    assert list(compared.scaled) == ["state-transition"]
+    assert "*" not in str(Compared(problem, {"state-transition": model}))
+
+
+@pytest.mark.parametrize("status", ["timeout", "unconverged"])
+def test_a_cell_of_a_run_shows_numbers_without_a_result_marked(status, tmp_path, command, monkeypatch):
+    monkeypatch.setattr(Withholding, "status", status)
+    root = tmp_path / "run"
+    swept(root, Withholding.resolve, solvers=["mujoco"], grid=ONE_CELL)
+    model = solve(PLAIN)
+    shown = command(["show", root, "--cell", "0"])
+    assert re.search(rf"mujoco +{status} +{model.v1 + 0.01:.6f}\* +{model.v2:.6f}\* +- ", shown)
+    assert "*: what the solver came to, but no result" in shown
+    (found,) = (
+        row
+        for row in json.loads(command(["show", root, "--cell", "0", "--json"]))
+        if row["solver"] == "mujoco"
+    )
+    assert (found["v1"], found["velocity_divergence"]) == (pytest.approx(model.v1 + 0.01), None)
+    results = {row["solver"]: row for row in opened_cells(RunFolder(root), [0])[0]["results"]}
+    assert [row["result"] for row in results.values()] == [True, False]
+    assert results["mujoco"]["velocities"] == pytest.approx([model.v1 + 0.01, model.v2])
+
+
+def test_a_limit_that_is_not_known_is_told_in_words(tmp_path, command):
+    changes = {"convergence": {"tolerance": 1e-9, "halvings": 1}, "step_fraction": 0.02, "grid": ONE_CELL}
+    folder = swept(tmp_path / "run", get_solver, solvers=["mujoco", "pybullet"], **changes)
+    rows = json.loads(command(["show", folder.root, "--cell", "0", "--json"]))
+    console = Console(file=io.StringIO(), width=300)
+    show_status(console, "run", status_of(folder.root))
+    for shown in (command(["show", folder.root, "--cell", "0"]), console.file.getvalue()):
+        assert "dt -> 0" not in shown
+    shown = " ".join(command(["show", folder.root, "--cell", "0"]).split())
+    for row in rows:
+        if row["solver"] != "state-transition":
+            assert row["status"] == "unconverged"
+            error = float(f"{100 * row['limit_error']:.1e}")
+            percent = f"{error:g} % of |v0|, more than the 1e-07 %"
+            assert f"{row['solver']}: unconverged: " in shown
+            assert percent in shown
+    assert "halving the step may still change v by" in shown
