@@ -61,18 +61,25 @@ FIRST_STEP = 1e-3
 
 @uncounted
 def ringing_ends(c, n, i):
-    """Tell whether a contact that has just ended compression may be taken for rigid from here on.
+    """Tell whether a contact that has just ended compression, or is at rest, may be taken for rigid from here on.
 
-    It rings about the force that its neighbours' forces ask of it, each end of compression stiffens it by 1/e^2 (if
-    linear), and it is rigid after a finite time tau (supplement, 3.4). It is taken for rigid at once if its energy is
-    negligible beside its neighbours', if they press it together all the while, if no other body arrives meanwhile, and
-    if its ringing cannot carry a neighbour's rate through zero, which would be an end of compression.
+    It rings about the force that its neighbours' forces ask of it, each end of compression makes its tangent stiffer by
+    1/e^2 at the same force, its periods shorter by e, and it is rigid after a finite time tau (supplement, 3.4). It is
+    taken for rigid at once if its energy is negligible beside its neighbours', if they press it together all the while,
+    if no other body arrives meanwhile, and if its ringing cannot carry a neighbour's rate through zero, which would be
+    an end of compression.
+
+    From rest without force it comes back to that under a constant load: the end of compression shrinks the way back by
+    e^2 and the energy too. So it rings about the load from there on, with tangent and energy of that order.
     """
     one, upper = c[i], c[i - 1]
     e, F = one.e, force(one)
-    inverse, k = one.a + c[i + 1].a, state.tangent(one)
-    tau = 2 * pi / sqrt(k * inverse) / (1 - e)
     static, change, _, swing = state.neighbours(c, i)
+    k = state.tangent(one) if F > 0 else state.tangent_at(one, static)
+    if k == 0:
+        return False
+    inverse = one.a + c[i + 1].a
+    tau = 2 * pi / sqrt(k * inverse) / (1 - e)
     if not one.frozen and meets_within(c, n, 2 * tau, RIGID * swing):
         return False
     load = max(F, static) ** 2
@@ -91,22 +98,13 @@ def ringing_ends(c, n, i):
 
 
 @uncounted
-def rigid_at_rest(c, n, i):
-    """Tell whether a contact at rest has become so stiff that it stays at rest, pressed by its neighbours.
+def at_rest(one):
+    """Whether a contact of a power law is at rest without force, and stiffens under a load.
 
-    Its energy is taken for rounding, again and again (`state.still`), and steps that resolve how it is loaded end
-    nowhere. Under a force of a neighbour it holds as little of its energy as delta is of the neighbour's delta.
+    Where its energy under that load would be taken for rounding (`state.still`), no step shows how it is loaded.
     """
-    one, static = c[i], 0.0
-    if one.phase != COMPRESSION or one.w != 0 or one.delta != 0 or not one.e < 1 or not one.k > one.original:
-        return False
-    for j in range(i - 1, i + 2, 2):
-        F = force(c[j])
-        if F > 0:
-            static += c[max(i, j)].a * F
-            if (c[j].k / one.k) ** (1 / one.p) > RIGID:
-                return False
-    return static > 0
+    lossy = one.law == laws.STATE_TRANSITION and one.e < 1 and not has_series(one)
+    return lossy and one.phase == COMPRESSION and one.w == 0 and one.delta == 0
 
 
 @uncounted
@@ -310,7 +308,7 @@ def follow(c, n, h_next, tolerance, work):
             # The step now ends with this event. Where its time by the polynomial was wrong another may come before it.
             found, found_what, h = which, what, x * h
             if h == 0:
-                x = 1.0
+                x = 0.0
                 break
             through_ends(c, n, h, work)
         else:
@@ -428,10 +426,9 @@ def collide(c, work, energy, drift, g, tolerance, max_pieces, points, log, at, o
             if what != TURN and (not dashpot or carries(c[which]) != acted):
                 events, quiet = events + 1, 0
         state.still(c, n, energy)
-        if c[0].law == laws.STATE_TRANSITION and not has_series(c[0]):
-            for i in range(n - 1, -1, -1):
-                if rigid_at_rest(c, n, i):
-                    n, code = state.unite(c, n, i), code | RUNAWAY
+        for i in range(n - 1, -1, -1):
+            if at_rest(c[i]) and ringing_ends(c, n, i):
+                n, code = state.unite(c, n, i), code | RUNAWAY
     if end != GOING:
         if end != FREE:
             row = note_set(c, n, work, sets, first, row)

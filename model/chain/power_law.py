@@ -39,9 +39,6 @@ MOST_REFINEMENTS = 60
 #: Most of Newton's steps, and the largest one as a share of the step, while no change of sign is known.
 REFINEMENTS, LARGEST = 8, 0.05
 
-#: Share of the largest slope that rounding may leave in an estimate: of some ten terms, of weights up to six.
-ROUNDED = 2.0**-49
-
 #: Last of Newton's steps, as a share of the step of the method: where it stops, and what rounding may leave.
 CONVERGED, RESOLVED = 1e-15, 1e-6
 
@@ -99,23 +96,20 @@ def to_stage(c, n, stage, h, work):
 def error_of_step(c, n, h, work):
     """Estimate the error of a step of length h from the derivatives at its stages; as of `TOLERANCE`.
 
-    Rounding in the estimate of a deformation counts as none. A contact that is apart may have been stiffened until its
-    length is 1e-30 of the first: rounding of its gap is large in that length, and no shorter step mends it.
+    A deformation is measured by its contact's length at the running stiffness while that acts, else at the original
+    one: the gap of a contact that has become far stiffer is rounded coarsely in the length that it would now have.
     """
     fifth, third = 0.0, 0.0
     for i in range(n):
-        one, own, w5, w3, d5, d3, largest = c[i], work[i], 0.0, 0.0, 0.0, 0.0, 0.0
+        one, own, w5, w3, d5, d3 = c[i], work[i], 0.0, 0.0, 0.0, 0.0
         for j in range(STAGES + 1):
             w5 += E5[j] * own.kw[j]
             w3 += E3[j] * own.kw[j]
             d5 += E5[j] * own.kd[j]
             d3 += E3[j] * own.kd[j]
-            largest = max(largest, abs(own.kd[j]))
-        if abs(d5) <= ROUNDED * largest:
-            d5 = 0.0
-        if abs(d3) <= ROUNDED * largest:
-            d3 = 0.0
-        length = one.length * (one.original / one.k) ** (1 / (one.p + 1))
+        length = one.length
+        if carries(one):
+            length *= (one.original / one.k) ** (1 / (one.p + 1))
         fifth += w5 * w5 + (d5 / length) ** 2
         third += w3 * w3 + (d3 / length) ** 2
     both = (fifth + 0.01 * third) * 2 * n

@@ -92,6 +92,12 @@ def tangent(one):
 
 
 @uncounted
+def tangent_at(one, F):
+    """dF/ddelta of the spring of a contact where its force is F."""
+    return one.p * one.k * (F / one.k) ** (1 - 1 / one.p) if F > 0 else 0.0
+
+
+@uncounted
 def strain(one):
     """Strain energy of the spring of a contact, where it acts."""
     return spring(one) * (one.delta + rest(one)) / (one.p + 1) if carries(one) else 0.0
