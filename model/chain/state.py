@@ -128,7 +128,8 @@ def neighbours(c, i):
             shared, of_j, energy = c[max(i, j)].a, other.a + c[j + 1].a, oscillation(c, j)
             static += shared / inverse * force(other)
             slope += shared / inverse * tangent(other) * other.w
-            imposed += shared * sqrt(energy / of_j) * min(1.0, of_j * tangent(other) / frequency)
+            faster = of_j * tangent(other)
+            imposed += shared * sqrt(energy / of_j) * (faster / frequency if faster < frequency else 1.0)
             swing = max(swing, energy)
     return static, slope, imposed, swing
 
