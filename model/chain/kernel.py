@@ -76,8 +76,6 @@ def ringing_ends(c, n, i):
     e, F = one.e, force(one)
     static, change, _, swing = state.neighbours(c, i)
     k = state.tangent(one) if F > 0 else state.tangent_at(one, static)
-    if k == 0:
-        return False
     inverse = one.a + c[i + 1].a
     tau = 2 * pi / sqrt(k * inverse) / (1 - e)
     if not one.frozen and meets_within(c, n, 2 * tau, RIGID * swing):
@@ -98,13 +96,21 @@ def ringing_ends(c, n, i):
 
 
 @uncounted
-def at_rest(one):
-    """Whether a contact of a power law is at rest without force, and stiffens under a load.
+def stays_at_rest(c, n, i, energy):
+    """Tell whether a contact of a power law is at rest without force, and rigid under the load of its neighbours.
 
-    Where its energy under that load would be taken for rounding (`state.still`), no step shows how it is loaded.
+    Where its energy under that load is less than what is taken for rounding (`state.still`) it is brought to rest again
+    after every step, and no step shows how it rings.
     """
-    lossy = one.law == laws.STATE_TRANSITION and one.e < 1 and not has_series(one)
-    return lossy and one.phase == COMPRESSION and one.w == 0 and one.delta == 0
+    one = c[i]
+    if one.law != laws.STATE_TRANSITION or has_series(one) or one.e == 1:
+        return False
+    if one.phase != COMPRESSION or one.w != 0 or one.delta != 0:
+        return False
+    static, _, _, _ = state.neighbours(c, i)
+    if static <= 0 or static * static / state.tangent_at(one, static) > state.nothing(one, energy):
+        return False
+    return ringing_ends(c, n, i)
 
 
 @uncounted
@@ -427,7 +433,7 @@ def collide(c, work, energy, drift, g, tolerance, max_pieces, points, log, at, o
                 events, quiet = events + 1, 0
         state.still(c, n, energy)
         for i in range(n - 1, -1, -1):
-            if at_rest(c[i]) and ringing_ends(c, n, i):
+            if stays_at_rest(c, n, i, energy):
                 n, code = state.unite(c, n, i), code | RUNAWAY
     if end != GOING:
         if end != FREE:
