@@ -103,9 +103,7 @@ def stays_at_rest(c, n, i, energy):
     after every step, and no step shows how it rings.
     """
     one = c[i]
-    if one.law != laws.STATE_TRANSITION or has_series(one) or one.e == 1:
-        return False
-    if one.phase != COMPRESSION or one.w != 0 or one.delta != 0:
+    if one.phase != COMPRESSION or one.w != 0 or one.delta != 0 or one.e == 1:
         return False
     static, _, _, _ = state.neighbours(c, i)
     if static <= 0 or static * static / state.tangent_at(one, static) > state.nothing(one, energy):
@@ -382,7 +380,8 @@ def collide(c, work, energy, drift, g, tolerance, max_pieces, points, log, at, o
     from row `at` on, the sets from row `first`. See `follow_chains`.
     """
     n, frozen, dashpot = work.size, c[0].frozen, has_dashpot(c[0])
-    degree = ORDER if has_series(c[0]) else ORDER_OF_STEP
+    steps = not has_series(c[0])
+    degree = ORDER_OF_STEP if steps else ORDER
     code, end, events, pieces, quiet, rows = ZERO, GOING, ZERO, ZERO, ZERO, at
     margin, loss, time, fall, h_next, row = inf, 0.0, 0.0, inf, FIRST_STEP, first
     while True:
@@ -432,9 +431,10 @@ def collide(c, work, energy, drift, g, tolerance, max_pieces, points, log, at, o
             if what != TURN and (not dashpot or carries(c[which]) != acted):
                 events, quiet = events + 1, 0
         state.still(c, n, energy)
-        for i in range(n - 1, -1, -1):
-            if stays_at_rest(c, n, i, energy):
-                n, code = state.unite(c, n, i), code | RUNAWAY
+        if steps and c[0].law == laws.STATE_TRANSITION:
+            for i in range(n - 1, -1, -1):
+                if stays_at_rest(c, n, i, energy):
+                    n, code = state.unite(c, n, i), code | RUNAWAY
     if end != GOING:
         if end != FREE:
             row = note_set(c, n, work, sets, first, row)

@@ -232,6 +232,7 @@ def settle(c, n, h, x, i, what, sign, work):
         else:
             after = 0.5 * (low + high)
         if abs(after - x) <= CONVERGED or refinements == (MOST_REFINEMENTS if changes else REFINEMENTS):
-            reached = sign * value < 0 or (value == 0 and sign * rise <= 0)  # what only leaves zero is no event
+            # What only leaves zero has no event there.
+            reached = sign * value < 0 or (value == 0 and sign * rise <= 0)
             return x, reached or (sign * rise < 0 and abs(change) <= RESOLVED)
         x, refinements = after, refinements + 1
