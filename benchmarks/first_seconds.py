@@ -108,16 +108,20 @@ def main() -> None:
             f"left alone a run takes {time.perf_counter() - start:.1f} s; instants begin at {first:.2f} s"
         )
         whole = tables(folder / "whole")
-        for kind in asked.ends:
-            numbers = [signal.Signals[each] for each in kind.split("+")]
-            outcomes = [
-                found(folder, t, numbers, whole) for t in np.linspace(first, asked.until, asked.instants)
-            ]
-            wrong = Counter(word for words in outcomes for word in words)
-            right = sum(not {"refused", "other tables"} & {*words} for words in outcomes)
-            said = ", ".join(f"{n} {word}" for word, n in wrong.items()) or "nothing"
-            table.add_row(kind, str(len(outcomes)), str(right), said)
-            console.print(f"{kind}: {right} of {len(outcomes)} went on to the same tables; wrong: {said}")
+        outcomes: dict[str, list[list[str]]] = {kind: [] for kind in asked.ends}
+        for instant in np.linspace(first, asked.until, asked.instants):
+            for kind, known in outcomes.items():
+                numbers = [signal.Signals[each] for each in kind.split("+")]
+                known.append(found(folder, instant, numbers, whole))
+                console.print(
+                    f"{instant:.2f} s, {kind}: {', '.join(known[-1]) or 'went on to the same tables'}"
+                )
+    for kind, known in outcomes.items():
+        wrong = Counter(word for words in known for word in words)
+        right = sum(not {"refused", "other tables"} & {*words} for words in known)
+        table.add_row(
+            kind, str(len(known)), str(right), ", ".join(f"{n} {word}" for word, n in wrong.items())
+        )
     console.print(table)
 
 

@@ -150,6 +150,11 @@ def law_of(name: str) -> str | None:
     return _known(name).law
 
 
+def stated_law(name: str) -> str | None:
+    """As `law_of`, for lists that people read: None too of one that cannot be loaded, for it has stated nothing."""
+    return None if isinstance(_known(name), Unloadable) else law_of(name)
+
+
 def is_mapped(name: str) -> bool:
     """Whether a solver has a mapping of its own, whatever is configured, and so not the contacts asked for."""
     return name in _ENTRIES and "mapping" in _ENTRIES[name].as_set

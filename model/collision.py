@@ -36,6 +36,8 @@ STATUSES: tuple[str, ...] = get_args(Status)
 #: Statuses of an outcome whose numbers are its result. ``unconverged`` may carry numbers too, which are not.
 RESULT_STATUSES: tuple[Status, ...] = ("ok", "limit")
 
+_IS_RESULT = np.array([status in RESULT_STATUSES for status in STATUSES])
+
 #: Names of the states of two balls on a table, by the set of contacts.
 _STATE_OF_SET = ("S4", "S3", "S2", "S1")
 
@@ -453,8 +455,8 @@ class Outcome:
         One sentence; not empty where the status is neither ``"ok"`` nor ``"limit"``.
     grazing_margin : float or None
         How near the collision came to a jump of the model's outcome (docs/theory.md, section 6): the smallest
-        compression rate, relative to its own amplitude, at which a compression nearly ended, or nearly did not.
-        Infinity if nothing of the kind happened, None if not computed.
+        compression rate at a turning point, relative to its own amplitude. Infinity if none is below
+        `pair.grazing.NEAR`, None if not computed.
     marked : str
         Which jump of its outcome, or which cut-off, is so near that a little of anything would change the numbers, in
         one sentence; empty if none is. A marked result is kept apart from all statistics.
@@ -570,6 +572,34 @@ class States(NamedTuple):
         return tuple(known[word] for word in words)
 
 
+#: How collisions may end: a condition of shape (n,) or (), a status, and the reason.
+Ending = tuple[NDArray[np.bool_] | bool, Status, str]
+
+
+def first_endings(endings: Sequence[Ending], n: int) -> tuple[NDArray[np.uint8], NDArray[np.int32]]:
+    """Return status and reason of n collisions, as `Outcomes` has them, by the first ending that holds for each.
+
+    Where none holds the status is ``ok``, without a reason.
+    """
+    conditions, statuses, _ = zip(*endings, strict=True)
+    reason = np.broadcast_to(np.select(conditions, range(1, 1 + len(conditions))), n).astype(np.int32)
+    return np.array([STATUSES.index(each) for each in ("ok", *statuses)], np.uint8)[reason], reason
+
+
+def reasons_of(endings: Sequence[Ending]) -> tuple[str, ...]:
+    """Return the texts that the reasons of `first_endings` are indices into."""
+    return ("", *(text for _, _, text in endings))
+
+
+def total_impulses(collisions: Collisions, velocities: Floats, fallen: ArrayLike = 0.0) -> Floats:
+    """Return the impulses in N s, shape (n, C), that led to final velocities.
+
+    `fallen` is what gravity has added to the velocities of free balls, in m/s.
+    """
+    changes = velocities - collisions.velocities + np.reshape(fallen, (-1, 1))
+    return np.cumsum(collisions.masses * changes, axis=1)[:, : collisions.stiffnesses.shape[1]]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcomes(Sequence[Outcome]):
     """Outcomes of n collisions of one number of balls by one solver, as arrays; `[i]` is an `Outcome`.
@@ -627,7 +657,7 @@ class Outcomes(Sequence[Outcome]):
     @property
     def has_result(self) -> NDArray[np.bool_]:
         """Where the numbers are a result."""
-        return np.isin(self.status, [STATUSES.index(status) for status in RESULT_STATUSES])
+        return _IS_RESULT[self.status]
 
     @classmethod
     def of(
@@ -635,7 +665,7 @@ class Outcomes(Sequence[Outcome]):
         solver: str,
         collisions: Collisions,
         velocities: Floats,
-        endings: Sequence[tuple[NDArray[np.bool_] | bool, Status, str]],
+        endings: Sequence[Ending],
         *,
         fallen: ArrayLike = 0.0,
         n_states: ArrayLike = 0,
@@ -645,20 +675,17 @@ class Outcomes(Sequence[Outcome]):
     ) -> Outcomes:
         """Say what became of collisions; none is marked yet.
 
-        Endings are conditions of shape (n,) or (), of which the first that holds counts, with their status and reason;
-        ``ok`` where none does. `fallen` is what gravity has added to the velocities of free balls, in m/s.
+        Of endings the first that holds counts (`first_endings`); `fallen` is that of `total_impulses`.
         """
-        n, (conditions, statuses, reasons) = len(collisions), zip(*endings, strict=True)
-        reason = np.broadcast_to(np.select(conditions, range(1, 1 + len(reasons))), n).astype(np.int32)
-        changes = velocities - collisions.velocities + np.reshape(fallen, (-1, 1))
-        impulses = np.cumsum(collisions.masses * changes, axis=1)[:, : collisions.stiffnesses.shape[1]]
+        n = len(collisions)
+        status, reason = first_endings(endings, n)
         return cls(
             solver=solver,
             velocities=velocities,
-            impulses=impulses,
-            status=np.array([STATUSES.index(each) for each in ("ok", *statuses)], np.uint8)[reason],
+            impulses=total_impulses(collisions, velocities, fallen),
+            status=status,
             reason=reason,
-            reasons=("", *reasons),
+            reasons=reasons_of(endings),
             mark=np.zeros(n, np.int32),
             marks=("",),
             n_states=np.broadcast_to(n_states, n).astype(np.int64),

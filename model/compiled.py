@@ -33,10 +33,10 @@ rounded_part = compiled_with(fastmath=False, cache=False, no_cpython_wrapper=Tru
 #: half to the time that the kernel of two balls takes to compile.
 inlined = compiled_with(forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, cache=False)
 
-#: Of functions that only kernels of chains call: no references are counted and no way in from Python is compiled, each
-#: of which would cost more than the work; nothing is kept, for the cache of a kernel holds all that it calls. `merged`
-#: becomes a part of its caller before types are inferred: for one that is as large as all of its caller, which would be
-#: optimised once more with that.
+#: Of functions that only kernels call, those of chains above all: no references are counted and no way in from Python
+#: is compiled, each of which would cost more than the work; nothing is kept, for the cache of a kernel holds all that
+#: it calls. `merged` becomes a part of its caller before types are inferred: for one that is as large as all of its
+#: caller, which would be optimised once more with that.
 _INNER: dict[str, Any] = {"_nrt": False, "cache": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 uncounted = compiled_with(**_INNER)
 merged = compiled_with(inline="always", **_INNER)

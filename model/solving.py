@@ -21,15 +21,25 @@ from impact_xval.model.chain.laws import LIU_ZHAO_BROGLIATO, STATE_TRANSITION
 from impact_xval.model.collision import (
     Collision,
     Collisions,
+    Ending,
     Floats,
     Outcome,
     Outcomes,
     Paths,
     States,
-    Status,
+    first_endings,
+    reasons_of,
+    total_impulses,
 )
 from impact_xval.model.compiled import FEW_STATES, in_shares
-from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, Cutoff, legal_cutoff
+from impact_xval.model.inputs import (
+    GRAZING_THRESHOLD,
+    LEGAL_CUTOFF,
+    RATIOS,
+    Cutoff,
+    checked_array,
+    legal_cutoff,
+)
 from impact_xval.model.pair import kernel
 from impact_xval.model.pair.events import MOST_WINDOWS
 from impact_xval.model.pair.grazing import CUTOFF_THRESHOLD, MARKS
@@ -50,9 +60,6 @@ LOG_ROWS = 512
 
 #: Collisions that a thread is given at once.
 SHARE = 8192
-
-#: Columns of what `pair.kernel.collide_all` says of each collision.
-NUMBERS = ("code", "n_states", "n_events", "rows", "margin", "residual")
 
 
 def solve(collision: Collision, *, path: bool = False, **how: Any) -> Outcome:
@@ -128,13 +135,9 @@ def solve_many(
     ValueError
         For an illegal cut-off, an unknown law, or gaps.
     """
-    if law not in LAWS:
-        raise ValueError(f"law = {law!r}; legal: {', '.join(LAWS)}")
-    if not legal_cutoff(stiffness_ratio_cutoff):
-        raise ValueError(f"stiffness_ratio_cutoff = {stiffness_ratio_cutoff!r}; legal: {LEGAL_CUTOFF}")
+    cutoff = _checked(law, stiffness_ratio_cutoff)
     if collisions.gaps.any():
         raise ValueError(no_positions(collisions))
-    cutoff = kernel.EXACT if stiffness_ratio_cutoff == "exact" else float(stiffness_ratio_cutoff)
     two = collisions.falls_on_resting
     if two.any() and not two.all():
         raise ValueError(
@@ -144,12 +147,26 @@ def solve_many(
         found = _by_diagram(collisions, LAWS[law], cutoff, max_events or MAX_EVENTS, states, paths)
     else:
         found = _by_chain(collisions, LAWS[law], max_events or MAX_PIECES, states, paths)
-    # A restart that takes back the loss leaves no jump.
-    there = found.has_result
-    margin = found.grazing_margin if LAWS[law] == STATE_TRANSITION else np.where(there, np.inf, np.nan)
-    effect = found.diagnostics.get("cutoff_effect", 0.0)
-    grazes, cut = np.less(margin, grazing_threshold), ~np.less_equal(effect, CUTOFF_THRESHOLD)
-    mark = np.where(there, grazes + 2 * cut, 0).astype(np.int32)
+    return _marked(found, LAWS[law], grazing_threshold)
+
+
+def _checked(law: str, stiffness_ratio_cutoff: Cutoff) -> float:
+    """Return the cut-off as the kernel takes it; a ValueError names an illegal law or cut-off."""
+    if law not in LAWS:
+        raise ValueError(f"law = {law!r}; legal: {', '.join(LAWS)}")
+    if not legal_cutoff(stiffness_ratio_cutoff):
+        raise ValueError(f"stiffness_ratio_cutoff = {stiffness_ratio_cutoff!r}; legal: {LEGAL_CUTOFF}")
+    return kernel.EXACT if stiffness_ratio_cutoff == "exact" else float(stiffness_ratio_cutoff)
+
+
+def _marked(found: Outcomes, law: int, grazing_threshold: float) -> Outcomes:
+    """Mark outcomes that graze, or that a cut-off has changed."""
+    there, margin = found.has_result, found.grazing_margin
+    if law != STATE_TRANSITION:  # a restart that takes back the loss leaves no jump
+        margin = np.where(there, np.inf, np.nan)
+    mark = ((margin < grazing_threshold) & there).astype(np.int32)
+    if "cutoff_effect" in found.diagnostics:
+        mark += 2 * (there & ~(found.diagnostics["cutoff_effect"] <= CUTOFF_THRESHOLD))
     return replace(found, grazing_margin=margin, mark=mark, marks=MARKS)
 
 
@@ -177,29 +194,12 @@ def _by_chain(collisions: Collisions, law: int, max_pieces: int, states: bool, p
 def _by_diagram(
     c: Collisions, law: int, cutoff: float, max_events: int, states: bool, paths: bool
 ) -> Outcomes:
-    cells, how = _cells(c), (max_events, law == STATE_TRANSITION)
-    velocities, numbers, sets = _diagrams(cells, cutoff, *how, "n_states" if states else "")
-    code, n_states, n_events, _, margin, residual = numbers.T
-    diagnostics = {"energy_residual": residual}
-    if 1 < cutoff < math.inf:
-        used, effect = np.flatnonzero(code == kernel.LIMIT), np.zeros(len(c))
-        exact = _diagrams([each[used] for each in cells], kernel.EXACT, *how)[0]
-        moved = exact - velocities[used]
-        effect[used] = np.hypot(moved[:, 0], np.sqrt(cells[1][used]) * moved[:, 1])
-        diagnostics["cutoff_effect"] = effect
-    speed, there = c.units[1], ~np.isnan(velocities[:, 0])
-    return Outcomes.of(
-        NAME,
-        c,
-        velocities * speed[:, None],
-        _endings(cells, code, cutoff, max_events),
-        n_states=n_states,
-        n_events=n_events,
-        grazing_margin=margin,
-        states=States.of(n_states, sets) if states else None,
-        diagnostics=diagnostics,
-        paths=_diagram_paths(c[there], cutoff, *how).spread(there) if paths else None,
-    )
+    found = _of_ratios(_cells(c), law, cutoff, max_events, states)
+    velocities, there = found.velocities * c.units[1][:, None], ~np.isnan(found.velocities[:, 0])
+    drawn = None
+    if paths:
+        drawn = _diagram_paths(c[there], cutoff, max_events, law == STATE_TRANSITION).spread(there)
+    return replace(found, velocities=velocities, impulses=total_impulses(c, velocities), paths=drawn)
 
 
 def _cells(collisions: Collisions) -> list[Floats]:
@@ -208,21 +208,64 @@ def _cells(collisions: Collisions) -> list[Floats]:
     return [np.array(each) for each in (c.stiffness_ratio, c.mass_ratio, *c.restitutions.T)]
 
 
+def _of_ratios(cells: Sequence[Floats], law: int, cutoff: float, max_events: int, states: bool) -> Outcomes:
+    """Solve two balls on a table with m1 = 1 kg, k1 = 1 N/m and v0 = -1 m/s, given k2/k1, m2/m1, e1 and e2.
+
+    Nothing is worked out here that the ratios tell, for that would take a share of the time of the kernel.
+    """
+    n, how = len(cells[0]), (max_events, law == STATE_TRANSITION)
+    velocities, results, sets = _diagrams(cells, cutoff, *how, "n_states" if states else "")
+    code, n_states = results["code"], results["n_states"]
+    diagnostics = {"energy_residual": results["residual"]}
+    if 1 < cutoff < math.inf:
+        used, effect = np.flatnonzero(code == kernel.LIMIT), np.zeros(n)
+        exact = _diagrams([each[used] for each in cells], kernel.EXACT, *how)[0]
+        moved = exact - velocities[used]
+        effect[used] = np.hypot(moved[:, 0], np.sqrt(cells[1][used]) * moved[:, 1])
+        diagnostics["cutoff_effect"] = effect
+    impulses = np.empty((n, 2))
+    impulses[:, 0] = velocities[:, 0] + 1
+    impulses[:, 1] = impulses[:, 0] + cells[1] * velocities[:, 1]
+    # Endings are told apart only where there is something to tell: nearly all collisions are followed to their end.
+    others = np.flatnonzero(code != kernel.DONE)
+    endings = _endings([each[others] for each in cells], code[others], cutoff, max_events)
+    status, reason = np.zeros(n, np.uint8), np.zeros(n, np.int32)
+    status[others], reason[others] = first_endings(endings, len(others))
+    return Outcomes(
+        solver=NAME,
+        velocities=velocities,
+        impulses=impulses,
+        status=status,
+        reason=reason,
+        reasons=reasons_of(endings),
+        mark=np.zeros(n, np.int32),
+        marks=MARKS,
+        n_states=n_states,
+        n_events=results["n_events"],
+        grazing_margin=results["margin"],
+        states=States.of(n_states, sets) if states else None,
+        diagnostics=diagnostics,
+    )
+
+
 def _diagrams(
     cells: Sequence[Floats], cutoff: float, max_events: int, stiffens: bool, logged: str = ""
-) -> tuple[Floats, Floats, NDArray[Any]]:
-    """Velocities per abs(v0), numbers and a log of `pair.kernel.collide_all`, named by what counts it in `NUMBERS`."""
+) -> tuple[Floats, NDArray[Any], NDArray[Any]]:
+    """Velocities per abs(v0), records and a log of `pair.kernel.collide_all`.
+
+    `logged` is the field of the records that counts the rows of that log.
+    """
     n, width, path = len(cells[0]), len(LOG_COLUMNS), logged == "rows"
-    velocities, numbers = np.empty((n, 2)), np.empty((n, len(NUMBERS)))
+    velocities, results = np.empty((n, 2)), np.empty(n, kernel.RESULT).view(np.recarray)
     no_path, no_states = np.empty((0, width)), np.empty((0, 1), np.uint64)
 
     def follow(share: slice, log: NDArray[Any]) -> int:
         how, logs = (cutoff, max_events, stiffens, POINTS), (log, no_states) if path else (no_path, log)
-        kernel.collide_all(*(x[share] for x in cells), *how, *logs, velocities[share], numbers[share])
-        return int(numbers[share, NUMBERS.index(logged)].sum()) if logged else 0
+        kernel.collide_all(*(x[share] for x in cells), *how, *logs, velocities[share], results[share])
+        return int(results[logged][share].sum()) if logged else 0
 
     log = (LOG_ROWS, width, float) if path else (FEW_STATES if logged else 0, 1, np.uint64)
-    return velocities, numbers, in_shares(follow, n, SHARE, *log)
+    return velocities, results, in_shares(follow, n, SHARE, *log)
 
 
 def _diagram_paths(collisions: Collisions, cutoff: float, max_events: int, stiffens: bool) -> Paths:
@@ -231,8 +274,8 @@ def _diagram_paths(collisions: Collisions, cutoff: float, max_events: int, stiff
     stiff = np.isinf(k[:, 0])  # whose time unit would be 0: any such ratio is infinite to rounding
     k[stiff, 0] = 1e60 * k[stiff, 1]
     c = replace(c, stiffnesses=k)
-    _, numbers, log = _diagrams(_cells(c), cutoff, max_events, stiffens, "rows")
-    lengths = numbers[:, NUMBERS.index("rows")].astype(np.int64)
+    _, results, log = _diagrams(_cells(c), cutoff, max_events, stiffens, "rows")
+    lengths = results["rows"]
     of = np.repeat(np.arange(len(c)), lengths)
     offsets, (time, speed) = np.append(0, np.cumsum(lengths)), c.units
     state, velocities, passed = log[:, 0].astype(int), log[:, 2:4] * speed[of, None], log[:, 1].copy()
@@ -252,9 +295,9 @@ def _in_unit(values: Floats, unit: Floats) -> Floats:
 
 
 def _endings(
-    cells: Sequence[Floats], code: Floats, cutoff: float, max_events: int
-) -> list[tuple[NDArray[np.bool_] | bool, Status, str]]:
-    """Tell how two balls may end, as of `Outcomes.of`, by the kernel's code."""
+    cells: Sequence[Floats], code: NDArray[np.int64], cutoff: float, max_events: int
+) -> list[Ending]:
+    """Tell how two balls may end that were not just followed to their end, by the kernel's code."""
     kappa, _, e1, e2 = cells
     outside = (kappa > cutoff) | (kappa < 1 / cutoff) if cutoff != kernel.EXACT else kappa < 0
     rest = "the running stiffness ratio left"
@@ -262,7 +305,6 @@ def _endings(
     events = f"{max_events} events, or {MOST_WINDOWS} windows of the search for them"
     precision = f"{rest} double precision: closed form of the limit from there on"
     return [
-        (code == kernel.DONE, "ok", ""),
         (code == kernel.TOO_MANY_EVENTS, "unconverged", f"not over after {events}"),
         (code == kernel.BEYOND_PRECISION, "unrepresentable", TOO_FAR_APART),
         (code == kernel.COLLAPSE, "limit", HAPPENED[COLLAPSE]),
@@ -279,7 +321,17 @@ def _endings(
 
 
 def solve_batch(
-    stiffness_ratio: ArrayLike, mass_ratio: ArrayLike, e1: ArrayLike, e2: ArrayLike, **how: Any
+    stiffness_ratio: ArrayLike,
+    mass_ratio: ArrayLike,
+    e1: ArrayLike,
+    e2: ArrayLike,
+    *,
+    law: str = "jia-mason-erdmann",
+    stiffness_ratio_cutoff: Cutoff = "exact",
+    max_events: int | None = None,
+    grazing_threshold: float = GRAZING_THRESHOLD,
+    states: bool = False,
+    paths: bool = False,
 ) -> Outcomes:
     """Solve many collisions of two balls on a table at once, m1 = 1 kg, k1 = 1 N/m and v0 = -1 m/s.
 
@@ -287,7 +339,7 @@ def solve_batch(
     ----------
     stiffness_ratio, mass_ratio, e1, e2 : array_like
         k2/k1 from 0 to infinity, m2/m1 > 0 and finite, e_i from 0 to 1; they broadcast.
-    **how
+    law, stiffness_ratio_cutoff, max_events, grazing_threshold, states, paths
         As for `solve_many`; states are not kept by default.
 
     Returns
@@ -300,7 +352,11 @@ def solve_batch(
     ValueError
         If any value is illegal; the message names the parameter, the first such value and the legal range.
     """
-    given = stiffness_ratio, mass_ratio, e1, e2
-    how = {"states": False, **how}
-    outcomes = solve_many(Collisions.from_ratios(*given), **how)
-    return outcomes.shaped(np.broadcast_shapes(*map(np.shape, given)))
+    cutoff, events = _checked(law, stiffness_ratio_cutoff), max_events or MAX_EVENTS
+    given = np.broadcast_arrays(*map(checked_array, RATIOS, (stiffness_ratio, mass_ratio, e1, e2)))
+    if paths:
+        found = _by_diagram(Collisions.from_ratios(*given), LAWS[law], cutoff, events, states, paths)
+    else:
+        cells = [np.array(each, order="C").ravel() for each in given]  # of one type, as in `_cells`
+        found = _of_ratios(cells, LAWS[law], cutoff, events, states)
+    return _marked(found, LAWS[law], grazing_threshold).shaped(given[0].shape)

@@ -14,6 +14,7 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.commands.cli import app, main
 from impact_xval.experiments.config.experiment import load_config
 from impact_xval.experiments.hypothesis.config import load as load_hypothesis
+from impact_xval.experiments.hypothesis.own import load_own
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -119,7 +120,10 @@ def test_code_runs_and_prints_what_is_shown(page, folder, capsys, monkeypatch):
 def test_experiments_are_legal(code, shown, tmp_path):
     path = tmp_path / "experiment.toml"
     path.write_text(code, encoding="utf-8")
-    (load_hypothesis if "contrast" in code else load_config)(path)
+    if "masses = " in code:
+        assert load_own(path) is not None
+    else:
+        (load_hypothesis if "contrast" in code else load_config)(path)
 
 
 def _held(shown, printed):

@@ -43,7 +43,7 @@ def test_a_cradle_by_every_solver(run):
     assert float(D["state-transition-hertz"]) == pytest.approx(0.1408, abs=1e-3)
 
 
-def test_a_run_is_read_in_three_ways_that_agree(run, tmp_path):
+def test_a_run_is_read_in_three_ways_that_agree(run, tmp_path, monkeypatch):
     grid = {"stiffness_ratio": [0.5, 1.0, 2.0], "mass_ratio": [1.0, 1.5], "e1": [0.9], "e2": [0.7]}
     solvers = ["bistiffness", "kelvin-voigt"]
     config = parse_config({"scenario": "impact", "solvers": solvers, "grid": grid})
@@ -53,6 +53,13 @@ def test_a_run_is_read_in_three_ways_that_agree(run, tmp_path):
         medians = [float(text) for text in re.findall(rf"{solver}[ │]+(\d\.\d+)", said)]
         assert len(medians) == 3, said
         assert medians == pytest.approx([medians[0]] * 3, abs=1e-6)
+    for name in ("xarray", "duckdb"):  # not installed: the rest is read
+        monkeypatch.setitem(sys.modules, name, None)
+    rest = run("read_a_run.py", tmp_path / "run")
+    assert said.startswith(rest.partition("\nxarray")[0])
+    assert rest.endswith(
+        "\nxarray is not installed: pip install xarray\n\nduckdb is not installed: pip install duckdb\n"
+    )
 
 
 def test_a_map_of_few_collisions(run, tmp_path):

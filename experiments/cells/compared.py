@@ -4,15 +4,24 @@ from __future__ import annotations
 
 import base64
 import io
+import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from markupsafe import Markup
 from rich.console import Console
 
-from impact_xval.compliant_baselines.registry import get_solver, law_of, solver_names
+from impact_xval.compliant_baselines.registry import (
+    get_solver,
+    is_engine,
+    is_ours,
+    law_of,
+    solver_names,
+    stated_law,
+)
 from impact_xval.experiments.config.arrangements import Arranged
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.divergence import measures_of
@@ -28,8 +37,9 @@ from impact_xval.experiments.presentation.words import (
     one_vote,
 )
 from impact_xval.experiments.sweep.one import solvers_apart
-from impact_xval.experiments.tables.numbers import number
+from impact_xval.experiments.tables.numbers import listed, number
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
+from impact_xval.model.kinetic import kinetic_norm
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -55,11 +65,14 @@ class Compared:
         By solver, the model (`REFERENCE`) among them; velocities in m/s, impulses in N s, with their paths.
     arranged : Arranged or None
         How a column was set up, if it is known: in words above its table.
+    versions : mapping of str to str
+        By solver, the version that it states, of those that were asked.
     """
 
     problem: Collision
     outcomes: Mapping[str, Outcome]
     arranged: Arranged | None = None
+    versions: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def is_column(self) -> bool:
@@ -96,6 +109,19 @@ class Compared:
     _measures = property(lambda self: measures_of(self.problem, self.outcomes))
     _speed = property(lambda self: max(map(abs, self.problem.velocities)))
 
+    @property
+    def between(self) -> dict[tuple[str, str], float]:
+        """D between every two solvers with a result, each pair once, in the order of laws; it is the same both ways.
+
+        That is the kinetic norm of the difference of final velocities over that of the velocities at first touch.
+        """
+        masses, length = self.problem.masses, kinetic_norm(self.problem.masses, self.problem.velocities)
+        results = {name: np.array(self.outcomes[name].velocities) for name in self.scaled}
+        return {
+            (one, other): float(kinetic_norm(masses, results[other] - results[one]) / length)
+            for one, other in itertools.combinations(results, 2)
+        }
+
     def objects(self) -> list[dict[str, Any]]:
         """Return an object a solver: velocities per abs(v0), impulses per m1 abs(v0), times in s.
 
@@ -105,6 +131,7 @@ class Compared:
         return [
             {
                 "solver": name,
+                "version": self.versions.get(name, ""),
                 "velocities": [v / speed for v in each.velocities],
                 **{f"v{i}": v / speed for i, v in enumerate(each.velocities, 1)},
                 "impulses": [i / (self.problem.masses[0] * speed) for i in each.impulses],
@@ -113,6 +140,13 @@ class Compared:
                     for key in ("states", "status", "reason", "grazing_margin", "marked")
                 },
                 "D": measures[name]["velocity_divergence"],
+                "D_from": {
+                    other: away
+                    for pair, away in self.between.items()
+                    if name in pair
+                    for other in pair
+                    if other != name
+                },
                 "diagnostics": {key: measures[name][key] for key in each.diagnostics},
             }
             for name, each in self.outcomes.items()
@@ -146,7 +180,21 @@ class Compared:
         marks = [f"{name}: marked: {each.marked}" for name, each in self.outcomes.items() if each.marked]
         other = [f"{name}: {each.differences}" for name, each in self.outcomes.items() if each.differences]
         return [
-            *filter(None, [setup, table, note, withheld, one_vote(self.outcomes), *reasons, *marks, *other])
+            *filter(
+                None,
+                [
+                    setup,
+                    table,
+                    note,
+                    withheld,
+                    self._matrix(),
+                    one_vote(self.outcomes),
+                    *reasons,
+                    *marks,
+                    *other,
+                    self._versions(),
+                ],
+            )
         ]
 
     def _repr_html_(self) -> str:
@@ -178,9 +226,28 @@ class Compared:
                 numbers = [*known[name], *(impulse / unit for impulse in outcome.impulses)]
                 shown = [self._written(name, each) for each in numbers]
                 shown += [number(away[name]), " ".join(outcome.states)]
-            rows.append((law_of(name) or name, name, outcome.status, *shown))
+            rows.append((stated_law(name) or name, name, outcome.status, *shown))
         header = "law solver status v1/|v0| v2/|v0| I1/(m1|v0|) I2/(m1|v0|) D states"
         return Table(header.split(), rows, text=3)
+
+    def _matrix(self) -> Table | None:
+        """Lay out D between every two solvers; None where the table says all of it, of D from the model."""
+        names, between = list(self.scaled), self.between
+        if len(names) < 3:
+            return None
+        rows = [
+            (other, *(number(between[one, other], 2) for one in names[:place]))
+            for place, other in enumerate(names)
+        ]
+        filled = [(*row, *[""] * (len(names) - len(row))) for row in rows[1:]]
+        return Table(["solver", *names[:-1]], filled, "D between every two solvers")
+
+    def _versions(self) -> str:
+        """Say which versions of engines and plug-ins solved this; all other solvers are of the project."""
+        others = [name for name in self.outcomes if is_engine(name) or not is_ours(name)]
+        said = [f"{name} {self.versions[name]}" for name in others if self.versions.get(name)]
+        ours = f"impact-xval {version('impact-xval')}"
+        return f"Versions: {listed([ours, *said])}." if said else ""
 
     def _written(self, name: str, value: float) -> str:
         """Write a number of a solver, marked where the solver has no result."""
@@ -228,4 +295,5 @@ def compare(problem: Collision, solvers: Sequence[str] | None = None, *, timeout
     names = [solvers] if isinstance(solvers, str) else list(solver_names() if solvers is None else solvers)
     config = parse_config({"scenario": "impact", "cell_timeout": timeout, "solvers": names}, where="")
     with solvers_apart(config.solvers, columns=not problem.falls_on_resting) as apart:
-        return Compared(problem, apart.solve(problem, config, config.solvers, get_solver, say_waiting))
+        outcomes = apart.solve(problem, config, config.solvers, get_solver, say_waiting)
+        return Compared(problem, outcomes, versions=apart.versions)

@@ -65,7 +65,8 @@ class Cells:
         for key, name in given:
             if key == "solver" and name in ENGINES:
                 outcomes |= self._engine(typed, (name,))
-        compared = Compared(collision, outcomes, arranged)
+        versions = {name: each for apart in self._apart.values() for name, each in apart.versions.items()}
+        compared = Compared(collision, outcomes, arranged, versions)
         blocks = compared.blocks()
         if compared.is_column:  # its table counts states
             rows = [(name, " ".join(each.states)) for name, each in outcomes.items() if each.states]

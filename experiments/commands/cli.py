@@ -6,6 +6,7 @@ anything else. Everything heavy is imported inside the commands, so that help an
 
 from __future__ import annotations
 
+import errno
 import io
 import platform
 import re
@@ -17,7 +18,7 @@ from typing import Annotated, Any
 
 import typer
 
-from impact_xval.experiments.commands import contact, one, runs, scoreboard, solvers
+from impact_xval.experiments.commands import contact, hypothesis, one, runs, scoreboard, solvers
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 
 PROGRAM = "impact-xval"
@@ -68,7 +69,7 @@ for command in (
     runs.compare,
     one.solve,
     one.explore,
-    runs.hypothesis,
+    hypothesis.hypothesis,
     scoreboard.scoreboard,
     contact.contact,
     one.scene,
@@ -100,7 +101,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         return 1
     except OSError as error:
-        return _fail(f"{error.filename or 'writing'}: {error.strerror or error}", 1)
+        refused = error.errno in (
+            errno.EACCES,
+            errno.EPERM,
+            errno.EROFS,
+        )  # a file of the user's is not theirs to use
+        return _fail(f"{error.filename or 'writing'}: {error.strerror or error}", 2 if refused else 1)
     if result == 130:  # what typer makes of Ctrl-C in a command
         return _fail("interrupted", 1)
     return result if isinstance(result, int) else 0

@@ -27,6 +27,7 @@ def contact(
     """Print what to paste into a scene for a contact.
 
     And the largest step at which it means what it says. Beside what was asked stands what verifying drops gave.
+    Where an engine takes a restitution instead, PyBullet, DART and Pymunk multiply those of the two bodies.
 
     Example: impact-xval contact --engine mujoco --masses 1 inf --restitution 0.7 --duration 1e-3
 
@@ -37,6 +38,7 @@ def contact(
     from impact_xval.compliant_baselines.single_contact import pair_asked, tried
     from impact_xval.experiments.presentation.contacts import contact_blocks
     from impact_xval.experiments.presentation.terminal import at_work, error_line, make_console, show
+    from impact_xval.experiments.presentation.words import restitution_of_two
 
     try:
         numbers = masses, restitution, stiffness, duration, speed
@@ -51,4 +53,5 @@ def contact(
             blocks = contact_blocks(solver, pair, touch, *tried(solver, pair))
     except SolverError as error:
         raise UserError(f"--engine {engine}: {error.status}: {error.reason}") from None
-    show(make_console(), blocks)
+    product = restitution_of_two([engine], pair.restitution)
+    show(make_console(), [*blocks, *([product] if product else [])])

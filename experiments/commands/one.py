@@ -45,8 +45,11 @@ def _drawable(text: str) -> Path:
     if file.suffix not in (*_PICTURES, *_FILMS) or file.is_dir():
         legal = f"a file that ends in {', '.join((*_PICTURES, *_FILMS))}"
         raise typer.BadParameter(f"{text!r:.60}; legal: {legal}")
-    if not os.access(file.parent, os.W_OK):
+    if not file.parent.is_dir():
         raise typer.BadParameter(f"{text!r:.60}: no folder {file.parent} to write to; legal: a file in one")
+    if not os.access(file.parent, os.W_OK):
+        says = f"the folder {file.parent} cannot be written to; legal: a file in one that can"
+        raise typer.BadParameter(f"{text!r:.60}: {says}")
     return file
 
 
@@ -55,7 +58,9 @@ def solve(
     *,
     solver: Solvers = None,
     plot: Path | None = option(
-        "FILE", "Draw curves (.png, .svg, .pdf), or slow motion beside the model (.gif, .html).", _drawable
+        "FILE",
+        "Draw curves (.png, .svg, .pdf), or slow motion: up to six solvers beside the model (.gif, .html).",
+        _drawable,
     ),
     json: Json = False,
     **typed: str | None,
@@ -63,7 +68,8 @@ def solve(
     """Solve one collision by every solver.
 
     Two balls on a table, by ratios or in SI units, or N balls with --arrangement. Velocities are per |v0|, those of
-    the diagnostics too, impulses per m1 |v0|, times in s.
+    the diagnostics too, impulses per m1 |v0|, times in s. D stands between each solver and the model and, below the
+    table, between every two solvers.
 
     Example: impact-xval solve --stiffness-ratio 40 --mass-ratio 1.15 --e1 0.9 --e2 0.7
     """
@@ -82,7 +88,7 @@ def solve(
         )
     from impact_xval.experiments.cells.compared import Compared
 
-    compared = Compared(collision, outcomes, arranged)
+    compared = Compared(collision, outcomes, arranged, apart.versions)
     if json:
         print_json(compared.objects())
     else:

@@ -157,7 +157,7 @@ def report(
     from impact_xval.experiments.measures.summary import summarise
     from impact_xval.experiments.presentation import report as reports
     from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line
-    from impact_xval.experiments.tables.folder import finished, new_folder
+    from impact_xval.experiments.tables.folder import check_writable, finished, new_folder
 
     console = make_console()
     if supplement:
@@ -170,6 +170,7 @@ def report(
                 print_line(console, f"{folder / name}.svg: {caption}")
         return
     run = finished(folder)
+    check_writable(folder)
     with at_work("writing the report"):
         summary = summarise(run)
         if only in (None, "tables"):
@@ -233,6 +234,8 @@ def hypothesis(
     from impact_xval.experiments.hypothesis.config import load
 
     start = time.perf_counter()
+    if config is not None:
+        _holds_something(config, "hypothesis")
     design = load(config)
     from impact_xval.experiments.hypothesis.page import show_verdicts, write_all
     from impact_xval.experiments.hypothesis.run import results, stages
@@ -257,6 +260,7 @@ def _experiment(file: Path | None, root: Path | None, quick: bool) -> Config:
     if file is not None:
         if quick:
             raise UserError(f"--quick with {file}: it is for the built-in grid; legal: one of both")
+        _holds_something(file, "run")
         return load_config(file)
     built_in = parse_config({}, "built-in experiment")
     if quick:  # five stiffness ratios, and the ends of the other axes
@@ -269,6 +273,15 @@ def _experiment(file: Path | None, root: Path | None, quick: bool) -> Config:
     if quick and kept.identity() != built_in.identity():
         raise UserError(f"--quick with --out {root}: holds another run; legal: one of both")
     return kept
+
+
+def _holds_something(file: Path, command: str) -> None:
+    """Refuse a file without a key: all would be as built in, by an oversight."""
+    from impact_xval.experiments.config.errors import read_toml
+
+    if not read_toml(file):
+        says = f"what is built in needs no file: impact-xval {command}"
+        raise UserError(f"{file}: empty; legal: a TOML file with a key or more; {says}")
 
 
 @contextlib.contextmanager

@@ -22,11 +22,11 @@ def solvers(
     """List the solvers, or check one.
 
     What each is, its version, where it comes from, and why one cannot run here. With NAME: its checks of the
-    contract, for authors of adapters; exit code 3 if one fails.
+    contract, for authors of adapters, exit code 3 if one fails; and what becomes of the restitutions of two bodies.
 
     Example: impact-xval solvers mujoco
     """
-    from impact_xval.compliant_baselines.registry import description_of, get_solver, law_of, origins
+    from impact_xval.compliant_baselines.registry import description_of, get_solver, origins, stated_law
     from impact_xval.experiments.presentation.document import Table
     from impact_xval.experiments.presentation.terminal import at_work, make_console, show
     from impact_xval.experiments.sweep.chunk import stated
@@ -43,7 +43,9 @@ def solvers(
             with at_work(f"asking {each} what it is"):
                 version, reason = stated(slot, get_solver, each)
             what = [description_of(each), "" if reason is None else f"unavailable: {reason}"]
-            rows.append((each, law_of(each) or "-", version or "-", origin, "; ".join(filter(None, what))))
+            rows.append(
+                (each, stated_law(each) or "-", version or "-", origin, "; ".join(filter(None, what)))
+            )
     header = ("solver", "law asked for", "version", "from", "description")
     caption = "Solvers that are known here; those asked for the same law are one vote on it"
     show(make_console(), [Table(header, rows, caption, text=5)])
@@ -55,6 +57,7 @@ def _check(name: str, law: str) -> None:
     from impact_xval.compliant_baselines.registry import get_solver, law_of
     from impact_xval.experiments.config.experiment import solvers_problem
     from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line
+    from impact_xval.experiments.presentation.words import restitution_of_two
     from impact_xval.experiments.sweep.chunk import stated
     from impact_xval.experiments.sweep.pool import Slot
     from impact_xval.experiments.sweep.process import FaultError, Worker
@@ -80,6 +83,8 @@ def _check(name: str, law: str) -> None:
                 problem = fault.reason
             failed += bool(problem)
             print_line(console, f"FAILED  {words}: {problem}" if problem else f"passed  {words}")
+    if product := restitution_of_two([name]):
+        print_line(console, product)
     if failed:
         print_line(console, f"{failed} checks failed; what each demands is in docs/adding-a-solver.md")
         raise typer.Exit(3)
@@ -115,7 +120,8 @@ def inspect(
         raise UserError(f"--speed = {speed!r}; legal: a finite number > 0 (m/s)")
     if not scene.is_file() or scene.suffix not in (".xml", ".mjb"):
         raise UserError(f"{scene}: no such file of MuJoCo; legal: a file that ends in .xml or .mjb")
-    reason = get_solver("mujoco").unavailable()
+    engine = get_solver("mujoco")
+    reason = engine.unavailable()
     if reason is not None:
         raise UserError(f"{scene}: mujoco is unavailable: {reason}")
     from impact_xval.compliant_baselines.inspect_mujoco import examine
@@ -134,10 +140,16 @@ def inspect(
         rows = [
             row._asdict() | {"masses": [m if m < math.inf else "inf" for m in row.masses]} for row in contacts
         ]
-        print_json({"contacts": rows, "traps": [finding._asdict() for finding in findings]})
+        print_json(
+            {
+                "version": engine.version(),
+                "contacts": rows,
+                "traps": [finding._asdict() for finding in findings],
+            }
+        )
     else:
         from impact_xval.experiments.presentation.contacts import scene_blocks
 
-        show(make_console(), scene_blocks(contacts, findings, str(scene), speed))
+        show(make_console(), scene_blocks(contacts, findings, str(scene), speed, engine.version()))
     if findings:
         raise typer.Exit(3)

@@ -88,6 +88,8 @@ def _one_line(problem: Any, model: type[BaseModel], name: FieldName) -> str:
             )
             belongs = f" (it belongs {where})" if where else hint(key, [*inside])
             return f"{field} = {value}: unknown key{belongs}; legal: {', '.join(inside)}"
+        case "missing":
+            return f"{field} is missing; legal: {legal}"
         case "value_error":
             # What a validator of ours says begins with the value, unless it is of a table as a whole.
             return f"{field}{': ' if inside else ' = '}{problem['ctx']['error']}".removeprefix(": ")

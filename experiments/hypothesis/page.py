@@ -10,7 +10,7 @@ from typing import Any
 from markupsafe import Markup
 from rich.console import Console
 
-from impact_xval.compliant_baselines.registry import is_engine
+from impact_xval.compliant_baselines.registry import description_of, is_engine
 from impact_xval.experiments.hypothesis.judging import CLOSE
 from impact_xval.experiments.hypothesis.run import CASES, ROUNDING, Results
 from impact_xval.experiments.measures.aggregates import Frame
@@ -34,6 +34,32 @@ _MECHANISM = {
     ("supported", "supported"): "stiffness, whether<br>positions are frozen<br>or move",
     ("supported", "refuted"): "frozen positions:<br>where they move,<br>it parts again",
     ("no limit", "refuted"): "frozen positions, but<br>for what rings<br>for ever",
+}
+
+
+#: Names that head a column or a row of the tables, but for those of solvers, and what they mean.
+_LIMITS = {
+    "zero-apart": "k2/k1 → 0, ball on ball infinitely stiffer than the table: the balls part at once, for good",
+    "zero-early": "k2/k1 → 0: the balls meet again and are one body while the table contact is still compressed",
+    "zero-late": "k2/k1 → 0: the balls meet again and are one body while the table contact restores",
+    "infinity": "k2/k1 → ∞, the table infinitely stiffer than ball on ball: the lower ball is part of the table",
+    "plastic-ball-ball": "e1 → 0: what restores the contact of the balls becomes infinitely stiff, by 1/e1^2",
+    "plastic-ball-table": "e2 → 0: what restores the contact with the table becomes infinitely stiff, by 1/e2^2",
+}
+_MEANINGS = {
+    "solver": "who solved the collisions: by a law that is exact, or an engine",
+    "the pair is one by": "what makes the pair one body, by the verdicts on the model and on exact bistiffness",
+    "limit": "one of the six limits",
+    "elastic contacts": "which contacts of the points have e = 1; of a plastic limit, whether the other one has",
+    "bodies at first": "whether the bodies of the stiff contact meet with different velocities, or have one at first",
+    "supported": "columns whose D from the welded one falls as a power of the contrast, of how many",
+    "refuted": "columns that go to another outcome than the welded one, of how many",
+    "rates": "r of the supported columns, D falling as contrast^-r: the least and the largest",
+    "D": "distance from the closed form, or the welded column: a kinetic norm, per that of the incoming motion",
+    "contrast": "what goes to infinity: how many times stiffer one contact is",
+    "regime": "which collisions of two balls go to that limit",
+    "name": "what heads a column, or a row",
+    "meaning": "what it stands for",
 }
 
 
@@ -73,7 +99,23 @@ def _blocks(results: Results) -> list[Block]:
         "D over the contrast: median over the points none of whose other contacts is elastic. Open markers: engines, "
         "in the limit dt -> 0. A line that levels out goes to another limit",
     )
-    return [question, said, _verdicts(results), figure, LAWS_WITH_LAWS, _more(results), _method(results)]
+    return [
+        question,
+        said,
+        _verdicts(results),
+        figure,
+        LAWS_WITH_LAWS,
+        _names(results),
+        _more(results),
+        _method(results),
+    ]
+
+
+def _names(results: Results) -> Section:
+    """Say what each name that heads a column or a row stands for."""
+    solvers = {named(name): f"{description_of(name)} (solver {name})" for name in results.solvers}
+    rows = [*_LIMITS.items(), *solvers.items(), *_MEANINGS.items()]
+    return Section("What the names mean", [Table(("name", "meaning"), rows, text=2)], folded=True)
 
 
 def _grid(

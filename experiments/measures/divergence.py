@@ -193,7 +193,10 @@ def retained_energy(masses: Floats, starts: Floats, results: Results) -> Floats:
 
 
 def retained_momentum(masses: Floats, starts: Floats, results: Results) -> Floats:
-    """Momentum after the collision over that before it, shape (n,): 1 without a table."""
+    """Momentum after the collision over that before it, shape (n,), with its sign.
+
+    It is 1 without a table, and negative where balls that fell leave a table upwards.
+    """
     weights = masses / np.nanmax(masses, axis=1, keepdims=True)
     with np.errstate(all="ignore"):  # there may be no momentum before
         after, before = (np.nansum(weights * v, axis=1) for v in (results.velocities, starts))

@@ -68,8 +68,10 @@ def _linearised(touch: Touch, speed: float) -> str:
     )
 
 
-def scene_blocks(contacts: list[Measured], traps: list[Finding], scene: str, speed: float) -> list[Block]:
-    """Lay out what was measured of the contacts of a scene, dropped at a speed, what to change, and the traps."""
+def scene_blocks(
+    contacts: list[Measured], traps: list[Finding], scene: str, speed: float, version: str
+) -> list[Block]:
+    """Lay out what MuJoCo made of the contacts of a scene, dropped at a speed, what to change, and the traps."""
     from impact_xval.compliant_baselines.inspect_mujoco import MOST_ROWS, called
 
     header = ("contact", "masses, kg", "e", "k, N/m", "c, N s/m", "duration, s", "steps", "at rest, m")
@@ -81,7 +83,8 @@ def scene_blocks(contacts: list[Measured], traps: list[Finding], scene: str, spe
         rows.append((where, masses, low if low == high else f"{low} to {high}", *map(number, values)))
         lines += [f"{where}: {said}" for said in (each.reason, each.note, each.change) if said]
     caption = (
-        f"Dropped at {speed:g} m/s, and loaded with the weight of the lighter body, each two bodies alone"
+        f"Dropped at {speed:g} m/s by MuJoCo {version}, and loaded with the weight of the lighter body, each two "
+        "bodies alone"
     )
     if len(rows) == MOST_ROWS:
         caption += f"; the first {MOST_ROWS} combinations of parameters and masses"

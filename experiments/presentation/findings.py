@@ -8,7 +8,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from impact_xval.compliant_baselines.registry import is_engine, law_of
+from impact_xval.compliant_baselines.registry import is_engine, stated_law
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
@@ -281,7 +281,7 @@ def overall_table(summary: Summary) -> Table:
         row = summary.get(name, D)
         apart = summary.n_cells - row["n"] - summary.get(name, D, cells="marked")["n"]
         known = (int(row["n"]), *(number(row[cut]) for cut in CUTS), *(each(name) for each in last.values()))
-        rows.append((law_of(name) or "-", name, *known, int(apart)))
+        rows.append((stated_law(name) or "-", name, *known, int(apart)))
     header = ["law", "solver", unit_of(summary), "median D", "95 %", "max", *last, "not compared"]
     caption = f"Divergence D from the model, by the law asked for. {one_vote(compared(summary))}"
     return Table(header, rows, caption.strip(), text=2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -83,6 +84,9 @@ WHAT_NO_RESULT_IS = (
     "counts in no statistic."
 )
 
+#: Engines in which the restitution of a contact is the product of those of its two bodies, as their makers spell them.
+_MULTIPLYING = {"pybullet": "PyBullet", "dart": "DART", "pymunk": "Pymunk"}
+
 _COUNTS = ("none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
 
 
@@ -146,6 +150,19 @@ def arranged(column: Arranged) -> str:
     words += f", mass taper {number(column.mass_taper, 6)}" if column.mass_taper != 1 else ""
     words += f", stiffness taper {number(column.stiffness_taper, 6)}" if column.stiffness_taper != 1 else ""
     return words + (f", gaps of {number(column.gap, 6)} m" if column.gap else "")
+
+
+def restitution_of_two(solvers: Iterable[str], e: float = 0.9) -> str:
+    """Say of engines that multiply the restitutions of two bodies what to write for e; empty where none does."""
+    engines = [re.split("[-:]", name)[0] for name in solvers]
+    titles = [title for engine, title in _MULTIPLYING.items() if engine in engines]
+    if not titles:
+        return ""
+    verb = "multiplies" if len(titles) == 1 else "multiply"
+    return (
+        f"{listed(titles)} {verb} the restitutions of the two bodies of a contact: {number(e, 4)} on both gives "
+        f"{number(e * e, 4)}. For e = {number(e, 4)} write {number(e, 4)} on one and 1 on the other."
+    )
 
 
 def one_vote(solvers: Iterable[str]) -> str:

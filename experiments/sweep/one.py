@@ -29,6 +29,8 @@ class SolversApart:
 
     def __init__(self, pool: Any, begun: Future[bool]) -> None:
         self._pool, self._begun = pool, begun
+        #: What each solver states of its version; filled by `solve`, without those that gave no answer.
+        self.versions: dict[str, str] = {}
 
     def solve(
         self,
@@ -55,7 +57,7 @@ class SolversApart:
             self._wait(say, f"making {name} ready {ended}", Slot.prepare, name, _warm, resolve, name, pair)
             try:
                 asked = name, _answer, resolve, name, config, collision, points
-                solved[name] = self._wait(say, f"{name} {at_work}", solve, *asked)
+                solved[name], self.versions[name] = self._wait(say, f"{name} {at_work}", solve, *asked)
             except FaultError as fault:
                 solved[name] = Outcome.failure(name, collision, fault.status, fault.reason)
         return solved
@@ -101,17 +103,19 @@ def _warm(_: object, resolve: Any, name: str, pair: bool) -> bool:
 
 def _answer(
     _: object, resolve: Any, name: str, config: Config, collision: Collision, points: int | None
-) -> Outcome:
+) -> tuple[Outcome, str]:
+    """Solve a collision by a solver; its outcome, and the version it states."""
     import numpy as np
 
-    from impact_xval.compliant_baselines.answers import answer
+    from impact_xval.compliant_baselines.answers import answer, stated_version
     from impact_xval.experiments.sweep.rows import settings_of
 
-    outcome = answer(resolve(name), [collision], settings_of(config, paths=points != 0))[0]
+    solver = resolve(name)
+    outcome = answer(solver, [collision], settings_of(config, paths=points != 0))[0]
     path = outcome.path
     if not points or path is None:
-        return outcome
+        return outcome, stated_version(solver)
     # With its ends; of many balls a path is large to be sent.
     kept = np.unique(np.linspace(0, len(path.time) - 1, points).astype(int))
     fewer = Path(*(getattr(path, each.name)[kept] for each in dataclasses.fields(Path)))
-    return dataclasses.replace(outcome, path=fewer)
+    return dataclasses.replace(outcome, path=fewer), stated_version(solver)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import shlex
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -218,6 +219,7 @@ def writing(root: Path, config: Config, shard: tuple[int, int] = (1, 1)) -> Iter
         with _usable(root, "--out "):
             continued = _looked_at(folder, config)
             folder.parts.mkdir(parents=True, exist_ok=True)
+            check_writable(root, "--out ")
             try:
                 held.enter_context(FileLock(lock, timeout=0))
             except Timeout:
@@ -316,12 +318,21 @@ def finished_collisions(root: Path) -> RunFolder:
     return folder
 
 
+def check_writable(root: Path, option: str = "") -> None:
+    """Refuse a folder into which nothing can be written, before anything is computed for it."""
+    if not os.access(root, os.W_OK):
+        raise UserError(
+            f"{option}{root}: the folder cannot be written to; legal: one that can, such as a copy"
+        )
+
+
 def new_folder(root: Path, option: str = "--out ") -> None:
     """Make the folder of an option, of a command that does not continue what it finds: it must be new or empty."""
     with _usable(root, option):
         if _entries(root):
             raise UserError(f"{option}{root}: not empty; legal: a new or empty folder")
         root.mkdir(parents=True, exist_ok=True)
+    check_writable(root, option)
 
 
 def cells_of_run(folder: RunFolder, config: Config) -> Cells:

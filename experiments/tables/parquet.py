@@ -36,7 +36,11 @@ def replacing(path: Path, *, sync: bool = True) -> Iterator[Path]:
                 os.fsync(file.fileno())
         temporary.replace(path)
     except OSError as error:
-        error.filename = error.filename or str(path)  # a full disk does not say for which file
+        # A full disk does not say for which file, others name the temporary one, Arrow in its words.
+        if error.filename is None or str(error.filename) == str(temporary):
+            error.filename, error.filename2 = str(path), None
+        if error.errno is not None and temporary.name in str(error.strerror):
+            error.strerror = os.strerror(error.errno)
         raise
     finally:
         with contextlib.suppress(OSError):  # what went wrong before is what is told

@@ -78,9 +78,11 @@ OUTCOME = columns(
     states_compared    text   -    state sequence without states held too briefly, for any solver
     n_states           int    -    length of the state sequence
     n_events           int    -    number of events
-    grazing_margin     float  -    nearness to a jump of the model, per amplitude of the rate; small is near
+    grazing_margin     float  -    smallest compression rate at a turning point, per amplitude of that rate, up \
+                                   to 0.05; a jump of the model is at 0; infinite: none is near
     retained_energy    float  -    kinetic energy after over before
-    retained_momentum  float  -    momentum after over before; 1 without a table
+    retained_momentum  float  -    sum of m_i v_i after over that before, up is positive: negative if falling \
+                                   balls leave a table upwards (before: m1 v0 < 0); 1 without a table
     step               float  s    time step
     n_steps            int    -    number of time steps
     duration           float  s    from first touch to the end of the collision

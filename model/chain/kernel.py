@@ -16,13 +16,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impact_xval.model.chain import laws, state
+from impact_xval.model.chain.grazing import near_misses
 from impact_xval.model.chain.laws import FORCE, GAP, RATE, TURN, carries, force, has_dashpot, has_series, rest
 from impact_xval.model.chain.power_law import ORDER_OF_STEP, advance, settle, step, through_ends, watch_force
 from impact_xval.model.chain.rest import FREE, GOING, QUIET, fall_time, how_ended, in_flight, over_within
-from impact_xval.model.chain.roots import first_root, refine
+from impact_xval.model.chain.roots import first_root
 from impact_xval.model.chain.series import ORDER, expand, expand_product, place, slope, span, value
 from impact_xval.model.compiled import entry, merged, uncounted
-from impact_xval.model.pair.grazing import STAKE
 from impact_xval.model.pair.law import COMPRESSION, INACTIVE, RESTITUTION
 
 #: How a chain ended, as bits: what happened on the way.
@@ -173,37 +173,6 @@ def watch_force_of_series(one, own):
         damping = b * own.rates[j]
         own.watched[j] = damping if product else damping + k * own.deltas[j]
     own.watched[0] += 1.0 if product else k * rest(one)
-
-
-@uncounted
-def near_misses(c, n, degree, x, energy, margin, work):
-    """Grazing margin after a piece of length x at whose end `c` is, given that before it.
-
-    The magnitude of an extremum of a rate is taken relative to its amplitude: of the contact's own oscillation about
-    the force that its neighbours ask of it, and of the motion that a change of that force imposes.
-    """
-    for i in range(n):
-        one, rates, watched = c[i], work[i].rates, work[i].watched
-        start = rates[1]
-        stake = (1 - one.e * one.e) * state.strain(one)
-        if not carries(one) or stake <= STAKE * energy or start * state.acceleration(c, i) >= 0:
-            continue
-        sign = 1.0 if start > 0 else -1.0
-        for j in range(degree):
-            watched[j] = (j + 1) * rates[j + 1]
-        bend = sign * slope(watched, degree - 1, x)
-        turn = sign * slope(rates, degree, x)
-        at = x
-        if turn < 0:
-            at, _ = refine(watched, sign, sign * start, ZERO, degree - 1, 0.0, x, sign * start, turn, bend)
-        least = value(rates, degree, at)
-        static, _, imposed, _ = state.neighbours(c, i)
-        k = state.tangent(one)
-        if k > 0:
-            ring = (force(one) - static) * sqrt((one.a + c[i + 1].a) / k)
-            size = sqrt(max(least * least, one.w * one.w) + ring * ring) + imposed
-            margin = min(margin, abs(least) / size)
-    return margin
 
 
 @uncounted
@@ -358,8 +327,7 @@ class Followed(NamedTuple):
     #: Numbers of them.
     events: Any
     pieces: Any
-    #: Grazing margin: the smallest rate at which a compression rate turned around while its contact acted, relative to
-    #: its amplitude (`near_misses`); contacts of e = 1 do not count. Infinite under laws of dashpots.
+    #: Grazing margin (`chain.grazing`). Infinite under laws of dashpots.
     margin: Any
     #: What was lost and what is left of the kinetic energy, relative to the centre of mass or the table, per that
     #: before: 1 but for rounding, under laws without dashpots and without gravity.
@@ -414,7 +382,7 @@ def collide(c, work, energy, drift, g, tolerance, max_pieces, points, log, at, o
                 code |= TOO_MANY_EVENTS
                 break
             if not dashpot:
-                margin = near_misses(c, n, degree, x, energy, margin, work)
+                margin = near_misses(c, n, degree, x, h, energy, margin, work)
         if x > 0:
             for i in range(work.size):
                 work[i].cut = False

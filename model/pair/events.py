@@ -26,8 +26,13 @@ from __future__ import annotations
 from math import atan2, cos, inf, pi, sin, sqrt
 
 from impact_xval.model.compiled import inlined
-from impact_xval.model.pair.grazing import NEAR, STAKE, extremum_between, near_miss, two_extrema
-from impact_xval.model.pair.limits import CLEAR
+from impact_xval.model.pair.grazing import (
+    NEAR,
+    STAKE,
+    nearest_turn,
+    stays_far,
+    turns_far,
+)
 from impact_xval.model.pair.motion import cos_sin, modal, motion, turn, turn_little
 from impact_xval.model.pair.roots import (
     EPSILON,
@@ -47,9 +52,6 @@ COS_WINDOW, SIN_WINDOW = cos(WINDOW), sin(WINDOW)
 
 #: Windows shorter than this (in radians of the fast mode) resolve a tangency to rounding.
 SHORTEST_WINDOW = 1e-9
-
-#: Windows shorter than this (in radians of the fast mode) are not looked through for pairs of near-misses.
-SHORTEST_WAVE = 1.0
 
 #: The envelope is tried when the fast mode is at least this much faster than the slow one.
 ENVELOPE_RATIO = 6.0
@@ -75,6 +77,18 @@ def jets(d1, v2, F1, F2, signs, k1, k2, inverse_mu, inverse_M):
         (s2 * v2, s2 * a2, s2 * (g2 - g1) * inverse_mu),
         (F1, g1, k1 * a1),
         (F2, g2, -k2 * a2),
+    )
+
+
+@inlined
+def higher(x0, x1, x2, x3, signs, k1, k2, inverse_mu, inverse_M):
+    """Third and fourth derivative of both watched rates in a state, given its `jets`."""
+    s1, s2 = signs
+    a1, a2 = x2[2], x3[2]
+    g1, g2 = k1 * s1 * x0[2], -k2 * s2 * x1[2]
+    return (
+        (s1 * (a2 * inverse_mu - a1 * inverse_M), s1 * (g2 * inverse_mu - g1 * inverse_M)),
+        (s2 * (a2 - a1) * inverse_mu, s2 * (g2 - g1) * inverse_mu),
     )
 
 
@@ -113,9 +127,8 @@ def first_event(mu, modes, state, signs, watched, losses, a, b, margin):
     of its energy that a contact loses at an end of compression; and the margin of the segments before.
 
     Gives the time since the start of the segment; which of rate 1, rate 2, force 1, force 2 are zero then; the state
-    then; the margin, the smallest magnitude, relative to its amplitude, of a local extremum of a rate passed so far
-    where an end of compression would have lost more than `pair.grazing.STAKE` (infinity if there was none); and the
-    number of windows tried: `MOST_WINDOWS` where none can be certified, and nothing fires.
+    then; the grazing margin so far (`pair.grazing`), infinity if nothing was near; and the number of windows tried:
+    `MOST_WINDOWS` where none can be certified, and nothing fires.
     """
     delta, phi2, force1, force2 = modes.delta, modes.phi2, modes.force1, modes.force2
     omega, k1, k2 = modes.omega, modes.k1, modes.k2
@@ -127,8 +140,10 @@ def first_event(mu, modes, state, signs, watched, losses, a, b, margin):
     slow6, fast6 = slow2 * slow2 * slow2 / 28800, fast2 * fast2 * fast2 / 28800
     x0, x1 = abs(delta[0]) * slow, abs(delta[1]) * fast
     size0, C0, B0 = x0 + x1, x0 * slow6 + x1 * fast6, x0 * slow2 + x1 * fast2
+    may_graze0 = not turns_far(x0, x1, slow2, fast2)
     x0, x1 = abs(phi2[0]) * slow, abs(phi2[1]) * fast
     size1, C1, B1 = x0 + x1, x0 * slow6 + x1 * fast6, x0 * slow2 + x1 * fast2
+    may_graze1 = not turns_far(x0, x1, slow2, fast2)
     x0, x1 = abs(force1[0]) * slow, abs(force1[1]) * fast
     noise2, C2 = NOISE * (x0 + x1), x0 * slow6 + x1 * fast6
     x0, x1 = abs(force2[0]) * slow, abs(force2[1]) * fast
@@ -199,25 +214,22 @@ def first_event(mu, modes, state, signs, watched, losses, a, b, margin):
         sure2 = positive_between(f2, g2, h, C2) | ~watched[0]
         sure3 = positive_between(f3, g3, h, C3) | ~watched[1]
         sure = sure0 & sure1 & sure2 & sure3
-        waves = (two_extrema(h, f0, g0) | two_extrema(h, f1, g1)) & (h * w1 > SHORTEST_WAVE)
-        if (not sure and h * w1 > SHORTEST_WINDOW) or waves:
+        if not sure and h * w1 > SHORTEST_WINDOW:
             h, chased = 0.5 * h, -1
             q, r = modal(t + h, omega, a, b)
             continue
 
         # The window is accepted. Near-misses of the rates on the way:
-        if (
-            near_miss(h, f0, g0) < max(margin, NEAR) * size0
-            and losses[0] * (f2[0] + g2[0]) ** 2 > 4 * STAKE * k1
-        ):
-            c = (s1 * delta[0], s1 * delta[1])
-            margin = min(margin, extremum_between(c, t, h, f0, g0, size0, omega, a, b))
-        if (
-            near_miss(h, f1, g1) < max(margin, NEAR) * size1
-            and losses[1] * (f3[0] + g3[0]) ** 2 > 4 * STAKE * k2
-        ):
-            c = (s2 * phi2[0], s2 * phi2[1])
-            margin = min(margin, extremum_between(c, t, h, f1, g1, size1, omega, a, b))
+        if may_graze0 | may_graze1:
+            limit = min(margin, NEAR)
+            more0, more1 = higher(f0, f1, f2, f3, signs, k1, k2, inverse_mu, inverse_M)
+            last0, last1 = higher(g0, g1, g2, g3, signs, k1, k2, inverse_mu, inverse_M)
+            if may_graze0 and not stays_far(h, f0, g0, more0, last0, C0, w1, limit * size0):
+                least = nearest_turn(delta, force1, STAKE * k1 / losses[0], t, h, omega, a, b) / size0
+                margin = least if least < limit else margin
+            if may_graze1 and not stays_far(h, f1, g1, more1, last1, C1, w1, limit * size1):
+                least = nearest_turn(phi2, force2, STAKE * k2 / losses[1], t, h, omega, a, b) / size1
+                margin = least if least < min(margin, NEAR) else margin
         t += h
         # Zero within rounding fires; so does what is unsure at the shortest window and as good as zero.
         fired0 = ~spared0 & (g0[0] <= (z0 if sure0 else 4 * z0))
@@ -266,8 +278,8 @@ def next_turn(modes, state, signs, a, b):
     sinusoid of the stiff rate is smaller than its fast one, that rate is zero twice in each turn and the force of its
     contact is monotonic in between. The soft rate keeps its sign while its slow sinusoid stays above the amplitude of
     its fast one, and the force of its contact then is monotonic too: that neither force vanishes is seen at the end.
-    Near-misses of the soft rate closer than `CLEAR` are thereby excluded; the others are not counted. Gives time, fired
-    and state as `first_event` does, or a time of zero if nothing is sure.
+    No turning point of either rate is nearer to zero than `NEAR`. Gives time, fired and state as `first_event` does, or
+    a time of zero if nothing is sure.
     """
     omega = modes.omega
     first = state[0] == 0 and modes.k1 > STIFFER * modes.k2
@@ -289,11 +301,14 @@ def next_turn(modes, state, signs, a, b):
     )
     nearest = min(t * soft[0] * a[0], t * soft[0] * q[0])
     # Between the two ends, and in Newton's steps beyond the second, the slow sinusoid falls little below them.
-    reserve = CLEAR + per_turn * (1 + 5 * per_turn)
+    reserve = per_turn * (1 + 5 * per_turn)
+    stiff_slow, stiff_fast = abs(stiff[0]) * slow, abs(stiff[1]) * fast
+    soft_slow, soft_fast = abs(soft[0]) * slow, abs(soft[1]) * fast
     if not (
         leaves
-        and abs(stiff[0]) * slow < RINGING * abs(stiff[1]) * fast
-        and nearest > abs(soft[1]) * fast + reserve * abs(soft[0]) * slow
+        and stiff_slow < RINGING * stiff_fast
+        and turns_far(stiff_slow, stiff_fast, omega[0] * omega[0], omega[1] * omega[1])
+        and nearest > soft_fast + reserve * soft_slow + NEAR * (soft_slow + soft_fast)
     ):
         return 0.0, fired, state
     time, longest = angle / omega[1], LONGEST_STEP / omega[1]

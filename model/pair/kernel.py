@@ -28,6 +28,20 @@ from impact_xval.model.pair.path import write, write_both, write_one
 
 S1, S2, S3, S4 = 1, 2, 3, 4
 
+#: What `collide_all` says of a collision: how it ended, by the codes below; numbers of its states, of its events and of
+#: rows of its path; its grazing margin (`pair.grazing`), and the residual of its energy balance: 1/2 less what was lost
+#: and what is left.
+RESULT = np.dtype(
+    [
+        ("code", "i8"),
+        ("n_states", "i8"),
+        ("n_events", "i8"),
+        ("rows", "i8"),
+        ("margin", "f8"),
+        ("residual", "f8"),
+    ]
+)
+
 # How a collision ended.
 DONE, LIMIT, PRECISION_LIMIT, TOO_MANY_EVENTS, COLLAPSE, BEYOND_PRECISION = 0, 1, 2, 3, 4, 5
 
@@ -217,7 +231,7 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, stiffens, points, log, at, pl
 
 
 @compiled_with(nogil=True)
-def collide_all(kappa, mu, e1, e2, cutoff, max_events, stiffens, points, log, sets, velocities, numbers):
+def collide_all(kappa, mu, e1, e2, cutoff, max_events, stiffens, points, log, sets, velocities, results):
     """Follow collisions through the diagram, in units of m1, k1 and abs(v0); the only kernel that Python calls.
 
     It holds no lock, so that threads can be given parts of arrays. Given are, the first four of shape (n,),
@@ -235,8 +249,7 @@ def collide_all(kappa, mu, e1, e2, cutoff, max_events, stiffens, points, log, se
         log                 rows of paths (`pair.path.LOG_COLUMNS`); may have none
         sets                the contacts that act, of shape (entries, 1): contact 1 is the lowest bit, 0 is the end
         velocities          v1, v2; NaN where a collision was given up, or m2/m1 is beyond `MASS_PRECISION`
-        numbers             code; numbers of states, events and rows; the grazing margin (`pair.events.first_event`);
-                            and the residual of the energy balance, 1/2 less what was lost and what is left
+        results             records of `RESULT`
     """
     at, place = np.int64(0), 0
     for i in range(kappa.size):
@@ -251,6 +264,7 @@ def collide_all(kappa, mu, e1, e2, cutoff, max_events, stiffens, points, log, se
             v1 = v2 = nan
         at, place = at + rows, place + states
         velocities[i, 0], velocities[i, 1] = v1, v2
-        out = numbers[i]
-        out[0], out[1], out[2], out[3], out[4] = code, states, events, rows, margin
-        out[5] = 0.5 - loss - 0.5 * (v1 * v1 + mu[i] * v2 * v2)
+        result = results[i]
+        result.code, result.n_states, result.n_events, result.rows = code, states, events, rows
+        result.margin = margin
+        result.residual = 0.5 - loss - 0.5 * (v1 * v1 + mu[i] * v2 * v2)

@@ -20,7 +20,8 @@ from impact_xval.model.pair.motion import modal, turn_little
 
 EPSILON = 2.0**-52
 
-#: How far from zero, relative to its slow amplitude, a function stays where the envelope steps over it.
+#: How far from zero, relative to the sum of its amplitudes, a function stays where the envelope steps over it; not less
+#: than `pair.grazing.NEAR`, so that no near-miss is stepped over.
 ENVELOPE_RESERVE = 0.05
 
 #: While a root is closed in on, every BISECT-th step halves its bracket whatever is predicted.
@@ -105,11 +106,10 @@ def root_before(c, t, h, low, start, end, noise, omega, a, b):
 def envelope_time(lag, c, t, omega, a, b, radius):
     """Earliest time from t on at which the slow sinusoid of a watched function comes near its fast amplitude.
 
-    Near is within `ENVELOPE_RESERVE` of the slow amplitude, so that no near-miss is stepped over unseen. A rate lags 0,
-    a force a quarter turn behind q_j.
+    Near is within `ENVELOPE_RESERVE` of the sum of both amplitudes. A rate lags 0, a force a quarter turn behind q_j.
     """
-    slow = abs(c[0]) * radius[0]
-    fast = abs(c[1]) * radius[1] + ENVELOPE_RESERVE * slow
+    slow, fast = abs(c[0]) * radius[0], abs(c[1]) * radius[1]
+    fast += ENVELOPE_RESERVE * (slow + fast)
     if slow <= fast:
         return t
     # the slow part is slow * cos(omega t - phase)

@@ -150,7 +150,12 @@ def test_broken_ones_are_unavailable_with_the_reason_and_break_no_command(site, 
         assert solver.version() == ""
     printed = command(SOLVE)  # every solver, these included
     assert all(f"{name}: unavailable: broken 1.2" in printed for name in BROKEN)
-    command("solvers")
+    # No law is listed that they have not stated.
+    listed = command("solvers")
+    for name in BROKEN:
+        assert not re.search(rf"kelvin-voigt +{name} ", printed), printed
+        assert re.search(rf"^{name} +- ", listed, re.M), listed
+    assert re.search(r"^mujoco +kelvin-voigt ", listed, re.M), listed
     command("solvers lacks", ends=2)
 
 

@@ -37,10 +37,12 @@ def measured(engine, pair, step, place):
     return getattr(hand_scenes, engine)(pair, text, step, float(3 + place) * pair.speed * step)
 
 
-ALL_TWENTY = [pytest.param(engine, 20, marks=pytest.mark.nightly) for engine in ("pybullet", "drake")]
+ALL_TWENTY = [
+    pytest.param(engine, 20, marks=pytest.mark.nightly) for engine in ("mujoco", "pybullet", "drake")
+]
 
 
-@pytest.mark.parametrize(("engine", "n"), [("mujoco", 20), ("pybullet", 3), ("drake", 1), *ALL_TWENTY])
+@pytest.mark.parametrize(("engine", "n"), [("mujoco", 8), ("pybullet", 1), ("drake", 1), *ALL_TWENTY])
 def test_pasted_into_a_scene_written_by_hand(engine, n):
     solver, rng = installed(engine), np.random.default_rng(1)
     for pair in requests(n):

@@ -48,8 +48,8 @@ def compare(cells, cutoffs, *comparisons):
 @pytest.mark.parametrize("cutoffs", CUTOFFS)
 def test_random_and_elastic_cells_are_those_of_both_integrations(cutoffs):
     comparisons = (compare_in_impulse_space, compare_in_time)[: 1 + (cutoffs[0] == "exact")]
-    assert compare(np.array(random_cells(40, 31)), cutoffs, *comparisons)[0] <= 1
-    elastic = product([0.02, 0.7, 30.0], [0.3, 1.7], [(1.0, 1.0), (1.0, 0.6), (0.6, 1.0)])
+    assert compare(np.array(random_cells(15, 31)), cutoffs, *comparisons)[0] <= 1
+    elastic = product([0.02, 30.0], [0.3, 1.7], [(1.0, 1.0), (1.0, 0.6), (0.6, 1.0)])
     cells = np.transpose([(ratio, mass, *e) for ratio, mass, e in elastic])
     assert compare(cells, cutoffs, *comparisons)[0] == 0
 

@@ -1,11 +1,16 @@
 """Columns that others have computed or measured, with the precision their numbers bear (docs/columns.md, section 5)."""
 
+import itertools
 import json
+import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
+from impact_xval.compliant_baselines import Settings, get_solver
 from impact_xval.model import Collision, solve
 from tests.compliant_baselines.reference_cells import chain
 from tests.model.column_reference import JME, LZB
@@ -52,3 +57,67 @@ def test_where_no_compression_is_repeated_the_two_laws_are_one():
 def test_elastic_hertz_chains(balls, struck, velocities, bears):
     outcome = solved(chain(*struck * [-1], *(balls - struck) * [0]), exponent=1.5)
     assert np.nanmax(np.abs(np.subtract(outcome.velocities, velocities))) < bears
+
+
+#: By exponent p the overall collision times of cradles of 2 to 8 balls, one of which strikes, over that of two balls.
+OVERALL = {
+    1.5: (1, 1.530, 2.036, 2.533, 3.025, 3.516, 4.005),
+    1.0: (1, 1.543, 2.057, 2.558, 3.051, 3.539, 4.023),
+}
+
+
+def overall_time(balls, exponent, solver="bistiffness"):
+    """Time in s from the first touch to the last of an elastic cradle, m = k = 1, one ball striking at 1 m/s."""
+    column = replace(chain(-1, *(balls - 1) * [0]), exponent=exponent)
+    (outcome,) = get_solver(solver).solve_many([column], Settings(scenario="impact"))
+    assert outcome.status == "ok"
+    return outcome.diagnostics["duration"]
+
+
+@pytest.mark.parametrize("law", ["bistiffness", "kelvin-voigt", "compression-dashpot", "hunt-crossley"])
+@pytest.mark.parametrize("exponent", OVERALL)
+def test_each_further_ball_of_a_cradle_adds_half_the_time_of_the_first_collision(exponent, law):
+    """As measured in a laboratory: Lovett, Moulding and Anketell-Jones, Eur. J. Phys. 9, 323 (1988), abstract."""
+    times = [overall_time(balls, exponent, law) for balls in range(2, 9)]
+    assert np.divide(times, times[0]) == pytest.approx(OVERALL[exponent], abs=5.1e-4, rel=0)  # three decimals
+    added = [(later - time) / times[0] for time, later in itertools.pairwise(times)]
+    assert added == pytest.approx([0.5] * 6, abs=0.05, rel=0)  # single collisions one after the other: 1 each
+
+
+@pytest.mark.parametrize(("engine", "within"), [("mujoco", 0.005), ("pybullet", 0.013)])
+def test_so_it_does_by_engines_of_springs(engine, within):
+    if (reason := get_solver(engine).unavailable()) is not None:
+        pytest.skip(reason)
+    times = [overall_time(balls, 1.0, engine) for balls in range(2, 9)]
+    assert np.divide(times, times[0]) == pytest.approx(OVERALL[1.0], abs=within + 5e-4, rel=0)
+
+
+@pytest.mark.parametrize("exponent", OVERALL)
+def test_the_time_of_two_balls_is_that_of_hertz(exponent):
+    """Closed form of a force k d^p (Hertz 1881 for p = 1.5): 2 d/u times the integral of (1 - x^(p+1))^(-1/2)."""
+    reduced, q = 0.5, 1 / (exponent + 1)
+    deepest = (reduced / (2 * q)) ** q
+    expected = 2 * deepest * math.sqrt(math.pi) * math.gamma(1 + q) / math.gamma(0.5 + q)
+    assert overall_time(2, exponent) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("balls", [3, 8])
+@pytest.mark.parametrize("exponent", OVERALL)
+def test_so_does_an_integration_in_time_by_another_method(balls, exponent):
+    def rates(_, y):
+        forces = np.maximum(-np.diff(y[:balls]), 0) ** exponent  # of contact i, between balls i and i + 1
+        return np.concatenate([y[balls:], -np.diff(forces, prepend=0, append=0)])
+
+    def opening(contact):
+        def depth(_, y):
+            return y[contact] - y[contact + 1]
+
+        depth.__dict__["direction"] = -1  # as `solve_ivp` wants it
+        return depth
+
+    events = [opening(contact) for contact in range(balls - 1)]
+    start = np.zeros(2 * balls)
+    start[balls] = 1  # ball 1 moves towards the others
+    went = solve_ivp(rates, (0, 20), start, "DOP853", events=events, rtol=1e-11, atol=1e-13)
+    last = max(times[-1] for times in went.t_events)
+    assert overall_time(balls, exponent) == pytest.approx(last, rel=1e-7)

@@ -36,6 +36,7 @@ from impact_xval.experiments.presentation.words import (
     begun,
     named,
     one_vote,
+    restitution_of_two,
     written,
 )
 from impact_xval.experiments.tables.folder import RunFolder
@@ -328,7 +329,8 @@ def _effective(folder: RunFolder) -> Section:
     ]
     said = "Stiffness, damping, restitution and step of an engine are read back after they were set."
     none = "All are as requested, to the engines' own precision."
-    return Section("Requested and effective", [said, *(found or [none])])
+    product = restitution_of_two(folder.config().solvers)
+    return Section("Requested and effective", [said, *(found or [none]), *([product] if product else [])])
 
 
 def _unsolved(summary: Summary) -> Section:

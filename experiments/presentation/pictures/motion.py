@@ -1,9 +1,13 @@
-"""One collision in slow motion: balls, contacts and forces by the model and, beside it, by another solver."""
+"""One collision in slow motion: balls, contacts and forces by the model and, beside it, by other solvers.
+
+Balls on a table stand, the panels of solvers beside one another. Balls in a row without a table lie, the panels below
+one another: ball 1 is on the left, and moves to the right at first.
+"""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -20,7 +24,7 @@ from matplotlib.text import Text
 from numpy.typing import NDArray
 from PIL import Image
 
-from impact_xval.compliant_baselines.registry import is_engine
+from impact_xval.compliant_baselines.registry import kind_of
 from impact_xval.experiments.config.arrangements import Arranged
 from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.presentation.html import page_of, render
@@ -28,13 +32,16 @@ from impact_xval.experiments.presentation.pictures.curves import by_ratios
 from impact_xval.experiments.presentation.pictures.history import Floats, History, history_of, passed_at
 from impact_xval.experiments.presentation.style import drawing
 from impact_xval.experiments.presentation.words import arranged, named
-from impact_xval.experiments.tables.numbers import number
+from impact_xval.experiments.tables.numbers import listed, number
 from impact_xval.experiments.tables.parquet import replacing
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
 
 Pixels = NDArray[np.uint8]
 
 _STATES = ("S1: both contacts act", "S2: ball on table", "S3: ball on ball", "S4: no contact acts")
+
+#: Solvers that are shown beside the model at most.
+MOST = 6
 
 _CLOCK = "The model has no time: its clock is how long its forces take to pass on its impulses."
 
@@ -63,36 +70,67 @@ _ZIGZAG = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """What is animated: a collision, which it is in words, and its histories by solver, the model first."""
+    """What is animated: a collision, which it is in words, and its histories by solver, the model first.
+
+    `left_out` says of solvers that were asked for, and are not shown, why not.
+    """
 
     collision: Collision
     what: str
     histories: dict[str, History]
+    left_out: dict[str, str]
 
     @classmethod
     def of(
         cls, collision: Collision, outcomes: Mapping[str, Outcome], config: Config, column: Arranged | None
     ) -> Motion:
-        """Put the model beside an engine, or else another solver; a ValueError says that one has no path in time.
+        """Put solvers beside the model, in the order of the outcomes, `MOST` at most.
 
-        The configuration says how they solved it, and `column` what the collision is, if a column.
+        The configuration says how they solved it, and `column` what the collision is, if a column. A ValueError says
+        that no solver but the model has a path in finite time.
         """
-        drop, shown = config.scenario == "drop", {}
-        for name in sorted(outcomes, key=lambda name: (name != REFERENCE, not is_engine(name))):
+        drop, shown, left_out = config.scenario == "drop", {}, {}
+        for name in sorted(outcomes, key=lambda name: name != REFERENCE):
             outcome = outcomes[name]
             weight = config.gravity if drop and name != REFERENCE else 0.0
-            if outcome.status in RESULT_STATUSES and outcome.path is not None:
-                history = history_of(collision, outcome.path, weight)
-                shown |= {name: history} if history is not None else {}
-        if REFERENCE not in shown or len(shown) < 2:
+            if outcome.status not in RESULT_STATUSES:
+                left_out[name] = outcome.status
+                continue
+            history = None if outcome.path is None else history_of(collision, outcome.path, weight)
+            if history is None:
+                left_out[name] = "no path in finite time"
+            elif len(shown.keys() - {REFERENCE}) == MOST:
+                left_out[name] = f"{MOST} at most"
+            else:
+                shown[name] = history
+        if not shown.keys() - {REFERENCE}:
+            reasons = ", ".join(f"{name}: {reason}" for name, reason in left_out.items())
             raise ValueError(
-                "needs the model and another solver with a path in finite time; legal: such a collision, or FILE.png"
+                "needs a solver beside the model with a path in finite time"
+                + (f" ({reasons})" if reasons else "")
+                + "; legal: such a collision, or FILE.png"
             )
         what = (
             arranged(column) if column is not None else f"{by_ratios(collision)}, scenario {config.scenario}"
         )
-        what += ", in which the model has no gravity" if drop else ""
-        return cls(collision, what, dict(list(shown.items())[:2]))
+        what += ", in which the model has no gravity" if drop and REFERENCE in shown else ""
+        return cls(collision, what, shown, left_out)
+
+    @property
+    def lies(self) -> bool:
+        """Whether the balls lie in a row: without a table there is no below."""
+        return not self.collision.table
+
+    @property
+    def rigid(self) -> list[str]:
+        """Solvers whose contacts are rigid, beside others: their forces, a step long, exceed every scale."""
+        rigid = [name for name in self.histories if kind_of(name) == "rigid"]
+        return rigid if len(rigid) < len(self.histories) else []
+
+    @property
+    def clock(self) -> str:
+        """What the clock of the model is; empty where the model is not shown."""
+        return _CLOCK if REFERENCE in self.histories else ""
 
     @property
     def instants(self) -> Floats:
@@ -110,20 +148,31 @@ class Motion:
 
     def title(self) -> str:
         """Say who is shown."""
-        return f"One collision in slow motion: {' and '.join(map(named, self.histories))}"
+        return f"One collision in slow motion: {listed(map(named, self.histories))}"
 
     def caption(self) -> str:
         """Say what is shown, and what the clock is."""
         seconds = self.instants[-1] * self.collision.units.time
         c, slower = self.collision, number(FRAMES / RATE / seconds, 2)
         unit = "N/m" if c.exponent == 1 else f"N/m^{number(c.exponent)}"
+        model = (
+            " The model's heights are those that its velocities imply. Where its balls still overlap when a contact "
+            "has ended, its assumption of frozen positions shows."
+        )
+        cut = (
+            f" Forces of {listed(map(named, self.rigid))}, which last a step, are cut off."
+            if self.rigid
+            else ""
+        )
+        missing = listed(f"{named(name)} ({why})" for name, why in self.left_out.items())
+        heights, first = ("places", "on the left") if self.lies else ("heights", "on top")
         return (
             f"{self.title()}: {self.what}; {slower} times slower than at m1 = {number(c.masses[0])} kg, k1 = "
-            f"{number(c.stiffnesses[0])} {unit}. Balls and springs show heights with compressions enlarged, a grey "
-            "spring carries no force; arrows are velocities, bars the forces of the contacts, 1 on top, which stand "
-            f"over time below. {_CLOCK} The model's heights are those that its velocities imply. Where its balls still "
-            "overlap when a contact has ended, its assumption of frozen positions shows."
-        )
+            f"{number(c.stiffnesses[0])} {unit}. Balls and springs show {heights} with compressions enlarged, a grey "
+            f"spring carries no force; arrows are velocities, bars the forces of the contacts, 1 {first}, which stand "
+            f"over time {'beside' if self.lies else 'below'}. {self.clock}{model if self.clock else ''}{cut}"
+            + (f" Not shown: {missing}." if missing else "")
+        ).replace("  ", " ")
 
 
 def _at_rest(c: Collision) -> tuple[Floats, Floats]:
@@ -135,27 +184,40 @@ def _at_rest(c: Collision) -> tuple[Floats, Floats]:
     return radii, np.cumsum((springs + 2 * radii)[::-1])[::-1] - radii
 
 
-def _moving(motion: Motion, scale: float, strongest: float, now: tuple[Any, ...]) -> Iterator[Artist]:
-    """Give what moves in the picture of a solver: springs, balls, bars of force, arrows of velocity, the state."""
+def _moving(
+    motion: Motion, scale: float, strongest: float, letters: float, now: tuple[Any, ...]
+) -> Iterator[Artist]:
+    """Give what moves in the picture of a solver: springs, balls, bars of force, arrows of velocity, the state.
+
+    The names of balls are `letters` points high.
+    """
     heights, velocities, forces, acting = now
     radii, at_rest = _at_rest(motion.collision)
     middles, top = at_rest + scale * heights, at_rest[0] + radii[0] + _RISE
     tops = np.append(middles + radii, 0.0)[1:]  # of what is below a contact, the table last
     ends = list(zip(tops, np.minimum(middles - radii, tops + _SPRING), strict=True))
     contacts = list(zip(ends, motion.colors, acting, forces, strict=False))  # the last ball may have none
+
+    def place(across: Any, up: Any) -> tuple[Any, Any]:
+        """Where a point is drawn: what is on top lies on the left."""
+        return (np.negative(up), across) if motion.lies else (across, up)
+
     for (low, high), color, acts, _ in contacts:
-        zigzag = low + (high - low) * _ZIGZAG[1]
-        yield Line2D(_ZIGZAG[0], zigzag, linewidth=1.6, color=color if acts else _IDLE)
+        zigzag = place(_ZIGZAG[0], low + (high - low) * _ZIGZAG[1])
+        yield Line2D(*zigzag, linewidth=1.6, color=color if acts else _IDLE)
     for i, (y, radius) in enumerate(zip(middles, radii, strict=True)):
-        yield Circle((0, y), radius, facecolor=_BALLS[i % 2], edgecolor="black")
-        yield Text(0, y, f"B{i + 1}", ha="center", va="center", fontsize=9)
+        yield Circle(place(0, y), radius, facecolor=_BALLS[i % 2], edgecolor="black")
+        yield Text(*place(0, y), f"B{i + 1}", ha="center", va="center", fontsize=letters)
     for (low, high), color, _, force in contacts:
-        place = [0.28, 0.28 + _BAR * max(force, 0.0) / strongest], [0.5 * (low + high)] * 2
-        yield Line2D(*place, color=color, linewidth=6, solid_capstyle="butt")
+        length = _BAR * min(max(force, 0.0) / strongest, 1.0)
+        bar = place(np.array([0.28, 0.28 + length]), np.full(2, 0.5 * (low + high)))
+        yield Line2D(*bar, color=color, linewidth=6, solid_capstyle="butt")
     for y, radius, v in zip(middles, radii, velocities, strict=True):
         if abs(v) > 1e-3:
-            head = {"marker": "^" if v > 0 else "v", "markersize": 6, "markevery": [1]}
-            yield Line2D([-radius - 0.15] * 2, [y, y + _ARROW * v], color="black", linewidth=1.4, **head)
+            upward, downward = ("<", ">") if motion.lies else ("^", "v")
+            head = {"marker": upward if v > 0 else downward, "markersize": 6, "markevery": [1]}
+            arrow = place(np.full(2, -radius - 0.15), np.array([y, y + _ARROW * v]))
+            yield Line2D(*arrow, color="black", linewidth=1.4, **head)
     if motion.collision.falls_on_resting:
         state = _STATES[3 - acting @ np.array([1, 2])]
         yield Text(-1.25, top, state, fontsize=9.5, va="top", fontweight="bold", clip_on=False)
@@ -164,26 +226,31 @@ def _moving(motion: Motion, scale: float, strongest: float, now: tuple[Any, ...]
 def frames_of(motion: Motion) -> Iterator[Pixels]:
     """Draw the pictures of a motion, shape (height, width, 3) each; all but what moves is drawn once.
 
-    There is a scene a solver, and below it the forces of the contacts over time.
+    There is a scene a solver, and below or beside it the forces of the contacts over time.
     """
     instants, histories = motion.instants, motion.histories.values()
-    shown = [(each, each.time <= instants[-1]) for each in histories]
-    largest = max(each.compressions[some].max() for each, some in shown)
+    shown = {name: (each, each.time <= instants[-1]) for name, each in motion.histories.items()}
+    largest = max(each.compressions[some].max() for each, some in shown.values())
     scale = _COMPRESSED * _SPRING / largest if largest > 0 else 1.0
-    forces = np.concatenate([each.forces[some[1:]] for each, some in shown])
+    soft = [each.forces[some[1:]] for name, (each, some) in shown.items() if name not in motion.rigid]
+    forces = np.concatenate(soft)
     strongest, least = float(forces.max()), min(0.0, float(forces.min()))
-    with drawing(7.6, 5.0 + 0.4 * min(len(motion.collision.masses), 20)) as figure:
+    width, height = _size(motion)
+    with drawing(width, height) as figure:
         figure.dpi = _DPI
         panels = _set_up(figure, motion, 1.08 * least, 1.08 * strongest)
         moving = [zip(*each.at(instants), strict=True) for each in histories]
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
+        unit = panels[0][0].transData.transform([(0, 0), (1, 0)])[:, 0]
+        radius = float(np.diff(unit)[0]) * _at_rest(motion.collision)[0].min() * 72 / _DPI
+        letters = min(9.0, radius)
         still = canvas.copy_from_bbox(figure.bbox)
         for instant, *states in zip(instants, *moving, strict=True):
             canvas.restore_region(still)
             for (scene, below), now in zip(panels, states, strict=True):
                 across = {"transform": below.get_xaxis_transform(), "color": "black", "linewidth": 0.9}
-                _draw(scene, *_moving(motion, scale, strongest, now))
+                _draw(scene, *_moving(motion, scale, strongest, letters, now))
                 _draw(below, Line2D([instant, instant], [0, 1], **across))
             yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
@@ -196,37 +263,69 @@ def _draw(ax: Any, *artists: Artist) -> None:
         artist.remove()
 
 
-def _set_up(figure: Figure, motion: Motion, least: float, most: float) -> list[tuple[Any, Any]]:
+def _size(motion: Motion) -> tuple[float, float]:
+    """Width and height of a picture in inches."""
+    balls, solvers = min(len(motion.collision.masses), 20), len(motion.histories)
+    if motion.lies:
+        return 8.5 + 0.35 * balls, 1.6 + 1.7 * solvers
+    return max(7.6, 2.7 * solvers), 5.0 + 0.4 * balls
+
+
+def _set_up(figure: Figure, motion: Motion, least: float, most: float) -> Sequence[tuple[Any, ...]]:
     """Draw all that does not move; by solver the axes of its scene, and of its forces, which have these limits."""
-    c, last, panels = motion.collision, motion.instants[-1], []
-    radii, at_rest = _at_rest(c)
-    limits = (-0.12 if c.table else -_FALL, at_rest[0] + radii[0] + _RISE)
+    c, last = motion.collision, motion.instants[-1]
     figure.set_layout_engine("none")
-    high = figure.get_figheight()
-    sides = {"left": 0.08, "right": 0.98, "top": 1 - 0.58 / high, "bottom": 1 / high, "hspace": 0.08}
-    grid = figure.add_gridspec(2, len(motion.histories), height_ratios=(high - 2.6, 1), **sides)
-    for column, (name, history) in enumerate(motion.histories.items()):
-        scene = figure.add_subplot(grid[0, column])
-        scene.set_title(named(name), pad=8)
-        scene.set(xlim=(-1.25, 1.25), ylim=limits, aspect="equal")
-        scene.axis("off")
-        if c.table:
-            scene.fill_between([-1.25, 1.25], -0.12, 0, color="0.55", linewidth=0)
-        below = figure.add_subplot(grid[1, column])
+    high, count = figure.get_figheight(), len(motion.histories)
+    sides = {"right": 0.98, "top": 1 - 0.58 / high, "bottom": 1 / high}
+    if motion.lies:
+        grid = figure.add_gridspec(
+            count, 2, width_ratios=(2.2, 1), left=0.01, hspace=0.3, wspace=0.12, **sides
+        )
+        panels = [tuple(figure.add_subplot(grid[row, side]) for side in (0, 1)) for row in range(count)]
+    else:
+        ratios = (high - 2.6, 1)
+        grid = figure.add_gridspec(2, count, height_ratios=ratios, left=0.08, hspace=0.08, **sides)
+        panels = [tuple(figure.add_subplot(grid[row, side]) for row in (0, 1)) for side in range(count)]
+    time = "time / sqrt(m1/k1) (-)" if c.exponent == 1 else "time (-)"
+    for number_of, ((scene, below), (name, history)) in enumerate(
+        zip(panels, motion.histories.items(), strict=True)
+    ):
+        scene.set_title(named(name), pad=8 if count <= 3 else 4, fontsize=None if count <= 3 else 9)
+        _set_scene(scene, motion)
         for i, color in enumerate(motion.colors, 1):
             label = f"contact {i}, with the table" if i == len(c.masses) else f"contact {i}"
             below.plot(history.between, history.forces[:, i - 1], color=color, label=label, linewidth=1.3)
-        time = "time / sqrt(m1/k1) (-)" if c.exponent == 1 else "time (-)"
-        below.set(xlim=(0, last), ylim=(least, most), xlabel=time)
-        below.tick_params(labelleft=column == 0)
-        panels.append((scene, below))
-    figure.axes[1].set_ylabel("force (-)")
-    lines = figure.axes[1].get_legend_handles_labels()
+        below.set(xlim=(0, last), ylim=(least, most))
+        if motion.lies:
+            below.set_ylabel("force (-)")
+            below.tick_params(labelbottom=number_of == count - 1)
+        else:
+            below.tick_params(labelleft=number_of == 0)
+        if not motion.lies or number_of == count - 1:
+            below.set_xlabel(time)
+    if not motion.lies:
+        panels[0][1].set_ylabel("force (-)")
+    lines = panels[0][1].get_legend_handles_labels()
     if len(motion.colors) <= 6:
         figure.legend(*lines, loc="lower center", bbox_to_anchor=(0.53, 0.17 / high), ncols=6, fontsize=8)
     figure.suptitle(motion.what, fontsize=10)
-    figure.text(0.01, 0.07 / high, f"{_CLOCK} Compressions are enlarged.", fontsize=7, color="0.3")
+    remarks = [motion.clock, "Compressions are enlarged."]
+    if motion.left_out:
+        remarks.append(f"Not shown: {listed(map(named, motion.left_out))}.")
+    figure.text(0.01, 0.07 / high, " ".join(filter(None, remarks)), fontsize=7, color="0.3")
     return panels
+
+
+def _set_scene(scene: Any, motion: Motion) -> None:
+    """Give the axes of a scene their limits, and the table where there is one."""
+    radii, at_rest = _at_rest(motion.collision)
+    top = at_rest[0] + radii[0] + _RISE
+    if motion.lies:
+        scene.set(xlim=(-top, _FALL), ylim=(-0.9, 1.1), aspect="equal")
+    else:
+        scene.set(xlim=(-1.25, 1.25), ylim=(-0.12, top), aspect="equal")
+        scene.fill_between([-1.25, 1.25], -0.12, 0, color="0.55", linewidth=0)
+    scene.axis("off")
 
 
 def write_animation(motion: Motion, path: Path) -> None:

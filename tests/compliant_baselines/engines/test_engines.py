@@ -224,9 +224,9 @@ def everything(run):
 
 def test_many_steps_a_call_are_single_steps_to_the_bit(monkeypatch):
     engine = installed("pybullet")
-    columns = random_columns(12, 6, table=True)
+    columns = random_columns(5, 6, table=True)
     lines = [Scene.of(column, Settings(step_fraction=2e-3)) for column in columns]
-    for some in (*(scenes(*scene, n=12, seed=11) for scene in SCENES), lines):
+    for some in (*(scenes(*scene, n=5, seed=11) for scene in SCENES), lines):
         found = []
         for record_path, shortest in ((False, 10**9), (False, 8), (True, 8)):
             monkeypatch.setattr(stepping, "SHORTEST_LEAP", shortest)

@@ -58,6 +58,28 @@ def test_hostile_names_and_reasons_stay_text_and_without_a_path_there_is_no_pict
         compared.plot()
 
 
+def test_d_between_every_two_solvers_is_what_a_hand_computation_gives():
+    velocities = {"mujoco": (0.5, 0.25), "pybullet": (0.75, 0.5), "state-transition": (0.25, 0.0)}
+    outcomes = {name: Outcome(name, v, (1.5, 1.75), ("S1", "S4")) for name, v in velocities.items()}
+    heavy = Collision.two_balls(m1=1.0, m2=3.0, k1=1e8, k2=1e8, e1=0.9, e2=0.7, v0=-2.0)
+    lost = {"drake": Outcome.failure("drake", heavy, "unavailable", "not here")}
+    compared = Compared(heavy, outcomes | lost)
+    # sqrt((0.25^2 + 3 0.25^2)/(1 2^2)) = 0.25, and twice as much
+    expected = {("mujoco", "pybullet"): 0.25, ("mujoco", "state-transition"): 0.25}
+    assert compared.between == expected | {("pybullet", "state-transition"): 0.5}
+    lines = [line.split() for line in str(compared).partition("D between every two solvers")[2].splitlines()]
+    assert [line for line in lines if line][:3] == [
+        ["solver", "mujoco", "pybullet"],
+        ["pybullet", "0.25"],
+        ["state-transition", "0.25", "0.5"],
+    ]
+    known = {row["solver"]: row["D_from"] for row in compared.objects()}
+    assert known["pybullet"] == {"mujoco": 0.25, "state-transition": 0.5}
+    assert known["drake"] == {}
+    two = Compared(heavy, {name: outcomes[name] for name in ("mujoco", "state-transition")})
+    assert "D between" not in str(two)  # the table has it
+
+
 def test_what_is_illegal_is_named():
     for options, says in (({"solvers": ["bullet"]}, "is not a solver"), ({"timeout": 0}, "greater than 0")):
         with pytest.raises(ValueError, match=says):

@@ -7,10 +7,14 @@ import re
 import pyarrow.parquet as pq
 import pytest
 
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines.rigid.lines import RigidWorld
 from impact_xval.experiments.commands import solvers
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.presentation.contacts import rounded_outward
+from impact_xval.experiments.presentation.words import restitution_of_two
 from impact_xval.experiments.sweep.run import run_sweep
+from impact_xval.model import Collision
 from tests.compliant_baselines.test_paste import ENGINES, run_alone
 
 
@@ -33,6 +37,32 @@ def test_what_was_asked_what_to_paste_and_what_came_back(command):
     assert "Drops in mujoco by the lines above alone" in text
     step = re.search(r'timestep="(\S+)"', text)[1]
     assert f"\n{float(step):g} s is the largest step tried" in text
+
+
+@pytest.mark.parametrize("engine", ["pybullet-restitution", "dart", "pymunk"])
+def test_what_is_said_of_the_restitutions_of_two_bodies_is_what_the_engine_does(engine, monkeypatch):
+    solver = get_solver(engine)
+    if reason := solver.unavailable():
+        pytest.skip(reason)
+    monkeypatch.setattr(RigidWorld, "partner", 0.9)
+    pair = Collision((1.0, 1.0), (1e4,), (0.9,), (-1.0, 0.0), table=False)
+    v1, v2 = solver.solve(pair).velocities
+    gives = float(re.search(r"0.9 on both gives (\S+)\.", restitution_of_two([engine]))[1])
+    # They meet with 1 m/s; DART softens its constraints by some 1e-5. The mean would be 0.9.
+    assert v1 - v2 == pytest.approx(gives, abs=1e-3)
+
+
+def test_restitutions_that_multiply_are_said_where_one_goes_in(command):
+    of_pybullet = command("contact --engine pybullet --masses 1 inf --restitution 0.7 --stiffness 1e6")
+    assert (
+        "PyBullet multiplies the restitutions of the two bodies of a contact: 0.7 on both gives 0.49."
+        in of_pybullet
+    )
+    assert "multiplies" not in command(
+        "contact --engine mujoco --masses 1 inf --restitution 0.7 --stiffness 1e6"
+    )
+    assert "multiply those of the two bodies" in " ".join(command("contact --help").split())
+    assert restitution_of_two(["pymunk", "dart", "mujoco"]).startswith("DART and Pymunk multiply the ")
 
 
 def test_a_material_and_a_radius_are_a_contact(command):

@@ -6,10 +6,14 @@ import re
 from io import BytesIO
 
 import numpy as np
+import pytest
 from PIL import Image
 
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.presentation.pictures.motion import FRAMES, RATE
+from impact_xval.experiments.config.arrangements import Arranged
+from impact_xval.experiments.config.experiment import parse_config
+from impact_xval.experiments.presentation.pictures.motion import FRAMES, RATE, Motion, frames_of
+from impact_xval.model import Outcome, solve
 
 BESIDE = "solve --stiffness-ratio 1 --mass-ratio 1.1547 --e1 0.9 --e2 0.7 --solver kelvin-voigt"
 COLUMN = "solve --arrangement cradle --balls 3 --solver kelvin-voigt"
@@ -17,7 +21,7 @@ COLUMN = "solve --arrangement cradle --balls 3 --solver kelvin-voigt"
 
 def test_the_suffix_says_what_is_written_and_json_stays_json(tmp_path, capsys):
     for asked, suffix, first, says in (
-        *((BESIDE, *each, "One collision by ") for each in (("png", b"\x89PNG"), ("svg", b"<?xml"))),
+        (BESIDE, "png", b"\x89PNG", "One collision by "),
         (BESIDE, "pdf", b"%PDF", "markers: where each curve ends."),
         (COLUMN, "svg", b"<?xml", "final velocities"),
         (COLUMN, "gif", b"GIF8", "slow motion: the model and exact Kelvin-Voigt: a cradle of 3 balls"),
@@ -51,8 +55,57 @@ def test_a_page_needs_nothing_else_and_says_what_the_clock_is(tmp_path, command)
     assert "The model has no time: its clock is how long its forces" in rest
 
 
+CHAIN = Arranged(arrangement="chain", balls=2)
+
+
+def _of(column, names, **others):
+    """Make the motion of a column of which all solvers that are named have the path of the model."""
+    problem = column.column()
+    outcome = solve(problem, path=True)
+    return Motion.of(
+        problem, {name: outcome for name in names} | others, parse_config({"column": {}}), column
+    )
+
+
+SIX = ["mujoco", "pybullet", "kelvin-voigt", "bistiffness", "hunt-crossley", "rapier"]
+
+
+def test_all_solvers_that_were_asked_for_move_side_by_side_and_those_left_out_are_named():
+    problem = CHAIN.column()
+    lost = Outcome.failure("drake", problem, "unavailable", "not here")
+    motion = _of(CHAIN, [*SIX, "dart", "state-transition"], drake=lost)
+    assert list(motion.histories) == ["state-transition", *SIX]
+    assert motion.left_out == {"dart": "6 at most", "drake": "unavailable"}
+    assert "Not shown: DART (6 at most) and Drake (unavailable)." in motion.caption()
+    assert "Rapier" in motion.title()
+    assert "Not shown" not in _of(CHAIN, ["state-transition", *SIX]).caption()
+
+
+def test_a_solver_moves_where_the_model_has_no_positions():
+    problem = CHAIN.column()
+    refused = Outcome.failure("state-transition", problem, "unrepresentable", "gaps")
+    motion = _of(CHAIN, ["mujoco"], **{"state-transition": refused})
+    assert list(motion.histories) == ["mujoco"]
+    assert "The model has no time" not in motion.caption()
+
+
+@pytest.mark.parametrize("arrangement", ["cradle", "stack"])
+def test_a_cradle_lies_and_a_stack_stands(arrangement):
+    """Balls 1 and 3 of the first solver are grey, beside one another or above one another."""
+    motion = _of(Arranged(arrangement=arrangement, balls=3), ["state-transition", "bistiffness"])
+    picture = next(frames_of(motion))
+    high, wide, _ = picture.shape
+    stands = arrangement == "stack"
+    # The scene of the first solver: the forces of its contacts, with a grey grid, are below or to the right.
+    scene = picture[: int(0.7 * high), : wide // 2] if stands else picture[: high // 2, : int(0.6 * wide)]
+    down, across = np.nonzero(np.abs(scene.astype(int) - 0xB0).max(axis=-1) <= 1)
+    # Beside the two balls single pixels, at the rims of letters, are of this grey.
+    of_balls = [np.ptp(np.percentile(each, [5, 95])) for each in (down, across)]
+    assert of_balls[0] > 2 * of_balls[1] if stands else of_balls[1] > 2 * of_balls[0]
+
+
 def test_what_does_not_move_is_one_line_and_nothing_is_written(tmp_path, capsys):
     assert main([*BESIDE.split(), "--e1", "0", "--plot", str(tmp_path / "one.gif")]) == 2
     said = capsys.readouterr().err
-    assert "needs the model and another solver with a path" in said
+    assert "needs a solver beside the model with a path" in said
     assert (said.count("\n"), [*tmp_path.iterdir()]) == (1, [])

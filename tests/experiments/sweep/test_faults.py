@@ -81,6 +81,7 @@ def test_a_reference_that_dies_leaves_the_others_a_result_without_a_comparison(t
     assert (lost["velocity_divergence"], lost["model_status"]) == (None, "crashed")
 
 
+@pytest.mark.nightly
 def test_processes_that_are_killed_cost_nothing_but_time(tmp_path):
     config = _config(tmp_path, [0.9] * 6, chunk_size=1)
     killed = []

@@ -55,7 +55,10 @@ def test_curves_end_where_the_tables_do_and_the_scene_is_one(cells):
             assert (impulse1[0], impulse2[0]) == (0, 0)
 
 
-@pytest.mark.parametrize(("run", "cell", "count"), [("engine_run", 7, 4), ("column_run", 0, 3)])
+@pytest.mark.parametrize(
+    ("run", "cell", "count"),
+    [("engine_run", 7, 4), pytest.param("column_run", 0, 3, marks=pytest.mark.nightly)],
+)
 def test_its_commands_can_be_pasted(run, cell, count, request, monkeypatch, command):
     root = request.getfixturevalue(run)
     opened = opened_cells(RunFolder(root), [cell])[cell]

@@ -1,0 +1,69 @@
+"""``impact-xval hypothesis``: the limits of the supplement put to the test, or one stiff pair of one's own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from impact_xval.experiments.commands import runs
+from impact_xval.experiments.commands.options import Workers, argument, of_one_collision, option, path
+from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.config.typed import asked
+
+
+@of_one_collision("scenario", "gravity", "exponent", "gap", "step_fraction", "cell_timeout")
+def hypothesis(
+    config: Path | None = argument(
+        "[FILE.toml]",
+        "A test (without it, the built-in design), or a collision: masses, stiffnesses, restitutions, velocities.",
+        path,
+        None,
+    ),
+    *,
+    out: Path | None = option("DIR", "Folder to write; by default runs/hypothesis.", path),
+    workers: Workers = None,
+    **typed: str | None,
+) -> None:
+    """Test whether infinitely stiff pairs move as one.
+
+    The supplement's hypothesis, limit by limit and solver by solver: verdicts, tables, a page.
+    The same command continues a test that was stopped.
+
+    Example: impact-xval hypothesis --out my-verdicts
+
+    Of a collision of your own, by the options of solve or in a file, it prints whether the stiffest pair moves as one
+    body, by every law, and how that goes as the contrast grows; nothing is written.
+
+    Example: impact-xval hypothesis --stiffness-ratio 40 --mass-ratio 1.15 --e1 0.9 --e2 0.7
+    """
+    given = [f"--{name.replace('_', '-')}" for name, value in typed.items() if value is not None]
+    if config is not None and given:
+        raise UserError(f"{config} and {given[0]} are given; legal: a file, or a collision by options")
+    own = None
+    if given:
+        collision, _, _ = asked(typed)
+        own = collision, None
+    elif config is not None:
+        from impact_xval.experiments.hypothesis.own import load_own
+
+        own = load_own(config)
+    if own is None:
+        runs.hypothesis(config, out, workers)
+        return
+    for name, value in (("out", out), ("workers", workers)):
+        if value is not None:
+            raise UserError(f"--{name} = {value}: of one collision nothing is written; legal: without it")
+    from impact_xval.experiments.hypothesis.own import own_blocks, own_pair
+    from impact_xval.experiments.presentation.terminal import (
+        COMPILING,
+        at_work,
+        error_line,
+        make_console,
+        show,
+    )
+    from impact_xval.experiments.sweep.chunk import are_compiled
+
+    if not are_compiled("state-transition", pair=own[0].falls_on_resting):
+        error_line(COMPILING)
+    with at_work("solving the collision at rising contrasts"):
+        found = own_pair(*own)
+    show(make_console(), own_blocks(found))

@@ -1,0 +1,279 @@
+"""The hypothesis for one collision of one's own: does its stiff pair move as one body, by every law.
+
+The two bodies of the stiffest contact are *welded* (`columns.welded`): one body of the mass and the momentum of both,
+or, at the table, part of the table. Each law solves the welded collision, the collision at hand, and the same at rising
+contrasts of the stiff contact, all other contacts being as they are. D is the kinetic norm of the difference from the
+welded collision, per that of the velocities at first touch. Where the contrast goes is judged as in a test of the
+hypothesis (`judging`): one rule for both.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from pydantic import Field
+
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines.solver import Settings
+from impact_xval.experiments.config.axes import Strict
+from impact_xval.experiments.config.errors import UserError, read_toml, validated
+from impact_xval.experiments.hypothesis.columns import ERROR, SOLVERS, of_each_ball, stiffened, welded
+from impact_xval.experiments.hypothesis.config import spaced
+from impact_xval.experiments.hypothesis.judging import CLOSE, distance, judge, usable
+from impact_xval.experiments.presentation.document import Block, Table
+from impact_xval.experiments.presentation.words import named
+from impact_xval.experiments.tables.numbers import listed, number
+from impact_xval.model.collision import MAX_BALLS, RESULT_STATUSES, Collision, Floats, Outcome
+
+#: Laws beside those of columns that two balls on a table are solved by.
+OF_PAIRS = ("liu-zhao-brogliato", "kelvin-voigt-anchored", "compression-dashpot", "hunt-crossley")
+
+#: A law that is for two balls on a table alone, and the law that is the same for the one ball that is left of them.
+_WELDED_BY = {"kelvin-voigt-anchored": "kelvin-voigt"}
+
+#: Contrasts of the series: from the first to the second, or to a hundred times that at hand, at most to the third, as
+#: in a test of the hypothesis; how many in a decade, and on how many decades a verdict is.
+_FROM, _TO, _MOST = 10.0, 1e6, 1e10
+_PER_DECADE, _DECADES = 4, 3.0
+
+#: Multiples of the contrast at hand whose D is shown beside it.
+MULTIPLES = (1.0, 10.0, 100.0, 1000.0)
+
+#: Of all solutions: a cut-off would insert the limit that is in question, and contacts may ring for long.
+_SETTINGS = Settings(stiffness_ratio_cutoff=math.inf, max_steps=50_000_000, mark=False)
+
+#: A key that no other file of the command has: it tells which of the two a file is.
+MARK = "masses"
+
+
+class OwnCollision(Strict):
+    """A collision of one's own, as a TOML file: balls in a line, from the top, and their contacts."""
+
+    masses: list[float] = Field(min_length=2, max_length=MAX_BALLS, description="a list of numbers > 0 (kg)")
+    stiffnesses: list[float] = Field(
+        description="a list of numbers > 0 (N/m), one a contact, the table's last"
+    )
+    restitutions: list[float] | float = Field(
+        0.9, description="a number from 0 to 1, or a list, one a contact"
+    )
+    velocities: list[float] | None = Field(
+        None, description="a list of numbers (m/s, up is positive), one a ball; by default the first has -1"
+    )
+    table: bool | None = Field(
+        None, description="true or false; by default true with as many contacts as balls"
+    )
+    stiff: int | None = Field(
+        None, description="the number of the stiff contact, from 1; by default the stiffest"
+    )
+
+    def collision(self) -> Collision:
+        """Return the collision; a ValueError says what is illegal."""
+        contacts, balls = len(self.stiffnesses), len(self.masses)
+        table = contacts == balls if self.table is None else self.table
+        e = self.restitutions
+        return Collision(
+            masses=tuple(self.masses),
+            stiffnesses=tuple(self.stiffnesses),
+            restitutions=tuple(e) if isinstance(e, list) else (e,) * contacts,
+            velocities=tuple(self.velocities or [-1.0, *[0.0] * (balls - 1)]),
+            table=table,
+        )
+
+
+def load_own(path: Path) -> tuple[Collision, int | None] | None:
+    """Read a collision and the place of its stiff contact, from 0; None if the file is a test of the hypothesis."""
+    data = read_toml(path)
+    if MARK not in data:
+        return None
+    own = validated(OwnCollision, data, str(path))
+    try:
+        collision = own.collision()
+    except ValueError as error:
+        raise UserError(f"{path}: {error}") from None
+    contacts = len(collision.stiffnesses)
+    if own.stiff is not None and not 1 <= own.stiff <= contacts:
+        raise UserError(f"{path}: stiff = {own.stiff}; legal: a whole number from 1 to {contacts}")
+    return collision, None if own.stiff is None else own.stiff - 1
+
+
+class OneLaw(NamedTuple):
+    """What a law makes of a collision whose stiff pair may be one body."""
+
+    solver: str
+    #: Why the law has no result for the collision at hand or the welded one, or why its series is undecided.
+    reason: str
+    #: D from the welded collision by contrast: at `MULTIPLES` of that at hand; NaN without a result.
+    distances: tuple[float, ...]
+    #: The rule of a test of the hypothesis: ``supported``, ``refuted``, ``no limit`` or ``undecided``.
+    verdict: str
+    rate: float
+    offset: float
+
+    @property
+    def as_one(self) -> str:
+        """Whether the pair moves as one body at the contrast at hand, in a word."""
+        if math.isnan(self.distances[0]):
+            return "-"
+        return "yes" if self.distances[0] <= CLOSE else "no"
+
+    @property
+    def growing(self) -> str:
+        """How D goes as the contrast grows, in words."""
+        match self.verdict:
+            case "supported":
+                return f"D falls as contrast^-{self.rate:.2f}: one body in the limit"
+            case "refuted":
+                return f"D goes to {number(self.offset, 2)}: not one body in the limit"
+            case "no limit":
+                return "D settles nowhere"
+        return "-" if self.as_one == "-" else f"undecided: {self.reason}"
+
+
+class OwnPair(NamedTuple):
+    """The stiff pair of a collision, by every law."""
+
+    collision: Collision
+    #: Place of the stiff contact, from 0, and its stiffness over the largest of the others.
+    contact: int
+    contrast: float
+    laws: list[OneLaw]
+
+    @property
+    def bodies(self) -> str:
+        """Name the two bodies of the stiff contact."""
+        upper = f"ball {self.contact + 1}"
+        below = "the table" if self.contact == len(self.collision.masses) - 1 else f"ball {self.contact + 2}"
+        return f"{upper} and {below}"
+
+    @property
+    def meets(self) -> bool:
+        """Whether the two bodies of the stiff contact have different velocities at first."""
+        return bool(self.collision.compression_rates[self.contact] > 0)
+
+
+def own_pair(collision: Collision, stiff: int | None = None) -> OwnPair:
+    """Solve a collision and its welded one by every law, at the contrast at hand and at rising ones.
+
+    `stiff` is the place of the contact in question, from 0; by default that of the stiffest. A `UserError` says that
+    there is none, or that no other body is left to collide with.
+    """
+    k: Floats = np.array(collision.stiffnesses)
+    contact = int(np.argmax(k)) if stiff is None else stiff
+    others = np.delete(k, contact)
+    if not others.size:
+        raise UserError(
+            "a collision with one contact: with its pair welded nothing is left to collide; legal: two"
+        )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        contrast = float(k[contact] / others.max())
+    if not 1 < contrast <= _MOST:
+        legal = f"a contact more than 1 and at most {_MOST:g} times as stiff as all others"
+        raise UserError(
+            f"contact {contact + 1}: its stiffness over the largest of the others is {contrast:.6g}; legal: {legal}"
+        )
+    if collision.exponent != 1 or any(collision.gaps):
+        raise UserError(
+            "exponent or gap: the hypothesis is tried on linear contacts that touch; legal: neither"
+        )
+    solvers = (*SOLVERS, *OF_PAIRS) if collision.falls_on_resting else SOLVERS
+    laws = [_one_law(name, collision, contact, contrast) for name in solvers]
+    return OwnPair(collision, contact, contrast, laws)
+
+
+def _one_law(name: str, collision: Collision, contact: int, contrast: float) -> OneLaw:
+    """Solve a collision by a law: welded, at multiples of the contrast at hand, and at those of the series."""
+    multiples = [x for x in MULTIPLES if x * contrast <= _MOST]
+    series = spaced((_FROM, min(_MOST, max(_TO, 100 * contrast))), _PER_DECADE)
+    stiffer = [*multiples[1:], *(x / contrast for x in series)]
+    asked = [collision, *(stiffened(collision, contact, x) for x in stiffer)]
+    outcomes = get_solver(name).solve_many(asked, _SETTINGS)
+    of_welded = get_solver(_WELDED_BY.get(name, name))
+    (as_one,) = of_welded.solve_many([welded(collision, contact)], _SETTINGS)
+    for each in (as_one, outcomes[0]):
+        if each.status not in RESULT_STATUSES:
+            nothing = (math.nan,) * len(MULTIPLES)
+            return OneLaw(name, f"{each.status}: {each.reason}", nothing, "undecided", math.nan, math.nan)
+    weights = np.array(collision.masses) / np.dot(collision.masses, np.square(collision.velocities))
+    form = of_each_ball(as_one.velocities, contact)
+    differences = np.array([each.velocities for each in outcomes]) - form
+    solved = np.array([each.status in RESULT_STATUSES for each in outcomes])
+    distances = np.where(solved, distance(weights, differences), math.nan)
+    shown = distances[: len(multiples)].tolist()
+    shown += [math.nan] * (len(MULTIPLES) - len(shown))
+    of_series = slice(len(multiples), None)
+    found = _judged(outcomes[of_series], distances[of_series], series, weights, form)
+    why = found["reason"].replace("the closed form", "the welded collision")
+    return OneLaw(name, why, tuple(shown), found["verdict"], found["rate"], found["offset"])
+
+
+def _judged(
+    outcomes: Sequence[Outcome],
+    distances: Floats,
+    contrasts: Sequence[float],
+    weights: Floats,
+    form: tuple[float, ...],
+) -> dict[str, Any]:
+    """Judge outcomes of a law at rising contrasts by the rule of a test of the hypothesis."""
+    margins = np.array([each.grazing_margin for each in outcomes], float)  # NaN where there is none
+    rows = pd.DataFrame({"contrast": contrasts, "distance": distances, "grazing_margin": margins})
+    rows = usable(rows, np.sqrt(rows.contrast))
+    velocities = np.empty(len(rows), dtype=object)
+    velocities[:] = [each.velocities for each in outcomes]
+    return judge(
+        {
+            "contrast": rows.contrast.to_numpy(),
+            "used": rows.used.to_numpy(),
+            "velocities": velocities,
+            "error": np.full(len(rows), ERROR),
+            "decades": [_DECADES],
+            "weights": [weights],
+            "closed_form": [form],
+        }
+    )
+
+
+def own_blocks(own: OwnPair) -> Iterator[Block]:
+    """Lay out what becomes of a stiff pair, a law a row, and what the columns mean."""
+    masses, place = own.collision.masses, own.contact
+    at_table = place == len(masses) - 1
+    united = (
+        f"ball {place + 1} is part of the table"
+        if at_table
+        else f"they are one body of {number(sum(masses[place : place + 2]), 6)} kg, with the momentum of both"
+    )
+    first = "meet with different velocities" if own.meets else "have one velocity at first"
+    yield (
+        f"Contact {place + 1}, between {own.bodies}, is {number(own.contrast, 6)} times as stiff as any other; its "
+        f"bodies {first}. Welded, {united}."
+    )
+    contrasts = [number(x * own.contrast) for x in MULTIPLES]
+    header = ["law", "as one body", f"D at {contrasts[0]} (yours)", *(f"D at {x}" for x in contrasts[1:])]
+    rows = [
+        (named(law.solver), law.as_one, *(number(d, 2) for d in law.distances), law.growing)
+        for law in own.laws
+    ]
+    yield Table([*header, "as the contrast grows"], rows, text=2)
+    highest = number(max(_TO, min(_MOST, 100 * own.contrast)))
+    yield (
+        f"D: difference from the same collision with the pair welded, by the same law, in the kinetic norm per that of "
+        f"the velocities at first touch. As one body: whether D is at most {CLOSE:g} at your contrast. As the contrast "
+        f"grows: where D goes up to a contrast of {highest}, all else as it is."
+    )
+    for answer in ("yes", "no"):
+        laws = [law for law in own.laws if law.as_one == answer]
+        if laws:
+            by = listed(f"{named(law.solver)} (D = {number(law.distances[0], 2)})" for law in laws)
+            yield f"As one body, by D from the welded pair at your contrast: {answer} by {by}."
+    if own.meets:
+        yield (
+            "The bodies of the stiff contact have an impact of their own first, and what it gives back parts them; the "
+            "supplement's hypothesis is of what follows once they have one velocity (docs/hypothesis.md)."
+        )
+    for law in own.laws:
+        if law.as_one == "-":
+            yield f"{named(law.solver)}: {law.reason}"
