@@ -13,11 +13,8 @@ import numpy as np
 import pytest
 
 from impact_xval.compliant_baselines import Settings, get_solver
-from impact_xval.compliant_baselines.references import dampings
 from impact_xval.model import Collision
-from impact_xval.model.chain.following import Problem
-from impact_xval.model.chain.laws import KELVIN_VOIGT
-from impact_xval.model.collision import Collisions
+from impact_xval.model.collision import RESULT_STATUSES
 from tests.compliant_baselines.reference_cells import in_time
 
 ROWS = [json.loads(row) for row in Path(__file__).with_name("power_laws.jsonl").read_text().splitlines()]
@@ -48,14 +45,9 @@ WEAK = Collision((1, 0.1, 0.01), (1, 0.01, 1e-4), (0.999999,) * 3, (-1, 0, 0), t
 WEAK_END = 0.955343613579812, 0.926115013146612, 0.392059285080179
 
 
-def test_a_tolerance_is_meant_where_the_force_of_a_weak_dashpot_ends():
-    some = Collisions.of([WEAK])
-    for tolerance in (1e-12, 3e-13, 1e-13, 1.1e-14, 1e-14, 9e-15, 5e-15):
-        problem = Problem(
-            some, KELVIN_VOIGT, dampings(some, "kelvin-voigt"), False, np.zeros(1), tolerance=tolerance
-        )
-        found = problem.follow(states=False).velocities[0]
-        assert found == pytest.approx(WEAK_END, abs=2e-8 * tolerance / 1e-12 + 1e-9, rel=0), tolerance
+def test_the_force_of_a_weak_dashpot_ends_where_it_does():
+    outcome = get_solver("kelvin-voigt").solve(WEAK, Settings())
+    assert outcome.velocities == pytest.approx(WEAK_END, abs=1e-9, rel=0)
 
 
 def test_chains_with_gaps_whose_contacts_stiffen_without_end_are_over():
@@ -63,7 +55,7 @@ def test_chains_with_gaps_whose_contacts_stiffen_without_end_are_over():
     assert len(collisions) >= 50
     for collision, end in zip(collisions, ends, strict=True):
         outcome = in_time(collision, "bistiffness", exponent=collision.exponent, max_steps=20_000)
-        assert outcome.has_result, (collision, outcome.reason)
+        assert outcome.status in RESULT_STATUSES, (collision, outcome.reason)
         assert outcome.velocities == pytest.approx(end, abs=1e-11, rel=0), collision
 
 
@@ -87,7 +79,7 @@ def test_random_lossy_chains_with_gaps_are_over(count):
     for i in range(count):
         column = replace(lossy_chain(rng), exponent=(1.5, 2.0, 2.5, 3.0)[i % 4])
         outcome = in_time(column, "bistiffness", exponent=column.exponent, max_steps=50_000)
-        assert outcome.has_result, (column, outcome.reason)
+        assert outcome.status in RESULT_STATUSES, (column, outcome.reason)
         masses, v = np.array(column.masses), np.array(outcome.velocities)
         assert (np.diff(v) <= 1e-11).all(), column
         assert masses @ v**2 <= masses @ np.square(column.velocities) * (1 + 1e-12), column
