@@ -18,12 +18,12 @@ import numpy as np
 from impact_xval.model.chain import laws, state
 from impact_xval.model.chain.grazing import near_misses
 from impact_xval.model.chain.laws import FORCE, GAP, RATE, TURN, carries, force, has_dashpot, has_series, rest
-from impact_xval.model.chain.power_law import ORDER_OF_STEP, advance, settle, step, watch_force
+from impact_xval.model.chain.power_law import ORDER_OF_STEP, advance, settle, step, through_ends, watch_force
 from impact_xval.model.chain.rest import FREE, GOING, QUIET, fall_time, how_ended, in_flight, over_within
 from impact_xval.model.chain.roots import first_root
 from impact_xval.model.chain.series import ORDER, expand, expand_product, place, slope, span, value
 from impact_xval.model.compiled import entry, merged, uncounted
-from impact_xval.model.pair.law import INACTIVE, RESTITUTION
+from impact_xval.model.pair.law import COMPRESSION, INACTIVE, RESTITUTION
 
 #: How a chain ended, as bits: what happened on the way.
 PLASTIC, RUNAWAY, COLLAPSE, TOO_MANY_EVENTS, MADE_ENERGY = 1, 2, 4, 8, 16
@@ -61,18 +61,23 @@ FIRST_STEP = 1e-3
 
 @uncounted
 def ringing_ends(c, n, i):
-    """Tell whether a contact that has just ended compression may be taken for rigid from here on.
+    """Tell whether a contact that has just ended compression, or is at rest, may be taken for rigid from here on.
 
-    It rings about the force that its neighbours' forces ask of it, each end of compression stiffens it by 1/e^2 (if
-    linear), and it is rigid after a finite time tau (supplement, 3.4). It is taken for rigid at once if its energy is
-    negligible beside its neighbours', if they press it together all the while, if no other body arrives meanwhile, and
-    if its ringing cannot carry a neighbour's rate through zero, which would be an end of compression.
+    It rings about the force that its neighbours' forces ask of it, each end of compression makes its tangent stiffer by
+    1/e^2 at the same force, its periods shorter by e, and it is rigid after a finite time tau (supplement, 3.4). It is
+    taken for rigid at once if its energy is negligible beside its neighbours', if they press it together all the while,
+    if no other body arrives meanwhile, and if its ringing cannot carry a neighbour's rate through zero, which would be
+    an end of compression.
+
+    From rest without force it comes back to that under a constant load: the end of compression shrinks the way back by
+    e^2 and the energy too. So it rings about the load from there on, with tangent and energy of that order.
     """
     one, upper = c[i], c[i - 1]
     e, F = one.e, force(one)
-    inverse, k = one.a + c[i + 1].a, state.tangent(one)
-    tau = 2 * pi / sqrt(k * inverse) / (1 - e)
     static, change, _, swing = state.neighbours(c, i)
+    k = state.tangent(one) if F > 0 else state.tangent_at(one, static)
+    inverse = one.a + c[i + 1].a
+    tau = 2 * pi / sqrt(k * inverse) / (1 - e)
     if not one.frozen and meets_within(c, n, 2 * tau, RIGID * swing):
         return False
     load = max(F, static) ** 2
@@ -88,6 +93,22 @@ def ringing_ends(c, n, i):
             if abs(c[j].w) < room:
                 return False
     return True
+
+
+@uncounted
+def stays_at_rest(c, n, i, energy):
+    """Tell whether a contact of a power law is at rest without force, and rigid under the load of its neighbours.
+
+    Where its energy under that load is less than what is taken for rounding (`state.still`) it is brought to rest again
+    after every step, and no step shows how it rings.
+    """
+    one = c[i]
+    if one.phase != COMPRESSION or one.w != 0 or one.delta != 0 or one.e == 1:
+        return False
+    static, _, _, _ = state.neighbours(c, i)
+    if static <= 0 or static * static / state.tangent_at(one, static) > state.nothing(one, energy):
+        return False
+    return ringing_ends(c, n, i)
 
 
 @uncounted
@@ -246,15 +267,25 @@ def follow(c, n, h_next, tolerance, work):
             expand(c, n, h, work)
     else:
         h, h_next = advance(c, n, h_next, tolerance, work)
+    found, found_what = -1, FORCE
     while True:
         which, what, sign, x = first_event(c, n, h, work)
+        if which < 0 and found >= 0:
+            which, what, x = found, found_what, 1.0
+            break
         if series or which < 0 or x < 0:
             break
         x, happened = settle(c, n, h, x, which, what, sign, work)
-        if happened:
-            break
         work[which].left_out |= 1 << what
-        step(c, n, h, work)
+        if happened:
+            # The step now ends with this event. Where its time by the polynomial was wrong another may come before it.
+            found, found_what, h = which, what, x * h
+            if h == 0:
+                x = 0.0
+                break
+            through_ends(c, n, h, work)
+        else:
+            step(c, n, h, work)
     x = min(x, 1.0)
     if series:
         if n == 2 and c[1].g > 0 and x > 0 and has_dashpot(c[0]):
@@ -317,7 +348,8 @@ def collide(c, work, energy, drift, g, tolerance, max_pieces, points, log, at, o
     from row `at` on, the sets from row `first`. See `follow_chains`.
     """
     n, frozen, dashpot = work.size, c[0].frozen, has_dashpot(c[0])
-    degree = ORDER if has_series(c[0]) else ORDER_OF_STEP
+    steps = not has_series(c[0])
+    degree = ORDER_OF_STEP if steps else ORDER
     code, end, events, pieces, quiet, rows = ZERO, GOING, ZERO, ZERO, ZERO, at
     margin, loss, time, fall, h_next, row = inf, 0.0, 0.0, inf, FIRST_STEP, first
     while True:
@@ -367,6 +399,10 @@ def collide(c, work, energy, drift, g, tolerance, max_pieces, points, log, at, o
             if what != TURN and (not dashpot or carries(c[which]) != acted):
                 events, quiet = events + 1, 0
         state.still(c, n, energy)
+        if steps and c[0].law == laws.STATE_TRANSITION:
+            for i in range(n - 1, -1, -1):
+                if stays_at_rest(c, n, i, energy):
+                    n, code = state.unite(c, n, i), code | RUNAWAY
     if end != GOING:
         if end != FREE:
             row = note_set(c, n, work, sets, first, row)

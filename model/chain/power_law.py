@@ -33,7 +33,10 @@ ORDER_OF_STEP = 5
 #: Error of a step: of a velocity per that of the impact, of a deformation per the one that would hold all the energy.
 TOLERANCE = 1e-14
 
-#: Newton's steps to the time of an event, and the largest one, as a share of the step.
+#: Most steps to the time of an event between whose ends a sign changes: halvings alone would do.
+MOST_REFINEMENTS = 60
+
+#: Most of Newton's steps, and the largest one as a share of the step, while no change of sign is known.
 REFINEMENTS, LARGEST = 8, 0.05
 
 #: Last of Newton's steps, as a share of the step of the method: where it stops, and what rounding may leave.
@@ -91,7 +94,11 @@ def to_stage(c, n, stage, h, work):
 
 @uncounted
 def error_of_step(c, n, h, work):
-    """Estimate the error of a step of length h from the derivatives at its stages; as of `TOLERANCE`."""
+    """Estimate the error of a step of length h from the derivatives at its stages; as of `TOLERANCE`.
+
+    A deformation is measured by its contact's length at the running stiffness while that acts, else at the original
+    one: the gap of a contact that has become far stiffer is rounded coarsely in the length that it would now have.
+    """
     fifth, third = 0.0, 0.0
     for i in range(n):
         one, own, w5, w3, d5, d3 = c[i], work[i], 0.0, 0.0, 0.0, 0.0
@@ -100,7 +107,9 @@ def error_of_step(c, n, h, work):
             w3 += E3[j] * own.kw[j]
             d5 += E5[j] * own.kd[j]
             d3 += E3[j] * own.kd[j]
-        length = one.length * (one.original / one.k) ** (1 / (one.p + 1))
+        length = one.length
+        if carries(one):
+            length *= (one.original / one.k) ** (1 / (one.p + 1))
         fifth += w5 * w5 + (d5 / length) ** 2
         third += w3 * w3 + (d3 / length) ** 2
     both = (fifth + 0.01 * third) * 2 * n
@@ -146,8 +155,7 @@ def quintic(out, f0, d0, s0, f1, d1, s1):
 def advance(c, n, h, tolerance, work):
     """Make one step as long as its error allows, h at first; the step made, and the one to try next.
 
-    The coefficients in x = t/h of the polynomials through its ends are in `work`, the state after it in `c`. The step
-    is 0 where none is short enough: a slope lies beyond double precision.
+    The state after it is in `c`. The step is 0 where none is short enough: a slope lies beyond double precision.
     """
     for i in range(n):
         own = work[i]
@@ -159,6 +167,13 @@ def advance(c, n, h, tolerance, work):
         if error <= 1:
             break
         h *= max(0.1, factor)
+    through_ends(c, n, h, work)
+    return h, h * factor
+
+
+@uncounted
+def through_ends(c, n, h, work):
+    """Write the coefficients in x = t/h of polynomials through the ends of a step of length h; `c` is at its end."""
     for i in range(n):
         one, own = c[i], work[i]
         w0, w1 = h * own.kw[0], h * own.kw[STAGES]
@@ -170,7 +185,6 @@ def advance(c, n, h, tolerance, work):
             cubic(own.deltas, 0.0, 0.0, 0.0, 0.0)
         else:
             quintic(own.deltas, own.delta, h * own.w, h * w0, one.delta, h * one.w, h * w1)
-    return h, h * factor
 
 
 @uncounted
@@ -182,21 +196,43 @@ def watch_force(one, h, own):
 
 
 @uncounted
+def watched_value(one, own, what):
+    """Give what is watched of a contact in the state that it is in, and its slope, after a step to there."""
+    if what == GAP:
+        return one.delta, one.w
+    if what == FORCE:
+        return before_cut(one, one.delta, one.w, own.kw[STAGES])
+    return one.w, own.kw[STAGES]
+
+
+@uncounted
 def settle(c, n, h, x, i, what, sign, work):
-    """Repeat the step of length h up to the event near x h, where what is watched of contact i is zero.
+    """Repeat the step of length h, which `c` is after, up to the event near x h: zero of what is watched of contact i.
 
     The time, per h, and the state then in `c`; and whether it happens: the polynomial may have a root where the motion
-    has none.
+    has none. Newton's iteration stays within the part of the step in which what is watched changes its sign, and halves
+    that part where it would leave it: the force of a weak dashpot bends so sharply next to its end that a step of
+    Newton's from beyond that is of no use.
     """
-    one, again = c[i], REFINEMENTS
+    one, own, low, high = c[i], work[i], 0.0, 1.0
+    value, _ = watched_value(one, own, what)
+    changes, refinements = sign * value <= 0, 0
     while True:
         step(c, n, x * h, work)
-        value, rise = one.w, work[i].kw[STAGES]
-        if what == GAP:
-            value, rise = one.delta, one.w
-        elif what == FORCE:
-            value, rise = before_cut(one, one.delta, one.w, rise)
+        value, rise = watched_value(one, own, what)
         change = -value / (rise * h) if rise != 0 else 0.0
-        if abs(change) <= CONVERGED or again == 0:
-            return x, sign * value <= 0 or (sign * rise < 0 and abs(change) <= RESOLVED)
-        x, again = max(0.0, x + max(-LARGEST, min(change, LARGEST))), again - 1
+        if sign * value > 0:
+            low = x
+        else:
+            high, changes = x, True
+        if not changes:
+            after = max(0.0, x + max(-LARGEST, min(change, LARGEST)))
+        elif value == 0 or low < x + change < high:
+            after = x + change
+        else:
+            after = 0.5 * (low + high)
+        if abs(after - x) <= CONVERGED or refinements == (MOST_REFINEMENTS if changes else REFINEMENTS):
+            # What only leaves zero has no event there.
+            reached = sign * value < 0 or (value == 0 and sign * rise <= 0)
+            return x, reached or (sign * rise < 0 and abs(change) <= RESOLVED)
+        x, refinements = after, refinements + 1

@@ -92,6 +92,12 @@ def tangent(one):
 
 
 @uncounted
+def tangent_at(one, F):
+    """dF/ddelta of the spring of a contact where its force is F."""
+    return one.p * one.k * (F / one.k) ** (1 - 1 / one.p) if F > 0 else 0.0
+
+
+@uncounted
 def strain(one):
     """Strain energy of the spring of a contact, where it acts."""
     return spring(one) * (one.delta + rest(one)) / (one.p + 1) if carries(one) else 0.0
@@ -122,7 +128,8 @@ def neighbours(c, i):
             shared, of_j, energy = c[max(i, j)].a, other.a + c[j + 1].a, oscillation(c, j)
             static += shared / inverse * force(other)
             slope += shared / inverse * tangent(other) * other.w
-            imposed += shared * sqrt(energy / of_j) * min(1.0, of_j * tangent(other) / frequency)
+            faster = of_j * tangent(other)
+            imposed += shared * sqrt(energy / of_j) * (faster / frequency if faster < frequency else 1.0)
             swing = max(swing, energy)
     return static, slope, imposed, swing
 

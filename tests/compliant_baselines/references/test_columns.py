@@ -153,7 +153,13 @@ def test_long_rows_end_at_every_exponent(law):
 def test_ratios_beyond_double_precision_end_with_a_status():
     far = Collision((1e74, 1, 1e-75), (1, 1), (0.9, 0.9), (-1, 0, 0))
     for law in COLUMN_LAWS:
-        assert in_time(far, law, exponent=1.5, max_steps=1000).status == "timeout"
+        outcome = in_time(far, law, exponent=1.5, max_steps=1000)
+        if law == "bistiffness":
+            # The last ball is one body with that before it, that a wall strikes.
+            assert outcome.status == "limit"
+            assert outcome.velocities == pytest.approx((-1, -1.9, -1.9), abs=1e-12)
+        else:
+            assert outcome.status == "timeout"
         refused = in_time(Collision((1e300, 1e-300), (1,), (0.9,), (-1, 0)), law, exponent=1.5)
         assert refused.status == "unrepresentable"
         assert "where one mass or stiffness exceeds 1e+150 times another" in refused.reason
