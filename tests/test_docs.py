@@ -139,6 +139,7 @@ def _alike(one, two):
     return words[0] == words[1] and numbers[0] == pytest.approx(numbers[1], rel=1e-2, abs=1e-5)
 
 
+@pytest.mark.nightly
 def test_the_site_builds_without_a_warning(tmp_path):
     built = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", tmp_path],

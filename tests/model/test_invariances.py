@@ -66,7 +66,7 @@ def path_of(kappa, mu, e1, e2, points):
     return state, time, (v1, v2), np.array(forces), stiffness, begins, results.code[0]
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(ratios, masses, st.floats(0.05, 1), st.floats(0.05, 1), st.sampled_from([1, 2, 4]))
 @example(100.0, 0.016603333911881832, 0.4, 0.96, 2)
 def test_equations_13_to_15_hold_along_the_path_at_second_order_in_its_spacing(kappa, mu, e1, e2, finer):

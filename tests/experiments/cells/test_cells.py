@@ -152,7 +152,7 @@ def test_a_port_in_use_is_one_line_and_ctrl_c_while_a_cell_is_solved_the_end():
     assert (process.returncode, said) == (0, "")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_page_fits_a_move_is_solved_the_button_adds_engines_and_the_address_opens_the_same_cell_again():
     with served() as (_, port), opened(f"http://127.0.0.1:{port}/", offline=False) as page:
         wait_for(page, "true")

@@ -19,19 +19,29 @@ BESIDE = "solve --stiffness-ratio 1 --mass-ratio 1.1547 --e1 0.9 --e2 0.7 --solv
 COLUMN = "solve --arrangement cradle --balls 3 --solver kelvin-voigt"
 
 
-def test_the_suffix_says_what_is_written_and_json_stays_json(tmp_path, capsys):
-    for asked, suffix, first, says in (
+@pytest.mark.parametrize(
+    ("asked", "suffix", "first", "says"),
+    [
         (BESIDE, "png", b"\x89PNG", "One collision by "),
         (BESIDE, "pdf", b"%PDF", "markers: where each curve ends."),
         (COLUMN, "svg", b"<?xml", "final velocities"),
-        (COLUMN, "gif", b"GIF8", "slow motion: the model and exact Kelvin-Voigt: a cradle of 3 balls"),
-    ):
-        file = tmp_path / f"one.{suffix}"
-        assert main([*asked.split(), "--json", "--plot", str(file)]) == 0
-        out, err = capsys.readouterr()
-        assert len(json.loads(out)) == 2
-        assert says in " ".join(err.split())
-        assert file.read_bytes().startswith(first)
+    ],
+)
+def test_the_suffix_says_what_is_written_and_json_stays_json(tmp_path, capsys, asked, suffix, first, says):
+    drawn(tmp_path / f"one.{suffix}", capsys, asked, first, says)
+
+
+def drawn(file, capsys, asked, first, says):
+    assert main([*asked.split(), "--json", "--plot", str(file)]) == 0
+    out, err = capsys.readouterr()
+    assert len(json.loads(out)) == 2
+    assert says in " ".join(err.split())
+    assert file.read_bytes().startswith(first)
+
+
+def test_a_film_moves_as_long_as_it_says(tmp_path, capsys):
+    says = "slow motion: the model and exact Kelvin-Voigt: a cradle of 3 balls"
+    drawn(tmp_path / "one.gif", capsys, COLUMN, b"GIF8", says)
     with Image.open(tmp_path / "one.gif") as picture:
         assert picture.n_frames == FRAMES
         assert picture.info["duration"] * RATE == 1000

@@ -133,6 +133,7 @@ def dies(_, name, case, e):
     return [(USUAL, "ok", "", (0.0, 0.0))]
 
 
+@pytest.mark.nightly
 def test_an_engine_that_dies_costs_the_answers_it_does_not_give(monkeypatch, tmp_path):
     monkeypatch.setattr(playing, "answers_to", dies)
     with contextlib.closing(Slot()) as slot:

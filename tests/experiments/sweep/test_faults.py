@@ -49,7 +49,7 @@ def _failed(rows):
     return {key: (row["status"], row["reason"]) for key, row in rows.items() if row["status"] != "ok"}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_every_failure_of_a_plug_in_is_found_named_and_costs_its_cell(tmp_path, monkeypatch):
     """Of a distribution that runs, and of one that cannot be imported; ours goes on in its own process."""
     text = "from tests.experiments.fakes import Faulty\nclass Bad(Faulty):\n    name, law = 'bad', None\n"
