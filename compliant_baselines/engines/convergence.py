@@ -287,15 +287,15 @@ def estimate_limit(
     error, allowed, left = (
         _percentage(each / scene.speed) for each in (limit.error, tolerance, limit.regularisation)
     )
+    why = ""
     if own.settled():
+        why = f"the engine softens contacts by itself, which changes v by {left}"
+    elif runs[-1].dropped > tolerance:
+        why = "the engine gives slow impacts no restitution"
+    if why:
         return limit, (
             f"v is off by up to {error} of |v0|, more than the {allowed} that are allowed, and halving the step does "
-            f"not help: the engine softens contacts by itself, which changes v by {left}"
-        )
-    if runs[-1].dropped > tolerance:
-        return limit, (
-            f"v is off by up to {error} of |v0|, more than the {allowed} that are allowed, and halving the step does "
-            "not help: the engine gives slow impacts no restitution"
+            f"not help: {why}"
         )
     failed = f" ({failure})" if failure else ""
     return limit, (

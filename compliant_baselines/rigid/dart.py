@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from impact_xval.compliant_baselines.engines.scene import Scene
+from impact_xval.compliant_baselines.engines.scene import Floats, Scene
 from impact_xval.compliant_baselines.rigid.lines import RigidEngine, RigidWorld
 
 #: Speeds of rebound in m/s: up to the first it drops restitution, and none is faster than the other
@@ -69,7 +69,7 @@ class DartWorld(RigidWorld):
             upper.append(add(body, dart.dynamics.BoxShape([100 * half] * 3), -50 * half, self.partner))
             world.addSkeleton(skeleton)
         pairs = zip(lower, upper[1:], strict=False)
-        self._restitutions, self._before = scene.restitutions, np.array([*scene.velocities, 0.0])
+        self._restitutions, self._before = np.array(scene.restitutions), np.array(scene.velocities)
         self.effective = {
             "restitution": tuple(a.getRestitutionCoeff() * b.getRestitutionCoeff() for a, b in pairs),
             "step": (world.getTimeStep(),),
@@ -77,16 +77,20 @@ class DartWorld(RigidWorld):
         }
 
     def step(self) -> tuple[list[float], list[float]]:
-        """Take a step, and note the restitution that DART has dropped in it."""
+        """Take a step."""
         self._world.step()
-        velocities = [j.getVelocity(0) for j in self._joints]
-        after = np.array([*velocities, 0.0])
-        closing, left = (np.diff(v)[: len(self._restitutions)] for v in (self._before, after))
-        rebound = self._restitutions * closing
-        struck = (rebound > 0) & (rebound <= SLOWEST) & (left != closing)
+        return [j.getVelocity(0) for j in self._joints], [j.getPosition(0) for j in self._joints]
+
+    def advance(self, n: int) -> tuple[Floats, Floats]:
+        """Take n steps, and add up the restitution that DART has dropped in them."""
+        velocities, heights = super().advance(n)
+        states = np.vstack([self._before, velocities])
+        rates = np.diff(np.column_stack([states, np.zeros(len(states))]))[:, : len(self._restitutions)]
+        rebound = self._restitutions * rates[:-1]
+        struck = (rebound > 0) & (rebound <= SLOWEST) & (rates[1:] != rates[:-1])
         self.dropped += float(rebound[struck].sum())
-        self._before = after
-        return velocities, [j.getPosition(0) for j in self._joints]
+        self._before = velocities[-1]
+        return velocities, heights
 
 
 class Dart(RigidEngine):

@@ -22,6 +22,8 @@ from impact_xval.experiments.commands import contact, hypothesis, one, runs, sco
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 
 PROGRAM = "impact-xval"
+#: Errors of a file or folder that is there, and that the user may not use: wrong input, no failure of ours.
+_NOT_THEIRS = (errno.EACCES, errno.EPERM, errno.EROFS)
 
 #: Packages of the engines, as they are distributed. Stated here, for no adapter is imported to show versions.
 ENGINE_PACKAGES = ("mujoco", "pybullet", "drake", "pymunk", "dartpy", "rapier3d", "sapien", "newton")
@@ -101,12 +103,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         return 1
     except OSError as error:
-        refused = error.errno in (
-            errno.EACCES,
-            errno.EPERM,
-            errno.EROFS,
-        )  # a file of the user's is not theirs to use
-        return _fail(f"{error.filename or 'writing'}: {error.strerror or error}", 2 if refused else 1)
+        code = 2 if error.errno in _NOT_THEIRS else 1
+        return _fail(f"{error.filename or 'writing'}: {error.strerror or error}", code)
     if result == 130:  # what typer makes of Ctrl-C in a command
         return _fail("interrupted", 1)
     return result if isinstance(result, int) else 0

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
-from impact_xval.experiments.commands import runs
 from impact_xval.experiments.commands.options import Workers, argument, of_one_collision, option, path
+from impact_xval.experiments.commands.runs import check_holds_something, writing_folder
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.typed import asked
 
@@ -47,7 +48,7 @@ def hypothesis(
 
         own = load_own(config)
     if own is None:
-        runs.hypothesis(config, out, workers)
+        _test(config, out or Path("runs") / "hypothesis", workers)
         return
     for name, value in (("out", out), ("workers", workers)):
         if value is not None:
@@ -67,3 +68,25 @@ def hypothesis(
     with at_work("solving the collision at rising contrasts"):
         found = own_pair(*own)
     show(make_console(), own_blocks(found))
+
+
+def _test(config: Path | None, root: Path, workers: int | None) -> None:
+    """Put the supplement's limits to the test, into a folder; print verdicts and where the page is."""
+    from impact_xval.experiments.hypothesis.config import load
+
+    start = time.perf_counter()
+    if config is not None:
+        check_holds_something(config, "hypothesis")
+    design = load(config)
+    from impact_xval.experiments.hypothesis.page import show_verdicts, write_all
+    from impact_xval.experiments.hypothesis.run import results, stages
+    from impact_xval.experiments.presentation.terminal import make_console, print_line
+
+    words, console = ["hypothesis", *([config] if config else []), "--out", root], make_console()
+    for name, solve in stages(design, root):
+        with writing_folder(words, console, name) as progress:
+            solve(workers=workers, progress=progress)
+    found = results(design, root)
+    page = write_all(found, root)
+    show_verdicts(console, found)
+    print_line(console, f"{time.perf_counter() - start:.0f} s; the page is {page}")

@@ -83,7 +83,7 @@ def run(
         with contextlib.suppress(Exception):
             writer()
 
-    with _writing(words, console, experiment.size()) as progress:
+    with writing_folder(words, console, experiment.size()) as progress:
         # Imported beside the cells, for matplotlib takes a second.
         threading.Thread(target=imported_ahead).start()
         shares: dict[str, Any] = {"workers": workers, "scheduler": scheduler, "shard": part}
@@ -217,41 +217,6 @@ def compare(
         raise typer.Exit(3)
 
 
-def hypothesis(
-    config: Path | None = argument(
-        "[FILE.toml]", "What to test; without it, the built-in design.", path, None
-    ),
-    out: Path | None = option("DIR", "Folder to write; by default runs/hypothesis.", path),
-    workers: Workers = None,
-) -> None:
-    """Test whether infinitely stiff pairs move as one.
-
-    The supplement's hypothesis, limit by limit and solver by solver: verdicts, tables, a page.
-    The same command continues a test that was stopped.
-
-    Example: impact-xval hypothesis --out my-verdicts
-    """
-    from impact_xval.experiments.hypothesis.config import load
-
-    start = time.perf_counter()
-    if config is not None:
-        _holds_something(config, "hypothesis")
-    design = load(config)
-    from impact_xval.experiments.hypothesis.page import show_verdicts, write_all
-    from impact_xval.experiments.hypothesis.run import results, stages
-    from impact_xval.experiments.presentation.terminal import make_console, print_line
-
-    root = out or Path("runs") / "hypothesis"
-    words, console = ["hypothesis", *([config] if config else []), "--out", root], make_console()
-    for name, solve in stages(design, root):
-        with _writing(words, console, name) as progress:
-            solve(workers=workers, progress=progress)
-    found = results(design, root)
-    page = write_all(found, root)
-    show_verdicts(console, found)
-    print_line(console, f"{time.perf_counter() - start:.0f} s; the page is {page}")
-
-
 def _experiment(file: Path | None, root: Path | None, quick: bool) -> Config:
     """Read an experiment from a file, or else from the folder of a run; without either it is the built-in one."""
     from impact_xval.experiments.config.experiment import load_config, parse_config
@@ -260,7 +225,7 @@ def _experiment(file: Path | None, root: Path | None, quick: bool) -> Config:
     if file is not None:
         if quick:
             raise UserError(f"--quick with {file}: it is for the built-in grid; legal: one of both")
-        _holds_something(file, "run")
+        check_holds_something(file, "run")
         return load_config(file)
     built_in = parse_config({}, "built-in experiment")
     if quick:  # five stiffness ratios, and the ends of the other axes
@@ -275,7 +240,7 @@ def _experiment(file: Path | None, root: Path | None, quick: bool) -> Config:
     return kept
 
 
-def _holds_something(file: Path, command: str) -> None:
+def check_holds_something(file: Path, command: str) -> None:
     """Refuse a file without a key: all would be as built in, by an oversight."""
     from impact_xval.experiments.config.errors import read_toml
 
@@ -285,7 +250,7 @@ def _holds_something(file: Path, command: str) -> None:
 
 
 @contextlib.contextmanager
-def _writing(words: list[Any], console: Any, before: str) -> Iterator[Progress]:
+def writing_folder(words: list[Any], console: Any, before: str) -> Iterator[Progress]:
     """Show the progress of what writes a folder; where it is stopped the error says which words continue it.
 
     What is said `before` anything is computed comes with the first report: by then the input is known to be legal.

@@ -55,12 +55,6 @@ STEPS = {"half the step": 0.5, "twice the step": 2.0}
 SETTINGS = Settings(max_steps=200_000)
 
 
-def state(_: object, name: str) -> tuple[str, str]:
-    """Return the version of an engine, and why it cannot run; the reason is empty if it can."""
-    solver = get_solver(name)
-    return solver.version(), solver.unavailable() or ""
-
-
 def prepare(_: object, name: str) -> float | None:
     """Compile and import what a solver needs; microseconds a step of an engine, while balls touch."""
     solver, collision, n = get_solver(name), CASES["drop, k2/k1 = 1", 0.9], 500

@@ -58,17 +58,17 @@ def play(
         Answers of the solvers here, and of those elsewhere. A row an answer: solver, version, microseconds (a step),
         case, e, arrangement, status, reason, v1 ... v5 in m/s.
     """
-    entrants = [*((name, None) for name in names), *elsewhere]
+    in_environments = [*((name, None) for name in names), *elsewhere]
     interpreters = [environment.python for _, environment in elsewhere]
     if not (root / "answers").is_dir():
         new_folder(root)
         (root / "answers").mkdir()
     try:
         with open_pool(None, workers, interpreters=interpreters) as pool:
-            asked = [pool.submit(_answered, name, root / "answers", where) for name, where in entrants]
+            asked = [pool.submit(_answered, name, root / "answers", where) for name, where in in_environments]
             for done, future in enumerate(as_completed(asked), 1):
                 future.result()  # an error ends all at once
-                progress(done * len(CASES), len(entrants) * len(CASES), "")
+                progress(done * len(CASES), len(asked) * len(CASES), "")
     except KeyboardInterrupt:
         raise InterruptedRunError("interrupted; answers are kept; the same command continues") from None
     answers = [future.result() for future in asked]

@@ -97,6 +97,19 @@ def test_impacts_across_gaps_are_whole_at_any_step(name, engine, e):
     assert numbers["finest_step"] == numbers["step"]  # no shorter step is needed
 
 
+def test_restitution_that_is_dropped_in_a_later_impact_is_an_error_of_the_limit(name, engine):
+    # The light ball rebounds at 0.5 m/s from the heavy one, which would rebound at 0.07 m/s from the table.
+    wall = chain(-1.0, 0.0, e=0.5, masses=(1.0, 10.0), gap=0.3, table=True)
+    outcome = engine.solve_many([wall], Settings(convergence=Convergence()))[0]
+    limit = [outcome.diagnostics[f"v{i}_limit"] for i in (1, 2)]
+    off = np.abs(limit - follow(wall, "sequential-top").v).max()
+    assert off < 3 * outcome.diagnostics["limit_error"]
+    if name == "dart":
+        assert off > 0.01
+        assert outcome.status == "unconverged"
+        assert "the engine gives slow impacts no restitution" in outcome.reason
+
+
 def test_impacts_that_fall_into_one_step_are_not_taken_for_known(name, engine):
     # The middle ball is struck from both sides, within a thousandth of a step: one after the other is not at once.
     c = Collision((1, 2, 1), (1, 1), (0.5, 0.5), (-1, 0, 1), gaps=(3.0, 3.0 + 1e-6))

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from importlib.metadata import version
 
 import numpy as np
 import pytest
@@ -56,6 +57,20 @@ def test_hostile_names_and_reasons_stay_text_and_without_a_path_there_is_no_pict
     assert "mujoco-naive: damping 1 is " in str(compare(PLAIN, ["mujoco-naive"]))  # not what was asked for
     with pytest.raises(ValueError, match="no solver has a path to draw"):
         compared.plot()
+
+
+def test_versions_of_engines_are_said():
+    plain = solve(PLAIN)
+    compared = Compared(
+        PLAIN,
+        {"state-transition": plain, "mujoco": plain},
+        versions={"state-transition": "1", "mujoco": "3.2.7"},
+    )
+    assert (
+        str(compared).rstrip().endswith(f"Versions: impact-xval {version('impact-xval')} and mujoco 3.2.7.")
+    )
+    assert [each["version"] for each in compared.objects()] == ["1", "3.2.7"]
+    assert "Versions" not in str(Compared(PLAIN, {"state-transition": plain}))
 
 
 def test_d_between_every_two_solvers_is_what_a_hand_computation_gives():
