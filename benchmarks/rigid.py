@@ -1,11 +1,11 @@
 """Rigid engines against exact rigid laws: which law an engine follows, and how closely.
 
-    python -m benchmarks.rigid [--columns 200]
+    python -m benchmarks.rigid [--chains 200]
 
-Columns are drawn: 2 to 5 balls that all touch, with and without a table, masses from 0.3 to 3 kg; each contact
-approaches, at 1 to 20 m/s, or rests; e from 0.3 to 1, one for all contacts in every other column. D is the kinetic norm
+Chains are drawn: 2 to 5 balls that all touch, with and without a table, masses from 0.3 to 3 kg; each contact
+approaches, at 1 to 20 m/s, or rests; e from 0.3 to 1, one for all contacts in every other chain. D is the kinetic norm
 of the difference of final velocities over that of the initial ones. A law with one e for all answers half of the
-columns. Below, collisions that docs/scoreboard.md quotes.
+chains. Below, collisions that docs/scoreboard.md quotes.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def line(*velocities: float, e: float = 1.0, gap: float = 0.0, table: bool = Fal
 
 
 def drawn(n: int) -> list[Collision]:
-    """Draw columns in which something meets."""
+    """Draw chains in which something meets."""
     rng, found = np.random.default_rng(1), []
     while len(found) < n:
         balls, table = int(rng.integers(2, 6)), bool(rng.integers(2))
@@ -63,12 +63,12 @@ def distances(name: str, law: str, collisions: list[Collision]) -> np.ndarray:
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--columns", type=int, default=200)
-    columns = drawn(parser.parse_args().columns)
+    parser.add_argument("--chains", type=int, default=200)
+    chains = drawn(parser.parse_args().chains)
     engines = [name for name in ENGINES if not get_solver(name).unavailable()]
     print("D to law, median / largest".ljust(28), *(name.rjust(26) for name in engines))
     for law in LAWS:
-        found = [distances(name, law, columns) for name in engines]
+        found = [distances(name, law, chains) for name in engines]
         cells = (f"{np.nanmedian(d):.1e} / {np.nanmax(d):.1e} ({np.isfinite(d).sum()})" for d in found)
         print(law.ljust(28), *(cell.rjust(26) for cell in cells))
     cases = {

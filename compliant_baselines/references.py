@@ -78,7 +78,7 @@ def solve(
     such collisions have no gaps. Gravity is in m/s^2, of shape (n,) or (); above 0 is a drop, of two balls on a table,
     the lower one settled (`chain.rest`). A collision is given up after `max_steps` pieces of segments.
 
-    ``limit`` is a bistiffness whose bodies were united or brought to rest by a closed form. Outcomes are exact to
+    ``closed-form`` is a bistiffness whose bodies were united or brought to rest by a closed form. Outcomes are exact to
     rounding where the forces are linear; else ``velocity_error`` estimates the error of velocities in m/s, by how much
     a run at `LOOSER` times the tolerance differs. Of drops, ``first_flight`` is when gravity ended, in s, and
     ``rest_speed`` the velocity in m/s that a B2 at rest on the table still had; it and impulses count as without.
@@ -204,8 +204,8 @@ class StateTransitionSolver(ExactSolver):
     It has no gravity and no step: `impact` and `drop` are the same collision to it. Under the name of their law it is
     that of Liu, Zhao and Brogliato (Proc. R. Soc. A 464:3193, 2008) on the same diagram: bistiffness with energetic
     restitution, positions frozen, as in the primary model; but every compression runs at the original stiffness
-    (`pair.law`). It equals the primary model exactly until a contact compresses a second time, and is `limit` also
-    where the bodies come to rest together after infinitely many events.
+    (`pair.law`). It equals the primary model exactly until a contact compresses a second time, and is
+    `closed-form` also where the bodies come to rest together after infinitely many events.
     """
 
     name = law = "state-transition"

@@ -139,7 +139,7 @@ class Solver(ABC):
         Raises
         ------
         SolverError
-            If the outcome's status is neither ``ok`` nor ``limit``.
+            If the outcome's status is neither ``ok`` nor ``closed-form``.
         """
         outcome = self.solve_many([collision], settings or Settings())[0]
         if outcome.status not in RESULT_STATUSES:

@@ -30,11 +30,11 @@ from impact_xval.model.kinetic import kinetic_norm
 
 Floats = NDArray[np.float64]
 
-Status = Literal["ok", "limit", "unconverged", "timeout", "unrepresentable", "unavailable", "crashed"]
+Status = Literal["ok", "closed-form", "unconverged", "timeout", "unrepresentable", "unavailable", "crashed"]
 STATUSES: tuple[str, ...] = get_args(Status)
 
 #: Statuses of an outcome whose numbers are its result. ``unconverged`` may carry numbers too, which are not.
-RESULT_STATUSES: tuple[Status, ...] = ("ok", "limit")
+RESULT_STATUSES: tuple[Status, ...] = ("ok", "closed-form")
 
 _IS_RESULT = np.array([status in RESULT_STATUSES for status in STATUSES])
 
@@ -450,9 +450,9 @@ class Outcome:
         The sets of contacts that act, in their order, such as ``("1+2", "2", "-")``; for two balls on a table by the
         paper's names, ``("S1", "S3", "S1", "S2", "S4")``.
     status : str
-        One of `STATUSES`: ``"ok"``, or ``"limit"`` where a closed-form limit was used, or why there is no result.
+        One of `STATUSES`: ``"ok"``, or ``"closed-form"`` where a closed-form limit was used, or why there is no result.
     reason : str
-        One sentence; not empty where the status is neither ``"ok"`` nor ``"limit"``.
+        One sentence; not empty where the status is neither ``"ok"`` nor ``"closed-form"``.
     grazing_margin : float or None
         How near the collision came to a jump of the model's outcome (docs/theory.md, section 6): the smallest
         compression rate at a turning point, relative to its own amplitude. Infinity if none is below

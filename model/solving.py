@@ -122,8 +122,8 @@ def solve_many(
     Returns
     -------
     Outcomes
-        Status ``limit`` where a closed form was used, ``unconverged`` after `max_events`, ``unrepresentable`` where
-        masses or stiffnesses lie further apart than `MASS_PRECISION`, or so far that rounding made energy, else ``ok``.
+        Status ``closed-form`` where a closed form was used, ``unconverged`` after `max_events`, ``unrepresentable``
+        where masses or stiffnesses lie further apart than `MASS_PRECISION`, or so far that rounding made energy, else ``ok``.
         Marked where the grazing margin is small or a cut-off changed an outcome by more than `CUTOFF_THRESHOLD`
         (`pair.grazing`). Diagnostics: ``energy_residual``, of the energy balance per kinetic energy at first touch,
         relative to the centre of mass or the table; and with a finite cut-off ``cutoff_effect``, by how much velocities
@@ -307,16 +307,16 @@ def _endings(
     return [
         (code == kernel.TOO_MANY_EVENTS, "unconverged", f"not over after {events}"),
         (code == kernel.BEYOND_PRECISION, "unrepresentable", TOO_FAR_APART),
-        (code == kernel.COLLAPSE, "limit", HAPPENED[COLLAPSE]),
-        (kappa == 0, "limit", "closed form of k2/k1 = 0"),
-        (np.isinf(kappa), "limit", "closed form of k2/k1 = inf"),
-        (outside, "limit", f"k2/k1 lies beyond the cut-off {cutoff:g}: closed form of the limit"),
-        (code == kernel.PRECISION_LIMIT, "limit", precision),
-        ((e1 == 0) & (e2 == 0), "limit", "closed form of e1 = 0 and e2 = 0"),
-        (e1 == 0, "limit", "closed form of e1 = 0"),
-        (e2 == 0, "limit", "closed form of e2 = 0"),
-        (cutoff == kernel.EXACT, "limit", runs_away),
-        (True, "limit", f"{rest} the cut-off {cutoff:g}: closed form of the limit from there on"),
+        (code == kernel.COLLAPSE, "closed-form", HAPPENED[COLLAPSE]),
+        (kappa == 0, "closed-form", "closed form of k2/k1 = 0"),
+        (np.isinf(kappa), "closed-form", "closed form of k2/k1 = inf"),
+        (outside, "closed-form", f"k2/k1 lies beyond the cut-off {cutoff:g}: closed form of the limit"),
+        (code == kernel.PRECISION_LIMIT, "closed-form", precision),
+        ((e1 == 0) & (e2 == 0), "closed-form", "closed form of e1 = 0 and e2 = 0"),
+        (e1 == 0, "closed-form", "closed form of e1 = 0"),
+        (e2 == 0, "closed-form", "closed form of e2 = 0"),
+        (cutoff == kernel.EXACT, "closed-form", runs_away),
+        (True, "closed-form", f"{rest} the cut-off {cutoff:g}: closed form of the limit from there on"),
     ]
 
 

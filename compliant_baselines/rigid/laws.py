@@ -304,8 +304,8 @@ class RigidLaw(OneByOne):
     """One of `LAWS` as a solver, by its name: to rigid engines what Kelvin-Voigt contacts are to compliant ones.
 
     Stiffnesses, exponents and steps do not concern it. Impacts take no time: the states are the contacts that touch at
-    first, and none. `n_events` is the number of impacts, ``duration`` the time of the last one in s; status ``limit``
-    where a sequence had infinitely many impacts, of which the first ones are counted and in the path.
+    first, and none. `n_events` is the number of impacts, ``duration`` the time of the last one in s; status
+    ``closed-form`` where a sequence had infinitely many impacts, of which the first ones are counted and in the path.
     """
 
     kind = "reference"
@@ -333,7 +333,7 @@ class RigidLaw(OneByOne):
             tuple(line.v.tolist()),
             tuple(line.impulses(line.v).tolist()),
             (name_of_set(touching, paper), name_of_set(0, paper))[not touching :],
-            "limit" if line.endless else "ok",
+            "closed-form" if line.endless else "ok",
             "bodies come to rest together after infinitely many impacts" if line.endless else "",
             n_events=line.impacts,
             diagnostics={"duration": line.time},

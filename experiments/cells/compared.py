@@ -1,4 +1,4 @@
-"""One collision, or one column, by several solvers: how far each is from the model, as text, as HTML, as a picture."""
+"""One collision, or one chain, by several solvers: how far each is from the model, as text, as HTML, as a picture."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from impact_xval.compliant_baselines.registry import (
     solver_names,
     stated_law,
 )
-from impact_xval.experiments.config.arrangements import Arranged
+from impact_xval.experiments.config.arrangements import ChainSetup
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.divergence import measures_of
 from impact_xval.experiments.measures.laws import in_order_of_laws
@@ -46,8 +46,8 @@ if TYPE_CHECKING:
 
 #: Letters of a line of the text, and dots per inch of the picture in a notebook.
 _WIDTH, _DPI = 150, 100
-#: The rows of the table of a column.
-_COLUMN = (
+#: The rows of the table of a chain.
+_CHAIN_NOTE = (
     "v1, v2, ...: velocities per |v0|, up is positive. D: kinetic norm of the difference from the model. limit: "
     "largest difference of a velocity between an engine's limit dt -> 0 and the exact solver of its law; error: the "
     "engine's own estimate of it. E/E0, p/p0: energy and momentum over those before."
@@ -56,27 +56,27 @@ _COLUMN = (
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Compared:
-    """What several solvers made of one collision or column; a notebook shows it as a table and a picture.
+    """What several solvers made of one collision or chain; a notebook shows it as a table and a picture.
 
     Attributes
     ----------
     problem : Collision
     outcomes : mapping of str to Outcome
         By solver, the model (`REFERENCE`) among them; velocities in m/s, impulses in N s, with their paths.
-    arranged : Arranged or None
-        How a column was set up, if it is known: in words above its table.
+    arranged : ChainSetup or None
+        How a chain was set up, if it is known: in words above its table.
     versions : mapping of str to str
         By solver, the version that it states, of those that were asked.
     """
 
     problem: Collision
     outcomes: Mapping[str, Outcome]
-    arranged: Arranged | None = None
+    arranged: ChainSetup | None = None
     versions: Mapping[str, str] = field(default_factory=dict)
 
     @property
-    def is_column(self) -> bool:
-        """Whether this is no problem of two balls as the paper has it, or was asked for as a column."""
+    def is_chain(self) -> bool:
+        """Whether this is no problem of two balls as the paper has it, or was asked for as a chain."""
         return self.arranged is not None or not self.problem.falls_on_resting
 
     @property
@@ -89,7 +89,7 @@ class Compared:
         """Velocities per speed of impact, of solvers with a result in the order of laws."""
         return {name: velocities for name, velocities in self._known.items() if self._mark(name) == ""}
 
-    #: How a column was set up, in words; empty if it is not known.
+    #: How a chain was set up, in words; empty if it is not known.
     setup = property(lambda self: "" if self.arranged is None else arranged(self.arranged))
 
     @property
@@ -153,9 +153,9 @@ class Compared:
         ]
 
     def plot(self) -> Figure:
-        """Draw impulse curves and velocities of two balls, or the final velocities of a column.
+        """Draw impulse curves and velocities of two balls, or the final velocities of a chain.
 
-        A `ValueError` says that no solver has a path, or of a column a result, to draw.
+        A `ValueError` says that no solver has a path, or of a chain a result, to draw.
         """
         from impact_xval.experiments.presentation.pictures.curves import (
             draw_collision,
@@ -163,18 +163,18 @@ class Compared:
             velocities_figure,
         )
 
-        if self.is_column and self.scaled:
+        if self.is_chain and self.scaled:
             return velocities_figure(self.scaled)
-        if not self.is_column and (paths := drawn_paths(self.problem, self.outcomes)):
+        if not self.is_chain and (paths := drawn_paths(self.problem, self.outcomes)):
             return draw_collision(self.problem, paths)
         statuses = {name: each.status for name, each in self.outcomes.items()}
         raise ValueError(f"no solver has a path to draw ({statuses}); legal: a collision that one solves")
 
     def blocks(self) -> list[Block]:
         """Return the table of all solvers, and what there is to say of them."""
-        table = self._column_table() if self.is_column else self._collision_table()
+        table = self._chain_table() if self.is_chain else self._collision_table()
         setup = begun(f"{self.setup}.") if self.setup else ""
-        note = _COLUMN if self.is_column and table.rows else ""
+        note = _CHAIN_NOTE if self.is_chain and table.rows else ""
         withheld = WHAT_NO_RESULT_IS if any(map(self._mark, self._known)) else ""
         reasons = [f"{n}: {each.status}: {each.reason}" for n, each in self.outcomes.items() if each.reason]
         marks = [f"{name}: marked: {each.marked}" for name, each in self.outcomes.items() if each.marked]
@@ -205,7 +205,7 @@ class Compared:
         except ValueError:  # there is nothing to draw
             return fragment(self.blocks())
         picture = Markup('<img alt="{} by every solver" src="data:image/png;base64,{}" style="{}">').format(
-            "final velocity of each ball" if self.is_column else "impulse curves and velocities",
+            "final velocity of each ball" if self.is_chain else "impulse curves and velocities",
             base64.b64encode(file.getvalue()).decode("ascii"),
             "max-width: 100%; background: white",
         )
@@ -253,8 +253,8 @@ class Compared:
         """Write a number of a solver, marked where the solver has no result."""
         return "-" if np.isnan(value) else f"{value:.6f}{self._mark(name)}"
 
-    def _column_table(self) -> Table:
-        """Lay out a column: a fact a row, for there are more of them than solvers."""
+    def _chain_table(self) -> Table:
+        """Lay out a chain: a fact a row, for there are more of them than solvers."""
         measures, facts = self._measures, {}
         for name, velocities in self._known.items():
             outcome, measured = self.outcomes[name], measures[name]
@@ -274,7 +274,7 @@ class Compared:
 
 
 def compare(problem: Collision, solvers: Sequence[str] | None = None, *, timeout: float = 300.0) -> Compared:
-    """Solve one collision, or one column, by several solvers without gravity, and compare them with the model.
+    """Solve one collision, or one chain, by several solvers without gravity, and compare them with the model.
 
     Each solver runs in a process of its own, within a limit of time: one that crashes or hangs has a status that says
     so. The first comparison of an installation has kernels compiled, a minute or two.
@@ -294,6 +294,6 @@ def compare(problem: Collision, solvers: Sequence[str] | None = None, *, timeout
     """
     names = [solvers] if isinstance(solvers, str) else list(solver_names() if solvers is None else solvers)
     config = parse_config({"scenario": "impact", "cell_timeout": timeout, "solvers": names}, where="")
-    with solvers_apart(config.solvers, columns=not problem.falls_on_resting) as apart:
+    with solvers_apart(config.solvers, chains=not problem.falls_on_resting) as apart:
         outcomes = apart.solve(problem, config, config.solvers, get_solver, say_waiting)
         return Compared(problem, outcomes, versions=apart.versions)

@@ -23,8 +23,8 @@ from bokeh.embed import json_item
 from impact_xval.compliant_baselines import get_solver, solver_names
 from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.cells.compared import Compared
+from impact_xval.experiments.config.collision_options import asked
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.config.typed import asked
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.presentation.document import Table
 from impact_xval.experiments.presentation.html import fragment, page_of, render
@@ -68,7 +68,7 @@ class Cells:
         versions = {name: each for apart in self._apart.values() for name, each in apart.versions.items()}
         compared = Compared(collision, outcomes, arranged, versions)
         blocks = compared.blocks()
-        if compared.is_column:  # its table counts states
+        if compared.is_chain:  # its table counts states
             rows = [(name, " ".join(each.states)) for name, each in outcomes.items() if each.states]
             blocks.append(Table(["solver", "contacts that act"], rows, text=2))
         return {"results": fragment(blocks), "data": _data(compared)}
@@ -96,7 +96,7 @@ def _data(compared: Compared) -> dict[str, dict[str, Any]]:
     """Return what the sources of the charts hold; a solver that has nothing to draw has empty ones."""
     collision, kinds = compared.problem, ("balls", "curve", "end")
     data = {f"{kind} {name}": {"x": [], "y": []} for name in (*EXACT, *ENGINES) for kind in kinds}
-    if compared.is_column:
+    if compared.is_chain:
         for name, velocities in compared.scaled.items():
             data[f"balls {name}"] = {"x": [*range(1, 1 + len(velocities))], "y": velocities}
         return data

@@ -11,6 +11,7 @@ import io
 import platform
 import re
 import sys
+import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
@@ -87,7 +88,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="backslashreplace")  # a name that a terminal cannot show ends no run
     typed = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        result = typer.main.get_command(app).main(typed, prog_name=PROGRAM, standalone_mode=False)
+        with warnings.catch_warnings():
+            warnings.simplefilter("default", FutureWarning)
+            warnings.showwarning = _show_warning
+            result = typer.main.get_command(app).main(typed, prog_name=PROGRAM, standalone_mode=False)
     except _UsageError as error:
         # There is no context where an option of a command has no value.
         where = error.ctx.command_path if error.ctx is not None else f"{PROGRAM} {typed[0]}"
@@ -108,6 +112,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if result == 130:  # what typer makes of Ctrl-C in a command
         return _fail("interrupted", 1)
     return result if isinstance(result, int) else 0
+
+
+def _show_warning(message: Warning | str, *_: object) -> None:
+    """Print a warning as a line of the program, without the place in the code where it was raised."""
+    print(f"{PROGRAM}: warning: {message}", file=sys.stderr)
 
 
 def _fail(message: str, code: int) -> int:

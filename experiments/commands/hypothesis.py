@@ -7,8 +7,8 @@ from pathlib import Path
 
 from impact_xval.experiments.commands.options import Workers, argument, of_one_collision, option, path
 from impact_xval.experiments.commands.runs import check_holds_something, writing_folder
+from impact_xval.experiments.config.collision_options import asked
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.config.typed import asked
 
 
 @of_one_collision("scenario", "gravity", "exponent", "gap", "step_fraction", "cell_timeout")

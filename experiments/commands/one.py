@@ -22,8 +22,8 @@ from impact_xval.experiments.commands.options import (
     print_json,
     whole,
 )
+from impact_xval.experiments.config.collision_options import OF_CHAIN, asked
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.config.typed import OF_COLUMN, asked
 
 if TYPE_CHECKING:
     from impact_xval.compliant_baselines import Settings
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 #: What is drawn, and what moves, by the suffix of the file.
 _PICTURES, _FILMS = (".png", ".svg", ".pdf"), (".gif", ".html")
-#: Points of the path of a column that moves: of many balls it is large to be sent.
+#: Points of the path of a chain that moves: of many balls it is large to be sent.
 _POINTS = 4000
 #: Engines whose scenes can be written.
 _EXPORTED = ("mujoco", "pybullet")
@@ -77,8 +77,8 @@ def solve(
     from impact_xval.experiments.sweep.one import solvers_apart
 
     film = plot is not None and plot.suffix in _FILMS
-    columns = typed["arrangement"] is not None or typed["balls"] is not None
-    with solvers_apart(solver or (), columns=columns) as apart:
+    chains = typed["arrangement"] is not None or typed["balls"] is not None
+    with solvers_apart(solver or (), chains=chains) as apart:
         from impact_xval.compliant_baselines.registry import get_solver
 
         collision, arranged, config = asked(typed)
@@ -114,7 +114,7 @@ def _drawn(file: Path, compared: Compared, config: Config) -> str:
             write_animation(drawn, file)
         return drawn.caption()
     save_as(drawn, file)
-    if compared.is_column:
+    if compared.is_chain:
         return f"final velocities per |v0|, up is positive: {compared.setup}"
     return caption(problem, drawn_paths(problem, outcomes), config.scenario)
 
@@ -125,7 +125,7 @@ def explore(
 ) -> None:
     """Move one collision by sliders in a browser.
 
-    Two balls on a table, or a column of N, until Ctrl-C. The model and the exact references follow the sliders; a
+    Two balls on a table, or a chain of N, until Ctrl-C. The model and the exact references follow the sliders; a
     button runs the engines. The address of the page holds the cell. The page is served to this machine alone.
 
     Example: impact-xval explore --no-browser
@@ -141,7 +141,7 @@ def explore(
     explorer.explore(port, opened)
 
 
-@of_one_collision("arrangement", *OF_COLUMN, "cell_timeout")
+@of_one_collision("arrangement", *OF_CHAIN, "cell_timeout")
 def scene(
     folder: Path | None = argument("[DIR]", "Folder of a finished run, or a collision as solve.", path, None),
     cell: int | None = argument("[N]", "Number of a cell of that run.", whole(0, 10**7), None),

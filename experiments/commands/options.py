@@ -15,8 +15,8 @@ from typing import Annotated, Any
 
 import typer
 
+from impact_xval.experiments.config.collision_options import PARAMETERS
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.config.typed import PARAMETERS
 
 
 def number(text: str) -> float:

@@ -117,7 +117,7 @@ def show(
     from impact_xval.experiments.presentation import views
     from impact_xval.experiments.presentation.terminal import make_console
     from impact_xval.experiments.sweep.status import status_of
-    from impact_xval.experiments.tables.folder import RunFolder, finished
+    from impact_xval.experiments.tables.folder import finished, run_folder
 
     console = make_console()
     if cell is not None:
@@ -135,7 +135,7 @@ def show(
     if found.state == "complete":
         from impact_xval.experiments.measures.summary import summarise
 
-        views.show_summary(console, summarise(RunFolder(folder)))
+        views.show_summary(console, summarise(run_folder(folder)))
 
 
 def report(
@@ -220,7 +220,7 @@ def compare(
 def _experiment(file: Path | None, root: Path | None, quick: bool) -> Config:
     """Read an experiment from a file, or else from the folder of a run; without either it is the built-in one."""
     from impact_xval.experiments.config.experiment import load_config, parse_config
-    from impact_xval.experiments.tables.folder import CONFIGURATION
+    from impact_xval.experiments.tables.folder import CONFIGURATION, check_continues
 
     if file is not None:
         if quick:
@@ -234,6 +234,7 @@ def _experiment(file: Path | None, root: Path | None, quick: bool) -> Config:
         built_in = parse_config({"name": "quick", "grid": axes}, "built-in experiment")
     if root is None or not (root / CONFIGURATION).exists():
         return built_in
+    check_continues(root)
     kept = load_config(root / CONFIGURATION)
     if quick and kept.identity() != built_in.identity():
         raise UserError(f"--quick with --out {root}: holds another run; legal: one of both")

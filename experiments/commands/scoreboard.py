@@ -10,6 +10,7 @@ import typer
 
 from impact_xval.experiments.commands.options import Solvers, Workers, known_solvers, option, path
 from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.config.renamed import CASES, STATUSES
 
 if TYPE_CHECKING:  # which import NumPy
     from impact_xval.experiments.scoreboard.environments import Environment, NotInstalledError
@@ -53,6 +54,8 @@ def scoreboard(
         before = None if baseline is None else pd.read_parquet(baseline / ANSWERS)
     except (OSError, ValueError) as error:
         raise UserError(f"--baseline = {baseline}: holds no {ANSWERS} of a scoreboard: {error}") from None
+    if before is not None:
+        before = before.replace({"case": CASES, "status": STATUSES})  # of version 0.4
     elsewhere, missing = _environments(requirements or (), names)
     console, root = make_console(), out or Path("runs") / "scoreboard"
     with show_progress(console) as progress:

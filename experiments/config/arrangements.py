@@ -1,7 +1,7 @@
-"""Columns as people set them up, each by a few numbers: a chain, a cradle, a drop, a stack (`docs/columns.md`).
+"""Chains as people set them up, each by a few numbers: a row, a cradle, a pile, a stack (`docs/chains.md`).
 
 Masses and stiffnesses taper from the top: of every next ball and contact they are so many times those of the one above.
-A drop of two balls is therefore the cell of two balls, the tapers being m2/m1 and k2/k1.
+A pile of two balls is therefore the cell of two balls, the tapers being m2/m1 and k2/k1.
 """
 
 from __future__ import annotations
@@ -14,16 +14,26 @@ from typing import Any, Literal, get_args
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from impact_xval.experiments.config.axes import LEGAL, Axes, Axis, Strict, expand_axis, parameter, positive
+from impact_xval.experiments.config.axes import (
+    KEPT,
+    LEGAL,
+    Axes,
+    Axis,
+    Strict,
+    expand_axis,
+    parameter,
+    positive,
+)
 from impact_xval.experiments.config.errors import short
+from impact_xval.experiments.config.renamed import rename_arrangement
 from impact_xval.model.collision import MAX_BALLS, Collision
 from impact_xval.model.inputs import V0
 
-Arrangement = Literal["chain", "cradle", "drop", "stack"]
-_NAMES = "'chain', 'cradle', 'drop' or 'stack'"
+Arrangement = Literal["row", "cradle", "pile", "stack"]
+_NAMES = "'row', 'cradle', 'pile' or 'stack'"
 
-#: By what columns are grouped, and how a reader knows it.
-COLUMN_AXES = {
+#: By what chains are grouped, and how a reader knows it.
+CHAIN_AXES = {
     "balls": "balls",
     "arrangement": "arrangement",
     "strike": "strikers",
@@ -35,8 +45,8 @@ COLUMN_AXES = {
 }
 
 
-class Arranged(Strict):
-    """One column by its arrangement."""
+class ChainSetup(Strict):
+    """One chain by its arrangement."""
 
     arrangement: Arrangement = Field("cradle", description=_NAMES)
     balls: int = Field(5, description=LEGAL["balls"].text)
@@ -49,6 +59,11 @@ class Arranged(Strict):
     k: float = positive(1e8, "N/m^p")
     stiffness_taper: float = parameter(LEGAL["stiffness_taper"], 1.0)
     v0: float = parameter(V0, -1.0)
+
+    @field_validator("arrangement", mode="before")
+    @classmethod
+    def _of_today(cls, name: object, info: ValidationInfo) -> object:
+        return rename_arrangement(name, warn=info.context != KEPT)
 
     @field_validator("balls")
     @classmethod
@@ -71,9 +86,9 @@ class Arranged(Strict):
         return strike
 
     @model_validator(mode="after")
-    def _within_double_precision(self) -> Arranged:
+    def _within_double_precision(self) -> ChainSetup:
         try:
-            self.column()
+            self.collision()
             if not 0 < self.m * abs(self.v0) < math.inf:
                 raise ValueError("m times |v0| leaves double precision; legal: a finite product > 0")
         except ValueError as error:
@@ -87,9 +102,9 @@ class Arranged(Strict):
         """Number of balls that move at first; the contact below them, of this number, is struck."""
         return self.balls if self.arrangement == "stack" else self.strike or 1
 
-    def column(self) -> Collision:
-        """Return the column in kg, N/m^p and m/s; the contact that is struck touches, all others have the gap."""
-        table = self.arrangement in ("drop", "stack")
+    def collision(self) -> Collision:
+        """Return the chain in kg, N/m^p and m/s; the contact that is struck touches, all others have the gap."""
+        table = self.arrangement in ("pile", "stack")
         contacts, struck = self.balls - 1 + table, self.striking - 1
         with np.errstate(over="ignore", under="ignore", invalid="ignore"):
             masses = self.m * np.power(float(self.mass_taper), np.arange(self.balls))
@@ -105,10 +120,10 @@ class Arranged(Strict):
         )
 
 
-class ColumnTable(Axes):
-    """Axes of columns of N balls; the first varies slowest."""
+class ChainGrid(Axes):
+    """Axes of chains of N balls; the first varies slowest."""
 
-    arrangement: list[Arrangement] = Field(default=["cradle", "drop", "stack"])
+    arrangement: list[Arrangement] = Field(default=["cradle", "pile", "stack"])
     balls: Axis = Field(default=[2.0, 3.0, 5.0, 10.0])
     strike: Axis | None = Field(default=None)
     exponent: Axis = Field(default=[1.0])
@@ -119,20 +134,23 @@ class ColumnTable(Axes):
 
     @field_validator("arrangement", mode="before")
     @classmethod
-    def _arrangements(cls, value: object) -> object:
-        names = value if isinstance(value, list) else [value]
+    def _arrangements(cls, value: object, info: ValidationInfo) -> object:
+        warn = info.context != KEPT
+        names = [
+            rename_arrangement(name, warn=warn) for name in (value if isinstance(value, list) else [value])
+        ]
         if not names or any(name not in get_args(Arrangement) or names.count(name) > 1 for name in names):
             raise ValueError(f"{short(value)}; legal: {_NAMES}, or a list of them, each once")
         return names
 
     @model_validator(mode="after")
-    def _of_a_cradle(self) -> ColumnTable:
+    def _of_a_cradle(self) -> ChainGrid:
         if self.strike is not None and "cradle" not in self.arrangement:
             raise ValueError(f"strike = {short(self.strike)}; legal: none without a cradle")
         return self
 
     def count(self) -> int:
-        """Count the columns of all arrangements."""
+        """Count the chains of all arrangements."""
         return sum(math.prod(map(len, self.axes(name).values())) for name in self.arrangement)
 
     def axes(self, arrangement: str) -> dict[str, list[float]]:
@@ -141,7 +159,7 @@ class ColumnTable(Axes):
         return axes if arrangement == "cradle" else axes | {"strike": [math.nan]}
 
     def corners(self) -> Iterator[dict[str, Any]]:
-        """Yield columns at the ends of all axes, as `Arranged` takes them: if any is illegal, one of these is."""
+        """Yield chains at the ends of all axes, as `ChainSetup` takes them: if any is illegal, one of these is."""
         for name in self.arrangement:
             for fewest_or_most, end in itertools.product((min, max), (min, max)):
                 row = {key: end(values) for key, values in self.axes(name).items()}
@@ -150,6 +168,6 @@ class ColumnTable(Axes):
 
 
 def arranged(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a row of the axes of columns, with its arrangement, as `Arranged` takes it."""
+    """Return a row of the axes of chains, with its arrangement, as `ChainSetup` takes it."""
     strike = None if math.isnan(row["strike"]) else int(row["strike"])
     return {**row, "balls": int(row["balls"]), "strike": strike}

@@ -1,4 +1,4 @@
-"""Parameters of an experiment: their legal values, axes of a grid or of columns, and boxes that are sampled."""
+"""Parameters of an experiment: their legal values, axes of a grid or of chains, and boxes that are sampled."""
 
 from __future__ import annotations
 
@@ -16,6 +16,10 @@ from impact_xval.model.inputs import E1, E2, EXPONENT, MASS_RATIO, STIFFNESS_RAT
 #: The parameters that decide an impact, and how a reader knows them.
 AXES = {"stiffness_ratio": "k2/k1", "mass_ratio": "m2/m1", "e1": "e1", "e2": "e2"}
 
+#: Validation context of an experiment that is read from the folder of its run: a solver that it names need not be
+#: installed any more, and names of version 0.4 are no mistake of the user.
+KEPT = "kept"
+
 #: Quantities that a grid may have instead of, or beside, a ratio, with their units.
 SI_AXES = {"m1": "kg", "m2": "kg", "k1": "N/m", "k2": "N/m"}
 
@@ -24,7 +28,7 @@ RATIO_OF = {"stiffness_ratio": ("k2", "k1"), "mass_ratio": ("m2", "m1")}
 
 _LEAST, _LARGEST = math.ulp(0.0), float(np.finfo(float).max)
 
-#: What is legal on each axis, of two balls and of columns.
+#: What is legal on each axis, of two balls and of chains.
 LEGAL = {
     legal.name: legal
     for legal in (

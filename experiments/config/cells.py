@@ -1,4 +1,4 @@
-"""The cells of an experiment: a grid, a sample (`scipy.stats.qmc`), a list from a file, or columns of N balls.
+"""The cells of an experiment: a grid, a sample (`scipy.stats.qmc`), a list from a file, or chains of N balls.
 
 They are numbered and deterministic, and made block by block: ten million of them are never in memory at once.
 """
@@ -20,15 +20,15 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.registry import is_engine
-from impact_xval.experiments.config.arrangements import Arranged, arranged
+from impact_xval.experiments.config.arrangements import ChainSetup, arranged
 from impact_xval.experiments.config.axes import AXES, LEGAL, MAX_CELLS, RATIO_OF, Sample
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import Cell, Config, untied
 from impact_xval.model.collision import Collision, Collisions
 
 #: Cells of a chunk where an engine is among the solvers, a few seconds of work with their estimates: of two balls, of
-#: columns. Without an engine at most so many; a million cells then make a thousand parts.
-_CHUNK, _COLUMNS_CHUNK, _QUICK_CHUNK = 16, 4, 1024
+#: chains. Without an engine at most so many; a million cells then make a thousand parts.
+_CHUNK, _CHAINS_CHUNK, _QUICK_CHUNK = 16, 4, 1024
 
 #: The number of chunks from which they become larger instead of more.
 _MOST_CHUNKS = 10_000
@@ -59,7 +59,7 @@ class Cells:
 
     config: Config
     count: int
-    #: Gives the ratios, or the axes of columns, of a range of cells by their names, shape (n,) each.
+    #: Gives the ratios, or the axes of chains, of a range of cells by their names, shape (n,) each.
     values: Callable[[range], dict[str, NDArray[Any]]]
     #: SHA-256 of cells that are listed, to the last bit.
     digest: str = ""
@@ -72,7 +72,7 @@ class Cells:
         config, found = self.config, self.values(indices)
         for name in ("m1", "k1", "v0"):
             found.setdefault(name, np.full(len(indices), getattr(config, name)))
-        if config.column is None:
+        if config.chain is None:
             found = untied(found)
             for ratio, (quantity, unit) in RATIO_OF.items():
                 if quantity in found:
@@ -81,7 +81,7 @@ class Cells:
                     found[quantity] = found[unit] * found[ratio]
             collisions = _two_balls(found)
         else:
-            collisions = _columns(found)
+            collisions = _chains(found)
             found["balls"] = found["balls"].astype(int)
         return Block(np.arange(indices.start, indices.stop), found, collisions)
 
@@ -95,7 +95,7 @@ class Cells:
         """Cells of a chunk: as configured, or by whether an engine is among the solvers."""
         if self.config.chunk_size is not None:
             return self.config.chunk_size
-        usual = _CHUNK if self.config.column is None else _COLUMNS_CHUNK
+        usual = _CHUNK if self.config.chain is None else _CHAINS_CHUNK
         if not any(map(is_engine, self.config.solvers)):
             usual = max(_CHUNK, min(_QUICK_CHUNK, len(self) // 64))
         return max(usual, -(-len(self) // _MOST_CHUNKS))
@@ -112,8 +112,8 @@ class Cells:
 
 def experiment_cells(config: Config) -> Cells:
     """Return the cells of an experiment of any kind; a `UserError` says what is wrong with a file of them."""
-    if config.column is not None:
-        table = config.column
+    if config.chain is not None:
+        table = config.chain
         return _gridded(config, [{"arrangement": [name]} | table.axes(name) for name in table.arrangement])
     if config.sample is not None:
         return listed(config, draw(config.sample))
@@ -170,14 +170,14 @@ def _two_balls(cells: dict[str, NDArray[Any]]) -> Collisions:
     return Collisions(m, k, e, v, True, np.zeros_like(k))
 
 
-def _columns(cells: dict[str, NDArray[Any]]) -> Sequence[Collision]:
+def _chains(cells: dict[str, NDArray[Any]]) -> Sequence[Collision]:
     names = [{"m1": "m", "k1": "k"}.get(name, name) for name in cells]
     rows = zip(*(values.tolist() for values in cells.values()), strict=True)
     given = (arranged(dict(zip(names, row, strict=True))) for row in rows)
-    # The corners of the table have been validated, and no other column is illegal where they are legal.
-    columns = [Arranged.model_construct(None, **each).column() for each in given]
-    kinds = {(len(each.masses), each.table, each.exponent) for each in columns}
-    return Collisions.of(columns) if len(kinds) == 1 else columns
+    # The corners of the table have been validated, and no other chain is illegal where they are legal.
+    chains = [ChainSetup.model_construct(None, **each).collision() for each in given]
+    kinds = {(len(each.masses), each.table, each.exponent) for each in chains}
+    return Collisions.of(chains) if len(kinds) == 1 else chains
 
 
 def draw(sample: Sample) -> NDArray[np.float64]:

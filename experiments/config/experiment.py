@@ -17,8 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from impact_xval.compliant_baselines.states import SHORTEST_STATE
-from impact_xval.experiments.config.arrangements import Arranged, ColumnTable
+from impact_xval.experiments.config.arrangements import ChainGrid, ChainSetup
 from impact_xval.experiments.config.axes import (
+    KEPT,
     LEGAL,
     RATIO_OF,
     SI_AXES,
@@ -33,19 +34,17 @@ from impact_xval.experiments.config.axes import (
     whole,
 )
 from impact_xval.experiments.config.errors import UserError, hint, read_toml, short, validated
+from impact_xval.experiments.config.renamed import EXPERIMENT_KEYS, rename_keys
 from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, V0, Cutoff, legal_cutoff
 
 #: What says which cells are computed; an experiment has one of them, without any the built-in grid.
-DESIGNS = ("grid", "sample", "cells", "column")
+DESIGNS = ("grid", "sample", "cells", "chain")
 
 #: Keys on which no row depends. The cells of a list are part of the identity of each chunk, wherever their file lies.
-COSMETIC = ("name", "workers", "figure_cell", "figure_column", "cells")
+COSMETIC = ("name", "workers", "figure_cell", "figure_chain", "cells")
 
 #: The solver every other one is compared with; part of every run.
 REFERENCE = "state-transition"
-
-#: Where an experiment is read of a run that is there: a solver of its tables may be installed no longer.
-KEPT = "kept"
 
 _NAME = "1 to 100 printable characters"
 
@@ -174,15 +173,16 @@ class Config(Strict):
     grid: Grid = table(Grid)
     sample: Sample | None = Field(None, description="a table: n, seed and ranges")
     cells: str | None = Field(None, min_length=1, description="the path of a CSV or Parquet file")
-    column: ColumnTable | None = Field(None, description=f"a table: {', '.join(ColumnTable.model_fields)}")
+    chain: ChainGrid | None = Field(None, description=f"a table: {', '.join(ChainGrid.model_fields)}")
     convergence: ConvergenceTable = table(ConvergenceTable)
     figure_cell: Cell = table(Cell)
-    figure_column: Arranged = table(Arranged)
+    figure_chain: ChainSetup = table(ChainSetup)
 
     @model_validator(mode="before")
     @classmethod
-    def _columns_have_no_gravity(cls, data: Any) -> Any:
-        if isinstance(data, dict) and data.get("column") is not None:
+    def _chains_have_no_gravity(cls, data: Any, info: ValidationInfo) -> Any:
+        data = rename_keys(data, EXPERIMENT_KEYS, warn=info.context != KEPT)
+        if isinstance(data, dict) and data.get("chain") is not None:
             return {"scenario": "impact"} | data
         return data
 
@@ -209,21 +209,21 @@ class Config(Strict):
 
     @model_validator(mode="after")
     def _one_design(self) -> Config:
-        given, columns = self.model_fields_set, self.column is not None
+        given, chains = self.model_fields_set, self.chain is not None
         designs = [name for name in DESIGNS if name in given and getattr(self, name) is not None]
         for name in self.grid.in_si:
             if name in given:
                 raise ValueError(f"{name} is given above every [table] and in [grid]; legal: one of both")
         if len(designs) > 1:
             raise ValueError(f"{' and '.join(designs)} are given; legal: one of {', '.join(DESIGNS)}")
-        others = {"figure_column": "figure_cell"}
-        if columns:
-            others = {"figure_cell": "figure_column", "gravity": "none, columns are solved without it"}
+        others = {"figure_chain": "figure_cell"}
+        if chains:
+            others = {"figure_cell": "figure_chain", "gravity": "none, chains are solved without it"}
         for name, legal in others.items():
             if name in given:
-                raise ValueError(f"{name} is given {'with' if columns else 'without'} column; legal: {legal}")
-        if columns and self.scenario != "impact":
-            raise ValueError(f"scenario = {self.scenario!r}: columns have no gravity; legal: 'impact'")
+                raise ValueError(f"{name} is given {'with' if chains else 'without'} chain; legal: {legal}")
+        if chains and self.scenario != "impact":
+            raise ValueError(f"scenario = {self.scenario!r}: chains have no gravity; legal: 'impact'")
         if "gravity" in given and self.scenario == "impact":
             raise ValueError(f"gravity = {self.gravity:g}: scenario = 'impact' has none; legal: with 'drop'")
         return self
@@ -232,7 +232,7 @@ class Config(Strict):
     def _computable(self) -> Config:
         # The built-in grid stands beside other designs too, and nothing computes it there.
         ends: dict[str, list[float]] = {}
-        if self.cells is None and self.column is None:
+        if self.cells is None and self.chain is None:
             ends = self.grid.axes() if self.sample is None else self.sample.ends()
         for m1, k1 in itertools.product(
             *(_extremes(ends.get(name, [own])) for name, own in self.scales.items())
@@ -248,8 +248,8 @@ class Config(Strict):
                 ratios.append([*values, getattr(self.figure_cell, ratio)])
             if found := self.beyond_precision(*ratios, m1=m1, k1=k1):
                 raise ValueError(found[1])
-        for corner in self.column.corners() if self.column else ():
-            validated(Arranged, corner | {"m": self.m1, "k": self.k1, "v0": self.v0}, "column")
+        for corner in self.chain.corners() if self.chain else ():
+            validated(ChainSetup, corner | {"m": self.m1, "k": self.k1, "v0": self.v0}, "chain")
         return self
 
     @property
@@ -302,17 +302,17 @@ class Config(Strict):
         """Say how many cells the axes make, and which of them took their defaults; "" without axes."""
         if self.sample is not None or self.cells is not None:
             return ""
-        table = self.column or self.grid
+        table = self.chain or self.grid
         axes = (
             f"{name} {len(values)}" + ("" if name in table.model_fields_set else " (default)")
             for name, values in table.varied().items()
         )
-        return f"{table.count()} {'cells' if self.column is None else 'columns'}: {', '.join(axes)}"
+        return f"{table.count()} {'cells' if self.chain is None else 'chains'}: {', '.join(axes)}"
 
     def _stated(self) -> dict[str, Any]:
         """Return the configuration as a file holds it."""
         replaced: dict[str, Any] = {"grid": self.grid.replaced} if self.grid.replaced else {}
-        of_others = {"figure_column"} if self.column is None else {"grid", "figure_cell", "gravity"}
+        of_others = {"figure_chain"} if self.chain is None else {"grid", "figure_cell", "gravity"}
         of_others |= {name for name in self.grid.in_si if name in ("m1", "k1")}
         if self.sample is not None or self.cells is not None:
             of_others.add("grid")
@@ -336,8 +336,8 @@ class Config(Strict):
         plain = {key: value for key, value in self.canonical().items() if key not in COSMETIC}
         if "grid" in plain:
             plain["grid"] = _plain(self.grid.varied())
-        if self.column is not None:
-            plain["column"] = [[name, self.column.axes(name)] for name in self.column.arrangement]
+        if self.chain is not None:
+            plain["chain"] = [[name, self.chain.axes(name)] for name in self.chain.arrangement]
         return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, Field, ValidationInfo, field_validator
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from impact_xval.experiments.config.axes import Strict, at_most, table, whole
 from impact_xval.experiments.config.errors import read_toml, short, validated
 from impact_xval.experiments.config.experiment import Config, Solvers
+from impact_xval.experiments.config.renamed import HYPOTHESIS_KEYS, rename_keys
 
 #: Models and references beside the solvers that a run has by default.
 LAWS = ("kelvin-voigt-anchored", "kelvin-voigt-textbook", "hunt-crossley", "liu-zhao-brogliato")
@@ -32,10 +33,10 @@ _Contrast = Annotated[
 _Decades = Annotated[float, Field(ge=1, le=8, description="from 1 to 8 (decades of a fit)")]
 
 
-class ColumnsConfig(Strict):
-    """The columns of N balls."""
+class ChainsConfig(Strict):
+    """The chains of N balls."""
 
-    points: int = whole(6, 3, 100, " (columns at each place; every third is elastic)")
+    points: int = whole(6, 3, 100, " (chains at each place; every third is elastic)")
     balls: tuple[int, int] = Field(
         (4, 7), strict=False, description="whole numbers from 4 to 12, least first"
     )
@@ -54,6 +55,11 @@ class ColumnsConfig(Strict):
 class HypothesisConfig(Strict):
     """A test of the hypothesis."""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _names_of_today(cls, data: Any) -> Any:
+        return rename_keys(data, HYPOTHESIS_KEYS, warn=True)
+
     seed: int = Field(1, ge=0, le=2**32, description="a whole number from 0 to 2^32")
     points: int = whole(24, 6, 500, " (points of each limit)")
     solvers: Solvers = Field([*Config.model_fields["solvers"].default, *LAWS])
@@ -62,7 +68,7 @@ class HypothesisConfig(Strict):
     per_decade: int = whole(8, 4, 64, " (contrasts in a decade)")
     fit_decades: _Decades = 4.0
     cell_timeout: float = at_most(300.0, 1e6, "s of wall time")
-    columns: ColumnsConfig = table(ColumnsConfig)
+    chains: ChainsConfig = table(ChainsConfig)
 
 
 def spaced(ends: tuple[float, float], per_decade: int) -> list[float]:

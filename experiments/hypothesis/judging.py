@@ -217,7 +217,7 @@ def _extrapolate(window: Series) -> tuple[Floats, float]:
 
 
 def judged(outcomes: Frame, keys: Sequence[str]) -> Frame:
-    """Judge every series of outcomes, of pairs or of columns: those with the same `keys`; a row each."""
+    """Judge every series of outcomes, of pairs or of chains: those with the same `keys`; a row each."""
     rows = []
     table = {name: outcomes[name].to_numpy() for name in outcomes}
     for key, places in outcomes.groupby(list(keys), sort=False).indices.items():

@@ -1,6 +1,6 @@
 """The hypothesis for one collision of one's own: does its stiff pair move as one body, by every law.
 
-The two bodies of the stiffest contact are *welded* (`columns.welded`): one body of the mass and the momentum of both,
+The two bodies of the stiffest contact are *welded* (`chains.welded`): one body of the mass and the momentum of both,
 or, at the table, part of the table. Each law solves the welded collision, the collision at hand, and the same at rising
 contrasts of the stiff contact, all other contacts being as they are. D is the kinetic norm of the difference from the
 welded collision, per that of the velocities at first touch. Where the contrast goes is judged as in a test of the
@@ -22,7 +22,7 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.config.axes import Strict
 from impact_xval.experiments.config.errors import UserError, read_toml, validated
-from impact_xval.experiments.hypothesis.columns import ERROR, SOLVERS, of_each_ball, stiffened, welded
+from impact_xval.experiments.hypothesis.chains import ERROR, SOLVERS, of_each_ball, stiffened, welded
 from impact_xval.experiments.hypothesis.config import spaced
 from impact_xval.experiments.hypothesis.judging import CLOSE, distance, judge, usable
 from impact_xval.experiments.presentation.document import Block, Table
@@ -30,7 +30,7 @@ from impact_xval.experiments.presentation.words import named
 from impact_xval.experiments.tables.numbers import listed, number
 from impact_xval.model.collision import MAX_BALLS, RESULT_STATUSES, Collision, Floats, Outcome
 
-#: Laws beside those of columns that two balls on a table are solved by.
+#: Laws beside those of chains that two balls on a table are solved by.
 OF_PAIRS = ("liu-zhao-brogliato", "kelvin-voigt-anchored", "compression-dashpot", "hunt-crossley")
 
 #: A law that is for two balls on a table alone, and the law that is the same for the one ball that is left of them.

@@ -52,10 +52,10 @@ _MEANINGS = {
     "limit": "one of the six limits",
     "elastic contacts": "which contacts of the points have e = 1; of a plastic limit, whether the other one has",
     "bodies at first": "whether the bodies of the stiff contact meet with different velocities, or have one at first",
-    "supported": "columns whose D from the welded one falls as a power of the contrast, of how many",
-    "refuted": "columns that go to another outcome than the welded one, of how many",
-    "rates": "r of the supported columns, D falling as contrast^-r: the least and the largest",
-    "D": "distance from the closed form, or the welded column: a kinetic norm, per that of the incoming motion",
+    "supported": "chains whose D from the welded one falls as a power of the contrast, of how many",
+    "refuted": "chains that go to another outcome than the welded one, of how many",
+    "rates": "r of the supported chains, D falling as contrast^-r: the least and the largest",
+    "D": "distance from the closed form, or the welded chain: a kinetic norm, per that of the incoming motion",
     "contrast": "what goes to infinity: how many times stiffer one contact is",
     "regime": "which collisions of two balls go to that limit",
     "name": "what heads a column, or a row",
@@ -65,9 +65,9 @@ _MEANINGS = {
 
 def write_all(results: Results, root: Path) -> Path:
     """Write everything into the folder of a test; give the path of the page."""
-    for name in ("verdicts", "points", "columns"):
+    for name in ("verdicts", "points", "chains"):
         write_text(root / f"{name}.csv", getattr(results, name).to_csv(index=False, lineterminator="\n"))
-    for name, frame in {"outcomes": results.outcomes, "columns": results.column_outcomes}.items():
+    for name, frame in {"outcomes": results.outcomes, "chains": results.chain_outcomes}.items():
         with replacing(root / f"{name}.parquet") as temporary:
             frame.to_parquet(temporary, index=False, compression="zstd")
     (root / "figures").mkdir(exist_ok=True)
@@ -79,7 +79,7 @@ def write_all(results: Results, root: Path) -> Path:
 def show_verdicts(console: Console, results: Results) -> None:
     """Print the verdicts, and the points at which they are reached."""
     table = _grid(_wholes(results.verdicts), {"solver": "solver"}, "case", _short, TITLE)
-    show(console, ["", table, *_columns_as_one(results), LAWS_WITH_LAWS])
+    show(console, ["", table, *_chains_as_one(results), LAWS_WITH_LAWS])
 
 
 def _blocks(results: Results) -> list[Block]:
@@ -93,7 +93,7 @@ def _blocks(results: Results) -> list[Block]:
     )
     held = _wholes(results.verdicts).query("solver == @MODEL and verdict == 'supported'")
     answer = [f"The model supports it in {len(held)} of {len(CASES)} limits."] * (MODEL in results.solvers)
-    said = " ".join([*answer, *_columns_as_one(results)])
+    said = " ".join([*answer, *_chains_as_one(results)])
     figure = Figure(
         "distance",
         "D over the contrast: median over the points none of whose other contacts is elastic. Open markers: engines, "
@@ -138,12 +138,12 @@ def _wholes(table: Frame) -> Frame:
     return table[table["class"] == "all"]
 
 
-def _columns_as_one(results: Results) -> Iterator[str]:
-    """Say at how many columns a pair that has one velocity at first moves as one; nothing without columns."""
+def _chains_as_one(results: Results) -> Iterator[str]:
+    """Say at how many chains a pair that has one velocity at first moves as one; nothing without chains."""
     places = over_places(results)
     found = [f"{named(solver)} {supported}" for solver, first, supported, *_ in places if first != "meet"]
     if found:
-        yield f"Columns whose stiff pair has one velocity at first, and moves as one: {', '.join(found)}."
+        yield f"Chains whose stiff pair has one velocity at first, and moves as one: {', '.join(found)}."
 
 
 def _verdicts(results: Results) -> Table:
@@ -198,24 +198,24 @@ def _draw(results: Results, folder: Path) -> None:
 
 
 def _more(results: Results) -> Section:
-    """Show the verdicts on classes of points, and on columns of N balls beside those whose stiff pair is welded."""
+    """Show the verdicts on classes of points, and on chains of N balls beside those whose stiff pair is welded."""
     classes = results.verdicts[results.verdicts["class"] != "all"]
     of_points = _grid(classes, {"case": "limit", "class": "elastic contacts"}, "solver", _short)
     caption = (
-        f"Columns of {span(results.config.columns.balls)} balls, one contact of which becomes infinitely stiff, beside "
-        "those whose pair is welded: one body, or part of the table. D: of refuted columns, from the welded ones"
+        f"Chains of {span(results.config.chains.balls)} balls, one contact of which becomes infinitely stiff, beside "
+        "those whose pair is welded: one body, or part of the table. D: of refuted chains, from the welded ones"
     )
     rows = [(named(solver), *row) for solver, *row in over_places(results)]
     header = ("solver", "bodies at first", "supported", "refuted", "rates", "D")
-    of_columns = Table(header, rows, caption, text=2)
-    return Section("Classes of points, columns of N balls", [of_points, of_columns], folded=True)
+    of_chains = Table(header, rows, caption, text=2)
+    return Section("Classes of points, chains of N balls", [of_points, of_chains], folded=True)
 
 
 def over_places(results: Results) -> Iterator[tuple[str, ...]]:
-    """Count columns, a row a solver and whether the bodies of the pair meet at first; none without columns."""
-    if results.columns.empty:
+    """Count chains, a row a solver and whether the bodies of the pair meet at first; none without chains."""
+    if results.chains.empty:
         return
-    for (solver, meets), found in _wholes(results.columns).groupby(["solver", "meets"], sort=False):
+    for (solver, meets), found in _wholes(results.chains).groupby(["solver", "meets"], sort=False):
         sums = found[["n_supported", "n_refuted", "points"]].sum()
         counts = (f"{n} of {sums.points}" for n in (sums.n_supported, sums.n_refuted))
         rates = span((found.least_rate.min(), found.largest_rate.max()), ".2f") if sums.n_supported else "-"

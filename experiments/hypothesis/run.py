@@ -24,7 +24,7 @@ from impact_xval.compliant_baselines.registry import engine_free_names
 from impact_xval.experiments.config.axes import AXES, Sample
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import REFERENCE, parse_config
-from impact_xval.experiments.hypothesis.columns import column_outcomes
+from impact_xval.experiments.hypothesis.chains import chain_outcomes
 from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced
 from impact_xval.experiments.hypothesis.judging import distance, judged, usable, verdicts
 from impact_xval.experiments.measures.aggregates import Frame
@@ -148,15 +148,15 @@ def design(n: int, seed: int) -> Frame:
 class Results(NamedTuple):
     """What a test found: outcomes, a row a contrast; points (series of them); verdicts on classes, ``all`` first.
 
-    Of columns of N balls likewise; `versions` has for an engine its version, or why it is unavailable.
+    Of chains of N balls likewise; `versions` has for an engine its version, or why it is unavailable.
     """
 
     config: HypothesisConfig
     outcomes: Frame
     points: Frame
     verdicts: Frame
-    column_outcomes: Frame
-    columns: Frame
+    chain_outcomes: Frame
+    chains: Frame
     versions: dict[str, str]
 
     @property
@@ -229,11 +229,11 @@ def results(config: HypothesisConfig, root: Path) -> Results:
     )
     points = judged(outcomes, ["case", "solver", "point", "class"])
     ratios = design(config.points, config.seed)[["case", "point", *AXES, *_CLOSED]]
-    columns, keys = column_outcomes(config), ["arrangement", "stiff_contact", "meets", "solver"]
-    of_columns = verdicts(judged(columns, [*keys, "column", "class"]), keys) if len(columns) else columns
+    chains, keys = chain_outcomes(config), ["arrangement", "stiff_contact", "meets", "solver"]
+    of_chains = verdicts(judged(chains, [*keys, "chain", "class"]), keys) if len(chains) else chains
     of_limits = verdicts(points, ["case", "solver"])
     points = points.merge(ratios, on=["case", "point"])
-    return Results(config, outcomes, points, of_limits, columns, of_columns, versions)
+    return Results(config, outcomes, points, of_limits, chains, of_chains, versions)
 
 
 def _outcomes(found: Frame) -> Frame:

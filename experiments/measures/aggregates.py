@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.registry import law_of
-from impact_xval.experiments.config.arrangements import COLUMN_AXES
+from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.tables.folder import RunFolder
@@ -53,8 +53,8 @@ class Levels:
 
 
 def axis_levels(config: Config, axis: str, x: NDArray[Any]) -> Levels:
-    """Levels of an axis: the values of a grid or of columns, else what scattered values fall into."""
-    if config.column is not None:
+    """Levels of an axis: the values of a grid or of chains, else what scattered values fall into."""
+    if config.chain is not None:
         return Levels(sorted(set(pd.Series(x).dropna())))
     scattered = config.sample is not None or config.cells is not None
     axes = {} if scattered else config.grid.axes()
@@ -135,7 +135,7 @@ def load_divergence(folder: RunFolder, config: Config) -> Compared:
     solvers = [name for name in config.solvers if name != REFERENCE]
     rows = pd.DataFrame({"solver": pd.Categorical.from_codes(codes(path, "solver", solvers), solvers)})
     levels = {}
-    for axis in AXES if config.column is None else COLUMN_AXES:
+    for axis in AXES if config.chain is None else CHAIN_AXES:
         x = column(path, axis)
         levels[axis] = axis_levels(config, axis, x)
         rows[axis] = pd.Categorical.from_codes(levels[axis].codes(x), levels[axis].values)

@@ -2,7 +2,7 @@
 
 They are positions, law and gravity. All off is the state-transition model, all on the law of the engine in its
 scenario. Corners are computed by the references, without a time step, whether or not a run lists them as solvers; the
-model's is the run's own row. In an `impact` the corners of the third switch are two and two the same; columns of N
+model's is the run's own row. In an `impact` the corners of the third switch are two and two the same; chains of N
 balls know no gravity, and have two switches.
 """
 
@@ -34,7 +34,7 @@ _MAX_STEPS = 100_000
 class Corners(NamedTuple):
     """The corners of n cells of N balls."""
 
-    #: By position of each switch, per abs(v0), shape (2, 2, g, n, N); g is 1 of columns of N balls. NaN from the first
+    #: By position of each switch, per abs(v0), shape (2, 2, g, n, N); g is 1 of chains of N balls. NaN from the first
     #: without a result on.
     velocities: Floats
     #: Which corner, beside the model, is the first without a result, and its status; empty where all have one.

@@ -171,7 +171,7 @@ def divergence(
     sequences = {texts: [text.split() for text in texts] for texts in set(pairs)}
     known = {texts: (a == b, part_at(a, b), edit_distance(a, b)) for texts, (a, b) in sequences.items()}
     states = [known[texts] if there else (None,) * 3 for texts, there in zip(pairs, both, strict=True)]
-    names = "states_equal", "states_part_at", "states_edit_distance"
+    names = "states_equal", "states_differ_at", "states_edit_distance"
 
     def curves(paths: Paths) -> Floats:
         units = np.repeat(masses[:, 0] * speed, np.diff(paths.offsets))
@@ -184,7 +184,7 @@ def divergence(
     one, two = model.paths, other.paths
     apart = distances(curves(one), curves(two), one.offsets, two.offsets)
     found |= zip(names, np.array(states, dtype=object).reshape(-1, 3).T, strict=True)
-    return found | {"curve_distance": np.where(both, apart, np.nan)}
+    return found | {"impulse_curve_distance": np.where(both, apart, np.nan)}
 
 
 def retained_energy(masses: Floats, starts: Floats, results: Results) -> Floats:

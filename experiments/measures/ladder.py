@@ -2,7 +2,7 @@
 
 The three causes stand between the model and the law that the engine was asked for in its scenario: switches, all
 combinations of which (`corners`) are known without an engine. A cause is the mean of what its switch changes over the
-six orders in which they can be turned on (its Shapley value); columns of N balls know no gravity, and have two. The
+six orders in which they can be turned on (its Shapley value); chains of N balls know no gravity, and have two. The
 last two contributions, from that law to the engine, have one order. All sum to engine minus model, to rounding.
 
 Norms do not add, components along the total do: their sum is D. A share is one of them over D; over many cells it is
@@ -202,7 +202,7 @@ def ladders(
     `model` and `engines` are rows, one a cell.
     """
     columns: dict[str, Columns] = {name: {} for name in engines}
-    pair = config.column is None
+    pair = config.chain is None
     for places, collisions in kinds(block.collisions) if engines else ():
         some, speed = model.take(places), np.abs(collisions.velocities).max(axis=1, keepdims=True)
         gravity = np.full(len(places), config.gravity if config.scenario == "drop" else 0.0)

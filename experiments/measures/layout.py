@@ -16,9 +16,9 @@ from impact_xval.experiments.tables.schema import Column, Cut, Layout, columns, 
 
 def layout_of(config: Config) -> Layout:
     """Lay out the tables of an experiment."""
-    line = config.column
-    pair, balls = line is None, 2 if line is None else int(max(line.axes("drop")["balls"]))
-    contacts = balls if line is None or {"drop", "stack"} & set(line.arrangement) else balls - 1
+    line = config.chain
+    pair, balls = line is None, 2 if line is None else int(max(line.axes("pile")["balls"]))
+    contacts = balls if line is None or {"pile", "stack"} & set(line.arrangement) else balls - 1
     parameters = known.PAIR if pair else known.LINE
 
     def block(*some: Mapping[str, Column]) -> dict[str, Column]:

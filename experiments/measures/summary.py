@@ -19,7 +19,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from impact_xval.compliant_baselines.registry import is_engine
-from impact_xval.experiments.config.arrangements import COLUMN_AXES
+from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.measures.aggregates import (
@@ -46,10 +46,10 @@ from impact_xval.experiments.tables.folder import RunFolder, Tally, statuses_of
 from impact_xval.experiments.tables.parquet import codes, column, present, rows_at, selected
 from impact_xval.model.collision import RESULT_STATUSES
 
-#: Measures that are summarised, by their size: of two balls, and of columns of N.
+#: Measures that are summarised, by their size: of two balls, and of chains of N.
 SUMMARISED = ("velocity_divergence", "dv1", "dv2", "dimpulse1", "dimpulse2")
-SUMMARISED += ("dretained_energy", "curve_distance", "states_edit_distance")
-SUMMARISED_OF_COLUMNS = ("velocity_divergence", "largest_dv", "dretained_energy", "limit_distance")
+SUMMARISED += ("dretained_energy", "impulse_curve_distance", "states_edit_distance")
+SUMMARISED_OF_CHAINS = ("velocity_divergence", "largest_dv", "dretained_energy", "limit_distance")
 
 _SHARES = ("states_equal", FULL_PATHS, OWN_LAW)
 
@@ -69,7 +69,7 @@ class Summary:
 
     def __init__(self, folder: RunFolder) -> None:
         self.config = config = folder.config()
-        pair, cells, outcomes = config.column is None, folder.table_path("cells.parquet"), folder.tally()
+        pair, cells, outcomes = config.chain is None, folder.table_path("cells.parquet"), folder.tally()
         #: The solvers that were compared with the reference, grouped by the law they were asked for.
         self.solvers = in_order_of_laws(name for name in config.solvers if name != REFERENCE)
         table = load_divergence(folder, config)
@@ -131,7 +131,7 @@ def _statistics(table: Compared, *, pair: bool) -> Frame:
         "regular": table.regular,
         "marked": table.rows.compared & table.rows.marked,
     }
-    for measure in (*SUMMARISED, *_SHARES) if pair else SUMMARISED_OF_COLUMNS:
+    for measure in (*SUMMARISED, *_SHARES) if pair else SUMMARISED_OF_CHAINS:
         sized = table.rows.assign(size=np.abs(table.measure(measure)))
         for cells, kept in parts.items():
             rows = sized[kept]
@@ -250,10 +250,10 @@ def band_of(stiffness_ratio: Any) -> Any:
 
 def summarise_ladder(folder: RunFolder, config: Config) -> LadderSummary:
     """Compute the statistics of the ladders of a finished run, the rows of an engine in memory at a time."""
-    path, pair, frames = folder.table_path("ladder.parquet"), config.column is None, []
+    path, pair, frames = folder.table_path("ladder.parquet"), config.chain is None, []
     columns = [f"{c.name}_{number}" for c in contributions_of(gravity=pair) for number in ("norm", "share")]
     columns += [f"{name}_along" for name in corner_names(gravity=pair).values()]
-    columns += [*(AXES if pair else COLUMN_AXES), "velocity_divergence"]
+    columns += [*(AXES if pair else CHAIN_AXES), "velocity_divergence"]
     regular = (pc.field("status") == "ok") & pc.field("marked").is_null()  # others count in no statistic
     for solver in filter(is_engine, config.solvers):
         rows = selected(path, columns, regular & (pc.field("solver") == solver)).to_pandas()
@@ -268,11 +268,11 @@ def summarise_ladder(folder: RunFolder, config: Config) -> LadderSummary:
 
 
 def _regions(rows: Frame, config: Config) -> dict[str, Any]:
-    """By axis, the value by which every row is grouped; of columns only by axes that have several."""
+    """By axis, the value by which every row is grouped; of chains only by axes that have several."""
     regions: dict[str, Any] = {"all": np.zeros(len(rows))}
-    if config.column is not None:
+    if config.chain is not None:
         # strikers are of cradles alone
-        several = [axis for axis in COLUMN_AXES if rows[axis].nunique() > 1 and rows[axis].notna().all()]
+        several = [axis for axis in CHAIN_AXES if rows[axis].nunique() > 1 and rows[axis].notna().all()]
         return regions | {axis: np.asarray(rows[axis]) for axis in several}
     for axis in AXES:
         x = rows[axis].to_numpy()

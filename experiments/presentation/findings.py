@@ -9,7 +9,7 @@ from typing import Any
 from markupsafe import Markup
 
 from impact_xval.compliant_baselines.registry import is_engine, stated_law
-from impact_xval.experiments.config.arrangements import COLUMN_AXES
+from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, cancelling
@@ -40,7 +40,7 @@ LABELS = {c.name: c.label for c in CONTRIBUTIONS}
 
 def unit_of(summary: Summary) -> str:
     """Name what a row of the run is."""
-    return "cells" if summary.config.column is None else "columns"
+    return "cells" if summary.config.chain is None else "chains"
 
 
 def value_of(
@@ -75,12 +75,12 @@ def subjects(summary: Summary) -> list[str]:
 
 
 def where(summary: Summary, row: Any) -> str:
-    """Name a cell by its axes, of a column by those that have several values."""
-    if summary.config.column is None:
+    """Name a cell by its axes, of a chain by those that have several values."""
+    if summary.config.chain is None:
         return by_axes(row)
     strike = f", {row.strike:g} striking" if row.arrangement == "cradle" else ""
     axes = [axis for axis in summary.axes if axis not in ("arrangement", "balls", "strike")]
-    others = "".join(f", {COLUMN_AXES[axis]} = {number(row[axis])}" for axis in axes)
+    others = "".join(f", {CHAIN_AXES[axis]} = {number(row[axis])}" for axis in axes)
     return f"the {row.arrangement} of {row.balls} balls{strike}{others}"
 
 
@@ -106,8 +106,8 @@ def how_far(summary: Summary) -> Markup:
 
 
 def asked(summary: Summary) -> Iterator[tuple[str, str, Value, Value]]:
-    """Give engine, exact solver of its law, and their median and largest D, or of columns the limit's distance."""
-    if summary.config.column is None:
+    """Give engine, exact solver of its law, and their median and largest D, or of chains the limit's distance."""
+    if summary.config.chain is None:
         for row in summary.between.to_dict("records"):
             for name, law in ((row["solver"], row["other"]), (row["other"], row["solver"])):
                 if exact_for(name, summary.config.mapping) == law != name:
@@ -125,7 +125,7 @@ def asked(summary: Summary) -> Iterator[tuple[str, str, Value, Value]]:
 def as_asked(summary: Summary) -> list[Markup]:
     """Say how near engines are to the law that they were asked for."""
     near = "{solver} ends D = {median} (median; at most {most}) from {law}"
-    if summary.config.column is not None:
+    if summary.config.chain is not None:
         near = "The limits dt -> 0 of {solver} are {median} |v0| (median; at most {most} |v0|) from {law}"
     laws = {exact_for(name, summary.config.mapping) for name in subjects(summary) if is_engine(name)}
     missing = sorted(laws - {"", *summary.solvers})
@@ -228,7 +228,7 @@ def counted(summary: Summary) -> str:
 
 def along_axis(summary: Summary, axis: str) -> Table:
     """Tabulate D along an axis, a row a value."""
-    levels, label = summary.levels[axis], (AXES | COLUMN_AXES)[axis]
+    levels, label = summary.levels[axis], (AXES | CHAIN_AXES)[axis]
     shown = spread(levels.values)
 
     def cell(name: str, value: Any) -> str:
@@ -271,7 +271,7 @@ def _share_text(region: Any, name: str) -> str:
 def overall_table(summary: Summary) -> Table:
     """Tabulate how far each solver is from the model, a row a solver, for one screen."""
     last = {"same path": lambda name: percent(summary.get(name, "states_equal")["mean"])}
-    if summary.config.column is not None:
+    if summary.config.chain is not None:
         last = {
             f"N = {n:g}": lambda name, n=n: number(summary.get(name, D, "balls", n)["median"])
             for n in spread(summary.levels["balls"].values)

@@ -40,7 +40,7 @@ def present(folder: RunFolder, apart: Apart) -> Summary:
 
 def write_tables(folder: RunFolder, summary: Summary) -> None:
     """Write ``summary.csv`` of a finished run."""
-    ladders = [] if summary.config.column is not None else csv_rows(summary.ladder)
+    ladders = [] if summary.config.chain is not None else csv_rows(summary.ladder)
     with replacing(folder.root / "summary.csv") as temporary:
         statistics = pd.concat([summary.statistics, *ladders], ignore_index=True)
         statistics.to_csv(temporary, index=False, lineterminator="\n")

@@ -10,7 +10,7 @@ from typing import Any
 import pyarrow.parquet as pq
 from rich.console import Console
 
-from impact_xval.experiments.config.arrangements import COLUMN_AXES
+from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.measures.ladder import CAUSES, CONTRIBUTIONS, between, cancelling
@@ -89,7 +89,7 @@ def rows_of_cell(folder: RunFolder, cell: int) -> list[dict[str, Any]]:
 
 def show_cell(console: Console, cell: int, rows: list[dict[str, Any]]) -> None:
     """Print a cell: the outcome of each solver, and why engines diverge."""
-    axes = COLUMN_AXES if "balls" in rows[0] else AXES
+    axes = CHAIN_AXES if "balls" in rows[0] else AXES
     balls = range(1, 1 + (rows[0].get("balls") or 2))
     balls = balls if len(balls) <= _SHOWN else range(0)
     speed = abs(rows[0]["v0"])

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from impact_xval.compliant_baselines.registry import solver_names
-from impact_xval.experiments.config.arrangements import Arranged
+from impact_xval.experiments.config.arrangements import ChainSetup
 from impact_xval.experiments.config.axes import AXES, SI_AXES
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.laws import by_law
@@ -141,15 +141,15 @@ def in_si_units(cell: Mapping[str, Any], quantities: Iterable[str] = SI_AXES) ->
     return ", ".join(f"{name} = {number(cell[name], 6)} {SI_AXES[name]}" for name in quantities)
 
 
-def arranged(column: Arranged) -> str:
-    """Say in words how a column is arranged."""
-    words = f"a {column.arrangement} of {column.balls} balls"
-    words += f", {column.striking} striking" if column.arrangement == "cradle" else ""
-    words += f", e = {number(column.e, 6)}"
-    words += f", F = k delta^{number(column.exponent, 6)}" if column.exponent != 1 else ""
-    words += f", mass taper {number(column.mass_taper, 6)}" if column.mass_taper != 1 else ""
-    words += f", stiffness taper {number(column.stiffness_taper, 6)}" if column.stiffness_taper != 1 else ""
-    return words + (f", gaps of {number(column.gap, 6)} m" if column.gap else "")
+def arranged(chain: ChainSetup) -> str:
+    """Say in words how a chain is arranged."""
+    words = f"a {chain.arrangement} of {chain.balls} balls"
+    words += f", {chain.striking} striking" if chain.arrangement == "cradle" else ""
+    words += f", e = {number(chain.e, 6)}"
+    words += f", F = k delta^{number(chain.exponent, 6)}" if chain.exponent != 1 else ""
+    words += f", mass taper {number(chain.mass_taper, 6)}" if chain.mass_taper != 1 else ""
+    words += f", stiffness taper {number(chain.stiffness_taper, 6)}" if chain.stiffness_taper != 1 else ""
+    return words + (f", gaps of {number(chain.gap, 6)} m" if chain.gap else "")
 
 
 def restitution_of_two(solvers: Iterable[str], e: float = 0.9) -> str:

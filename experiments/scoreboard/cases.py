@@ -20,26 +20,29 @@ from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.engines.stepping import ALOFT
 from impact_xval.compliant_baselines.registry import get_solver
 from impact_xval.compliant_baselines.solver import Settings, Solver
-from impact_xval.experiments.config.arrangements import Arranged
+from impact_xval.experiments.config.arrangements import ChainSetup
 from impact_xval.model.collision import Collision
 
 #: Coefficients of restitution of all contacts.
 RESTITUTIONS = (1.0, 0.9, 0.5, 0.0)
 
-#: Collisions by name, as `Arranged` takes them; where nothing else is said balls of 1 kg at 1 m/s, contacts of 1e8 N/m.
-COLUMNS: dict[str, dict[str, Any]] = {
-    "drop, k2/k1 = 0.01": {"arrangement": "drop", "balls": 2, "mass_taper": 2.0, "stiffness_taper": 0.01},
-    "drop, k2/k1 = 1": {"arrangement": "drop", "balls": 2, "mass_taper": 2.0},
-    "drop, k2/k1 = 100": {"arrangement": "drop", "balls": 2, "mass_taper": 2.0, "stiffness_taper": 100.0},
+#: Fields of `ChainSetup` by the name of a case. Defaults: balls of 1 kg at 1 m/s, contacts of 1e8 N/m.
+CASE_SETUPS: dict[str, dict[str, Any]] = {
+    "pile, k2/k1 = 0.01": {"arrangement": "pile", "balls": 2, "mass_taper": 2.0, "stiffness_taper": 0.01},
+    "pile, k2/k1 = 1": {"arrangement": "pile", "balls": 2, "mass_taper": 2.0},
+    "pile, k2/k1 = 100": {"arrangement": "pile", "balls": 2, "mass_taper": 2.0, "stiffness_taper": 100.0},
     "cradle 1 on 2": {"arrangement": "cradle", "balls": 3},
-    "1 on 2, 1 mm apart": {"arrangement": "chain", "balls": 3, "gap": 1e-3},
+    "1 on 2, 1 mm apart": {"arrangement": "row", "balls": 3, "gap": 1e-3},
     "cradle 1 on 4": {"arrangement": "cradle", "balls": 5},
     "cradle 2 on 3": {"arrangement": "cradle", "balls": 5, "strike": 2},
     "stack of 3": {"arrangement": "stack", "balls": 3},
 }
 
 #: Every case, in the order of the board.
-CASES = {(name, e): Arranged(**COLUMNS[name], e=e).column() for name, e in product(COLUMNS, RESTITUTIONS)}
+CASES = {
+    (name, e): ChainSetup(**CASE_SETUPS[name], e=e).collision()
+    for name, e in product(CASE_SETUPS, RESTITUTIONS)
+}
 
 #: The arrangement that is compared with the laws: bodies touch, those of a rigid engine overlap by 2^-16 radii.
 USUAL = "as it is"
@@ -57,7 +60,7 @@ SETTINGS = Settings(max_steps=200_000)
 
 def prepare(_: object, name: str) -> float | None:
     """Compile and import what a solver needs; microseconds a step of an engine, while balls touch."""
-    solver, collision, n = get_solver(name), CASES["drop, k2/k1 = 1", 0.9], 500
+    solver, collision, n = get_solver(name), CASES["pile, k2/k1 = 1", 0.9], 500
     scenes = arrangements(solver, collision)
     if not isinstance(solver, Engine) or not scenes:
         answer(solver, [collision], SETTINGS)
@@ -93,7 +96,7 @@ def answers_to(_: object, name: str, *case: Any) -> list[tuple[str, str, str, Se
 def arrangements(solver: Solver, collision: Collision) -> dict[str, Scene]:
     """Arrange a collision in every way for an engine; in none for another solver, or an engine that cannot take it.
 
-    Every gap is changed at once. Without a table a column is also moved along its line, and mirrored.
+    Every gap is changed at once. Without a table a chain is also moved along its line, and mirrored.
     """
     if not isinstance(solver, Engine) or solver.unavailable() is not None:
         return {}

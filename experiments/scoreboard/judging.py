@@ -32,9 +32,9 @@ def judge(answers: Frame) -> Frame:
     e = 1, lost, is over that before; the error of momentum, without a table, over all momenta. ``spread`` is the
     largest D between two placements, ``spread_of`` names the other, ``step_spread`` is by half and twice the step.
     """
-    columns = [CASES[each] for each in zip(answers.case, answers.e, strict=True)]
+    chains = [CASES[each] for each in zip(answers.case, answers.e, strict=True)]
     v, usual = answers.filter(regex=r"^v\d$").to_numpy(float), (answers.arrangement == USUAL).to_numpy()
-    mass, before = masses_and_starts(columns, v.shape[1])
+    mass, before = masses_and_starts(chains, v.shape[1])
     outcomes = pd.DataFrame(v, index=pd.MultiIndex.from_frame(answers[_CASE]))[usual]
 
     def away_from(solver: Any) -> Any:
@@ -44,7 +44,7 @@ def judge(answers: Frame) -> Frame:
 
     kept = norms(mass, v, before) ** 2
     off = np.where(np.isnan(mass), 0.0, (v - before) * mass).sum(axis=1)
-    momenta = np.where([each.table for each in columns], np.nan, np.nansum(mass * np.abs(before), axis=1))
+    momenta = np.where([each.table for each in chains], np.nan, np.nansum(mass * np.abs(before), axis=1))
     judged = answers.assign(
         **{name: away_from(name.removeprefix("D_")) for name in FROM_LAWS},
         energy_gained=np.maximum(kept - 1, 0.0),

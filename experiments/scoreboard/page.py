@@ -11,7 +11,7 @@ from impact_xval.experiments.presentation.document import Block, Figure, Section
 from impact_xval.experiments.presentation.html import page_of
 from impact_xval.experiments.presentation.style import drawing, save
 from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, named
-from impact_xval.experiments.scoreboard.cases import CASES, COLUMNS, RESTITUTIONS
+from impact_xval.experiments.scoreboard.cases import CASE_SETUPS, CASES, RESTITUTIONS
 from impact_xval.experiments.scoreboard.judging import FROM_LAWS, MODEL, judge, laws
 from impact_xval.experiments.tables.folder import write_text
 from impact_xval.experiments.tables.numbers import listed, number
@@ -46,9 +46,9 @@ LAW_WORDS = {
 
 LEAD = (
     f"Engines, as they are set up in several ways, are asked for {len(CASES)} collisions of balls in a line, "
-    f"{len(COLUMNS)} arrangements with e = {listed(map(number, RESTITUTIONS))} at every contact, without gravity, and "
-    "held against exact laws: the state-transition model of Jia, Mason and Erdmann (2013), other laws of springs, and "
-    f"laws of rigid bodies. {LAWS_WITH_LAWS}",
+    f"{len(CASE_SETUPS)} arrangements with e = {listed(map(number, RESTITUTIONS))} at every contact, without gravity, "
+    "and held against exact laws: the state-transition model of Jia, Mason and Erdmann (2013), other laws of springs, "
+    f"and laws of rigid bodies. {LAWS_WITH_LAWS}",
     "“Mapped” is an engine whose own springs and dashpots were set up here for the stiffness and e asked for, at a "
     "step of a thousandth of the shorter contact period: where it follows their law it does what it was asked for. "
     "Steps in brackets are other shares of that period. “Naive” writes k and damping into an engine's parameters as "
@@ -159,13 +159,13 @@ def board_of(judged: Frame, followed: Frame) -> Table:
     """Lay out the board: an engine a row, a case a column."""
     rows, worst = [], judged.groupby(["solver", "case"]).max(numeric_only=True)
     for law in followed.itertuples():
-        its = worst.loc[law.Index].reindex(list(COLUMNS))
+        its = worst.loc[law.Index].reindex(list(CASE_SETUPS))
         cells = [
             ("< 1e-4" if D < 1e-4 else number(D, 2)) + (" *" if spread > SENSITIVE else "")
             for D, spread in zip(its[f"D_{law.law}"], its.spread, strict=True)
         ]
         rows.append((called(law.Index), how(law).partition(";")[0], *cells))
-    return Table(("engine", "answers", *COLUMNS), rows, BOARD, text=2)
+    return Table(("engine", "answers", *CASE_SETUPS), rows, BOARD, text=2)
 
 
 def worst_of(followed: Frame) -> Table:

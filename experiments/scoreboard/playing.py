@@ -16,7 +16,7 @@ import pandas as pd
 
 from impact_xval.compliant_baselines.registry import engine_free_names, get_solver, is_engine, solver_names
 from impact_xval.experiments.config.errors import InterruptedRunError
-from impact_xval.experiments.scoreboard.cases import CASES, COLUMNS, SETTINGS, USUAL, answers_to, prepare
+from impact_xval.experiments.scoreboard.cases import CASE_SETUPS, CASES, SETTINGS, USUAL, answers_to, prepare
 from impact_xval.experiments.scoreboard.environments import Environment
 from impact_xval.experiments.sweep.pool import TO_PREPARE, Slot, open_pool
 from impact_xval.experiments.sweep.process import FaultError
@@ -98,7 +98,7 @@ def _kept_answers(
 ) -> list[dict[str, Any]]:
     """Have a solver answer every case by `call`, which is that of its process, and keep the answers in a file."""
     facts: dict[str, Any] = {"solver": name, "version": installed, "microseconds": None}
-    asked = version("impact-xval"), installed, COLUMNS, list(CASES), str(SETTINGS), *environment
+    asked = version("impact-xval"), installed, CASE_SETUPS, list(CASES), str(SETTINGS), *environment
     identity = sha256(json.dumps(asked).encode()).hexdigest()[:12]
     path, rows = folder / f"{name.replace(':', '-')}-{identity}.json", []
     if path.exists():

@@ -11,7 +11,7 @@ from packaging.version import Version
 
 from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.presentation.document import Block, Section, Table
-from impact_xval.experiments.scoreboard.cases import COLUMNS
+from impact_xval.experiments.scoreboard.cases import CASE_SETUPS
 from impact_xval.experiments.scoreboard.environments import NotInstalledError, solvers_by_distribution
 from impact_xval.experiments.scoreboard.judging import moved
 from impact_xval.experiments.scoreboard.page import called
@@ -140,7 +140,7 @@ def _change_in_words(release: Release) -> str:
 def table_of_releases(releases: Sequence[Release], missing: Sequence[NotInstalledError]) -> Table:
     """Lay out a row a version and a column a case; a version without answers has its reason."""
     rows: list[tuple[str, ...]] = []
-    nothing = ["-"] * len(COLUMNS)
+    nothing = ["-"] * len(CASE_SETUPS)
     for distribution, names in solvers_by_distribution().items():
         for release in (release for release in releases if release.solver in names):
             if release.reason:
@@ -155,14 +155,14 @@ def table_of_releases(releases: Sequence[Release], missing: Sequence[NotInstalle
                 rows.append((called(release.solver), version, count, *_cells(release)))
         for error in (error for error in missing if error.distribution == distribution):
             rows.append((distribution, error.requirement, f"not installed: {error.reason}", *nothing))
-    return Table(("engine", "version", "moved", *COLUMNS), rows, CAPTION, text=3)
+    return Table(("engine", "version", "moved", *CASE_SETUPS), rows, CAPTION, text=3)
 
 
 def _cells(release: Release) -> list[str]:
     """Write what moved, a cell a case."""
     assert release.moved is not None
     cells: list[str] = []
-    for case in COLUMNS:
+    for case in CASE_SETUPS:
         changes = release.moved[release.moved.case == case]
         if changes.empty:
             cells.append("=" if case in release.answered else "-")

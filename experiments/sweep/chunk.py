@@ -68,7 +68,7 @@ def begin_compiling(pool: Any, experiment: Experiment) -> None:
 
 
 def warm(_: object, resolve: Resolve, name: str, pair: bool) -> bool:
-    """Solve ordinary cells by a solver, of two balls or columns, so that all is imported and compiled; whether any was.
+    """Solve ordinary cells by a solver, of two balls or chains, so that all is imported and compiled; whether any was.
 
     Such a process may differ in a last bit from those that read the kernels. The parts of a kernel are weak symbols of
     it: where they have just been compiled alone, these are linked, and they were optimised in other surroundings.
@@ -102,8 +102,8 @@ def _usual(resolve: Resolve, pair: bool) -> tuple[Experiment, list[Block]]:
     A column of an array is contiguous where that has one row only, and numba compiles for either.
     """
     grid = {"stiffness_ratio": [1.0, 2.0], "mass_ratio": [2.0], "e1": [0.9], "e2": [0.7]}
-    column = {"arrangement": "cradle", "balls": [2], "e": [0.8, 0.9]}
-    usual = parse_config({"grid": grid} if pair else {"column": column})
+    chain = {"arrangement": "cradle", "balls": [2], "e": [0.8, 0.9]}
+    usual = parse_config({"grid": grid} if pair else {"chain": chain})
     cells = experiment_cells(usual)
     return Experiment(usual, resolve), [cells.block(range(n)) for n in (1, 2)]
 

@@ -1,6 +1,6 @@
 """Curves kept for the figures.
 
-Of two balls impulse curves of one cell by every solver; of N balls the forces of one column over time.
+Of two balls impulse curves of one cell by every solver; of N balls the forces of one chain over time.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ CURVES_SCHEMA = schema(
         velocities  floats  -  final velocities per |v0|, ball 1 first
         impulses    lists   -  of each contact so far, per m1 |v0|; of two balls
         time        floats  -  of forces since first touch, in its unit, (m1/k1 |v0|^(1 - p))^(1/(p + 1))
-        forces      lists   -  of each contact, per m1 |v0| and that time; of columns of N balls
+        forces      lists   -  of each contact, per m1 |v0| and that time; of chains of N balls
         """
     )
 )
 
 
 def write_curves(config: Config, folder: RunFolder, pool: Any) -> None:
-    """Solve the cell, or the column, of the figures by every solver, and keep its curves."""
+    """Solve the cell, or the chain, of the figures by every solver, and keep its curves."""
     calls = [pool.submit(_solved, name, config.cell_timeout) for name in config.solvers]
     curves = pa.Table.from_pylist([call.result() for call in calls], CURVES_SCHEMA)
     with replacing(folder.root / CURVES) as temporary:
@@ -66,9 +66,9 @@ def _solved(slot: Slot, name: str, timeout: float) -> dict[str, Any]:
 
 
 def _curves(experiment: Experiment, name: str) -> dict[str, Any]:
-    """Solve the cell or the column of the figures: its velocities and, of who has a path, impulses or forces."""
+    """Solve the cell or the chain of the figures: its velocities and, of who has a path, impulses or forces."""
     config, pair = experiment.config, experiment.layout.pair
-    collision = collision_of(config, config.figure_cell) if pair else config.figure_column.column()
+    collision = collision_of(config, config.figure_cell) if pair else config.figure_chain.collision()
     outcome = answer(experiment.resolve(name), [collision], settings_of(config))[0]
     row: dict[str, Any] = {"solver": name, "status": outcome.status, "reason": outcome.reason or None}
     if outcome.status not in RESULT_STATUSES:

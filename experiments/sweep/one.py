@@ -71,15 +71,15 @@ class SolversApart:
 
 
 @contextlib.contextmanager
-def solvers_apart(names: Sequence[str], *, columns: bool = False) -> Iterator[SolversApart]:
-    """Start a process, which imports solvers meanwhile, for columns of N balls if so; it is gone when the block ends.
+def solvers_apart(names: Sequence[str], *, chains: bool = False) -> Iterator[SolversApart]:
+    """Start a process, which imports solvers meanwhile, for chains of N balls if so; it is gone when the block ends.
 
     Names may be illegal; none stand for the solvers that a run has by default.
     """
     legal = [name for name in solver_names(on_request=True) if name in names] or list(solver_names())
     begin = partial(Slot.call, timeout=TO_PREPARE)
     with open_pool(None, 1) as pool:
-        yield SolversApart(pool, pool.submit(begin, None, _import, legal, not columns))
+        yield SolversApart(pool, pool.submit(begin, None, _import, legal, not chains))
 
 
 def _import(_: object, names: Sequence[str], pair: bool) -> bool:

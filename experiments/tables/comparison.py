@@ -48,7 +48,7 @@ class Comparison:
 def compare(a: RunFolder, b: RunFolder, tolerance: float) -> Comparison:
     """Compare two finished runs; a `UserError` says where a cell is not the same in both, or a table is damaged."""
     here, there = a.config(), b.config()
-    kinds = ["collisions" if each.column is None else "columns of N balls" for each in (here, there)]
+    kinds = ["collisions" if each.chain is None else "chains of N balls" for each in (here, there)]
     if kinds[0] != kinds[1]:
         raise UserError(
             f"{a.root}: a run of {kinds[0]}, {b.root}: of {kinds[1]}; legal: two runs of one kind"
@@ -91,7 +91,7 @@ def compare(a: RunFolder, b: RunFolder, tolerance: float) -> Comparison:
 
 
 #: Settings that say nothing of what is compared: the cells are, one by one, and the solvers are named.
-_ELSEWHERE = ("name", "workers", "grid", "sample", "cells", "column", "solvers", "chunk_size")
+_ELSEWHERE = ("name", "workers", "grid", "sample", "cells", "chain", "solvers", "chunk_size")
 
 
 def _differing(a: dict[str, object], b: dict[str, object]) -> dict[str, tuple[str, str]]:

@@ -22,14 +22,15 @@ import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 from filelock import FileLock, Timeout
 
-from impact_xval.experiments.config.axes import AXES
+from impact_xval.experiments.config.axes import AXES, KEPT
 from impact_xval.experiments.config.cells import Cells, experiment_cells, listed
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.config.experiment import COSMETIC, KEPT, Config, load_config
+from impact_xval.experiments.config.experiment import COSMETIC, Config, load_config
+from impact_xval.experiments.tables.earlier import EARLIER_FORMAT, renamed_tables
 from impact_xval.experiments.tables.parquet import GROUP, blocks, column, replacing, table_writer
 from impact_xval.experiments.tables.schema import Layout
 
-FORMAT = "impact-xval run, format 3"
+FORMAT = "impact-xval run, format 4"
 #: States of a run whose tables are written; "complete" is one with its report.
 FINISHED = ("tables", "complete")
 MANIFEST, CONFIGURATION = "manifest.json", "experiment.toml"
@@ -58,6 +59,8 @@ class RunFolder:
     """The folder of a run; what is missing or damaged in it is a `UserError`."""
 
     root: Path
+    #: Where the finished tables are, if not in `root`: those of a run of 0.4, under today's names.
+    tables: Path | None = None
 
     @property
     def parts(self) -> Path:
@@ -76,7 +79,7 @@ class RunFolder:
         return load_config(path, KEPT)
 
     def manifest(self) -> dict[str, Any]:
-        """Read the manifest, of this format."""
+        """Read the manifest, of this format or of that of version 0.4."""
         path = self.root / MANIFEST
         again = "the command that began the run writes it again"
         if not path.exists():
@@ -93,9 +96,17 @@ class RunFolder:
             raise UserError(f"{path}: cannot be read: {error.strerror}") from None
         except (ValueError, TypeError, KeyError):
             raise UserError(f"{path}: damaged; {again}") from None
-        if found != FORMAT:
+        if found not in (FORMAT, EARLIER_FORMAT):
             raise UserError(f"{path}: format = {found!r:.60}; legal: {FORMAT!r}, which this version writes")
         return value
+
+    @property
+    def is_earlier(self) -> bool:
+        """Whether version 0.4 wrote the run; False where there is no manifest that can be read."""
+        try:
+            return self.manifest()["format"] == EARLIER_FORMAT
+        except UserError:
+            return False
 
     def write_manifest(self, value: dict[str, Any]) -> None:
         """Write the manifest, of this format."""
@@ -143,7 +154,7 @@ class RunFolder:
 
     def table_path(self, name: str) -> Path:
         """Return the path of a finished table."""
-        path = self.root / name
+        path = (self.tables or self.root) / name
         try:
             pq.read_schema(path)
         except (OSError, pa.ArrowException):
@@ -251,6 +262,7 @@ def _looked_at(folder: RunFolder, config: Config) -> bool:
     """Whether a run of an experiment is in a folder; a `UserError` where anything else is. Nothing is written."""
     root, entries = folder.root, _entries(folder.root)
     if CONFIGURATION in entries:
+        check_continues(root)
         _check_same(folder, config)
         return True
     if MANIFEST in entries:
@@ -259,6 +271,15 @@ def _looked_at(folder: RunFolder, config: Config) -> bool:
     if foreign:
         raise UserError(f"--out {root}: not empty ({foreign[0]}) and not a run; legal: a new or empty folder")
     return False
+
+
+def check_continues(root: Path) -> None:
+    """Refuse to continue the run in a folder if version 0.4 wrote it: its parts have other columns and words."""
+    if RunFolder(root).is_earlier:
+        raise UserError(
+            f"--out {root}: a run of version 0.4, which is not continued; legal: a new folder; "
+            "show, report and compare read this one once it is finished"
+        )
 
 
 def _check_same(folder: RunFolder, config: Config) -> None:
@@ -299,7 +320,8 @@ def run_folder(root: Path) -> RunFolder:
     if not root.is_dir():
         what = "a file" if root.exists() else "no such folder"
         raise UserError(f"{root}: {what}; legal: the folder of a run")
-    return RunFolder(root)
+    folder = RunFolder(root)
+    return RunFolder(root, tables=renamed_tables(root)) if folder.is_earlier else folder
 
 
 def finished(root: Path) -> RunFolder:
@@ -313,8 +335,8 @@ def finished(root: Path) -> RunFolder:
 def finished_collisions(root: Path) -> RunFolder:
     """Return the folder of a finished run of two balls, or a `UserError`."""
     folder = finished(root)
-    if folder.config().column is not None:
-        raise UserError(f"{root}: a run of columns of N balls; legal: a run of collisions of two balls")
+    if folder.config().chain is not None:
+        raise UserError(f"{root}: a run of chains of N balls; legal: a run of collisions of two balls")
     return folder
 
 

@@ -41,11 +41,11 @@ PAIR = columns(
     v0               float  m/s  velocity of B1 at first touch; up is positive
     """
 )
-#: Of columns of N balls.
+#: Of chains of N balls.
 LINE = columns(
     """
-    cell             int    -      number of the column in the experiment, from 0
-    arrangement      text   -      chain, cradle, drop or stack
+    cell             int    -      number of the chain in the experiment, from 0
+    arrangement      text   -      row, cradle, pile or stack
     balls            int    -      number of balls, N
     strike           int    -      number of balls that strike the others; of a cradle only
     exponent         float  -      p of the contacts, F = k delta^p
@@ -110,9 +110,9 @@ MEASURES = columns(
     largest_dv            float  -  largest |dv_i|
     dretained_energy      float  -  difference of the retained energy fractions, solver minus model
     states_equal          bool   -  whether states_compared and model_states_compared are equal
-    states_part_at        int    -  position, from 1, of the first state that differs; null if equal
+    states_differ_at      int    -  position, from 1, of the first state that differs; null if equal
     states_edit_distance  int    -  insertions, deletions and substitutions between the two
-    curve_distance        float  -  symmetric Hausdorff distance of the impulse curves, per m1 |v0|
+    impulse_curve_distance  float  -  symmetric Hausdorff distance of the impulse curves, per m1 |v0|
     """
 )
 MODEL = columns(
@@ -124,7 +124,7 @@ MODEL = columns(
     """
 )
 #: Measured of two balls on a table alone.
-OF_TWO = re.compile(r"(model_)?states(_\w+)?|curve_distance|gravity_number")
+OF_TWO = re.compile(r"(model_)?states(_\w+)?|impulse_curve_distance|gravity_number")
 
 
 @dataclass(frozen=True, eq=False)

@@ -110,7 +110,7 @@ class Problem:
         every = sum(HAPPENED)
         happened = np.nan_to_num(numbers["code"]).astype(int) & every
         limits: list[tuple[Any, Status, str]] = [
-            (happened == some, "limit", "; ".join(why for bit, why in HAPPENED.items() if bit & some))
+            (happened == some, "closed-form", "; ".join(why for bit, why in HAPPENED.items() if bit & some))
             for some in range(1, every + 1)
         ]
         drawn = None

@@ -17,12 +17,12 @@ SMALL = {
     "grid": {"stiffness_ratio": [0.5, 1.0, 2.0], "mass_ratio": [1.0, 1.5], "e1": [0.5, 0.9], "e2": [0.7]},
 }
 
-COLUMNS = {
-    "name": "few columns",
+CHAINS = {
+    "name": "few chains",
     "solvers": ["bistiffness", "kelvin-voigt", "mujoco"],
-    "column": {"arrangement": ["cradle", "drop"], "balls": [2, 3, 4], "e": [0.6, 0.9], "exponent": [1.0, 1.5]}
+    "chain": {"arrangement": ["cradle", "pile"], "balls": [2, 3, 4], "e": [0.6, 0.9], "exponent": [1.0, 1.5]}
     | {"stiffness_taper": 1.0},
-    "figure_column": {"balls": 4, "e": 0.8},
+    "figure_chain": {"balls": 4, "e": 0.8},
 }
 
 #: Text that a page, a table and LaTeX are to show as it is.
@@ -58,10 +58,10 @@ def engine_run(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def column_run(tmp_path_factory):
-    """A small run of columns, half of which no engine represents, with its page; no test changes it."""
-    root = tmp_path_factory.mktemp("columns") / "run"
-    run_sweep(parse_config(COLUMNS), root, isolate=False, present=present)
+def chain_run(tmp_path_factory):
+    """A small run of chains, half of which no engine represents, with its page; no test changes it."""
+    root = tmp_path_factory.mktemp("chains") / "run"
+    run_sweep(parse_config(CHAINS), root, isolate=False, present=present)
     return root
 
 

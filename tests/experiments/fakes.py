@@ -13,7 +13,7 @@ from impact_xval.model import Outcome, solve
 
 
 class Shifted(Solver):
-    """The model's answer, 0.01 m/s faster: of two balls on a table B1, of other columns every ball."""
+    """The model's answer, 0.01 m/s faster: of two balls on a table B1, of other chains every ball."""
 
     name = "mujoco"
 

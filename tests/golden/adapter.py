@@ -128,7 +128,7 @@ def tables(spec, folder):
         (folder / "cells.csv").write_text("\n".join(["stiffness_ratio,mass_ratio,e1,e2", *rows]))
         config |= {"cells": str(folder / "cells.csv"), "scenario": "drop", "gravity": spec["gravity"]}
     else:
-        config |= {"column": spec}
+        config |= {"chain": spec}
     run = run_sweep(parse_config(config | {"chunk_size": 10}), folder / "run", workers=1, isolate=False)
     names = ("cells", "divergence", "ladder")
     found = {name: _columns(pq.read_table(run.root / f"{name}.parquet").to_pydict()) for name in names}
@@ -145,7 +145,7 @@ def hypothesis(spec, folder):
     for _, solve in stages(config, folder):
         solve(workers=1, isolate=False)
     found = results(config, folder)
-    frames = {"limits": found.verdicts, "points": found.points, "columns": found.columns}
+    frames = {"limits": found.verdicts, "points": found.points, "chains": found.chains}
     return {name: _columns(frames[name].to_dict("list")) for name in spec["tables"]}
 
 

@@ -15,7 +15,7 @@ from tests.golden import adapter, values
 
 VALUES = values.HERE / "values"
 SOURCES = ("model", "compliant_baselines", "experiments", "impact_xval", "tests/golden")
-NAMES = ("two-balls", "lines", "paths", "engines", "tables", "hypothesis")
+NAMES = ("two-balls", "chains", "paths", "engines", "tables", "hypothesis")
 
 
 def git(*arguments):

@@ -23,7 +23,7 @@ def skip_without(*engines):
             pytest.skip(reason)
 
 
-KERNELS = {"two-balls": "pair", "lines": "chain"}
+KERNELS = {"two-balls": "pair", "chains": "chain"}
 
 
 @pytest.mark.parametrize(
@@ -46,7 +46,7 @@ def test_engines(engine):
     report([text for each in found for text in values.engine_misses(*each)])
 
 
-@pytest.mark.parametrize("run", ["two-balls", "lines"])
+@pytest.mark.parametrize("run", ["two-balls", "chains"])
 def test_tables_of_a_run(run, tmp_path):
     skip_without(*adapter.ENGINES)
     found = adapter.tables(values.spec("tables")[run], tmp_path)

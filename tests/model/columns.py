@@ -26,7 +26,7 @@ def assert_integrated(ours, column, law=JME, bound=1e-9):
                 break
     assert theirs is not None, column
     assert ours.velocities == pytest.approx(theirs.velocities, abs=bound, rel=0), column
-    assert (ours.status == "limit") == theirs.limit, column
+    assert (ours.status == "closed-form") == theirs.limit, column
     if not theirs.limit:
         names = PAPER if column.table and len(column.masses) == 2 else {}
         sets = ("+".join(map(str, contacts)) or "-" for contacts in theirs.states)

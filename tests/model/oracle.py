@@ -68,8 +68,8 @@ def solve_oracle(c, *, stiffness_ratio_cutoff=SUPPLEMENT_CUTOFF):
     """Integrate one collision in impulse space: finite, positive k2/k1 within the cut-off; e1, e2 > 0.
 
     In S1, once the running k2/k1 exceeds the cut-off or falls below its inverse, the supplement's closed form (3.4)
-    finishes the collision, as it is printed: status `limit`. `model.solve` first lets a stiff contact that still holds
-    energy part its bodies, which for e below about 0.03 shows at the order of 1/stiffness_ratio_cutoff.
+    finishes the collision, as it is printed: status `closed-form`. `model.solve` first lets a stiff contact that still
+    holds energy part its bodies, which for e below about 0.03 shows at the order of 1/stiffness_ratio_cutoff.
     """
     run, most = _Run(c.stiffness_ratio, c.mass_ratio, (c.e1, c.e2)), stiffness_ratio_cutoff
     while run.state != "S4" and (run.state != "S1" or 1 / most <= run.k[1] / run.k[0] <= most):
@@ -77,7 +77,7 @@ def solve_oracle(c, *, stiffness_ratio_cutoff=SUPPLEMENT_CUTOFF):
     limit = run.state != "S4"
     v1, v2 = run.closed_form() if limit else run.velocities()
     states = tuple(state for state, _ in groupby([*run.visited, run.state, "S4"]))
-    return Answer(v1 * -c.v0, v2 * -c.v0, states, "limit" if limit else "ok", run.n_events)
+    return Answer(v1 * -c.v0, v2 * -c.v0, states, "closed-form" if limit else "ok", run.n_events)
 
 
 class _Run:

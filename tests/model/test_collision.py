@@ -84,7 +84,7 @@ def test_limits_are_legal():
     for k1, k2, ratio in ((0.0, 1.0, math.inf), (math.inf, 1.0, 0.0)):
         assert Collision.two_balls(**TWO | {"k1": k1, "k2": k2}).stiffness_ratio == ratio
     assert Collision.from_ratios(math.inf, 2, 0, 1).stiffness_ratio == math.inf
-    assert set(solve_batch([0, math.inf], [[0.5], [2.0]], 0, [[0], [1]]).statuses.ravel()) == {"limit"}
+    assert set(solve_batch([0, math.inf], [[0.5], [2.0]], 0, [[0], [1]]).statuses.ravel()) == {"closed-form"}
 
 
 def test_the_arrays_of_a_batch_are_broadcast_and_an_empty_batch_is_legal():
@@ -98,7 +98,10 @@ def test_an_outcome_that_is_none_is_refused_where_it_is_made():
     for fields, says in (
         ({"status": "fine"}, r"status = 'fine'; legal: ok, limit, .*crashed"),
         ({"velocities": (0.1, math.nan)}, r"velocities\[2\] = nan; legal with the status 'ok': finite"),
-        ({"impulses": (math.inf, 0.0), "status": "limit"}, r"impulses\[1\] = inf; legal with .* 'limit'"),
+        (
+            {"impulses": (math.inf, 0.0), "status": "closed-form"},
+            r"impulses\[1\] = inf; legal with .* 'closed-form'",
+        ),
         ({"impulses": (1.0, 2.0, 3.0)}, "impulses: 3 values for 2 balls; legal: 1 or 2"),
         ({"status": "timeout"}, "reason = ''; legal with the status 'timeout': why"),
     ):

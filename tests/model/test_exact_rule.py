@@ -34,7 +34,7 @@ def test_outcomes_are_those_without_a_cutoff(n, box):
     off = np.maximum(abs(exact.v1 - without.v1), abs(exact.v2 - without.v2))
     marked = exact.marked != ""
     assert np.array_equal(exact.statuses, without.statuses)
-    assert np.mean(exact.statuses == "limit") > 0.3
+    assert np.mean(exact.statuses == "closed-form") > 0.3
     assert np.mean(marked) < 1e-3
     assert np.max(np.abs(exact.diagnostics["energy_residual"])) < 1e-11
     assert np.max(off[~marked]) < 1e-10
@@ -49,7 +49,7 @@ def test_a_ringing_contact_that_ends_another_compression_is_followed():
     assert integrate(c).velocities == pytest.approx((VALUE, VALUE), abs=1e-10)
     outcome, without = solve(c), solve(c, stiffness_ratio_cutoff=math.inf)
     assert outcome.velocities == pytest.approx((VALUE, VALUE), abs=1e-12)
-    assert (outcome.status, outcome.marked) == ("limit", "")
+    assert (outcome.status, outcome.marked) == ("closed-form", "")
     assert difference(outcome, without, c.mass_ratio) < 10 * BOUND
     assert "to 1e-12" in outcome.reason
 
@@ -57,7 +57,7 @@ def test_a_ringing_contact_that_ends_another_compression_is_followed():
 def test_a_cutoff_whose_effect_is_not_known_marks_the_outcome():
     # 1e10 vibrations of an elastic contact are more than are followed.
     outcome = solve(Collision.from_ratios(1e-20, 1.3, 1.0, 0.7), stiffness_ratio_cutoff=1e5, max_events=1_000)
-    assert (outcome.status, outcome.marked) == ("limit", CUTOFF)
+    assert (outcome.status, outcome.marked) == ("closed-form", CUTOFF)
 
 
 @pytest.mark.parametrize(("box", "cutoff"), [("errata", 1e3), *((box, SUPPLEMENT_CUTOFF) for box in BOXES)])
@@ -65,7 +65,7 @@ def test_the_stated_effect_of_a_cutoff_is_the_change_when_it_is_switched_off_and
     cells = random_cells(20_000, 1, *BOXES[box])
     with_it = solve_batch(*cells, stiffness_ratio_cutoff=cutoff)
     change = difference(with_it, solve_batch(*cells, stiffness_ratio_cutoff=math.inf), cells[1])
-    used, effect = with_it.statuses == "limit", with_it.diagnostics["cutoff_effect"]
+    used, effect = with_it.statuses == "closed-form", with_it.diagnostics["cutoff_effect"]
     assert used.mean() > 0.2
     assert not np.any([effect[~used], change[~used]])
     assert np.max(effect) > 1e-8
@@ -79,7 +79,7 @@ def test_a_cutoff_has_no_effect_on_exact_limits():
     for kappa, e1, e2 in ((0.0, 0.9, 0.7), (math.inf, 0.9, 0.7), (1.0, 0.0, 0.7), (1.0, 0.9, 0.0)):
         c = Collision.from_ratios(kappa, 1.3, e1, e2)
         outcome, without = solve(c), solve(c, stiffness_ratio_cutoff=math.inf)
-        assert (outcome.status, outcome.velocities) == ("limit", without.velocities)
+        assert (outcome.status, outcome.velocities) == ("closed-form", without.velocities)
     assert "cutoff_effect" not in solve_batch(1.0, 1.0, 0.9, 0.9).diagnostics
 
 

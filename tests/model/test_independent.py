@@ -39,7 +39,7 @@ def compare(cells, cutoffs, *comparisons):
         if ours.grazing_margin < GRAZING:
             grazing += 1
             continue
-        limits += ours.status == "limit"
+        limits += ours.status == "closed-form"
         for comparison in comparisons:
             comparison(cell, ours, cutoffs[1])
     return grazing, limits
@@ -81,7 +81,7 @@ def test_a_cycle_that_repeats_on_a_smaller_scale_ends_at_rest():
     c = Collision.from_ratios(0.775, 0.165, 0.4, 0.33)
     o = solve(c, law=LZB, path=True)
     p = o.path
-    assert (o.v1, o.v2, o.status) == (0, 0, "limit")
+    assert (o.v1, o.v2, o.status) == (0, 0, "closed-form")
     assert "infinitely many events" in o.reason
     returns = p.v1[1:][(p.state[1:] == 1) & (p.state[:-1] == 2)]
     factors = returns[31:60] / returns[30:59]

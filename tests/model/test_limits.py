@@ -42,7 +42,7 @@ def test_at_a_limit_of_the_stiffness_ratio_the_outcome_is_its_closed_form(ratio,
         outcome = solve(Collision.from_ratios(ratio, *cell))
         v1, v2, states = closed_form(*cell)
         assert outcome.velocities == pytest.approx((v1, v2), abs=bound, rel=0), cell
-        assert outcome.status == "limit"
+        assert outcome.status == "closed-form"
         if abs(cell[0] * cell[1] - 1) > 1e-12:
             assert outcome.states == states, cell
 
@@ -99,7 +99,7 @@ def test_a_plastic_contact_is_the_limit_of_small_restitution():
         batch = solve_batch(kappa, MU, **(given | {which: small}), stiffness_ratio_cutoff=math.inf)
         at_zero = solve(Collision.from_ratios(kappa, MU, **(given | {which: 0.0})))
         distances = np.hypot(batch.v1 - at_zero.v1, batch.v2 - at_zero.v2)
-        assert at_zero.status == "limit"
+        assert at_zero.status == "closed-form"
         # at least first order: first in S2 (v2 = e2 ...), up to fourth in S1
         assert np.all(distances < 2 * small), (kappa, which)
         assert distances[-1] > distances[0] or distances[-1] < 1e-11, (kappa, which)
@@ -135,7 +135,7 @@ def test_no_corner_fails(cutoff):
     assert np.all((energy <= 1 + 1e-13 + 1e-15 * batch.n_events)[done])  # each of them rounds
     # The balance closes to rounding; where the cut-off was used, to what it drops.
     residual = batch.diagnostics["energy_residual"]
-    dropped = np.where((batch.statuses == "limit") & (cutoff == 1e5), 1e-4, 1e-10)
+    dropped = np.where((batch.statuses == "closed-form") & (cutoff == 1e5), 1e-4, 1e-10)
     assert np.all(((residual > -1e-10) & (residual < dropped))[done])
 
 

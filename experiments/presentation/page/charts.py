@@ -27,7 +27,7 @@ from bokeh.plotting import figure
 from bokeh.resources import Resources
 from markupsafe import Markup
 
-from impact_xval.experiments.config.arrangements import COLUMN_AXES
+from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.aggregates import Compared, Frame, levels_of
@@ -43,7 +43,7 @@ TILES = 1000
 _FEW = 24
 
 #: How a reader knows an axis.
-LABELS = AXES | COLUMN_AXES
+LABELS = AXES | CHAIN_AXES
 
 #: D below this has the colour of this: about the rounding of the solvers.
 _FLOOR = 1e-4
@@ -187,7 +187,7 @@ def curves_chart(solvers: Sequence[str]) -> Any:
 
 
 def velocities_chart(solvers: Sequence[str]) -> Any:
-    """Draw empty final velocities of the balls of a column; the page fills ``balls SOLVER``."""
+    """Draw empty final velocities of the balls of a chain; the page fills ``balls SOLVER``."""
     plot = _chart("velocities", "ball, 1 on top or first", "final velocity / |v0|, up is positive (-)")
     plot.xaxis.ticker.mantissas = [1, 2, 5]
     plot.xaxis.ticker.min_interval = 1

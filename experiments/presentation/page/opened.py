@@ -20,7 +20,7 @@ from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.paste import mjcf
 from impact_xval.compliant_baselines.registry import engine_free_names, get_solver, solver_names
-from impact_xval.experiments.config.arrangements import COLUMN_AXES
+from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES, RATIO_OF, SI_AXES
 from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.presentation.words import named, told, written
@@ -48,16 +48,16 @@ def opened_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str,
     the table holds the end.
     """
     config = folder.config()
-    pair, axes = config.column is None, AXES if config.column is None else COLUMN_AXES
+    pair, axes = config.chain is None, AXES if config.chain is None else CHAIN_AXES
     shown: dict[int, dict[str, Any]] = {cell: {"results": [], "causes": []} for cell in cells}
 
     def rows(table: str, *columns: str) -> list[dict[str, Any]]:
         some = pc.field("cell").isin(list(cells))
-        return selected(folder.root / f"{table}.parquet", ["cell", "solver", *columns], some).to_pylist()
+        return selected(folder.table_path(f"{table}.parquet"), ["cell", "solver", *columns], some).to_pylist()
 
     divergence = rows("divergence", "velocity_divergence")
     ds = {(row["cell"], row["solver"]): row["velocity_divergence"] for row in divergence}
-    names = pq.read_schema(folder.root / "cells.parquet").names
+    names = pq.read_schema(folder.table_path("cells.parquet")).names
     balls = [name for name in names if re.fullmatch(r"v[1-9]\d*", name)]
     ends, paths = (["impulse1", "impulse2"], ["states_compared"]) if pair else ([], [])
     known = ("status", "marked", "reason")
@@ -97,7 +97,7 @@ def _commands(root: Path, config: Config, row: dict[str, Any]) -> list[list[str]
     """Write what opens a cell on a terminal, from where the run was begun."""
     run, cell = shlex.quote(str(root)), row["cell"]
     show = ["every cause, in every order", f"impact-xval show {run} --cell {cell}"]
-    axes, ours = (COLUMN_AXES, []) if config.column is not None else (AXES, ["scenario"])
+    axes, ours = (CHAIN_AXES, []) if config.chain is not None else (AXES, ["scenario"])
     ours += [*(["gravity"] if config.scenario == "drop" else []), "m1", "k1", "v0", "step_fraction"]
     given = {axis: row[axis] for axis in axes if row[axis] is not None}
     given |= {name: row[name] if name in row else getattr(config, name) for name in ours}
@@ -112,7 +112,7 @@ def _commands(root: Path, config: Config, row: dict[str, Any]) -> list[list[str]
     solve = ["once more, by every solver", f"impact-xval solve {again}"]
     scene = ["scenes that run in the engine alone", f"impact-xval scene {run} {cell}"]
     film = ["in slow motion", f"impact-xval solve {again} --plot cell-{cell}.html"]
-    return [show, *([scene] if config.column is None else []), solve, film]
+    return [show, *([scene] if config.chain is None else []), solve, film]
 
 
 def _curves(config: Config, collisions: Sequence[Collision]) -> list[dict[str, list[list[float]]]]:

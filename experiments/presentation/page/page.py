@@ -1,4 +1,4 @@
-"""The page of a run, section by section, of two balls on a table and of columns of balls."""
+"""The page of a run, section by section, of two balls on a table and of chains of balls."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from impact_xval.compliant_baselines.registry import is_engine, kind_of
-from impact_xval.experiments.config.arrangements import COLUMN_AXES
+from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.aggregates import FULL_PATHS, OWN_LAW
@@ -75,7 +75,7 @@ GLOSSARY = (
         "where an engine's result goes as its step shrinks, with an estimate of how well that is known",
     ),
     ("marked", "beside a jump, where an arbitrarily small change of a parameter ends in another outcome"),
-    ("limit (a status)", "a closed-form limiting case of the model was used"),
+    ("closed-form (a status)", "a closed-form limiting case of the model was used"),
 )
 
 
@@ -88,7 +88,7 @@ def blocks_of(
     folder: RunFolder, summary: Summary, captions: Captions, cells: Callable[[], str]
 ) -> list[Block]:
     """Return the page of a finished run; `cells` gives what the cells show that open, and is asked where any does."""
-    pair, unit = summary.config.column is None, unit_of(summary)[:-1]
+    pair, unit = summary.config.chain is None, unit_of(summary)[:-1]
     there = compared(summary)
     found = _found(summary, captions) if there else [f"No {unit} could be compared."]
     along = [findings.along_axis(summary, axis) for axis in summary.axes]
@@ -141,7 +141,7 @@ def _numbers(summary: Summary) -> Iterator[tuple[Value | str, str]]:
             f"is the median D of {named(name)} from the model, of {n} {unit_of(summary)}",
         )
     for name, law, median, _ in list(findings.asked(summary))[:1]:
-        what = "D" if summary.config.column is None else "distance of the limit dt -> 0, per |v0|,"
+        what = "D" if summary.config.chain is None else "distance of the limit dt -> 0, per |v0|,"
         yield median, f"is the median {what} of {named(name)} from {named(law)}, the law it was set to"
     for name in summary.ladder.solvers[:1]:
         causes = findings.shares(summary.ladder, name)
@@ -160,7 +160,7 @@ def _advice(summary: Summary, captions: Captions) -> Section:
 
 def _found(summary: Summary, captions: Captions) -> list[Block]:
     """Return the findings: questions, the sentences that answer them, each with its picture."""
-    pair, there, engines = summary.config.column is None, subjects(summary), summary.ladder.solvers
+    pair, there, engines = summary.config.chain is None, subjects(summary), summary.ladder.solvers
     axis, over = ("stiffness_ratio", "stiffness") if pair else ("balls", "balls")
     sections: list[Block] = []
 
@@ -222,7 +222,7 @@ def _cells(folder: RunFolder, summary: Summary, packed: str) -> list[Block]:
     opens, unit = set(tiles.places.cell), unit_of(summary)
     piece = cells_piece(tiles, summary.n_cells, packed, summary.config.solvers)
     button = Markup('<button type="button" data-cell="{0}">{0}</button>')
-    axes = AXES if summary.config.column is None else COLUMN_AXES
+    axes = AXES if summary.config.chain is None else CHAIN_AXES
     order = summary.worst.solver.map(summary.solvers.index).sort_values(kind="stable").index
     rows = [
         (
@@ -276,14 +276,14 @@ def _causes(summary: Summary, captions: Captions) -> Section:
     )
     header = ["contribution", "from", "to", "in words"]
     rows = [(c.label, c.before, c.after, MEANINGS.get(c.name, "")) for c in ladder.present]
-    figures = _figures(captions, "ladder-by-restitution", "ladder-by-column")
+    figures = _figures(captions, "ladder-by-restitution", "ladder-by-chain")
     details = Section("Causes in detail", [Table(header, rows, text=4), *figures], folded=True)
     return Section("Causes", [said, findings.region_table(ladder, named), details])
 
 
 def _sureness(summary: Summary) -> Section:
     """Say how well results are known: limits of steps, statuses, and which cells count."""
-    limits = summary.statuses.loc[REFERENCE].get("limit", 0)
+    limits = summary.statuses.loc[REFERENCE].get("closed-form", 0)
     said = [
         "Nothing is random: the same run gives the same numbers. Every collision of an engine is run at "
         "several steps, and extrapolated to a step of zero with an estimate of the error.",
@@ -321,7 +321,7 @@ def _sureness(summary: Summary) -> Section:
 
 def _effective(folder: RunFolder) -> Section:
     """Say which solvers use other numbers than they were asked for."""
-    rows = pd.read_parquet(folder.root / "cells.parquet", columns=["solver", "differences"]).dropna()
+    rows = pd.read_parquet(folder.table_path("cells.parquet"), columns=["solver", "differences"]).dropna()
     found: list[Block] = [
         f"{named(str(name))} uses other numbers than it was asked for in {len(each)} cells, in the first: "
         f"{each.iloc[0]}."
@@ -356,7 +356,7 @@ def _method(folder: RunFolder, summary: Summary) -> Section:
     """Say how the numbers came about, and what they do not show."""
     span: list[str] = []
     if summary.config.scenario == "drop":
-        values = column(folder.root / "cells.parquet", "gravity_number")
+        values = column(folder.table_path("cells.parquet"), "gravity_number")
         span = [number(value, 2) for value in (values.min(), values.max())]
     said = render("method.html.j2", c=summary.config, gravity_number=" to ".join(dict.fromkeys(span)))
     return Section("Method", [said], folded=True)
@@ -364,7 +364,7 @@ def _method(folder: RunFolder, summary: Summary) -> Section:
 
 def _glossary(summary: Summary) -> Section:
     """Say what words mean, and what solvers are called in tables and commands."""
-    pair = summary.config.column is None
+    pair = summary.config.chain is None
     rows = [(word, f"{meaning}.") for word, meaning in GLOSSARY if pair or not word.startswith("S1")]
     names = [(named(name), name) for name in summary.config.solvers]
     tables = [

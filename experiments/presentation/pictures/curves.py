@@ -1,6 +1,6 @@
-"""One collision: of two balls its impulse curve with the compression lines l1 and l2, of a column velocities and wave.
+"""One collision: of two balls its impulse curve with the compression lines l1 and l2, of a chain velocities and wave.
 
-By every solver: of the cell or column of a run's figures, or of any other.
+By every solver: of the cell or chain of a run's figures, or of any other.
 """
 
 from __future__ import annotations
@@ -142,19 +142,21 @@ def by_ratios(collision: Collision) -> str:
     return by_axes({axis: getattr(collision, axis) for axis in AXES})
 
 
-def draw_column(curves: Frame, config: Config) -> Iterator[Drawn]:
-    """Draw the final velocities and the forces of the column of the figures, of the solvers that have them."""
+def draw_chain(curves: Frame, config: Config) -> Iterator[Drawn]:
+    """Draw the final velocities and the forces of the chain of the figures, of the solvers that have them."""
     by_solver, followed = curves.set_index("solver").velocities.dropna(), curves[curves.time.notna()]
     if len(by_solver):
         solvers = in_order_of_laws(by_solver.index)
-        said = "Final velocities of one column, ball by ball and solver beside solver, per |v0|, up is positive: "
-        said += f"{arranged(config.figure_column)}."
+        said = (
+            "Final velocities of one chain, ball by ball and solver beside solver, per |v0|, up is positive: "
+        )
+        said += f"{arranged(config.figure_chain)}."
         yield "velocities", velocities_figure({name: by_solver[name] for name in solvers}), said
     if len(followed):
         said = (
-            "The wave through one column: force of each contact over time since first touch, per m1 "
+            "The wave through one chain: force of each contact over time since first touch, per m1 "
             "|v0| and the unit of time (m1/k1 |v0|^(1 - p))^(1/(p + 1)), by the solvers that follow it "
-            f"({arranged(config.figure_column)}). Contact 1 is between balls 1 and 2; the model's time "
+            f"({arranged(config.figure_chain)}). Contact 1 is between balls 1 and 2; the model's time "
             "is that of positions that stay frozen, forces of engines are means over their steps. The "
             f"time axis ends where all but {number(TAIL)} of the impulses have passed, by every solver."
         )
@@ -162,7 +164,7 @@ def draw_column(curves: Frame, config: Config) -> Iterator[Drawn]:
 
 
 def velocities_figure(drawn: Mapping[str, Sequence[float]]) -> Figure:
-    """Draw the final velocities of one column per |v0|, solver beside solver."""
+    """Draw the final velocities of one chain per |v0|, solver beside solver."""
     balls = np.arange(1, 1 + len(next(iter(drawn.values()))))
     with drawing(max(5.0, min(12.0, 1.0 + 0.9 * len(balls))) + 1.6, 3.2) as figure:
         ax = figure.subplots()
@@ -179,7 +181,7 @@ def velocities_figure(drawn: Mapping[str, Sequence[float]]) -> Figure:
 
 
 def _wave(curves: Frame, config: Config) -> Figure:
-    """Draw the force of every contact of one column over time, a panel a solver."""
+    """Draw the force of every contact of one chain over time, a panel a solver."""
     rows = curves.to_dict("records")
     across = len(rows) if len(rows) <= _ACROSS else -(-len(rows) // 2)
     down = -(-len(rows) // across)
@@ -193,7 +195,7 @@ def _wave(curves: Frame, config: Config) -> Figure:
                 shade = colormaps["viridis"](0.92 * (contact - 1) / max(1, len(row["forces"]) - 1))
                 ax.plot(row["time"], forces, color=shade, label=f"contact {contact}", linewidth=1.2)
             if place + across >= len(rows):  # nothing below it
-                ax.set_xlabel("time / sqrt(m1/k1) (-)" if config.figure_column.exponent == 1 else "time (-)")
+                ax.set_xlabel("time / sqrt(m1/k1) (-)" if config.figure_chain.exponent == 1 else "time (-)")
                 ax.tick_params(labelbottom=True)
             ax.set_title(named(row["solver"]))
         for ax in grid[:, 0]:
@@ -205,6 +207,6 @@ def _wave(curves: Frame, config: Config) -> Figure:
 
 
 def shown_until(row: dict[Any, Any]) -> float:
-    """When all impulses of a column but `TAIL` of their sum have passed."""
+    """When all impulses of a chain but `TAIL` of their sum have passed."""
     time, total = row["time"], np.sum(np.stack(row["forces"]), axis=0)
     return passed_at(time, np.append(0, np.cumsum(np.diff(time) * 0.5 * (total[1:] + total[:-1]))))

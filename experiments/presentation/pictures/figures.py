@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.measures.aggregates import FULL_PATHS, Frame
 from impact_xval.experiments.measures.summary import Summary, load_divergence
-from impact_xval.experiments.presentation.pictures.curves import draw_cell_curves, draw_column
+from impact_xval.experiments.presentation.pictures.curves import draw_cell_curves, draw_chain
 from impact_xval.experiments.presentation.pictures.ladders import draw_ladders, draw_trust, trust_of
 from impact_xval.experiments.presentation.style import (
     BESIDE,
@@ -40,7 +40,7 @@ _LABELS = {
 _SIDE = "solvers stand side by side."
 _MEDIANS = f"Markers: medians over all other axes; bars: 5th to 95th percentile; {_SIDE}"
 
-#: Captions of what is drawn over k2/k1, or of columns over the number of balls.
+#: Captions of what is drawn over k2/k1, or of chains over the number of balls.
 _CAPTIONS = {
     _D: "Velocity divergence D of each solver from the model over {over}. "
     f"{_MEDIANS} D = sqrt(sum m_i dv_i^2/sum m_i v_i0^2), dimensionless; values below {number(_FLOOR)} are drawn "
@@ -60,7 +60,7 @@ def write_figures(folder: RunFolder, summary: Summary) -> dict[str, str]:
 
 def _figures(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
     """Draw the figures of a run; those with nothing to show are left out."""
-    config, pair = summary.config, summary.config.column is None
+    config, pair = summary.config, summary.config.chain is None
     curves = folder.read_table(CURVES).to_pandas()  # of a damaged folder nothing is drawn
     if pair:
         measures = {_D: "divergence-by-stiffness", FULL_PATHS: "state-paths"}
@@ -81,7 +81,7 @@ def _figures(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
     yield from draw_trust(trust_of(folder, config) if pair else None)
     yield from draw_ladders(summary.ladder)
     yield from draw_steps(summary)
-    yield from (draw_cell_curves if pair else draw_column)(curves, config)
+    yield from (draw_cell_curves if pair else draw_chain)(curves, config)
 
 
 def _over(panels: Mapping[str, tuple[Frame, Any]], solvers: Sequence[str], axis: str, measure: str) -> Figure:
@@ -118,7 +118,7 @@ def recommended(summary: Summary) -> list[dict[str, Any]]:
 
     It is over the faster contact period, extrapolated from the step of the run by the order that was measured.
     """
-    rows = summary.estimates.to_dict("records") if summary.config.column is None else []
+    rows = summary.estimates.to_dict("records") if summary.config.chain is None else []
     return [
         row | {"enough": summary.config.step_fraction * (ACCEPTED / row["step_p95"]) ** (1 / row["order"])}
         for row in rows

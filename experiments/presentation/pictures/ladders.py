@@ -31,12 +31,12 @@ from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.numbers import number, percent
 from impact_xval.experiments.tables.parquet import column, selected
 
-#: What is drawn over which axes, of two balls and of columns; and how an axis is labelled.
+#: What is drawn over which axes, of two balls and of chains; and how an axis is labelled.
 _STACKS = {
     "ladder-by-stiffness": ("stiffness_ratio",),
     "ladder-by-restitution": ("e1", "e2"),
     "ladder-by-balls": ("balls",),
-    "ladder-by-column": ("arrangement", "e"),
+    "ladder-by-chain": ("arrangement", "e"),
 }
 _LABELS = {
     "stiffness_ratio": "stiffness ratio k2/k1 (-)",

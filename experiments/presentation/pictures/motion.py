@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from impact_xval.compliant_baselines.registry import kind_of
-from impact_xval.experiments.config.arrangements import Arranged
+from impact_xval.experiments.config.arrangements import ChainSetup
 from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.presentation.html import page_of, render
 from impact_xval.experiments.presentation.pictures.curves import by_ratios
@@ -82,11 +82,11 @@ class Motion:
 
     @classmethod
     def of(
-        cls, collision: Collision, outcomes: Mapping[str, Outcome], config: Config, column: Arranged | None
+        cls, collision: Collision, outcomes: Mapping[str, Outcome], config: Config, chain: ChainSetup | None
     ) -> Motion:
         """Put solvers beside the model, in the order of the outcomes, `MOST` at most.
 
-        The configuration says how they solved it, and `column` what the collision is, if a column. A ValueError says
+        The configuration says how they solved it, and `chain` what the collision is, if a chain. A ValueError says
         that no solver but the model has a path in finite time.
         """
         drop, shown, left_out = config.scenario == "drop", {}, {}
@@ -110,9 +110,7 @@ class Motion:
                 + (f" ({reasons})" if reasons else "")
                 + "; legal: such a collision, or FILE.png"
             )
-        what = (
-            arranged(column) if column is not None else f"{by_ratios(collision)}, scenario {config.scenario}"
-        )
+        what = arranged(chain) if chain is not None else f"{by_ratios(collision)}, scenario {config.scenario}"
         what += ", in which the model has no gravity" if drop and REFERENCE in shown else ""
         return cls(collision, what, shown, left_out)
 

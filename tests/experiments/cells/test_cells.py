@@ -24,10 +24,10 @@ COMMAND = [sys.executable, "-m", "impact_xval", "explore", "--no-browser", "--po
 HOSTILE = "<script>alert('&')</script> | **bold** <img src=x onerror=alert(1)>"
 PLAIN = Collision.from_ratios(1.0, 1.0, 0.9, 0.9)
 PAIR = Collision.two_balls(m1=2.0, m2=3.0, k1=1e8, k2=4e9, e1=0.9, e2=0.7, v0=-4.0)
-COLUMN = Collision((1.0, 2.0, 1.0), (1e8, 2e8), (0.9, 0.8), (-3.0, 0.0, 0.0))
+CHAIN = Collision((1.0, 2.0, 1.0), (1e8, 2e8), (0.9, 0.8), (-3.0, 0.0, 0.0))
 
 
-@pytest.mark.parametrize("problem", [PAIR, COLUMN, replace(COLUMN, exponent=1.5)])
+@pytest.mark.parametrize("problem", [PAIR, CHAIN, replace(CHAIN, exponent=1.5)])
 def test_the_model_is_added_and_d_is_what_a_hand_computation_gives(problem):
     law = "kelvin-voigt" if problem.exponent == 1 else "hunt-crossley"
     compared = compare(problem, [law])
@@ -137,10 +137,10 @@ def test_an_address_has_its_table_and_curves_that_end_where_the_model_does(cells
     json.dumps(answer, allow_nan=False)
 
 
-def test_an_address_may_hold_a_column(cells):
+def test_an_address_may_hold_a_chain(cells):
     answer = cells.answer("balls=3&arrangement=cradle&strike=2&e=0.5&mass_taper=2")
-    column = Collision((1, 2, 4), (1e8, 1e8), (0.5, 0.5), (-1, -1, 0))
-    assert answer["data"]["balls state-transition"]["y"] == pytest.approx(solve(column).velocities, abs=1e-12)
+    chain = Collision((1, 2, 4), (1e8, 1e8), (0.5, 0.5), (-1, -1, 0))
+    assert answer["data"]["balls state-transition"]["y"] == pytest.approx(solve(chain).velocities, abs=1e-12)
     assert "A cradle of 3 balls, 2 striking" in answer["results"]
 
 
@@ -149,7 +149,7 @@ def test_what_is_illegal_in_an_address_is_one_line(cells):
         ("e1=0.5&e3=1", "'e3' is no parameter; legal: stiffness_ratio, mass_ratio, e1, e2"),
         ("stiffness_ratio=3&mass_ratio=1&e1=%3Cb%3E&e2=1", "--e1 = '<b>'; legal: from 0 to 1"),
         ("stiffness_ratio=3&mass_ratio=1&e2=1", "--e1 missing; legal: "),
-        ("balls=3&e=1&arrangement=cube", "--arrangement = 'cube'; legal: 'chain', "),
+        ("balls=3&e=1&arrangement=cube", "--arrangement = 'cube'; legal: 'row', "),
     ):
         ((kind, said),) = cells.answer(query).items()
         assert (kind, said[: len(says)], said.count("\n")) == ("problem", says, 0)

@@ -68,7 +68,7 @@ def test_solve_takes_an_infinite_ratio_and_shows_refusals(command):
     found = _json(command, "--stiffness-ratio", "inf", "--mass-ratio", "1", "--e1", "0.5", "--e2", "0.5")
     assert [each["solver"] for each in found] == list(solver_names())
     model = found[0]
-    assert (model["v1"], model["v2"], model["status"]) == (0.5, 0.0, "limit")
+    assert (model["v1"], model["v2"], model["status"]) == (0.5, 0.0, "closed-form")
     for other in (each for each in found if each["solver"] in ("mujoco", "pybullet")):
         assert other["status"] in ("unrepresentable", "unavailable")
         assert other["reason"]
@@ -108,7 +108,7 @@ def test_a_run_from_end_to_end(tmp_path, command, monkeypatch):
     (row,) = json.loads(command(["show", root, "--cell", 1, "--json"]))
     assert (row["solver"], row["status"], row["velocity_divergence"]) == ("state-transition", "ok", None)
     (row,) = json.loads(command(["show", root, "--cell", 2, "--json"]))
-    assert (row["status"], row["stiffness_ratio"]) == ("limit", None)  # JSON has no infinity
+    assert (row["status"], row["stiffness_ratio"]) == ("closed-form", None)  # JSON has no infinity
 
 
 def test_ctrl_c_in_any_command_is_one_line_and_exit_code_1(capsys, monkeypatch):
@@ -147,8 +147,8 @@ def test_a_run_says_how_many_cells_there_are_and_which_axes_took_defaults(tmp_pa
     for text, says in (
         (GRID, "36 cells: stiffness_ratio 3, mass_ratio 1, e1 4 (default), e2 3"),
         (
-            "[column]\narrangement = ['drop']\nballs = [2, 3]\ne = 0.9\n",
-            "6 columns: arrangement 1, balls 2, exponent 1 (default), mass_taper 1 (default), "
+            "[chain]\narrangement = ['pile']\nballs = [2, 3]\ne = 0.9\n",
+            "6 chains: arrangement 1, balls 2, exponent 1 (default), mass_taper 1 (default), "
             "stiffness_taper 3 (default), gap 1 (default), e 1",
         ),
     ):

@@ -10,13 +10,13 @@ import pytest
 from PIL import Image
 
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.config.arrangements import Arranged
+from impact_xval.experiments.config.arrangements import ChainSetup
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.presentation.pictures.motion import FRAMES, RATE, Motion, frames_of
 from impact_xval.model import Outcome, solve
 
 BESIDE = "solve --stiffness-ratio 1 --mass-ratio 1.1547 --e1 0.9 --e2 0.7 --solver kelvin-voigt"
-COLUMN = "solve --arrangement cradle --balls 3 --solver kelvin-voigt"
+CHAIN_OPTIONS = "solve --arrangement cradle --balls 3 --solver kelvin-voigt"
 
 
 @pytest.mark.parametrize(
@@ -24,7 +24,7 @@ COLUMN = "solve --arrangement cradle --balls 3 --solver kelvin-voigt"
     [
         (BESIDE, "png", b"\x89PNG", "One collision by "),
         (BESIDE, "pdf", b"%PDF", "markers: where each curve ends."),
-        (COLUMN, "svg", b"<?xml", "final velocities"),
+        (CHAIN_OPTIONS, "svg", b"<?xml", "final velocities"),
     ],
 )
 def test_the_suffix_says_what_is_written_and_json_stays_json(tmp_path, capsys, asked, suffix, first, says):
@@ -41,7 +41,7 @@ def drawn(file, capsys, asked, first, says):
 
 def test_a_film_moves_as_long_as_it_says(tmp_path, capsys):
     says = "slow motion: the model and exact Kelvin-Voigt: a cradle of 3 balls"
-    drawn(tmp_path / "one.gif", capsys, COLUMN, b"GIF8", says)
+    drawn(tmp_path / "one.gif", capsys, CHAIN_OPTIONS, b"GIF8", says)
     with Image.open(tmp_path / "one.gif") as picture:
         assert picture.n_frames == FRAMES
         assert picture.info["duration"] * RATE == 1000
@@ -65,23 +65,21 @@ def test_a_page_needs_nothing_else_and_says_what_the_clock_is(tmp_path, command)
     assert "The model has no time: its clock is how long its forces" in rest
 
 
-CHAIN = Arranged(arrangement="chain", balls=2)
+CHAIN = ChainSetup(arrangement="row", balls=2)
 
 
-def _of(column, names, **others):
-    """Make the motion of a column of which all solvers that are named have the path of the model."""
-    problem = column.column()
+def _of(chain, names, **others):
+    """Make the motion of a chain of which all solvers that are named have the path of the model."""
+    problem = chain.collision()
     outcome = solve(problem, path=True)
-    return Motion.of(
-        problem, {name: outcome for name in names} | others, parse_config({"column": {}}), column
-    )
+    return Motion.of(problem, {name: outcome for name in names} | others, parse_config({"chain": {}}), chain)
 
 
 SIX = ["mujoco", "pybullet", "kelvin-voigt", "bistiffness", "hunt-crossley", "rapier"]
 
 
 def test_all_solvers_that_were_asked_for_move_side_by_side_and_those_left_out_are_named():
-    problem = CHAIN.column()
+    problem = CHAIN.collision()
     lost = Outcome.failure("drake", problem, "unavailable", "not here")
     motion = _of(CHAIN, [*SIX, "dart", "state-transition"], drake=lost)
     assert list(motion.histories) == ["state-transition", *SIX]
@@ -92,7 +90,7 @@ def test_all_solvers_that_were_asked_for_move_side_by_side_and_those_left_out_ar
 
 
 def test_a_solver_moves_where_the_model_has_no_positions():
-    problem = CHAIN.column()
+    problem = CHAIN.collision()
     refused = Outcome.failure("state-transition", problem, "unrepresentable", "gaps")
     motion = _of(CHAIN, ["mujoco"], **{"state-transition": refused})
     assert list(motion.histories) == ["mujoco"]
@@ -102,7 +100,7 @@ def test_a_solver_moves_where_the_model_has_no_positions():
 @pytest.mark.parametrize("arrangement", ["cradle", "stack"])
 def test_a_cradle_lies_and_a_stack_stands(arrangement):
     """Balls 1 and 3 of the first solver are grey, beside one another or above one another."""
-    motion = _of(Arranged(arrangement=arrangement, balls=3), ["state-transition", "bistiffness"])
+    motion = _of(ChainSetup(arrangement=arrangement, balls=3), ["state-transition", "bistiffness"])
     picture = next(frames_of(motion))
     high, wide, _ = picture.shape
     stands = arrangement == "stack"

@@ -8,16 +8,16 @@ import pyarrow.parquet as pq
 import pytest
 from scipy.stats import qmc
 
-from impact_xval.experiments.config.arrangements import Arranged
+from impact_xval.experiments.config.arrangements import ChainSetup
 from impact_xval.experiments.config.axes import AXES, Sample
 from impact_xval.experiments.config.cells import collision_of, draw, experiment_cells, read_cells
+from impact_xval.experiments.config.collision_options import asked
 from impact_xval.experiments.config.experiment import REFERENCE, Config, load_config, parse_config
-from impact_xval.experiments.config.typed import asked
 from impact_xval.model import Collision
 from tests.experiments.conftest import resumed
 
-COLUMNS = {
-    "arrangement": ["cradle", "drop"],
+CHAINS = {
+    "arrangement": ["cradle", "pile"],
     "balls": [3, 4],
     "strike": [1, 2],
     "e": {"linear": [0.5, 1.0, 3]},
@@ -87,11 +87,11 @@ def test_an_experiment_in_si_units_is_written_and_read_back(tmp_path):
     assert config.size() == "12 cells: k1 1, k2 2, m1 2, m2 3, e 1"
 
 
-def test_columns_are_an_arrangement_after_the_other_with_e_fastest():
-    columns = experiment_cells(parse_config({"column": COLUMNS}))
-    assert len(columns) == 2 * 2 * 2 * 3 + 2 * 2 * 3
-    rows = columns.block(range(36)).parameters
-    assert rows["arrangement"].tolist() == ["cradle"] * 24 + ["drop"] * 12
+def test_chains_are_an_arrangement_after_the_other_with_e_fastest():
+    chains = experiment_cells(parse_config({"chain": CHAINS}))
+    assert len(chains) == 2 * 2 * 2 * 3 + 2 * 2 * 3
+    rows = chains.block(range(36)).parameters
+    assert rows["arrangement"].tolist() == ["cradle"] * 24 + ["pile"] * 12
     names = ("balls", "strike", "stiffness_taper", "e")
     first = list(zip(*(rows[name][:4].tolist() for name in names), strict=True))
     assert first == [(3, 1, 1.0, 0.5), (3, 1, 1.0, 0.75), (3, 1, 1.0, 1.0), (3, 1, 0.5, 0.5)]
@@ -102,20 +102,20 @@ def test_columns_are_an_arrangement_after_the_other_with_e_fastest():
 @pytest.mark.parametrize(
     ("given", "velocities", "gaps"),
     [
-        (("chain", 3), (-1, 0, 0), (0, 1e-5)),
+        (("row", 3), (-1, 0, 0), (0, 1e-5)),
         (("cradle", 3), (-1, 0, 0), (0, 1e-5)),
         (("cradle", 5, 2), (-1, -1, 0, 0, 0), (1e-5, 0, 1e-5, 1e-5)),
-        (("drop", 3), (-1, 0, 0), (0, 1e-5, 1e-5)),
+        (("pile", 3), (-1, 0, 0), (0, 1e-5, 1e-5)),
         (("stack", 3), (-1, -1, -1), (1e-5, 1e-5, 0)),
         (("stack", 1), (-1,), (0,)),
     ],
 )
-def test_an_arrangement_is_the_column_written_by_hand(given, velocities, gaps):
+def test_an_arrangement_is_the_chain_written_by_hand(given, velocities, gaps):
     """Every contact has the gap, except the one that is struck."""
     data = dict(zip(("arrangement", "balls", "strike"), given, strict=False))
-    n, contacts, table = len(velocities), len(gaps), given[0] in ("drop", "stack")
+    n, contacts, table = len(velocities), len(gaps), given[0] in ("pile", "stack")
     by_hand = Collision((1,) * n, (1,) * contacts, (0.9,) * contacts, velocities, table=table, gaps=gaps)
-    assert Arranged(m=1.0, k=1.0, e=0.9, gap=1e-5, **data).column() == by_hand
+    assert ChainSetup(m=1.0, k=1.0, e=0.9, gap=1e-5, **data).collision() == by_hand
     assert [rate > 0 for rate in by_hand.compression_rates] == [gap == 0 for gap in gaps]
 
 
@@ -187,12 +187,12 @@ def test_identity_ignores_what_does_not_change_results():
     def identity(**changes) -> str:
         return Config.model_validate(changes).identity()
 
-    base, columns = identity(), identity(column=COLUMNS)
+    base, chains = identity(), identity(chain=CHAINS)
     assert identity(name="other", workers=3, figure_cell={"e1": 0.5}) == base
     assert identity(grid={"mass_ratio": [0.5, 2 / math.sqrt(3), 2]}) == base
     assert identity(cells="a.csv") == identity(cells="elsewhere/b.csv")
-    assert identity(column=COLUMNS | {"gap": [0], "e": [0.5, 0.75, 1]}, name="x", workers=3) == columns
-    assert identity(column=COLUMNS, figure_column={"balls": 7}) == columns
+    assert identity(chain=CHAINS | {"gap": [0], "e": [0.5, 0.75, 1]}, name="x", workers=3) == chains
+    assert identity(chain=CHAINS, figure_chain={"balls": 7}) == chains
     others = [
         {"step_fraction": 1e-2},
         {"grazing_threshold": 0.5},  # rows are marked by it
@@ -201,8 +201,8 @@ def test_identity_ignores_what_does_not_change_results():
         {"chunk_size": 5},
         {"sample": {"n": 10}},
         {"sample": {"n": 10, "seed": 1}},
-        {"column": COLUMNS | {"strike": 1}},
-        {"column": COLUMNS | {"arrangement": ["drop", "cradle"]}},
-        {"column": COLUMNS | {"gap": 1e-300}},
+        {"chain": CHAINS | {"strike": 1}},
+        {"chain": CHAINS | {"arrangement": ["pile", "cradle"]}},
+        {"chain": CHAINS | {"gap": 1e-300}},
     ]
-    assert len({base, columns, *(identity(**each) for each in others)}) == 2 + len(others)
+    assert len({base, chains, *(identity(**each) for each in others)}) == 2 + len(others)

@@ -18,7 +18,7 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.mapping import damping_ratio, restitution
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.hypothesis.columns import draw, of_each_ball, stiffened, welded
+from impact_xval.experiments.hypothesis.chains import draw, of_each_ball, stiffened, welded
 from impact_xval.experiments.hypothesis.judging import distance
 from impact_xval.experiments.hypothesis.page import over_places, span
 from impact_xval.experiments.hypothesis.run import CASES, MARGIN, design
@@ -41,8 +41,8 @@ REDRAWN = [pytest.param(f"seed = {seed}", marks=pytest.mark.nightly) for seed in
 def made(request, tmp_path_factory):
     """Test the hypothesis by the solvers of the docs; gives its folder, and what the command prints."""
     root, said = tmp_path_factory.mktemp("hypothesis"), io.StringIO()
-    columns = "[columns]\npoints = 3\nballs = [4, 4]"
-    (root / "h.toml").write_text(f"solvers = {SOLVERS}\n{request.param}\n{columns}")
+    chains = "[chains]\npoints = 3\nballs = [4, 4]"
+    (root / "h.toml").write_text(f"solvers = {SOLVERS}\n{request.param}\n{chains}")
     with contextlib.redirect_stdout(said):
         assert main(["hypothesis", str(root / "h.toml"), "--out", str(root / "out"), "--workers", "1"]) == 0
     return root / "out", said.getvalue()
@@ -69,8 +69,8 @@ def test_the_tables_of_the_docs_are_those_of_the_built_in_test():
         n = getattr(row, f"n_{row.verdict}", row.n_undecided)
         far = f", {span((row.offset_least, row.offset_largest))}" if row.verdict == "refuted" else ""
         rows.setdefault(row.case, []).append(f"{row.verdict}{'' if n == row.points == 24 else f', {n}'}{far}")
-    columns = SimpleNamespace(columns=wholes(GOLDEN.format("columns")))
-    for solver, place, *counts, rates, away in over_places(columns):
+    chains = SimpleNamespace(chains=wholes(GOLDEN.format("chains")))
+    for solver, place, *counts, rates, away in over_places(chains):
         assert all(count.endswith(" of 24" if place == "meet" else " of 48") for count in counts)
         said = (f"{n.split()[0]}, {far}" for n, far in zip(counts, (rates, away), strict=True) if far != "-")
         rows.setdefault(solver, []).append("; ".join(said))
@@ -100,16 +100,16 @@ def remapped(e, mapped, mass):
 
 
 def test_a_dashpot_law_goes_where_its_own_dashpots_lead_and_not_where_it_is_mapped_anew():
-    """The welded column is given the dashpots as they were, by the restitutions with which they are mapped to it."""
-    for column, contact in draw(("drop", "middle"), 2, (4, 5), 2):
-        anew = welded(column, contact)
-        over = (1 / np.array((*one.masses, math.inf)) for one in (column, anew))
+    """The welded chain is given the dashpots as they were, by the restitutions with which they are mapped to it."""
+    for chain, contact in draw(("pile", "middle"), 2, (4, 5), 2):
+        anew = welded(chain, contact)
+        over = (1 / np.array((*one.masses, math.inf)) for one in (chain, anew))
         mapped, reduced = (1 / (each[1:] + each[:-1]) for each in over)
         kept = tuple(map(remapped, anew.restitutions, np.delete(mapped, contact), reduced))
-        asked = [stiffened(column, contact, 1e6), anew, dataclasses.replace(anew, restitutions=kept)]
+        asked = [stiffened(chain, contact, 1e6), anew, dataclasses.replace(anew, restitutions=kept)]
         stiff, *forms = get_solver("kelvin-voigt").solve_many(asked, Settings())
         ends = [of_each_ball(form.velocities, contact) for form in forms]
-        away = distance(np.divide(column.masses, column.masses[0]), np.subtract(ends, [stiff.velocities]))
+        away = distance(np.divide(chain.masses, chain.masses[0]), np.subtract(ends, [stiff.velocities]))
         assert away[0] > 1e-3 > 1e-5 > away[1]
 
 
@@ -147,7 +147,7 @@ BAD = {
     "contrast = [1e5, 10]": ("contrast = [100000.0, 10.0]", " lo < hi"),
     "plastic_contrast = [0, 10]": ("plastic_contrast", " 1 < lo < hi <= 1e16"),
     "solvers = ['mujoko']": ("solvers = 'mujoko' ", "did you mean 'mujoco'"),
-    "[columns]\nballs = [3, 7]": ("columns.balls = [3, 7]", " whole numbers from 4 to 12"),
+    "[chains]\nballs = [3, 7]": ("chains.balls = [3, 7]", " whole numbers from 4 to 12"),
     "seed = 1.5": ("seed = 1.5", " a whole number from 0 to 2^32"),
     "points = 3": ("points = 3", " from 6 to 500 (points of each limit)"),
 }
@@ -191,8 +191,8 @@ def test_the_page_and_the_command_show_the_verdicts_of_the_tables(made):
     assert said.count(LAWS_WITH_LAWS) == page.count(LAWS_WITH_LAWS) == 1
 
 
-def test_columns_that_move_as_one_are_counted_on_the_page_and_in_the_terminal(made):
-    found = wholes(made[0] / "columns.csv")
+def test_chains_that_move_as_one_are_counted_on_the_page_and_in_the_terminal(made):
+    found = wholes(made[0] / "chains.csv")
     assert found.n_supported[found.meets].sum() == 0
     assert 0.4 < found.least_rate.min() <= found.largest_rate.max() < 2.2
     found = found[~found.meets].groupby("solver")[["n_supported", "n_refuted", "points"]].sum()

@@ -39,9 +39,9 @@ def test_measures_by_hand():
     # before: m1 v0^2 = 50; after: 2*9 + 8/4 = 20 and 2*4 + 8*1 = 16
     assert found["dretained_energy"] == pytest.approx(16 / 50 - 20 / 50)
     assert found["states_equal"] is False
-    assert found["states_part_at"] == 2
+    assert found["states_differ_at"] == 2
     assert found["states_edit_distance"] == 2
-    assert math.isnan(found["curve_distance"])
+    assert math.isnan(found["impulse_curve_distance"])
 
 
 def test_a_pair_keeps_its_momentum_and_what_e_leaves_of_its_energy():

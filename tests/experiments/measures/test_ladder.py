@@ -9,7 +9,7 @@ import pytest
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Settings
-from impact_xval.experiments.config.arrangements import Arranged
+from impact_xval.experiments.config.arrangements import ChainSetup
 from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.experiment import REFERENCE, parse_config
 from impact_xval.experiments.measures import corners as of_corners
@@ -93,24 +93,24 @@ def test_each_cause_is_the_shapley_value_of_the_solvers_at_the_corners(scenario,
 
 
 @pytest.mark.parametrize(
-    ("arrangement", "balls", "e"), [("drop", 3, 0.8), ("stack", 4, 0.9), ("cradle", 5, 0.95)]
+    ("arrangement", "balls", "e"), [("pile", 3, 0.8), ("stack", 4, 0.9), ("cradle", 5, 0.95)]
 )
-def test_corners_of_columns_are_those_of_an_integration_in_time(arrangement, balls, e):
-    column = Arranged(arrangement=arrangement, balls=balls, e=e, k=1.0, v0=-1.0).column()
-    model = np.array([solve(column).velocities])
-    found = of_corners.corners(model, Collisions.of([column]), np.zeros(1), pair=False)
+def test_corners_of_chains_are_those_of_an_integration_in_time(arrangement, balls, e):
+    chain = ChainSetup(arrangement=arrangement, balls=balls, e=e, k=1.0, v0=-1.0).collision()
+    model = np.array([solve(chain).velocities])
+    found = of_corners.corners(model, Collisions.of([chain]), np.zeros(1), pair=False)
     names = {name: index for index, name in corner_names(gravity=False).items()}
     for corner, law in (
         ("free_asked", "kelvin-voigt"),
         ("frozen_asked", "kelvin-voigt"),
         ("free_energetic", "bistiffness"),
     ):
-        damping, frozen = coefficients_of(column, law, 1), corner.startswith("frozen")
-        expected = integrate(column, law, damping, frozen=frozen).velocities
+        damping, frozen = coefficients_of(chain, law, 1), corner.startswith("frozen")
+        expected = integrate(chain, law, damping, frozen=frozen).velocities
         assert found.velocities[names[corner]][0] == pytest.approx(expected, abs=1e-8), corner
 
 
-@pytest.mark.parametrize(("switches", "balls"), [((2, 2, 2), 2), ((2, 2, 1), 5)], ids=["pairs", "columns"])
+@pytest.mark.parametrize(("switches", "balls"), [((2, 2, 2), 2), ((2, 2, 1), 5)], ids=["pairs", "chains"])
 def test_closes_for_any_corners_and_outcomes(switches, balls):
     n, rng = 400, np.random.default_rng(4)
     cube, engine = rng.uniform(-1, 1, (*switches, n, balls)), rng.normal(size=(n, balls))

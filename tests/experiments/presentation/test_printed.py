@@ -1,4 +1,4 @@
-"""What docs/ladder.md, and docs/columns.md, section 9, print of runs, held against the runs that they print it of."""
+"""What docs/ladder.md, and docs/chains.md, section 9, print of runs, held against the runs that they print it of."""
 
 import re
 import tomllib
@@ -14,7 +14,7 @@ from impact_xval.experiments.presentation.report import write_tables
 from impact_xval.experiments.sweep.run import run_sweep
 
 DOCS = Path(__file__).parents[3] / "docs"
-LADDER, COLUMNS = ((DOCS / name).read_text(encoding="utf-8") for name in ("ladder.md", "columns.md"))
+LADDER, CHAINS = ((DOCS / name).read_text(encoding="utf-8") for name in ("ladder.md", "chains.md"))
 ROWS = {
     "MuJoCo": "mujoco",
     "PyBullet": "pybullet",
@@ -63,19 +63,19 @@ def test_medians_and_shares_of_the_default_run(tmp_path):
             assert known[: len(cell)] == cell, (band, rung)
 
 
-def test_medians_of_columns(tmp_path):
+def test_medians_of_chains(tmp_path):
     """Of the references, which are exact; without engines the run takes seconds."""
-    file = tomllib.loads(COLUMNS.partition("<!-- experiment -->\n```toml\n")[2].partition("```")[0])
+    file = tomllib.loads(CHAINS.partition("<!-- experiment -->\n```toml\n")[2].partition("```")[0])
     run_sweep(
         parse_config(file | {"solvers": ["bistiffness", "kelvin-voigt"]}), tmp_path / "a", isolate=False
     )
     table = pd.read_parquet(tmp_path / "a/divergence.parquet")
-    rows = re.findall(r"^\| (\w+), `([\w-]+)` \| (.*) \|$", COLUMNS.partition("<!-- medians -->")[2], re.M)
+    rows = re.findall(r"^\| (\w+), `([\w-]+)` \| (.*) \|$", CHAINS.partition("<!-- medians -->")[2], re.M)
     assert (len(rows), len(table)) == (6, 2 * 216)
     keys = ["arrangement", "solver", "balls"]
     medians = table[table.marked.isna()].groupby(keys, observed=True).velocity_divergence.median()
     for arrangement, solver, cells in rows:
         found = [[medians[arrangement, solver, n]] for n in (2, 3, 5, 10)]
         assert found == [as_printed(cell) for cell in cells.split(" | ")]
-    (worst,) = re.findall(r"the most is ([\d.]+), of ten balls that fall together at e = 0.6", COLUMNS)
+    (worst,) = re.findall(r"the most is ([\d.]+), of ten balls that fall together at e = 0.6", CHAINS)
     assert [table.velocity_divergence.max()] == as_printed(worst)

@@ -1,4 +1,4 @@
-"""What is seen on a terminal and in a log: work that goes on, the end of a run, a column of it, small runs."""
+"""What is seen on a terminal and in a log: work that goes on, the end of a run, a chain of it, small runs."""
 
 import io
 import math
@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.experiments.config.typed import asked
+from impact_xval.experiments.config.collision_options import asked
 from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.presentation.page.opened import opened_cells
 from impact_xval.experiments.presentation.terminal import show_progress
@@ -53,13 +53,13 @@ def test_the_end_of_a_run_is_one_screen(fake_run):
         assert row == ["kelvin-voigt", "mujoco", "12", "0.01", "0.01", "0.01", "100.0", "%", "0"]
 
 
-def test_a_column_is_shown_with_its_ladder_or_why_it_has_none(column_run, command):
-    ladder = pq.read_table(column_run / "ladder.parquet").to_pandas()
+def test_a_chain_is_shown_with_its_ladder_or_why_it_has_none(chain_run, command):
+    ladder = pq.read_table(chain_run / "ladder.parquet").to_pandas()
     assert (len(ladder), (ladder.status == "ok").sum()) == (24, 12)
-    shown = " ".join(command(["show", column_run, "--cell", "0"]).split())
+    shown = " ".join(command(["show", chain_run, "--cell", "0"]).split())
     assert "cell 0: balls = 2, arrangement = cradle" in shown
     assert ladder.sentence[0].replace("mujoco", "MuJoCo") in shown
-    assert "mujoco: unrepresentable: exponent = 1.5" in command(["show", column_run, "--cell", "2"])
+    assert "mujoco: unrepresentable: exponent = 1.5" in command(["show", chain_run, "--cell", "2"])
 
 
 def test_a_cell_of_a_grid_in_si_units_is_named_and_opened_again_in_them(tmp_path, command):
@@ -76,14 +76,14 @@ def test_a_cell_of_a_grid_in_si_units_is_named_and_opened_again_in_them(tmp_path
     assert collision.stiffnesses == pytest.approx((1e5, 7e5), rel=1e-15)
 
 
-def test_a_command_for_two_balls_refuses_a_run_of_columns(column_run, refused):
-    refused(["scene", column_run, "0"], "columns of N balls; legal: ")
+def test_a_command_for_two_balls_refuses_a_run_of_chains(chain_run, refused):
+    refused(["scene", chain_run, "0"], "chains of N balls; legal: ")
 
 
 #: Runs with little in them, each a result.
 _ONE = {"stiffness_ratio": [2.0], "mass_ratio": [1.5], "e1": [0.9], "e2": [0.7]}
 _LIMITS = {"stiffness_ratio": [0, 1, math.inf], "mass_ratio": [1.0], "e1": [0.0], "e2": [0.0, 1.0]}
-_PAIR = {"balls": 2, "arrangement": "chain", "e": [0.5, 0.9], "stiffness_taper": 1.0}
+_PAIR = {"balls": 2, "arrangement": "row", "e": [0.5, 0.9], "stiffness_taper": 1.0}
 _GAPS = {"balls": 3, "arrangement": "cradle", "gap": [0.0, 1e-5], "e": 0.9, "stiffness_taper": 1.0}
 _LIKE, _HELD = ["kelvin-voigt", "mujoco"], "The limits dt -> 0 of MuJoCo are "
 _NOTHING = "Nothing could be compared."
@@ -94,8 +94,8 @@ RUNS = {
     "the model alone": ({"grid": _ONE, "solvers": ["state-transition"]}, fakes.shifted, _NOTHING),
     "no engine": ({"solvers": ["liu-zhao-brogliato", "kelvin-voigt"], "scenario": "drop"}, fakes.shifted, ""),
     "limits": ({"grid": _LIMITS, "grazing_threshold": 0.0}, fakes.shifted, ""),
-    "one contact": ({"column": _PAIR, "grid": None, "solvers": ["kelvin-voigt"]}, fakes.shifted, ""),
-    "the model refuses some": ({"column": _GAPS, "grid": None, "solvers": _LIKE}, get_solver, _HELD),
+    "one contact": ({"chain": _PAIR, "grid": None, "solvers": ["kelvin-voigt"]}, fakes.shifted, ""),
+    "the model refuses some": ({"chain": _GAPS, "grid": None, "solvers": _LIKE}, get_solver, _HELD),
     "agreement": ({"solvers": ["mujoco"]}, fakes.perfect, "MuJoCo ends where the model does: there is "),
     "agreement beside a failure": ({}, fakes.perfect, "12 of 12 cells (12 unavailable), most often: no "),
     "nothing but failures": ({"solvers": ["mujoco", "pybullet"]}, fakes.refusing, _NOTHING),

@@ -11,7 +11,7 @@ import pytest
 from packaging.requirements import Requirement
 
 from impact_xval.experiments.scoreboard import environments, playing
-from impact_xval.experiments.scoreboard.cases import COLUMNS, USUAL
+from impact_xval.experiments.scoreboard.cases import CASE_SETUPS, USUAL
 from impact_xval.experiments.scoreboard.environments import (
     NotInstalledError,
     make_environment,
@@ -87,11 +87,11 @@ def test_versions_come_in_the_order_of_their_numbers_and_the_one_that_differs_is
     ]
     rows = {version: (count, cells) for _, version, count, *cells in table_of_releases(found, []).rows}
     assert list(rows) == ["3.8.1", "3.9.0", "3.10.0 *", "4.0.0", "4.1.0"]
-    assert rows["3.8.1"] == ("the first", ["-"] * len(COLUMNS))
-    asked = ["=" if case in ("cradle 1 on 2", "stack of 3") else "-" for case in COLUMNS]
+    assert rows["3.8.1"] == ("the first", ["-"] * len(CASE_SETUPS))
+    asked = ["=" if case in ("cradle 1 on 2", "stack of 3") else "-" for case in CASE_SETUPS]
     assert rows["3.9.0"] == rows["4.0.0"] == ("0 of 2", asked)
     count, cells = rows["3.10.0 *"]
-    assert (count, cells[list(COLUMNS).index("cradle 1 on 2")]) == ("1 of 2", "0.05")
+    assert (count, cells[list(CASE_SETUPS).index("cradle 1 on 2")]) == ("1 of 2", "0.05")
     assert set(cells) == {"0.05", "=", "-"}
     (sentence,) = releases_in_words(found)
     assert (
@@ -115,7 +115,7 @@ def test_a_version_without_an_answer_is_a_row_with_its_reason_and_the_next_is_he
     ]
     error = NotInstalledError(Requirement("mujoco==99"), "there is none")
     *_, changed, missing = table_of_releases(found, [error]).rows
-    assert changed[3 + list(COLUMNS).index("cradle 1 on 2")] == "!"
+    assert changed[3 + list(CASE_SETUPS).index("cradle 1 on 2")] == "!"
     assert missing[:3] == ("mujoco", "mujoco==99", "not installed: there is none")
 
 
@@ -207,7 +207,7 @@ def test_versions_are_asked_in_their_environments_and_one_that_dies_costs_its_ro
     pytest.importorskip("pymunk")
     from impact_xval.experiments.commands.cli import main
 
-    monkeypatch.setattr(playing, "CASES", {("drop, k2/k1 = 1", 1.0): None})
+    monkeypatch.setattr(playing, "CASES", {("pile, k2/k1 = 1", 1.0): None})
     monkeypatch.setattr(playing, "engine_free_names", lambda: ("newton-restitution", "poisson-restitution"))
     monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")  # an environment has no kernels yet; one case needs none
     asked = [word for version in ("7.9", "7.7", "99", "7.8") for word in ("--with", f"pymunk=={version}")]
@@ -243,7 +243,7 @@ def test_pip_installs_two_versions_that_are_asked(tmp_path, monkeypatch, command
     words = ["scoreboard", "--solver", "mujoco", "--workers", "1", "--out", tmp_path / "out"]
     assert "What releases changed" in command([*words, "--with", "mujoco==3.3.7", "--with", "mujoco==4.0.0"])
     rows = pd.read_parquet(tmp_path / "out" / "releases.parquet")
-    pair = rows[(rows.case == "drop, k2/k1 = 1") & (rows.e == 0.9) & (rows.arrangement == USUAL)]
+    pair = rows[(rows.case == "pile, k2/k1 = 1") & (rows.e == 0.9) & (rows.arrangement == USUAL)]
     assert [*pair.version] == ["3.3.7", "4.0.0"]
     assert np.ptp(pair[["v1", "v2"]].to_numpy(), axis=0) == pytest.approx((0.0, 0.0), abs=1e-6)
     assert not list(Path(tmp_path / "cache").rglob("pandas"))  # what is not imported is not installed

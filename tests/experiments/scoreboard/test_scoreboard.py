@@ -14,13 +14,13 @@ from markupsafe import escape
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.rigid.laws import follow
 from impact_xval.experiments.scoreboard import cases, playing
-from impact_xval.experiments.scoreboard.cases import CASES, COLUMNS, MIRRORED, USUAL, arrangements
+from impact_xval.experiments.scoreboard.cases import CASE_SETUPS, CASES, MIRRORED, USUAL, arrangements
 from impact_xval.experiments.scoreboard.judging import judge, laws, moved
 from impact_xval.experiments.scoreboard.page import board_of, how, worst_of, write_all
 from impact_xval.experiments.sweep.pool import Slot
 from impact_xval.experiments.tables.numbers import number
 
-BASIC = ("drop, k2/k1 = 1", 1.0)
+BASIC = ("pile, k2/k1 = 1", 1.0)
 
 
 def answer(solver, case, v, arrangement=USUAL, status="ok", **other):
@@ -56,7 +56,7 @@ def test_distances_energy_and_spread_are_those_of_their_definitions():
 
 def test_of_placements_that_move_an_answer_alike_to_rounding_the_last_is_named():
     moved = {USUAL: 0.0, "apart by 1e-6": 0.3, "apart by 1e-4": np.nextafter(0.3, 0)}
-    size = {case: len(column.masses) for case, column in CASES.items()}
+    size = {case: len(chain.masses) for case, chain in CASES.items()}
     rows = [answer("engine", case, [v] * n, name) for name, v in moved.items() for case, n in size.items()]
     assert set(judge(pd.DataFrame(rows)).spread_of) == {"apart by 1e-4"}
 
@@ -95,7 +95,7 @@ def test_a_baseline_catches_an_answer_that_moved_and_an_engine_that_is_gone(
     tmp_path, command, refused, monkeypatch
 ):
     pytest.importorskip("pymunk")
-    few = {case: column for case, column in CASES.items() if case[1] == 0.9 and "apart" not in case[0]}
+    few = {case: chain for case, chain in CASES.items() if case[1] == 0.9 and "apart" not in case[0]}
     monkeypatch.setattr(playing, "CASES", few)
     board = ["scoreboard", "--solver", "pymunk", "--workers", "1", "--out"]
     command([*board, tmp_path / "before"])
@@ -166,7 +166,7 @@ def test_the_page_shows_the_numbers_of_the_board_and_text_stays_text(tmp_path):
     assert (name, said) == ("DART", newton)
     assert how(found.loc["dart"]) == f"{newton}; poisson-restitution says the same here"
     assert said_of[1].startswith(f"DART answers {newton}; poisson")
-    assert cells == [farthest if case == "cradle 1 on 4" else "-" for case in COLUMNS]
+    assert cells == [farthest if case == "cradle 1 on 4" else "-" for case in CASE_SETUPS]
     assert (found.version["dart"], found.cases["dart"]) == ("1", 3)
     for table in (board_of(judged, found), worst_of(found)):
         assert rows_of(table)[0] in page

@@ -14,8 +14,8 @@ from tests.experiments import fakes
 from tests.experiments.conftest import SMALL, resumed, tables_of
 
 
-def test_the_tables_are_long_and_tidy(fake_run, column_run):
-    for run in (fake_run, RunFolder(column_run)):
+def test_the_tables_are_long_and_tidy(fake_run, chain_run):
+    for run in (fake_run, RunFolder(chain_run)):
         for name, table in layout_of(run.config()).tables.items():
             assert pq.read_schema(run.root / f"{name}.parquet").equals(table.schema)
     cells, divergence = (pq.read_table(fake_run.root / f"{name}.parquet") for name in ("cells", "divergence"))
@@ -24,7 +24,7 @@ def test_the_tables_are_long_and_tidy(fake_run, column_run):
     assert cells["solver"].to_pylist() == ["state-transition", "mujoco", "pybullet"] * 12
     assert divergence.num_rows == len((fake_run.root / "divergence.csv").read_text().splitlines()) - 1 == 24
     row, absent = divergence.to_pylist()[:2]
-    assert (row["solver"], row["states_equal"], row["curve_distance"]) == ("mujoco", True, 0)
+    assert (row["solver"], row["states_equal"], row["impulse_curve_distance"]) == ("mujoco", True, 0)
     assert row["velocity_divergence"] == pytest.approx(0.01)
     missing = "no wheel for this Python; use Python 3.11"
     assert (absent["status"], absent["reason"]) == ("unavailable", missing)

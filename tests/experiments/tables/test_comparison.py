@@ -111,11 +111,11 @@ def test_runs_whose_cells_differ_are_refused_with_the_place(runs, tmp_path, refu
     refused(["compare", a, a, "--tolerance", "nan"], "--tolerance = nan; legal: a")
 
 
-def test_columns_of_n_balls_are_compared_ball_by_ball(tmp_path, refused, runs):
-    column = {"arrangement": ["cradle", "stack"], "balls": [2, 3], "stiffness_taper": 1.0, "e": 0.9}
-    a = _run(tmp_path / "a", chunk_size=1, grid=None, column=column)
-    b = _run(tmp_path / "b", fakes.refusing, chunk_size=1, grid=None, column=column)
+def test_chains_of_n_balls_are_compared_ball_by_ball(tmp_path, refused, runs):
+    chain = {"arrangement": ["cradle", "stack"], "balls": [2, 3], "stiffness_taper": 1.0, "e": 0.9}
+    a = _run(tmp_path / "a", chunk_size=1, grid=None, chain=chain)
+    b = _run(tmp_path / "b", fakes.refusing, chunk_size=1, grid=None, chain=chain)
     assert compare(a, a, 0).moved == 0
     found = compare(a, b, 1e-9)
     assert [each["moved"] for each in found.solvers.values()] == [0, 0, 4]
-    refused(["compare", a.root, runs[0].root], "a run of columns of N balls, ")
+    refused(["compare", a.root, runs[0].root], "a run of chains of N balls, ")

@@ -52,7 +52,7 @@ def test_what_is_no_run_is_one_line_and_is_left_as_it_is(tmp_path, refused):
     before = _entries(tmp_path)
     for name, says in (
         ("mine", "not empty (notes.txt) and not a run"),
-        ("old", "format = 'impact-xval run, format 1'; legal: 'impact-xval run, format 3'"),
+        ("old", "format = 'impact-xval run, format 1'; legal: 'impact-xval run, format 4'"),
         ("damaged", "manifest.json: damaged"),
     ):
         refused(["run", "--quick", "--out", tmp_path / name], says)
@@ -66,9 +66,9 @@ def test_what_is_no_run_is_one_line_and_is_left_as_it_is(tmp_path, refused):
         {"stiffness_ratio_cutoff": math.inf, "grid": {"stiffness_ratio": [0, math.inf]}, "name": "inf"},
         {"grid": {"stiffness_ratio": [1.0, 2.0], "mass_ratio": [1.0], "e": [0.5, 0.9]}},
         {"sample": {"n": 7, "seed": 3, "stiffness_ratio": math.inf}, "workers": 2},
-        {"column": {"arrangement": "cradle", "balls": [3], "strike": [1, 2], "e": {"linear": [0.5, 1.0, 3]}}},
+        {"chain": {"arrangement": "cradle", "balls": [3], "strike": [1, 2], "e": {"linear": [0.5, 1.0, 3]}}},
     ],
-    ids=["default", "grid", "tied", "sample", "columns"],
+    ids=["default", "grid", "tied", "sample", "chains"],
 )
 def test_the_experiment_in_the_folder_is_that_which_was_asked_for(data, tmp_path):
     config = parse_config(data)

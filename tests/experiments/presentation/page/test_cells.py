@@ -38,8 +38,8 @@ def test_it_shows_the_tables(engine_run, cells):
         assert cell["causes"] == ["MuJoCo" + ladder.loc[number].sentence.removeprefix("mujoco")]
 
 
-def test_a_column_without_a_result_says_why(column_run):
-    cell = opened_cells(RunFolder(column_run), [2])[2]
+def test_a_chain_without_a_result_says_why(chain_run):
+    cell = opened_cells(RunFolder(chain_run), [2])[2]
     assert cell["causes"][0].startswith("MuJoCo: exponent = 1.5: ")
     assert [row["velocities"] for row in cell["results"] if row["solver"] == "mujoco"] == [[None, None]]
 
@@ -57,7 +57,7 @@ def test_curves_end_where_the_tables_do_and_the_scene_is_one(cells):
 
 @pytest.mark.parametrize(
     ("run", "cell", "count"),
-    [("engine_run", 7, 4), pytest.param("column_run", 0, 3, marks=pytest.mark.nightly)],
+    [("engine_run", 7, 4), pytest.param("chain_run", 0, 3, marks=pytest.mark.nightly)],
 )
 def test_its_commands_can_be_pasted(run, cell, count, request, monkeypatch, command):
     root = request.getfixturevalue(run)

@@ -76,7 +76,7 @@ def test_a_number_a_button_and_an_address_open_a_cell(engine_run, page):
     ("run", "words"),
     [
         ("engine_run", ["How far are they from the model?"]),
-        ("column_run", ["N = 2", "N = 3", "N = 4", "unrepresentable", "state-transition", "few columns"]),
+        ("chain_run", ["N = 2", "N = 3", "N = 4", "unrepresentable", "state-transition", "few chains"]),
     ],
 )
 def test_without_scripts_the_words_and_pictures_are_there(run, words, request):
@@ -91,7 +91,7 @@ def test_without_scripts_the_words_and_pictures_are_there(run, words, request):
     assert not re.search(r"\b(nan|None|undefined)\b", bare)
 
 
-@pytest.mark.parametrize(("run", "least"), [("engine_run", 30), ("column_run", 15)])
+@pytest.mark.parametrize(("run", "least"), [("engine_run", 30), ("chain_run", 15)])
 def test_every_number_in_a_sentence_is_a_value_of_the_tables(run, least, request):
     """Each is read back by the key that the page shows of it."""
     root = request.getfixturevalue(run)
@@ -110,7 +110,7 @@ def of_tables(root, key):
     """Compute what a key of the page names from the tables of a run."""
     solver, *words = key.split(" ")
     cells = pd.read_parquet(root / "cells.parquet")
-    cells = cells[cells.status.isin(["ok", "limit"])]
+    cells = cells[cells.status.isin(["ok", "closed-form"])]
     if words[0] == "from":
         regular = cells[cells.marked.isna()].set_index("cell")
         a, b = (regular[regular.solver == name] for name in (solver, words[1]))
@@ -132,7 +132,7 @@ def of_tables(root, key):
         return len(ladders) if words[-1] == "n" else ladders.velocity_divergence.mean()
     measure, statistic, *where = words
     axis, _, at = where[0].partition("=") if where else ("all", "", "")
-    if measure.startswith("share_") and "balls" in ladders:  # of columns summary.csv holds none
+    if measure.startswith("share_") and "balls" in ladders:  # of chains summary.csv holds none
         rows = ladders[ladders[axis].astype(str) == at] if at else ladders
         return np.average(rows[f"{measure.removeprefix('share_')}_share"], weights=rows.velocity_divergence)
     rows = pd.read_csv(root / "summary.csv").query("cells == 'regular'")

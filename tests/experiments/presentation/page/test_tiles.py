@@ -32,8 +32,8 @@ def test_a_tile_of_a_grid_is_a_cell(engine_run):
     assert rows.tolist() == sorted(rows)
 
 
-def test_a_tile_of_columns_is_a_column(column_run):
-    found, _ = tiles(column_run)
+def test_a_tile_of_chains_is_a_chain(chain_run):
+    found, _ = tiles(chain_run)
     assert (found.along, found.up) == ("balls", ("arrangement", "e", "exponent"))
     assert sorted(found.places.cell) == list(range(24))
 

@@ -97,9 +97,9 @@ def test_curves_of_one_collision_end_at_the_printed_numbers_whatever_the_units()
         assert line[-1] == pytest.approx([sum(ends), end], abs=1e-11)
 
 
-def test_curves_of_columns_are_those_of_the_column_of_the_figures(column_run):
+def test_curves_of_chains_are_those_of_the_chain_of_the_figures(chain_run):
     """The impulse of the first contact is what ball 1 loses, per m1 |v0|."""
-    curves = {row["solver"]: row for row in pq.read_table(column_run / "curves.parquet").to_pylist()}
+    curves = {row["solver"]: row for row in pq.read_table(chain_run / "curves.parquet").to_pylist()}
     for name in ("state-transition", "kelvin-voigt", "mujoco"):
         row = curves[name]
         assert len(row["velocities"]) == 4

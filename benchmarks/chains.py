@@ -1,10 +1,10 @@
-"""Columns per second of the model for N balls, how its cost grows with N, and what an integration in time takes.
+"""Chains per second of the model for N balls, how its cost grows with N, and what an integration in time takes.
 
-Run as ``python -m benchmarks.columns``. The columns are random: chains without a table, drops and stacks on one;
+Run as ``python -m benchmarks.chains``. The chains are random: without a table, and piles and stacks on one;
 masses log-uniform over a decade, stiffnesses over two, restitutions uniform in [0.5, 1]. The slow way is scipy's
-solve_ivp with events on the first of the same columns (tests/model/column_reference.py), at rtol 1e-12 and 0.1 rad a
+solve_ivp with events on the first of the same chains (tests/model/column_reference.py), at rtol 1e-12 and 0.1 rad a
 step, which is what it needs to miss few events. With ``--independent COUNT`` the model is compared with it on so many
-columns, N from 2 to 10, and nothing is timed. Times are the best of several repetitions; what was compiled is compiled
+chains, N from 2 to 10, and nothing is timed. Times are the best of several repetitions; what was compiled is compiled
 before.
 """
 
@@ -27,15 +27,15 @@ from tests.model.column_reference import integrate
 #: Solvers by law.
 SOLVERS = dict(zip(LAWS, ("state-transition", "liu-zhao-brogliato"), strict=True))
 
-#: Balls, and columns of that many.
+#: Balls, and chains of that many.
 SIZES = {2: 20_000, 5: 4000, 10: 1000, 20: 400, 50: 40, 100: 10}
 
 #: Outcomes that differ by more are integrated again, at a finer resolution: signs at the ends of steps miss events.
 BOUND, FINER = 1e-8, 0.02
 
 
-def random_column(rng: np.random.Generator, balls: int) -> Collision:
-    """Draw a chain, a drop or a stack."""
+def random_chain(rng: np.random.Generator, balls: int) -> Collision:
+    """Draw a row, a pile or a stack."""
     table = bool(rng.integers(2))
     contacts = balls - 1 + table
     velocities = np.zeros(balls)
@@ -53,24 +53,24 @@ def speed(console: Console, options: argparse.Namespace) -> None:
     for law in LAWS:
         table = Table(
             "balls",
-            "columns/s",
+            "chains/s",
             "events",
             "us an event",
-            "solve_ivp, columns/s",
+            "solve_ivp, chains/s",
             "ratio",
             title=law,
         )
         for balls, count in SIZES.items():
             rng = np.random.default_rng(options.seed)
-            columns = [random_column(rng, balls) for _ in range(count)]
+            chains = [random_chain(rng, balls) for _ in range(count)]
             solver = get_solver(SOLVERS[law])
-            events = [outcome.n_events for outcome in solver.solve_many(columns, Settings())]
+            events = [outcome.n_events for outcome in solver.solve_many(chains, Settings())]
             spent = best_time(
-                lambda solver=solver, columns=columns: solver.solve_many(columns, Settings()), options.repeats
+                lambda solver=solver, chains=chains: solver.solve_many(chains, Settings()), options.repeats
             )
             slow, ratio = "", ""
             if balls <= options.slow:
-                some = columns[:10]
+                some = chains[:10]
                 plain = best_time(lambda some=some, law=law: [integrate(c, law) for c in some], 1)
                 slow, ratio = f"{len(some) / plain:.2f}", f"{count / spent * plain / len(some):,.0f}"
             table.add_row(
@@ -88,15 +88,15 @@ def compare(console: Console, count: int, exponent: float, law: str, seed: int) 
     rng = np.random.default_rng(seed)
     worst, again, beyond, compared = 0.0, 0, 0, 0
     for i in range(count):
-        column = replace(random_column(rng, int(rng.integers(2, 11))), exponent=exponent)
-        ours = solve(column, law=law)
+        chain = replace(random_chain(rng, int(rng.integers(2, 11))), exponent=exponent)
+        ours = solve(chain, law=law)
         if "infinitely many" in ours.reason:
             continue
         compared += 1
-        difference = _difference(ours.velocities, integrate(column, law).velocities)
+        difference = _difference(ours.velocities, integrate(chain, law).velocities)
         if difference > BOUND:
             again += 1
-            finer = integrate(column, law, resolution=FINER)
+            finer = integrate(chain, law, resolution=FINER)
             difference = _difference(ours.velocities, finer.velocities)
         if difference > BOUND:
             beyond += 1
@@ -104,7 +104,7 @@ def compare(console: Console, count: int, exponent: float, law: str, seed: int) 
         else:
             worst = max(worst, difference)
     console.print(
-        f"{law}, p = {exponent:g}: {compared} of {count} columns end after finitely many events; {beyond} differ "
+        f"{law}, p = {exponent:g}: {compared} of {count} chains end after finitely many events; {beyond} differ "
         f"by more than {BOUND:g}, the others by at most {worst:.1e}; {again} integrated again at {FINER:g} rad a step",
         highlight=False,
     )
@@ -122,7 +122,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0, help="(default: %(default)s)")
     parser.add_argument("--slow", type=int, default=20, help="largest N of solve_ivp (default: %(default)s)")
     parser.add_argument(
-        "--independent", type=int, default=0, metavar="COUNT", help="compare so many columns instead"
+        "--independent", type=int, default=0, metavar="COUNT", help="compare so many chains instead"
     )
     parser.add_argument(
         "--exponent", type=float, default=1.0, help="of the comparison (default: %(default)s)"

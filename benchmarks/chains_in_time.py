@@ -1,9 +1,9 @@
 """References and engines for N balls: how well they hold, and how fast they are.
 
-``python -m benchmarks.columns_in_time references`` compares the references with an independent integration in time
-(tests/model/column_reference.py) on random columns, N from 2 to 10, half of them with gaps, and counts
-columns a second. ``... engines`` compares those of ``--engine`` at their limit dt -> 0 with the exact solver of their
-law, N from 3 to 10: how far the limit is off, and in how many columns by more than once and three times the error that
+``python -m benchmarks.chains_in_time references`` compares the references with an independent integration in time
+(tests/model/column_reference.py) on random chains, N from 2 to 10, half of them with gaps, and counts
+chains a second. ``... engines`` compares those of ``--engine`` at their limit dt -> 0 with the exact solver of their
+law, N from 3 to 10: how far the limit is off, and in how many chains by more than once and three times the error that
 was estimated; without gaps unless ``--with-gaps``. ``... gaps`` shows a cradle of steel balls whose gaps grow.
 """
 
@@ -19,7 +19,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.columns import random_column
+from benchmarks.chains import random_chain
 from benchmarks.state_transition import machine
 from impact_xval.compliant_baselines import Settings, get_solver
 from impact_xval.compliant_baselines.registry import law_of
@@ -45,34 +45,32 @@ DIAMETER, DENSITY, YOUNG, POISSON = 0.025, 7800.0, 2.1e11, 0.3
 GAPS = (0.0, 1e-6, 3e-6, 1e-5, 3e-5, 1e-4, 1e-3)
 
 
-def with_gaps(rng: np.random.Generator, column: Collision) -> Collision:
-    """Open about half of the contacts of every second column."""
-    contacts = len(column.stiffnesses)
+def with_gaps(rng: np.random.Generator, chain: Collision) -> Collision:
+    """Open about half of the contacts of every second chain."""
+    contacts = len(chain.stiffnesses)
     if rng.integers(2):
-        return column
-    return replace(column, gaps=tuple(10 ** rng.uniform(-4, 0, contacts) * rng.integers(2, size=contacts)))
+        return chain
+    return replace(chain, gaps=tuple(10 ** rng.uniform(-4, 0, contacts) * rng.integers(2, size=contacts)))
 
 
 def references(console: Console, count: int, seed: int) -> None:
-    table = Table("law", "p", "compared", "worst", "of them estimated", "united", "columns/s, one thread")
+    table = Table("law", "p", "compared", "worst", "of them estimated", "united", "chains/s, one thread")
     for law, exponent, most in CASES:
         rng = np.random.default_rng(seed)
-        columns = [with_gaps(rng, random_column(rng, int(rng.integers(2, most + 1)))) for _ in range(count)]
-        in_time(columns[0], law, exponent=exponent)
+        chains = [with_gaps(rng, random_chain(rng, int(rng.integers(2, most + 1)))) for _ in range(count)]
+        in_time(chains[0], law, exponent=exponent)
         start = time.perf_counter()
-        outcomes = [in_time(column, law, exponent=exponent) for column in columns]
+        outcomes = [in_time(chain, law, exponent=exponent) for chain in chains]
         spent = time.perf_counter() - start
         compared, worst, estimated = 0, 0.0, 0.0
-        for column, ours in zip(columns, outcomes, strict=True):
+        for chain, ours in zip(chains, outcomes, strict=True):
             if ours.status != "ok":
                 continue
             compared += 1
-            theirs = integrate(
-                replace(column, exponent=exponent), law, coefficients_of(column, law, exponent)
-            )
+            theirs = integrate(replace(chain, exponent=exponent), law, coefficients_of(chain, law, exponent))
             difference = float(np.abs(np.subtract(ours.velocities, theirs.velocities)).max())
             if difference > 1e-8:
-                console.print(f"{law}, {exponent:g}: {difference:.1e}, {column}", highlight=False)
+                console.print(f"{law}, {exponent:g}: {difference:.1e}, {chain}", highlight=False)
             worst = max(worst, difference)
             estimated = max(estimated, ours.diagnostics.get("velocity_error", 0.0))
         table.add_row(
@@ -89,18 +87,18 @@ def references(console: Console, count: int, seed: int) -> None:
 
 def engines(console: Console, names: list[str], count: int, seed: int, some_gaps: bool) -> None:
     table = Table(
-        "engine", "columns", "converged", "worst", "beyond the estimate", "beyond 3 times", "states equal", "s a column"
+        "engine", "chains", "converged", "worst", "beyond the estimate", "beyond 3 times", "states equal", "s a chain"
     )  # fmt: skip
     rng = np.random.default_rng(seed)
-    columns = []
+    chains = []
     for _ in range(count):
-        column = random_column(rng, int(rng.integers(3, 11)))
-        columns.append(with_gaps(rng, column) if some_gaps else column)
+        chain = random_chain(rng, int(rng.integers(3, 11)))
+        chains.append(with_gaps(rng, chain) if some_gaps else chain)
     settings = Settings(convergence=Convergence())
     for name in names:
-        exact = get_solver(law_of(name)).solve_many(columns, settings)
+        exact = get_solver(law_of(name)).solve_many(chains, settings)
         start = time.perf_counter()
-        outcomes = get_solver(name).solve_many(columns, settings)
+        outcomes = get_solver(name).solve_many(chains, settings)
         spent = time.perf_counter() - start
         off, ratio = [], []
         for i, (ours, theirs) in enumerate(zip(outcomes, exact, strict=True)):
@@ -133,8 +131,8 @@ def gaps(console: Console) -> None:
     for gap in GAPS:
         distances = (0, *[gap * DIAMETER] * 3)
         velocities = (-1.0, -1.0, 0, 0, 0)
-        column = Collision((mass,) * 5, (stiffness,) * 4, (1.0,) * 4, velocities, gaps=distances)
-        outcome = in_time(column, exponent=1.5)
+        chain = Collision((mass,) * 5, (stiffness,) * 4, (1.0,) * 4, velocities, gaps=distances)
+        outcome = in_time(chain, exponent=1.5)
         table.add_row(f"{gap:g}", f"{gap * DIAMETER * 1e6:g}", *(f"{v:.4f}" for v in outcome.velocities))
     console.print(table)
 
@@ -142,10 +140,10 @@ def gaps(console: Console) -> None:
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("what", choices=("references", "engines", "gaps"))
-    parser.add_argument("--count", type=int, default=60, help="columns (default: %(default)s)")
+    parser.add_argument("--count", type=int, default=60, help="chains (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="(default: %(default)s)")
     parser.add_argument("--engine", nargs="+", default=["mujoco", "pybullet"], help="(default: %(default)s)")
-    parser.add_argument("--with-gaps", action="store_true", help="open contacts of about half of the columns")
+    parser.add_argument("--with-gaps", action="store_true", help="open contacts of about half of the chains")
     options = parser.parse_args()
     console = Console(width=max(110, Console().width))
     console.print(machine(), highlight=False)

@@ -1,4 +1,4 @@
-"""Columns that others have computed or measured, with the precision their numbers bear (docs/columns.md, section 5)."""
+"""Chains that others have computed or measured, with the precision their numbers bear (docs/chains.md, section 5)."""
 
 import itertools
 import json
@@ -16,26 +16,28 @@ from tests.compliant_baselines.reference_cells import chain
 from tests.model.column_reference import JME, LZB
 from tests.model.columns import solved
 
-SICONOS = json.loads(Path(__file__).with_name("siconos_columns.json").read_text(encoding="utf-8"))
+SICONOS = json.loads(Path(__file__).with_name("siconos_chains.json").read_text(encoding="utf-8"))
 
 
 def by_siconos(name):
-    """Give columns, and what stands beside each; their law is that of Liu, Zhao and Brogliato."""
+    """Give chains, and what stands beside each; their law is that of Liu, Zhao and Brogliato."""
     fields = ("masses", "stiffnesses", "restitutions", "velocities", "table")
     for row in SICONOS[name]:
         yield Collision(*(row[field] for field in fields), exponent=row["exponent"]), row
 
 
-@pytest.mark.parametrize("name", ["standing", "columns"])
+@pytest.mark.parametrize("name", ["standing", "chains"])
 def test_siconos(name):
-    for column, row in by_siconos(name):
-        assert solve(column, law=LZB).velocities == pytest.approx(row["result"], abs=row["bears"], rel=0), row
+    for collision, row in by_siconos(name):
+        assert solve(collision, law=LZB).velocities == pytest.approx(
+            row["result"], abs=row["bears"], rel=0
+        ), row
 
 
 def test_where_no_compression_is_repeated_the_two_laws_are_one():
-    for column, row in by_siconos("standing"):
+    for collision, row in by_siconos("standing"):
         if "repeats" in row:
-            here, there = (solve(column, law=law).velocities for law in (JME, LZB))
+            here, there = (solve(collision, law=law).velocities for law in (JME, LZB))
             assert (here == there) == (not row["repeats"]), row
             assert not row["repeats"] or np.abs(np.subtract(here, row["result"])).max() > row["bears"]
 
@@ -68,8 +70,8 @@ OVERALL = {
 
 def overall_time(balls, exponent, solver="bistiffness"):
     """Time in s from the first touch to the last of an elastic cradle, m = k = 1, one ball striking at 1 m/s."""
-    column = replace(chain(-1, *(balls - 1) * [0]), exponent=exponent)
-    (outcome,) = get_solver(solver).solve_many([column], Settings(scenario="impact"))
+    collision = replace(chain(-1, *(balls - 1) * [0]), exponent=exponent)
+    (outcome,) = get_solver(solver).solve_many([collision], Settings(scenario="impact"))
     assert outcome.status == "ok"
     return outcome.diagnostics["duration"]
 

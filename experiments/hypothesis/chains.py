@@ -1,7 +1,7 @@
-"""The hypothesis in columns of N balls: does the pair of a contact that becomes infinitely stiff move as one.
+"""The hypothesis in chains of N balls: does the pair of a contact that becomes infinitely stiff move as one.
 
-If it does, the column goes where N - 1 balls go of which one is the pair, *welded*: of the mass and the momentum of
-both, or, at the table, part of the table. The welded column is solved by the same solver, so that a verdict is on the
+If it does, the chain goes where N - 1 balls go of which one is the pair, *welded*: of the mass and the momentum of
+both, or, at the table, part of the table. The welded chain is solved by the same solver, so that a verdict is on the
 hypothesis under the solver's own law, and on nothing else.
 """
 
@@ -18,14 +18,14 @@ import pandas as pd
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Settings
-from impact_xval.experiments.config.arrangements import Arranged
+from impact_xval.experiments.config.arrangements import ChainSetup
 from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced
 from impact_xval.experiments.hypothesis.judging import distance, usable
 from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.sweep.pool import available_cores
 from impact_xval.model.collision import Collision
 
-#: Solvers of columns that are exact for linear contacts, and fast enough where one rings a thousand times.
+#: Solvers of chains that are exact for linear contacts, and fast enough where one rings a thousand times.
 SOLVERS = ("state-transition", "bistiffness", "kelvin-voigt", "kelvin-voigt-textbook")
 
 #: Masses and stiffnesses are drawn between these, logarithmically; restitutions of lossy contacts uniformly.
@@ -34,72 +34,72 @@ SPREAD, RESTITUTION = (0.3, 3.0), (0.5, 0.99)
 #: Every so many points all contacts are elastic.
 ELASTIC = 3
 
-#: Error of an exact solver's velocities in columns, per speed of impact (docs/columns.md, sections 6 and 7).
+#: Error of an exact solver's velocities in chains, per speed of impact (docs/chains.md, sections 6 and 7).
 ERROR = 1e-9
 
 #: Arrangement, and where in it the contact is that becomes infinitely stiff.
 PLACES = (
-    *((name, where) for name in ("chain", "cradle") for where in ("top", "middle", "bottom")),
-    *((name, where) for name in ("drop", "stack") for where in ("top", "middle", "table")),
+    *((name, where) for name in ("row", "cradle") for where in ("top", "middle", "bottom")),
+    *((name, where) for name in ("pile", "stack") for where in ("top", "middle", "table")),
 )
 
 
 def draw(
     place: tuple[Any, str], points: int, balls: tuple[int, int], seed: int
 ) -> list[tuple[Collision, int]]:
-    """Draw columns of so many balls (least, largest), and of each the contact at a place, as stiff as the stiffest.
+    """Draw chains of so many balls (least, largest), and of each the contact at a place, as stiff as the stiffest.
 
     A cradle is struck by two balls, and its middle is where.
     """
     arrangement, where = place
     rng = np.random.default_rng((seed, PLACES.index(place)))
     low, high = map(math.log, SPREAD)
-    columns = []
+    chains = []
     for i in range(points):
         n = int(rng.integers(balls[0], balls[1] + 1))
         strike = 2 if arrangement == "cradle" else None
-        column = Arranged(arrangement=arrangement, balls=n, strike=strike).column()
-        contacts = len(column.stiffnesses)
+        chain = ChainSetup(arrangement=arrangement, balls=n, strike=strike).collision()
+        contacts = len(chain.stiffnesses)
         stiff = {"top": 0, "middle": 1 if strike else contacts // 2}.get(where, contacts - 1)
         masses, k = (np.exp(rng.uniform(low, high, size)) for size in (n, contacts))
         e = rng.uniform(*RESTITUTION, contacts) if (i + 1) % ELASTIC else np.ones(contacts)
         k[stiff] = np.delete(k, stiff).max()
         masses, k, e = (tuple(each.tolist()) for each in (masses, k, e))
-        columns.append((Collision(masses, k, e, column.velocities, column.table), stiff))
-    return columns
+        chains.append((Collision(masses, k, e, chain.velocities, chain.table), stiff))
+    return chains
 
 
-def stiffened(column: Collision, contact: int, contrast: float) -> Collision:
-    """Return a column with a contact so many times stiffer."""
-    stiffnesses = (k * contrast if i == contact else k for i, k in enumerate(column.stiffnesses))
-    return dataclasses.replace(column, stiffnesses=tuple(stiffnesses))
+def stiffened(chain: Collision, contact: int, contrast: float) -> Collision:
+    """Return a chain with a contact so many times stiffer."""
+    stiffnesses = (k * contrast if i == contact else k for i, k in enumerate(chain.stiffnesses))
+    return dataclasses.replace(chain, stiffnesses=tuple(stiffnesses))
 
 
-def welded(column: Collision, contact: int) -> Collision:
-    """Return the column with the bodies of a contact as one; of a table contact, the ball as part of the table."""
-    masses, velocities = list(column.masses), list(column.velocities)
+def welded(chain: Collision, contact: int) -> Collision:
+    """Return the chain with the bodies of a contact as one; of a table contact, the ball as part of the table."""
+    masses, velocities = list(chain.masses), list(chain.velocities)
     pair, bodies = slice(contact, contact + 2), 0 if contact == len(masses) - 1 else 1
     mass = sum(masses[pair])
     momentum = sum(m * v for m, v in zip(masses[pair], velocities[pair], strict=True))
     masses[pair], velocities[pair] = bodies * [mass], bodies * [momentum / mass]
-    k, e = (each[:contact] + each[contact + 1 :] for each in (column.stiffnesses, column.restitutions))
-    return Collision(tuple(masses), k, e, tuple(velocities), column.table)
+    k, e = (each[:contact] + each[contact + 1 :] for each in (chain.stiffnesses, chain.restitutions))
+    return Collision(tuple(masses), k, e, tuple(velocities), chain.table)
 
 
 def of_each_ball(velocities: Sequence[float], contact: int) -> tuple[float, ...]:
-    """Give the velocities of a welded column, and of the table, to the balls of the whole one."""
+    """Give the velocities of a welded chain, and of the table, to the balls of the whole one."""
     return tuple((*velocities, 0.0)[ball - (ball > contact)] for ball in range(len(velocities) + 1))
 
 
-def column_outcomes(config: HypothesisConfig) -> Frame:
-    """Solve the columns of a test by its exact solvers: a row a place, solver, column and contrast."""
-    design = config.columns
+def chain_outcomes(config: HypothesisConfig) -> Frame:
+    """Solve the chains of a test by its exact solvers: a row a place, solver, chain and contrast."""
+    design = config.chains
     contrasts = spaced(design.contrast, design.per_decade)
     every = [
-        ({"arrangement": place[0], "stiff_contact": place[1], "solver": solver, "column": i}, *column)
+        ({"arrangement": place[0], "stiff_contact": place[1], "solver": solver, "chain": i}, *chain)
         for place in PLACES
         for solver in filter(config.solvers.__contains__, SOLVERS)
-        for i, column in enumerate(draw(place, design.points, design.balls, config.seed))
+        for i, chain in enumerate(draw(place, design.points, design.balls, config.seed))
     ]
     with ThreadPoolExecutor(available_cores()) as threads:  # kernels hold no lock of Python
         found = threads.map(lambda each: list(_solved(contrasts, *each)), every)
@@ -109,20 +109,20 @@ def column_outcomes(config: HypothesisConfig) -> Frame:
 
 
 def _solved(
-    contrasts: Sequence[float], known: dict[str, Any], column: Collision, contact: int
+    contrasts: Sequence[float], known: dict[str, Any], chain: Collision, contact: int
 ) -> Iterator[dict[str, Any]]:
-    """Solve a column at rising contrasts of a contact; the closed form is the welded column, ball by ball.
+    """Solve a chain at rising contrasts of a contact; the closed form is the welded chain, ball by ball.
 
     Velocities are in m/s, the incoming ones being 1; `weights` are the masses per twice the kinetic energy at first.
     """
-    asked = [*(stiffened(column, contact, x) for x in contrasts), welded(column, contact)]
+    asked = [*(stiffened(chain, contact, x) for x in contrasts), welded(chain, contact)]
     *outcomes, as_one = get_solver(known["solver"]).solve_many(asked, Settings(mark=False))
-    weights = np.array(column.masses) / np.dot(column.masses, np.square(column.velocities))
+    weights = np.array(chain.masses) / np.dot(chain.masses, np.square(chain.velocities))
     form = of_each_ball(as_one.velocities, contact)
-    known = known | {name: getattr(column, name) for name in ("masses", "stiffnesses", "restitutions")}
-    known |= {"incoming": column.velocities, "weights": weights, "closed_form": form}
-    known |= {"meets": column.compression_rates[contact] > 0}
-    known |= {"class": "elastic" if min(column.restitutions) == 1 else "lossy"}
+    known = known | {name: getattr(chain, name) for name in ("masses", "stiffnesses", "restitutions")}
+    known |= {"incoming": chain.velocities, "weights": weights, "closed_form": form}
+    known |= {"meets": chain.compression_rates[contact] > 0}
+    known |= {"class": "elastic" if min(chain.restitutions) == 1 else "lossy"}
     for x, outcome in zip(contrasts, outcomes, strict=True):
         found = {
             name: getattr(outcome, name) for name in ("velocities", "status", "reason", "grazing_margin")

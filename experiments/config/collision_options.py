@@ -13,18 +13,18 @@ from typing import TYPE_CHECKING, Any
 from impact_xval.experiments.config.errors import UserError, validated
 
 if TYPE_CHECKING:
-    from impact_xval.experiments.config.arrangements import Arranged
+    from impact_xval.experiments.config.arrangements import ChainSetup
     from impact_xval.experiments.config.experiment import Config
     from impact_xval.model import Collision
 
 #: What decides an impact.
 RATIOS = ("stiffness_ratio", "mass_ratio", "e1", "e2")
-#: What a column of N balls has beside its arrangement; its first mass and stiffness are m1 and k1.
+#: What a chain of N balls has beside its arrangement; its first mass and stiffness are m1 and k1.
 _COUNTS = "balls", "strike"
-OF_COLUMN = (*_COUNTS, "e", "exponent", "gap", "mass_taper", "stiffness_taper")
+OF_CHAIN = (*_COUNTS, "e", "exponent", "gap", "mass_taper", "stiffness_taper")
 _OF_TWO = (*RATIOS, "m2", "k2", "gravity")
 
-#: Parameters of one collision, or column, and of how it is solved, each with its unit and meaning.
+#: Parameters of one collision, or chain, and of how it is solved, each with its unit and meaning.
 PARAMETERS = {
     "stiffness_ratio": ("R", "k2/k1, from 0 to inf."),
     "mass_ratio": ("R", "m2/m1, greater than 0."),
@@ -37,7 +37,7 @@ PARAMETERS = {
     "v0": ("M/S", "Velocity of what falls or strikes; by default -1."),
     "scenario": ("NAME", "'impact' (by default; no gravity) or 'drop'."),
     "gravity": ("G", "Of a drop, in m/s^2; by default 9.81."),
-    "arrangement": ("NAME", "N balls: 'chain', 'cradle', 'drop' or 'stack'."),
+    "arrangement": ("NAME", "N balls: 'row', 'cradle', 'pile' or 'stack'."),
     "balls": ("N", "Number of balls; by default 5."),
     "strike": ("J", "Balls of a cradle that strike; by default 1."),
     "e": ("E", "Restitution of every contact; by default 0.95."),
@@ -50,8 +50,8 @@ PARAMETERS = {
 }
 
 
-def asked(parameters: Mapping[str, Any]) -> tuple[Collision, Arranged | None, Config]:
-    """Make a collision of what is typed for one: two balls by ratios or in SI units, or a column of N.
+def asked(parameters: Mapping[str, Any]) -> tuple[Collision, ChainSetup | None, Config]:
+    """Make a collision of what is typed for one: two balls by ratios or in SI units, or a chain of N.
 
     Parameters are those of `PARAMETERS`, typed as options or in an address, None where nothing was. The configuration
     says how the collision is solved. A `UserError` names the option that is illegal.
@@ -60,13 +60,13 @@ def asked(parameters: Mapping[str, Any]) -> tuple[Collision, Arranged | None, Co
     for key in given:
         if key not in PARAMETERS:
             raise UserError(f"{key!r:.60} is no parameter; legal: {', '.join(PARAMETERS)}")
-    column = next((key for key in ("arrangement", "balls") if key in given), None)
-    for key in _OF_TWO if column else OF_COLUMN:
+    chain = next((key for key in ("arrangement", "balls") if key in given), None)
+    for key in _OF_TWO if chain else OF_CHAIN:
         if key in given:
-            legal = f"none beside {_option(column)}" if column else "with --arrangement, of N balls"
+            legal = f"none beside {_option(chain)}" if chain else "with --arrangement, of N balls"
             raise UserError(f"{_option(key)} = {given[key]!r:.60}; legal: {legal}")
     plain = {key: _number_or_text(value) for key, value in given.items()}
-    return _column(plain) if column else _two_balls(plain)
+    return _chain(plain) if chain else _two_balls(plain)
 
 
 def _two_balls(plain: dict[str, Any]) -> tuple[Collision, None, Config]:
@@ -97,16 +97,16 @@ def _two_balls(plain: dict[str, Any]) -> tuple[Collision, None, Config]:
     return collision_of(config, config.figure_cell), None, config
 
 
-def _column(plain: dict[str, Any]) -> tuple[Collision, Arranged, Config]:
+def _chain(plain: dict[str, Any]) -> tuple[Collision, ChainSetup, Config]:
     from impact_xval.experiments.config.experiment import Config
 
-    setup = {key: plain.pop(key) for key in (*OF_COLUMN, "arrangement", "v0") if key in plain}
+    setup = {key: plain.pop(key) for key in (*OF_CHAIN, "arrangement", "v0") if key in plain}
     setup |= {key[0]: plain.pop(key) for key in ("m1", "k1") if key in plain}
     for key in _COUNTS:
         if isinstance(value := setup.get(key), float) and value.is_integer():
             setup[key] = int(value)
-    config = validated(Config, {"column": {}, "figure_column": setup} | plain, "", name=_named)
-    return config.figure_column.column(), config.figure_column, config
+    config = validated(Config, {"chain": {}, "figure_chain": setup} | plain, "", name=_named)
+    return config.figure_chain.collision(), config.figure_chain, config
 
 
 def _number_or_text(text: str) -> float | str:
@@ -119,8 +119,8 @@ def _number_or_text(text: str) -> float | str:
 
 def _named(location: Sequence[str | int]) -> str:
     """Name the option of a key; values that are not legal together are named by what is said of them."""
-    key = str(location[-1]) if location else "figure_column"
-    return "" if key == "figure_column" else _option({"m": "m1", "k": "k1"}.get(key, key))
+    key = str(location[-1]) if location else "figure_chain"
+    return "" if key == "figure_chain" else _option({"m": "m1", "k": "k1"}.get(key, key))
 
 
 def _option(key: str) -> str:
