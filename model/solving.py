@@ -123,7 +123,8 @@ def solve_many(
     -------
     Outcomes
         Status ``closed-form`` where a closed form was used, ``unconverged`` after `max_events`, ``unrepresentable``
-        where masses or stiffnesses lie further apart than `MASS_PRECISION`, or so far that rounding made energy, else ``ok``.
+        where masses or stiffnesses lie further apart than `MASS_PRECISION`, or so far that rounding made energy, else
+        ``ok``.
         Marked where the grazing margin is small or a cut-off changed an outcome by more than `CUTOFF_THRESHOLD`
         (`pair.grazing`). Diagnostics: ``energy_residual``, of the energy balance per kinetic energy at first touch,
         relative to the centre of mass or the table; and with a finite cut-off ``cutoff_effect``, by how much velocities
