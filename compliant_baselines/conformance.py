@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from impact_xval.compliant_baselines.answers import answer, said
+from impact_xval.compliant_baselines.answers import answer, describe_exception
 from impact_xval.compliant_baselines.registry import engine_free_names, get_solver
 from impact_xval.compliant_baselines.solver import KELVIN_VOIGT, Scenario, Settings, Solver
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
@@ -210,7 +210,7 @@ def problem_of(check: Check, solver: Solver) -> str:
     except NonConformingError as error:
         return str(error)
     except Exception as error:
-        return f"it raised {said(error)}"
+        return f"it raised {describe_exception(error)}"
     return ""
 
 

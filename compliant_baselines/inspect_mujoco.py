@@ -23,7 +23,7 @@ from impact_xval.compliant_baselines.engines.mujoco import Mujoco, mjcf
 from impact_xval.compliant_baselines.mapping import (
     MUJOCO_DEFAULT_SOLIMP,
     MUJOCO_DEFAULT_SOLREF,
-    Contact,
+    KelvinVoigtContact,
     MujocoContact,
     mujoco_contact,
 )
@@ -176,7 +176,9 @@ def _traps(option: Any, bodies: Bodies) -> dict[str, Any]:
     acting = max(first, 2 * step) if safe and first > 0 else first
     k, c = (-number for number in MujocoContact((acting, second), MUJOCO_DEFAULT_SOLIMP).direct)
     # Of the pair alone, at d = dmax. A heavy dashpot decays faster than its contact ends; the step has to resolve that.
-    duration = min(Contact(k, c, 1.0).duration, 2 * math.pi / c if c else math.inf) if k else math.inf
+    duration = (
+        min(KelvinVoigtContact(k, c, 1.0).duration, 2 * math.pi / c if c else math.inf) if k else math.inf
+    )
     stiffness = -first * bodies.scale
     return {
         "mixed-geoms": bodies.mixed
@@ -384,12 +386,14 @@ def _change(bodies: Bodies, option: Any, speed: float, row: Measured) -> tuple[s
     (first, second), direct, longest = map(abs, solref), solref[0] < 0, math.inf
     if direct:
         unit = bodies.scale if solimp[0] <= FORCE_LEVEL and solref[1] <= 0 else 1.0
-        meant = Contact(first * unit, second * unit, bodies.mass)
+        meant = KelvinVoigtContact(first * unit, second * unit, bodies.mass)
         solref, solimp = mujoco_contact(meant._replace(mass=bodies.scale))
         asked = f"{meant.k:.4g} N/m and {meant.c:.4g} N s/m"
     elif first and second:
         e = math.exp(-math.pi * second / math.sqrt(1 - second**2)) if second < 1 else 0.0
-        meant = Contact.from_restitution(bodies.mass / (first * second) ** 2, max(e, NO_REBOUND), bodies.mass)
+        meant = KelvinVoigtContact.from_restitution(
+            bodies.mass / (first * second) ** 2, max(e, NO_REBOUND), bodies.mass
+        )
         solref = mujoco_contact(meant, "documented").solref
         longest = solref[0] / 2.2  # short enough for refsafe to leave a time constant as it is
         asked = f"e = {e:.2g}" if e > NO_REBOUND else f"no rebound (e = {NO_REBOUND})"

@@ -22,7 +22,7 @@ from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.engines.stepping import Run
 from impact_xval.compliant_baselines.mapping import (
     RIGID,
-    Contact,
+    KelvinVoigtContact,
     drake_side,
     mujoco_contact,
     pybullet_side,
@@ -110,7 +110,7 @@ for i, (v, there) in enumerate(zip({read}, TABLE), 1):
 '''
 
 
-def paste(engine: str, contact: Contact, step: float) -> str:
+def paste(engine: str, contact: KelvinVoigtContact, step: float) -> str:
     """Give the text to paste for a contact: MJCF or Python in SI units, with the time step in s.
 
     A SolverError says that the engine cannot take the numbers, a ValueError that no such engine is known here.
@@ -153,7 +153,7 @@ def exported(name: str, collision: Collision, settings: Settings) -> tuple[Outco
             for i, c in enumerate(scene.contacts, 1)
         ),
         steps=run.n_steps,
-        flight=run.fall and run.fall[0],
+        flight=run.first_flight and run.first_flight.n_steps,
         velocities=run.velocities.tolist(),
         speed=repr(scene.fastest),
         **(MUJOCO if files else _pybullet(scene)),

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from impact_xval.compliant_baselines.engines import pybullet
-from impact_xval.compliant_baselines.engines.mujoco import Mujoco, rolled_out
+from impact_xval.compliant_baselines.engines.mujoco import Mujoco, take_steps
 from impact_xval.compliant_baselines.engines.scene import Floats
 from impact_xval.compliant_baselines.solver import SolverError
 
@@ -80,7 +80,7 @@ def drop_in_mujoco(
 
         def advance(n: int) -> Floats:
             try:
-                velocities = np.array([rolled_out(model, data, n)[1] for data in drops])
+                velocities = np.array([take_steps(model, data, n)[1] for data in drops])
             except RuntimeError as error:
                 raise SolverError("mujoco", "crashed", str(error)) from None
             return velocities[:, :, -1] - velocities[:, :, :-1].sum(axis=-1)

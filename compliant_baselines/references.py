@@ -30,7 +30,7 @@ from impact_xval.compliant_baselines.restitution import (
     hunt_crossley_coefficients,
     textbook_damping_ratios,
 )
-from impact_xval.compliant_baselines.solver import Settings, Solver, by_kind
+from impact_xval.compliant_baselines.solver import Settings, Solver, solve_by_layout
 from impact_xval.model import solving
 from impact_xval.model.chain.following import MAX_PIECES, Problem, Went
 from impact_xval.model.chain.laws import COMPRESSION_DASHPOT, HUNT_CROSSLEY, KELVIN_VOIGT
@@ -167,7 +167,7 @@ class ExactSolver(Solver):
 
     def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
         """Answer every collision, in order."""
-        return by_kind(collisions, lambda some: self.solve_alike(some, settings))
+        return solve_by_layout(collisions, lambda some: self.solve_alike(some, settings))
 
     @abstractmethod
     def solve_alike(self, collisions: Collisions, settings: Settings) -> Outcomes:

@@ -20,9 +20,10 @@ from typing import NamedTuple
 import numpy as np
 
 from impact_xval.compliant_baselines.engines.engine import Engine
+from impact_xval.compliant_baselines.engines.scanner import RunEnd
 from impact_xval.compliant_baselines.engines.scene import Scene, radius_of
 from impact_xval.compliant_baselines.engines.stepping import Run
-from impact_xval.compliant_baselines.mapping import Contact, contact_time, damping_ratio
+from impact_xval.compliant_baselines.mapping import KelvinVoigtContact, contact_time, damping_ratio
 from impact_xval.compliant_baselines.paste import paste
 from impact_xval.compliant_baselines.pasted_drops import (
     drop_in_mujoco,
@@ -30,7 +31,6 @@ from impact_xval.compliant_baselines.pasted_drops import (
     drop_on_flat_in_pybullet,
 )
 from impact_xval.compliant_baselines.solver import SolverError
-from impact_xval.model.chain.rest import FREE
 from impact_xval.model.inputs import Legal
 from impact_xval.model.materials import Touch
 
@@ -87,7 +87,7 @@ class Pair:
     #: Of approach, in m/s; it decides how deep the bodies go, and what an engine can take.
     speed: float = 1.0
     #: The contact asked for.
-    contact: Contact = field(init=False)
+    contact: KelvinVoigtContact = field(init=False)
 
     def __post_init__(self) -> None:
         if len(self.masses) != 2:
@@ -117,9 +117,9 @@ class Pair:
             rate = contact_time(damping_ratio(self.restitution)) / value
             k = self.mass * rate * rate
         if 0 < k < math.inf:
-            contact = Contact.from_restitution(k, self.restitution, self.mass)
+            contact = KelvinVoigtContact.from_restitution(k, self.restitution, self.mass)
         else:
-            contact = Contact(k, math.nan if k == 0 else math.inf, self.mass)
+            contact = KelvinVoigtContact(k, math.nan if k == 0 else math.inf, self.mass)
         if not (0 < contact.k < math.inf and 0 < contact.omega < math.inf and contact.c < math.inf):
             raise ValueError(
                 f"{legal.name} = {value!r}: no stiffness within double precision gives it to a reduced "
@@ -270,17 +270,17 @@ def scenes(pair: Pair, step: float, places: Sequence[float]) -> list[Scene]:
 
 def _measured(name: str, pair: Pair, run: Run) -> tuple[float, float]:
     """Restitution, and duration in s."""
-    if run.end != FREE:
+    if run.end != RunEnd.APART:
         if run.status == "crashed":
             raise SolverError(name, "crashed", run.problem())
         # A collision may be over with both bodies at rest on each other: their contact is not.
         raise SolverError(name, "timeout", f"not over after {run.n_steps} steps, {run.duration:.3g} s")
     upper, lower = run.velocities.tolist()
-    loaded = np.flatnonzero(run.raw.state & (2 if pair.fixed else 1))
+    loaded = np.flatnonzero(run.raw_states.state & (2 if pair.fixed else 1))
     if not loaded.size:
         raise SolverError(name, "unconverged", "no step with force: the bodies passed through each other")
-    ends = np.append(run.raw.start[1:], run.n_steps)
-    steps = int(ends[loaded[-1]] - run.raw.start[loaded[0]])
+    ends = np.append(run.raw_states.start[1:], run.n_steps)
+    steps = int(ends[loaded[-1]] - run.raw_states.start[loaded[0]])
     return (lower if pair.fixed else upper - lower) / pair.speed, steps * run.scene.step
 
 

@@ -15,7 +15,7 @@ from impact_xval.compliant_baselines.inspect_mujoco import (
     inspect_model,
     measure_model,
 )
-from impact_xval.compliant_baselines.mapping import Contact
+from impact_xval.compliant_baselines.mapping import KelvinVoigtContact
 from impact_xval.compliant_baselines.paste import mjcf
 from impact_xval.compliant_baselines.restitution import contact_time
 from impact_xval.compliant_baselines.solver import Settings
@@ -82,7 +82,7 @@ def test_mujocos_default_ball_that_falls_at_2_80_rebounds_with_0_37():
 @pytest.mark.parametrize(("scene", "mass"), [(ON_FLOOR, 0.5), (ON_BALL, 0.4)], ids=["floor", "ball"])
 @pytest.mark.parametrize(("e", "k"), [(1.0, 1e4), (0.7, 1e4), (0.3, 1e6)])
 def test_a_force_level_contact_is_that_of_the_closed_form(scene, mass, e, k):
-    asked = Contact.from_restitution(k, e, mass)
+    asked = KelvinVoigtContact.from_restitution(k, e, mass)
     pair = f'<pair geom1="up" geom2="low" solref="{-k / mass} {-asked.c / mass}" condim="1" solimp="{FORCE_LEVEL}"/>'
     (row,) = measure_model(compiled(scene, contact=pair, step=asked.duration / 200, g=-9.81))
     assert row.masses == (0.5, math.inf if scene is ON_FLOOR else 2)
@@ -117,7 +117,7 @@ def test_a_contact_is_that_of_the_scene(scene, fields, margin):
 
 
 def test_the_change_for_newton_per_metre_does_in_a_scene_what_was_meant():
-    wrong, meant = 'solref="-1e4 -20"', Contact(1e4, 20.0, 0.5)
+    wrong, meant = 'solref="-1e4 -20"', KelvinVoigtContact(1e4, 20.0, 0.5)
     (row,) = measure_model(compiled(upper=wrong))
     assert row.stiffness < 0.6 * meant.k
     pair, step = re.search(r"<pair (.*)/> and a step of (\S+) s", row.change).groups()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from impact_xval.compliant_baselines import SolverError, single_contact
-from impact_xval.compliant_baselines.mapping import Contact, contact_time, damping_ratio
+from impact_xval.compliant_baselines.mapping import KelvinVoigtContact, contact_time, damping_ratio
 from impact_xval.compliant_baselines.paste import paste
 from impact_xval.compliant_baselines.pasted_drops import drop_in_mujoco, mujoco_scene
 from impact_xval.compliant_baselines.single_contact import Pair, extremes, largest_step, scenes
@@ -178,6 +178,6 @@ def test_no_step_that_does_it_is_said(monkeypatch):
 
 def test_what_cannot_be_pasted_is_refused():
     with pytest.raises(ValueError, match="engine = 'dart'; legal: mujoco, pybullet, drake"):
-        paste("dart", Contact(1e6, 0.0, 1.0), 1e-5)
+        paste("dart", KelvinVoigtContact(1e6, 0.0, 1.0), 1e-5)
     with pytest.raises(SolverError, match="leaves double precision"):
-        paste("mujoco", Contact(1e308, 0.0, 1e-3), 1e-5)
+        paste("mujoco", KelvinVoigtContact(1e308, 0.0, 1e-3), 1e-5)
