@@ -89,9 +89,14 @@ def _bits(outcomes: Sequence[Outcome]) -> list[tuple[Any, ...]]:
 
 def names_itself(solver: Solver) -> None:
     """Demand a name, a version, whether the solver is available, and a constructor without arguments (rule 1)."""
-    printable = isinstance(solver.name, str) and solver.name.isprintable() and solver.name.strip()
-    demand(printable, f"name = {solver.name!r}; legal: printable text")
-    version, reason = solver.version(), solver.unavailable()
+    # What a solver gives may have any type, whatever its annotations say.
+    name: Any = solver.name
+    version: Any = solver.version()
+    reason: Any = solver.unavailable()
+    demand(
+        isinstance(name, str) and name.isprintable() and name.strip(),
+        f"name = {name!r}; legal: printable text",
+    )
     demand(isinstance(version, str), f"version() gave {version!r}; legal: text")
     demand(reason is None or reason, f"unavailable() gave {reason!r}; legal: a reason, or None")
     demand(type(solver)().name == solver.name, "constructed without arguments it has another name")

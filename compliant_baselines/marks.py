@@ -168,8 +168,8 @@ def marks_of(
             marks[i] = f"{reason} moves the exact outcome of {name} by {moves[i]:.2g} |v0|"
         return marks
     largest = find_jumps(law, collisions, exact, gravity)
-    for i in np.flatnonzero(largest.excess > 1):
-        parameter, size = CHANGES[largest.change[i]]
+    for i in np.flatnonzero(largest.excess > 1).tolist():
+        parameter, size = CHANGES[int(largest.change[i])]
         move = largest.excess[i] * JUMPS[abs(size)]
         change = f"a change of {size:g} in {PARAMETERS[parameter]}"
         marks[i] = f"{change} moves the exact outcome of {name} by {move:.2g} |v0|"

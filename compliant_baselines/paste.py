@@ -253,10 +253,16 @@ class _Recorder(pybullet.Client):
 
 def _named(value: int, name: str) -> int:
     """Return a number that a script has under a name."""
-    return type("Named", (int,), {"__repr__": lambda _: name})(value)
+
+    class Named(int):
+        def __repr__(self) -> str:
+            return name
+
+    return Named(value)
 
 
 def _literal(value: Any) -> str:
+    """Write an argument of a call as Python source; numbers are floats unless they are whole."""
     if isinstance(value, tuple | list):
         return f"[{', '.join(map(_literal, value))}]"
     return repr(value if isinstance(value, bool | int | str) else float(value))

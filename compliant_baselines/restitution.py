@@ -30,7 +30,7 @@ from impact_xval.model.compiled import rounded, rounded_part
 
 
 @rounded
-def contact_time(zeta):
+def contact_time(zeta: float) -> float:
     """Return the duration of a Kelvin-Voigt contact that ends at zero force, times omega = sqrt(k/M); dimensionless.
 
     The damping ratio zeta is >= 0. The formulas are those of docs/theory.md, atan2(2 zeta w, 2 zeta^2 - 1)/w and
@@ -67,7 +67,7 @@ def _checked(e: float) -> float:
 
 
 @rounded
-def _damping_ratio(e):
+def _damping_ratio(e: float) -> float:
     """Solve zeta T(zeta) = -ln e for zeta, T = `contact_time`; NaN for e outside (0, 1]."""
     loss = -log(e)
     if not 0 < loss < inf:
@@ -88,7 +88,7 @@ def _damping_ratio(e):
 
 
 @rounded_part
-def _tail(x):
+def _tail(x: float) -> float:
     """Return (x - ln(1 + x) - x^2/2)/x^3, without cancellation."""
     if abs(x) > 0.25:
         return (x - log1p(x) - 0.5 * x * x) / (x * x * x)
@@ -100,7 +100,7 @@ def _tail(x):
 
 
 @rounded_part
-def _hunt_crossley(e):
+def _hunt_crossley(e: float) -> float:
     """Solve equation (*) for A, e in (0, 1]."""
     if not 0 < e < 1:
         return 0.0 if e == 1 else np.nan

@@ -161,7 +161,8 @@ def extrapolate(
     inside = project_to_separated(limits[-1].tolist(), weights, table)
     moves, order = np.abs(np.diff(velocities, axis=0)).max(axis=1), math.nan
     if np.all(moves > 0):
-        order = -float(np.polyfit(np.arange(len(moves)), np.log2(moves), 1)[0])
+        steps = np.arange(len(moves), dtype=np.float64)
+        order = -float(np.polyfit(steps, np.log2(moves), 1)[0])
     return Extrapolation(inside, error, order)
 
 

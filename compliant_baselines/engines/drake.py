@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -58,7 +58,7 @@ class Drake(Engine):
         return DrakeWorld(scene, self.discrete)
 
     @contextmanager
-    def running(self) -> Iterator[None]:
+    def running(self) -> Generator[None]:
         """Keep remarks about deformable bodies from the terminal; our scenes have none."""
         import_module("pydrake")  # it sets up the logger
         logger = logging.getLogger("drake")

@@ -6,7 +6,7 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from importlib import import_module
@@ -48,7 +48,7 @@ def import_quietly(module: str) -> Any:
 
 
 @contextmanager
-def standard_error_without(beginning: bytes) -> Iterator[None]:
+def standard_error_without(beginning: bytes) -> Generator[None]:
     """Hold back the text written to the descriptor of standard error; write it later, without lines that begin so."""
     try:
         terminal = os.dup(2)
@@ -149,7 +149,7 @@ class Engine(Solver):
         return self.made(scene, self.radius(scene))
 
     @contextmanager
-    def running(self) -> Iterator[None]:
+    def running(self) -> Generator[None]:
         """Hold what is needed while scenes are set up and run: a connection, silence."""
         yield
 
@@ -229,11 +229,11 @@ class Engine(Solver):
         g = settings.gravity if settings.scenario == "drop" else 0.0
         solve = law_at(law, max_steps=settings.max_steps)
         for positions, group in group_by_layout([collisions[i] for i in has_numbers]):
-            rows = [has_numbers[position] for position in positions]
+            rows = [has_numbers[position] for position in positions.tolist()]
             gravity = np.full(len(group), g)
             ends = [_end_of(limits[i]) for i in rows] if g else []
             marks = marks_of(solve, law, group, solve(group, gravity), gravity, ends)
-            for i, mark in zip(rows, marks, strict=True):
+            for i, mark in zip(rows, marks.tolist(), strict=True):
                 if mark:
                     outcomes[i] = replace(outcomes[i], marked=mark)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from functools import lru_cache
 from importlib import import_module
@@ -152,7 +152,7 @@ class Mujoco(Engine):
         return MujocoWorld(scene, self._compiled(len(scene.masses), scene.table))
 
     @contextmanager
-    def running(self) -> Iterator[None]:
+    def running(self) -> Generator[None]:
         """Switch off warnings on the terminal and in the engine's log file, and the clock of its profiler.
 
         `MjData` still counts warnings.

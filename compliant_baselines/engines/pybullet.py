@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from itertools import pairwise
@@ -59,8 +59,15 @@ BREAKING_OVER_RADIUS = 2e-7
 
 #: Arguments of `changeDynamics` that keep the engine from acting on a body by itself; and the cap of a multibody's
 #: speed.
-ZERO = ("restitution", "lateralFriction", "spinningFriction", "rollingFriction")
-ZERO += ("linearDamping", "angularDamping", "contactProcessingThreshold")
+ZERO = (
+    "restitution",
+    "lateralFriction",
+    "spinningFriction",
+    "rollingFriction",
+    "linearDamping",
+    "angularDamping",
+    "contactProcessingThreshold",
+)
 FREE = {**dict.fromkeys(ZERO, 0.0), "maxJointVelocity": 1e30}
 
 #: Parts of a ball, as the engine numbers them: the base meets the ball below, the link the ball above.
@@ -90,9 +97,11 @@ FIXED: dict[str, Any] = {
     "linkVisualShapeIndices": [-1],
     "linkParentIndices": [0],
     "linkJointAxis": [(0, 0, 1)],
+    "linkPositions": [(0, 0, 0)],
+    "linkInertialFramePositions": [(0, 0, 0)],
+    "linkOrientations": [(0, 0, 0, 1)],
+    "linkInertialFrameOrientations": [(0, 0, 0, 1)],
 }
-FIXED |= {key: [(0, 0, 0)] for key in ("linkPositions", "linkInertialFramePositions")}
-FIXED |= {key: [(0, 0, 0, 1)] for key in ("linkOrientations", "linkInertialFrameOrientations")}
 
 
 class Client:
@@ -107,7 +116,7 @@ class Client:
 
 
 @contextmanager
-def connected() -> Iterator[Client]:
+def connected() -> Generator[Client]:
     """Connect a client for a while.
 
     A client that was kept would be client 0, which all other users of PyBullet share who name no client.
@@ -160,7 +169,7 @@ class Pybullet(Engine):
         return PybulletWorld(self._client, scene, self._bodies)
 
     @contextmanager
-    def running(self) -> Iterator[None]:
+    def running(self) -> Generator[None]:
         """Connect a client."""
         with connected() as self._client:
             self._bodies: Bodies = {}

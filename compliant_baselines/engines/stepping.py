@@ -25,11 +25,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import isotonic_regression
+from scipy.optimize import isotonic_regression  # pyright: ignore[reportMissingTypeStubs]
 
 from impact_xval.compliant_baselines.engines.event_free_steps import (
     CONTACT_LAW,
@@ -95,7 +95,8 @@ def project_to_separated(
 
     They satisfy v1 >= v2 >= ..., and >= 0 on a table. The unit of masses does not matter.
     """
-    separated = isotonic_regression(velocities, weights=masses, increasing=False).x.tolist()
+    regression: Any = isotonic_regression(velocities, weights=masses, increasing=False)
+    separated: list[float] = regression.x.tolist()
     return tuple(max(v, 0.0) if table else v for v in separated)
 
 
@@ -155,8 +156,8 @@ class Run:
         active = np.empty(len(v), np.int64)
         steps_left = self.max_steps - self.n_steps - len(v)
         before, numbers = self.velocities, self._numbers
-        n, end = scan(v, x, before, self._masses, numbers, steps_left, active, self._memory)
-        self.end = RunEnd(end)
+        scanned, end = scan(v, x, before, self._masses, numbers, steps_left, active, self._memory)
+        n, self.end = int(scanned), RunEnd(end)
         if n:
             changes = np.flatnonzero(active[:n] != np.append(self._active, active[: n - 1]))
             self._state_starts.append(changes + self.n_steps)
@@ -179,7 +180,7 @@ class Run:
 
     def _record(self, number: NDArray[np.int64], velocities: Floats) -> None:
         """Record points of the path: numbers of steps, and velocities after them."""
-        self._points.append(np.column_stack([number, velocities]))
+        self._points.append(np.column_stack([number.astype(np.float64), velocities]))
         self._n_points += len(number)
         if self._n_points > 4 * PATH_POINTS:
             self.thin_path()
@@ -392,7 +393,7 @@ class Run:
         duration = np.diff(time)[:, None]  # 0 before a second point, which has the force of the first
         means = np.diff(impulses, axis=0) / np.where(duration > 0, duration, 1.0)
         forces = np.vstack([means[:1], np.where(duration > 0, means, np.roll(means, 1, axis=0))])
-        acting = (state[:, None] >> np.arange(impulses.shape[1]) & 1).astype(np.bool_)
+        acting = (state[:, None] & _bits(len(self.scene.stiffnesses))) != 0
         return Path(time, velocities, impulses, forces, acting)
 
 
@@ -401,7 +402,7 @@ def _bits(contacts: int) -> NDArray[np.int64]:
     return 1 << np.arange(contacts)
 
 
-def _scene_numbers(scene: Scene, world: World) -> NDArray[np.record]:
+def _scene_numbers(scene: Scene, world: World) -> NDArray[np.void]:
     """Return the numbers of a scene for the kernels; how deep a settled B2 rests is the world's."""
     numbers = np.zeros(1, SCENE_NUMBERS)
     numbers["contacts"] = len(scene.stiffnesses)
@@ -424,7 +425,7 @@ def _scene_numbers(scene: Scene, world: World) -> NDArray[np.record]:
     return numbers
 
 
-def _contact_law(scene: Scene, world: World) -> NDArray[np.record]:
+def _contact_law(scene: Scene, world: World) -> NDArray[np.void]:
     """Return the contacts as an engine that leaps says it has them."""
     law = np.zeros(len(scene.stiffnesses), CONTACT_LAW)
     law["stiffness"] = world.effective["stiffness"]
@@ -433,7 +434,7 @@ def _contact_law(scene: Scene, world: World) -> NDArray[np.record]:
     return law
 
 
-def _new_memory(scene: Scene) -> NDArray[np.record]:
+def _new_memory(scene: Scene) -> NDArray[np.void]:
     """Return the memory of `scan` at t = 0; gaps count as closed ever since."""
     memory = np.zeros(1, MEMORY)
     memory["lead"] = np.inf

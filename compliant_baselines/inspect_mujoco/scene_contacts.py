@@ -12,16 +12,22 @@ from importlib import import_module
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.mapping import MUJOCO_DEFAULT_SOLIMP, MUJOCO_DEFAULT_SOLREF
 
 mujoco: Any = import_module("mujoco")  # the names of the compiled module are invisible to a type checker
 
 #: The parameters of a contact: the engine's array of pairs (without ``pair_``) and the attribute of its mjContact.
-_PARAMETERS = {name: name for name in ("solref", "solimp", "friction", "solreffriction", "dim")}
-_PARAMETERS |= {"margin": "includemargin"}
-if hasattr(mujoco.MjContact, "adhesion"):  # from 3.11 on
-    _PARAMETERS["adhesion"] = "adhesion"
+_PARAMETERS = {
+    "solref": "solref",
+    "solimp": "solimp",
+    "friction": "friction",
+    "solreffriction": "solreffriction",
+    "dim": "dim",
+    "margin": "includemargin",
+    **({"adhesion": "adhesion"} if hasattr(mujoco.MjContact, "adhesion") else {}),  # from 3.11 on
+}
 
 #: The stage that makes the mass matrix, as the engine calls it; from 3.3 on it adds the inertia of tendons.
 _MASS_MATRIX = "makeM" if hasattr(mujoco, "mj_makeM") else "crb"
@@ -171,14 +177,15 @@ def _inertia(model: Any, data: Any, *bodies: int) -> float:
     It runs over all degrees of freedom that are solved together: the trees of the two bodies, or the whole scene where
     it is not solved island by island.
     """
-    dofs = np.arange(model.nv)
+    dofs: NDArray[np.intp] = np.arange(int(model.nv))
     if _has_islands(model.opt):
         trees = [tree for tree in model.body_treeid[[*bodies]].tolist() if tree >= 0]
         dofs = dofs[np.isin(model.dof_treeid, trees)]
-    diagonal, row = [], np.empty(model.nv)
-    for dof in dofs:
-        mujoco.mj_mulM(model, data, row, (np.arange(model.nv) == dof).astype(float))
-        diagonal.append(row[dof])
+    diagonal: list[float] = []
+    row, unit_vectors = np.empty(int(model.nv)), np.eye(int(model.nv))
+    for dof in dofs.tolist():
+        mujoco.mj_mulM(model, data, row, unit_vectors[dof])
+        diagonal.append(float(row[dof]))
     return _rounded(sum(diagonal))[0]
 
 

@@ -9,7 +9,7 @@ Run as it ships, PyBullet keeps all its defaults but one: the damping of velocit
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from typing import Any
 
@@ -89,7 +89,7 @@ class PybulletRestitution(RigidEngine):
     title, way_out, shipped_step = "PyBullet", Pybullet.way_out, 1 / 240
 
     @contextmanager
-    def running(self) -> Iterator[None]:
+    def running(self) -> Generator[None]:
         """Connect a client."""
         with connected() as self._client:
             yield

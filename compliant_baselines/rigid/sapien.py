@@ -9,7 +9,7 @@ afterwards.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
@@ -95,7 +95,7 @@ class Sapien(RigidEngine):
             return super().unavailable()
 
     @contextmanager
-    def running(self) -> Iterator[None]:
+    def running(self) -> Generator[None]:
         """Change the parameters that SAPIEN has for all scenes, and restore them."""
         physx: Any = import_module("sapien").physx
         config = physx.get_scene_config()
