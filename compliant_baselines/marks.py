@@ -99,7 +99,7 @@ _LARGEST = float(np.finfo(float).max)
 
 
 class DropEnd(NamedTuple):
-    """How a drop ended."""
+    """The end of a drop."""
 
     #: Whether gravity ended in a first flight.
     has_first_flight: bool
@@ -126,7 +126,7 @@ class Screening:
 
 @dataclass(frozen=True, slots=True)
 class LargestMoves:
-    """What the changes of single parameters do to collisions; arrays of shape (n,)."""
+    """The largest moves of outcomes by changes of single parameters; arrays of shape (n,)."""
 
     #: Largest change of a velocity over what `JUMPS` allows; above 1 it is a jump. Infinite if a change leaves no
     #: result, NaN if the collision itself has none, 0 if no change was tried.

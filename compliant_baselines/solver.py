@@ -53,7 +53,7 @@ class SolverError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Convergence:
-    """How well the limit dt -> 0 of an engine must be known (`engines.convergence`).
+    """The accuracy that is asked of an engine's limit dt -> 0 (`engines.convergence`).
 
     Raises
     ------
@@ -75,7 +75,7 @@ class Convergence:
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """How a collision is solved; a solver ignores the settings that do not concern it.
+    """The settings of a solver for one call; a solver ignores settings that do not concern it.
 
     Raises
     ------

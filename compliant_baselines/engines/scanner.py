@@ -21,7 +21,7 @@ from impact_xval.compliant_baselines.engines.event_free_steps import (
 
 
 class RunEnd(IntEnum):
-    """How a run stands after its last step."""
+    """The state of a run after its last step: under way, over, or given up."""
 
     #: It goes on.
     GOING = 0

@@ -80,9 +80,9 @@ class FirstFlight(NamedTuple):
 
 
 class FlightLead(NamedTuple):
-    """By how much time a first flight began, or did not."""
+    """The event that came nearest to deciding whether a first flight begins."""
 
-    #: In s; negative if there was no flight, infinite if nothing came near to deciding on one.
+    #: Time in s by which the flight began; negative if it failed to begin by so much, infinite without such an event.
     time: float
     #: The contact that decided, counted from 0.
     contact: int
@@ -112,7 +112,7 @@ class Run:
     n_steps
         Steps taken.
     end
-        How it stands; `RunEnd.GOING` if it ran out of `max_steps`.
+        Its state; `RunEnd.GOING` if it ran out of `max_steps`.
     failure
         The complaint of an engine that broke.
     start
@@ -264,7 +264,7 @@ class Run:
 
     @property
     def flight_lead(self) -> FlightLead:
-        """By how much time the first flight began, or did not."""
+        """The event that came nearest to deciding whether the first flight begins."""
         return FlightLead(
             float(self._memory["lead"][0]) * self.scene.step, int(self._memory["lead_contact"][0])
         )

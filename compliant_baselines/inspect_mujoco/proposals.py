@@ -1,4 +1,4 @@
-"""What to write in a MuJoCo scene for the contact that was probably meant."""
+"""Proposals of what to write in a MuJoCo scene for the contact that was probably meant."""
 
 from __future__ import annotations
 

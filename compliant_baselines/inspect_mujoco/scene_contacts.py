@@ -37,7 +37,7 @@ _EVERYWHERE = 1e9
 
 
 class Losses(NamedTuple):
-    """What the joints of a body take from its motion along the normal."""
+    """Damping and dry friction that the joints of a body oppose to its motion along the normal."""
 
     #: In N s/m.
     damping: float = 0.0
