@@ -98,7 +98,7 @@ def jumps(options: argparse.Namespace) -> None:
         for ratio, weight in ((kappa * c, 1.0), (kappa / c, math.sqrt(c)), (kappa, math.sqrt(c))):
             other = law(Collisions.from_ratios(ratio, mu, e1, e2), gravity / weight)
             moved = np.fmax(moved, np.maximum(abs(other.v1 - base.v1), abs(other.v2 - base.v2)))
-        marked = marks.jumps(law, collisions, base, gravity)[0] > 1
+        marked = marks.find_jumps(law, collisions, base, gravity).excess > 1
         print(
             f"{name}, {options.scenario}: {marked.sum()} of {options.cells} marked; unmarked cells that "
             f"{options.change:g} in k2, k1 or both moves by more than "
@@ -122,8 +122,8 @@ def screens(options: argparse.Namespace) -> None:
             return law(some, g)
 
         exact = law(collisions, gravity)
-        found = marks.jumps(counted, collisions, exact, gravity)[0] > 1
-        marked = marks.jumps(law, collisions, exact, gravity, everywhere=True)[0] > 1
+        found = marks.find_jumps(counted, collisions, exact, gravity).excess > 1
+        marked = marks.find_jumps(law, collisions, exact, gravity, everywhere=True).excess > 1
         print(
             f"{name}, {options.scenario}: {marked.sum()} of {options.cells} marked, {np.sum(marked & ~found)} of them "
             f"lost, with {solves / options.cells:.2f} solves a cell beside its own"

@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.table import Table
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.single_contact import Pair, largest_step, scenes
+from impact_xval.compliant_baselines.single_contact import Pair, find_largest_step, scenes_of
 from tests.compliant_baselines.test_single_contact import measured, requests
 
 RESTITUTIONS = np.arange(2, 11) / 10
@@ -32,7 +32,7 @@ def errors(engine, masses, mapping):
     found = []
     for e, k in itertools.product(RESTITUTIONS.tolist(), STIFFNESSES.tolist()):
         pair = Pair(masses, e, stiffness=k)
-        asked = [scenes(pair, step * pair.contact.period, [0.0])[0] for step in STEPS]
+        asked = [scenes_of(pair, step * pair.contact.period, [0.0])[0] for step in STEPS]
         runs = engine.run([replace(scene, mapping=mapping) for scene in asked], 10_000_000)
         ends = np.array([run.velocities for run in runs])
         found.append((ends[:, 1] if pair.fixed else ends[:, 0] - ends[:, 1]) / pair.speed - e)
@@ -43,7 +43,7 @@ def pasted(engine, n=20):
     """Of n random pairs the shares by which the stated interval of e is left, and by which e or T are missed."""
     rng, left, missed = np.random.default_rng(1), [], []
     for pair in requests(n):
-        found = largest_step(engine, pair)
+        found = find_largest_step(engine, pair)
         e, duration = measured(engine.name, pair, found.step, rng.uniform())
         low, high = found.restitution
         left.append(max(low - e, e - high, 0) / pair.restitution)

@@ -1,7 +1,7 @@
-"""Calling a solver, whatever it does: one outcome a collision, and its words in one printable line.
+"""Calling a solver safely: one outcome a collision, whatever the solver does, and its texts in one printable line.
 
-Every command and every sweep calls solvers by `answer`, those of this project and of others alike. What no process
-survives is for `experiments.sweep.process`.
+Every command and every sweep calls solvers by `answer`, plug-ins and solvers of this project alike. A crash that ends
+the whole process is for `experiments.sweep.process`.
 """
 
 from __future__ import annotations
@@ -13,41 +13,42 @@ from dataclasses import replace
 from impact_xval.compliant_baselines.solver import Settings, Solver
 from impact_xval.model.collision import Collision, Outcome, Outcomes
 
-#: Characters of a sentence of a solver that are kept.
+#: Characters of a solver's sentence that are kept.
 LONGEST = 1000
 
 
 def answer(solver: Solver, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
-    """Call a solver: one outcome a collision, in order, `Outcomes` as its own solvers give them.
+    """Solve collisions by any solver; give one outcome a collision, in order.
 
-    An exception or a wrong number of outcomes is ``crashed`` for the collision at fault alone.
+    Solvers of this project give `Outcomes`. An exception or a wrong number of outcomes is ``crashed`` for the collision
+    at fault alone.
     """
     reason = why_unavailable(solver)
     if reason is not None:
-        return [Outcome.failure(solver.name, each, "unavailable", reason) for each in collisions]
-    return _answered(solver, collisions, settings) if len(collisions) else []
+        return [Outcome.failure(solver.name, c, "unavailable", reason) for c in collisions]
+    return _answer_batch(solver, collisions, settings) if len(collisions) else []
 
 
-def _answered(solver: Solver, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
-    """Call a solver; halve the batch until the collision at fault is alone."""
+def _answer_batch(solver: Solver, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
+    """Call a solver; where the call fails, halve the batch until the collision at fault is alone."""
     n = len(collisions)
     try:
-        found = solver.solve_many(collisions, settings)
-        outcomes = found if isinstance(found, Outcomes) else list(found)
+        answers = solver.solve_many(collisions, settings)
+        outcomes = answers if isinstance(answers, Outcomes) else list(answers)
         if len(outcomes) != n:
             raise RuntimeError(f"{len(outcomes)} outcomes for {n} collisions")
         if isinstance(outcomes, Outcomes):
             return outcomes
-        return [_shown(solver.name, *each) for each in zip(outcomes, collisions, strict=True)]
+        return [_cleaned(solver.name, o, c) for o, c in zip(outcomes, collisions, strict=True)]
     except Exception as error:
         if n == 1:
-            return [Outcome.failure(solver.name, collisions[0], "crashed", said(error))]
+            return [Outcome.failure(solver.name, collisions[0], "crashed", describe_exception(error))]
     halves = collisions[: n // 2], collisions[n // 2 :]
-    return [outcome for half in halves for outcome in _answered(solver, half, settings)]
+    return [outcome for half in halves for outcome in _answer_batch(solver, half, settings)]
 
 
-def _shown(name: str, outcome: Outcome, collision: Collision) -> Outcome:
-    """Return an outcome with its texts in a line; crashed if it is one of another number of balls or contacts."""
+def _cleaned(name: str, outcome: Outcome, collision: Collision) -> Outcome:
+    """Return an outcome with printable texts; ``crashed`` if it has the wrong number of balls or contacts."""
     given = len(outcome.velocities), len(outcome.impulses)
     legal = len(collision.masses), len(collision.stiffnesses)
     if given != legal:
@@ -60,41 +61,41 @@ def _shown(name: str, outcome: Outcome, collision: Collision) -> Outcome:
 
 
 def why_unavailable(solver: Solver) -> str | None:
-    """Return why a solver cannot run here, in a line; None if it can."""
+    """Return in a line why a solver cannot run here; None if it can."""
     try:
         reason = solver.unavailable()
         return None if reason is None else one_line(reason)
     except Exception as error:
-        return f"asked whether it is available, it failed: {said(error)}"
+        return f"asked whether it is available, it failed: {describe_exception(error)}"
 
 
 def stated_version(solver: Solver) -> str:
-    """Return the version a solver states, in a line; ``""`` if it cannot."""
+    """Return in a line the version a solver states; ``""`` if it raises an exception."""
     try:
         return one_line(solver.version())
     except Exception:
         return ""
 
 
-def said(error: Exception) -> str:
-    """Return what an exception says, in a line."""
+def describe_exception(error: Exception) -> str:
+    """Return type and message of an exception, in a line."""
     return one_line(f"{type(error).__name__}: {error}")
 
 
 def one_line(text: str) -> str:
-    """Return a text as tables, terminals and pages can show it: one line of printable characters, not too long."""
+    """Return a text as one line of at most `LONGEST` printable characters, for tables, terminals and pages."""
     if not text.isprintable():
         text = " ".join(visible(text[: 2 * LONGEST]).split())
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
 
 
 def visible(text: str) -> str:
-    r"""Write what a terminal would obey, or nobody would see, as Python does: ``\x1b``, ``\u202e``.
+    r"""Escape the characters that a terminal would obey or nobody would see, as Python does: ``\x1b``, ``\u202e``.
 
     Line feeds, tabs and spaces of any width stay.
     """
 
-    def shown(letter: str) -> bool:
+    def stays(letter: str) -> bool:
         return letter.isprintable() or letter in "\n\t" or unicodedata.category(letter) == "Zs"
 
-    return "".join(each if shown(each) else each.encode("unicode_escape").decode() for each in text)
+    return "".join(letter if stays(letter) else letter.encode("unicode_escape").decode() for letter in text)

@@ -1,10 +1,11 @@
-"""Whether a solver keeps the contract: checks that its author can run, each named by what it demands.
+"""Checks that a solver keeps the contract, for its author to run; each is named by what it demands.
 
-From the command line, for a solver that is installed: ``impact-xval solvers NAME``; in the author's own tests `checks`,
-one test each (docs/adding-a-solver.md).
+On the command line ``impact-xval solvers NAME`` runs the checks of an installed solver. In the author's own tests
+`checks` gives them, one test each (docs/adding-a-solver.md).
 
-A check raises `NonConformingError`, whose message says what was found and what the contract demands (rule numbers are
-those of `solver`). Numbers are held against the exact solvers of this package, never against the solver's own.
+A check raises `NonConformingError`, whose message says what was found and what the contract demands. The rules are
+numbered as in `solver`. Numbers are compared with those of the exact solvers of this package, never with the solver's
+own.
 """
 
 from __future__ import annotations
@@ -16,12 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from impact_xval.compliant_baselines.answers import answer, said
+from impact_xval.compliant_baselines.answers import answer, describe_exception
 from impact_xval.compliant_baselines.registry import engine_free_names, get_solver
 from impact_xval.compliant_baselines.solver import KELVIN_VOIGT, Scenario, Settings, Solver
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
 
-#: Laws a solver may say it has: those of the exact solvers, or one of its own, which is not checked.
+#: Laws that a solver may state: the laws of the exact solvers, or ``none`` for a law of its own, which is not checked.
 LAWS = (*engine_free_names(), "none")
 
 Check = Callable[[Solver], None]
@@ -34,10 +35,11 @@ _ORDINARY = (
 #: On a table so soft that the weight of the balls decides.
 _DROPPED = Collision.two_balls(m1=1.0, m2=1.0, k1=2e3, k2=1e3, e1=0.9, e2=0.7)
 
-#: Distance in m/s that counts as none: of a drop the error of first order changes its sign at some step.
+#: Distance in m/s from the exact law that is near enough at any step, whatever it was at a longer step: the error of a
+#: drop changes its sign at some step.
 _NEAR = {"impact": 1e-3, "drop": 5e-3}
 
-#: What is likely to be off where a scenario goes wrong.
+#: Likely mistakes where a scenario goes wrong.
 _SUSPECTS = {
     "impact": "a mapping of stiffness or damping",
     "drop": "gravity, or the depth of rest at the start,",
@@ -49,22 +51,23 @@ _COARSE = Settings(step_fraction=5e-3)
 _FRACTIONS = (4e-3, 1e-3)
 
 #: Steps after which a collision is given up: without gravity the balls of a drop never come back.
-_MOST = 200_000
+_MAX_STEPS = 200_000
 
 
 class NonConformingError(AssertionError):
     """A solver does not keep the contract."""
 
 
-def demand(kept: object, message: str) -> None:
-    """Raise `NonConformingError` unless something holds."""
-    if not kept:
+def demand(holds: object, message: str) -> None:
+    """Raise `NonConformingError` with a message unless a condition holds."""
+    if not holds:
         raise NonConformingError(message)
 
 
 def _outcomes(
     solver: Solver, collisions: Sequence[Collision] = _ORDINARY, settings: Settings = _COARSE
 ) -> list[Outcome]:
+    """Solve collisions; demand that none crashes."""
     outcomes = list(answer(solver, list(collisions), settings))
     for c, o in zip(collisions, outcomes, strict=True):
         demand(o.status != "crashed", f"{c}: {o.reason}")
@@ -72,47 +75,54 @@ def _outcomes(
 
 
 def _results(solver: Solver, settings: Settings = _COARSE) -> list[tuple[Collision, Outcome]]:
-    found = list(zip(_ORDINARY, _outcomes(solver, settings=settings), strict=True))
-    for c, o in found:
+    """Solve the ordinary collisions; demand a result of each."""
+    solved = list(zip(_ORDINARY, _outcomes(solver, settings=settings), strict=True))
+    for c, o in solved:
         demand(o.status in RESULT_STATUSES, f"{c}: status {o.status} ({o.reason}); legal: a result")
-    return found
+    return solved
 
 
 def _bits(outcomes: Sequence[Outcome]) -> list[tuple[Any, ...]]:
+    """Return the parts of outcomes that must be the same to the bit."""
     return [(o.velocities, o.impulses, o.states, o.status) for o in outcomes]
 
 
 def names_itself(solver: Solver) -> None:
-    """Demand a name, a version and a say on whether it is available; constructed without arguments (rule 1)."""
-    printable = isinstance(solver.name, str) and solver.name.isprintable() and solver.name.strip()
-    demand(printable, f"name = {solver.name!r}; legal: printable text")
-    version, reason = solver.version(), solver.unavailable()
+    """Demand a name, a version, whether the solver is available, and a constructor without arguments (rule 1)."""
+    # What a solver gives may have any type, whatever its annotations say.
+    name: Any = solver.name
+    version: Any = solver.version()
+    reason: Any = solver.unavailable()
+    demand(
+        isinstance(name, str) and name.isprintable() and name.strip(),
+        f"name = {name!r}; legal: printable text",
+    )
     demand(isinstance(version, str), f"version() gave {version!r}; legal: text")
     demand(reason is None or reason, f"unavailable() gave {reason!r}; legal: a reason, or None")
     demand(type(solver)().name == solver.name, "constructed without arguments it has another name")
 
 
 def answers_every_collision(solver: Solver) -> None:
-    """Demand a result for each ordinary collision, in order, and to the same bits in any company (rules 2, 4)."""
+    """Demand a result for each ordinary collision, in order, with the same bits in any batch (rules 2, 4)."""
     together = [o for _, o in _results(solver)]
     for o in together:
         demand(o.solver == solver.name, f"the outcome is signed {o.solver!r}, not {solver.name!r}")
-    demand(_bits(_outcomes(solver)) == _bits(together), "a second time the outcomes are others")
+    demand(_bits(_outcomes(solver)) == _bits(together), "a repeated call returned different outcomes")
     backwards = _outcomes(solver, _ORDINARY[::-1])[::-1]
-    demand(_bits(backwards) == _bits(together), "in another order the outcomes are others")
+    demand(_bits(backwards) == _bits(together), "in another order the outcomes are different")
     alone = [_outcomes(type(solver)(), [c])[0] for c in _ORDINARY]
-    demand(_bits(alone) == _bits(together), "one by one the outcomes are others")
+    demand(_bits(alone) == _bits(together), "one by one the outcomes are different")
 
 
 def refuses_with_a_reason(solver: Solver) -> None:
-    """Demand that limits, N balls and a drop are answered or refused with a reason, and spoil no other (rule 2)."""
-    plain = {"m1": 1.0, "m2": 1.0, "k1": 1e6, "k2": 1e6, "e1": 0.5, "e2": 0.5}
+    """Demand an answer, or a refusal with a reason, to limits, N balls and a drop; neither spoils another (rule 2)."""
+    ordinary = {"m1": 1.0, "m2": 1.0, "k1": 1e6, "k2": 1e6, "e1": 0.5, "e2": 0.5}
     changes: list[dict[str, float]] = [{"e1": 0.0}, {"e2": 0.0}, {"k2": math.inf}, {"k2": 0.0}]
-    limits = [Collision.two_balls(**plain | change) for change in changes]
+    limits = [Collision.two_balls(**ordinary | change) for change in changes]
     chain = Collision((1.0, 1.0, 1.0), (1e6, 1e6), (0.9, 0.9), (-1.0, 0.0, 0.0))
     outcomes = _outcomes(solver, [_ORDINARY[0], *limits, chain, _ORDINARY[1]])
     same = _bits([outcomes[0], outcomes[-1]]) == _bits(_outcomes(solver, _ORDINARY[:2]))
-    demand(same, "a collision it cannot do changes the outcome of others in the same call")
+    demand(same, "a collision it cannot do changes the outcomes of others in the same call")
     _outcomes(solver, _ORDINARY, dataclasses.replace(_COARSE, scenario="drop"))
 
 
@@ -133,15 +143,15 @@ def scales(solver: Solver) -> None:
     """Demand Theorem 5 and SI units: masses, stiffnesses and speed change nothing but scale (rule 5)."""
     c = _ORDINARY[0]
     (base,) = _outcomes(solver, [c])
-    for what, factor in (("m", 1e-2), ("m", 30.0), ("k", 1e-2), ("k", 40.0), ("v", 0.2), ("v", 3.0)):
-        m, k, v = (factor if what == scaled else 1.0 for scaled in "mkv")
+    for quantity, factor in (("m", 1e-2), ("m", 30.0), ("k", 1e-2), ("k", 40.0), ("v", 0.2), ("v", 3.0)):
+        m, k, v = (factor if quantity == symbol else 1.0 for symbol in "mkv")
         scaled = Collision.two_balls(c.m1 * m, c.m2 * m, c.k1 * k, c.k2 * k, c.e1, c.e2, c.v0 * v)
         (o,) = _outcomes(solver, [scaled])
         off = math.hypot(o.v1 / v - base.v1, o.v2 / v - base.v2)
-        found = f"with {what} times {factor:g} v/v0 differs by {off:.2g}: units, or a number that is absolute"
-        demand(off < 1e-3, found)
+        scaling = f"with {quantity} times {factor:g}"
+        demand(off < 1e-3, f"{scaling} v/v0 differs by {off:.2g}: units, or a number that is absolute")
         off = abs(o.impulse1 / (m * v) - base.impulse1)
-        demand(off < 2e-3 * c.m1, f"with {what} times {factor:g} the impulse does not scale")
+        demand(off < 2e-3 * c.m1, f"{scaling} the impulse does not scale")
 
 
 def gives_a_path(solver: Solver) -> None:
@@ -156,8 +166,8 @@ def gives_a_path(solver: Solver) -> None:
         demand(off <= 1e-9 * speed, f"a path ends {off:.2g} m/s away from the outcome")
         demand(bool(np.all(np.diff(p.time) >= 0)), "times of a path decrease")
         falls = -np.diff(p.impulses, axis=0).min()
-        found = f"an impulse along a path decreases by {falls:.2g} N s: a contact pulls"
-        demand(falls <= solver.rounding * c.m1 * speed, found)
+        pulls = f"an impulse along a path decreases by {falls:.2g} N s: a contact pulls"
+        demand(falls <= solver.rounding * c.m1 * speed, pulls)
     demand(all(o.path is None for o in _outcomes(solver)), "a path although Settings.record_path is not set")
 
 
@@ -167,18 +177,19 @@ def converges_to(law: str) -> Check:
     def converges(solver: Solver) -> None:
         cases: list[tuple[Collision, Scenario]] = [*((c, "impact") for c in _ORDINARY), (_DROPPED, "drop")]
         for c, scenario in cases:
-            how = [Settings(scenario, step_fraction=step, max_steps=_MOST) for step in _FRACTIONS]
-            (exact,) = _outcomes(get_solver(law), [c], how[0])
-            found = [_outcomes(solver, [c], settings)[0] for settings in how]
-            refused = [o.status == "unrepresentable" for o in (exact, *found)]
+            settings = [Settings(scenario, step_fraction=step, max_steps=_MAX_STEPS) for step in _FRACTIONS]
+            (exact,) = _outcomes(get_solver(law), [c], settings[0])
+            outcomes = [_outcomes(solver, [c], at_step)[0] for at_step in settings]
+            refused = [o.status == "unrepresentable" for o in (exact, *outcomes)]
             if scenario == "drop" and any(refused):
                 continue
-            for o in found:
+            for o in outcomes:
                 demand(o.status in RESULT_STATUSES, f"{c}, {scenario}: status {o.status} ({o.reason})")
-            before, after = (math.hypot(o.v1 - exact.v1, o.v2 - exact.v2) for o in found)
-            # First order divides by four; an error that stays is not one of the step.
+            before, after = (math.hypot(o.v1 - exact.v1, o.v2 - exact.v2) for o in outcomes)
+            # First order divides the error by four; an error that stays is not one of the step.
+            shrinks = after < 0.4 * before
             demand(
-                after < 0.02 and (after < _NEAR[scenario] or after < 0.4 * before),
+                after < 0.02 and (after < _NEAR[scenario] or shrinks),
                 f"{c}, {scenario}: at a step of {_FRACTIONS[1]:g} periods {after:.2g} m/s away from {law}, "
                 f"{before:.2g} at {_FRACTIONS[0]:g}: another law, or {_SUSPECTS[scenario]} that is off",
             )
@@ -189,7 +200,23 @@ def converges_to(law: str) -> Check:
 
 
 def checks(law: str | None = KELVIN_VOIGT) -> tuple[Check, ...]:
-    """All checks, for a solver whose contacts obey one of `LAWS`; None or ``"none"`` is a law of its own, unchecked."""
+    """Return the checks of a solver.
+
+    Parameters
+    ----------
+    law
+        One of `LAWS`, which the solver's contacts obey; None or ``"none"`` for a law of its own, which is not checked.
+
+    Returns
+    -------
+    tuple[Check, ...]
+        Functions of a solver that raise `NonConformingError`.
+
+    Raises
+    ------
+    ValueError
+        If no exact solver has this law.
+    """
     if law is not None and law not in LAWS:
         raise ValueError(f"law = {law!r}; legal: {', '.join(LAWS)}")
     common = (
@@ -204,17 +231,17 @@ def checks(law: str | None = KELVIN_VOIGT) -> tuple[Check, ...]:
 
 
 def problem_of(check: Check, solver: Solver) -> str:
-    """Run a check of a solver; say what was found, an exception of the solver too, and nothing if it passed."""
+    """Run a check; return the message of a failure, or of an exception of the solver, and empty if it passed."""
     try:
         check(solver)
     except NonConformingError as error:
         return str(error)
     except Exception as error:
-        return f"it raised {said(error)}"
+        return f"it raised {describe_exception(error)}"
     return ""
 
 
 def problems(solver: Solver, law: str | None = KELVIN_VOIGT) -> dict[str, str]:
-    """Run all checks of a solver; what each that failed says, by its name."""
-    found = {check.__name__: problem_of(check, solver) for check in checks(law)}
-    return {name: problem for name, problem in found.items() if problem}
+    """Run all checks of a solver; return the messages of failures, by the name of the check."""
+    messages = {check.__name__: problem_of(check, solver) for check in checks(law)}
+    return {name: message for name, message in messages.items() if message}

@@ -1,8 +1,10 @@
-"""From what a collision asks of a contact, (k, e), to each engine's own parameters: docs/mapping.md.
+"""From what a collision asks of a contact, (k, e), to the parameters of each engine: docs/mapping.md.
 
-The calibrated mapping is the one of that page. The naive one is what a user writes who knows the names of the
-parameters but not the engine's source; its damping ratio is the textbook's. MuJoCo has two more: documented, and, like
-PyBullet with coefficients of restitution, shipped: nothing is set, and the step is the engine's own.
+* ``calibrated``: as that page derives them
+* ``naive``: as a user writes them who knows the names of the parameters but not the engine's source; the damping ratio
+  is the textbook's
+* ``documented`` (MuJoCo alone): a time constant and a damping ratio
+* ``shipped`` (MuJoCo, and PyBullet with coefficients of restitution): nothing is set, and the step is the engine's own
 """
 
 from __future__ import annotations
@@ -20,26 +22,30 @@ from impact_xval.compliant_baselines.restitution import (
 )
 from impact_xval.compliant_baselines.solver import MappingName
 
-#: MuJoCo's least constraint impedance (mjMINIMP of mjmodel.h): as near as it comes to a contact at the level of forces.
+#: MuJoCo's least constraint impedance (mjMINIMP of mjmodel.h), at which a contact is nearest to the level of forces.
 MUJOCO_IMPEDANCE = 1e-4
 
-#: MuJoCo's default solref (time constant in s, damping ratio) and solimp (dmin, dmax, width in m, midpoint, power), of
-#: the XML reference.
+#: MuJoCo's default solref (time constant in s, damping ratio), of the XML reference.
 MUJOCO_DEFAULT_SOLREF = (0.02, 1.0)
+
+#: MuJoCo's default solimp (dmin, dmax, width in m, midpoint, power), of the XML reference.
 MUJOCO_DEFAULT_SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
 
 
-class Contact(NamedTuple):
-    """One Kelvin-Voigt contact, F = max(0, k delta + c delta'): k in N/m, c in N s/m, the pair's reduced mass in kg."""
+class KelvinVoigtContact(NamedTuple):
+    """A contact of spring and dashpot, F = max(0, k delta + c delta')."""
 
+    #: Stiffness in N/m.
     k: float
+    #: Damping in N s/m.
     c: float
+    #: Reduced mass of the two bodies, in kg.
     mass: float
 
     @classmethod
     def from_restitution(
         cls, k: float, e: float, mass: float, mapping: MappingName = "calibrated"
-    ) -> Contact:
+    ) -> KelvinVoigtContact:
         """Make the contact of stiffness k that gives restitution e in (0, 1] to a pair of this reduced mass, alone."""
         zeta = textbook_damping_ratio(e) if mapping == "naive" else damping_ratio(e)
         return cls(k, 2 * zeta * math.sqrt(k) * math.sqrt(mass), mass)
@@ -61,21 +67,22 @@ class Contact(NamedTuple):
 
     @property
     def duration(self) -> float:
-        """How long the contact lasts when the pair is alone and without gravity, in s."""
+        """Duration in s of the contact of the pair alone, without gravity."""
         return contact_time(self.zeta) / self.omega
 
     @property
     def restitution(self) -> float:
-        """Coefficient of restitution when the pair is alone and without gravity."""
+        """Coefficient of restitution of the pair alone, without gravity."""
         return restitution(self.zeta)
 
 
 class MujocoContact(NamedTuple):
-    """A contact pair of MuJoCo."""
+    """The parameters of a contact pair of MuJoCo."""
 
-    #: Direct format, (-stiffness, -damping) in 1/s^2 and 1/s, or positive: time constant in s and damping ratio.
+    #: In the direct format (-stiffness, -damping), in 1/s^2 and 1/s; or both positive: time constant in s and damping
+    #: ratio.
     solref: tuple[float, float]
-    #: (dmin, dmax, width, midpoint, power).
+    #: (dmin, dmax, width in m, midpoint, power).
     solimp: tuple[float, float, float, float, float]
 
     @property
@@ -85,15 +92,15 @@ class MujocoContact(NamedTuple):
         return self.solref if first <= 0 else (-1 / (first * second) ** 2, -2 / first)
 
     def stiffness(self, mass: float) -> float:
-        """Stiffness in N/m that a pair of this reduced mass, alone, finds in this contact: that of the smallest d.
+        """Return the stiffness in N/m of this contact, at the smallest impedance d, for a lone pair of a reduced mass.
 
         Solved for the acceleration, the engine's equations read a = stiffness r (d/dmax)^2 (damping aside).
         """
         dmin, dmax = self.solimp[:2]
         return -self.direct[0] * mass * (dmin / dmax) ** 2
 
-    def rest_penetration(self, acceleration: float) -> float:
-        """Penetration in m at which a ball rests on this contact in a field of this acceleration, in m/s^2.
+    def equilibrium_depth(self, acceleration: float) -> float:
+        """Return the penetration in m at which a ball rests on this contact under an acceleration in m/s^2.
 
         There stiffness r (d/dmax)^2 = (1 - d) acceleration, with the impedance d a function of r (the engine's
         "Computation" chapter, section "Constraint model").
@@ -102,7 +109,7 @@ class MujocoContact(NamedTuple):
         stiffness = -self.direct[0]
         if dmin == dmax:
             return (1 - dmin) * acceleration / stiffness
-        # d >= dmin: the rest lies above that of a constant impedance dmin.
+        # As d >= dmin, the ball rests no deeper than on a contact of constant impedance dmin.
         low, high = 0.0, 2 * (1 - dmin) * acceleration / (stiffness * (dmin / dmax) ** 2)
         while low < (r := 0.5 * (low + high)) < high:
             x = min(1.0, r / width)
@@ -111,17 +118,21 @@ class MujocoContact(NamedTuple):
             else:
                 y = 1 - (1 - x) ** power / (1 - midpoint) ** (power - 1)
             d = dmin + y * (dmax - dmin)
-            low, high = (r, high) if stiffness * r * (d / dmax) ** 2 < (1 - d) * acceleration else (low, r)
+            if stiffness * r * (d / dmax) ** 2 < (1 - d) * acceleration:
+                low = r
+            else:
+                high = r
         return high
 
 
 def mujoco_contact(
-    contact: Contact, mapping: MappingName = "calibrated", impedance: float = MUJOCO_IMPEDANCE
+    contact: KelvinVoigtContact, mapping: MappingName = "calibrated", impedance: float = MUJOCO_IMPEDANCE
 ) -> MujocoContact:
-    """MuJoCo's parameters of one contact.
+    """Map a contact to MuJoCo's parameters.
 
-    Calibrated: a constant impedance d as small as the engine allows, stiffness = k/M and damping = c/M: *exactly* the
-    contact asked for as long as the pair is alone, and within d of it when a third body pushes too (docs/mapping.md).
+    The calibrated mapping has a constant impedance d as small as the engine allows, stiffness = k/M and damping = c/M.
+    That is *exactly* the contact asked for while the pair is alone, and within d of it when a third body pushes too
+    (docs/mapping.md).
     """
     if mapping == "naive":
         return MujocoContact((-contact.k, -contact.c), MUJOCO_DEFAULT_SOLIMP)
@@ -132,51 +143,59 @@ def mujoco_contact(
 
 
 class Side(NamedTuple):
-    """What a body, or a side of it, carries in an engine that combines those of two bodies."""
+    """The parameters of a body, or of one side of it, in an engine that combines the parameters of two bodies."""
 
     #: In N/m: PyBullet's `contactStiffness`, Drake's "point_contact_stiffness".
     stiffness: float
     #: PyBullet's `contactDamping` c in N s/m; "relaxation_time" c/k in s under Drake's `kSap`.
     dissipation: float
 
-    def against(self, other: Side) -> Side:
-        """Combine two as the engines do: stiffness in series, dissipation added (btManifoldResult)."""
-        stiffness = 1 / (1 / self.stiffness + 1 / other.stiffness)
-        return Side(stiffness, self.dissipation + other.dissipation)
+    def against(self, partner: Side) -> Side:
+        """Combine two sides as the engines do: stiffness in series, dissipation added (btManifoldResult)."""
+        stiffness = 1 / (1 / self.stiffness + 1 / partner.stiffness)
+        return Side(stiffness, self.dissipation + partner.dissipation)
 
 
-#: A side that adds nothing: its stiffness is PyBullet's own for a body that was not given one (BT_LARGE_FLOAT of
-#: btScalar.h, double precision), 1/(1/k + 1/1e30) = k.
+#: A side that adds nothing. Its stiffness is PyBullet's own for a body that was not given one (BT_LARGE_FLOAT of
+#: btScalar.h, double precision), so that 1/(1/k + 1/1e30) = k.
 RIGID = Side(1e30, 0.0)
 
 
-#: Of a body, what meets the body above and what meets the body below.
-Sides = tuple[Side, Side]
+class BodySides(NamedTuple):
+    """The two sides of a body."""
+
+    #: Meets the body above.
+    upper: Side
+    #: Meets the body below.
+    lower: Side
 
 
-def sides(carried: Sequence[Side], mapping: MappingName, *, whole: bool = False) -> list[Sides]:
-    """Give every ball, and the table, its part in the contacts, given what each of these is to have.
+def assign_sides(
+    contacts: Sequence[Side], mapping: MappingName, *, one_side_per_body: bool = False
+) -> list[BodySides]:
+    """Give every ball, and the table, its part in the contacts; `contacts` are the parameters each contact shall have.
 
-    The lower side of a ball carries the contact with the body below; all else is rigid and undamped. Of two balls on a
-    table whose bodies are `whole`, one side as the other, the upper ball carries contact 1 and the table contact 2.
-    So they are in the naive mapping, where both balls carry contact 1.
+    The lower side of a ball carries the contact with the body below; all other sides are rigid and undamped. If bodies
+    of an engine have one side only, two balls on a table get by: the upper ball carries contact 1, the table contact 2,
+    and the lower ball is rigid. In the naive mapping, too, bodies have one side, and both balls carry contact 1.
     """
-    if not whole and mapping != "naive":
-        return [*((RIGID, side) for side in carried), (RIGID, RIGID)]
-    ball, table = carried
-    return [(body, body) for body in (ball, ball if mapping == "naive" else RIGID, table)]
+    if not one_side_per_body and mapping != "naive":
+        return [*(BodySides(RIGID, side) for side in contacts), BodySides(RIGID, RIGID)]
+    ball, table = contacts
+    lower_ball = ball if mapping == "naive" else RIGID
+    return [BodySides(body, body) for body in (ball, lower_ball, table)]
 
 
-def combined(bodies: Sequence[Sequence[Side]]) -> list[Side]:
-    """Combine the sides that meet, one pair a contact."""
-    return [below.against(above) for (_, below), (above, _) in pairwise(bodies)]
+def combine_sides(bodies: Sequence[BodySides]) -> list[Side]:
+    """Combine the two sides that meet at each contact."""
+    return [above.lower.against(below.upper) for above, below in pairwise(bodies)]
 
 
-def pybullet_side(contact: Contact) -> Side:
-    """PyBullet's parameters of the body that carries a contact."""
+def pybullet_side(contact: KelvinVoigtContact) -> Side:
+    """Return PyBullet's parameters of the body that carries a contact."""
     return Side(contact.k, contact.c)
 
 
-def drake_side(contact: Contact) -> Side:
-    """Drake's parameters of the geometry that carries a contact."""
+def drake_side(contact: KelvinVoigtContact) -> Side:
+    """Return Drake's parameters of the geometry that carries a contact."""
     return Side(contact.k, contact.c / contact.k)

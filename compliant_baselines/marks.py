@@ -1,75 +1,138 @@
-"""Outcomes beside a jump of their exact law, found by changing the parameters of a collision a little: they are marked.
+"""Marks: outcomes near a jump of their exact law, found by changing the parameters of a collision a little.
 
-**Two balls on a table** (docs/theory.md, section 8). A cell is marked where a relative change of one parameter, either
-way, moves a velocity per abs(v0) by more than `JUMPS` says; smooth outcomes move by less than three times the change
-over the default box (`benchmarks/limits.py jumps`). A limit dt -> 0 is marked too where its shortest step and the exact
-law do not agree on whether gravity ends in a first flight, or on whether B2 comes to rest on the table.
+**Two balls on a table** (docs/theory.md, section 8). A cell is marked if a relative change of one parameter, up or
+down, moves a velocity over abs(v0) by more than `JUMPS` allows. Over the default box smooth outcomes move by less than
+three times the change (`benchmarks/limits.py jumps`). A limit dt -> 0 is also marked if its shortest step and the exact
+law disagree on whether gravity ends in a first flight, or on whether B2 comes to rest on the table.
 
-**N balls** have hundreds of events, each of which amplifies what came before, up to the point at which the last digits
-of the inputs decide: two exact solvers of one law then differ by as much as two laws do. Where forces are linear,
-masses and stiffnesses are changed by a millionth; velocities are not, as those of balls that fall or strike together
-are equal by intent. Elsewhere the solver states an error of its own.
+**N balls** have hundreds of events, and each event amplifies what came before, until the last digits of the inputs
+decide: two exact solvers of one law then differ by as much as two laws do. Where forces are linear, masses and
+stiffnesses are changed by a millionth. Velocities are not changed: balls that fall or strike together are equal by
+intent. Where forces are not linear, the solver states an error of its own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_xval.model.collision import Collisions, Floats, Outcomes
 
-#: What solves collisions by a law, at a gravity in m/s^2 each, without their states.
+Bools = NDArray[np.bool_]
+
+#: Solves collisions by a law, without their states; the second argument is the gravity in m/s^2, shape (n,).
 Law = Callable[[Collisions, Floats], Outcomes]
 
-#: Relative changes of a parameter that are tried, and the change of a velocity per abs(v0) from which on it is a jump.
-#: To a restitution an engine's finest step does more than a thousandth.
+#: Relative changes of a parameter that are tried, and for each the change of a velocity over abs(v0) that is a jump.
+#: The finest step of an engine acts like a change of a restitution by more than a thousandth.
 JUMPS = {1e-3: 0.01, 4e-3: 0.02}
 
-#: What is changed, and how a reader knows it.
-CHANGED = ("k2/k1", "m2/m1", "e1", "e2", "gravity")
+#: The parameters that are changed, as a reader knows them.
+PARAMETERS = ("k2/k1", "m2/m1", "e1", "e2", "gravity")
 
-#: Position in `CHANGED` and relative change of every try.
-TRIED = tuple((i, sign * size) for i in range(len(CHANGED)) for size in JUMPS for sign in (1, -1))
 
-#: Of N balls: relative change of masses and stiffnesses; the change of a velocity, over the largest speed before, from
-#: which on an outcome is marked, a hundred times as much; and how many changes are tried, each with its opposite.
-CHANGE, MOVED, _PAIRS = 1e-6, 1e-4, 2
+class Change(NamedTuple):
+    """A relative change of one parameter."""
 
-#: Relative changes of a screen: all parameters at once, in four patterns that are orthogonal but for gravity, each with
-#: its opposite. No change of one parameter moves an outcome by more than the best of them, to first order.
+    #: Position in `PARAMETERS`.
+    parameter: int
+    #: In `JUMPS`, or the negative of a number there.
+    size: float
+
+
+#: All changes of one parameter that are tried.
+CHANGES = tuple(Change(i, sign * size) for i in range(len(PARAMETERS)) for size in JUMPS for sign in (1, -1))
+
+#: Of N balls: relative change of masses and stiffnesses.
+CHANGE_OF_MANY = 1e-6
+
+#: Of N balls: change of a velocity, over the largest speed before, from which an outcome is marked; a hundred times the
+#: change of the parameters.
+MOVE_OF_MANY = 1e-4
+
+#: Of N balls: number of random changes that are tried, each with its opposite.
+_RANDOM_CHANGES = 2
+
+#: Signs with which a screen changes all parameters at once: four patterns, orthogonal but for gravity. To first order,
+#: no change of one parameter moves an outcome by more than the best pattern or its opposite does.
 _PATTERNS = np.array([(1, 1, 1, 1, 1), (1, -1, 1, -1, 1), (1, 1, -1, -1, -1), (1, -1, -1, 1, -1)])
+
+#: Relative changes of the screens: each pattern, followed by its opposite; shape (8, 5).
 _SCREENS = max(JUMPS) * np.stack([_PATTERNS, -_PATTERNS], axis=1).reshape(-1, 5)
+_FIRST_SCREENS, _OTHER_SCREENS = _SCREENS[:2], _SCREENS[2:]
 
-#: Below a margin of `GRAZING` a bistiffness cell is screened, below `GRAZING_MORE` by all patterns. The largest margin
-#: of a marked cell was 0.11 in 28 000 cells without gravity, k2/k1 from 1e-3 to 1e3, m2/m1 and e from 0.1.
-GRAZING, GRAZING_MORE = 0.2, 0.03
+#: Grazing margin below which a bistiffness cell is screened by the first pattern. The largest margin of a marked cell
+#: was 0.11 in 28 000 cells without gravity, k2/k1 from 1e-3 to 1e3, m2/m1 and e from 0.1.
+GRAZING = 0.2
 
-#: From this restitution on a margin does not see the end of compression that a change of e makes costly.
+#: Grazing margin below which it is screened by all patterns.
+NEAR_GRAZING = 0.03
+
+#: Restitution from which a cell is screened whatever its margin: the margin does not see an end of compression at which
+#: a change of e costs energy.
 ELASTIC = 0.999
 
-#: Laws of dashpots are continuous without gravity: steep is only what has contacts that return, more than the two
-#: events of contacts that close and open once. From `MANY` events on a cell is tried in full, unscreened.
-FEW, MANY = 3, 20
+#: Events from which a cell of dashpots is screened. Without gravity laws of dashpots are continuous, and steep only
+#: where contacts return; contacts that close and open once make two events.
+FEW_EVENTS = 3
 
-#: A lower ball lighter than this share of the upper one, which takes up any speed, is screened whatever its events.
+#: Events from which a cell of dashpots is tried in full, unscreened.
+MANY_EVENTS = 20
+
+#: Mass ratio m2/m1 below which a cell is screened whatever its events: such a light ball takes up any speed.
 LIGHT = 0.05
 
-#: What gravity must have done to a velocity per abs(v0) for its first flight to matter.
+#: Change of a velocity by gravity, over abs(v0), from which its first flight matters.
 FALLEN = 0.02
 
-#: What a screen must do for a cell to be tried in full: move a velocity by so much, a grazing margin by such a share.
-STIRRED, MARGIN_MOVED = 0.005, 0.25
+#: Change of a velocity over abs(v0) by a screen after which a cell is tried in full.
+SCREENED_MOVE = 0.005
 
-#: How the ends of an engine and of its exact law may differ, by the diagnostics of the one that has it.
-ENDS = {
-    "first_flight": "gravity ends in a first flight of {}, and {} has none",
-    "rest_speed": "by {} the lower ball comes to rest on the table, and by {} it leaves",
-}
+#: Share by which a screen must change a grazing margin for a cell to be tried in full.
+SCREENED_MARGIN = 0.25
 
 _LARGEST = float(np.finfo(float).max)
+
+
+class DropEnd(NamedTuple):
+    """The end of a drop."""
+
+    #: Whether gravity ended in a first flight.
+    has_first_flight: bool
+    #: Whether B2 came to rest on the table.
+    b2_settled: bool
+
+
+#: How the end of an engine's drop may differ from that of its exact law; names of both fill the braces.
+_DIFFERENT_FLIGHT = "gravity ends in a first flight of {}, and {} has none"
+_DIFFERENT_REST = "by {} the lower ball comes to rest on the table, and by {} it leaves"
+
+
+@dataclass(frozen=True, slots=True)
+class Screening:
+    """The collisions of an array that are examined for jumps, and how; masks of shape (n,)."""
+
+    #: Screened by the first pair of patterns.
+    first_pair: Bools
+    #: Screened by the other patterns as well, where the first pair shows nothing.
+    all_patterns: Bools
+    #: Tried in full without a screen: every parameter alone.
+    full: Bools
+
+
+@dataclass(frozen=True, slots=True)
+class LargestMoves:
+    """The largest moves of outcomes by changes of single parameters; arrays of shape (n,)."""
+
+    #: Largest change of a velocity over what `JUMPS` allows; above 1 it is a jump. Infinite if a change leaves no
+    #: result, NaN if the collision itself has none, 0 if no change was tried.
+    excess: Floats
+    #: The change that makes it, as a position in `CHANGES`.
+    change: NDArray[np.intp]
 
 
 def marks_of(
@@ -78,149 +141,192 @@ def marks_of(
     collisions: Collisions,
     exact: Outcomes,
     gravity: Floats,
-    ends: Mapping[int, tuple[bool, bool]] | None = None,
+    engine_ends: Sequence[DropEnd | None] = (),
 ) -> NDArray[np.object_]:
-    """Say of each collision, shape (n,), why its outcome means little, in one sentence; empty where it does not.
+    """Say in one sentence why each outcome means little; empty where it means what it says.
 
-    The law, and its name, is that of a solver, or that it was asked for; `exact` are its outcomes, gravity is in m/s^2,
-    shape (n,). Of drops `ends` says by their position whether the engine's run that decides on them had a first flight,
-    and whether B2 came to rest on the table.
+    Parameters
+    ----------
+    law, name
+        The law that a solver obeys or was asked for, and its name.
+    collisions
+        The n collisions, all of one layout (`solver.group_by_layout`).
+    exact
+        Their outcomes by the law.
+    gravity
+        In m/s^2, shape (n,).
+    engine_ends
+        How the engine's run that decides on the limit ended, for each of the n collisions; None where it is not known.
+        Empty without such runs.
     """
-    says = np.full(len(collisions), "", dtype=object)
+    marks = np.full(len(collisions), "", dtype=object)
     if not len(collisions):
-        return says
+        return marks
     if not collisions.falls_on_resting.all():
-        why, moved = rounding(law, collisions, exact)
-        for i in np.flatnonzero(~(moved <= MOVED) & exact.has_result):
-            says[i] = f"{why} moves the exact outcome of {name} by {moved[i]:.2g} |v0|"
-        return says
-    excess, which = jumps(law, collisions, exact, gravity)
-    for i in np.flatnonzero(excess > 1):
-        parameter, change = TRIED[which[i]]
-        far = excess[i] * JUMPS[abs(change)]
-        what = f"a change of {change:g} in {CHANGED[parameter]}"
-        says[i] = f"{what} moves the exact outcome of {name} by {far:.2g} |v0|"
-    for i, own in (ends or {}).items():
-        for (key, text), engine in zip(ENDS.items(), own, strict=True):
-            exactly = bool(np.isfinite(exact.diagnostics[key][i]))
-            if not says[i] and engine != exactly:
-                both = f"exact {name}", "the engine"
-                says[i] = text.format(*(both if exactly else both[::-1]))
-    return says
+        reason, moves = rounding_moves(law, collisions, exact)
+        for i in np.flatnonzero(~(moves <= MOVE_OF_MANY) & exact.has_result):
+            marks[i] = f"{reason} moves the exact outcome of {name} by {moves[i]:.2g} |v0|"
+        return marks
+    largest = find_jumps(law, collisions, exact, gravity)
+    for i in np.flatnonzero(largest.excess > 1).tolist():
+        parameter, size = CHANGES[int(largest.change[i])]
+        move = largest.excess[i] * JUMPS[abs(size)]
+        change = f"a change of {size:g} in {PARAMETERS[parameter]}"
+        marks[i] = f"{change} moves the exact outcome of {name} by {move:.2g} |v0|"
+    for i, engine_end in enumerate(engine_ends):
+        if engine_end is not None and not marks[i]:
+            marks[i] = _compare_ends(name, _drop_end_of(exact, i), engine_end)
+    return marks
 
 
-def jumps(
+def _drop_end_of(exact: Outcomes, i: int) -> DropEnd:
+    """Read off the diagnostics how drop i ended."""
+    first_flight, rest_speed = (exact.diagnostics[key][i] for key in ("first_flight", "rest_speed"))
+    return DropEnd(bool(np.isfinite(first_flight)), bool(np.isfinite(rest_speed)))
+
+
+def _compare_ends(name: str, exact: DropEnd, engine: DropEnd) -> str:
+    """Say how the ends of an exact law, given by its name, and of an engine differ; empty if they do not."""
+    exact_first, engine_first = (f"exact {name}", "the engine"), ("the engine", f"exact {name}")
+    if exact.has_first_flight != engine.has_first_flight:
+        return _DIFFERENT_FLIGHT.format(*(exact_first if exact.has_first_flight else engine_first))
+    if exact.b2_settled != engine.b2_settled:
+        return _DIFFERENT_REST.format(*(exact_first if exact.b2_settled else engine_first))
+    return ""
+
+
+def find_jumps(
     law: Law, collisions: Collisions, exact: Outcomes, gravity: Floats, *, everywhere: bool = False
-) -> tuple[Floats, NDArray[np.intp]]:
-    """Change every parameter of two balls on a table a little and see how far the outcome moves.
+) -> LargestMoves:
+    """Change every parameter of two balls on a table a little, and see how far the outcome moves.
 
-    That is tried where a jump may be near, or `everywhere`. Near is decided in two stages: by the outcome itself
-    (`_suspects`), and by screens, which change all parameters at once (`_SCREENS`). The thresholds are measured:
-    `benchmarks/limits.py screens` counts the marks that are lost.
-
-    Gives the largest change of a velocity over what `JUMPS` says, shape (n,), and which of `TRIED` makes it: above 1 it
-    is a jump. Infinite if a change leaves no result, NaN where the collision itself has none, 0 where none was tried.
+    A collision is tried in full only where a jump may be near, or `everywhere`. Two stages decide on that: the outcome
+    itself (`_plan_screening`), and screens that change all parameters at once (`_SCREENS`). Their thresholds are
+    measured: `benchmarks/limits.py screens` counts the marks that are lost.
     """
-    solved = exact.has_result  # one that was given up may have taken a second, and would at every try
-    once, twice, near = (solved & flags for flags in _suspects(collisions, exact, gravity))
-    near |= everywhere & solved
-    for some, changes in ((once, _SCREENS[:2]), (twice, _SCREENS[2:])):
-        asked = np.flatnonzero(some & ~near)
-        if asked.size:
-            near[asked] = _stirred(law, collisions[asked], exact, gravity[asked], asked, changes)
-    excess, which = np.where(solved, 0.0, np.nan), np.zeros(len(collisions), np.intp)
-    asked = np.flatnonzero(near)
-    tried = [(i, change) for i, change in TRIED if gravity[asked].any() or CHANGED[i] != "gravity"]
-    if asked.size:
-        place, change = (np.array(each) for each in zip(*tried, strict=True))
-        alone = np.eye(len(CHANGED))[place] * change[:, None]
-        _, away = _moved(law, collisions[asked], exact, gravity[asked], asked, alone)
-        allowed = np.array([JUMPS[abs(size)] for _, size in tried])[:, None]
-        over = np.where(np.isnan(away), np.inf, away) / allowed
-        excess[asked], which[asked] = over.max(axis=0), np.argmax(over, axis=0)
-    return excess, which
+    has_result = (
+        exact.has_result
+    )  # a collision that was given up may have taken a second, and would at every change
+    plan = _plan_screening(collisions, exact, gravity)
+    full = has_result & (plan.full | everywhere)
+    for screened, changes in ((plan.first_pair, _FIRST_SCREENS), (plan.all_patterns, _OTHER_SCREENS)):
+        rows = np.flatnonzero(has_result & screened & ~full)
+        if rows.size:
+            full[rows] = _moves_on_screen(law, collisions, exact, gravity, rows, changes)
+    excess, largest = np.where(has_result, 0.0, np.nan), np.zeros(len(collisions), np.intp)
+    rows = np.flatnonzero(full)
+    if rows.size:
+        falls = gravity[rows].any()
+        tried = [change for change in CHANGES if falls or PARAMETERS[change.parameter] != "gravity"]
+        parameter, size = (np.array(values) for values in zip(*tried, strict=True))
+        one_at_a_time = np.eye(len(PARAMETERS))[parameter] * size[:, None]
+        _, moves = _solve_changed(law, collisions, exact, gravity, rows, one_at_a_time)
+        allowed = np.array([JUMPS[abs(change.size)] for change in tried])[:, None]
+        ratios = np.where(np.isnan(moves), np.inf, moves) / allowed
+        excess[rows], largest[rows] = ratios.max(axis=0), np.argmax(ratios, axis=0)
+    return LargestMoves(excess, largest)
 
 
-def _suspects(collisions: Collisions, exact: Outcomes, gravity: Floats) -> tuple[NDArray[np.bool_], ...]:
-    """Tell what is to be screened, what by the other patterns too, and what is tried in full unscreened."""
+def _plan_screening(collisions: Collisions, exact: Outcomes, gravity: Floats) -> Screening:
+    """Tell from the outcomes where a jump may be near."""
     speed, light = collisions.units[1], collisions.mass_ratio < LIGHT
     margin = _margin(exact)
     v1, v2 = exact.v1 / speed, exact.v2 / speed
-    pulled, over = np.zeros(len(v1), bool), _end(exact) > 0
+    gravity_matters, b2_rests = np.zeros(len(v1), bool), _drop_ends(exact) > 0
     if gravity.any():
         flight = exact.diagnostics["first_flight"]
-        fall = np.where(np.isnan(flight), exact.diagnostics["duration"], flight)
+        falling = np.where(np.isnan(flight), exact.diagnostics["duration"], flight)
         with np.errstate(over="ignore", invalid="ignore"):
-            fallen = gravity * fall / speed
-            pulled = (fallen > FALLEN) & (over | (np.minimum(v2, v1 - v2) < fallen))
-    dashpots = np.isinf(margin)
-    hidden = ~dashpots & (collisions.restitutions.max(axis=1) > ELASTIC)
-    apart = pulled | light
-    once = (margin < GRAZING) | hidden | (dashpots & (exact.n_events >= FEW)) | apart
-    # Dashpots bring a ball to rest at any instant, next to the one at which the other comes down again.
-    return once, apart | (margin < GRAZING_MORE), dashpots & ((exact.n_events >= MANY) | (pulled & over))
+            fallen = gravity * falling / speed
+            would_return = np.minimum(v2, v1 - v2) < fallen
+            gravity_matters = (fallen > FALLEN) & (b2_rests | would_return)
+    has_dashpots = np.isinf(margin)
+    elastic = ~has_dashpots & (collisions.restitutions.max(axis=1) > ELASTIC)
+    returns = has_dashpots & (exact.n_events >= FEW_EVENTS)
+    # Dashpots bring a ball to rest at any instant, also next to the one at which the other ball comes down again.
+    rests_any_time = gravity_matters & b2_rests
+    return Screening(
+        first_pair=(margin < GRAZING) | elastic | returns | gravity_matters | light,
+        all_patterns=gravity_matters | light | (margin < NEAR_GRAZING),
+        full=has_dashpots & ((exact.n_events >= MANY_EVENTS) | rests_any_time),
+    )
 
 
-def _stirred(
-    law: Law, some: Collisions, exact: Outcomes, gravity: Floats, asked: NDArray[np.intp], changes: Floats
-) -> NDArray[np.bool_]:
-    """Tell which of the collisions asked for a screen moves far enough to be tried in full."""
-    other, away = _moved(law, some, exact, gravity, asked, changes)
-    margin, then = _margin(exact)[asked], _margin(other).reshape(away.shape)
-    least = np.minimum(margin, then)
+def _moves_on_screen(
+    law: Law,
+    collisions: Collisions,
+    exact: Outcomes,
+    gravity: Floats,
+    rows: NDArray[np.intp],
+    changes: Floats,
+) -> Bools:
+    """Tell which of some rows a screen moves far enough for them to be tried in full; shape (rows,)."""
+    changed, moves = _solve_changed(law, collisions, exact, gravity, rows, changes)
+    margin, changed_margin = _margin(exact)[rows], _margin(changed).reshape(moves.shape)
+    smaller = np.minimum(margin, changed_margin)
     with np.errstate(invalid="ignore"):
-        grazes = (least < GRAZING) & (abs(then - margin) > MARGIN_MOVED * least)
-    counted = np.isinf(margin) | (some.mass_ratio < LIGHT)
-    chatters = counted & (other.n_events.reshape(away.shape) != exact.n_events[asked])
-    ends = _end(other).reshape(away.shape) != _end(exact)[asked]
-    return (~(away <= STIRRED) | grazes | chatters | ends).any(axis=0)
+        grazes = (smaller < GRAZING) & (abs(changed_margin - margin) > SCREENED_MARGIN * smaller)
+    events_matter = np.isinf(margin) | (collisions.mass_ratio[rows] < LIGHT)
+    other_events = events_matter & (changed.n_events.reshape(moves.shape) != exact.n_events[rows])
+    other_end = _drop_ends(changed).reshape(moves.shape) != _drop_ends(exact)[rows]
+    moves_far = ~(moves <= SCREENED_MOVE)
+    return (moves_far | grazes | other_events | other_end).any(axis=0)
 
 
-def _moved(
-    law: Law, some: Collisions, exact: Outcomes, gravity: Floats, asked: NDArray[np.intp], changes: Floats
+def _solve_changed(
+    law: Law,
+    collisions: Collisions,
+    exact: Outcomes,
+    gravity: Floats,
+    rows: NDArray[np.intp],
+    changes: Floats,
 ) -> tuple[Outcomes, Floats]:
-    """Solve with parameters changed by relative amounts (m, 5): outcomes, and the largest move of a velocity (m, n).
+    """Solve some rows with changed parameters; return outcomes, and the largest move of a velocity over abs(v0).
 
-    The gravity number keeps its value where it is not changed itself.
+    `changes` are relative, shape (m, 5). Outcomes are m after one another for all rows, the moves have the shape
+    (m, rows). The gravity number keeps its value where it is not changed itself.
     """
-    m, n = len(changes), len(some)
-    same, one = some[np.tile(np.arange(n), m)], np.ones(m * n)
+    m, n = len(changes), len(rows)
+    repeated, ones = collisions[np.tile(rows, m)], np.ones(m * n)
     k2, m2, e1, e2, g = np.repeat(1 + changes, n, axis=0).T
     with np.errstate(over="ignore"):
-        masses = np.minimum(same.masses * np.column_stack([one, m2]), _LARGEST)
-        stiffnesses = np.minimum(same.stiffnesses * np.column_stack([one, k2]), _LARGEST)
-    restitutions = np.minimum(same.restitutions * np.column_stack([e1, e2]), 1.0)
-    others = replace(same, masses=masses, stiffnesses=stiffnesses, restitutions=restitutions)
-    lighter = np.sqrt((1 + 1 / others.mass_ratio) / (1 + 1 / same.mass_ratio))
-    found = law(others, lighter * (np.tile(gravity, m) * g))
-    away = np.abs(found.velocities.reshape(m, n, 2) - exact.velocities[asked]).max(axis=2) / some.units[1]
-    return found, away
+        masses = np.minimum(repeated.masses * np.column_stack([ones, m2]), _LARGEST)
+        stiffnesses = np.minimum(repeated.stiffnesses * np.column_stack([ones, k2]), _LARGEST)
+    restitutions = np.minimum(repeated.restitutions * np.column_stack([e1, e2]), 1.0)
+    changed = replace(repeated, masses=masses, stiffnesses=stiffnesses, restitutions=restitutions)
+    # The gravity number is g/(|v0| omega), omega = sqrt(k1/M) with the reduced mass M of the two balls.
+    same_number = np.sqrt((1 + 1 / changed.mass_ratio) / (1 + 1 / repeated.mass_ratio))
+    outcomes = law(changed, same_number * (np.tile(gravity[rows], m) * g))
+    differences = np.abs(outcomes.velocities.reshape(m, n, 2) - exact.velocities[rows])
+    return outcomes, differences.max(axis=2) / collisions.units[1][rows]
 
 
 def _margin(outcomes: Outcomes) -> Floats:
-    """Grazing margins, infinite under laws that state none."""
+    """Return grazing margins, infinite under laws that state none."""
     return np.where(np.isnan(outcomes.grazing_margin), np.inf, outcomes.grazing_margin)
 
 
-def _end(outcomes: Outcomes) -> NDArray[np.int64]:
-    """How drops ended: 0 with both balls off the table, 1 with B2 at rest on it, 2 with both."""
-    rested = np.isfinite(outcomes.diagnostics.get("rest_speed", np.full(len(outcomes), np.nan)))
-    return np.where(rested, np.where(outcomes.v1 == 0, 2, 1), 0)
+def _drop_ends(outcomes: Outcomes) -> NDArray[np.int64]:
+    """Return how drops ended: 0 with both balls off the table, 1 with B2 at rest on it, 2 with both at rest."""
+    b2_rests = np.isfinite(outcomes.diagnostics.get("rest_speed", np.full(len(outcomes), np.nan)))
+    return np.where(b2_rests, np.where(outcomes.v1 == 0, 2, 1), 0)
 
 
-def rounding(law: Law, collisions: Collisions, exact: Outcomes) -> tuple[str, Floats]:
-    """Say what was changed of N balls, and the largest change of a velocity over the largest speed before.
+def rounding_moves(law: Law, collisions: Collisions, exact: Outcomes) -> tuple[str, Floats]:
+    """Estimate for N balls how far rounding moves the outcome.
 
-    All masses and stiffnesses are changed by a millionth, up or down at random, and by the opposite.
+    Returns what was changed, in words, and the largest change of a velocity over the largest speed before, shape (n,).
+    All masses and stiffnesses are changed by a millionth, up or down at random, and then by the opposite.
     """
     c, balls, speed = collisions, collisions.masses.shape[1], np.abs(collisions.velocities).max(axis=1)
     if "velocity_error" in exact.diagnostics:
         return "its own error", exact.diagnostics["velocity_error"] / speed
-    moved = np.zeros(len(c))
-    signs = np.random.default_rng(0).choice([-1.0, 1.0], (_PAIRS, balls + c.stiffnesses.shape[1]))
-    for some in (*signs, *-signs):
-        m, k = np.split(1 + CHANGE * some, [balls])
-        found = law(replace(c, masses=c.masses * m, stiffnesses=c.stiffnesses * k), np.zeros(len(c)))
-        away = np.where(found.has_result[:, None], np.abs(found.velocities - exact.velocities), np.inf)
-        moved = np.maximum(moved, away.max(axis=1))
-    return f"a change of {CHANGE:g} in masses and stiffnesses", moved / speed
+    largest = np.zeros(len(c))
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], (_RANDOM_CHANGES, balls + c.stiffnesses.shape[1]))
+    for pattern in (*signs, *-signs):
+        m, k = np.split(1 + CHANGE_OF_MANY * pattern, [balls])
+        changed = law(replace(c, masses=c.masses * m, stiffnesses=c.stiffnesses * k), np.zeros(len(c)))
+        differences = np.abs(changed.velocities - exact.velocities)
+        moves = np.where(changed.has_result[:, None], differences, np.inf)
+        largest = np.maximum(largest, moves.max(axis=1))
+    return f"a change of {CHANGE_OF_MANY:g} in masses and stiffnesses", largest / speed

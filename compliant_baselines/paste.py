@@ -1,8 +1,9 @@
-"""One contact to paste into a scene, and a whole scene as files that an engine runs without this package.
+"""A contact as text to paste into a scene, and a whole scene as files that an engine runs without this package.
 
-Beside the numbers of a contact stands what an engine must not do to it on its own account (the adapters' modules say
-why). No scene is written a second time here: MuJoCo's is the adapter's MJCF with the numbers that stand in the model it
-has loaded, PyBullet's are the adapter's own calls. The runners step as often as the adapter did and compare.
+The text has the numbers of a contact, and the settings that keep an engine from changing them (the adapters' modules
+say why). No scene is written a second time here. MuJoCo's scene is the adapter's MJCF with the numbers of the model
+that it has loaded; PyBullet's scene is the adapter's own calls. The scripts take as many steps as the adapter did, and
+compare.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.engines.stepping import Run
 from impact_xval.compliant_baselines.mapping import (
     RIGID,
-    Contact,
+    KelvinVoigtContact,
     drake_side,
     mujoco_contact,
     pybullet_side,
@@ -31,8 +32,8 @@ from impact_xval.compliant_baselines.registry import get_solver
 from impact_xval.compliant_baselines.solver import Settings, SolverError
 from impact_xval.model.collision import Collision, Outcome
 
-#: What to paste, by engine. The first body carries the contact, the second is rigid and undamped, wherever an engine's
-#: parameters belong to bodies and not to pairs.
+#: The text to paste, by engine. Where an engine's parameters belong to bodies and not to pairs, the first body carries
+#: the contact, and the second is rigid and undamped.
 TEXTS = {
     "mujoco": """\
 <!-- A and B: names of the two geoms. Free bodies and slides: the numbers hold for a sum of the bodies' inverse
@@ -75,7 +76,7 @@ plant.set_sap_near_rigid_threshold(0.0)
 
 ENGINES = tuple(TEXTS)
 
-#: The parts of a script that differ by engine, of MuJoCo.
+#: The parts of a script that are MuJoCo's own.
 MUJOCO = {
     "setup": """\
 model = mujoco.MjModel.from_xml_path(__file__.replace("run.py", "scene.xml"))
@@ -110,10 +111,15 @@ for i, (v, there) in enumerate(zip({read}, TABLE), 1):
 '''
 
 
-def paste(engine: str, contact: Contact, step: float) -> str:
-    """Give the text to paste for a contact: MJCF or Python in SI units, with the time step in s.
+def paste(engine: str, contact: KelvinVoigtContact, step: float) -> str:
+    """Return the text to paste for a contact: MJCF or Python in SI units, with the time step in s.
 
-    A SolverError says that the engine cannot take the numbers, a ValueError that no such engine is known here.
+    Raises
+    ------
+    SolverError
+        If the engine cannot take the numbers.
+    ValueError
+        If no such engine is known here.
     """
     if engine not in ENGINES:
         raise ValueError(f"engine = {engine!r}; legal: {', '.join(ENGINES)}")
@@ -121,18 +127,20 @@ def paste(engine: str, contact: Contact, step: float) -> str:
     numbers = {"solref": pair.solref, "solimp": pair.solimp, "a": side, "b": RIGID}
     numbers |= {"step": (step,), "inverse": (1 / contact.mass,)}
     between = " " if engine == "mujoco" else ", "
-    # Always those of a float: Drake tells 0 from 0.0.
-    texts = {key: between.join(repr(float(f"{each:.12g}")) for each in some) for key, some in numbers.items()}
+    # Numbers are written as floats: Drake tells 0 from 0.0.
+    texts = {
+        key: between.join(repr(float(f"{value:.12g}")) for value in values) for key, values in numbers.items()
+    }
     text = TEXTS[engine].format(**texts)
     if "inf" in text or "nan" in text:
         raise SolverError(engine, "unrepresentable", f"a parameter of {contact} leaves double precision")
     return text
 
 
-def exported(name: str, collision: Collision, settings: Settings) -> tuple[Outcome, Run, dict[str, str]]:
-    """Run a collision by MuJoCo or PyBullet; its outcome, its run, and the files of its scene, contents by name.
+def export_scene(name: str, collision: Collision, settings: Settings) -> tuple[Outcome, Run, dict[str, str]]:
+    """Run a collision by MuJoCo or PyBullet; return its outcome, its run, and the files of its scene by their names.
 
-    A SolverError says why the engine does not take it.
+    A SolverError says why the engine does not take the collision.
     """
     engine = get_solver(name)
     assert isinstance(engine, Engine)
@@ -153,7 +161,7 @@ def exported(name: str, collision: Collision, settings: Settings) -> tuple[Outco
             for i, c in enumerate(scene.contacts, 1)
         ),
         steps=run.n_steps,
-        flight=run.fall and run.fall[0],
+        flight=run.first_flight and run.first_flight.n_steps,
         velocities=run.velocities.tolist(),
         speed=repr(scene.fastest),
         **(MUJOCO if files else _pybullet(scene)),
@@ -183,8 +191,8 @@ def _mjcf(scene: Scene, world: mujoco.MujocoWorld) -> str:
         i, geom = model.body(body.get("name")).id, body.find("geom")
         assert geom is not None
         body.set("pos", text_of(model.body_pos[i]))
-        # As in that model, where masses and sizes are written after compiling: the inertia, which nothing turns on a
-        # slide, is the template's, and no compiler finds that of a small ball too small.
+        # The adapter writes masses and sizes after compiling, so that the inertia stays the template's. Bodies on
+        # slides do not turn. Without this line the compiler would refuse the inertia of a small ball.
         inertial = {"pos": "0 0 0", "mass": text_of(model.body_mass[i]), "diaginertia": "1 1 1"}
         body.insert(0, ElementTree.Element("inertial", inertial))
         geom.set("size", text_of(model.geom_size[model.geom(geom.get("name")).id, 0]))
@@ -212,7 +220,7 @@ def _pybullet(scene: Scene) -> dict[str, str]:
 
 
 class _Recorder(pybullet.Client):
-    """A client, writing down the calls that set a world up."""
+    """A client that writes down the calls that set a world up."""
 
     def __init__(self, number: int) -> None:
         super().__init__(number)
@@ -244,11 +252,17 @@ class _Recorder(pybullet.Client):
 
 
 def _named(value: int, name: str) -> int:
-    """Give a number that stands in a script under a name."""
-    return type("Named", (int,), {"__repr__": lambda _: name})(value)
+    """Return a number that a script has under a name."""
+
+    class Named(int):
+        def __repr__(self) -> str:
+            return name
+
+    return Named(value)
 
 
 def _literal(value: Any) -> str:
+    """Write an argument of a call as Python source; numbers are floats unless they are whole."""
     if isinstance(value, tuple | list):
         return f"[{', '.join(map(_literal, value))}]"
     return repr(value if isinstance(value, bool | int | str) else float(value))

@@ -1,8 +1,9 @@
-"""Drops of two bodies in an engine that has been told nothing but the text to paste (`paste`).
+"""Drops of two bodies in an engine that gets only the text to paste (`paste`).
 
-The printed text runs as it stands: MuJoCo loads it from a file, PyBullet executes it as Python. Beside it are only two
-bodies, larger than the contact is deep. So whatever the text leaves at the engine's defaults is at the defaults here
-too. They meet along x, on slides in MuJoCo: MuJoCo's default gravity does not act along x, PyBullet has none.
+The printed text runs as it stands: MuJoCo loads it from a file, PyBullet executes it as Python. The scene has nothing
+else but two bodies, larger than the contact is deep. So a number that the text leaves at the engine's default is at the
+default here too. The bodies meet along x, on slides in MuJoCo. MuJoCo's default gravity does not act along x; PyBullet
+has none.
 """
 
 from __future__ import annotations
@@ -17,17 +18,17 @@ from typing import Any
 import numpy as np
 
 from impact_xval.compliant_baselines.engines import pybullet
-from impact_xval.compliant_baselines.engines.mujoco import Mujoco, rolled_out
+from impact_xval.compliant_baselines.engines.mujoco import Mujoco, take_steps
 from impact_xval.compliant_baselines.engines.scene import Floats
 from impact_xval.compliant_baselines.solver import SolverError
 
-#: Change of the relative velocity in a step, over the speed of approach, that counts as no force: rounding alone.
+#: Largest change of the relative velocity in a step, over the speed of approach, that is rounding and no force.
 ROUNDING = 1e-12
 
 #: Steps without force after which separating bodies have left each other.
-QUIET = 3
+QUIET_STEPS = 3
 
-#: Steps after which it is asked whether all drops are over.
+#: Steps between two looks at whether all drops are over.
 BLOCK = 128
 
 #: Half an edge in m of the smallest box in PyBullet: collision shapes have a margin of 0.04 m.
@@ -47,7 +48,7 @@ BODY = """<body pos="{x!r} 0 0"><joint type="slide" axis="1 0 0"/>
       <inertial pos="0 0 0" mass="{mass!r}" diaginertia="1 1 1"/><geom name="{name}" size="{radius!r}"/></body>"""
 FIXED_BODY = '<geom name="{name}" size="{radius!r}" pos="{x!r} 0 0"/>'
 
-#: Bodies that fall apart, from the start: the relative velocities after each of n more steps, shape (drops, n).
+#: Takes n more steps of all drops; returns the relative velocities in m/s after each step, shape (drops, n).
 Advance = Callable[[int], Floats]
 
 
@@ -80,7 +81,7 @@ def drop_in_mujoco(
 
         def advance(n: int) -> Floats:
             try:
-                velocities = np.array([rolled_out(model, data, n)[1] for data in drops])
+                velocities = np.array([take_steps(model, data, n)[1] for data in drops])
             except RuntimeError as error:
                 raise SolverError("mujoco", "crashed", str(error)) from None
             return velocities[:, :, -1] - velocities[:, :, :-1].sum(axis=-1)
@@ -91,16 +92,16 @@ def drop_in_mujoco(
 def drop_in_pybullet(
     text: str, masses: Sequence[float], radius: float, speed: float, gaps: Sequence[float], most_steps: int
 ) -> list[tuple[float, int]]:
-    """Do the same as `drop_in_mujoco`."""
+    """Drop A on B in PyBullet, as `drop_in_mujoco` does."""
     return [_drop_once(text, masses, radius, speed, gap, most_steps, flat=False) for gap in gaps]
 
 
 def drop_on_flat_in_pybullet(
     text: str, masses: Sequence[float], radius: float, speed: float, gaps: Sequence[float], most_steps: int
 ) -> list[tuple[float, int]]:
-    """Do the same on a flat side of B, a plane if B is fixed, else a box.
+    """Drop A on a flat side of B in PyBullet: on a plane if B is fixed, else on a box.
 
-    A sphere near a flat side has a contact ahead of touch, from `contactBreakingThreshold` on, and two spheres have
+    A sphere near a flat side has a contact before it touches, from `contactBreakingThreshold` on; two spheres have
     none. So the first step with force is another one.
     """
     return [_drop_once(text, masses, radius, speed, gap, most_steps, flat=True) for gap in gaps]
@@ -148,11 +149,13 @@ def _follow(
         if not np.isfinite(rates).all():
             raise SolverError(name, "crashed", "velocities are no longer finite")
         loaded = np.abs(np.diff(rates, axis=1, prepend=before)) > ROUNDING * speed
-        there = loaded.any(axis=1)
-        first = np.where(there & (first < 0), start + loaded.argmax(axis=1), first)
-        last = np.where(there, start + n - 1 - loaded[:, ::-1].argmax(axis=1), last)
+        has_force = loaded.any(axis=1)
+        first = np.where(has_force & (first < 0), start + loaded.argmax(axis=1), first)
+        last = np.where(has_force, start + n - 1 - loaded[:, ::-1].argmax(axis=1), last)
         before = rates[:, -1:]
-        if ((first >= 0) & (start + n - 1 - last >= QUIET) & (before[:, 0] >= -ROUNDING * speed)).all():
+        is_quiet = start + n - 1 - last >= QUIET_STEPS
+        separates = before[:, 0] >= -ROUNDING * speed
+        if ((first >= 0) & is_quiet & separates).all():
             return list(zip((before[:, 0] / speed).tolist(), (last - first + 1).tolist(), strict=True))
     if (first < 0).any():
         raise SolverError(name, "unconverged", "no step with force: the bodies passed through each other")

@@ -1,16 +1,18 @@
-"""The laws of `model.chain` in time, with positions, as solvers; and the model itself (docs/theory.md, section 7).
+"""Exact solvers: the laws of `model.chain` in time, with positions; and the model itself (docs/theory.md, section 7).
 
-Contact i is F = max(0, k_i delta^p + c_i delta^((p - 1)/2) delta') while its bodies overlap, or one of the laws below
-that have no dashpot or another one. Where p is not 1 the dashpot is that of Tsuji, Tanaka and Ishida (Powder Technology
-71:239, 1992), times sqrt((p + 1)/2): in xi = delta^((p + 1)/2) it is the linear contact, u du/dxi = -2 (k xi + c u)/(M
-(p + 1)), with the same e for every p, at any speed.
+**kelvin-voigt**: contact i is F = max(0, k_i delta^p + c_i delta^((p - 1)/2) delta') while its bodies overlap. Where p
+is not 1 the dashpot is that of Tsuji, Tanaka and Ishida (Powder Technology 71:239, 1992), times sqrt((p + 1)/2). In xi
+= delta^((p + 1)/2) it is the linear contact, u du/dxi = -2 (k xi + c u)/(M (p + 1)), with the same e for every p, at
+any speed.
 
 **compression-dashpot** is F = k_i delta^p + c_i delta^((p - 1)/2) delta' while delta' > 0, else k_i delta^p.
 
 **hunt-crossley** is F = max(0, k delta^p (1 + a delta')), a = A(e)/u with u the largest rate of compression at first
-touch, and the same A for every p (`restitution`). **bistiffness** is the model's own law in time. In a drop an end of
-compression takes 1 - e2^2 of all the strain energy of contact 2, that which carries the weight included: the permanent
-indentation is of the contact, whatever presses it.
+touch, and the same A for every p (`restitution`).
+
+**bistiffness** is the model's own law in time. In a drop an end of compression takes 1 - e2^2 of all the strain energy
+of contact 2, also of the energy that carries the weight: the permanent indentation belongs to the contact, whatever
+presses it.
 """
 
 from __future__ import annotations
@@ -30,7 +32,7 @@ from impact_xval.compliant_baselines.restitution import (
     hunt_crossley_coefficients,
     textbook_damping_ratios,
 )
-from impact_xval.compliant_baselines.solver import Settings, Solver, by_kind
+from impact_xval.compliant_baselines.solver import Settings, Solver, solve_by_layout
 from impact_xval.model import solving
 from impact_xval.model.chain.following import MAX_PIECES, Problem, Went
 from impact_xval.model.chain.laws import COMPRESSION_DASHPOT, HUNT_CROSSLEY, KELVIN_VOIGT
@@ -39,7 +41,7 @@ from impact_xval.model.chain.power_law import TOLERANCE
 from impact_xval.model.chain.rest import REST, STUCK
 from impact_xval.model.collision import Collision, Collisions, Floats, Outcome, Outcomes, Status
 
-#: Laws by name, as codes of the kernel.
+#: Codes of the kernel, by the names of the laws.
 LAWS = {
     "bistiffness": BISTIFFNESS,
     "kelvin-voigt": KELVIN_VOIGT,
@@ -49,7 +51,7 @@ LAWS = {
     "compression-dashpot": COMPRESSION_DASHPOT,
 }
 
-#: Times `TOLERANCE`, the tolerance of the second run from which the error of the first is known.
+#: Tolerance over `TOLERANCE` of a second run, whose difference from the first estimates the error of the first.
 LOOSER = 100.0
 
 _PLASTIC = (
@@ -72,17 +74,33 @@ def solve(
     paths: bool = False,
     max_steps: int = MAX_PIECES,
 ) -> Outcomes:
-    """Solve collisions by one of `LAWS`, without marks.
+    """Solve collisions by a law in time, without marks.
 
-    Where positions are frozen, as in the model, a contact that has opened returns where its bodies begin to approach;
-    such collisions have no gaps. Gravity is in m/s^2, of shape (n,) or (); above 0 is a drop, of two balls on a table,
-    the lower one settled (`chain.rest`). A collision is given up after `max_steps` pieces of segments.
+    Parameters
+    ----------
+    collisions
+        The n collisions, all of one layout.
+    law
+        One of `LAWS`.
+    frozen
+        Whether positions are frozen, as in the model: a contact that has opened returns where its bodies begin to
+        approach. Such collisions have no gaps.
+    gravity
+        In m/s^2, of shape (n,) or (). Above 0 it is a drop of two balls on a table, the lower one settled
+        (`chain.rest`).
+    states, paths
+        Whether the outcomes have them.
+    max_steps
+        Pieces of segments after which a collision is given up.
 
-    ``closed-form`` is a bistiffness whose bodies were united or brought to rest by a closed form. Outcomes are exact to
-    rounding where the forces are linear; else ``velocity_error`` estimates the error of velocities in m/s, by how much
-    a run at `LOOSER` times the tolerance differs. Of drops, ``first_flight`` is when gravity ended, in s, and
-    ``rest_speed`` the velocity in m/s that a B2 at rest on the table still had; it and impulses count as without.
-    ``duration`` is in s.
+    Returns
+    -------
+    Outcomes
+        The status is ``closed-form`` where a closed form has united bodies of bistiffness contacts or brought them to
+        rest. Outcomes are exact to rounding where the forces are linear. Elsewhere ``velocity_error`` estimates the error of
+        velocities in m/s, as the difference from a run at `LOOSER` times the tolerance. ``duration`` is in s. Of drops
+        ``first_flight`` is when gravity ended, in s, and ``rest_speed`` the velocity in m/s that a settled B2 still
+        had; velocities and impulses do not contain it.
     """
     if law not in LAWS:
         raise ValueError(f"law = {law!r}; legal: {', '.join(LAWS)}")
@@ -99,39 +117,44 @@ def solve(
         diagnostics["velocity_error"] = np.where(looser.given_up, np.nan, moved)
     fallen: Floats | float = 0.0
     if g.any():
-        velocities, fallen, more = _of_drops(collisions, g, went)
-        went, diagnostics = went._replace(velocities=velocities), diagnostics | more
+        velocities, fallen, drop_diagnostics = _settle_drops(collisions, g, went)
+        went, diagnostics = went._replace(velocities=velocities), diagnostics | drop_diagnostics
     k: Floats = collisions.stiffnesses
-    lost: list[tuple[Any, Status, str]] = [
+    failures: list[tuple[Any, Status, str]] = [
         ((~np.isfinite(k) | (k <= 0)).any(axis=1), "unrepresentable", _LIMITS),
         ((collisions.restitutions == 0).any(axis=1), "unrepresentable", _PLASTIC),
         (went.given_up, "timeout", f"not over after {max_steps} segments"),
     ]
     return problem.outcomes(
-        law, went, lost, margin=margin, diagnostics=diagnostics, fallen=fallen, paths=paths
+        law, went, failures, margin=margin, diagnostics=diagnostics, fallen=fallen, paths=paths
     )
 
 
-def _of_drops(collisions: Collisions, g: Floats, went: Went) -> tuple[Floats, Floats, dict[str, Floats]]:
-    """Velocities with balls at rest at 0, what gravity has added to those of free balls (m/s), and diagnostics."""
+def _settle_drops(collisions: Collisions, g: Floats, went: Went) -> tuple[Floats, Floats, dict[str, Floats]]:
+    """Return velocities with settled balls at 0, what gravity has added to the velocity of free balls, and diagnostics.
+
+    Velocities are in m/s. Collisions without gravity stay as they are.
+    """
     end, fall, falls, velocities = went.numbers["end"], went.numbers["fall"], g > 0, went.velocities
-    rests = np.column_stack([falls & (end == STUCK), falls & ((end == REST) | (end == STUCK))])
+    both_settled = falls & (end == STUCK)
+    b2_settled = falls & ((end == REST) | (end == STUCK))
+    settled = np.column_stack([both_settled, b2_settled])
     speed, reduced = collisions.units[1], 1 / (1 / collisions.masses).sum(axis=1)
     with np.errstate(over="ignore", invalid="ignore"):
-        stated = {
+        diagnostics = {
             "gravity_number": g / (speed * np.sqrt(collisions.stiffnesses[:, 0] / reduced)),
             "first_flight": np.where(fall < went.numbers["time"], fall, np.nan),
-            "rest_speed": np.where(rests[:, 1], velocities[:, 1], np.nan),
+            "rest_speed": np.where(b2_settled, velocities[:, 1], np.nan),
         }
         fallen = np.where(falls, g * fall, 0.0)
-    stated = {name: np.where(falls, values, np.nan) for name, values in stated.items()}
-    return np.where(rests, 0.0, velocities), fallen, stated
+    diagnostics = {name: np.where(falls, values, np.nan) for name, values in diagnostics.items()}
+    return np.where(settled, 0.0, velocities), fallen, diagnostics
 
 
 def dampings(collisions: Collisions, law: str) -> Floats:
-    """Give c or a of each contact in the units of its collision, shape (n, C); 0 of bistiffness, NaN where e is 0.
+    """Return c (or a) of each contact in the units of its collision, shape (n, C); 0 of bistiffness, NaN where e is 0.
 
-    The unit of c is sqrt(m1 k1) where contacts are linear, that of a the inverse of a velocity.
+    The unit of c is sqrt(m1 k1) where contacts are linear. The unit of a is the inverse of a velocity.
     """
     c, flat = collisions, collisions.restitutions.ravel()
     if law == "bistiffness":
@@ -142,7 +165,7 @@ def dampings(collisions: Collisions, law: str) -> Floats:
         return hunt_crossley_coefficients(flat).reshape(rates.shape) * largest[:, None]
     ratios = textbook_damping_ratios if law == "kelvin-voigt-textbook" else damping_ratios
     if law == "compression-dashpot":
-        flat = flat**2  # why is said in `restitution`
+        flat = flat**2  # e in compression alone is the root of e in both directions, see `restitution`
     with np.errstate(over="ignore", under="ignore", invalid="ignore", divide="ignore"):
         below = [np.full(len(c), np.inf)] if c.table else []
         inverse = c.masses[:, :1] / np.column_stack([c.masses, *below])
@@ -154,39 +177,43 @@ def dampings(collisions: Collisions, law: str) -> Floats:
 
 
 def law_at(law: str, *, frozen: bool = False, max_steps: int = MAX_PIECES) -> marks.Law:
-    """Return what solves collisions by a law for their marks."""
-    return lambda some, g: solve(some, law, frozen=frozen, gravity=g, states=False, max_steps=max_steps)
+    """Return the function that solves collisions by a law for their marks."""
+
+    def solve_without_states(collisions: Collisions, gravity: Floats) -> Outcomes:
+        return solve(collisions, law, frozen=frozen, gravity=gravity, states=False, max_steps=max_steps)
+
+    return solve_without_states
 
 
 class ExactSolver(Solver):
-    """A solver that answers arrays of collisions."""
+    """A solver of this project that solves arrays of collisions."""
 
     def version(self) -> str:
-        """Version of this project: what is exact is its own."""
+        """Return the version of this project, which contains the solver."""
         return version("impact-xval")
 
     def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
-        """Answer every collision, in order."""
-        return by_kind(collisions, lambda some: self.solve_alike(some, settings))
+        """Solve every collision, in order."""
+        return solve_by_layout(collisions, lambda group: self.solve_group(group, settings))
 
     @abstractmethod
-    def solve_alike(self, collisions: Collisions, settings: Settings) -> Outcomes:
-        """Answer collisions of one kind."""
+    def solve_group(self, collisions: Collisions, settings: Settings) -> Outcomes:
+        """Solve collisions of one layout (`solver.group_by_layout`)."""
 
 
 class ReferenceSolver(ExactSolver):
-    """A law in time as a solver, by the name of the law; `step_fraction`, `shortest_state`, `mapping` do not matter."""
+    """A law in time as a solver, by the name of the law; it ignores `step_fraction`, `shortest_state` and `mapping`."""
 
     kind = "reference"
 
-    def solve_alike(self, collisions: Collisions, settings: Settings) -> Outcomes:
-        """Answer collisions of one kind."""
+    def solve_group(self, collisions: Collisions, settings: Settings) -> Outcomes:
+        """Solve collisions of one layout."""
         if not collisions.falls_on_resting.all():
             reason = ""
             if self.name == "kelvin-voigt-anchored":
                 reason = f"{self.name} is a law of two balls on a table"
             elif settings.scenario != "impact":
-                reason = "scenario = 'drop': columns of N balls are solved without gravity; legal: 'impact'"
+                reason = "scenario = 'drop': chains of N balls are solved without gravity; legal: 'impact'"
             if reason:
                 return Outcomes.failures(self.name, collisions, "unrepresentable", reason)
         gravity = np.full(len(collisions), settings.gravity if settings.scenario == "drop" else 0.0)
@@ -199,20 +226,22 @@ class ReferenceSolver(ExactSolver):
 
 
 class StateTransitionSolver(ExactSolver):
-    """The state-transition model; of the settings it knows the cut-off, the threshold of marks and the path only.
+    """The state-transition model; it ignores all settings but the cut-off, the threshold of marks and the path.
 
-    It has no gravity and no step: `impact` and `drop` are the same collision to it. Under the name of their law it is
-    that of Liu, Zhao and Brogliato (Proc. R. Soc. A 464:3193, 2008) on the same diagram: bistiffness with energetic
-    restitution, positions frozen, as in the primary model; but every compression runs at the original stiffness
-    (`pair.law`). It equals the primary model exactly until a contact compresses a second time, and is
-    `closed-form` also where the bodies come to rest together after infinitely many events.
+    It has no gravity and no step: `impact` and `drop` are the same collision to it.
+
+    Under the name liu-zhao-brogliato it is the law of Liu, Zhao and Brogliato (Proc. R. Soc. A 464:3193, 2008) on the
+    same diagram: bistiffness with energetic restitution, positions frozen, as in the primary model. But every
+    compression runs at the original stiffness (`pair.law`). It equals the primary model exactly until a contact
+    compresses a second time. Its status is `closed-form` also where the bodies come to rest together after infinitely
+    many events.
     """
 
     name = law = "state-transition"
     kind = "model"
 
-    def solve_alike(self, collisions: Collisions, settings: Settings) -> Outcomes:
-        """Answer collisions of one kind; gaps are ``unrepresentable``."""
+    def solve_group(self, collisions: Collisions, settings: Settings) -> Outcomes:
+        """Solve collisions of one layout; gaps are ``unrepresentable``."""
         if collisions.gaps.any():
             reason = solving.no_positions(collisions)
             return Outcomes.failures(self.name, collisions, "unrepresentable", reason)

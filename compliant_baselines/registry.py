@@ -1,239 +1,454 @@
-"""Where solvers are found by name, and what each of them is.
+"""The solvers by name: what each of them is, and how to construct it.
 
-A solver's module is imported when it is first asked for, so that an engine that is missing, or slow to import, costs
-nothing to a caller who does not use it. Kind and law of a solver of this project are known without importing it, those
-of another distribution (docs/adding-a-solver.md) once its class is loaded. One that cannot be loaded is
-``unavailable``, with the reason; a name that is taken here stays what it is. What cannot be loaded, such as a solver in
-a table that is read where it is not installed, counts as an engine asked for `KELVIN_VOIGT`.
+The module of a solver is imported when the solver is constructed, so that an engine that is missing, or slow to import,
+costs nothing to a caller who does not use it. `SOLVERS` states kind and law of the solvers of this project without an
+import. Solvers of other distributions (plug-ins, docs/adding-a-solver.md) are found by their entry points; their class
+is loaded to learn its kind and law.
+
+A plug-in that cannot be loaded is a solver all the same: an `Unloadable`, which is ``unavailable`` with the reason. The
+same stands for a name that no distribution here provides, such as one read from a table that was written elsewhere.
+Both count as compliant engines asked for `KELVIN_VOIGT`. A plug-in cannot take the name of a solver of this project.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from itertools import groupby
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from impact_xval.compliant_baselines.answers import said
-from impact_xval.compliant_baselines.solver import KELVIN_VOIGT, Kind, Settings, Solver
+from impact_xval.compliant_baselines.answers import describe_exception
+from impact_xval.compliant_baselines.solver import KELVIN_VOIGT, Kind, MappingName, Settings, Solver
 from impact_xval.model.collision import Collision, Outcome
 
 
-class Entry(NamedTuple):
-    """A solver, as far as it can be told without importing it."""
+class SolverSpec(NamedTuple):
+    """A solver of this project, as far as it is known without importing it."""
 
-    #: Module below `compliant_baselines` and class.
-    where: str
-    #: As of `Solver`.
+    name: str
+    #: Where its class is: the module below `compliant_baselines`, a colon, the name of the class.
+    factory: str
+    #: As `Solver.law`.
+    law: str | None
+    #: How pages and figures call it.
+    title: str
+    #: What it is, in a line.
+    description: str
+    #: As `Solver.kind`.
     kind: Kind = "compliant"
-    law: str | None = KELVIN_VOIGT
-    #: Settings that are its own, whatever is configured: of an engine as people use it.
-    as_set: Mapping[str, Any] = MappingProxyType({})
+    #: As `Engine.fixed_settings`.
+    fixed_settings: Mapping[str, Any] = MappingProxyType({})
 
 
 #: Solvers that run unless others are asked for by name.
-_USUAL = ("state-transition", "bistiffness", KELVIN_VOIGT, "mujoco", "pybullet", "drake")
+_DEFAULT_SOLVERS = ("state-transition", "bistiffness", KELVIN_VOIGT, "mujoco", "pybullet", "drake")
 
 #: Steps of practice, over the shorter contact period, at which MuJoCo and PyBullet are solvers of their own.
 STEPS = (0.01, 0.03, 0.1)
 
 _MUJOCO, _PYBULLET = "engines.mujoco:Mujoco", "engines.pybullet:Pybullet"
-_RIGID_BULLET = "rigid.bullet:PybulletRestitution"
-_NAIVE, _SHIPPED = {"mapping": "naive"}, {"mapping": "shipped", "convergence": None}
-
-#: Exact solvers, by class and kind: the name of each is that of its law.
-_EXACT: dict[tuple[str, Kind], dict[str, str]] = {
-    ("references:ReferenceSolver", "reference"): {
-        "bistiffness": "the model's law in time, exact: springs of two stiffnesses, positions that move",
-        KELVIN_VOIGT: "spring and dashpot that never pull, exact: what engines are mapped to",
-        "kelvin-voigt-anchored": "spring and dashpot, exact, ball on ball damped for the mass of the upper ball",
-        "kelvin-voigt-textbook": "spring and dashpot, exact, damped as a contact that may pull",
-        "compression-dashpot": "spring, and dashpot in compression only, exact",
-        "hunt-crossley": "Hunt and Crossley's contacts on linear springs, damping in proportion to the depth",
-    },
-    ("references:StateTransitionSolver", "model"): {
-        "state-transition": "the state-transition model, exact: impulses alone, positions stand still",
-        "liu-zhao-brogliato": "the impact law of Liu, Zhao and Brogliato (2008) on the diagram of the model",
-    },
-    ("rigid.laws:RigidLaw", "reference"): {
-        "newton-restitution": "rigid, exact: Newton's restitution at all touching contacts at once",
-        "poisson-restitution": "rigid, exact: compression at all contacts at once, then e times its impulses",
-        "sequential-top": "rigid, exact: single impacts one after the other, the topmost first",
-        "sequential-bottom": "rigid, exact: single impacts one after the other, the lowest first",
-        "generalised-reflection": "rigid, exact: the generalised reflections of Smith et al. (2012), one e for all",
-        "plastic-then-restitution": "rigid, exact: plastic at all contacts, then restitution of those that approached",
-    },
-}
+_PYBULLET_RESTITUTION = "rigid.bullet:PybulletRestitution"
 
 
-#: In the order in which tables list the solvers, after the usual ones.
-_ENTRIES: dict[str, Entry] = {
-    **{name: Entry(where, kind, name) for (where, kind), names in _EXACT.items() for name in names},
-    "mujoco": Entry(_MUJOCO),
-    "pybullet": Entry(_PYBULLET),
-    "drake": Entry("engines.drake:Drake"),
-    "pymunk": Entry("rigid.pymunk:Pymunk", "rigid", None),
-    "dart": Entry("rigid.dart:Dart", "rigid", None),
-    "rapier": Entry("rigid.rapier:Rapier", "rigid", None),
-    "pybullet-restitution": Entry(_RIGID_BULLET, "rigid", None),
-    "sapien": Entry("rigid.sapien:Sapien", "rigid", None),
-    "mujoco-naive": Entry(_MUJOCO, as_set=_NAIVE),
-    "pybullet-naive": Entry(_PYBULLET, as_set=_NAIVE),
-    "mujoco:documented": Entry(_MUJOCO, as_set={"mapping": "documented"}),
-    "mujoco:default": Entry(_MUJOCO, law=None, as_set=_SHIPPED),
-    "pybullet:default": Entry(_RIGID_BULLET, "rigid", None, _SHIPPED),
-    **{
-        f"{name}:step-{step:g}": Entry(where, as_set={"step_fraction": step, "convergence": None})
-        for name, where in (("mujoco", _MUJOCO), ("pybullet", _PYBULLET))
-        for step in STEPS
-    },
-    "drake-hunt-crossley": Entry("engines.drake:DrakeHuntCrossley", law="hunt-crossley"),
-    "newton": Entry("engines.newton:Newton", law="compression-dashpot"),
-}
+def _reference(name: str, title: str, description: str) -> SolverSpec:
+    """Specify an exact solver of a law in time, named after its law."""
+    return SolverSpec(name, "references:ReferenceSolver", name, title, description, "reference")
 
-_DESCRIPTIONS = {
-    **{name: text for texts in _EXACT.values() for name, text in texts.items()},
-    "mujoco": "MuJoCo, its contacts mapped to spring and dashpot",
-    "pybullet": "PyBullet, its contacts mapped to spring and dashpot",
-    "drake": "Drake in discrete time, its contacts mapped to spring and dashpot",
-    "pymunk": "Pymunk (2-D): rigid contacts, iterated impulses",
-    "dart": "DART: rigid contacts, one complementarity problem a step",
-    "rapier": "Rapier: rigid contacts, without restitution in sub-steps, then restitution once",
-    "pybullet-restitution": "PyBullet with coefficients of restitution: sequential impulses",
-    "sapien": "SAPIEN (PhysX 5): rigid contacts, by its TGS solver",
-    "mujoco-naive": "MuJoCo with stiffness and damping written into its solref as they are",
-    "pybullet-naive": "PyBullet as documented: one stiffness and damping on both balls",
-    "mujoco:documented": "MuJoCo with time constant and damping ratio of the contacts asked for, solimp as it ships",
-    "mujoco:default": "MuJoCo as it ships: solref, solimp and a step of 2 ms, whatever contacts are asked for",
-    "pybullet:default": "PyBullet as it ships, with coefficients of restitution, at a step of 1/240 s",
-    **{
-        f"{title.lower()}:step-{step:g}": f"{title}, mapped, at a step of {step:g} of the shorter contact period"
-        for title in ("MuJoCo", "PyBullet")
-        for step in STEPS
-    },
-    "drake-hunt-crossley": "Drake in continuous time, with Hunt and Crossley's contacts",
-    "newton": "Newton (Warp) by its SemiImplicit solver: springs, and dashpots in compression only",
-}
+
+def _model(name: str, title: str, description: str) -> SolverSpec:
+    """Specify an exact solver that has no positions, named after its law."""
+    return SolverSpec(name, "references:StateTransitionSolver", name, title, description, "model")
+
+
+def _rigid_law(name: str, description: str) -> SolverSpec:
+    """Specify an exact rigid impact law as a solver of its name."""
+    return SolverSpec(name, "rigid.laws:RigidLaw", name, name, description, "reference")
+
+
+def _at_step(name: str, factory: str, engine: str, step: float) -> SolverSpec:
+    """Specify an engine at a step of practice, without its limit dt -> 0."""
+    return SolverSpec(
+        f"{name}:step-{step:g}",
+        factory,
+        KELVIN_VOIGT,
+        f"{engine} (step {step:g})",
+        f"{engine}, mapped, at a step of {step:g} of the shorter contact period",
+        fixed_settings={"step_fraction": step, "convergence": None},
+    )
+
+
+#: In the order in which tables list the solvers, after the default ones.
+SOLVERS = (
+    _reference(
+        "bistiffness",
+        "exact bistiffness",
+        "the model's law in time, exact: springs of two stiffnesses, positions that move",
+    ),
+    _reference(
+        KELVIN_VOIGT,
+        "exact Kelvin-Voigt",
+        "spring and dashpot that never pull, exact: what engines are mapped to",
+    ),
+    _reference(
+        "kelvin-voigt-anchored",
+        "kelvin-voigt-anchored",
+        "spring and dashpot, exact, ball on ball damped for the mass of the upper ball",
+    ),
+    _reference(
+        "kelvin-voigt-textbook",
+        "kelvin-voigt-textbook",
+        "spring and dashpot, exact, damped as a contact that may pull",
+    ),
+    _reference(
+        "compression-dashpot",
+        "exact dashpots of compression",
+        "spring, and dashpot in compression only, exact",
+    ),
+    _reference(
+        "hunt-crossley",
+        "exact Hunt-Crossley",
+        "Hunt and Crossley's contacts on linear springs, damping in proportion to the depth",
+    ),
+    _model(
+        "state-transition",
+        "the model",
+        "the state-transition model, exact: impulses alone, positions stand still",
+    ),
+    _model(
+        "liu-zhao-brogliato",
+        "Liu-Zhao-Brogliato",
+        "the impact law of Liu, Zhao and Brogliato (2008) on the diagram of the model",
+    ),
+    _rigid_law("newton-restitution", "rigid, exact: Newton's restitution at all touching contacts at once"),
+    _rigid_law(
+        "poisson-restitution",
+        "rigid, exact: compression at all contacts at once, then e times its impulses",
+    ),
+    _rigid_law("sequential-top", "rigid, exact: single impacts one after the other, the topmost first"),
+    _rigid_law("sequential-bottom", "rigid, exact: single impacts one after the other, the lowest first"),
+    _rigid_law(
+        "generalised-reflection",
+        "rigid, exact: the generalised reflections of Smith et al. (2012), one e for all",
+    ),
+    _rigid_law(
+        "plastic-then-restitution",
+        "rigid, exact: plastic at all contacts, then restitution of those that approached",
+    ),
+    SolverSpec(
+        "mujoco", _MUJOCO, KELVIN_VOIGT, "MuJoCo", "MuJoCo, its contacts mapped to spring and dashpot"
+    ),
+    SolverSpec(
+        "pybullet",
+        _PYBULLET,
+        KELVIN_VOIGT,
+        "PyBullet",
+        "PyBullet, its contacts mapped to spring and dashpot",
+    ),
+    SolverSpec(
+        "drake",
+        "engines.drake:Drake",
+        KELVIN_VOIGT,
+        "Drake",
+        "Drake in discrete time, its contacts mapped to spring and dashpot",
+    ),
+    SolverSpec(
+        "pymunk",
+        "rigid.pymunk:Pymunk",
+        None,
+        "Pymunk",
+        "Pymunk (2-D): rigid contacts, iterated impulses",
+        "rigid",
+    ),
+    SolverSpec(
+        "dart",
+        "rigid.dart:Dart",
+        None,
+        "DART",
+        "DART: rigid contacts, one complementarity problem a step",
+        "rigid",
+    ),
+    SolverSpec(
+        "rapier",
+        "rigid.rapier:Rapier",
+        None,
+        "Rapier",
+        "Rapier: rigid contacts, without restitution in sub-steps, then restitution once",
+        "rigid",
+    ),
+    SolverSpec(
+        "pybullet-restitution",
+        _PYBULLET_RESTITUTION,
+        None,
+        "PyBullet (restitution)",
+        "PyBullet with coefficients of restitution: sequential impulses",
+        "rigid",
+    ),
+    SolverSpec(
+        "sapien",
+        "rigid.sapien:Sapien",
+        None,
+        "PhysX 5 (SAPIEN)",
+        "SAPIEN (PhysX 5): rigid contacts, by its TGS solver",
+        "rigid",
+    ),
+    SolverSpec(
+        "mujoco-naive",
+        _MUJOCO,
+        KELVIN_VOIGT,
+        "MuJoCo (naive mapping)",
+        "MuJoCo with stiffness and damping written into its solref as they are",
+        fixed_settings={"mapping": "naive"},
+    ),
+    SolverSpec(
+        "pybullet-naive",
+        _PYBULLET,
+        KELVIN_VOIGT,
+        "PyBullet (naive mapping)",
+        "PyBullet as documented: one stiffness and damping on both balls",
+        fixed_settings={"mapping": "naive"},
+    ),
+    SolverSpec(
+        "mujoco:documented",
+        _MUJOCO,
+        KELVIN_VOIGT,
+        "MuJoCo (as documented)",
+        "MuJoCo with time constant and damping ratio of the contacts asked for, solimp as it ships",
+        fixed_settings={"mapping": "documented"},
+    ),
+    SolverSpec(
+        "mujoco:default",
+        _MUJOCO,
+        None,
+        "MuJoCo (as it ships)",
+        "MuJoCo as it ships: solref, solimp and a step of 2 ms, whatever contacts are asked for",
+        fixed_settings={"mapping": "shipped", "convergence": None},
+    ),
+    SolverSpec(
+        "pybullet:default",
+        _PYBULLET_RESTITUTION,
+        None,
+        "PyBullet (as it ships)",
+        "PyBullet as it ships, with coefficients of restitution, at a step of 1/240 s",
+        "rigid",
+        fixed_settings={"mapping": "shipped", "convergence": None},
+    ),
+    *(_at_step("mujoco", _MUJOCO, "MuJoCo", step) for step in STEPS),
+    *(_at_step("pybullet", _PYBULLET, "PyBullet", step) for step in STEPS),
+    SolverSpec(
+        "drake-hunt-crossley",
+        "engines.drake:DrakeHuntCrossley",
+        "hunt-crossley",
+        "Drake, Hunt-Crossley",
+        "Drake in continuous time, with Hunt and Crossley's contacts",
+    ),
+    SolverSpec(
+        "newton",
+        "engines.newton:Newton",
+        "compression-dashpot",
+        "Newton (SemiImplicit)",
+        "Newton (Warp) by its SemiImplicit solver: springs, and dashpots in compression only",
+    ),
+)
+
+_SPECS = {spec.name: spec for spec in SOLVERS}
 
 
 def solver_names(*, on_request: bool = False) -> tuple[str, ...]:
-    """Names of the known solvers, in the order in which tables list them; `on_request` adds those run by name only."""
-    others = (name for name in _plug_ins() if name not in _ENTRIES)
-    rest = (name for name in _ENTRIES if on_request and name not in _USUAL)
-    return (*_USUAL, *others, *rest)
+    """List the names of the known solvers, in the order of tables; `on_request` adds those run by name only."""
+    plug_ins = (name for name in _entry_points() if name not in _SPECS)
+    by_name_only = (name for name in _SPECS if on_request and name not in _DEFAULT_SOLVERS)
+    return (*_DEFAULT_SOLVERS, *plug_ins, *by_name_only)
 
 
 def engine_free_names() -> tuple[str, ...]:
-    """Names of all models and references of this project, those on request among them."""
+    """List the names of all models and references of this project, those run by name only among them."""
     return tuple(name for name in solver_names(on_request=True) if is_ours(name) and not is_engine(name))
 
 
 def is_ours(name: str) -> bool:
-    """Whether a name is that of a solver of this project."""
-    return name in _ENTRIES
+    """Tell whether a solver of this project has this name."""
+    return name in _SPECS
 
 
 def kind_of(name: str) -> Kind:
-    """Tell the kind of a solver by its name."""
-    return _known(name).kind
+    """Return the kind of a solver."""
+    return _spec_or_plug_in(name).kind
 
 
 def is_engine(name: str) -> bool:
-    """Whether a solver is an engine, of compliant or rigid contacts."""
+    """Tell whether a solver is an engine, of compliant or rigid contacts."""
     return kind_of(name) in ("compliant", "rigid")
 
 
 def law_of(name: str) -> str | None:
-    """Name of the exact solver of the law a solver has or is asked for; None if there is none."""
-    return _known(name).law
+    """Return the name of the exact solver of a solver's law (`Solver.law`); None if there is none."""
+    return _spec_or_plug_in(name).law
 
 
 def stated_law(name: str) -> str | None:
-    """As `law_of`, for lists that people read: None too of one that cannot be loaded, for it has stated nothing."""
-    return None if isinstance(_known(name), Unloadable) else law_of(name)
+    """Return `law_of` for lists that people read: None for a plug-in that cannot be loaded and has stated no law."""
+    return None if isinstance(_spec_or_plug_in(name), Unloadable) else law_of(name)
 
 
-def is_mapped(name: str) -> bool:
-    """Whether a solver has a mapping of its own, whatever is configured, and so not the contacts asked for."""
-    return name in _ENTRIES and "mapping" in _ENTRIES[name].as_set
+def has_fixed_mapping(name: str) -> bool:
+    """Tell whether a solver has a mapping of its own, and so never the contacts that are configured."""
+    return name in _SPECS and "mapping" in _SPECS[name].fixed_settings
+
+
+def title_of(name: str) -> str:
+    """Return how pages and figures call a solver; the name of a plug-in."""
+    return _SPECS[name].title if name in _SPECS else name
 
 
 def description_of(name: str) -> str:
-    """Say what a solver is, in a line: of another distribution's the first of its docstring."""
-    solver = _known(name)
-    if isinstance(solver, Entry | Unloadable):
-        return _DESCRIPTIONS.get(name, "")
-    return (solver.__doc__ or "").strip().partition("\n")[0]
+    """Say in a line what a solver is; of a plug-in, the first line of its docstring."""
+    if name in _SPECS:
+        return _SPECS[name].description
+    plug_in = _load_by_name(name)
+    if isinstance(plug_in, Unloadable):
+        return ""
+    return (plug_in.__doc__ or "").strip().partition("\n")[0]
+
+
+def group_by_law(names: Iterable[str]) -> dict[str, list[str]]:
+    """Group solvers by the law they have or are asked for, its exact solver first; one without a law is alone.
+
+    The solvers of one law are one vote on it, however many they are.
+    """
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        groups.setdefault(law_of(name) or name, []).append(name)
+    return {law: sorted(group, key=lambda name: name != law) for law, group in groups.items()}
+
+
+def sort_by_law(names: Iterable[str]) -> list[str]:
+    """Sort solvers so that those of one law stand together."""
+    return [name for group in group_by_law(names).values() for name in group]
+
+
+def one_solver_per_law(names: Iterable[str]) -> list[str]:
+    """List one solver a law: the exact one, or the first that was asked for the law."""
+    return [group[0] for group in group_by_law(names).values()]
+
+
+def exact_solver_for(name: str, mapping: MappingName) -> str:
+    """Name the exact solver of the contacts that a solver was asked for; empty if there is none.
+
+    There is none for a solver without a law, or one whose mapping gives other contacts than those asked for.
+    """
+    if mapping == "naive" or has_fixed_mapping(name):
+        return ""
+    return law_of(name) or ""
 
 
 def get_solver(name: str) -> Solver:
-    """Construct a solver by its name; a ValueError that lists the known ones if no solver has it."""
-    if name in _ENTRIES:
-        entry = _ENTRIES[name]
-        module, _, of = entry.where.partition(":")
-        cls = getattr(import_module(f"impact_xval.compliant_baselines.{module}"), of)
-        own = {"name": name, "law": entry.law, "as_set": entry.as_set, "__module__": cls.__module__}
-        return type(of, (cls,), own)()
-    points = _plug_ins().get(name)
+    """Construct a solver by its name.
+
+    Parameters
+    ----------
+    name
+        One of `solver_names(on_request=True)`.
+
+    Returns
+    -------
+    Solver
+        The solver. A plug-in that cannot be loaded is a solver that is unavailable.
+
+    Raises
+    ------
+    ValueError
+        If no solver has this name; the message lists the known ones.
+
+    Examples
+    --------
+    >>> get_solver("kelvin-voigt").kind
+    'reference'
+    """
+    if name in _SPECS:
+        return _class_of(_SPECS[name])()
+    points = _entry_points().get(name)
     if points is None:
         raise ValueError(f"solver {name!r} is unknown; known: {', '.join(solver_names(on_request=True))}")
-    return _loaded(name, points)
+    return _load(name, points)
+
+
+def _class_of(spec: SolverSpec) -> type[Solver]:
+    """Import the class of a solver, and derive one whose class attributes are those of the spec.
+
+    The derived class is constructed without arguments, as rule 1 of `solver` demands of every solver.
+    """
+    module, _, name = spec.factory.partition(":")
+    base: type[Solver] = getattr(import_module(f"impact_xval.compliant_baselines.{module}"), name)
+    attributes = {
+        "name": spec.name,
+        "law": spec.law,
+        "fixed_settings": spec.fixed_settings,
+        "__doc__": base.__doc__,
+        "__module__": base.__module__,
+    }
+    return type(name, (base,), attributes)
 
 
 def origins() -> dict[str, str]:
-    """Where every known solver comes from, by name: ``"impact-xval"``, or the distributions that provide it."""
-    where = dict.fromkeys(solver_names(on_request=True), "impact-xval")
-    for name, points in _plug_ins().items():
-        provided = " and ".join(map(_origin, points))
-        where[name] = f"impact-xval ({provided} ignored: the name is taken)" if is_ours(name) else provided
-    return where
+    """Return where every known solver comes from: ``"impact-xval"``, or the distributions that provide it."""
+    origin_of = dict.fromkeys(solver_names(on_request=True), "impact-xval")
+    for name, points in _entry_points().items():
+        distributions = " and ".join(map(_distribution_of, points))
+        if is_ours(name):
+            origin_of[name] = f"impact-xval ({distributions} ignored: the name is taken)"
+        else:
+            origin_of[name] = distributions
+    return origin_of
 
 
 class Unloadable(Solver):
-    """What stands for a solver of another distribution that cannot be loaded."""
+    """A stand-in for a plug-in that cannot be loaded, or that is not installed."""
 
     def __init__(self, name: str, problem: str) -> None:
         self.name, self._problem = name, problem
 
     def version(self) -> str:
-        """No version."""
+        """Return no version."""
         return ""
 
     def unavailable(self) -> str:
-        """Why it cannot be loaded."""
+        """Say why the plug-in cannot be loaded."""
         return self._problem
 
     def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
-        """Answer none."""
-        return [Outcome.failure(self.name, each, "unavailable", self._problem) for each in collisions]
+        """Fail at every collision with the same reason."""
+        return [Outcome.failure(self.name, c, "unavailable", self._problem) for c in collisions]
 
 
-def _known(name: str) -> Entry | Solver:
-    """Find what states the kind and the law of a solver: its entry, or the solver of another distribution itself."""
-    if name in _ENTRIES:
-        return _ENTRIES[name]
-    points = _plug_ins().get(name)
-    return _loaded(name, points) if points else Unloadable(name, "")
+def _spec_or_plug_in(name: str) -> SolverSpec | Solver:
+    """Find what states kind and law of a solver: its spec, or the plug-in itself."""
+    return _SPECS[name] if name in _SPECS else _load_by_name(name)
 
 
-def _plug_ins() -> dict[str, list[EntryPoint]]:
-    """Entry points by the name of their solver, in the order of the names; several of one name is a mistake."""
+def _load_by_name(name: str) -> Solver:
+    """Load a plug-in; `Unloadable` if no distribution provides the name."""
+    points = _entry_points().get(name)
+    return _load(name, points) if points else Unloadable(name, "")
+
+
+def _entry_points() -> dict[str, list[EntryPoint]]:
+    """Find the entry points of plug-ins by the name of their solver, sorted; two of one name are a mistake."""
     points = sorted(entry_points(group="impact_xval.solvers"), key=lambda point: (point.name, point.value))
-    return {name: [*some] for name, some in groupby(points, key=lambda point: point.name)}
+    return {name: list(group) for name, group in groupby(points, key=lambda point: point.name)}
 
 
-def _origin(point: EntryPoint) -> str:
-    """Name and version of the distribution an entry point belongs to."""
+def _distribution_of(point: EntryPoint) -> str:
+    """Return name and version of the distribution an entry point belongs to."""
     return f"{point.dist.name} {point.dist.version}" if point.dist else "an unknown distribution"
 
 
-def _loaded(name: str, points: Sequence[EntryPoint]) -> Solver:
-    """Load and construct a solver of another distribution; one that says why not, if it cannot be."""
+def _load(name: str, points: Sequence[EntryPoint]) -> Solver:
+    """Load and construct a plug-in; `Unloadable` with the reason if that fails."""
     if len(points) > 1:
-        several = " and ".join(map(_origin, points))
-        return Unloadable(name, f"{several} both provide {name!r}: uninstall one of them")
+        distributions = " and ".join(map(_distribution_of, points))
+        return Unloadable(name, f"{distributions} both provide {name!r}: uninstall one of them")
     (point,) = points
     try:
         solver = point.load()()
@@ -241,6 +456,9 @@ def _loaded(name: str, points: Sequence[EntryPoint]) -> Solver:
             raise TypeError(f"it is no {Solver.__module__}.Solver")
         if solver.name != name:
             raise TypeError(f"its name is {solver.name!r}")
-    except Exception as error:  # whatever an import may do
-        return Unloadable(name, f"{_origin(point)} provides {name!r} as {point.value}, but {said(error)}")
+    except Exception as error:  # an import can raise anything
+        problem = (
+            f"{_distribution_of(point)} provides {name!r} as {point.value}, but {describe_exception(error)}"
+        )
+        return Unloadable(name, problem)
     return solver

@@ -1,14 +1,14 @@
 """From a coefficient of restitution to a damping and back (docs/theory.md, section 7).
 
-The contact of Kelvin and Voigt, F = k p + c p', may push but not pull: it ends when its force is zero. The textbook's,
-of the naive mapping, ends at p = 0.
+**Kelvin and Voigt.** The contact F = k p + c p' may push but not pull: it ends when its force is zero. The textbook's
+contact, which the naive mapping takes, ends at p = 0.
 
 **A dashpot in compression only.** A spring gives back what it holds at the end of compression, so that
 u0 e = omega p_max. Compression ends where the Kelvin-Voigt contact has its greatest depth, p_max =
-(u0/omega) exp(-zeta T/2), T = `contact_time`, and so e = exp(-zeta T/2), the square root of what the same zeta gives to
-a dashpot that acts throughout.
+(u0/omega) exp(-zeta T/2), T = `contact_time`. So e = exp(-zeta T/2), the square root of the restitution that the same
+zeta gives to a dashpot in both directions.
 
-**Hunt and Crossley, exactly.** F = k p (1 + a p'). For a pair of reduced mass M that meets with u0, with u = p' as a
+**Hunt and Crossley, exactly.** F = k p (1 + a p'). Let a pair of reduced mass M meet at the speed u0. With u = p' as a
 function of p, M u du/dp = -k p (1 + a u), so that u du/(1 + a u) = -(k/M) p dp. p is zero at both ends, where u is u0
 and -e u0: the integral of u/(1 + a u) from -e u0 to u0 vanishes. With A = a u0 that is
 
@@ -16,7 +16,7 @@ and -e u0: the integral of u/(1 + a u) from -e u0 to u0 vanishes. With A = a u0 
 
 whatever the mass, the stiffness or the exponent of the spring (Hunt and Crossley, J. Applied Mechanics 42:440, 1975,
 give A = 3 (1 - e)/2, the first term as e goes to 1). A third body on the contact does not change its restitution, but
-the speed u0 does, for a is fixed. Both contacts take u0 = |v0|, the only speed a collision names.
+the speed u0 does, because a is fixed. Both contacts take u0 = |v0|, the only speed a collision names.
 """
 
 from __future__ import annotations
@@ -30,11 +30,12 @@ from impact_xval.model.compiled import rounded, rounded_part
 
 
 @rounded
-def contact_time(zeta):
-    """Duration of a Kelvin-Voigt contact that ends at zero force, times omega = sqrt(k/M); dimensionless.
+def contact_time(zeta: float) -> float:
+    """Return the duration of a Kelvin-Voigt contact that ends at zero force, times omega = sqrt(k/M); dimensionless.
 
-    For a damping ratio zeta >= 0. These are the formulas of docs/theory.md, atan2(2 zeta w, 2 zeta^2 - 1)/w and
-    ln((zeta + w)/(zeta - w))/w with w = sqrt(abs(1 - zeta^2)), in half the angle: nothing cancels near zeta = 1.
+    The damping ratio zeta is >= 0. The formulas are those of docs/theory.md, atan2(2 zeta w, 2 zeta^2 - 1)/w and
+    ln((zeta + w)/(zeta - w))/w with w = sqrt(abs(1 - zeta^2)), in half the angle, so that nothing cancels near zeta =
+    1.
     """
     # Factored, 1 - zeta^2 keeps its digits near zeta = 1; two roots, so that a huge zeta does not overflow.
     w = sqrt(abs(1 - zeta)) * sqrt(1 + zeta)
@@ -44,34 +45,35 @@ def contact_time(zeta):
 
 
 def restitution(zeta: float) -> float:
-    """Coefficient of restitution of a Kelvin-Voigt contact that ends at zero force, exp(-zeta omega t); zeta >= 0."""
+    """Return the restitution exp(-zeta omega t) of a Kelvin-Voigt contact that ends at zero force; zeta >= 0."""
     return exp(-zeta * contact_time(zeta))
 
 
 def damping_ratio(e: float) -> float:
-    """Damping ratio that gives the restitution e: `restitution` inverted, to rounding; ValueError outside (0, 1]."""
-    return _damping_ratio(_legal(e))
+    """Return the damping ratio that gives the restitution e, to rounding; a ValueError for e outside (0, 1]."""
+    return _damping_ratio(_checked(e))
 
 
 def textbook_damping_ratio(e: float) -> float:
-    """Damping ratio that gives the restitution e to a contact that may pull; ValueError outside (0, 1]."""
-    return float(textbook_damping_ratios(np.array(_legal(e))))
+    """Return the damping ratio that gives the restitution e to a contact that may pull; a ValueError outside (0, 1]."""
+    return float(textbook_damping_ratios(np.array(_checked(e))))
 
 
-def _legal(e: float) -> float:
+def _checked(e: float) -> float:
+    """Return a restitution that a dashpot can have; a ValueError names the legal range."""
     if not 0 < e <= 1:
         raise ValueError(f"e = {e!r}; legal: greater than 0, at most 1 (no finite damping gives e = 0)")
     return e
 
 
 @rounded
-def _damping_ratio(e):
+def _damping_ratio(e: float) -> float:
     """Solve zeta T(zeta) = -ln e for zeta, T = `contact_time`; NaN for e outside (0, 1]."""
     loss = -log(e)
     if not 0 < loss < inf:
         return 0.0 if loss == 0 else np.nan
-    # In ln zeta, ln(zeta T/loss) rises with a slope that falls from 1 to 0. Newton's steps from the left therefore stay
-    # there (T <= pi, so that loss/pi is on the left) and end where rounding does: after nine at most.
+    # As a function of ln zeta, ln(zeta T/loss) rises with a slope that falls from 1 to 0. So Newton's steps from the
+    # left stay on the left, where loss/pi is, as T <= pi. They end at rounding, after nine steps at most.
     zeta = loss / pi
     for _ in range(50):
         duration = contact_time(zeta)
@@ -86,8 +88,8 @@ def _damping_ratio(e):
 
 
 @rounded_part
-def _tail(x):
-    """(x - ln(1 + x) - x^2/2)/x^3, without cancellation."""
+def _tail(x: float) -> float:
+    """Return (x - ln(1 + x) - x^2/2)/x^3, without cancellation."""
     if abs(x) > 0.25:
         return (x - log1p(x) - 0.5 * x * x) / (x * x * x)
     total, power = 0.0, -1.0
@@ -98,7 +100,7 @@ def _tail(x):
 
 
 @rounded_part
-def _hunt_crossley(e):
+def _hunt_crossley(e: float) -> float:
     """Solve equation (*) for A, e in (0, 1]."""
     if not 0 < e < 1:
         return 0.0 if e == 1 else np.nan
@@ -118,7 +120,7 @@ def _hunt_crossley(e):
 
 @rounded
 def damping_ratios(e: Floats) -> Floats:
-    """Damping ratio of a contact that may push but not pull; e of shape (n,) in (0, 1], NaN elsewhere."""
+    """Return the damping ratios of contacts that may push but not pull; e of shape (n,) in (0, 1], NaN elsewhere."""
     out = np.empty(e.size)
     for i in range(e.size):
         out[i] = _damping_ratio(e[i])
@@ -126,7 +128,7 @@ def damping_ratios(e: Floats) -> Floats:
 
 
 def textbook_damping_ratios(e: Floats) -> Floats:
-    """Damping ratio -ln e/sqrt(pi^2 + ln^2 e) of a contact that may pull; e of any shape, in (0, 1]."""
+    """Return the damping ratios -ln e/sqrt(pi^2 + ln^2 e) of contacts that may pull; e of any shape, in (0, 1]."""
     return -np.log(e) / np.hypot(np.pi, np.log(e))
 
 

@@ -1,12 +1,12 @@
-"""Two bodies and the contact asked for between them; the largest step at which an engine gives it (docs/mapping.md).
+"""The contact asked for between two bodies, and the largest step at which an engine gives it (docs/mapping.md).
 
-Restitution and duration of a Kelvin-Voigt contact do not depend on the speed. In an engine they depend on the step and
-on where within a step the bodies touch: the restitution, since the first force comes late, and the duration, counted in
-whole steps as a user counts it. A step is good if both are within the tolerance wherever within the step the touch
-falls, and if the shorter steps tried are good too.
+Restitution and duration of a Kelvin-Voigt contact do not depend on the speed. In an engine they depend on the step, and
+on where within a step the bodies touch. The restitution does because the first force comes late, and the duration
+because a user counts it in whole steps. A step is good if both are within the tolerance wherever within the step the
+bodies touch, and if the shorter steps that are tried are good too.
 
-MuJoCo and PyBullet are measured by what is printed: `pasted_drops` runs the text to paste and nothing else. Drake is
-measured by the scenes of its adapter, whose numbers the text has.
+MuJoCo and PyBullet run the printed text and nothing else (`pasted_drops`). Drake runs the scenes of its adapter, which
+have the numbers of the text.
 """
 
 from __future__ import annotations
@@ -20,9 +20,10 @@ from typing import NamedTuple
 import numpy as np
 
 from impact_xval.compliant_baselines.engines.engine import Engine
+from impact_xval.compliant_baselines.engines.scanner import RunEnd
 from impact_xval.compliant_baselines.engines.scene import Scene, radius_of
 from impact_xval.compliant_baselines.engines.stepping import Run
-from impact_xval.compliant_baselines.mapping import Contact, contact_time, damping_ratio
+from impact_xval.compliant_baselines.mapping import KelvinVoigtContact, contact_time, damping_ratio
 from impact_xval.compliant_baselines.paste import paste
 from impact_xval.compliant_baselines.pasted_drops import (
     drop_in_mujoco,
@@ -30,32 +31,38 @@ from impact_xval.compliant_baselines.pasted_drops import (
     drop_on_flat_in_pybullet,
 )
 from impact_xval.compliant_baselines.solver import SolverError
-from impact_xval.model.chain.rest import FREE
 from impact_xval.model.inputs import Legal
 from impact_xval.model.materials import Touch
 
-#: Allowed relative error of restitution and duration, but for rounding: 99 steps of 0.001 s for 0.1 s are on the edge.
+#: Allowed relative error of restitution and duration.
 TOLERANCE = 0.01
+
+#: Rounding of such an error; 99 steps of 0.001 s for a duration of 0.1 s are on the edge.
 ROUNDING = 1e-9
 
-#: Places within a step at which the touch is tried: just after its start, just before its end, and evenly spaced
-#: between them; few of them to look for a step. At the start itself rounding decides which of the two ends it is.
+#: Share of a step just after its start. At the start itself rounding decides whether it is the start or the end.
 END = 1e-8
+
+#: Places within a step at which the touch is tried: just after its start, just before its end, and evenly spaced.
 PLACES = (END, *(np.arange(1, 31) / 31).tolist(), 1 - END)
+
+#: The places that are tried to look for a step.
 FEW_PLACES = (*PLACES[:-1:7], PLACES[-1])
 
-#: How often the distance of places is halved around the least and the greatest restitution, if between the two ends.
+#: How often the distance of places is halved around the least and the greatest restitution between the two ends.
 #: Restitution is a continuous function of the place, made of straight pieces whose corners lie anywhere.
 HALVINGS = 8
 
 #: Most steps in a contact that are tried.
-MOST = 200_000
+MOST_STEPS = 200_000
 
-#: The steps that are tried, in s: R10 of the preferred numbers, in two digits, from the longest down.
+#: Digits of the steps that are tried: R10 of the preferred numbers.
 DIGITS = (80, 60, 50, 40, 30, 25, 20, 15, 12, 10)
+
+#: The steps that are tried, in s, from the longest down.
 STEPS = [float(f"{digits}e{power}") for power in range(3, -324, -1) for digits in DIGITS]
 
-#: What is tried; beyond, the positions or velocities of a drop drown in rounding, or its end is never reached.
+#: Legal ranges. Beyond them positions or velocities of a drop are lost in rounding, or its end is never reached.
 _MASSES = Legal("masses", 1e-15, 1e15, "from 1e-15 to 1e+15 (kg), one of them inf for a fixed body")
 _RESTITUTION = Legal("restitution", 1e-4, 1.0, "from 0.0001 to 1")
 _SPEED = Legal("speed", 1e-9, 1e9, "from 1e-09 to 1e+09 (m/s)")
@@ -63,31 +70,43 @@ _STIFFNESS, _DURATION = (
     Legal(name, math.ulp(0.0), sys.float_info.max, f"a finite number > 0 ({unit})")
     for name, unit in (("stiffness", "N/m"), ("duration", "s"))
 )
-LARGEST_RATIO, LONGEST = 1e12, 1e6
 
-#: How the text to paste for an engine is run by itself; a step is looked for by the first of these drops, and the
-#: intervals hold for all of them.
+#: Largest ratio of two masses.
+LARGEST_RATIO = 1e12
+
+#: Longest contact in s.
+LONGEST = 1e6
+
+#: Functions that run the text to paste for an engine by itself. A step is looked for by the first function of an
+#: engine, and the intervals hold for all of them.
 DROP = {"mujoco": [drop_in_mujoco], "pybullet": [drop_in_pybullet, drop_on_flat_in_pybullet]}
 
-#: Shorter steps that have to be good too, down to 0.4 of the one that is named.
+#: Number of shorter steps that have to be good too, down to 0.4 of the step that is named.
 SHORTER = 4
 
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """What is asked of one contact between two bodies; a ValueError names the field, the value and the legal range."""
+    """Two bodies and the contact asked for between them.
+
+    Raises
+    ------
+    ValueError
+        If a value is illegal; the message names the field, the value and the legal range.
+    """
 
     #: In kg; one of them may be infinite, a fixed body.
     masses: tuple[float, float]
     #: From 1e-4 to 1: no finite damping gives 0.
     restitution: float
-    #: In N/m; or, instead, from touch to the end of the force, in s.
+    #: In N/m; None if the duration is given.
     stiffness: float | None = None
+    #: From touch to the end of the force, in s; None if the stiffness is given.
     duration: float | None = None
-    #: Of approach, in m/s; it decides how deep the bodies go, and what an engine can take.
+    #: Speed of approach in m/s; it decides how deep the bodies go, and whether an engine can take the contact.
     speed: float = 1.0
     #: The contact asked for.
-    contact: Contact = field(init=False)
+    contact: KelvinVoigtContact = field(init=False)
 
     def __post_init__(self) -> None:
         if len(self.masses) != 2:
@@ -117,9 +136,9 @@ class Pair:
             rate = contact_time(damping_ratio(self.restitution)) / value
             k = self.mass * rate * rate
         if 0 < k < math.inf:
-            contact = Contact.from_restitution(k, self.restitution, self.mass)
+            contact = KelvinVoigtContact.from_restitution(k, self.restitution, self.mass)
         else:
-            contact = Contact(k, math.nan if k == 0 else math.inf, self.mass)
+            contact = KelvinVoigtContact(k, math.nan if k == 0 else math.inf, self.mass)
         if not (0 < contact.k < math.inf and 0 < contact.omega < math.inf and contact.c < math.inf):
             raise ValueError(
                 f"{legal.name} = {value!r}: no stiffness within double precision gives it to a reduced "
@@ -148,7 +167,7 @@ class Pair:
         return self.speed * math.sqrt(self.restitution) / self.contact.omega
 
 
-def pair_asked(
+def make_pair(
     masses: tuple[float, float] | None,
     restitution: float | None,
     stiffness: float | None,
@@ -157,9 +176,10 @@ def pair_asked(
     materials: Sequence[str] = (),
     radii: Sequence[float] = (),
 ) -> tuple[Pair, Touch | None]:
-    """Make a pair of numbers, None if not given, or of two bodies of materials, linearised at the speed.
+    """Make a pair from numbers, or from two bodies of materials, whose contact is linearised at the speed.
 
-    A ValueError names the argument, the value and the legal range.
+    A number that is not given is None; an explicit restitution overrides the materials'. A ValueError names the
+    argument, the value and the legal range.
     """
     if not (materials or radii):
         if masses is None or restitution is None:
@@ -170,87 +190,91 @@ def pair_asked(
         if given is not None:
             raise ValueError(f"{name}: given beside materials or radii, which decide it; legal: one of both")
     touch = Touch.of(materials, radii)
-    # One that is given need not be known of the materials.
     e = touch.restitution if restitution is None else restitution
     return Pair((touch.one.mass, touch.two.mass), e, touch.linear(speed), speed=speed), touch
 
 
 class Drops(NamedTuple):
-    """What a number of drops gave, the touch at different places within a step."""
+    """The results of drops that touch at different places within a step."""
 
     #: In s.
     step: float
-    #: Least and greatest; the duration in s, whole steps from the first to the last with force.
+    #: Least and greatest.
     restitution: tuple[float, float]
+    #: Least and greatest, in s: whole steps from the first to the last with force.
     duration: tuple[float, float]
+    #: Number of drops.
     n: int
 
     def error(self, pair: Pair) -> float:
-        """Greatest relative error of restitution and duration."""
-        both = (self.restitution, pair.restitution), (self.duration, pair.contact.duration)
-        return max(abs(each / asked - 1) for found, asked in both for each in found)
+        """Return the greatest relative error of restitution and duration."""
+        ratios = [e / pair.restitution for e in self.restitution]
+        ratios += [duration / pair.contact.duration for duration in self.duration]
+        return max(abs(ratio - 1) for ratio in ratios)
 
 
-def drops(engine: Engine, pair: Pair, step: float, places: Sequence[float]) -> Drops:
-    """Let an engine do the contact once for every place of the touch within a step, from 0, its start, to 1."""
-    return _summary(step, outcomes(engine, pair, step, places))
+def drop_at_places(engine: Engine, pair: Pair, step: float, places: Sequence[float]) -> Drops:
+    """Drop a pair in an engine, once for every place of the touch within a step, from 0 to 1."""
+    return _summarise(step, measure_drops(engine, pair, step, places))
 
 
-def outcomes(
+def measure_drops(
     engine: Engine, pair: Pair, step: float, places: Sequence[float], kind: int = 0
 ) -> list[tuple[float, float]]:
-    """Give restitution and duration in s for every place of the touch within a step, by one kind of `DROP`.
+    """Return restitution and duration in s for every place of the touch within a step.
 
-    A SolverError says that the engine refuses the contact, or what went wrong in a drop.
+    `kind` is the position of a function in `DROP`. A SolverError says that the engine refuses the contact, or how a
+    drop failed.
     """
-    adapted = scenes(pair, step, places)
+    adapted = scenes_of(pair, step, places)
     refused = engine.refusal(adapted[0])
     if refused is not None:
         raise SolverError(engine.name, "unrepresentable", refused)
     most = 10 * math.ceil(pair.contact.duration / step) + 100
     if engine.name not in DROP:
-        return [_measured(engine.name, pair, run) for run in engine.run(adapted, most)]
+        return [_result_of(engine.name, pair, run) for run in engine.run(adapted, most)]
     text, gaps = paste(engine.name, pair.contact, step), [place * pair.speed * step for place in places]
     light, heavy = sorted(pair.masses)
     drop, radius = DROP[engine.name][kind], radius_of(pair.penetration)
-    found = drop(text, (light, heavy), radius, pair.speed, gaps, most)
-    return [(restitution, steps * step) for restitution, steps in found]
+    results = drop(text, (light, heavy), radius, pair.speed, gaps, most)
+    return [(restitution, steps * step) for restitution, steps in results]
 
 
-def extremes(engine: Engine, pair: Pair, step: float) -> Drops:
-    """Drop at all `PLACES` in all ways, and close in on the places of the least and the greatest restitution."""
-    kinds = range(len(DROP.get(engine.name, [None])))
-    return _summary(step, [drop for kind in kinds for drop in _extremes(engine, pair, step, kind)])
+def find_extremes(engine: Engine, pair: Pair, step: float) -> Drops:
+    """Drop at all `PLACES` by all functions of `DROP`, and close in on the least and the greatest restitution."""
+    kinds = range(len(DROP[engine.name])) if engine.name in DROP else range(1)
+    return _summarise(step, [drop for kind in kinds for drop in _extremes(engine, pair, step, kind)])
 
 
 def _extremes(engine: Engine, pair: Pair, step: float, kind: int) -> list[tuple[float, float]]:
-    """Give the restitution and duration of all drops of one kind."""
-    found = dict(zip(PLACES, outcomes(engine, pair, step, PLACES, kind), strict=True))
+    """Return the restitution and duration of all drops of one kind."""
+    results = dict(zip(PLACES, measure_drops(engine, pair, step, PLACES, kind), strict=True))
     for _ in range(HALVINGS):
-        places, closer = sorted(found), set()
-        for of_two in (min, max):
-            i = places.index(of_two(found, key=lambda place: found[place][0]))
+        places = sorted(results)
+        least, greatest = (pick(results, key=lambda place: results[place][0]) for pick in (min, max))
+        closer: set[float] = set()
+        for i in (places.index(least), places.index(greatest)):
             if 0 < i < len(places) - 1:
                 closer |= {0.5 * (places[i] + places[i - 1]), 0.5 * (places[i] + places[i + 1])}
         if not closer:
             break
-        more = sorted(closer)
-        found |= dict(zip(more, outcomes(engine, pair, step, more, kind), strict=True))
-    return list(found.values())
+        added = sorted(closer)
+        results |= dict(zip(added, measure_drops(engine, pair, step, added, kind), strict=True))
+    return list(results.values())
 
 
-def _summary(step: float, found: Sequence[tuple[float, float]]) -> Drops:
+def _summarise(step: float, results: Sequence[tuple[float, float]]) -> Drops:
     """Keep the least and the greatest of restitutions and durations."""
-    restitution, duration = ((min(each), max(each)) for each in zip(*found, strict=True))
-    return Drops(step, restitution, duration, len(found))
+    restitution, duration = ((min(values), max(values)) for values in zip(*results, strict=True))
+    return Drops(step, restitution, duration, len(results))
 
 
-def scenes(pair: Pair, step: float, places: Sequence[float]) -> list[Scene]:
-    """Set two balls on a table up for each place of the touch within a step; only the contact of the pair takes part.
+def scenes_of(pair: Pair, step: float, places: Sequence[float]) -> list[Scene]:
+    """Set two balls on a table up for each place of the touch within a step, so that one contact alone takes part.
 
-    It is the scene of a collision, so that what is tested is what is run. The other contact is kept out of the way by
-    how the balls start: where one body is fixed, B2 meets the table while B1 leaves upwards at twice the speed; of two
-    free bodies B1 meets B2 in a frame that rises at twice the speed, high above the table.
+    Every scene is one of a collision: the code that is tested is the code that is run. The start of the balls keeps the
+    other contact out of the way. If one body is fixed, B2 meets the table while B1 leaves upwards at twice the speed.
+    If both are free, B1 meets B2 in a frame that rises at twice the speed, high above the table.
     """
     (light, heavy), contact, speed = sorted(pair.masses), pair.contact, pair.speed
     far = 10 * speed * contact.period  # out of reach for the contact's whole duration, with room to spare
@@ -268,40 +292,40 @@ def scenes(pair: Pair, step: float, places: Sequence[float]) -> list[Scene]:
     ]
 
 
-def _measured(name: str, pair: Pair, run: Run) -> tuple[float, float]:
-    """Restitution, and duration in s."""
-    if run.end != FREE:
+def _result_of(name: str, pair: Pair, run: Run) -> tuple[float, float]:
+    """Return the restitution and the duration in s of a run."""
+    if run.end != RunEnd.APART:
         if run.status == "crashed":
             raise SolverError(name, "crashed", run.problem())
-        # A collision may be over with both bodies at rest on each other: their contact is not.
+        # A collision can be over with both bodies settled on each other, but their contact is not.
         raise SolverError(name, "timeout", f"not over after {run.n_steps} steps, {run.duration:.3g} s")
     upper, lower = run.velocities.tolist()
-    loaded = np.flatnonzero(run.raw.state & (2 if pair.fixed else 1))
+    loaded = np.flatnonzero(run.raw_states.state & (2 if pair.fixed else 1))
     if not loaded.size:
         raise SolverError(name, "unconverged", "no step with force: the bodies passed through each other")
-    ends = np.append(run.raw.start[1:], run.n_steps)
-    steps = int(ends[loaded[-1]] - run.raw.start[loaded[0]])
+    ends = np.append(run.raw_states.start[1:], run.n_steps)
+    steps = int(ends[loaded[-1]] - run.raw_states.start[loaded[0]])
     return (lower if pair.fixed else upper - lower) / pair.speed, steps * run.scene.step
 
 
-def largest_step(engine: Engine, pair: Pair) -> Drops:
-    """Find the largest of some steps at which the contact is the one asked for, and at shorter ones tried as well.
+def find_largest_step(engine: Engine, pair: Pair) -> Drops:
+    """Find the largest of `STEPS` at which a contact is the one asked for, at the next shorter ones too.
 
-    A SolverError says that the engine is missing or refuses the contact, or no step does it.
+    A SolverError says that the engine is missing or refuses the contact, or that no step is good.
     """
     reason = engine.unavailable()
     if reason is not None:
         raise SolverError(engine.name, "unavailable", reason)
-    # A count of whole steps is off by up to one: a step longer than the tolerance allows would be good by luck.
-    longest, shortest = pair.contact.duration * TOLERANCE, pair.contact.duration / MOST
-    why = f"{MOST} steps tell no duration as exactly as that"
+    # A count of whole steps is off by up to one step: a step longer than the tolerance could be good only by luck.
+    longest, shortest = pair.contact.duration * TOLERANCE, pair.contact.duration / MOST_STEPS
+    why = f"{MOST_STEPS} steps tell no duration as exactly as that"
     good: list[float] = []  # one after the other, the largest first
     for step in (step for step in STEPS if shortest <= step <= longest):
         try:
             _good_drops(engine, pair, step, FEW_PLACES)
             good.append(step)
             if len(good) > SHORTER:
-                return _within_tolerance(engine, pair, extremes(engine, pair, good.pop(0)))
+                return _check_tolerance(engine, pair, find_extremes(engine, pair, good.pop(0)))
         except SolverError as failed:
             if failed.status == "unrepresentable":
                 raise
@@ -312,22 +336,24 @@ def largest_step(engine: Engine, pair: Pair) -> Drops:
     raise SolverError(engine.name, "unconverged", f"{reason}: {why}")
 
 
-def tried(engine: Engine, pair: Pair) -> tuple[Drops, Drops]:
-    """Drop a pair at the largest good step, wherever within it the bodies touch, and once at a tenth of it."""
-    found = largest_step(engine, pair)
-    return found, drops(engine, pair, found.step / 10, [END])
+def measure_largest_step(engine: Engine, pair: Pair) -> tuple[Drops, Drops]:
+    """Drop a pair at the largest good step, at all places of the touch, and once at a tenth of that step."""
+    largest = find_largest_step(engine, pair)
+    return largest, drop_at_places(engine, pair, largest.step / 10, [END])
 
 
 def _good_drops(engine: Engine, pair: Pair, step: float, places: Sequence[float]) -> Drops:
-    """Give drops that are within the tolerance; else raise a SolverError."""
-    _within_tolerance(engine, pair, drops(engine, pair, step, places[:1]))  # a bad step mostly shows there
-    return _within_tolerance(engine, pair, drops(engine, pair, step, places))
+    """Drop a pair at places of a step; a SolverError if a result is outside the tolerance."""
+    _check_tolerance(
+        engine, pair, drop_at_places(engine, pair, step, places[:1])
+    )  # where a bad step mostly shows
+    return _check_tolerance(engine, pair, drop_at_places(engine, pair, step, places))
 
 
-def _within_tolerance(engine: Engine, pair: Pair, found: Drops) -> Drops:
-    """Give drops as they are if they are within the tolerance; else raise a SolverError."""
-    if (error := found.error(pair)) > TOLERANCE - ROUNDING:
+def _check_tolerance(engine: Engine, pair: Pair, results: Drops) -> Drops:
+    """Return drops that are within the tolerance; else raise a SolverError."""
+    if (error := results.error(pair)) > TOLERANCE - ROUNDING:
         raise SolverError(
             engine.name, "unconverged", f"at the last step tried one of them is off by {error:.2g}"
         )
-    return found
+    return results

@@ -1,17 +1,17 @@
-"""What a solver is.
+"""The contract of a solver.
 
-Implementer's rules:
+Rules for whoever writes one:
 
 1. A solver is a class derived from `Solver` or, to answer one collision at a time, from `OneByOne`. It is constructed
-   without arguments and is cheap to construct: an engine is imported where it is asked to run, never at module level.
-2. `solve_many` answers every collision, in order, one `Outcome` each. One that it cannot do (N balls, gravity, e = 0)
-   it refuses with the reason: `Outcome.failure` with the status ``unrepresentable``. It never replaces a parameter
-   silently.
-3. `law` names the exact solver of this package to which the solver converges as its step goes to zero: for
-   ``kelvin-voigt`` contact i is F = max(0, k_i delta + c_i delta'), c_i from `mapping`. None is a law of its own.
-4. A solver is a function of its explicit inputs: no global state that a later call could see, no hidden seed, the same
-   bits whatever else was asked in the same call.
-5. Velocities are in m/s, impulses in N s, times in s; all are those of the collision as given, never rescaled.
+   without arguments, cheaply: an engine is imported when it is asked to run, never at module level.
+2. `solve_many` answers every collision, in order, with one `Outcome` each. A collision that it cannot do (N balls,
+   gravity, e = 0) is refused with the reason: `Outcome.failure` with the status ``unrepresentable``. A solver never
+   replaces a parameter silently.
+3. `law` names the exact solver of this package to which the solver converges as its step goes to zero. For
+   ``kelvin-voigt`` contact i is F = max(0, k_i delta + c_i delta'), with c_i from `mapping`. None is a law of its own.
+4. An outcome depends on the collision and the settings alone: no global state that a later call could see, no hidden
+   seed, the same bits whatever else is asked in the same call.
+5. Velocities are in m/s, impulses in N s, times in s, all of them of the collision as given, never rescaled.
 6. The collision is over when the balls are apart, the lowest one is off the table or at rest on it, and no ball will
    meet another again.
 """
@@ -33,15 +33,16 @@ from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, Cutoff, le
 Scenario = Literal["impact", "drop"]
 MappingName = Literal["calibrated", "naive", "documented", "shipped"]
 
-#: Impulses alone, positions frozen; contacts in time, solved exactly; an engine of compliant or of rigid contacts.
+#: Kinds of solvers. ``model``: impulses alone, positions frozen. ``reference``: contacts in time, solved exactly.
+#: ``compliant`` and ``rigid``: an engine of such contacts.
 Kind = Literal["model", "reference", "compliant", "rigid"]
 
-#: The law engines of compliant contacts are mapped to, unless they say otherwise.
+#: The law that engines of compliant contacts are mapped to, unless they say otherwise.
 KELVIN_VOIGT = "kelvin-voigt"
 
 
 class SolverError(ValueError):
-    """A solver could not do a collision, asked for directly: the status a sweep would record, and why."""
+    """A solver asked for one outcome has none; it carries the status that a sweep would record, and the reason."""
 
     def __init__(self, solver: str, status: Status, reason: str) -> None:
         super().__init__(f"{solver}: {status}: {reason}")
@@ -52,11 +53,17 @@ class SolverError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Convergence:
-    """What the limit dt -> 0 of an engine must satisfy (`engines.convergence`); a ValueError for an illegal value."""
+    """The accuracy that is asked of an engine's limit dt -> 0 (`engines.convergence`).
 
-    #: Largest error of the limit, per abs(v0), at which a result counts as converged.
+    Raises
+    ------
+    ValueError
+        If a value is illegal; the message names the field, the value and the legal range.
+    """
+
+    #: Largest error of the limit, over abs(v0), at which a result counts as converged.
     tolerance: float = 1e-3
-    #: How often the step that is asked for may be halved.
+    #: How often the configured step may be halved.
     halvings: int = 4
 
     def __post_init__(self) -> None:
@@ -68,10 +75,15 @@ class Convergence:
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """How a collision is solved; a solver ignores what does not concern it. A ValueError names an illegal value."""
+    """The settings of a solver for one call; a solver ignores settings that do not concern it.
 
-    #: ``impact``: no gravity. ``drop``: gravity on, B2 settled in static equilibrium on the table, B1 touching it at
-    #: t = 0 with v0.
+    Raises
+    ------
+    ValueError
+        If a value is illegal; the message names the field, the value and the legal range.
+    """
+
+    #: ``impact``: no gravity. ``drop``: gravity acts, B2 has settled on the table, and B1 touches it at t = 0 with v0.
     scenario: Scenario = "impact"
     #: g > 0 in m/s^2, used by ``drop`` only.
     gravity: float = 9.81
@@ -81,19 +93,22 @@ class Settings:
     max_steps: int = 2_000_000
     #: How k_i and c_i become the engine's own parameters (`mapping`).
     mapping: MappingName = "calibrated"
-    #: A state that an engine holds for less than this share of the shorter contact period takes the state before it
-    #: (`states`); in [0, 0.1].
+    #: Share of the shorter contact period, in [0, 0.1]. A state that an engine holds for less is merged with the state
+    #: before it (`states`).
     shortest_state: float = SHORTEST_STATE
     #: Whether outcomes carry the path.
     record_path: bool = False
-    #: Of the state-transition model (`model.solve`): a number or "exact", and the grazing margin, from 0 to 1, below
-    #: which an outcome is marked.
+    #: Of the state-transition model (`model.solve`): the cut-off of stiffness ratios, a number or "exact".
     stiffness_ratio_cutoff: Cutoff = "exact"
+    #: Of the state-transition model: the grazing margin, from 0 to 1, below which an outcome is marked.
     grazing_threshold: float = GRAZING_THRESHOLD
-    #: Whether references and engines mark outcomes beside a jump of their exact law (`marks`).
+    #: Whether references and engines mark outcomes that lie near a jump of their exact law (`marks`).
     mark: bool = True
-    #: Whether engines are also run at shorter steps until their limit is known, and how well.
+    #: Asks engines for their limit dt -> 0 too, from runs at shorter steps; None: no limit.
     convergence: Convergence | None = None
+    #: Of rigid engines that multiply the restitutions of two bodies: that of the body below a contact, from 0 to 1.
+    #: The upper body has the e of the contact, so that by default the product is e.
+    partner_restitution: float = 1.0
 
     def __post_init__(self) -> None:
         for name, legal, legal_range in (
@@ -105,6 +120,7 @@ class Settings:
             ("shortest_state", 0 <= self.shortest_state <= 0.1, "from 0 to 0.1 (of the shorter period)"),
             ("stiffness_ratio_cutoff", legal_cutoff(self.stiffness_ratio_cutoff), LEGAL_CUTOFF),
             ("grazing_threshold", 0 <= self.grazing_threshold <= 1, "from 0 to 1"),
+            ("partner_restitution", 0 <= self.partner_restitution <= 1, "from 0 to 1"),
         ):
             if not legal:
                 raise ValueError(f"{name} = {getattr(self, name)!r}; legal: {legal_range}")
@@ -113,28 +129,53 @@ class Settings:
 class Solver(ABC):
     """A way to find out how a collision ends."""
 
-    #: Under which it is found.
+    #: The name by which `get_solver` finds it.
     name: str
     kind: Kind = "compliant"
-    #: Name of the exact solver of the law it has or is asked for (rule 3).
+    #: Name of the exact solver of its law, or of the law it is asked for (rule 3).
     law: str | None = KELVIN_VOIGT
-    #: Share of m |v0| by which an impulse along a path may fall, which is rounding of its velocities.
+    #: Share of m |v0| by which rounding of velocities may make an impulse fall along a path.
     rounding: float = 1e-9
 
     @abstractmethod
     def version(self) -> str:
-        """Version of what does the work (the engine's own), or ``""`` if it is not installed."""
+        """Return the version of the program that does the work, the engine's own; ``""`` if it is not installed."""
 
     def unavailable(self) -> str | None:
-        """Why the solver cannot run on this machine and the way out, in one sentence; None if it can."""
+        """Say in one sentence why the solver cannot run on this machine, and the way out; None if it can."""
         return None
 
     @abstractmethod
     def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
-        """Answer every collision, of any number of balls, in order; failures are outcomes with a status (rule 2)."""
+        """Solve collisions of any numbers of balls.
+
+        Parameters
+        ----------
+        collisions
+            The collisions.
+        settings
+            How they are solved.
+
+        Returns
+        -------
+        Sequence[Outcome]
+            One outcome for every collision, in order; failures are outcomes with a status (rule 2).
+        """
 
     def solve(self, collision: Collision, settings: Settings | None = None) -> Outcome:
-        """Answer one collision.
+        """Solve one collision.
+
+        Parameters
+        ----------
+        collision
+            The collision.
+        settings
+            How it is solved; None: by default.
+
+        Returns
+        -------
+        Outcome
+            The outcome, which is a result.
 
         Raises
         ------
@@ -148,41 +189,45 @@ class Solver(ABC):
 
 
 class OneByOne(Solver):
-    """A solver that answers one collision at a time; what `solve_one` raises costs that collision only (`answers`)."""
+    """A solver that answers one collision at a time; an exception in `solve_one` costs that collision only."""
 
     @abstractmethod
     def solve_one(self, collision: Collision, settings: Settings) -> Outcome:
-        """Answer one collision; a failure is an outcome with a status (rule 2)."""
+        """Solve one collision; a failure is an outcome with a status (rule 2)."""
 
     def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
-        """Answer every collision, in order."""
+        """Solve every collision, in order."""
         return [self.solve_one(collision, settings) for collision in collisions]
 
 
 _Answer = TypeVar("_Answer")
 
 
-def kinds(collisions: Sequence[Collision]) -> list[tuple[NDArray[np.intp], Collisions]]:
-    """Group collisions that are solved alike, with or without gaps: their places, and they as arrays."""
+def group_by_layout(collisions: Sequence[Collision]) -> list[tuple[NDArray[np.intp], Collisions]]:
+    """Group collisions that one array call can solve; give the positions and the collisions of each group.
+
+    The collisions of a group agree in the number of balls, in the exponent, and in whether they have a table, gaps, and
+    balls at rest below the first.
+    """
     if isinstance(collisions, Collisions):
-        flags = collisions.falls_on_resting, collisions.gaps.any(axis=1)
-        if all(flag.all() or not flag.any() for flag in flags):
+        properties = collisions.falls_on_resting, collisions.gaps.any(axis=1)
+        if all(values.all() or not values.any() for values in properties):
             return [(np.arange(len(collisions)), collisions)]
-    found: dict[tuple[object, ...], list[int]] = {}
-    for i, c in enumerate(collisions):
-        kind = len(c.masses), c.table, c.exponent, c.falls_on_resting, any(c.gaps)
-        found.setdefault(kind, []).append(i)
-    return [(np.array(some), Collisions.of(collisions[i] for i in some)) for some in found.values()]
+    positions: dict[tuple[object, ...], list[int]] = {}
+    for position, c in enumerate(collisions):
+        layout = len(c.masses), c.table, c.exponent, c.falls_on_resting, any(c.gaps)
+        positions.setdefault(layout, []).append(position)
+    return [(np.array(group), Collisions.of(collisions[i] for i in group)) for group in positions.values()]
 
 
-def by_kind(
+def solve_by_layout(
     collisions: Sequence[Collision], solve: Callable[[Collisions], Sequence[_Answer]]
 ) -> Sequence[_Answer]:
-    """Answer collisions by their kinds, in their order."""
-    groups = kinds(collisions)
+    """Solve collisions group by group (`group_by_layout`); the answers are in the order of the collisions."""
+    groups = group_by_layout(collisions)
     if len(groups) == 1:
         return solve(groups[0][1])
-    found: dict[int, _Answer] = {}
-    for places, some in groups:
-        found |= zip(places.tolist(), solve(some), strict=True)
-    return [found[i] for i in range(len(collisions))]
+    answers: dict[int, _Answer] = {}
+    for positions, group in groups:
+        answers |= zip(positions.tolist(), solve(group), strict=True)
+    return [answers[position] for position in range(len(collisions))]

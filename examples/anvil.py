@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from impact_xval.compliant_baselines.solver import OneByOne
-from impact_xval.model.collision import Outcome, Path
+from impact_xval.plugins import OneByOne, Outcome, Path
 
 
 class Anvil(OneByOne):

@@ -6,8 +6,7 @@ approach the impulse of Newton's restitution, until none approaches: sequential 
 
 import numpy as np
 
-from impact_xval.compliant_baselines.engines.engine import Engine
-from impact_xval.compliant_baselines.engines.scene import World
+from impact_xval.plugins import Engine, World
 
 SWEEPS = 1000
 

@@ -103,9 +103,6 @@ def test_commands_print_what_is_shown(code, shown, folder, capsys, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize("page", PYTHON)
 def test_code_runs_and_prints_what_is_shown(page, folder, capsys, monkeypatch):
-    from impact_xval.compliant_baselines.rigid.lines import RigidWorld
-
-    monkeypatch.setattr(RigidWorld, "partner", 1.0)  # which an answer sets
     monkeypatch.chdir(folder)
     names = {}
     for name, language, code, shown in BLOCKS:

@@ -1,20 +1,20 @@
 """Drake: spheres on prismatic joints; docs/mapping.md, section 2, gives the reason of each setting.
 
-Stiffness and dissipation are properties of geometries, and a ball inside a line has two contacts. So each ball has two
-spheres at one place: the lower side carries the contact with the body below, the upper side is rigid and undamped, as
-the table is; filters let only these pairs meet. Steps are logged in C++.
+**Bodies.** Stiffness and dissipation are properties of geometries, and a ball inside a line has two contacts. So each
+ball has two spheres at one place. The lower side carries the contact with the body below; the upper side is rigid and
+undamped, like the table. Filters let only these pairs meet. Steps are logged in C++.
 
-In continuous time contacts are Hunt and Crossley's, F = max(0, k delta (1 + d delta')), d = A/|v0|, A from equation (*)
-of `restitution`: for e < 1 another law than the dashpot's. The integrator is the simulator's default, of third order:
-contact onset and end are kinks, across which the error estimate of a higher order means nothing. The "step" is the time
-between two samples.
+**Continuous time.** Contacts are Hunt and Crossley's, F = max(0, k delta (1 + d delta')), d = A/|v0|, with A from
+equation (*) of `restitution`. For e < 1 that is another law than the dashpot's. The integrator is the simulator's
+default, of third order: where contacts begin and end the motion has kinks, across which the error estimate of a higher
+order means nothing. The "step" is the time between two samples.
 """
 
 from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -26,14 +26,17 @@ import numpy as np
 
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, periods, radius_of
-from impact_xval.compliant_baselines.mapping import Side, combined, drake_side, sides
+from impact_xval.compliant_baselines.mapping import BodySides, Side, assign_sides, combine_sides, drake_side
 from impact_xval.compliant_baselines.restitution import hunt_crossley_coefficients
 
-#: Relative tolerance of the solver (SapSolverParameters; Python cannot set it), and the phase angle of a contact
-#: that may pass before its impulse per step reaches that; its square over 2 is the share of the velocity that is lost.
-SAP_TOLERANCE, LATEST_START = 1e-6, 0.02
+#: Relative tolerance of the solver (SapSolverParameters; Python cannot set it).
+SAP_TOLERANCE = 1e-6
 
-#: Integration error aimed at in each step, per |v0|. Velocities at the end come out 4 times as far off.
+#: Phase angle of a contact at which its impulse per step must have reached the tolerance. Half the square of the angle
+#: is the share of the velocity that is lost until then.
+LATEST_START = 0.02
+
+#: Target of the integration error in each step, over |v0|. Velocities at the end are 4 times as far off.
 ACCURACY = 1e-10
 
 
@@ -45,7 +48,7 @@ class Drake(Engine):
     discrete = True
 
     def refusal(self, scene: Scene) -> str | None:
-        """Why Drake cannot take a scene: a naive mapping of more than two balls, a step that is too short."""
+        """Say why Drake cannot take a scene: a naive mapping of more than two balls, or a step that is too short."""
         if scene.mapping == "naive" and not (self.discrete and scene.table and len(scene.masses) == 2):
             return "mapping = 'naive': Drake's is that of two balls on a table in discrete time; legal: 'calibrated'"
         return _too_short(scene) if self.discrete else None
@@ -55,8 +58,8 @@ class Drake(Engine):
         return DrakeWorld(scene, self.discrete)
 
     @contextmanager
-    def running(self) -> Iterator[None]:
-        """Keep remarks about deformable bodies, of which there are none, from the terminal."""
+    def running(self) -> Generator[None]:
+        """Keep remarks about deformable bodies from the terminal; our scenes have none."""
         import_module("pydrake")  # it sets up the logger
         logger = logging.getLogger("drake")
         before = logger.level
@@ -79,23 +82,23 @@ class DrakeWorld(World):
     def __init__(self, scene: Scene, discrete: bool) -> None:
         self._scene, self._discrete = scene, discrete
         if discrete:
-            carried = [drake_side(contact) for contact in scene.contacts]
+            contacts = [drake_side(contact) for contact in scene.contacts]
         else:
-            law = hunt_crossley_coefficients(np.array(scene.restitutions)) / scene.speed
-            carried = [*map(Side, scene.stiffnesses, law.tolist())]
-        self._sides = sides(carried, scene.mapping)
-        pairs = combined(self._sides)
+            dissipation = hunt_crossley_coefficients(np.array(scene.restitutions)) / scene.speed
+            contacts = [*map(Side, scene.stiffnesses, dissipation.tolist())]
+        self._sides = assign_sides(contacts, scene.mapping)
+        pairs = combine_sides(self._sides)
         radius = radius_of(scene.depth([pair.stiffness for pair in pairs]))
         super().__init__(scene, radius, scene.masses[-1] * scene.gravity / pairs[-1].stiffness)
         self._refused = _too_short(scene) if discrete else None
         self._build(scene.velocities, self.heights)
-        pairs = combined(self._said)
+        pairs = combine_sides(self._sides_read)
         self.effective = {"stiffness": tuple(pair.stiffness for pair in pairs), "step": (scene.step,)}
         if discrete:
             self.effective["damping"] = tuple(pair.stiffness * pair.dissipation for pair in pairs)
 
     def _build(self, velocities: Sequence[float], heights: Floats) -> None:
-        """Make a plant in this state, and its simulator."""
+        """Make a plant whose balls have these velocities and heights, and its simulator."""
         scene, step = self._scene, self._scene.step
         plants, builder = _module("multibody.plant"), _module("systems.framework").DiagramBuilder()
         plant, graph = plants.AddMultibodyPlantSceneGraph(builder, time_step=step if self._discrete else 0.0)
@@ -105,8 +108,9 @@ class DrakeWorld(World):
             plant.SetUseSampledOutputPorts(False)  # nobody reads them
         plant.mutable_gravity_field().set_gravity_vector([0, 0, -scene.gravity])
         joints = self._add_bodies(plant, graph)
-        period, log = {} if self._discrete else {"publish_period": step}, _module("systems.primitives")
-        output = log.LogVectorOutput(plant.get_state_output_port(), builder, **period)
+        period = {} if self._discrete else {"publish_period": step}
+        log_state = _module("systems.primitives").LogVectorOutput
+        output = log_state(plant.get_state_output_port(), builder, **period)
         self._simulator = _module("systems.analysis").Simulator(builder.Build())
         root = self._simulator.get_mutable_context()
         context = plant.GetMyMutableContextFromRoot(root)
@@ -114,9 +118,10 @@ class DrakeWorld(World):
             joint.set_translation(context, z)
             joint.set_translation_rate(context, v)
         if not self._discrete:
-            # The accuracy bounds changes of heights in m and of velocities in m/s: it goes with the larger of the two.
-            integrator, slow = self._simulator.get_mutable_integrator(), max(periods(scene)) / (2 * math.pi)
-            integrator.set_target_accuracy(ACCURACY * scene.speed * max(1.0, slow))
+            # One accuracy bounds changes of heights in m and of velocities in m/s: the larger of the two decides.
+            integrator = self._simulator.get_mutable_integrator()
+            height_over_speed = max(periods(scene)) / (2 * math.pi)
+            integrator.set_target_accuracy(ACCURACY * scene.speed * max(1.0, height_over_speed))
             integrator.set_maximum_step_size(step)
             integrator.request_initial_step_size_target(step / 10)
             integrator.set_requested_minimum_step_size(1e-6 * step)
@@ -124,11 +129,12 @@ class DrakeWorld(World):
         self._simulator.Initialize()
 
     def _add_bodies(self, plant: Any, graph: Any) -> list[Any]:
-        """Add table and balls and finish the plant; the joints of the balls, the upper one's first."""
+        """Add table and balls and finish the plant; return the joints of the balls, from the upper one down."""
         geometry, tree = _module("geometry"), _module("multibody.tree")
-        here = _module("math").RigidTransform()
+        identity = _module("math").RigidTransform()
         sphere, inertia = geometry.Sphere(self.radius), tree.UnitInertia.SolidSphere(self.radius)
-        joints, bodies = [], []
+        joints: list[Any] = []
+        bodies: list[tuple[Any, Any]] = []
         for i, mass in enumerate(self._scene.masses):
             body = plant.AddRigidBody(f"B{i + 1}", tree.SpatialInertia(mass, [0, 0, 0], inertia))
             frames = plant.world_frame(), body.body_frame()
@@ -137,27 +143,27 @@ class DrakeWorld(World):
             bodies.append((body, sphere))
         if self._scene.table:
             bodies.append((plant.world_body(), geometry.HalfSpace()))
-        shapes = []
-        for i, ((body, shape), both) in enumerate(zip(bodies, self._sides, strict=True)):
-            add = partial(plant.RegisterCollisionGeometry, body, here, shape)
-            shapes.append([add(f"{i}-{n}", self._material(side)) for n, side in enumerate(both)])
+        shapes: list[list[Any]] = []
+        for i, ((body, shape), body_sides) in enumerate(zip(bodies, self._sides, strict=True)):
+            add = partial(plant.RegisterCollisionGeometry, body, identity, shape)
+            shapes.append([add(f"{i}-{n}", self._material(side)) for n, side in enumerate(body_sides)])
         plant.Finalize()
-        every = geometry.GeometrySet([shape for both in shapes for shape in both])
-        met = geometry.CollisionFilterDeclaration().ExcludeWithin(every)
-        for (_, below), (above, _) in pairwise(shapes):
-            met.AllowBetween(geometry.GeometrySet(below), geometry.GeometrySet(above))
-        graph.collision_filter_manager().Apply(met)
+        all_shapes = geometry.GeometrySet([shape for both in shapes for shape in both])
+        filters = geometry.CollisionFilterDeclaration().ExcludeWithin(all_shapes)
+        for (_, lower_side), (upper_side, _) in pairwise(shapes):
+            filters.AllowBetween(geometry.GeometrySet(lower_side), geometry.GeometrySet(upper_side))
+        graph.collision_filter_manager().Apply(filters)
         properties = graph.model_inspector().GetProximityProperties
-        self._said = [[_geometry(properties(shape)) for shape in both] for both in shapes]
+        self._sides_read = [BodySides(*(_read_side(properties(shape)) for shape in both)) for both in shapes]
         return joints
 
     def _material(self, side: Side) -> Any:
         """Make the frictionless proximity properties of a side."""
         geometry, frictionless = _module("geometry"), _module("multibody.plant").CoulombFriction(0.0, 0.0)
         properties = geometry.ProximityProperties()
-        how = {} if self._discrete else {"dissipation": side.dissipation}
+        dissipation = {} if self._discrete else {"dissipation": side.dissipation}
         geometry.AddContactMaterial(
-            properties=properties, friction=frictionless, point_stiffness=side.stiffness, **how
+            properties=properties, friction=frictionless, point_stiffness=side.stiffness, **dissipation
         )
         if self._discrete:
             properties.AddProperty("material", "relaxation_time", side.dissipation)
@@ -176,32 +182,34 @@ class DrakeWorld(World):
         return data[balls:].T.copy(), data[:balls].T - self.places
 
     def weightless(self, velocities: Floats, heights: Floats) -> None:
-        """Gravity is part of a finished plant: another one goes on from here."""
+        """Go on with a new plant: the gravity of a finished plant cannot be changed."""
         self._scene = replace(self._scene, gravity=0.0)
         self._build(velocities.tolist(), heights)
 
 
 def _module(name: str) -> Any:
+    """Import a module of `pydrake`."""
     return import_module(f"pydrake.{name}")
 
 
-def _geometry(properties: Any) -> Side:
-    """Read back what the engine holds of a side; in continuous time there is no relaxation time."""
+def _read_side(properties: Any) -> Side:
+    """Read the parameters of a side back from the engine; in continuous time there is no relaxation time."""
     names = "point_contact_stiffness", "relaxation_time"
     return Side(*(properties.GetPropertyOrDefault("material", name, 0.0) for name in names))
 
 
 def _too_short(scene: Scene) -> str | None:
-    """Why a step is so short that the engine neglects a contact; None if it is not.
+    """Say why a step is so short that the engine neglects a contact; None if it is not.
 
-    It compares residuals with the momentum of all bodies, both per sqrt(mass): an impulse M u of a pair that meets at u
-    counts sqrt(M) u beside sqrt(sum m v^2). k v t h reaches its tolerance of that at the phase omega t.
+    The engine compares residuals with the momentum of all bodies, both over sqrt(mass). An impulse M u of a pair that
+    meets at the speed u counts as sqrt(M) u beside sqrt(sum m v^2). In a step of length h at the time t after touch the
+    impulse is k v t h; it reaches the tolerance at a phase omega t, which must come early.
     """
-    total = math.sqrt(sum(m * v * v for m, v in zip(scene.masses, scene.velocities, strict=True)))
-    slow = min(c.omega * math.sqrt(c.mass) for c in scene.contacts) * scene.speed / total
-    if SAP_TOLERANCE / (slow * scene.step) <= LATEST_START:
+    momentum = math.sqrt(sum(m * v * v for m, v in zip(scene.masses, scene.velocities, strict=True)))
+    slowest = min(c.omega * math.sqrt(c.mass) for c in scene.contacts) * scene.speed / momentum
+    if SAP_TOLERANCE / (slowest * scene.step) <= LATEST_START:
         return None
     return (
         f"step = {scene.step:.3g} s: Drake neglects impulses below {SAP_TOLERANCE:.0e} of the momentum, and with them "
-        f"the slower contact; a step of {SAP_TOLERANCE / (slow * LATEST_START):.2g} s or more is needed"
+        f"the slower contact; a step of {SAP_TOLERANCE / (slowest * LATEST_START):.2g} s or more is needed"
     )

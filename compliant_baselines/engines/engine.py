@@ -1,4 +1,4 @@
-"""What every engine adapter shares: refusing, setting up, running, and saying what came of it."""
+"""The common part of all engine adapters: refusing, setting up, running, and turning runs into outcomes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from importlib import import_module
@@ -22,16 +22,15 @@ import numpy as np
 from impact_xval.compliant_baselines.engines.convergence import Limit, estimate_limit
 from impact_xval.compliant_baselines.engines.scene import Scene, World, radius_of, reduced_masses
 from impact_xval.compliant_baselines.engines.stepping import Run, follow
-from impact_xval.compliant_baselines.marks import marks_of
+from impact_xval.compliant_baselines.marks import DropEnd, marks_of
 from impact_xval.compliant_baselines.references import law_at
-from impact_xval.compliant_baselines.solver import Settings, Solver, by_kind
-from impact_xval.model.chain.rest import REST, STUCK
-from impact_xval.model.collision import Collision, Collisions, Outcome
+from impact_xval.compliant_baselines.solver import Settings, Solver, group_by_layout
+from impact_xval.model.collision import Collision, Outcome
 
-#: Most contacts of a scene: the states of a run are sets of them, kept as bits.
+#: Most contacts of a scene: the states of a run are sets of contacts, kept as bits.
 MOST_CONTACTS = 60
 
-#: Why an engine cannot take what double precision has no numbers for.
+#: The refusal of a scene whose numbers double precision does not have.
 BEYOND = (
     "periods, penetrations or energies beyond double precision; scale stiffnesses, masses or v0 (Theorem 5)"
 )
@@ -40,7 +39,7 @@ _importing = Lock()
 
 
 def import_quietly(module: str) -> Any:
-    """Import a module, without the line "pybullet build time: ..." of PyBullet's C code at the first import."""
+    """Import a module; the line "pybullet build time: ..." of PyBullet's C code is not written."""
     with _importing:
         if module in sys.modules or module != "pybullet":
             return import_module(module)
@@ -49,8 +48,8 @@ def import_quietly(module: str) -> Any:
 
 
 @contextmanager
-def standard_error_without(beginning: bytes) -> Iterator[None]:
-    """Hold back what is written to the descriptor of standard error; write it afterwards, but for some lines."""
+def standard_error_without(beginning: bytes) -> Generator[None]:
+    """Hold back the text written to the descriptor of standard error; write it later, without lines that begin so."""
     try:
         terminal = os.dup(2)
     except OSError:  # closed: there is nothing to keep clean
@@ -68,94 +67,120 @@ def standard_error_without(beginning: bytes) -> Iterator[None]:
 
 
 def version_of(distribution: str) -> str:
-    """Version of an installed package, by the name it is distributed under; ``""`` if it is not installed."""
+    """Return the version of an installed distribution; ``""`` if it is not installed."""
     try:
         return version(distribution)
     except PackageNotFoundError:
         return ""
 
 
-def _numbers_of(version: str) -> tuple[int, ...]:
-    """Numbers of a version before any suffix, to be compared: (3, 2, 7) of ``3.2.7.post1``."""
+def _comparable(version: str) -> tuple[int, ...]:
+    """Return the numbers of a version before any suffix: (3, 2, 7) of ``3.2.7.post1``."""
     return tuple(map(int, re.findall(r"\d+", re.split(r"[^\d.]", version)[0])))
 
 
 class Engine(Solver):
-    """An engine behind the contract: an adapter says what it refuses and how to set a scene up.
+    """A physics engine as a solver: an adapter says what the engine refuses and how a scene is set up.
 
-    Statuses beside `ok`: `unavailable` (the engine cannot be imported), `unrepresentable` (k_i = 0 or infinite, e_i = 0
-    of dashpots, or what the engine itself cannot take), `timeout` (not over after `max_steps`), `crashed` (numbers that
-    are not finite, or the engine's own complaint), `unconverged` (over, but with more energy than it began with, or
-    with a limit dt -> 0 that is not known to the tolerance asked for: the outcome keeps its numbers).
+    A run has the status `ok`, or one of these:
+
+    * `unavailable`: the engine cannot be imported
+    * `unrepresentable`: k_i = 0 or infinite, e_i = 0 of dashpots, or what the engine itself cannot take
+    * `timeout`: not over after `max_steps`
+    * `crashed`: numbers that are not finite, or the engine's own complaint
+    * `unconverged`: over, but with more energy than it began with, or with a limit dt -> 0 that is not known to the
+      tolerance asked for; the outcome keeps its numbers
     """
 
-    #: The engine as its makers spell it, the name of its package as distributed, the module that is imported, and what
-    #: to run where that fails; empty: to install the extra of its name.
+    #: The engine as its makers spell it.
     title: str
+    #: The name of its package, as it is distributed.
     distribution: str
+    #: The module that is imported.
     module: str
+    #: What to run where the import fails; empty: to install the extra of the engine's name.
     way_out: str = ""
 
-    #: The oldest version that the adapter can run; empty: any that can be imported.
+    #: The oldest version that the adapter can run; empty: any version that can be imported.
     oldest: str = ""
 
-    #: How many times as much regularisation of contacts shows what that of the engine does; None: it has none.
+    #: Factor on the engine's regularisation of contacts by which a second run shows what the regularisation does; None
+    #: for an engine that has none.
     regularisation_probe: float | None = None
 
-    #: Settings that are this solver's own, whatever is asked for (`registry`), and the step in s as the engine ships.
-    as_set: Mapping[str, Any] = MappingProxyType({})
+    #: Settings of this solver, whatever is configured (`registry`).
+    fixed_settings: Mapping[str, Any] = MappingProxyType({})
+
+    #: Step in s of the engine as it ships; only for engines that are run so.
     shipped_step: float
 
-    #: What it makes of a scene and a radius, unless `world` says more.
+    #: Makes a world of a scene and a radius; an adapter sets it, or overrides `world`.
     made: Callable[[Scene, float], World]
 
     def version(self) -> str:
-        """Version of the engine's package, or ``""`` if it is not installed."""
+        """Return the version of the engine's package, or ``""`` if it is not installed."""
         return version_of(self.distribution)
 
     def unavailable(self) -> str | None:
-        """Why the engine cannot run here and the way out; None if it can."""
+        """Say why the engine cannot run here, and the way out; None if it can."""
         way_out = self.way_out or f"run pip install 'impact-xval[{self.name}]'"
-        if (installed := self.version()) and _numbers_of(installed) < _numbers_of(self.oldest):
+        if (installed := self.version()) and _comparable(installed) < _comparable(self.oldest):
             return f"{self.title} {installed} is too old: {self.oldest} or later runs: {way_out}"
         try:
             import_quietly(self.module)
-        except Exception as error:  # of a package that is there but broken, any
+        except Exception as error:  # a broken package can raise anything
             if isinstance(error, ModuleNotFoundError) and "." not in (error.name or ""):
                 return f"{self.title} is not installed: {way_out}"
-            said = " ".join(str(error).split()) or type(error).__name__
-            here = f"Python {python_version()} and NumPy {version_of('numpy')}"
-            return f"{self.title} {self.version()} cannot be imported by {here} ({said}): {way_out}"
+            message = " ".join(str(error).split()) or type(error).__name__
+            python = f"Python {python_version()} and NumPy {version_of('numpy')}"
+            return f"{self.title} {self.version()} cannot be imported by {python} ({message}): {way_out}"
         return None
 
     def refusal(self, scene: Scene) -> str | None:
-        """Why this engine cannot take a scene, in one sentence; None if it can."""
+        """Say in one sentence why the engine cannot take a scene; None if it can."""
         return None
 
     def radius(self, scene: Scene) -> float:
-        """Radius in m of the balls that it makes of a scene."""
+        """Return the radius in m of the balls of a scene."""
         return radius_of(scene.depth(scene.stiffnesses))
 
     def world(self, scene: Scene) -> World:
-        """Set a scene up; the world before it is done with."""
+        """Set a scene up; the world made before is not used any more."""
         return self.made(scene, self.radius(scene))
 
     @contextmanager
-    def running(self) -> Iterator[None]:
+    def running(self) -> Generator[None]:
         """Hold what is needed while scenes are set up and run: a connection, silence."""
         yield
 
     def run(self, scenes: Sequence[Scene], max_steps: int, record_path: bool = False) -> list[Run]:
-        """Run every scene until its collision is over or `max_steps` steps are taken; in order."""
+        """Run every scene until its collision is over or `max_steps` steps are taken; the runs are in order."""
         with self.running():
             return [self.follow(scene, max_steps, record_path) for scene in scenes]
 
     def follow(self, scene: Scene, max_steps: int, record_path: bool = False) -> Run:
-        """Run a scene while `running`."""
+        """Run a scene; to be called while `running`."""
         return follow(scene, self.world(scene), max_steps, record_path)
 
     def scene_or_refusal(self, collision: Collision, settings: Settings) -> Scene | str:
         """Set a collision up as a scene that this engine takes, or say in one sentence why it takes none."""
+        refusal = self._refusal_of_collision(collision, settings)
+        if refusal is not None:
+            return refusal
+        try:
+            scene = Scene.of(collision, settings)
+            if settings.mapping == "shipped":
+                scene = replace(scene, step=self.shipped_step)
+            energy = sum(m * v * v for m, v in zip(scene.masses, scene.velocities, strict=True))
+            # Energies are divided by the energy at the start, and radii follow from how deep contacts go.
+            if not (0 < energy < inf and 0 < scene.step < inf and scene.depth(scene.stiffnesses) > 0):
+                return BEYOND
+            return self.refusal(scene) or scene
+        except ArithmeticError:
+            return BEYOND
+
+    def _refusal_of_collision(self, collision: Collision, settings: Settings) -> str | None:
+        """Say in one sentence why no engine of this kind takes a collision; None if it may."""
         c, shipped = collision, settings.mapping == "shipped"
         if settings.scenario == "drop" and not c.falls_on_resting:
             return f"scenario = {settings.scenario!r}: only two balls on a table are dropped; legal: 'impact'"
@@ -166,55 +191,54 @@ class Engine(Solver):
             )
         if len(c.stiffnesses) > MOST_CONTACTS:
             return f"{len(c.stiffnesses)} contacts: engines run up to {MOST_CONTACTS}"
-        limit = "or the state-transition model, which knows the limit"
+        model = "or the state-transition model, which knows the limit"
         for i, (k, e) in enumerate(zip(c.stiffnesses, c.restitutions, strict=True), 1):
             if k in (0, inf):
-                return f"k{i} = {k!r} N/m: an engine needs a finite stiffness > 0; take a large or small k2/k1, {limit}"
+                return f"k{i} = {k!r} N/m: an engine needs a finite stiffness > 0; take a large or small k2/k1, {model}"
             if e == 0 and self.kind == "compliant" and not shipped:
-                why = "no finite damping makes a dashpot perfectly plastic; take a small positive e"
-                return f"e{i} = 0: {why}, {limit}"
+                reason = "no finite damping makes a dashpot perfectly plastic; take a small positive e"
+                return f"e{i} = 0: {reason}, {model}"
         if shipped and settings.scenario == "drop":
             return "scenario = 'drop': an engine as it ships is run without gravity; legal: 'impact'"
-        try:
-            scene = Scene.of(c, settings)
-            if shipped:
-                scene = replace(scene, step=self.shipped_step)
-            energy = sum(m * v * v for m, v in zip(scene.masses, scene.velocities, strict=True))
-            # Energies are told over that at the start, and radii follow from how deep contacts go.
-            if not (0 < energy < inf and 0 < scene.step < inf and scene.depth(scene.stiffnesses) > 0):
-                return BEYOND
-            return self.refusal(scene) or scene
-        except ArithmeticError:
-            return BEYOND
+        return None
 
     def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
-        """Answer every collision, in order; failures are outcomes with a status."""
-        settings = replace(settings, **self.as_set)
+        """Solve every collision, in order; failures are outcomes with a status."""
+        settings = replace(settings, **self.fixed_settings)
         missing = self.unavailable()
         if missing is not None:
-            return [Outcome.failure(self.name, each, "unavailable", missing) for each in collisions]
+            return [Outcome.failure(self.name, c, "unavailable", missing) for c in collisions]
         with self.running():
-            found = [self._solved(each, settings) for each in collisions]
-        law, outcomes = self.law, [outcome for outcome, _ in found]
-        if not settings.mark or settings.mapping != "calibrated" or law is None:
-            return outcomes  # whose contacts may not be those of the law
-        # Marked by the exact law that the engine was asked for; what has no numbers stays as it is.
-        there = [i for i, outcome in enumerate(outcomes) if np.isfinite(outcome.velocities).all()]
-        limits = [found[i][1] for i in there]
-        g = settings.gravity if settings.scenario == "drop" else 0.0
-        ends = {n: (limit.flight, limit.rest) for n, limit in enumerate(limits) if g and limit is not None}
-        solve = law_at(law, max_steps=settings.max_steps)
-
-        def why(some: Collisions) -> list[str]:
-            gravity = np.full(len(some), g)
-            return marks_of(solve, law, some, solve(some, gravity), gravity, ends).tolist()
-
-        for i, mark in zip(there, by_kind([collisions[i] for i in there], why), strict=True):
-            outcomes[i] = replace(outcomes[i], marked=mark) if mark else outcomes[i]
+            solved = [self._solve_with_limit(c, settings) for c in collisions]
+        outcomes = [outcome for outcome, _ in solved]
+        # With any other mapping the contacts may not be those of the law.
+        if settings.mark and settings.mapping == "calibrated" and self.law is not None:
+            self._mark(outcomes, [limit for _, limit in solved], collisions, self.law, settings)
         return outcomes
 
-    def _solved(self, collision: Collision, settings: Settings) -> tuple[Outcome, Limit | None]:
-        """Answer a collision, with its limit dt -> 0 if that is asked for and known."""
+    def _mark(
+        self,
+        outcomes: list[Outcome],
+        limits: Sequence[Limit | None],
+        collisions: Sequence[Collision],
+        law: str,
+        settings: Settings,
+    ) -> None:
+        """Mark outcomes, in place, by the exact law that the engine was asked for; failures are not marked."""
+        has_numbers = [i for i, outcome in enumerate(outcomes) if np.isfinite(outcome.velocities).all()]
+        g = settings.gravity if settings.scenario == "drop" else 0.0
+        solve = law_at(law, max_steps=settings.max_steps)
+        for positions, group in group_by_layout([collisions[i] for i in has_numbers]):
+            rows = [has_numbers[position] for position in positions.tolist()]
+            gravity = np.full(len(group), g)
+            ends = [_end_of(limits[i]) for i in rows] if g else []
+            marks = marks_of(solve, law, group, solve(group, gravity), gravity, ends)
+            for i, mark in zip(rows, marks.tolist(), strict=True):
+                if mark:
+                    outcomes[i] = replace(outcomes[i], marked=mark)
+
+    def _solve_with_limit(self, collision: Collision, settings: Settings) -> tuple[Outcome, Limit | None]:
+        """Solve a collision; give its limit dt -> 0 too if that is asked for and known."""
         scene = self.scene_or_refusal(collision, settings)
         if isinstance(scene, str):
             return Outcome.failure(self.name, collision, "unrepresentable", scene), None
@@ -228,36 +252,28 @@ class Engine(Solver):
         if reason and outcome.status == "ok":
             outcome = replace(outcome, status="unconverged", reason=reason)
         if limit is not None:
-            outcome = replace(outcome, diagnostics={**outcome.diagnostics, **limit.stated})
+            outcome = replace(outcome, diagnostics={**outcome.diagnostics, **limit.diagnostics})
         return outcome, limit
+
+
+def _end_of(limit: Limit | None) -> DropEnd | None:
+    """Return how the run at the shortest step of a limit ended; None without a limit."""
+    return None if limit is None else DropEnd(limit.has_first_flight, limit.b2_settled)
 
 
 def outcome_of(solver: str, collision: Collision, run: Run, settings: Settings) -> Outcome:
     """Turn a finished run into an outcome.
 
-    `diagnostics` holds `step` (s), `n_steps`, `duration` (s), `energy_gain` (over the energy before), and of a drop
-    `gravity_number`, `first_flight` (s, if there is one) and `rest_speed` (m/s, of a B2 that is reported at rest).
-    Impulses are those of the contacts, support of B2's weight included, and go with the velocities reported.
+    `diagnostics` holds `step` (s), `n_steps`, `duration` (s) and `energy_gain` (over the energy before). Of a drop it
+    also holds `gravity_number`, `first_flight` (s, if there is one) and `rest_speed` (m/s, of a settled B2). Impulses
+    are those of the contacts, with the support of B2's weight, and go with the velocities reported.
     """
     c = run.scene
     if not run.over:
         advice = "; a smaller step may help" if run.status == "crashed" else ""
         return Outcome.failure(solver, collision, run.status, run.problem() + advice)
-    states = run.states(settings.shortest_state)
+    states = run.merged_states(settings.shortest_state)
     names = states.names(c.table and len(c.masses) == 2)
-    diagnostics = {
-        "step": c.step,
-        "n_steps": float(run.n_steps),
-        "duration": run.duration,
-        "energy_gain": run.energy_gain(),
-    }
-    if c.gravity:
-        omega = (c.stiffnesses[0] / reduced_masses(c)[0]) ** 0.5
-        diagnostics["gravity_number"] = c.gravity / (c.speed * omega)
-    if run.fall is not None:
-        diagnostics["first_flight"] = run.fall[0] * c.step
-    if run.end in (REST, STUCK):
-        diagnostics["rest_speed"] = float(run.velocities[1])
     reason = run.too_much_energy()
     return Outcome(
         solver=solver,
@@ -267,8 +283,27 @@ def outcome_of(solver: str, collision: Collision, run: Run, settings: Settings) 
         status="unconverged" if reason else "ok",
         reason=reason,
         n_events=len(names) - 1,
-        diagnostics=diagnostics,
+        diagnostics=_diagnostics_of(run),
         path=run.path(states) if run.points is not None else None,
         requested=c.requested,
         effective=run.effective,
     )
+
+
+def _diagnostics_of(run: Run) -> dict[str, float]:
+    """Return the numbers of a run that an outcome lists (`outcome_of`)."""
+    c = run.scene
+    diagnostics = {
+        "step": c.step,
+        "n_steps": float(run.n_steps),
+        "duration": run.duration,
+        "energy_gain": run.energy_gain(),
+    }
+    if c.gravity:
+        omega = (c.stiffnesses[0] / reduced_masses(c)[0]) ** 0.5
+        diagnostics["gravity_number"] = c.gravity / (c.speed * omega)
+    if run.first_flight is not None:
+        diagnostics["first_flight"] = run.first_flight.n_steps * c.step
+    if run.b2_settled:
+        diagnostics["rest_speed"] = float(run.velocities[1])
+    return diagnostics

@@ -1,20 +1,20 @@
 """MuJoCo: balls on vertical slides; docs/mapping.md, section 2, gives the reason of each setting.
 
-`mujoco.rollout` takes many steps in C++ and records each of them; it is in all versions from 3.2.7 on. A scene is
-compiled once for each number of balls, and the numbers of a collision are written into the arrays of that model.
+`mujoco.rollout` takes many steps in C++ and records each of them; all versions from 3.2.7 on have it. A model is
+compiled once for each number of balls, and the numbers of a collision are written into its arrays.
 """
 
 from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from functools import lru_cache
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from impact_xval.compliant_baselines.mapping import (
 #: Largest position, velocity and acceleration the engine accepts, in SI units (mjMAXVAL of mjtype.h).
 LARGEST_VALUE = 1e10
 
-#: Stages that have nothing to do in such a scene are off: they take 6 % of a step.
+#: An MJCF file. Stages that have nothing to do in such a scene are off; they would take 6 % of a step.
 SCENE = """
 <mujoco model="column">
   <option integrator="Euler" solver="Newton" iterations="100" gravity="0 0 0">
@@ -55,16 +55,19 @@ PAIR = """
 
 
 def mjcf(balls: int, table: bool) -> str:
-    """Write the scene of N balls of 1 kg and 1 m, numbers to be replaced by those of a `Scene`; contacts by number."""
+    """Write an MJCF file of N balls of 1 kg and 1 m, whose numbers `MujocoWorld` replaces.
+
+    The pairs are named by the numbers of the contacts.
+    """
     names = [f"B{i}" for i in range(1, balls + 1)]
     bodies = (BODY.format(name=name, z=2 * (balls - i) - 1) for i, name in enumerate(names))
-    met = enumerate(pairwise([*names, "table"] if table else names), 1)
-    pairs = (PAIR.format(i=i, upper=upper, lower=lower) for i, (upper, lower) in met)
+    contacts = enumerate(pairwise([*names, "table"] if table else names), 1)
+    pairs = (PAIR.format(i=i, upper=upper, lower=lower) for i, (upper, lower) in contacts)
     return SCENE.format(bodies="".join(bodies), pairs="".join(pairs))
 
 
 class _Compiled:
-    """Balls that MuJoCo has compiled, their numbers still to be written.
+    """A model of so many balls that MuJoCo has compiled; the numbers of a scene are still to be written.
 
     Attributes
     ----------
@@ -87,36 +90,39 @@ class _Compiled:
 def _clock() -> ctypes.c_void_p:
     """Return MuJoCo's pointer to the clock of its profiler, `mjcb_time` of its C interface.
 
-    Reading it takes a third of a step of two balls, and the engine's Python module, which sets it, has no way to
-    unset it.
+    Reading the clock takes a third of a step of two balls. The engine's Python module sets the pointer and has no way
+    to unset it.
     """
     folder = Path(import_module("mujoco").__file__ or "").parent
-    found = [*folder.glob("libmujoco.*"), *folder.glob("mujoco.dll")]
-    return ctypes.c_void_p.in_dll(ctypes.CDLL(str(found[0])), "mjcb_time") if found else ctypes.c_void_p()
+    libraries = [*folder.glob("libmujoco.*"), *folder.glob("mujoco.dll")]
+    if not libraries:
+        return ctypes.c_void_p()
+    return ctypes.c_void_p.in_dll(ctypes.CDLL(str(libraries[0])), "mjcb_time")
 
 
-def rolled_out(model: Any, data: Any, n: int) -> tuple[Floats, Floats]:
-    """Take n steps from the state of an `MjData`, recorded in C++; a RuntimeError says that the engine broke.
+def take_steps(model: Any, data: Any, n: int) -> tuple[Floats, Floats]:
+    """Take n steps from the state of an `MjData` of bodies on slides, recorded in C++.
 
-    Returns positions in m and velocities in m/s after each step, shape (n, bodies) each, of bodies on slides, whose
-    state is the time, the positions and the velocities.
+    Returns positions in m and velocities in m/s after each step, shape (n, bodies) each. A RuntimeError says that the
+    engine broke.
     """
     mujoco: Any = import_module("mujoco")
     full = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
     state = np.empty(mujoco.mj_stateSize(model, full))
     mujoco.mj_getState(model, data, state, full)
-    # Without a warm start of its own `rollout` begins each call from none, and windows of steps would show.
-    warm = np.array(data.qacc_warmstart)
+    # By default `rollout` begins each call without a warm start: results would depend on the windows of steps.
+    warm_start = np.array(data.qacc_warmstart)
     (states,), _ = import_module("mujoco.rollout").rollout(
-        model, data, state, nstep=n, initial_warmstart=warm
+        model, data, state, nstep=n, initial_warmstart=warm_start
     )
     if data.warning.number.any():
         raise RuntimeError(f"MuJoCo found positions, velocities or accelerations beyond {LARGEST_VALUE:.0e}")
+    # A state is the time, the positions and the velocities.
     return states[:, 1 : 1 + model.nq], states[:, 1 + model.nq :]
 
 
 class Mujoco(Engine):
-    """MuJoCo 3.2.7 or later, in one thread: collisions are shared out to processes further up."""
+    """MuJoCo 3.2.7 or later, in one thread: the callers share collisions out to processes."""
 
     name = distribution = "mujoco"
     title, module, way_out = "MuJoCo", "mujoco.rollout", "run pip install 'mujoco>=3.2.7'"
@@ -125,59 +131,66 @@ class Mujoco(Engine):
     shipped_step = 0.002
 
     def refusal(self, scene: Scene) -> str | None:
-        """Why MuJoCo cannot take a scene: accelerations beyond what it accepts, no damping where it takes a ratio."""
+        """Say why MuJoCo cannot take a scene: accelerations too large, or e = 1 where it takes a damping ratio."""
         if scene.mapping == "documented" and 1 in scene.restitutions:
-            where = scene.restitutions.index(1) + 1
-            return f"e{where} = 1: no time constant and damping ratio are undamped; legal: below 1"
-        _, depth, acceleration = mapped(scene)
-        if acceleration <= LARGEST_VALUE:
-            return None if depth > 0 else BEYOND
+            contact = scene.restitutions.index(1) + 1
+            return f"e{contact} = 1: no time constant and damping ratio are undamped; legal: below 1"
+        mapped = map_scene(scene)
+        if mapped.acceleration <= LARGEST_VALUE:
+            return None if mapped.depth > 0 else BEYOND
         return (
-            f"accelerations about |v0| sqrt(k/M) = {acceleration:.3g} m/s^2: "
+            f"accelerations about |v0| sqrt(k/M) = {mapped.acceleration:.3g} m/s^2: "
             f"MuJoCo accepts {LARGEST_VALUE:.0e}; scale stiffnesses, masses or v0 (Theorem 5)"
         )
 
     def radius(self, scene: Scene) -> float:
-        """As `Engine.radius`."""
-        return radius_of(mapped(scene)[1])
+        """Return the radius in m of the balls."""
+        return radius_of(map_scene(scene).depth)
 
     def world(self, scene: Scene) -> MujocoWorld:
         """Set a scene up."""
         return MujocoWorld(scene, self._compiled(len(scene.masses), scene.table))
 
     @contextmanager
-    def running(self) -> Iterator[None]:
-        """Keep warnings from the terminal and the engine's log file, and the clock from its profiler.
+    def running(self) -> Generator[None]:
+        """Switch off warnings on the terminal and in the engine's log file, and the clock of its profiler.
 
-        `MjData` counts warnings all the same.
+        `MjData` still counts warnings.
         """
         mujoco: Any = import_module("mujoco")
-        before, clock = mujoco.get_mju_user_warning(), _clock()
-        mujoco.set_mju_user_warning(lambda _message: None)
-        ticking, clock.value = clock.value, None
+        warn, clock = mujoco.get_mju_user_warning(), _clock()
+        read_clock = clock.value
+
+        def ignore(_message: str) -> None:
+            pass
+
+        mujoco.set_mju_user_warning(ignore)
+        clock.value = None
         self._compiled = lru_cache(_Compiled)
         try:
             yield
         finally:
-            clock.value = ticking
-            mujoco.set_mju_user_warning(before)
+            clock.value = read_clock
+            mujoco.set_mju_user_warning(warn)
 
 
 class MujocoWorld(World):
-    """A scene in a compiled model, which the world before it has left."""
+    """A scene in a compiled model, which the world made before does not use any more."""
 
     def __init__(self, scene: Scene, compiled: _Compiled) -> None:
         mujoco: Any = import_module("mujoco")
         model, contacts = compiled.model, compiled.pairs
         self.model, self._data = model, compiled.data
-        balls, (pairs, depth, acceleration) = slice(1, 1 + len(scene.masses)), mapped(scene)
-        super().__init__(scene, radius_of(depth), pairs[-1].rest_penetration(scene.gravity))
+        balls = slice(1, 1 + len(scene.masses))  # body 0 is the table
+        pairs, depth, acceleration = map_scene(scene)
+        super().__init__(scene, radius_of(depth), pairs[-1].equilibrium_depth(scene.gravity))
         model.geom_size[balls, 0] = self.radius
         model.geom_rbound[balls] = self.radius
         model.body_pos[balls, 2] = self.places
         model.body_mass[balls] = scene.masses
         model.opt.timestep = scene.step
-        # Of two measures, an acceleration and its square, the smaller: stops at the second Newton iteration.
+        # The engine compares an acceleration and its square with it: with the smaller, Newton's method stops after two
+        # iterations.
         model.opt.tolerance = 1e-14 * min(acceleration, acceleration**2)
         model.opt.gravity[2] = -scene.gravity
         model.pair_solref[contacts] = [pair.solref for pair in pairs]
@@ -185,23 +198,11 @@ class MujocoWorld(World):
         mujoco.mj_setConst(model, self._data)  # the inverse weights follow the masses
         mujoco.mj_resetData(model, self._data)
         self._data.qpos[:], self._data.qvel[:] = self.heights, scene.velocities
-        # A pair alone, by the engine's own inverse weights (docs/mapping.md); that of the table, body 0, is 0.
-        inverse = model.body_invweight0[[*range(1, balls.stop), 0], 0]
-        solref, solimp = model.pair_solref[contacts], model.pair_solimp[contacts]
-        share, masses = solimp[:, 0] / solimp[:, 1], 1 / (inverse[1:] + inverse[:-1])[: len(contacts)]
-        times = solref[:, 0] > 0
-        solref[times, 0] = np.maximum(solref[times, 0], 2 * scene.step)  # refsafe
-        own = (MujocoContact(tuple(r), tuple(d)) for r, d in zip(solref, solimp, strict=True))
-        direct = -np.array([pair.direct for pair in own])
-        self.effective = {
-            "stiffness": tuple((direct[:, 0] * masses * share**2).tolist()),
-            "damping": tuple((direct[:, 1] * masses * share).tolist()),
-            "step": (float(model.opt.timestep),),
-        }
+        self.effective = _read_back(model, contacts, balls.stop)
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
         """Take n steps, recorded in C++."""
-        heights, velocities = rolled_out(self.model, self._data, n)
+        heights, velocities = take_steps(self.model, self._data, n)
         return velocities, heights
 
     def weightless(self, velocities: Floats, heights: Floats) -> None:
@@ -210,13 +211,44 @@ class MujocoWorld(World):
         self.model.opt.gravity[2] = 0.0
 
 
-def mapped(scene: Scene) -> tuple[list[MujocoContact], float, float]:
-    """Map the contacts; how deep they go in m, and the largest acceleration in m/s^2, of a pair that meets alone."""
+def _read_back(model: Any, contacts: list[int], bodies: int) -> dict[str, tuple[float, ...]]:
+    """Read back what the engine will use for each contact as a pair alone (docs/mapping.md); as `World.effective`."""
+    # The engine's own inverse weights; the weight of the table, body 0, is 0.
+    inverse = model.body_invweight0[[*range(1, bodies), 0], 0]
+    masses = 1 / (inverse[1:] + inverse[:-1])[: len(contacts)]
+    solref, solimp = model.pair_solref[contacts], model.pair_solimp[contacts]
+    share = solimp[:, 0] / solimp[:, 1]
+    is_time_constant = solref[:, 0] > 0
+    shortest = 2 * model.opt.timestep  # the engine's refsafe
+    solref[is_time_constant, 0] = np.maximum(solref[is_time_constant, 0], shortest)
+    pairs = [MujocoContact(tuple(ref), tuple(imp)) for ref, imp in zip(solref, solimp, strict=True)]
+    direct = -np.array([pair.direct for pair in pairs])
+    return {
+        "stiffness": tuple((direct[:, 0] * masses * share**2).tolist()),
+        "damping": tuple((direct[:, 1] * masses * share).tolist()),
+        "step": (float(model.opt.timestep),),
+    }
+
+
+class MappedScene(NamedTuple):
+    """The contacts of a scene in MuJoCo's parameters, and what follows for pairs that meet alone."""
+
+    contacts: list[MujocoContact]
+    #: How deep contacts go, in m.
+    depth: float
+    #: The largest acceleration, in m/s^2.
+    acceleration: float
+
+
+def map_scene(scene: Scene) -> MappedScene:
+    """Map the contacts of a scene to MuJoCo's parameters."""
     impedance = scene.regularisation * MUJOCO_IMPEDANCE
     if scene.mapping == "shipped":
         pairs = [MujocoContact(MUJOCO_DEFAULT_SOLREF, MUJOCO_DEFAULT_SOLIMP)] * len(scene.stiffnesses)
     else:
         pairs = [mujoco_contact(contact, scene.mapping, impedance) for contact in scene.contacts]
-    alone = zip(pairs, reduced_masses(scene), strict=True)
-    depth = scene.depth([pair.stiffness(mass) for pair, mass in alone])
-    return pairs, depth, scene.fastest * math.sqrt(max(-pair.direct[0] for pair in pairs)) + scene.gravity
+    masses = reduced_masses(scene)
+    depth = scene.depth([pair.stiffness(mass) for pair, mass in zip(pairs, masses, strict=True)])
+    largest_stiffness = max(-pair.direct[0] for pair in pairs)
+    acceleration = scene.fastest * math.sqrt(largest_stiffness) + scene.gravity
+    return MappedScene(pairs, depth, acceleration)

@@ -1,10 +1,13 @@
 """Newton (Warp) on a processor, in single precision: its SemiImplicit solver, springs with dashpots in compression.
 
-While bodies overlap F = ke delta + kd max(0, delta'), ke and kd the means of those of the two shapes (the engine's
-kernels_contact.py): that is `compression-dashpot`. A ball has two spheres, as in `drake`, the lower side above its
-origin and the upper side below: all contacts happen at height 0, and a penetration is no difference of large heights.
-Units are the radius, the step and the mass of ball 1: a step is 1 in every scene, and one recording of steps, which
-Warp replays in C++ at a hundredth of the cost of calls from Python, serves all scenes of as many balls.
+**Law.** While bodies overlap F = ke delta + kd max(0, delta'), where ke and kd are the means of the two shapes' numbers
+(the engine's kernels_contact.py). That is `compression-dashpot`.
+
+**Bodies.** A ball has two spheres, as in `drake`: the lower side is above its origin, the upper side below. So all
+contacts happen at height 0, and a penetration is no difference of large heights.
+
+**Units** are the radius, the step and the mass of ball 1. A step is then 1 in every scene, and one recording of steps
+serves all scenes of as many balls. Warp replays a recording in C++ at a hundredth of the cost of calls from Python.
 """
 
 from __future__ import annotations
@@ -12,22 +15,40 @@ from __future__ import annotations
 from functools import lru_cache
 from importlib import import_module
 from threading import get_ident
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from impact_xval.compliant_baselines.engines.engine import Engine, standard_error_without
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, periods
-from impact_xval.compliant_baselines.mapping import Contact
+from impact_xval.compliant_baselines.mapping import KelvinVoigtContact
 
-#: Steps of a recording, an even number, as states are written to two places in turn; and the smallest depth over the
-#: radius that has three digits, the surface of a sphere being good to 2^-24 of it.
-STEPS, RESOLVED = 64, 2.0**-14
+#: Steps of a recording; an even number, as states are written to two places in turn.
+STEPS = 64
+
+#: Smallest depth over the radius that has three digits: the surface of a sphere is known to 2^-24 of the radius.
+RESOLVED = 2.0**-14
+
+
+class Recording(NamedTuple):
+    """Steps that Warp has recorded, with the arrays that they read and write; all objects are the engine's."""
+
+    #: Masses, gravity and shapes.
+    model: Any
+    #: Poses and velocities of the bodies, before and after the steps.
+    state: Any
+    #: Pose and velocity of every body after each step, shape (STEPS, balls).
+    poses: Any
+    twists: Any
+    #: The recorded steps.
+    graph: Any
+    #: The function that was recorded; it holds what the graph points to.
+    step: Any
 
 
 @lru_cache(maxsize=16)
-def _recorded(balls: int, table: bool, _thread: int) -> Any:
-    """Record steps, for one thread: model, state, what comes after each step, and the graph and what it points to."""
+def _record(balls: int, table: bool, _thread: int) -> Recording:
+    """Record steps of so many balls; one recording a thread."""
     newton, warp = import_module("newton"), import_module("warp")
     level = warp.ScopedLogLevel(warp.LOG_WARNING)
     with standard_error_without(b"Warp CUDA warning"), level, warp.ScopedDevice("cpu"):
@@ -36,15 +57,17 @@ def _recorded(balls: int, table: bool, _thread: int) -> Any:
         for _ in range(balls):
             body = builder.add_body(mass=1.0, inertia=np.eye(3))
             for side in (-1.0, 1.0):
-                where = warp.transform(0.0, 0.0, side, 0.0, 0.0, 0.0, 1.0)
-                builder.add_shape_sphere(body, xform=where, radius=1.0, cfg=surface)
+                pose = warp.transform(0.0, 0.0, side, 0.0, 0.0, 0.0, 1.0)
+                builder.add_shape_sphere(body, xform=pose, radius=1.0, cfg=surface)
         builder.add_ground_plane(cfg=surface)
         model = builder.finalize()
-        met = warp.array(np.arange(1, 1 + 2 * (balls - 1 + table)).reshape(-1, 2), dtype=warp.vec2i)
-        pipeline = newton.CollisionPipeline(model, broad_phase="explicit", shape_pairs_filtered=met)
+        # Shapes are numbered from the top down, two a ball; the upper side of ball 1 is shape 0 and meets nothing.
+        pairs = warp.array(np.arange(1, 1 + 2 * (balls - 1 + table)).reshape(-1, 2), dtype=warp.vec2i)
+        pipeline = newton.CollisionPipeline(model, broad_phase="explicit", shape_pairs_filtered=pairs)
         solver = newton.solvers.SolverSemiImplicit(model, angular_damping=0.0)
         contacts, control, states = pipeline.contacts(), model.control(), (model.state(), model.state())
-        poses, twists = (warp.zeros((STEPS, balls), of) for of in (warp.transform, warp.spatial_vector))
+        poses = warp.zeros((STEPS, balls), warp.transform)
+        twists = warp.zeros((STEPS, balls), warp.spatial_vector)
 
         def step(n: int) -> None:
             now, after = states[n % 2], states[1 - n % 2]
@@ -57,24 +80,29 @@ def _recorded(balls: int, table: bool, _thread: int) -> Any:
         with warp.ScopedCapture() as capture:
             for n in range(STEPS):
                 step(n)
-    return model, states[0], poses, twists, capture.graph, step
+    return Recording(model, states[0], poses, twists, capture.graph, step)
 
 
 class NewtonWorld(World):
     """A scene, written into a recording."""
 
-    #: An addition, and an increment of three factors: half a unit each, and as much again.
+    #: Of single precision: an addition and an increment of three factors, half a unit each, and as much again.
     rounding = 2.0**-22
 
     def __init__(self, scene: Scene, radius: float) -> None:
         self._length, mass, time = radius, scene.masses[0], scene.step
         self._speed, masses = self._length / time, np.array(scene.masses) / mass
-        model, self._state, *self._steps = _recorded(masses.size, scene.table, get_ident())
+        self._recording = _record(masses.size, scene.table, get_ident())
+        model = self._recording.model
         # The damping that gives e in compression alone gives e^2 in both directions (`restitution`).
-        wanted = zip(scene.contacts, scene.restitutions, strict=True)
-        pairs = [Contact.from_restitution(c.k * time**2 / mass, e * e, c.mass / mass) for c, e in wanted]
+        pairs = [
+            KelvinVoigtContact.from_restitution(contact.k * time**2 / mass, e * e, contact.mass / mass)
+            for contact, e in zip(scene.contacts, scene.restitutions, strict=True)
+        ]
         k, c = np.repeat(np.array([(pair.k, pair.c) for pair in pairs], np.float32).T, 2, axis=1)
-        ke, kd = (each.numpy()[1 : 1 + k.size] for each in (model.shape_material_ke, model.shape_material_kd))
+        ke, kd = (
+            values.numpy()[1 : 1 + k.size] for values in (model.shape_material_ke, model.shape_material_kd)
+        )
         ke[:], kd[:] = k, c
         means = (ke[::2] + ke[1::2]) / (k[::2] + k[1::2])
         self.effective = {"stiffness": tuple((means * scene.stiffnesses).tolist()), "step": (time,)}
@@ -87,16 +115,20 @@ class NewtonWorld(World):
         self._gravity[:, 2] = -scene.gravity * time / self._speed
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
-        """Take up to `STEPS` steps; what a recording takes beyond n nobody reads."""
-        poses, twists, graph, _ = self._steps
-        import_module("warp").capture_launch(graph)
-        velocities, heights = (each.numpy()[:n, :, 2].astype(float) for each in (twists, poses))
+        """Take up to `STEPS` steps; the steps of the recording beyond n are not read."""
+        recording = self._recording
+        import_module("warp").capture_launch(recording.graph)
+        velocities = recording.twists.numpy()[:n, :, 2].astype(float)
+        heights = recording.poses.numpy()[:n, :, 2].astype(float)
         return velocities * self._speed, heights * self._length
 
     def weightless(self, velocities: Floats, heights: Floats) -> None:
         """Go on from a state without gravity."""
-        poses, twists = self._state.body_q.numpy(), self._state.body_qd.numpy()
-        self._gravity[:], poses[:], twists[:] = 0, (0, 0, 0, 0, 0, 0, 1), 0
+        state = self._recording.state
+        poses, twists = state.body_q.numpy(), state.body_qd.numpy()
+        self._gravity[:] = 0
+        poses[:] = (0, 0, 0, 0, 0, 0, 1)
+        twists[:] = 0
         poses[:, 2], twists[:, 2] = heights / self._length, velocities / self._speed
 
 
@@ -107,9 +139,10 @@ class Newton(Engine):
     rounding, made = 1e-6, NewtonWorld
 
     def refusal(self, scene: Scene) -> str | None:
-        """Why Newton cannot take a scene: another mapping, depths too far apart for single precision."""
+        """Say why Newton cannot take a scene: another mapping, or depths too far apart for single precision."""
         if scene.mapping != "calibrated":
             return f"mapping = {scene.mapping!r}: Newton has one; legal: 'calibrated'"
         depth = scene.speed * min(periods(scene)) / (2 * np.pi) / self.radius(scene)
-        why = f"a contact {depth:.1e} radii deep beside others: single precision needs {RESOLVED:.1e}"
-        return why if depth < RESOLVED else None
+        if depth < RESOLVED:
+            return f"a contact {depth:.1e} radii deep beside others: single precision needs {RESOLVED:.1e}"
+        return None

@@ -1,70 +1,111 @@
 """PyBullet: spheres on a plane; docs/mapping.md, section 2, gives the reasons of its settings.
 
-The engine combines the stiffness and damping of two bodies. Two balls on a table get by with a lower ball that is rigid
-and undamped: the upper ball carries contact 1, the table contact 2. In a longer line a ball has two sides: its base,
-which meets the ball below and carries the contact, and a massless link fixed to it, at the same place, which meets the
-ball above and is rigid and undamped; filters let only these pairs meet. Balls without a link are bodies in maximal
-coordinates, whose step costs 60 % of a multibody's; a broadphase that tries every pair saves them a seventh more.
+**Bodies.** The engine combines the stiffness and damping of two bodies. Two balls on a table get by with a lower ball
+that is rigid and undamped: the upper ball carries contact 1, the table contact 2. In any other line a ball has two
+sides. Its base meets the ball below and carries the contact. A massless link, fixed to the base at the same place,
+meets the ball above and is rigid and undamped. Filters let only these pairs meet. Balls without a link are bodies in
+maximal coordinates: their step costs 60 % of a multibody's, and a broadphase that tries every pair saves a seventh
+more.
 
-A call from Python and two reads cost more than a step. Where nothing can happen (`engines.quiet`) the engine takes up
-to `STRIDE` sub-steps in one call, with a bit for bit identical result. Heights of single steps are not read: the
-engine's update is x += h v with the new v, to the last bit or two.
+**Steps.** A call from Python and two reads cost more than a step. Where nothing can happen
+(`engines.event_free_steps`), the engine takes up to `STRIDE` sub-steps in one call, and the result is the same to the
+bit. Heights of single steps are not read: the engine's update is x += h v with the new v, to the last bit or two.
 """
 
 from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from impact_xval.compliant_baselines.engines.engine import Engine, import_quietly
-from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, radius_of, sweeps
-from impact_xval.compliant_baselines.mapping import Side, Sides, combined, pybullet_side, sides
+from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, count_sweeps, radius_of
+from impact_xval.compliant_baselines.mapping import (
+    BodySides,
+    Side,
+    assign_sides,
+    combine_sides,
+    pybullet_side,
+)
 
 #: Most sub-steps of one call.
 STRIDE = 256
 
-#: Absolute numbers of the engine: a step that it takes for none (SIMD_EPSILON, s), the impulse at which it caps a
-#: contact in a step (N s), the diagonal of the box around a body at which it drops the body (m).
-SHORTEST_STEP, LARGEST_IMPULSE, LARGEST_BODY = sys.float_info.epsilon, 1e10, 1e6
+#: Step in s up to which the engine does nothing (SIMD_EPSILON).
+SHORTEST_STEP = sys.float_info.epsilon
 
-#: Parameters of all scenes; `contactBreakingThreshold` goes with the radius.
+#: Impulse in N s at which the engine caps a contact in a step.
+LARGEST_IMPULSE = 1e10
+
+#: Diagonal in m of the box around a body from which the engine drops the body.
+LARGEST_BODY = 1e6
+
+#: Parameters of all scenes.
 EXACT = {
     "solverResidualThreshold": 0,
     "contactSlop": 0,
     "restitutionVelocityThreshold": 0,
     "useSplitImpulse": 0,
 }
+
+#: `contactBreakingThreshold` over the radius.
 BREAKING_OVER_RADIUS = 2e-7
 
-#: What a body must not do on the engine's own account, as `changeDynamics` has it, and the cap of a multibody's speed.
-ZERO = ("restitution", "lateralFriction", "spinningFriction", "rollingFriction")
-ZERO += ("linearDamping", "angularDamping", "contactProcessingThreshold")
+#: Arguments of `changeDynamics` that keep the engine from acting on a body by itself; and the cap of a multibody's
+#: speed.
+ZERO = (
+    "restitution",
+    "lateralFriction",
+    "spinningFriction",
+    "rollingFriction",
+    "linearDamping",
+    "angularDamping",
+    "contactProcessingThreshold",
+)
 FREE = {**dict.fromkeys(ZERO, 0.0), "maxJointVelocity": 1e30}
 
-#: Of a body, what meets the body above and what meets the body below, as body and part.
-Parts = tuple[tuple[int, int], tuple[int, int]]
-
-#: Part of a ball: the base meets the ball below, the link the ball above. A link is fixed and massless.
+#: Parts of a ball, as the engine numbers them: the base meets the ball below, the link the ball above.
 BASE, LINK = -1, 0
-FIXED = {
+
+
+class Part(NamedTuple):
+    """A part of a body, as the engine's calls take it."""
+
+    body: int
+    #: `BASE` or `LINK`.
+    link: int
+
+
+class BodyParts(NamedTuple):
+    """The two parts of a body; one and the same if it has no link."""
+
+    #: Meets the body above.
+    upper: Part
+    #: Meets the body below.
+    lower: Part
+
+
+#: Arguments of `createMultiBody` that make a fixed, massless link.
+FIXED: dict[str, Any] = {
     "linkMasses": [0],
     "linkVisualShapeIndices": [-1],
     "linkParentIndices": [0],
     "linkJointAxis": [(0, 0, 1)],
+    "linkPositions": [(0, 0, 0)],
+    "linkInertialFramePositions": [(0, 0, 0)],
+    "linkOrientations": [(0, 0, 0, 1)],
+    "linkInertialFrameOrientations": [(0, 0, 0, 1)],
 }
-FIXED |= {key: [(0, 0, 0)] for key in ("linkPositions", "linkInertialFramePositions")}
-FIXED |= {key: [(0, 0, 0, 1)] for key in ("linkOrientations", "linkInertialFrameOrientations")}
 
 
 class Client:
-    """The module pybullet, whose functions are those of one client by its number."""
+    """The module pybullet, its functions bound to one client."""
 
     def __init__(self, number: int) -> None:
         self.module, self.number = import_quietly("pybullet"), number
@@ -75,8 +116,11 @@ class Client:
 
 
 @contextmanager
-def connected() -> Iterator[Client]:
-    """Connect a client; one that was kept would be client 0 to whoever else uses PyBullet and names none."""
+def connected() -> Generator[Client]:
+    """Connect a client for a while.
+
+    A client that was kept would be client 0, which all other users of PyBullet share who name no client.
+    """
     p: Any = import_quietly("pybullet")
     client = Client(p.connect(p.DIRECT))
     if client.number < 0:
@@ -98,8 +142,8 @@ class Pybullet(Engine):
     )
 
     def refusal(self, scene: Scene) -> str | None:
-        """Why PyBullet cannot take a scene: one of its absolute numbers would replace what was asked."""
-        if scene.mapping == "naive" and _linked(scene):
+        """Say why PyBullet cannot take a scene: one of its absolute numbers would replace what was asked for."""
+        if scene.mapping == "naive" and _has_links(scene):
             return "mapping = 'naive': PyBullet's is that of two balls on a table; legal: 'calibrated'"
         if scene.step <= SHORTEST_STEP:
             return (
@@ -117,85 +161,96 @@ class Pybullet(Engine):
         )
 
     def radius(self, scene: Scene) -> float:
-        """As `Engine.radius`."""
-        return radius_of(scene.depth([pair.stiffness for pair in combined(_sides(scene))]))
+        """Return the radius in m of the balls."""
+        return radius_of(scene.depth([contact.stiffness for contact in combine_sides(_sides(scene))]))
 
     def world(self, scene: Scene) -> PybulletWorld:
         """Set a scene up."""
-        return PybulletWorld(self._client, scene, self._made)
+        return PybulletWorld(self._client, scene, self._bodies)
 
     @contextmanager
-    def running(self) -> Iterator[None]:
+    def running(self) -> Generator[None]:
         """Connect a client."""
         with connected() as self._client:
-            self._made = {}
+            self._bodies: Bodies = {}
             yield
 
 
+#: The bodies that a client holds, the table last, by number of balls, table and radius; at most one entry.
+Bodies = dict[tuple[int, bool, float], list[BodyParts]]
+
+
 class PybulletWorld(World):
-    """Plane and spheres in a client, which is emptied first."""
+    """A plane and spheres in a client, which is emptied first unless it holds as many of the same radius."""
 
     longest_leap = STRIDE
 
-    def __init__(self, p: Client, scene: Scene, made: dict[Any, list[Parts]]) -> None:
+    def __init__(self, p: Client, scene: Scene, bodies: Bodies) -> None:
         self._p, self._step, self._stride, self._falls = p, scene.step, 0, scene.gravity > 0
-        bodies = _sides(scene)
-        pairs = combined(bodies)
-        radius = radius_of(scene.depth([pair.stiffness for pair in pairs]))
-        super().__init__(scene, radius, scene.masses[-1] * scene.gravity / pairs[-1].stiffness)
+        sides = _sides(scene)
+        contacts = combine_sides(sides)
+        radius = radius_of(scene.depth([contact.stiffness for contact in contacts]))
+        super().__init__(scene, radius, scene.masses[-1] * scene.gravity / contacts[-1].stiffness)
         self._x = self.heights
-        kind = len(scene.masses), scene.table, radius
-        if kind not in made:
-            made.clear()
-            made[kind] = self._make(scene, radius)
-        parts = made[kind]
-        self.balls = [ball for (ball, _), _ in parts[: len(scene.masses)]]
+        key = len(scene.masses), scene.table, radius
+        if key not in bodies:
+            bodies.clear()
+            bodies[key] = self._make_bodies(scene, radius)
+        parts = bodies[key]
+        self.balls = [ball.lower.body for ball in parts[: len(scene.masses)]]
         h = scene.step
-        soft = [1 / (h * (h * pair.stiffness + pair.dissipation)) for pair in pairs]
-        # Two more, for the cap at zero force to settle which contacts act.
-        most = 2 + min(1000, max(2, sweeps(scene, soft)))
-        p.setPhysicsEngineParameter(fixedTimeStep=h, numSubSteps=0, numSolverIterations=most)
+        softening = [1 / (h * (h * contact.stiffness + contact.dissipation)) for contact in contacts]
+        # Two more sweeps, for the cap at zero force to settle which contacts are active.
+        iterations = 2 + min(1000, max(2, count_sweeps(scene, softening)))
+        p.setPhysicsEngineParameter(fixedTimeStep=h, numSubSteps=0, numSolverIterations=iterations)
         for ball, mass in zip(self.balls, scene.masses, strict=True):
             p.changeDynamics(ball, BASE, mass=mass)
-        for both, own in zip(parts, bodies, strict=True):
-            for part, side in zip(both, own, strict=True):
+        for body_parts, body_sides in zip(parts, sides, strict=True):
+            for part, side in zip(body_parts, body_sides, strict=True):
                 p.changeDynamics(*part, contactStiffness=side.stiffness, contactDamping=side.dissipation)
-        # Apart for a step, in which the engine forgets contact points and what it warm-starts from.
+        # Apart for a step, in which the engine forgets its contact points and the impulses it would start from.
         p.setGravity(0, 0, 0)
         self._place(10 * self.places, [0.0] * len(self.balls))
         p.stepSimulation()
         p.setGravity(0, 0, -scene.gravity)
         self._place(self.places + self._x, scene.velocities)
-        if _linked(scene):  # of bodies in maximal coordinates it says nothing
-            pairs = combined([[Side(*p.getDynamicsInfo(*part)[9:7:-1]) for part in both] for both in parts])
+        if _has_links(scene):  # bodies in maximal coordinates cannot be read back
+            contacts = combine_sides([BodySides(*map(self._read_side, both)) for both in parts])
         self.effective = {
-            "stiffness": tuple(pair.stiffness for pair in pairs),
-            "damping": tuple(pair.dissipation for pair in pairs),
+            "stiffness": tuple(contact.stiffness for contact in contacts),
+            "damping": tuple(contact.dissipation for contact in contacts),
             "step": (p.getPhysicsEngineParameters()["fixedTimeStep"],),
         }
 
-    def _make(self, scene: Scene, radius: float) -> list[Parts]:
-        """Empty the client and make table and balls; their parts, those of the upper ball first."""
-        p, linked = self._p, _linked(scene)
+    def _read_side(self, part: Part) -> Side:
+        """Read back stiffness and damping of a part."""
+        damping, stiffness = self._p.getDynamicsInfo(*part)[8:10]
+        return Side(stiffness, damping)
+
+    def _make_bodies(self, scene: Scene, radius: float) -> list[BodyParts]:
+        """Empty the client and make the balls, from the upper one down, and the table."""
+        p, linked = self._p, _has_links(scene)
         p.resetSimulation(0 if linked else p.RESET_USE_SIMPLE_BROADPHASE)
         p.setPhysicsEngineParameter(contactBreakingThreshold=BREAKING_OVER_RADIUS * radius, **EXACT)
         plane = p.createCollisionShape(p.GEOM_PLANE)
         sphere = p.createCollisionShape(p.GEOM_SPHERE, radius)
-        how: dict[str, Any] = {"useMaximalCoordinates": int(not linked)}
-        table = p.createMultiBody(0, plane, **how)
+        coordinates: dict[str, Any] = {"useMaximalCoordinates": int(not linked)}
+        table = p.createMultiBody(0, plane, **coordinates)
+        link: dict[str, Any] = coordinates
         if linked:
-            how = {**FIXED, "linkCollisionShapeIndices": [sphere], "linkJointTypes": [p.JOINT_FIXED]}
-        parts = [((table, BASE), (table, BASE))] if scene.table else []
+            link = {**FIXED, "linkCollisionShapeIndices": [sphere], "linkJointTypes": [p.JOINT_FIXED]}
+        parts = [BodyParts(Part(table, BASE), Part(table, BASE))] if scene.table else []
         for z in 10 * self.places[::-1]:
-            ball = p.createMultiBody(1, sphere, basePosition=(0, 0, z), **how)
-            parts.insert(0, ((ball, LINK if linked else BASE), (ball, BASE)))
-        for body, part in {part for both in parts for part in both}:
-            p.changeDynamics(body, part, activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING, **FREE)
+            ball = p.createMultiBody(1, sphere, basePosition=(0, 0, z), **link)
+            parts.insert(0, BodyParts(Part(ball, LINK if linked else BASE), Part(ball, BASE)))
+        for part in {part for both in parts for part in both}:
+            p.changeDynamics(*part, activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING, **FREE)
             if linked:
-                p.setCollisionFilterGroupMask(body, part, 0, 0)
+                p.setCollisionFilterGroupMask(*part, 0, 0)
         if linked:
-            for (_, (upper, below)), ((lower, above), _) in pairwise(parts):
-                p.setCollisionFilterPair(upper, lower, below, above, 1)
+            for above, below in pairwise(parts):
+                lower, upper = above.lower, below.upper
+                p.setCollisionFilterPair(lower.body, upper.body, lower.link, upper.link, 1)
         return parts
 
     def _place(self, heights: Floats, velocities: Sequence[float]) -> None:
@@ -208,7 +263,8 @@ class PybulletWorld(World):
         self._set_stride(0)
         p, client, h = self._p.module, self._p.number, self._step  # a keyword would cost a tenth
         step, read = p.stepSimulation, p.getBaseVelocity
-        balls, velocities, upper, lower = self.balls, [], *self._x[:2].tolist()
+        balls, (upper, lower) = self.balls, self._x[:2].tolist()
+        velocities: list[list[float]] = []
         for _ in range(n):
             step(client)
             v = [read(ball, client)[0][2] for ball in balls]
@@ -223,10 +279,10 @@ class PybulletWorld(World):
         return taken, heights
 
     def leap(self, n: int) -> tuple[int, Floats, Floats]:
-        """Take up to n steps in one call: as many as the engine makes of their time as they are meant.
+        """Take up to n steps in one call: the largest number that the engine divides into as many steps of length h.
 
-        It divides the time n h of a call by n, and counts how often what comes out goes into it
-        (btDiscreteDynamicsWorld.cpp, stepSimulation); rounding spoils that for some n. Powers of two are safe.
+        The engine divides the time n h of a call by n, and counts how often the quotient goes into it
+        (btDiscreteDynamicsWorld.cpp, stepSimulation). For some n rounding spoils that; powers of two are safe.
         """
         p, client, h = self._p.module, self._p.number, self._step
         while n * h / n != h or int(n * h / h) != n:
@@ -239,7 +295,10 @@ class PybulletWorld(World):
         return n, v, self._x
 
     def weightless(self, velocities: Floats, heights: Floats) -> None:
-        """Switch gravity off: a flight begins with a step after which all gaps are open, the last one taken."""
+        """Switch gravity off.
+
+        The state needs no change: a flight begins after the last step taken (`advance`).
+        """
         self._p.setGravity(0, 0, 0)
         self._falls = False
 
@@ -250,11 +309,12 @@ class PybulletWorld(World):
             self._stride = n
 
 
-def _linked(scene: Scene) -> bool:
-    """Whether balls need two sides; see the module."""
+def _has_links(scene: Scene) -> bool:
+    """Tell whether balls need two sides; see the module."""
     return not (scene.table and len(scene.masses) == 2)
 
 
-def _sides(scene: Scene) -> list[Sides]:
-    """Stiffness and damping of both sides of every body."""
-    return sides(list(map(pybullet_side, scene.contacts)), scene.mapping, whole=not _linked(scene))
+def _sides(scene: Scene) -> list[BodySides]:
+    """Return stiffness and damping of both sides of every body."""
+    contacts = [pybullet_side(contact) for contact in scene.contacts]
+    return assign_sides(contacts, scene.mapping, one_side_per_body=not _has_links(scene))

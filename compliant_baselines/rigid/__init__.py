@@ -1,1 +1,1 @@
-"""Rigid contacts: exact impact laws, engines that take a restitution, and which law an engine follows."""
+"""Rigid contacts: exact impact laws, and adapters of engines that take a restitution."""

@@ -1,13 +1,15 @@
 """PyBullet with `restitution`: sequential impulses in double precision, as most of its users run it.
 
-Coefficients of two bodies multiply: e on a ball's base, which meets the ball below, `partner` on its link, which meets
-the ball above (`engines.pybullet`). No correction of overlaps (`contactERP` = 0), no threshold of restitution, unless
-it is run as it ships: then only the damping of velocities in free flight is switched off.
+PyBullet multiplies the coefficients of two bodies. The base of a ball meets the ball below and has the e of that
+contact; its link meets the ball above and has `Settings.partner_restitution` (`engines.pybullet`). Overlaps are not
+corrected (`contactERP` = 0), and restitution has no threshold.
+
+Run as it ships, PyBullet keeps all its defaults but one: the damping of velocities in free flight is switched off.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from typing import Any
 
@@ -24,26 +26,27 @@ from impact_xval.compliant_baselines.engines.pybullet import (
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.rigid.lines import RigidEngine, RigidWorld
 
-#: Distance in m at which it drops a contact, as it ships (gContactBreakingThreshold of btPersistentManifold.cpp).
+#: Distance in m at which PyBullet, as it ships, drops a contact (gContactBreakingThreshold, btPersistentManifold.cpp).
 SHIPPED_BREAKING = 0.02
 
-#: Velocities that fall between impacts would count as forces of contacts.
+#: No damping in free flight: velocities that fall between impacts would be taken for forces of contacts.
 UNDAMPED = {"linearDamping": 0.0, "angularDamping": 0.0}
 
 
 class BulletWorld(RigidWorld):
-    """Plane and spheres in a client, which is emptied first."""
+    """A plane and spheres in a client, which is emptied first."""
 
     def __init__(self, scene: Scene, radius: float, p: Client) -> None:
         super().__init__(scene, radius)
         self._p = p
         p.resetSimulation()
         exact = scene.mapping != "shipped"
-        # The threshold is the process's: another scene may have set it.
-        how: dict[str, Any] = {"contactBreakingThreshold": 1e-4 * self.radius if exact else SHIPPED_BREAKING}
+        # The threshold is one for the whole process: another scene may have set it.
+        parameters: dict[str, Any] = {"contactBreakingThreshold": SHIPPED_BREAKING}
         if exact:
-            how |= {"numSolverIterations": self.sweeps, "erp": 0, "contactERP": 0, **EXACT}
-        p.setPhysicsEngineParameter(fixedTimeStep=scene.step, numSubSteps=0, **how)
+            parameters["contactBreakingThreshold"] = 1e-4 * self.radius
+            parameters |= {"numSolverIterations": self.sweeps, "erp": 0, "contactERP": 0, **EXACT}
+        p.setPhysicsEngineParameter(fixedTimeStep=scene.step, numSubSteps=0, **parameters)
         sphere = p.createCollisionShape(p.GEOM_SPHERE, self.radius)
         link = {**FIXED, "linkCollisionShapeIndices": [sphere], "linkJointTypes": [p.JOINT_FIXED]}
         self._balls = [
@@ -57,17 +60,17 @@ class BulletWorld(RigidWorld):
         for body, part in [*((ball, BASE) for ball in self._balls), *bodies]:
             p.changeDynamics(body, part, activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING)
             p.changeDynamics(body, part, **(FREE if exact else UNDAMPED))
-            p.changeDynamics(body, part, restitution=self.partner)
+            p.changeDynamics(body, part, restitution=scene.partner_restitution)
             p.setCollisionFilterGroupMask(body, part, 0, 0)
-        said = []
-        for ball, above, e in zip(self._balls, bodies[1:], scene.restitutions, strict=False):
+        products: list[float] = []
+        for ball, (body, part), e in zip(self._balls, bodies[1:], scene.restitutions, strict=False):
             p.changeDynamics(ball, BASE, restitution=e)
-            p.setCollisionFilterPair(ball, above[0], BASE, above[1], 1)
-            said.append(p.getDynamicsInfo(ball, BASE)[5] * p.getDynamicsInfo(*above)[5])
+            p.setCollisionFilterPair(ball, body, BASE, part, 1)
+            products.append(p.getDynamicsInfo(ball, BASE)[5] * p.getDynamicsInfo(body, part)[5])
         for ball, v in zip(self._balls, scene.velocities, strict=True):
             p.resetBaseVelocity(ball, (0, 0, v), (0, 0, 0))
         self.effective = {
-            "restitution": tuple(said),
+            "restitution": tuple(products),
             "step": (p.getPhysicsEngineParameters()["fixedTimeStep"],),
         }
 
@@ -86,7 +89,7 @@ class PybulletRestitution(RigidEngine):
     title, way_out, shipped_step = "PyBullet", Pybullet.way_out, 1 / 240
 
     @contextmanager
-    def running(self) -> Iterator[None]:
+    def running(self) -> Generator[None]:
         """Connect a client."""
         with connected() as self._client:
             yield

@@ -1,10 +1,10 @@
 """DART: one boxed LCP for all contacts of a step (Dantzig's method), in double precision.
 
-The restitution of a contact is the product of the coefficients of its two shapes: e below a ball, `partner` on what it
-meets. Each ball slides along a joint. Split impulses keep the correction of overlaps out of velocities.
+The restitution of a contact is the product of the coefficients of its two shapes. Each ball slides along a joint. Split
+impulses keep the correction of overlaps out of velocities.
 
-What is measured (6.20): a contact is softer by 1e-5, so that a rebound is slower by (1 + e) 1e-5 of the approach; no
-contact whose rebound were `SLOWEST` or less rebounds, and none rebounds faster than `FASTEST`.
+Measured of version 6.20: DART softens a contact by 1e-5, so that a rebound is slower by (1 + e) 1e-5 of the approach. A
+contact that would rebound at `SLOWEST` or less does not rebound, and no contact rebounds faster than `FASTEST`.
 """
 
 from __future__ import annotations
@@ -17,9 +17,12 @@ import numpy as np
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene
 from impact_xval.compliant_baselines.rigid.lines import RigidEngine, RigidWorld
 
-#: Speeds of rebound in m/s: up to the first it drops restitution, and none is faster than the other
-#: (DART_BOUNCING_VELOCITY_THRESHOLD and DART_MAX_BOUNCING_VELOCITY in dart/constraint/ContactConstraint.cpp).
-SLOWEST, FASTEST = 0.1, 100.0
+#: Speed of rebound in m/s up to which DART drops restitution (DART_BOUNCING_VELOCITY_THRESHOLD in
+#: dart/constraint/ContactConstraint.cpp).
+SLOWEST = 0.1
+
+#: Fastest rebound in m/s (DART_MAX_BOUNCING_VELOCITY in the same file).
+FASTEST = 100.0
 
 
 class DartWorld(RigidWorld):
@@ -31,13 +34,17 @@ class DartWorld(RigidWorld):
         super().__init__(scene, radius)
         dart: Any = import_module("dartpy")
         world, half = dart.simulation.World(), self.radius / 2
-        self._world, self._joints, lower, upper = world, [], [], []
+        self._world = world
+        self._joints: list[Any] = []
+        lower: list[Any] = []
+        upper: list[Any] = []
         world.setGravity([0, 0, 0])
         world.setTimeStep(scene.step)
         solver = world.getConstraintSolver()
         solver.setCollisionDetector(dart.collision.DARTCollisionDetector())
         solver.setSplitImpulseEnabled(True)
-        # Where Dantzig's method gives up, in columns of four balls, sweeps follow: 30 by default, which is far too few.
+        # With four balls Dantzig's method can give up. DART then sweeps over the contacts, by default 30 times, which
+        # is far too few.
         solver.getSecondaryBoxedLcpSolver().setOption(
             dart.constraint.PgsBoxedLcpSolverOption(10_000, 0.0, 1e-14)
         )
@@ -51,14 +58,15 @@ class DartWorld(RigidWorld):
             material.setRestitutionCoeff(e)
             return material
 
-        below, slide = (*scene.restitutions, 1.0), dart.dynamics.PrismaticJointProperties()
+        e_below = (*scene.restitutions, 1.0)  # the lowest ball may have nothing below
+        slide = dart.dynamics.PrismaticJointProperties()
         slide.mAxis = [0, 0, 1]
-        for mass, z, v, e in zip(scene.masses, self.centres, scene.velocities, below, strict=False):
+        for mass, z, v, e in zip(scene.masses, self.centres, scene.velocities, e_below, strict=False):
             skeleton = dart.dynamics.Skeleton()
             joint, body = skeleton.createPrismaticJointAndBodyNodePair(None, slide)
             body.setMass(mass)
             lower.append(add(body, dart.dynamics.SphereShape(half), -half, e))
-            upper.append(add(body, dart.dynamics.SphereShape(half), half, self.partner))
+            upper.append(add(body, dart.dynamics.SphereShape(half), half, scene.partner_restitution))
             joint.setPosition(0, z)
             joint.setVelocity(0, v)
             self._joints.append(joint)
@@ -66,10 +74,12 @@ class DartWorld(RigidWorld):
         if scene.table:
             skeleton = dart.dynamics.Skeleton()
             _, body = skeleton.createWeldJointAndBodyNodePair()
-            upper.append(add(body, dart.dynamics.BoxShape([100 * half] * 3), -50 * half, self.partner))
+            upper.append(
+                add(body, dart.dynamics.BoxShape([100 * half] * 3), -50 * half, scene.partner_restitution)
+            )
             world.addSkeleton(skeleton)
         pairs = zip(lower, upper[1:], strict=False)
-        self._restitutions, self._before = np.array(scene.restitutions), np.array(scene.velocities)
+        self._restitutions, self._velocities = np.array(scene.restitutions), np.array(scene.velocities)
         self.effective = {
             "restitution": tuple(a.getRestitutionCoeff() * b.getRestitutionCoeff() for a, b in pairs),
             "step": (world.getTimeStep(),),
@@ -84,12 +94,13 @@ class DartWorld(RigidWorld):
     def advance(self, n: int) -> tuple[Floats, Floats]:
         """Take n steps, and add up the restitution that DART has dropped in them."""
         velocities, heights = super().advance(n)
-        states = np.vstack([self._before, velocities])
-        rates = np.diff(np.column_stack([states, np.zeros(len(states))]))[:, : len(self._restitutions)]
+        states = np.vstack([self._velocities, velocities])
+        table = np.zeros(len(states))
+        rates = np.diff(np.column_stack([states, table]))[:, : len(self._restitutions)]
         rebound = self._restitutions * rates[:-1]
         struck = (rebound > 0) & (rebound <= SLOWEST) & (rates[1:] != rates[:-1])
         self.dropped += float(rebound[struck].sum())
-        self._before = velocities[-1]
+        self._velocities = velocities[-1]
         return velocities, heights
 
 
@@ -100,7 +111,7 @@ class Dart(RigidEngine):
     made = DartWorld
 
     def refusal(self, scene: Scene) -> str | None:
-        """Why DART cannot take a scene: where it would drop or cut the restitution of a first impact."""
+        """Say why DART cannot take a scene: it would drop the restitution of a first impact, or limit its rebound."""
         for i, rebound in enumerate((scene.restitutions * scene.rates).tolist(), 1):
             would = f"contact {i} would rebound at {rebound:.3g} m/s: DART"
             if 0 < rebound <= SLOWEST:

@@ -1,7 +1,7 @@
 """Pymunk (Chipmunk, 2-D): circles that do not turn, on a thick segment; iterated impulses in double precision.
 
-The restitution of a contact is the product of the elasticities of its two shapes: e below a ball, `partner` on what it
-meets. `collision_bias` = 1 and `collision_slop` = 0 leave overlaps as they are.
+The restitution of a contact is the product of the elasticities of its two shapes. `collision_bias` = 1 and
+`collision_slop` = 0 leave overlaps as they are.
 """
 
 from __future__ import annotations
@@ -26,17 +26,20 @@ class PymunkWorld(RigidWorld):
         self._balls = [pymunk.Body(mass, inf) for mass in scene.masses]
         lower = [pymunk.Circle(ball, half, (0, -half)) for ball in self._balls]
         upper: list[Any] = [pymunk.Circle(ball, half, (0, half)) for ball in self._balls]
-        wide = 100 * half
-        upper.append(pymunk.Segment(space.static_body, (-wide, -half), (wide, -half), half))
-        for shape, e in zip(lower, scene.restitutions, strict=False):  # the lowest may meet nothing
+        if scene.table:
+            width = 100 * half
+            upper.append(pymunk.Segment(space.static_body, (-width, -half), (width, -half), half))
+        for shape, e in zip(
+            lower, scene.restitutions, strict=False
+        ):  # the lowest ball may have nothing below
             shape.elasticity = e
         for shape in upper:
-            shape.elasticity = self.partner
+            shape.elasticity = scene.partner_restitution
         for ball, z, v in zip(self._balls, self.centres, scene.velocities, strict=True):
             ball.position, ball.velocity = (0, z), (0, v)
-        space.add(*self._balls, *lower, *upper[: len(upper) - (not scene.table)])
-        said = [below.elasticity * above.elasticity for below, above in zip(lower, upper[1:], strict=True)]
-        self.effective = {"restitution": tuple(said[: len(scene.restitutions)])}
+        space.add(*self._balls, *lower, *upper)
+        pairs = zip(lower, upper[1:], strict=False)
+        self.effective = {"restitution": tuple(above.elasticity * below.elasticity for above, below in pairs)}
 
     def step(self) -> tuple[list[float], list[float]]:
         """Take a step."""

@@ -1,8 +1,8 @@
 """Rapier, 3-D, in single precision: contacts are solved without restitution in sub-steps, then restitution once.
 
-Coefficients of two colliders combine by a rule that is set: here their product, e below a ball and `partner` on what it
-meets. Bodies move along one axis and do not turn. Iterations are as many as converge; the speed at which overlaps are
-pushed out is 0, and the one that no body exceeds (400 lengths a second by default) a million times the fastest.
+The adapter makes Rapier multiply the coefficients of two colliders. Bodies move along one axis and do not turn. The
+solver iterates until it has converged. Overlaps are not pushed out. Rapier caps the speed of bodies, by default at 400
+lengths a second; here the cap is a million times the fastest ball.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from importlib import import_module
 from typing import Any
 
 from impact_xval.compliant_baselines.engines.scene import Scene
-from impact_xval.compliant_baselines.rigid.lines import SINGLE, RigidEngine, RigidWorld, said
+from impact_xval.compliant_baselines.rigid.lines import SINGLE, RigidEngine, RigidWorld, nearest_float32
 
 
 class RapierWorld(RigidWorld):
@@ -23,37 +23,49 @@ class RapierWorld(RigidWorld):
         super().__init__(scene, radius)
         rapier: Any = import_module("rapier3d")
         world, half = rapier.PhysicsWorld(), self.radius / 2
-        how = world.integration_parameters
-        how.dt, how.length_unit, how.normalized_max_corrective_velocity = scene.step, self.radius, 0
-        how.normalized_max_linear_velocity = 1e6 * scene.fastest / self.radius
-        how.num_internal_pgs_iterations = how.num_internal_stabilization_iterations = self.sweeps
+        parameters = world.integration_parameters
+        parameters.dt, parameters.length_unit = scene.step, self.radius
+        parameters.normalized_max_corrective_velocity = 0
+        parameters.normalized_max_linear_velocity = 1e6 * scene.fastest / self.radius
+        parameters.num_internal_pgs_iterations = self.sweeps
+        parameters.num_internal_stabilization_iterations = self.sweeps
 
         def add(shape: Any, z: float, e: float, body: Any = None) -> Any:
             product = rapier.CoefficientCombineRule.MULTIPLY
             shape = shape.translation((0, 0, z)).density(0).friction(0)
             return world.add_collider(shape.restitution(e).restitution_combine_rule(product), body)
 
-        below, lower, upper, bodies = (*scene.restitutions, 1.0), [], [], []
-        for mass, z, v, e in zip(scene.masses, self.centres, scene.velocities, below, strict=False):
+        e_below = (*scene.restitutions, 1.0)  # the lowest ball may have nothing below
+        lower: list[Any] = []
+        upper: list[Any] = []
+        bodies: list[Any] = []
+        for mass, z, v, e in zip(scene.masses, self.centres, scene.velocities, e_below, strict=False):
             body = (
                 rapier.RigidBodyBuilder(rapier.RigidBodyType.DYNAMIC).additional_mass(mass).can_sleep(False)
             )
             body = body.translation((0, 0, z)).linvel((0, 0, v)).enabled_rotations((False, False, False))
             bodies.append(world.add_body(body.enabled_translations((False, False, True))))
             lower.append(add(rapier.Collider.ball(half), -half, e, bodies[-1]))
-            upper.append(add(rapier.Collider.ball(half), half, self.partner, bodies[-1]))
+            upper.append(add(rapier.Collider.ball(half), half, scene.partner_restitution, bodies[-1]))
         if scene.table:
-            upper.append(add(rapier.Collider.cuboid(50 * half, 50 * half, half), -half, self.partner))
+            upper.append(
+                add(rapier.Collider.cuboid(50 * half, 50 * half, half), -half, scene.partner_restitution)
+            )
         self._world, self._set, self._bodies = world, world.rigid_bodies, bodies
-        both = zip(lower, upper[1:], scene.restitutions, strict=False)
-        of = [(world.colliders[a].restitution * world.colliders[b].restitution, e) for a, b, e in both]
+        pairs = zip(lower, upper[1:], scene.restitutions, strict=False)
         self.effective = {
-            "restitution": tuple(said(*each) for each in of),
-            "step": (said(how.dt, scene.step),),
+            "restitution": tuple(
+                nearest_float32(world.colliders[above].restitution * world.colliders[below].restitution, e)
+                for above, below, e in pairs
+            ),
+            "step": (nearest_float32(parameters.dt, scene.step),),
         }
 
     def step(self) -> tuple[list[float], list[float]]:
-        """Take a step; bodies whose numbers are no longer finite, Rapier stops without a word."""
+        """Take a step.
+
+        A RuntimeError says that numbers are no longer finite: Rapier itself only stops such bodies, silently.
+        """
         self._world.step()
         if not self._world.quarantine.is_empty():
             raise RuntimeError("Rapier has put bodies into quarantine: numbers beyond single precision")

@@ -1,23 +1,24 @@
-"""SAPIEN, that is PhysX 5 on a CPU, in single precision: the TGS solver, restitution by material.
+"""SAPIEN (PhysX 5 on a CPU) in single precision: the TGS solver, restitution by material.
 
-PhysX combines the coefficients of two shapes by their mean: both shapes of a contact carry its e. Rotations, and two of
-three translations, are locked. Of the parameters that SAPIEN sets for all scenes, the speed below which there is no
-restitution is 0 while ours run (its default is 2 m/s), and what was set before is restored.
+PhysX takes the mean of the coefficients of two shapes, so both shapes of a contact have its e, and
+`Settings.partner_restitution` does not matter. Rotations and two of three translations are locked. SAPIEN has one speed
+for all scenes below which contacts have no restitution. It is 0 while our scenes run (by default 2 m/s), and restored
+afterwards.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
 from impact_xval.compliant_baselines.engines.scene import Scene
-from impact_xval.compliant_baselines.rigid.lines import SINGLE, RigidEngine, RigidWorld, said
+from impact_xval.compliant_baselines.rigid.lines import SINGLE, RigidEngine, RigidWorld, nearest_float32
 
-#: Iterations of both kinds, the most that PhysX takes. By four a single ball rebounds with 0.693 in place of 0.7.
-MOST = 255
+#: Position and velocity iterations: as many as PhysX allows. After four a single ball rebounds with 0.693, not 0.7.
+MAX_ITERATIONS = 255
 
 
 class SapienWorld(RigidWorld):
@@ -45,7 +46,8 @@ class SapienWorld(RigidWorld):
             self._scene.add_entity(entity)
 
         materials = [physx.PhysxMaterial(0, 0, e) for e in (*scene.restitutions, 0.0)]
-        self._bodies, above = [], physx.PhysxMaterial(0, 0, 0)
+        self._bodies: list[Any] = []
+        above = physx.PhysxMaterial(0, 0, 0)
         for mass, z, v, below in zip(scene.masses, self.centres, scene.velocities, materials, strict=False):
             body = physx.PhysxRigidDynamicComponent()
             attach(body, physx.PhysxCollisionShapeSphere(half, above), half)
@@ -54,7 +56,7 @@ class SapienWorld(RigidWorld):
             body.linear_damping = body.angular_damping = body.sleep_threshold = 0
             body.max_depenetration_velocity = 1e-20
             body.set_locked_motion_axes([True, True, False, True, True, True])
-            body.solver_position_iterations = body.solver_velocity_iterations = MOST
+            body.solver_position_iterations = body.solver_velocity_iterations = MAX_ITERATIONS
             body.disable_gravity = True
             add(body, z)
             body.linear_velocity = [0, 0, v]
@@ -64,10 +66,12 @@ class SapienWorld(RigidWorld):
             body = physx.PhysxRigidStaticComponent()
             attach(body, physx.PhysxCollisionShapeBox([50 * half, 50 * half, half], above), -half)
             add(body, 0.0)
-        of = zip((each.restitution for each in materials), scene.restitutions, strict=False)
         self.effective = {
-            "restitution": tuple(said(*each) for each in of),
-            "step": (said(system.timestep, scene.step),),
+            "restitution": tuple(
+                nearest_float32(material.restitution, e)
+                for material, e in zip(materials, scene.restitutions, strict=False)
+            ),
+            "step": (nearest_float32(system.timestep, scene.step),),
             "threshold": (physx.get_scene_config().bounce_threshold,),
         }
 
@@ -86,20 +90,20 @@ class Sapien(RigidEngine):
     made = SapienWorld
 
     def unavailable(self) -> str | None:
-        """Why it cannot run; without its warning that it finds no graphics, of which ours needs none."""
+        """Say why SAPIEN cannot run; its warning that it finds no graphics is held back."""
         with warnings.catch_warnings(action="ignore"):
             return super().unavailable()
 
     @contextmanager
-    def running(self) -> Iterator[None]:
-        """Set what SAPIEN sets for all scenes, and restore it."""
+    def running(self) -> Generator[None]:
+        """Change the parameters that SAPIEN has for all scenes, and restore them."""
         physx: Any = import_module("sapien").physx
-        before = physx.get_scene_config()
-        threshold = before.bounce_threshold
+        config = physx.get_scene_config()
+        threshold = config.bounce_threshold
         physx.set_scene_config(gravity=[0, 0, 0], bounce_threshold=0.0, enable_tgs=True)
         try:
             with warnings.catch_warnings(action="ignore"):
                 yield
         finally:
-            before.bounce_threshold = threshold
-            physx.set_scene_config(before)
+            config.bounce_threshold = threshold
+            physx.set_scene_config(config)

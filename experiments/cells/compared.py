@@ -20,12 +20,12 @@ from impact_xval.compliant_baselines.registry import (
     is_ours,
     law_of,
     solver_names,
+    sort_by_law,
     stated_law,
 )
 from impact_xval.experiments.config.arrangements import ChainSetup
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.divergence import measures_of
-from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.presentation.document import Block, Table
 from impact_xval.experiments.presentation.html import fragment
 from impact_xval.experiments.presentation.terminal import say_waiting, show
@@ -95,7 +95,7 @@ class Compared:
     @property
     def _known(self) -> dict[str, list[float]]:
         """Velocities per speed of impact, of solvers that came to any, in the order of laws."""
-        all_of = {name: self.outcomes[name].velocities for name in in_order_of_laws(self.outcomes)}
+        all_of = {name: self.outcomes[name].velocities for name in sort_by_law(self.outcomes)}
         return {
             name: [v / self._speed for v in all_of[name]]
             for name in all_of
@@ -220,7 +220,7 @@ class Compared:
 
     def _collision_table(self) -> Table:
         away, known, unit, rows = self.divergences, self._known, self.problem.units.impulse, []
-        for name in in_order_of_laws(self.outcomes):
+        for name in sort_by_law(self.outcomes):
             outcome, shown = self.outcomes[name], ["-"] * 6
             if name in known:
                 numbers = [*known[name], *(impulse / unit for impulse in outcome.impulses)]

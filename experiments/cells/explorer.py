@@ -21,11 +21,10 @@ from bokeh.core.types import ID
 from bokeh.embed import json_item
 
 from impact_xval.compliant_baselines import get_solver, solver_names
-from impact_xval.compliant_baselines.registry import is_engine
+from impact_xval.compliant_baselines.registry import is_engine, sort_by_law
 from impact_xval.experiments.cells.compared import Compared
 from impact_xval.experiments.config.collision_options import asked
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.presentation.document import Table
 from impact_xval.experiments.presentation.html import fragment, page_of, render
 from impact_xval.experiments.presentation.page.charts import bokeh_script, curves_chart, velocities_chart
@@ -113,7 +112,7 @@ def _data(compared: Compared) -> dict[str, dict[str, Any]]:
 @cache
 def page() -> str:
     """Return the page, which then asks for cells."""
-    solvers = in_order_of_laws([*EXACT, *ENGINES])
+    solvers = sort_by_law([*EXACT, *ENGINES])
     charts = {"curves": curves_chart(solvers), "velocities": velocities_chart(solvers)}
     items = [json_item(chart, ID(name)) for name, chart in charts.items()]
     form = render("explore.html.j2", charts=items, engines=ENGINES, bokeh=bokeh_script())

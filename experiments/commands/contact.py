@@ -35,14 +35,14 @@ def contact(
     """
     from impact_xval.compliant_baselines import SolverError, get_solver
     from impact_xval.compliant_baselines.engines.engine import Engine
-    from impact_xval.compliant_baselines.single_contact import pair_asked, tried
+    from impact_xval.compliant_baselines.single_contact import make_pair, measure_largest_step
     from impact_xval.experiments.presentation.contacts import contact_blocks
     from impact_xval.experiments.presentation.terminal import at_work, error_line, make_console, show
     from impact_xval.experiments.presentation.words import restitution_of_two
 
     try:
         numbers = masses, restitution, stiffness, duration, speed
-        pair, touch = pair_asked(*numbers, material or (), radius or ())
+        pair, touch = make_pair(*numbers, material or (), radius or ())
     except ValueError as error:
         raise UserError(f"--{error}") from None
     solver = get_solver(engine)
@@ -50,7 +50,7 @@ def contact(
     error_line(f"trying steps in {engine} ...")
     try:
         with at_work(f"trying steps in {engine}"):
-            blocks = contact_blocks(solver, pair, touch, *tried(solver, pair))
+            blocks = contact_blocks(solver, pair, touch, *measure_largest_step(solver, pair))
     except SolverError as error:
         raise UserError(f"--engine {engine}: {error.status}: {error.reason}") from None
     product = restitution_of_two([engine], pair.restitution)

@@ -184,7 +184,7 @@ def _write_scenes(
 ) -> None:
     """Run a collision by every engine named, and only then write a folder for each; rows of a table are by solver."""
     from impact_xval.compliant_baselines import SolverError
-    from impact_xval.compliant_baselines.paste import exported
+    from impact_xval.compliant_baselines.paste import export_scene
     from impact_xval.experiments.presentation.terminal import make_console, show
     from impact_xval.experiments.tables.folder import write_text
 
@@ -192,7 +192,7 @@ def _write_scenes(
     lines: list[str] = []
     for name in names:
         try:
-            outcome, run, files = exported(name, collision, settings)
+            outcome, run, files = export_scene(name, collision, settings)
         except SolverError as error:
             raise UserError(str(error)) from None
         lines.append(f"{name}: v1 = {outcome.v1!r} m/s, v2 = {outcome.v2!r} m/s, {run.n_steps} steps")

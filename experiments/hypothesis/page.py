@@ -10,11 +10,10 @@ from typing import Any
 from markupsafe import Markup
 from rich.console import Console
 
-from impact_xval.compliant_baselines.registry import description_of, is_engine
+from impact_xval.compliant_baselines.registry import description_of, is_engine, one_solver_per_law
 from impact_xval.experiments.hypothesis.judging import CLOSE
 from impact_xval.experiments.hypothesis.run import CASES, ROUNDING, Results
 from impact_xval.experiments.measures.aggregates import Frame
-from impact_xval.experiments.measures.laws import voters
 from impact_xval.experiments.presentation.document import Block, Figure, Section, Table
 from impact_xval.experiments.presentation.html import page_of
 from impact_xval.experiments.presentation.style import drawing, save
@@ -88,8 +87,9 @@ def _blocks(results: Results) -> list[Block]:
         "The supplement of Jia, Mason and Erdmann (IJRR 32(1), 2013) derives its limiting cases from a hypothesis: if "
         "one of two contacts is infinitely stiffer than the other, its bodies act as one once they reach the same "
         f"velocity, and the rest is a single impact with the third body. {len(results.solvers)} solvers of "
-        f"{len(voters(results.solvers))} laws approach {len(CASES)} limits, each at {results.config.points} "
-        "collisions or more. Supported: final velocities approach the closed form; refuted: another value."
+        f"{len(one_solver_per_law(results.solvers))} laws approach {len(CASES)} limits, each at "
+        f"{results.config.points} collisions or more. Supported: final velocities approach the closed form; refuted: "
+        "another value."
     )
     held = _wholes(results.verdicts).query("solver == @MODEL and verdict == 'supported'")
     answer = [f"The model supports it in {len(held)} of {len(CASES)} limits."] * (MODEL in results.solvers)

@@ -20,7 +20,7 @@ import pandas as pd
 import tomli_w
 from scipy.stats import qmc
 
-from impact_xval.compliant_baselines.registry import engine_free_names
+from impact_xval.compliant_baselines.registry import engine_free_names, exact_solver_for, sort_by_law
 from impact_xval.experiments.config.axes import AXES, Sample
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import REFERENCE, parse_config
@@ -28,7 +28,6 @@ from impact_xval.experiments.hypothesis.chains import chain_outcomes
 from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced
 from impact_xval.experiments.hypothesis.judging import distance, judged, usable, verdicts
 from impact_xval.experiments.measures.aggregates import Frame
-from impact_xval.experiments.measures.laws import exact_for, in_order_of_laws
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.folder import finished, new_folder, write_text
 from impact_xval.experiments.tables.parquet import replacing
@@ -162,7 +161,7 @@ class Results(NamedTuple):
     @property
     def solvers(self) -> list[str]:
         """The solvers that were tested, grouped by the law they were asked for."""
-        return in_order_of_laws(name for name in self.config.solvers if name in set(self.points.solver))
+        return sort_by_law(name for name in self.config.solvers if name in set(self.points.solver))
 
 
 def stages(config: HypothesisConfig, root: Path) -> Iterator[tuple[str, Callable[..., Any]]]:
@@ -180,7 +179,7 @@ def stages(config: HypothesisConfig, root: Path) -> Iterator[tuple[str, Callable
         cells = root / f"{name}.parquet"
         with replacing(cells) as temporary:
             _cells(config, name).to_parquet(temporary, index=False)
-        laws = {exact_for(solver, "calibrated") for solver in solvers} - {"", REFERENCE, *solvers}
+        laws = {exact_solver_for(solver, "calibrated") for solver in solvers} - {"", REFERENCE, *solvers}
         given = {"name": f"hypothesis, {name}", "cells": str(cells), "cell_timeout": config.cell_timeout}
         given |= {"convergence": {"tolerance": 3e-3 if name == UNITED else 2e-4, "halvings": 3}}
         experiment = parse_config(_SETTINGS | given | {"solvers": [*solvers, *sorted(laws)]})
@@ -221,7 +220,7 @@ def results(config: HypothesisConfig, root: Path) -> Results:
         found.append(rows.assign(decades=config.fit_decades if name == EXACT else 2.0))
         if name != EXACT:
             versions = {engine: folder.manifest()["versions"][engine] for engine in solvers}
-    order = [*(case.key for case in CASES), *in_order_of_laws(config.solvers)]
+    order = [*(case.key for case in CASES), *sort_by_law(config.solvers)]
     outcomes = _outcomes(pd.concat(found)).sort_values(
         ["case", "solver", "point", "contrast"],
         key=lambda column: column.map(order.index) if column.name in ("case", "solver") else column,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines import references
-from impact_xval.compliant_baselines.marks import JUMPS, Law, jumps, marks_of
+from impact_xval.compliant_baselines.marks import JUMPS, Law, find_jumps, marks_of
 from impact_xval.compliant_baselines.registry import KELVIN_VOIGT
 from impact_xval.model.chain.following import MAX_PIECES
 from impact_xval.model.collision import Collisions, Floats, Outcomes
@@ -106,7 +106,7 @@ def _beside(
 ) -> Texts:
     """Say where a corner jumps; of N balls where it grazes, or is decided by rounding."""
     if pair:
-        excess, _ = jumps(solve, collisions, found, gravity)
+        excess = find_jumps(solve, collisions, found, gravity).excess
         text = f" jumps where a parameter changes by {max(JUMPS):g} or less"
         return np.where(excess > 1, text, "").astype(object)
     marks, margins = marks_of(solve, law, collisions, found, gravity), found.grazing_margin

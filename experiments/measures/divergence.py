@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.compliant_baselines.states import compared_states
+from impact_xval.compliant_baselines.registry import exact_solver_for
+from impact_xval.compliant_baselines.states import comparable_states
 from impact_xval.experiments.config.experiment import REFERENCE
-from impact_xval.experiments.measures.laws import exact_for
 from impact_xval.model.collision import (
     RESULT_STATUSES,
     Collision,
@@ -82,7 +82,7 @@ def results_of(
     given = found["paths"]
     paths = given if isinstance(given, Paths) else Paths.of(given or [None] * len(speed), balls, contacts)
     # Without a path, on which alone the times are, states stay as they are.
-    both = zip(compared_states(paths, shortest), found["states"], strict=True)
+    both = zip(comparable_states(paths, shortest), found["states"], strict=True)
     return Results(**found | {"compared": [text or own for text, own in both], "paths": paths})
 
 
@@ -229,7 +229,7 @@ def measures_of(collision: Collision, outcomes: Mapping[str, Outcome]) -> dict[s
     speed, measured = np.abs(starts).max(axis=1), {}
     results = {name: results_of([each], speed, balls, contacts, None) for name, each in outcomes.items()}
     for name, found in results.items():
-        model, exact = results.get(REFERENCE), results.get(exact_for(name, "calibrated"))
+        model, exact = results.get(REFERENCE), results.get(exact_solver_for(name, "calibrated"))
         measures = {"retained_energy": retained_energy(masses, starts, found)}
         measures["retained_momentum"] = retained_momentum(masses, starts, found)
         if model is not None:

@@ -20,7 +20,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.registry import law_of
-from impact_xval.compliant_baselines.solver import kinds
+from impact_xval.compliant_baselines.solver import group_by_layout
 from impact_xval.experiments.config.cells import Block
 from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.measures.corners import Corners, Texts, corner_names, corners
@@ -203,7 +203,7 @@ def ladders(
     """
     columns: dict[str, Columns] = {name: {} for name in engines}
     pair = config.chain is None
-    for places, collisions in kinds(block.collisions) if engines else ():
+    for places, collisions in group_by_layout(block.collisions) if engines else ():
         some, speed = model.take(places), np.abs(collisions.velocities).max(axis=1, keepdims=True)
         gravity = np.full(len(places), config.gravity if config.scenario == "drop" else 0.0)
         balls = range(1, 1 + collisions.masses.shape[1])

@@ -18,7 +18,7 @@ import pandas as pd
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from impact_xval.compliant_baselines.registry import is_engine
+from impact_xval.compliant_baselines.registry import exact_solver_for, is_engine, sort_by_law
 from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE, Config
@@ -41,7 +41,6 @@ from impact_xval.experiments.measures.ladder import (
     by_order,
     contributions_of,
 )
-from impact_xval.experiments.measures.laws import exact_for, in_order_of_laws
 from impact_xval.experiments.tables.folder import RunFolder, Tally, statuses_of
 from impact_xval.experiments.tables.parquet import codes, column, present, rows_at, selected
 from impact_xval.model.collision import RESULT_STATUSES
@@ -71,7 +70,7 @@ class Summary:
         self.config = config = folder.config()
         pair, cells, outcomes = config.chain is None, folder.table_path("cells.parquet"), folder.tally()
         #: The solvers that were compared with the reference, grouped by the law they were asked for.
-        self.solvers = in_order_of_laws(name for name in config.solvers if name != REFERENCE)
+        self.solvers = sort_by_law(name for name in config.solvers if name != REFERENCE)
         table = load_divergence(folder, config)
         #: Values by which the statistics are grouped, by axis; levels of the axes that have several.
         self.levels = table.levels
@@ -87,7 +86,7 @@ class Summary:
         counts = pd.DataFrame.from_dict(statuses_of(outcomes), orient="index").fillna(0).astype(int)
         names = sorted(counts.columns, key=lambda name: ([name != each for each in RESULT_STATUSES], name))
         #: Number of cells by solver (index) and status (columns), the results first.
-        self.statuses = counts.reindex(index=in_order_of_laws(config.solvers), columns=names, fill_value=0)
+        self.statuses = counts.reindex(index=sort_by_law(config.solvers), columns=names, fill_value=0)
         #: ``solver, status, reason, n``: the most frequent reasons first.
         self.reasons: Frame = pd.DataFrame(reasons_of(outcomes), columns=["solver", "status", "reason", "n"])
         self.between = between(cells, config) if pair else pd.DataFrame()
@@ -198,7 +197,12 @@ def convergence_estimates(
         at_step = good[velocities].div(good.v0.abs(), axis=0).set_axis(limits, axis=1)
         error = good.limit_distance.dropna()
         stated = good.limit_error[error.index]
-        row = {"solver": name, "asked": exact_for(name, mapping), "n": len(table), "converged": len(good)}
+        row = {
+            "solver": name,
+            "asked": exact_solver_for(name, mapping),
+            "n": len(table),
+            "converged": len(good),
+        }
         row |= {"order": table.order.median(), "regularisation": good.regularisation.max()}
         distances = {
             "error": good.limit_error,

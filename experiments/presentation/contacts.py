@@ -13,7 +13,7 @@ from impact_xval.experiments.tables.numbers import number
 from impact_xval.model.materials import Touch
 
 if TYPE_CHECKING:  # it imports MuJoCo
-    from impact_xval.compliant_baselines.inspect_mujoco import Finding, Measured
+    from impact_xval.compliant_baselines.inspect_mujoco import Finding, MeasuredContact
 
 
 def contact_blocks(engine: Engine, pair: Pair, touch: Touch | None, found: Drops, fine: Drops) -> list[Block]:
@@ -69,15 +69,15 @@ def _linearised(touch: Touch, speed: float) -> str:
 
 
 def scene_blocks(
-    contacts: list[Measured], traps: list[Finding], scene: str, speed: float, version: str
+    contacts: list[MeasuredContact], traps: list[Finding], scene: str, speed: float, version: str
 ) -> list[Block]:
     """Lay out what MuJoCo made of the contacts of a scene, dropped at a speed, what to change, and the traps."""
-    from impact_xval.compliant_baselines.inspect_mujoco import MOST_ROWS, called
+    from impact_xval.compliant_baselines.inspect_mujoco import MOST_ROWS, abbreviate_names
 
     header = ("contact", "masses, kg", "e", "k, N/m", "c, N s/m", "duration, s", "steps", "at rest, m")
     rows, lines = [], []
     for each in contacts:
-        where, masses = called(each.where), " ".join(f"{mass:.4g}" for mass in each.masses)
+        where, masses = abbreviate_names(each.names), " ".join(f"{mass:.4g}" for mass in each.masses)
         low, high = (number(e) for e in each.restitution_range or (None, None))
         values = (each.stiffness, each.damping, each.duration, each.steps, each.penetration)
         rows.append((where, masses, low if low == high else f"{low} to {high}", *map(number, values)))
@@ -89,5 +89,5 @@ def scene_blocks(
     if len(rows) == MOST_ROWS:
         caption += f"; the first {MOST_ROWS} combinations of parameters and masses"
     measured = [Table(header, rows, caption, text=2), *lines, ""] if rows else ["no two geoms can touch"]
-    found = [f"{trap}: {called(where)}: {says}" for trap, where, says in traps]
+    found = [f"{trap}: {abbreviate_names(where)}: {says}" for trap, where, says in traps]
     return [*measured, *found, f"{scene}: {len(traps) or 'no'} trap{'s' if len(traps) != 1 else ''} found"]

@@ -8,12 +8,11 @@ from typing import Any
 
 from markupsafe import Markup
 
-from impact_xval.compliant_baselines.registry import is_engine, stated_law
+from impact_xval.compliant_baselines.registry import exact_solver_for, is_engine, stated_law
 from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, cancelling
-from impact_xval.experiments.measures.laws import exact_for
 from impact_xval.experiments.measures.summary import LadderSummary, Summary
 from impact_xval.experiments.presentation.document import Block, Table, Value, say
 from impact_xval.experiments.presentation.words import (
@@ -110,7 +109,7 @@ def asked(summary: Summary) -> Iterator[tuple[str, str, Value, Value]]:
     if summary.config.chain is None:
         for row in summary.between.to_dict("records"):
             for name, law in ((row["solver"], row["other"]), (row["other"], row["solver"])):
-                if exact_for(name, summary.config.mapping) == law != name:
+                if exact_solver_for(name, summary.config.mapping) == law != name:
                     median, most = (Value(row[cut], f"{name} from {law} {cut}") for cut in ("median", "max"))
                     yield name, law, median, most
         return
@@ -127,7 +126,7 @@ def as_asked(summary: Summary) -> list[Markup]:
     near = "{solver} ends D = {median} (median; at most {most}) from {law}"
     if summary.config.chain is not None:
         near = "The limits dt -> 0 of {solver} are {median} |v0| (median; at most {most} |v0|) from {law}"
-    laws = {exact_for(name, summary.config.mapping) for name in subjects(summary) if is_engine(name)}
+    laws = {exact_solver_for(name, summary.config.mapping) for name in subjects(summary) if is_engine(name)}
     missing = sorted(laws - {"", *summary.solvers})
     if missing:
         line = "The exact solver of the law that engines were asked for was not run: {laws} among the solvers shows it."

@@ -7,11 +7,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from impact_xval.compliant_baselines.registry import solver_names
+from impact_xval.compliant_baselines.registry import group_by_law, solver_names, title_of
 from impact_xval.experiments.config.arrangements import ChainSetup
 from impact_xval.experiments.config.axes import AXES, SI_AXES
 from impact_xval.experiments.config.experiment import REFERENCE
-from impact_xval.experiments.measures.laws import by_law
 from impact_xval.experiments.tables.numbers import listed, number
 
 #: The measure of divergence, in words.
@@ -25,31 +24,6 @@ LAWS_WITH_LAWS = (
     "Laws of contact are compared with one another; no laboratory measurement is in the comparison, and no "
     "number says which law is nearer to a real collision."
 )
-
-#: How a reader knows a solver; one without an entry has its identifier.
-_NAMES = {
-    "state-transition": "the model",
-    "liu-zhao-brogliato": "Liu-Zhao-Brogliato",
-    "mujoco": "MuJoCo",
-    "mujoco-naive": "MuJoCo (naive mapping)",
-    "mujoco:documented": "MuJoCo (as documented)",
-    "mujoco:default": "MuJoCo (as it ships)",
-    "pybullet": "PyBullet",
-    "pybullet-naive": "PyBullet (naive mapping)",
-    "pybullet:default": "PyBullet (as it ships)",
-    "pybullet-restitution": "PyBullet (restitution)",
-    "pymunk": "Pymunk",
-    "dart": "DART",
-    "rapier": "Rapier",
-    "sapien": "PhysX 5 (SAPIEN)",
-    "drake": "Drake",
-    "drake-hunt-crossley": "Drake, Hunt-Crossley",
-    "newton": "Newton (SemiImplicit)",
-    "kelvin-voigt": "exact Kelvin-Voigt",
-    "hunt-crossley": "exact Hunt-Crossley",
-    "compression-dashpot": "exact dashpots of compression",
-    "bistiffness": "exact bistiffness",
-}
 
 #: Colour, marker and dash of the solvers of most runs, safe for the colour-blind: by Okabe and Ito's palette.
 _LOOKS = {
@@ -110,8 +84,7 @@ def look(solver: str) -> Look:
 
 def named(solver: str) -> str:
     """Name a solver as a reader knows it."""
-    engine, at, step = solver.partition(":step-")
-    return f"{named(engine)} (step {step})" if at else _NAMES.get(solver, solver)
+    return title_of(solver)
 
 
 def told(solver: str, text: str) -> str:
@@ -168,7 +141,7 @@ def restitution_of_two(solvers: Iterable[str], e: float = 0.9) -> str:
 def one_vote(solvers: Iterable[str]) -> str:
     """Say which solvers were asked for one law: together they are one vote on it; empty where none were."""
     said = []
-    for group in by_law(solvers).values():
+    for group in group_by_law(solvers).values():
         if len(group) > 1:
             count = _COUNTS[len(group)] if len(group) < len(_COUNTS) else len(group)
             said.append(f"{begun(listed(map(named, group)))} were asked for one law: one vote, not {count}.")

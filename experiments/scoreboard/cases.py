@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from impact_xval.compliant_baselines.answers import answer, said
+from impact_xval.compliant_baselines.answers import answer, describe_exception
 from impact_xval.compliant_baselines.engines.engine import Engine
+from impact_xval.compliant_baselines.engines.scanner import RunEnd
 from impact_xval.compliant_baselines.engines.scene import Scene
-from impact_xval.compliant_baselines.engines.stepping import ALOFT
 from impact_xval.compliant_baselines.registry import get_solver
 from impact_xval.compliant_baselines.solver import Settings, Solver
 from impact_xval.experiments.config.arrangements import ChainSetup
@@ -83,11 +83,11 @@ def answers_to(_: object, name: str, *case: Any) -> list[tuple[str, str, str, Se
             return [(USUAL, o.status, o.reason, o.velocities)]
         runs = solver.run(list(scenes.values()), SETTINGS.max_steps)
     except Exception as error:  # of an engine that met what it does not expect
-        return [(USUAL, "crashed", said(error), ())]
+        return [(USUAL, "crashed", describe_exception(error), ())]
     for arrangement, run in zip(scenes, runs, strict=True):
         reason = run.problem() or run.too_much_energy()
         # A run given up in a long flight, after which balls that hardly approach would meet, has the velocities of it.
-        v = run.reported if run.over or run.end == ALOFT else ()
+        v = run.reported if run.over or run.end == RunEnd.IN_FLIGHT else ()
         v = tuple(-each for each in v[::-1]) if arrangement == MIRRORED else v  # numbered as in the others
         found.append((arrangement, "unconverged" if run.over and reason else run.status, reason, v))
     return found
@@ -100,7 +100,7 @@ def arrangements(solver: Solver, collision: Collision) -> dict[str, Scene]:
     """
     if not isinstance(solver, Engine) or solver.unavailable() is not None:
         return {}
-    settings = replace(SETTINGS, **solver.as_set)
+    settings = replace(SETTINGS, **solver.fixed_settings)
     usual = solver.scene_or_refusal(collision, settings)
     if isinstance(usual, str):
         return {}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from impact_xval.compliant_baselines.registry import is_engine, is_mapped, law_of
+from impact_xval.compliant_baselines.registry import has_fixed_mapping, is_engine, law_of
 from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.presentation.document import Block, Figure, Section, Table
 from impact_xval.experiments.presentation.html import page_of
@@ -125,7 +125,7 @@ def draw_cradle(judged: Frame, folder: Path) -> None:
 
 def called(solver: str) -> str:
     """Name a solver; an engine of compliant contacts that was set up for a law says so."""
-    mapped = is_engine(solver) and law_of(solver) and ":" not in solver and not is_mapped(solver)
+    mapped = is_engine(solver) and law_of(solver) and ":" not in solver and not has_fixed_mapping(solver)
     return f"{named(solver)} (mapped)" if mapped else named(solver)
 
 

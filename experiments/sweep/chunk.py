@@ -23,7 +23,7 @@ from filelock import FileLock
 from numba.core import event
 
 from impact_xval.compliant_baselines.answers import answer, one_line, stated_version, why_unavailable
-from impact_xval.compliant_baselines.engines.stepping import scan
+from impact_xval.compliant_baselines.engines.scanner import scan
 from impact_xval.compliant_baselines.registry import is_engine, is_ours
 from impact_xval.experiments.config.cells import Block, experiment_cells
 from impact_xval.experiments.config.experiment import REFERENCE, Config, parse_config

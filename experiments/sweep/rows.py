@@ -12,7 +12,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.answers import answer, said
+from impact_xval.compliant_baselines.answers import answer, describe_exception
+from impact_xval.compliant_baselines.registry import exact_solver_for
 from impact_xval.compliant_baselines.solver import Convergence, Settings, Solver
 from impact_xval.experiments.config.cells import Block
 from impact_xval.experiments.config.experiment import REFERENCE, Config
@@ -26,7 +27,6 @@ from impact_xval.experiments.measures.divergence import (
     retained_momentum,
 )
 from impact_xval.experiments.measures.ladder import ladders, of_balls, scatter
-from impact_xval.experiments.measures.laws import exact_for
 from impact_xval.experiments.measures.layout import laddered, layout_of
 from impact_xval.experiments.tables.schema import Layout, to_table
 from impact_xval.model.collision import Collisions, Outcome, Status
@@ -99,7 +99,7 @@ def solve_by(experiment: Experiment, name: str, block: Block, lost: Lost) -> pa.
             return pa.concat_tables([solve_by(experiment, name, half, lost) for half in halves])
         if cell in lost:
             raise
-        why: Lost = {cell: ("crashed", f"measuring its outcome: {said(error)}")}
+        why: Lost = {cell: ("crashed", f"measuring its outcome: {describe_exception(error)}")}
         return solve_by(experiment, name, block, lost | why)
 
 
@@ -189,7 +189,7 @@ def _limit_distances(
     """Distance per abs(v0) of each limit dt -> 0 from the exact solver of its law; NaN without either."""
     balls, found = range(1, 1 + experiment.layout.balls), np.full(len(rows), np.nan)
     for name, places in per_cell.items():
-        law = exact_for(name, experiment.config.mapping)
+        law = exact_solver_for(name, experiment.config.mapping)
         if law in per_cell and law != name:
             exact = of_balls(rows.take(per_cell[law]), "v{}", balls) / np.abs(block.parameters["v0"])[:, None]
             away = np.abs(of_balls(rows.take(places), "v{}_limit", balls) - exact)

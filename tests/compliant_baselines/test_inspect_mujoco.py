@@ -10,12 +10,12 @@ import pytest
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.inspect_mujoco import (
     PLACES,
-    contacts,
     examine_model,
     inspect_model,
     measure_model,
+    read_contacts,
 )
-from impact_xval.compliant_baselines.mapping import Contact
+from impact_xval.compliant_baselines.mapping import KelvinVoigtContact
 from impact_xval.compliant_baselines.paste import mjcf
 from impact_xval.compliant_baselines.restitution import contact_time
 from impact_xval.compliant_baselines.solver import Settings
@@ -82,7 +82,7 @@ def test_mujocos_default_ball_that_falls_at_2_80_rebounds_with_0_37():
 @pytest.mark.parametrize(("scene", "mass"), [(ON_FLOOR, 0.5), (ON_BALL, 0.4)], ids=["floor", "ball"])
 @pytest.mark.parametrize(("e", "k"), [(1.0, 1e4), (0.7, 1e4), (0.3, 1e6)])
 def test_a_force_level_contact_is_that_of_the_closed_form(scene, mass, e, k):
-    asked = Contact.from_restitution(k, e, mass)
+    asked = KelvinVoigtContact.from_restitution(k, e, mass)
     pair = f'<pair geom1="up" geom2="low" solref="{-k / mass} {-asked.c / mass}" condim="1" solimp="{FORCE_LEVEL}"/>'
     (row,) = measure_model(compiled(scene, contact=pair, step=asked.duration / 200, g=-9.81))
     assert row.masses == (0.5, math.inf if scene is ON_FLOOR else 2)
@@ -117,7 +117,7 @@ def test_a_contact_is_that_of_the_scene(scene, fields, margin):
 
 
 def test_the_change_for_newton_per_metre_does_in_a_scene_what_was_meant():
-    wrong, meant = 'solref="-1e4 -20"', Contact(1e4, 20.0, 0.5)
+    wrong, meant = 'solref="-1e4 -20"', KelvinVoigtContact(1e4, 20.0, 0.5)
     (row,) = measure_model(compiled(upper=wrong))
     assert row.stiffness < 0.6 * meant.k
     pair, step = re.search(r"<pair (.*)/> and a step of (\S+) s", row.change).groups()
@@ -148,7 +148,7 @@ def test_contacts_are_those_that_the_filters_let_through():
     # Left out: two fixed ones, no match of contype and conaffinity, a body and its parent, and what <exclude> names.
     fixed = {f"geoms {floor} and #{geom}" for floor in ("#0", "#1", "ghost") for geom in (3, 4, 5, 6, 8)}
     moving = {f"geoms #{a} and #{b}" for a, b in ((3, 6), (4, 6), (3, 8), (4, 8), (5, 8))}
-    found = contacts(mujoco.MjModel.from_xml_string(text)).values()
+    found = read_contacts(mujoco.MjModel.from_xml_string(text)).values()
     assert {name for names in found for name in names} == {"pair named"} | fixed | moving
 
 
@@ -166,7 +166,7 @@ OVERRIDE = {"option": f'o_solref="0.02 1" o_solimp="{FORCE_LEVEL}"', "flag": 'ov
 
 
 def found(model):
-    return {finding.trap: finding.says for finding in inspect_model(model)}
+    return {finding.trap: finding.message for finding in inspect_model(model)}
 
 
 def ball_on_plane(solref, solimp=FORCE_LEVEL, floor=None, mass=0.5, step=1e-5, **how):
@@ -289,7 +289,7 @@ def test_a_tolerance_that_makes_a_contact_create_energy_is_found_and_measured_as
     assert [trap.trap for trap in traps] == ["tolerance", "gains-energy"]
     exact = fields | {"option": f'solver="{solver}" tolerance="0"'}
     e = np.mean(hand_drops(LIGHT_ON_HEAVY, 0.1, **exact))
-    assert f"with tolerance 0 e = {e:.4g} in " in traps[0].says
+    assert f"with tolerance 0 e = {e:.4g} in " in traps[0].message
     assert 'solimp="0.0001 0.0001 0.001 0.5 1"/> with <option tolerance="0"/> and a step' in row.change
     (row,), traps = examine_model(compiled(LIGHT_ON_HEAVY, **exact), speed=0.1)
     assert row.restitution == pytest.approx(e, abs=1e-6)
@@ -318,7 +318,7 @@ def test_a_proposal_that_does_not_keep_its_promise_is_a_trap():
     slide = ON_FLOOR.replace("<freejoint/>", '<joint type="slide" axis="0 0 1" damping="20"/>')
     (row,), traps = examine_model(compiled(slide, upper='solref="-1e4 -15"', step=1e-4))
     assert "gives e =" in row.change
-    (unkept,) = [trap.says for trap in traps if trap.trap == "unkept"]
+    (unkept,) = [trap.message for trap in traps if trap.trap == "unkept"]
     assert "the pair proposed gives e = " in unkept
     _, traps = examine_model(compiled(upper='solref="-1e4 -15"', step=1e-4))
     assert "unkept" not in {trap.trap for trap in traps}
@@ -362,7 +362,7 @@ def test_losses_of_a_hinge_are_those_along_the_normal():
     text = """<mujoco><option gravity="0 0 0"/><worldbody><geom type="plane" size="1 1 1"/><body pos="0 0 5">
     <joint axis="0 1 0" damping="0.6" frictionloss="0.8"/><geom size="0.1" pos="2 0 0"/>
     <inertial pos="2 0 0" mass="0.3" diaginertia="1e-8 1e-8 1e-8"/></body></worldbody></mujoco>"""
-    (bodies,) = contacts(mujoco.MjModel.from_xml_string(text))
+    (bodies,) = read_contacts(mujoco.MjModel.from_xml_string(text))
     hinge, floor = bodies.losses
     assert hinge[:2] == pytest.approx((0.6 / 2**2, 0.8 / 2))  # by the lever of 2 m
     assert floor[:2] == (0, 0)

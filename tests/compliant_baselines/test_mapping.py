@@ -4,7 +4,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from impact_xval.compliant_baselines.mapping import (
-    Contact,
+    KelvinVoigtContact,
     contact_time,
     damping_ratio,
     restitution,
@@ -38,7 +38,7 @@ def test_the_damping_ratio_is_the_inverse_of_restitution_to_1e_12():
     between = [1e-30, 1e-6, 0.01, 0.1, math.exp(-2), 0.2, 0.3, 0.5, 0.7, 0.9, 0.999]
     for e in (1e-300, *between, 1 - 1e-9, 1 - 2**-53, 1.0):
         assert restitution(damping_ratio(e)) == pytest.approx(e, rel=1e-12), e
-        contact = Contact.from_restitution(3e4, e, 0.7)
+        contact = KelvinVoigtContact.from_restitution(3e4, e, 0.7)
         if e >= 1e-3:
             assert contact.zeta == pytest.approx(damping_ratio(e), rel=1e-14), e
             assert contact.restitution == pytest.approx(e, rel=1e-12), e

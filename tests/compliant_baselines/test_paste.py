@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.paste import exported
+from impact_xval.compliant_baselines.paste import export_scene
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.model.collision import Collision
 
@@ -44,7 +44,7 @@ def run_alone(script):
 )
 def test_an_exported_scene_gives_the_numbers_of_solve(engine, collision, settings, tmp_path):
     settings = Settings(**settings)
-    outcome, run, files = exported(engine, collision, settings)
+    outcome, run, files = export_scene(engine, collision, settings)
     for name, text in files.items():
         (tmp_path / name).write_text(text, encoding="utf-8")
     found, speed = run_alone(tmp_path / "run.py"), max(map(abs, collision.velocities))

@@ -8,10 +8,9 @@ import pytest
 from impact_xval.compliant_baselines import SolverError, get_solver, registry, solver_names
 from impact_xval.compliant_baselines.answers import answer
 from impact_xval.compliant_baselines.engines.engine import Engine
-from impact_xval.compliant_baselines.registry import origins
+from impact_xval.compliant_baselines.registry import one_solver_per_law, origins
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.config.experiment import parse_config
-from impact_xval.experiments.measures.laws import voters
 from impact_xval.experiments.measures.layout import laddered
 from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.presentation.findings import overall_table
@@ -34,7 +33,7 @@ def test_kinds_and_laws_are_those_of_the_classes_and_laws_are_exact_solvers():
         assert registry.is_engine(name) == isinstance(solver, Engine)
         assert registry.description_of(name)
         if law is None:  # a rigid engine, which is asked for a restitution, not for a law, or one as it ships
-            assert kind == "rigid" or registry.is_mapped(name)
+            assert kind == "rigid" or registry.has_fixed_mapping(name)
             continue
         assert law in registry.engine_free_names(), name
         assert registry.law_of(law) == law
@@ -134,7 +133,7 @@ def test_a_plug_in_states_its_kind_and_law(site):
     assert (registry.kind_of("toy"), registry.law_of("toy")) == ("rigid", None)
     for name in ("gone", "of a table from elsewhere"):
         assert (registry.kind_of(name), registry.law_of(name)) == ("compliant", "kelvin-voigt")
-    assert voters(["toy", "gone", "kelvin-voigt"]) == ["toy", "kelvin-voigt"]
+    assert one_solver_per_law(["toy", "gone", "kelvin-voigt"]) == ["toy", "kelvin-voigt"]
     config = parse_config({"solvers": ["toy", "gone", "kelvin-voigt"]})
     assert laddered(config) == ["gone"]  # the others have no ladder
 

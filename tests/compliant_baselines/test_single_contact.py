@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from impact_xval.compliant_baselines import SolverError, single_contact
-from impact_xval.compliant_baselines.mapping import Contact, contact_time, damping_ratio
+from impact_xval.compliant_baselines.mapping import KelvinVoigtContact, contact_time, damping_ratio
 from impact_xval.compliant_baselines.paste import paste
 from impact_xval.compliant_baselines.pasted_drops import drop_in_mujoco, mujoco_scene
-from impact_xval.compliant_baselines.single_contact import Pair, extremes, largest_step, scenes
+from impact_xval.compliant_baselines.single_contact import Pair, find_extremes, find_largest_step, scenes_of
 from impact_xval.experiments.presentation.contacts import rounded_outward
 from tests.compliant_baselines import hand_scenes
 from tests.compliant_baselines.conftest import installed
@@ -46,7 +46,7 @@ ALL_TWENTY = [
 def test_pasted_into_a_scene_written_by_hand(engine, n):
     solver, rng = installed(engine), np.random.default_rng(1)
     for pair in requests(n):
-        step = largest_step(solver, pair).step
+        step = find_largest_step(solver, pair).step
         asked = (
             pair.duration
             or contact_time(damping_ratio(pair.restitution)) * (pair.mass / pair.stiffness) ** 0.5
@@ -89,7 +89,7 @@ def assert_eight_drops_are_inside(engine, pair, found):
 @pytest.mark.parametrize(("masses", "duration", "speed"), LET_GO)
 def test_light_on_heavy_does_what_is_stated_when_it_is_pasted(masses, duration, speed):
     pair = Pair(masses, 0.5, duration=duration, speed=speed)
-    assert_eight_drops_are_inside("mujoco", pair, largest_step(installed("mujoco"), pair))
+    assert_eight_drops_are_inside("mujoco", pair, find_largest_step(installed("mujoco"), pair))
 
 
 NIGHTLY_THIRTY = [pytest.param(engine, 30, marks=pytest.mark.nightly) for engine in ("mujoco", "pybullet")]
@@ -98,17 +98,17 @@ NIGHTLY_THIRTY = [pytest.param(engine, 30, marks=pytest.mark.nightly) for engine
 @pytest.mark.parametrize(("engine", "n"), [("mujoco", 6), *NIGHTLY_THIRTY])
 def test_stated_intervals_hold_wherever_in_a_step_bodies_touch(engine, n):
     for pair in far_apart(n):
-        assert_eight_drops_are_inside(engine, pair, largest_step(installed(engine), pair))
+        assert_eight_drops_are_inside(engine, pair, find_largest_step(installed(engine), pair))
 
 
 @pytest.mark.parametrize("masses", [(0.2, math.inf), (3.0, 0.2)], ids=["fixed", "free"])
 def test_pybullets_interval_holds_on_a_box_and_on_a_ball(masses):
     engine, pair = installed("pybullet"), Pair(masses, 0.7, duration=1e-3, speed=0.5)
-    found = extremes(engine, pair, 4e-6)
+    found = find_extremes(engine, pair, 4e-6)
     assert_eight_drops_are_inside("pybullet", pair, found)
     # Scenes of the adapter set another breaking threshold, which the engine keeps for the whole process.
-    engine.run(scenes(pair, 4e-6, [0.5]), 10_000)
-    assert extremes(engine, pair, 4e-6) == found
+    engine.run(scenes_of(pair, 4e-6, [0.5]), 10_000)
+    assert find_extremes(engine, pair, 4e-6) == found
 
 
 def test_what_is_pasted_into_pybullet_is_not_capped_at_100_metres_per_second():
@@ -138,7 +138,7 @@ def test_the_printed_text_is_all_that_a_drop_in_mujoco_runs():
 def test_the_step_named_is_about_the_largest(engine):
     solver = installed(engine)
     for pair in requests(2 if engine == "mujoco" else 1, seed=4):
-        step = 3 * largest_step(solver, pair).step
+        step = 3 * find_largest_step(solver, pair).step
         errors = []
         for place in np.linspace(0, 1, 8, endpoint=False):
             e, duration = measured(engine, pair, step, place)
@@ -173,11 +173,11 @@ def test_no_step_that_does_it_is_said(monkeypatch):
     for tolerance, why in ((1e-7, "200000 steps tell no duration"), (1e-5, "one of them is off by")):
         monkeypatch.setattr(single_contact, "TOLERANCE", tolerance)
         with pytest.raises(SolverError, match=f"unconverged: no step from .* s to .* s gives .*: .*{why}"):
-            largest_step(installed("mujoco"), pair)
+            find_largest_step(installed("mujoco"), pair)
 
 
 def test_what_cannot_be_pasted_is_refused():
     with pytest.raises(ValueError, match="engine = 'dart'; legal: mujoco, pybullet, drake"):
-        paste("dart", Contact(1e6, 0.0, 1.0), 1e-5)
+        paste("dart", KelvinVoigtContact(1e6, 0.0, 1.0), 1e-5)
     with pytest.raises(SolverError, match="leaves double precision"):
-        paste("mujoco", Contact(1e308, 0.0, 1e-3), 1e-5)
+        paste("mujoco", KelvinVoigtContact(1e308, 0.0, 1e-3), 1e-5)

@@ -5,7 +5,7 @@ import numpy as np
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.engines.scene import periods
 from impact_xval.compliant_baselines.solver import Settings
-from impact_xval.compliant_baselines.states import Runs, compared_states, merge_runs
+from impact_xval.compliant_baselines.states import Runs, comparable_states, merge_runs
 from impact_xval.model import Collision
 from impact_xval.model.collision import Paths
 from tests.compliant_baselines.reference_cells import random_collisions
@@ -55,7 +55,7 @@ def test_the_rules_hold_in_steps_and_in_time():
 
 def compared(outcome, collision):
     paths, shortest = Paths.of([outcome.path], 2, 2), Settings().shortest_state * min(periods(collision))
-    return tuple(compared_states(paths, np.array([shortest]))[0].split())
+    return tuple(comparable_states(paths, np.array([shortest]))[0].split())
 
 
 def test_the_states_of_an_engine_are_those_it_is_compared_by(engine):

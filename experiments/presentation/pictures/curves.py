@@ -12,11 +12,11 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 
+from impact_xval.compliant_baselines.registry import sort_by_law
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.measures.hausdorff import LARGEST
-from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.presentation.pictures.history import TAIL, passed_at
 from impact_xval.experiments.presentation.style import BESIDE, Drawn, drawing
 from impact_xval.experiments.presentation.words import arranged, by_axes, look, named
@@ -32,7 +32,7 @@ def draw_cell_curves(curves: Frame, config: Config) -> Iterator[Drawn]:
     followed = curves[curves.impulses.notna()].set_index("solver").impulses
     if followed.empty:
         return
-    cell, solvers = config.figure_cell, in_order_of_laws(followed.index)
+    cell, solvers = config.figure_cell, sort_by_law(followed.index)
     points = {name: np.column_stack(followed[name]) for name in solvers}
     said = (
         f"Impulse curves of one collision ({by_axes(cell.model_dump())}): ball-table impulse I2 over ball-ball impulse "
@@ -94,7 +94,7 @@ def impulse_labels(ax: Any) -> None:
 def drawn_paths(collision: Collision, outcomes: Mapping[str, Outcome]) -> dict[str, Path]:
     """Return the paths that can be drawn, by solver, in the order of laws, the model last so that it is on top."""
     found = {}
-    for name in sorted(in_order_of_laws(outcomes), key=lambda name: name == REFERENCE):
+    for name in sorted(sort_by_law(outcomes), key=lambda name: name == REFERENCE):
         path, largest = outcomes[name].path, LARGEST * collision.units.impulse
         solved = outcomes[name].status in RESULT_STATUSES
         if solved and path is not None and np.abs(path.impulses).max() <= largest:
@@ -146,7 +146,7 @@ def draw_chain(curves: Frame, config: Config) -> Iterator[Drawn]:
     """Draw the final velocities and the forces of the chain of the figures, of the solvers that have them."""
     by_solver, followed = curves.set_index("solver").velocities.dropna(), curves[curves.time.notna()]
     if len(by_solver):
-        solvers = in_order_of_laws(by_solver.index)
+        solvers = sort_by_law(by_solver.index)
         said = (
             "Final velocities of one chain, ball by ball and solver beside solver, per |v0|, up is positive: "
         )

@@ -19,11 +19,10 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from impact_xval.compliant_baselines.registry import is_engine
+from impact_xval.compliant_baselines.registry import is_engine, sort_by_law
 from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.measures.aggregates import Frame, axis_levels
 from impact_xval.experiments.measures.ladder import CAUSES, CONTRIBUTIONS, Contribution
-from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.measures.summary import LadderSummary
 from impact_xval.experiments.presentation.style import LEFT_OUT, Drawn, drawing, label_places
 from impact_xval.experiments.presentation.words import named
@@ -160,7 +159,7 @@ def trust_of(folder: RunFolder, config: Config) -> Frame | None:
 def draw_trust(trust: Frame | None) -> Iterator[Drawn]:
     """Draw a trust map; nothing where there is none."""
     if trust is not None:
-        engines = in_order_of_laws(trust.index.unique("solver"))
+        engines = sort_by_law(trust.index.unique("solver"))
         yield "trust-map", _trust_map(trust, engines), _trust_caption(trust, engines)
 
 

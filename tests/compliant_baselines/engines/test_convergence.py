@@ -10,7 +10,7 @@ from scipy.interpolate import CubicHermiteSpline
 from impact_xval.compliant_baselines import Settings, get_solver
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.mapping import (
-    Contact,
+    KelvinVoigtContact,
     damping_ratio,
     restitution,
     textbook_damping_ratio,
@@ -78,7 +78,7 @@ def test_b2_stays_settled_until_it_is_hit(engine):
         scene = replace(scene, heights=(2000 * abs(c.v0) * scene.step, 0.0))
         (run,) = engine.run([scene], max_steps=1000, record_path=True)
         assert len(run.points) > 900
-        assert run.raw.state.tolist() == [0b10]  # carried by the table, every step
+        assert run.raw_states.state.tolist() == [0b10]  # carried by the table, every step
         # an elastic B2 out of balance by x would swing at omega2 x for ever
         assert np.abs(run.points[:, 2]).max() < 1e-10 * 9.81 * (c.m2 / c.k2) ** 0.5, ratio
         assert run.heights[1] == pytest.approx(-c.m2 * 9.81 / c.k2, rel=2e-4), ratio
@@ -115,7 +115,10 @@ def test_what_the_naive_mapping_of_pybullet_is():
         c2 = 2 * zeta2 * math.sqrt(c.k2 * c.m2)
         # both balls carry (k1, c1), the table (k2, c2): stiffness in series, damping added
         series = 1 / (1 / c.k1 + 1 / c.k2)
-        both = Contact(c.k1 / 2, 2 * c1, c.m1 * c.m2 / (c.m1 + c.m2)), Contact(series, c1 + c2, c.m2)
+        both = (
+            KelvinVoigtContact(c.k1 / 2, 2 * c1, c.m1 * c.m2 / (c.m1 + c.m2)),
+            KelvinVoigtContact(series, c1 + c2, c.m2),
+        )
         e1, e2 = (contact.restitution for contact in both)
         expected = reference(Collision.two_balls(c.m1, c.m2, c.k1 / 2, series, e1, e2, c.v0))
         errors = []

@@ -219,7 +219,7 @@ def scenes(scenario, k1, step_fraction, n, seed):
 
 def everything(run):
     ends = (run.end, *run.velocities.tolist(), run.n_steps, run.starts)
-    return repr((*ends, run.raw.start.tolist(), run.raw.state.tolist()))
+    return repr((*ends, run.raw_states.start.tolist(), run.raw_states.state.tolist()))
 
 
 def test_many_steps_a_call_are_single_steps_to_the_bit(monkeypatch):

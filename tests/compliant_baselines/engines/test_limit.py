@@ -9,11 +9,11 @@ import pytest
 from scipy.integrate import DOP853
 
 from impact_xval.compliant_baselines import get_solver, references
-from impact_xval.compliant_baselines.engines.convergence import limit_of
+from impact_xval.compliant_baselines.engines.convergence import extrapolate
 from impact_xval.compliant_baselines.engines.scene import Scene
-from impact_xval.compliant_baselines.engines.stepping import parted
+from impact_xval.compliant_baselines.engines.stepping import project_to_separated
 from impact_xval.compliant_baselines.mapping import MUJOCO_IMPEDANCE
-from impact_xval.compliant_baselines.marks import jumps
+from impact_xval.compliant_baselines.marks import find_jumps
 from impact_xval.compliant_baselines.rigid.laws import follow
 from impact_xval.compliant_baselines.solver import Convergence, Settings
 from impact_xval.model.collision import Collision, Collisions
@@ -33,42 +33,44 @@ def test_limits_gain_an_order_where_the_runs_show_it():
     def missed(finest, n, orders):
         steps = finest * 2.0 ** np.arange(n - 1, -1, -1)
         velocities = sequence(lambda h: 0.3 + 0.1 * np.expm1(h), steps)  # a smooth error
-        return abs(limit_of(velocities, 0.0, PAIR, orders=orders)[0][0] - 0.3)
+        return abs(extrapolate(velocities, 0.0, PAIR, orders=orders)[0][0] - 0.3)
 
     for n, orders, power in ((3, 2, 2), (4, 2, 3), (5, 2, 3), (4, 1, 2)):
         coarse, fine = (missed(h, n, orders) for h in (2e-2, 1e-2))
         assert np.log2(coarse / fine) == pytest.approx(power, abs=0.1)
     # corrections of both signs are not of second order, but the chance of touch times
     velocities = np.array([0.36, 0.334, 0.3145, 0.3067])
-    limit, *_ = limit_of(np.column_stack([velocities, 0 * velocities]), 0.0, PAIR)
+    limit, *_ = extrapolate(np.column_stack([velocities, 0 * velocities]), 0.0, PAIR)
     assert limit[0] == 2 * velocities[-1] - velocities[-2]
     # nor is a velocity whose correction was nothing before and is something now
     other = 0.1 + np.array([0.0, 0.0, 0.0, 1e-3])
-    limit, *_ = limit_of(np.column_stack([0.3 + 0.2 * np.array([16, 4, 1, 0.25]) * 1e-2, other]), 0.0, PAIR)
+    limit, *_ = extrapolate(
+        np.column_stack([0.3 + 0.2 * np.array([16, 4, 1, 0.25]) * 1e-2, other]), 0.0, PAIR
+    )
     assert limit[1] == 2 * other[-1] - other[-2]
 
 
 def test_runs_of_other_states_are_doubted_as_a_whole_and_a_first_flight_as_much_as_it_is():
     for doubt, expected in (
         ({}, 0.1 * 0.2 / 4),
-        ({"alike": False}, 0.2 / 4),
+        ({"same_states": False}, 0.2 / 4),
         ({"gravity_doubt": 0.01}, 0.01),
     ):
-        _, error, _ = limit_of(sequence(lambda h: 0.3 + 0.2 * h), 0.0, PAIR, **doubt)
+        _, error, _ = extrapolate(sequence(lambda h: 0.3 + 0.2 * h), 0.0, PAIR, **doubt)
         assert error == pytest.approx(expected), doubt
     second = sequence(lambda h: 0.3 + 0.01 * h + 0.2 * h**2, 2.0 ** -np.arange(4))
-    _, error, _ = limit_of(second, 0.0, PAIR)
+    _, error, _ = extrapolate(second, 0.0, PAIR)
     assert error == pytest.approx(2 * 0.2 / 32)  # twice what the next row of the table removed
 
 
 def test_a_limit_of_balls_that_part_is_one_of_balls_that_parted():
     # v2 - v1 falls by 0.01 with each halving and is 0.005 beyond the last: the balls have yet to meet there.
-    limit, error, _ = limit_of(np.array([[0.4, 0.375], [0.4, 0.385], [0.4, 0.395]]), 0.0, (1.0, 3.0))
+    limit, error, _ = extrapolate(np.array([[0.4, 0.375], [0.4, 0.385], [0.4, 0.395]]), 0.0, (1.0, 3.0))
     mean = 0.4 * 0.25 + 0.405 * 0.75  # momentum is kept
     assert limit[0] == limit[1] == pytest.approx(mean)
     assert error == pytest.approx(0.01)  # the differences do not fall
     # B2 would go into the table
-    limit, error, _ = limit_of(np.array([[0.4, 0.012], [0.4, 0.004], [0.4, 0.0]]), 0.0, (1.0, 3.0))
+    limit, error, _ = extrapolate(np.array([[0.4, 0.012], [0.4, 0.004], [0.4, 0.0]]), 0.0, (1.0, 3.0))
     assert limit == (0.4, 0)
     assert error == pytest.approx(0.004)  # and would leave it as fast as it was going to
 
@@ -77,13 +79,13 @@ def test_a_rate_that_turns_around_is_not_extrapolated():
     def left(h):  # of a vibration: the length of a vector that is shortest before a step of zero
         return np.hypot(1e-3 * (h - 0.1), 1e-4)
 
-    limit, error, _ = limit_of(sequence(left), 0.0, PAIR)
+    limit, error, _ = extrapolate(sequence(left), 0.0, PAIR)
     assert abs(limit[0] - left(0.0)) < error
 
 
 def test_a_vibration_that_steps_damp_away_is_as_far_as_its_changes_grow():
     for x in (0.3, 0.1, 0.02):  # what is left of it at the shortest step
-        limit, error, _ = limit_of(sequence(lambda h, x=x: 0.3 + 0.01 * x ** (4 * h)), 0.0, PAIR)
+        limit, error, _ = extrapolate(sequence(lambda h, x=x: 0.3 + 0.01 * x ** (4 * h)), 0.0, PAIR)
         assert 0.5 * error < 0.31 - limit[0] < error
 
 
@@ -191,7 +193,7 @@ def test_no_unmarked_cell_of_the_default_box_jumps():
     for name in ("kelvin-voigt", "bistiffness"):
         law = references.law_at(name)
         base = law(collisions, gravity)
-        marked = jumps(law, collisions, base, gravity)[0] > 1
+        marked = find_jumps(law, collisions, base, gravity).excess > 1
         assert np.mean(marked) < 5e-3
         for _ in range(3):  # in stiffnesses, by other amounts than those that are tried
             a, b = 1 + 1e-3 * rng.uniform(-1, 1, (2, 4000))
@@ -208,14 +210,14 @@ def test_trying_every_cell_finds_no_other_jump(name, g):
     collisions = Collisions.from_ratios(kappa, mu, *rng.uniform(0.1, 1, (2, 1500)))
     gravity = np.full(1500, g / 1e4)  # of k1 = 1e8 N/m
     exact = law(collisions, gravity)
-    found, which = jumps(law, collisions, exact, gravity)
-    excess, true = jumps(law, collisions, exact, gravity, everywhere=True)
-    marked = excess > 1
+    screened = find_jumps(law, collisions, exact, gravity)
+    tried = find_jumps(law, collisions, exact, gravity, everywhere=True)
+    marked = tried.excess > 1
     assert marked.any()
-    assert np.count_nonzero(excess) > 2 * np.count_nonzero(found)
-    np.testing.assert_array_equal(found > 1, marked)
-    np.testing.assert_array_equal(found[marked], excess[marked])
-    np.testing.assert_array_equal(which[marked], true[marked])
+    assert np.count_nonzero(tried.excess) > 2 * np.count_nonzero(screened.excess)
+    np.testing.assert_array_equal(screened.excess > 1, marked)
+    np.testing.assert_array_equal(screened.excess[marked], tried.excess[marked])
+    np.testing.assert_array_equal(screened.change[marked], tried.change[marked])
 
 
 #: B1 comes down on B2 again, or B2 is at rest just before: the exact law leaves B1 at 0.0004 or near 0.95.
@@ -276,7 +278,7 @@ def test_a_meeting_that_is_left_brings_velocities_no_further_from_those_that_par
         e = 1.0 if law == "newton-restitution" else float(rng.uniform(0.5, 1))
         numbers = tuple(masses.tolist()), (1.0,) * contacts, (e,) * contacts, tuple(velocities.tolist())
         end = follow(Collision(*numbers, table, gaps), law).v
-        apart = np.array(parted(velocities.tolist(), masses.tolist(), table))
+        apart = np.array(project_to_separated(velocities.tolist(), masses.tolist(), table))
         assert np.all(np.diff(apart) <= 0)
         assert masses @ (end - apart) ** 2 <= masses @ (velocities - apart) ** 2 * (1 + 1e-12)
 

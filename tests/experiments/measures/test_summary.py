@@ -6,8 +6,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from impact_xval.compliant_baselines.registry import sort_by_law
 from impact_xval.experiments.config.experiment import parse_config
-from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.measures.summary import between, summarise
 from impact_xval.experiments.tables.folder import RunFolder
 from tests.experiments import fakes
@@ -24,7 +24,7 @@ def test_the_worst_cells_are_those_of_the_table(engine_run):
 
 def test_solvers_of_one_law_stand_together_the_exact_one_first():
     ordered = ["kelvin-voigt", "mujoco", "pybullet", "bistiffness"]
-    assert in_order_of_laws(["mujoco", "bistiffness", "pybullet", "kelvin-voigt"]) == ordered
+    assert sort_by_law(["mujoco", "bistiffness", "pybullet", "kelvin-voigt"]) == ordered
 
 
 def test_marked_beyond_the_model_are_results_whose_model_is_not_marked(tmp_path):

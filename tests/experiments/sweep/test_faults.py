@@ -7,7 +7,7 @@ import psutil
 import pyarrow.parquet as pq
 import pytest
 
-from impact_xval.compliant_baselines.engines.stepping import scan
+from impact_xval.compliant_baselines.engines.scanner import scan
 from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.hausdorff import distances

@@ -1,0 +1,36 @@
+"""The contacts of a MuJoCo scene: the traps in their parameters, and their behaviour, measured (docs/mapping.md).
+
+The engine documents each trap (XML reference, "Solver parameters" and the options; changelog of 3.13), and a test
+measures its effect.
+
+* `scene_contacts` reads the contacts of a compiled scene and the bodies of each.
+* `drops` measures a contact in a scene of its own.
+* `traps` finds traps in parameters.
+* `proposals` says what to write for what was probably meant.
+* `examination` puts them together.
+"""
+
+from impact_xval.compliant_baselines.inspect_mujoco.drops import PLACES, MeasuredContact
+from impact_xval.compliant_baselines.inspect_mujoco.examination import (
+    MOST_ROWS,
+    abbreviate_names,
+    examine,
+    examine_model,
+    inspect_model,
+    measure_model,
+)
+from impact_xval.compliant_baselines.inspect_mujoco.scene_contacts import read_contacts
+from impact_xval.compliant_baselines.inspect_mujoco.traps import Finding
+
+__all__ = [
+    "MOST_ROWS",
+    "PLACES",
+    "Finding",
+    "MeasuredContact",
+    "abbreviate_names",
+    "examine",
+    "examine_model",
+    "inspect_model",
+    "measure_model",
+    "read_contacts",
+]

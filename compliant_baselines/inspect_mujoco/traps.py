@@ -1,0 +1,135 @@
+"""Traps in the parameters of the contacts of a MuJoCo scene."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from importlib import import_module
+from typing import Any, NamedTuple
+
+from impact_xval.compliant_baselines.inspect_mujoco.scene_contacts import Bodies
+from impact_xval.compliant_baselines.mapping import (
+    MUJOCO_DEFAULT_SOLIMP,
+    MUJOCO_DEFAULT_SOLREF,
+    KelvinVoigtContact,
+    MujocoContact,
+)
+
+mujoco: Any = import_module("mujoco")  # the names of the compiled module are invisible to a type checker
+
+#: Steps in a contact below which its restitution is off by 10 % and more.
+FEWEST_STEPS = 30
+
+#: Impedance above which a contact is not at the level of forces.
+FORCE_LEVEL = 0.01
+
+#: Names of all traps, in the order in which they are listed.
+TRAPS = (
+    "mixed-geoms",
+    "override",
+    "discrete",
+    "mixed-signs",
+    "refsafe",
+    "not-newton-per-metre",
+    "long-step",
+    "tolerance",
+    "gains-energy",
+    "unkept",
+)
+
+
+class Trap(NamedTuple):
+    """A trap of one contact."""
+
+    #: One of `TRAPS`.
+    name: str
+    #: What the engine does, with the way out.
+    message: str
+
+
+class Finding(NamedTuple):
+    """A trap in a scene."""
+
+    #: One of `TRAPS`.
+    trap: str
+    #: Names of the contacts that have it.
+    contacts: list[str]
+    #: What the engine does, with the way out.
+    message: str
+
+
+def gather_findings(traps: Sequence[tuple[list[str], Iterable[Trap]]]) -> list[Finding]:
+    """Gather the traps of contacts, given with the contacts' names.
+
+    A trap that many contacts share in the same words is one finding.
+    """
+    contacts: dict[Trap, list[str]] = {}
+    for names, traps_of_contact in traps:
+        for trap in traps_of_contact:
+            contacts.setdefault(trap, []).extend(names)
+    in_order = sorted(contacts, key=lambda trap: TRAPS.index(trap.name))
+    return [Finding(trap.name, contacts[trap], trap.message) for trap in in_order]
+
+
+def traps_in_parameters(option: Any, bodies: Bodies) -> Iterator[Trap]:
+    """Yield the traps in the parameters of a contact; `option` are the options of the scene."""
+    solref, (dmin, dmax, *_) = bodies.solref, bodies.solimp
+    step = option.timestep
+    if bodies.mixed:
+        yield Trap(
+            "mixed-geoms",
+            f"solref {' and '.join(map(str, bodies.mixed))} are combined to {solref}, the smaller of each number; use "
+            "a <pair>",
+        )
+    if option.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE:
+        yield Trap("override", f"every contact has solref {solref} instead of its own")
+    is_discrete = option.integrator == getattr(mujoco.mjtIntegrator, "mjINT_DISCRETE", None)  # from 3.13 on
+    if is_discrete:
+        yield Trap(
+            "discrete",
+            "contacts are taken at the end of the step: an elastic one gives back less than it took, and refsafe "
+            "replaces what the step cannot resolve; use Euler or implicitfast",
+        )
+    signs_differ = (solref[0] > 0) != (solref[1] > 0)
+    if signs_differ:
+        yield Trap(
+            "mixed-signs",
+            f"solref ({solref[0]:g}, {solref[1]:g}) is neither (time constant, damping ratio), both positive, nor "
+            "(-stiffness, -damping), both <= 0: the default (0.02, 1) replaces it",
+        )
+    first, second = MUJOCO_DEFAULT_SOLREF if signs_differ else solref
+    has_refsafe = not is_discrete and not option.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE
+    effective = max(first, 2 * step) if has_refsafe and first > 0 else first
+    if effective != first:
+        yield Trap(
+            "refsafe",
+            f"a time constant of {first:g} s is shorter than two steps of {step:g} s and becomes {effective:g} s, a "
+            f"stiffness {(effective / first) ** 2:.3g} times lower; shorten the step",
+        )
+    stiffness = -first * bodies.scale
+    if stiffness > 0 and dmin > FORCE_LEVEL:
+        yield Trap(
+            "not-newton-per-metre",
+            f"a direct stiffness of {-first:g} is in 1/s^2: the spring of this pair alone has {stiffness:.4g} N/m at "
+            f"most, and under solimp {dmin:g} to {dmax:g} a third body changes it; for N/m take impact-xval contact",
+        )
+    duration = _duration_to_resolve((effective, second))
+    if duration / step < FEWEST_STEPS:
+        yield Trap(
+            "long-step",
+            f"a contact of {duration:.3g} s gets {duration / step:.2g} steps of {step:.3g} s; some {FEWEST_STEPS} are "
+            f"the least for its restitution to be within 10 %, {duration / 100:.2g} s the step for about 1 % (see "
+            "impact-xval contact)",
+        )
+
+
+def _duration_to_resolve(solref: tuple[float, float]) -> float:
+    """Return the time in s that the step has to resolve, for a pair alone at d = dmax; infinite without a spring.
+
+    It is the duration of the contact, or the decay of a heavy dashpot, which is over before its contact ends.
+    """
+    k, c = (-number for number in MujocoContact(solref, MUJOCO_DEFAULT_SOLIMP).direct)
+    if not k:
+        return math.inf
+    decay = 2 * math.pi / c if c else math.inf
+    return min(KelvinVoigtContact(k, c, 1.0).duration, decay)

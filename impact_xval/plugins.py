@@ -1,0 +1,33 @@
+"""Everything the author of a solver for impact-xval imports (docs/adding-a-solver.md).
+
+An adapter of a physics engine derives from `Engine` and gives a `World` for every `Scene`; `examples/toy_engine.py` is
+one in full. A solver of another kind derives from `OneByOne`, or from `Solver` if it answers many collisions at once,
+and gives an `Outcome` for every `Collision`; `examples/anvil.py` is one. `checks` are the tests that a solver keeps the
+contract.
+
+These names stay importable from here. The modules behind them may move.
+"""
+
+from impact_xval.compliant_baselines.conformance import NonConformingError, checks
+from impact_xval.compliant_baselines.engines.engine import Engine
+from impact_xval.compliant_baselines.engines.scene import Scene, World
+from impact_xval.compliant_baselines.solver import OneByOne, Settings, Solver, SolverError
+from impact_xval.model.collision import Collision, Collisions, Outcome, Outcomes, Path, Paths
+
+__all__ = [
+    "Collision",
+    "Collisions",
+    "Engine",
+    "NonConformingError",
+    "OneByOne",
+    "Outcome",
+    "Outcomes",
+    "Path",
+    "Paths",
+    "Scene",
+    "Settings",
+    "Solver",
+    "SolverError",
+    "World",
+    "checks",
+]
