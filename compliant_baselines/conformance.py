@@ -19,7 +19,9 @@ import numpy as np
 from impact_xval.compliant_baselines.answers import answer, said
 from impact_xval.compliant_baselines.registry import engine_free_names, get_solver
 from impact_xval.compliant_baselines.solver import KELVIN_VOIGT, Scenario, Settings, Solver
-from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
+from impact_xval.model.collision import Collision
+from impact_xval.model.outcome import Outcome
+from impact_xval.model.status import RESULT_STATUSES
 
 #: Laws a solver may say it has: those of the exact solvers, or one of its own, which is not checked.
 LAWS = (*engine_free_names(), "none")

@@ -19,7 +19,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.model.collision import Collisions, Floats, Outcomes
+from impact_xval.model.arrays import Floats
+from impact_xval.model.collisions import Collisions
+from impact_xval.model.outcomes import Outcomes
 
 #: What solves collisions by a law, at a gravity in m/s^2 each, without their states.
 Law = Callable[[Collisions, Floats], Outcomes]

@@ -19,7 +19,6 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
 from importlib.metadata import version
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,21 +31,25 @@ from impact_xval.compliant_baselines.restitution import (
 )
 from impact_xval.compliant_baselines.solver import Settings, Solver, by_kind
 from impact_xval.model import solving
-from impact_xval.model.chain.following import MAX_PIECES, Problem, Went
-from impact_xval.model.chain.laws import COMPRESSION_DASHPOT, HUNT_CROSSLEY, KELVIN_VOIGT
-from impact_xval.model.chain.laws import STATE_TRANSITION as BISTIFFNESS
+from impact_xval.model.arrays import Floats
+from impact_xval.model.chain.following import MAX_WINDOWS, ChainResult, Problem
+from impact_xval.model.chain.laws import Law
 from impact_xval.model.chain.power_law import TOLERANCE
-from impact_xval.model.chain.rest import REST, STUCK
-from impact_xval.model.collision import Collision, Collisions, Floats, Outcome, Outcomes, Status
+from impact_xval.model.chain.record import ChainEnding
+from impact_xval.model.collision import Collision
+from impact_xval.model.collisions import Collisions
+from impact_xval.model.outcome import Outcome
+from impact_xval.model.outcomes import Outcomes
+from impact_xval.model.status import Ending
 
 #: Laws by name, as codes of the kernel.
 LAWS = {
-    "bistiffness": BISTIFFNESS,
-    "kelvin-voigt": KELVIN_VOIGT,
-    "kelvin-voigt-anchored": KELVIN_VOIGT,
-    "kelvin-voigt-textbook": KELVIN_VOIGT,
-    "hunt-crossley": HUNT_CROSSLEY,
-    "compression-dashpot": COMPRESSION_DASHPOT,
+    "bistiffness": Law.STATE_TRANSITION,
+    "kelvin-voigt": Law.KELVIN_VOIGT,
+    "kelvin-voigt-anchored": Law.KELVIN_VOIGT,
+    "kelvin-voigt-textbook": Law.KELVIN_VOIGT,
+    "hunt-crossley": Law.HUNT_CROSSLEY,
+    "compression-dashpot": Law.COMPRESSION_DASHPOT,
 }
 
 #: Times `TOLERANCE`, the tolerance of the second run from which the error of the first is known.
@@ -70,7 +73,7 @@ def solve(
     gravity: ArrayLike = 0.0,
     states: bool = True,
     paths: bool = False,
-    max_steps: int = MAX_PIECES,
+    max_steps: int = MAX_WINDOWS,
 ) -> Outcomes:
     """Solve collisions by one of `LAWS`, without marks.
 
@@ -89,10 +92,10 @@ def solve(
     if frozen and collisions.gaps.any():
         raise ValueError(f"gaps: {float(collisions.gaps.max())!r}; legal where positions are frozen: none")
     g = np.broadcast_to(np.asarray(gravity, float), len(collisions))
-    problem = Problem(collisions, LAWS[law], dampings(collisions, law), frozen, g, max_pieces=max_steps)
+    problem = Problem(collisions, LAWS[law], dampings(collisions, law), frozen, g, max_windows=max_steps)
     went = problem.follow(states=states)
-    margin = went.numbers["margin"] if law == "bistiffness" else np.full(len(collisions), np.nan)
-    diagnostics = {"duration": went.numbers["time"], "n_steps": went.numbers["pieces"]}
+    margin = went.records["margin"] if law == "bistiffness" else np.full(len(collisions), np.nan)
+    diagnostics = {"duration": went.records["time"], "n_steps": went.records["n_windows"]}
     if collisions.exponent != 1:
         looser = replace(problem, tolerance=LOOSER * TOLERANCE).follow(states=False)
         moved = np.abs(looser.velocities - went.velocities).max(axis=1)
@@ -102,25 +105,29 @@ def solve(
         velocities, fallen, more = _of_drops(collisions, g, went)
         went, diagnostics = went._replace(velocities=velocities), diagnostics | more
     k: Floats = collisions.stiffnesses
-    lost: list[tuple[Any, Status, str]] = [
-        ((~np.isfinite(k) | (k <= 0)).any(axis=1), "unrepresentable", _LIMITS),
-        ((collisions.restitutions == 0).any(axis=1), "unrepresentable", _PLASTIC),
-        (went.given_up, "timeout", f"not over after {max_steps} segments"),
+    lost = [
+        Ending((~np.isfinite(k) | (k <= 0)).any(axis=1), "unrepresentable", _LIMITS),
+        Ending((collisions.restitutions == 0).any(axis=1), "unrepresentable", _PLASTIC),
+        Ending(went.given_up, "timeout", f"not over after {max_steps} segments"),
     ]
     return problem.outcomes(
         law, went, lost, margin=margin, diagnostics=diagnostics, fallen=fallen, paths=paths
     )
 
 
-def _of_drops(collisions: Collisions, g: Floats, went: Went) -> tuple[Floats, Floats, dict[str, Floats]]:
+def _of_drops(
+    collisions: Collisions, g: Floats, went: ChainResult
+) -> tuple[Floats, Floats, dict[str, Floats]]:
     """Velocities with balls at rest at 0, what gravity has added to those of free balls (m/s), and diagnostics."""
-    end, fall, falls, velocities = went.numbers["end"], went.numbers["fall"], g > 0, went.velocities
-    rests = np.column_stack([falls & (end == STUCK), falls & ((end == REST) | (end == STUCK))])
+    end, fall, falls, velocities = went.records["ending"], went.records["fall"], g > 0, went.velocities
+    both_settled = end == ChainEnding.BOTH_SETTLED
+    lower_settled = both_settled | (end == ChainEnding.LOWER_SETTLED)
+    rests = np.column_stack([falls & both_settled, falls & lower_settled])
     speed, reduced = collisions.units[1], 1 / (1 / collisions.masses).sum(axis=1)
     with np.errstate(over="ignore", invalid="ignore"):
         stated = {
             "gravity_number": g / (speed * np.sqrt(collisions.stiffnesses[:, 0] / reduced)),
-            "first_flight": np.where(fall < went.numbers["time"], fall, np.nan),
+            "first_flight": np.where(fall < went.records["time"], fall, np.nan),
             "rest_speed": np.where(rests[:, 1], velocities[:, 1], np.nan),
         }
         fallen = np.where(falls, g * fall, 0.0)
@@ -153,7 +160,7 @@ def dampings(collisions: Collisions, law: str) -> Floats:
         return 2 * ratios(flat).reshape(root.shape) * np.sqrt(0.5 * (c.exponent + 1)) * root
 
 
-def law_at(law: str, *, frozen: bool = False, max_steps: int = MAX_PIECES) -> marks.Law:
+def law_at(law: str, *, frozen: bool = False, max_steps: int = MAX_WINDOWS) -> marks.Law:
     """Return what solves collisions by a law for their marks."""
     return lambda some, g: solve(some, law, frozen=frozen, gravity=g, states=False, max_steps=max_steps)
 

@@ -18,7 +18,8 @@ from typing import Any, NamedTuple
 
 from impact_xval.compliant_baselines.answers import said
 from impact_xval.compliant_baselines.solver import KELVIN_VOIGT, Kind, Settings, Solver
-from impact_xval.model.collision import Collision, Outcome
+from impact_xval.model.collision import Collision
+from impact_xval.model.outcome import Outcome
 
 
 class Entry(NamedTuple):

@@ -30,9 +30,9 @@ from impact_xval.compliant_baselines.pasted_drops import (
     drop_on_flat_in_pybullet,
 )
 from impact_xval.compliant_baselines.solver import SolverError
-from impact_xval.model.chain.rest import FREE
+from impact_xval.model.chain.record import ChainEnding
 from impact_xval.model.inputs import Legal
-from impact_xval.model.materials import Touch
+from impact_xval.model.materials import MaterialContact
 
 #: Allowed relative error of restitution and duration, but for rounding: 99 steps of 0.001 s for 0.1 s are on the edge.
 TOLERANCE = 0.01
@@ -156,7 +156,7 @@ def pair_asked(
     speed: float,
     materials: Sequence[str] = (),
     radii: Sequence[float] = (),
-) -> tuple[Pair, Touch | None]:
+) -> tuple[Pair, MaterialContact | None]:
     """Make a pair of numbers, None if not given, or of two bodies of materials, linearised at the speed.
 
     A ValueError names the argument, the value and the legal range.
@@ -169,10 +169,10 @@ def pair_asked(
     for name, given in (("masses", masses), ("stiffness", stiffness), ("duration", duration)):
         if given is not None:
             raise ValueError(f"{name}: given beside materials or radii, which decide it; legal: one of both")
-    touch = Touch.of(materials, radii)
+    touch = MaterialContact.of(materials, radii)
     # One that is given need not be known of the materials.
     e = touch.restitution if restitution is None else restitution
-    return Pair((touch.one.mass, touch.two.mass), e, touch.linear(speed), speed=speed), touch
+    return Pair((touch.upper.mass, touch.lower.mass), e, touch.linear(speed), speed=speed), touch
 
 
 class Drops(NamedTuple):
@@ -270,7 +270,7 @@ def scenes(pair: Pair, step: float, places: Sequence[float]) -> list[Scene]:
 
 def _measured(name: str, pair: Pair, run: Run) -> tuple[float, float]:
     """Restitution, and duration in s."""
-    if run.end != FREE:
+    if run.end != ChainEnding.FREE:
         if run.status == "crashed":
             raise SolverError(name, "crashed", run.problem())
         # A collision may be over with both bodies at rest on each other: their contact is not.

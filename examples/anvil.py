@@ -3,7 +3,8 @@
 import numpy as np
 
 from impact_xval.compliant_baselines.solver import OneByOne
-from impact_xval.model.collision import Outcome, Path
+from impact_xval.model.outcome import Outcome
+from impact_xval.model.path import Path
 
 
 class Anvil(OneByOne):

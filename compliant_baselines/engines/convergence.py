@@ -21,7 +21,7 @@ from impact_xval.compliant_baselines.engines.scene import Floats, Scene, periods
 from impact_xval.compliant_baselines.engines.stepping import Run, parted
 from impact_xval.compliant_baselines.solver import Convergence
 from impact_xval.compliant_baselines.states import SHORTEST_STATE
-from impact_xval.model.chain.rest import REST, STUCK
+from impact_xval.model.chain.record import ChainEnding
 
 #: Share of the last correction that is doubted at least: three differences can agree by accident.
 DOUBT = 0.1
@@ -237,7 +237,13 @@ def _extrapolated(runs: Sequence[Run], regularisation: Sequence[float]) -> Limit
         gravity_doubt=max(_flight_doubt(runs[-2], last), scene.gravity * scene.step),
     )
     moved = regularisation[-1] if regularisation else 0.0
-    return Limit(*found, moved, scene.step, flight=last.fall is not None, rest=last.end in (REST, STUCK))
+    return Limit(
+        *found,
+        moved,
+        scene.step,
+        flight=last.fall is not None,
+        rest=last.end in (ChainEnding.LOWER_SETTLED, ChainEnding.BOTH_SETTLED),
+    )
 
 
 def _percentage(share: float) -> str:

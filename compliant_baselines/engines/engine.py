@@ -25,8 +25,10 @@ from impact_xval.compliant_baselines.engines.stepping import Run, follow
 from impact_xval.compliant_baselines.marks import marks_of
 from impact_xval.compliant_baselines.references import law_at
 from impact_xval.compliant_baselines.solver import Settings, Solver, by_kind
-from impact_xval.model.chain.rest import REST, STUCK
-from impact_xval.model.collision import Collision, Collisions, Outcome
+from impact_xval.model.chain.record import ChainEnding
+from impact_xval.model.collision import Collision
+from impact_xval.model.collisions import Collisions
+from impact_xval.model.outcome import Outcome
 
 #: Most contacts of a scene: the states of a run are sets of them, kept as bits.
 MOST_CONTACTS = 60
@@ -256,7 +258,7 @@ def outcome_of(solver: str, collision: Collision, run: Run, settings: Settings) 
         diagnostics["gravity_number"] = c.gravity / (c.speed * omega)
     if run.fall is not None:
         diagnostics["first_flight"] = run.fall[0] * c.step
-    if run.end in (REST, STUCK):
+    if run.end in (ChainEnding.LOWER_SETTLED, ChainEnding.BOTH_SETTLED):
         diagnostics["rest_speed"] = float(run.velocities[1])
     reason = run.too_much_energy()
     return Outcome(

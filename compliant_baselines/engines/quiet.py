@@ -25,23 +25,23 @@ import math
 
 import numpy as np
 
-from impact_xval.model.compiled import rounded, rounded_part
+from impact_xval.model.compiled import strict_float, strict_float_helper
 
 
-@rounded_part
+@strict_float_helper
 def _above_next(values, i):  # pragma: no cover (compiled)
     """Height or velocity of ball i relative to the next one, or to the table."""
     return values[i] - values[i + 1] if i + 1 < values.size else values[i]
 
 
-@rounded_part
+@strict_float_helper
 def _time_to(distance, rate, acceleration):  # pragma: no cover (compiled)
     """Time in which `rate t + acceleration t^2/2` grows to a distance; all three >= 0."""
     root = math.sqrt(rate * rate + 2 * acceleration * distance)
     return 2 * distance / (rate + root) if root > 0 else math.inf
 
 
-@rounded_part
+@strict_float_helper
 def _contact(loaded, k, c, gap, rate, acceleration):  # pragma: no cover (compiled)
     """Time within which a contact neither begins nor ends to carry force, nor its gap changes sign.
 
@@ -60,14 +60,14 @@ def _contact(loaded, k, c, gap, rate, acceleration):  # pragma: no cover (compil
     return min(loads, _time_to(-gap, max(rate, 0.0), acceleration))
 
 
-@rounded_part
+@strict_float_helper
 def rests(v, x, masses, weight, times):  # pragma: no cover (compiled)
     """Whether B2's energy about equilibrium is at most so many times what it takes to unload its support."""
     m2, g, k2, rest = masses[1], weight[0], weight[2], weight[3]
     return m2 * v[1] * v[1] + k2 * (x[1] + rest) ** 2 <= times * (m2 * g) ** 2 / k2
 
 
-@rounded_part
+@strict_float_helper
 def sticks(v, x, masses, weight, times):  # pragma: no cover (compiled)
     """Whether the energy of both balls about equilibrium is at most so many times what it takes to unload a contact."""
     m1, m2 = masses[0], masses[1]
@@ -78,7 +78,7 @@ def sticks(v, x, masses, weight, times):  # pragma: no cover (compiled)
     return energy <= times * g * g * min(m1**2 / k1, (m1 + m2) ** 2 / k2)
 
 
-@rounded
+@strict_float
 def quiet_steps(code, v, x, masses, law, weight, h):  # pragma: no cover (compiled)
     """Count the steps in which nothing happens: two less than their time has, at most a million.
 
@@ -113,7 +113,7 @@ def quiet_steps(code, v, x, masses, law, weight, h):  # pragma: no cover (compil
     return max(0, int(min(s / h, 1e6)) - 2)
 
 
-@rounded_part
+@strict_float_helper
 def _accelerate(code, v, x, masses, law, g):  # pragma: no cover (compiled)
     """Accelerations in m/s^2, shape (N,), by the law of the contacts that carry force."""
     found, above = np.empty(masses.size), 0.0
@@ -126,7 +126,7 @@ def _accelerate(code, v, x, masses, law, g):  # pragma: no cover (compiled)
     return found
 
 
-@rounded
+@strict_float
 def between(code, v, x, v_end, x_end, times, span, masses, law, g):  # pragma: no cover (compiled)
     """Interpolate velocities in m/s, shape (n, N), within quiet steps that take the time `span` in s.
 

@@ -30,9 +30,13 @@ from numpy.typing import ArrayLike, NDArray
 from impact_xval.compliant_baselines.engines.quiet import between, quiet_steps, rests, sticks
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, periods, reduced_masses
 from impact_xval.compliant_baselines.states import Runs, merge_runs
-from impact_xval.model.chain.rest import FREE, GOING, REST, STUCK
-from impact_xval.model.collision import Path, Status
-from impact_xval.model.compiled import rounded, rounded_part
+from impact_xval.model.chain.record import ChainEnding
+from impact_xval.model.compiled import strict_float, strict_float_helper
+from impact_xval.model.path import Path
+from impact_xval.model.status import Status
+
+GOING, FREE = int(ChainEnding.UNFINISHED), int(ChainEnding.FREE)
+REST, STUCK = int(ChainEnding.LOWER_SETTLED), int(ChainEnding.BOTH_SETTLED)
 
 #: How a scan ended, beside `GOING`, `FREE`, `REST` and `STUCK`.
 BROKEN, ALOFT, FLIGHT = 4, 5, 6
@@ -72,7 +76,7 @@ MEMORY = np.dtype(
 )
 
 
-@rounded_part
+@strict_float_helper
 def _follow_gaps(memory, closed1, closed2):  # pragma: no cover (compiled)
     """Note by how much time the first flight begins or not."""
     now = memory.n_steps
@@ -92,7 +96,7 @@ def _follow_gaps(memory, closed1, closed2):  # pragma: no cover (compiled)
         memory.flight = now
 
 
-@rounded_part
+@strict_float_helper
 def _end_of_drop(code, v, x, masses, weight):  # pragma: no cover (compiled)
     """How a drop of two balls ends after this step, if it does."""
     v1, v2, x1, x2 = v[0], v[1], x[0], x[1]
@@ -108,7 +112,7 @@ def _end_of_drop(code, v, x, masses, weight):  # pragma: no cover (compiled)
     return GOING
 
 
-@rounded
+@strict_float
 def scan(
     v, x, before, masses, contacts, weight, rounding, h, left, codes, memory
 ):  # pragma: no cover (compiled)
