@@ -214,11 +214,11 @@ class Collision:
     @property
     def units(self) -> Units:
         """Units in which only the ratios of this collision's numbers are left."""
-        rows = [
-            np.array([values], float) for values in (self.masses, self.stiffnesses, self.compression_rates)
-        ]
-        time, speed = (float(unit[0]) for unit in scaling_units(*rows, self.exponent))
-        return Units(time, speed, self.m1 * speed)
+        masses, stiffnesses = np.array([self.masses]), np.array([self.stiffnesses])
+        rates = np.array([self.compression_rates])
+        times, speeds = scaling_units(masses, stiffnesses, rates, self.exponent)
+        speed = float(speeds[0])
+        return Units(float(times[0]), speed, self.m1 * speed)
 
     def reversed(self) -> Collision:
         """Return a collision without a table as seen from below: the order of balls and all velocities reversed."""

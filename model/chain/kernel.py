@@ -138,7 +138,7 @@ def follow_series(c, n, next_step, work):
 def follow_step(c, n, first_step, tolerance, work):
     """Follow a window of a power law up to its first event, by one step that is repeated up to the event."""
     h, next_step = advance(c, n, first_step, tolerance, work)
-    contact, watched = -1, np.int64(0)
+    contact, watched = -1, 0
     while True:
         event = first_event(c, n, h, work)
         if event.contact < 0:
