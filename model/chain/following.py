@@ -102,7 +102,7 @@ class Problem:
         n, contacts = c.stiffnesses.shape
         chains = self._scaled(np.ones(n, np.int64))
         velocities = np.full(c.velocities.shape, np.nan)
-        records = np.zeros(n, RESULT).view(np.recarray)
+        records: Any = np.zeros(n, RESULT).view(np.recarray)
 
         def follow_share(share: slice, sets: NDArray[np.uint64]) -> int:
             records[share] = 0
@@ -184,10 +184,11 @@ class Problem:
         width = 1 + 2 * balls + contacts
         points = np.clip(LOG_NUMBERS // (n_windows * width + 1), 1, POINTS).astype(np.int64)
         log = np.empty((int((n_windows * points + 1).sum()), width))
-        records = np.zeros(n, RESULT).view(np.recarray)
+        records: Any = np.zeros(n, RESULT).view(np.recarray)
         logs = Logs(log, np.empty((0, 1), np.uint64))
         self._follow(self._scaled(points), logs, np.empty((n, balls)), records)
-        lengths, time, fall = records["n_points"], records["time"], records["fall"]
+        lengths: NDArray[np.int64] = records["n_points"]
+        time, fall = records["time"], records["fall"]
         offsets, row = np.append(0, np.cumsum(lengths)), np.repeat(np.arange(n), lengths)
         log = log[: len(row)]
         # The outcome says it if a number leaves double precision. Without gravity a fall has no end.
