@@ -19,7 +19,8 @@ import numpy as np
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.registry import kind_of
 from impact_xval.compliant_baselines.solver import Convergence, Settings
-from impact_xval.model.collision import Collision, Outcome
+from impact_xval.model.collision import Collision
+from impact_xval.model.outcome import Outcome
 
 ENGINES = ("mujoco", "pybullet", "dart", "rapier", "pymunk", "pybullet-restitution")
 

@@ -18,7 +18,8 @@ import numpy as np
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.registry import description_of, engine_free_names
 from impact_xval.compliant_baselines.solver import Settings
-from impact_xval.model.collision import RESULT_STATUSES, Collision
+from impact_xval.model.collision import Collision
+from impact_xval.model.status import RESULT_STATUSES
 
 FILE = Path(__file__).parents[1] / "examples" / "impact-set-1.json"
 K = 1e8

@@ -26,7 +26,9 @@ import numpy as np
 from impact_xval.compliant_baselines import get_solver, marks, references
 from impact_xval.compliant_baselines.solver import Convergence, Settings
 from impact_xval.experiments.config.axes import Sample
-from impact_xval.model.collision import Collision, Collisions, Outcomes
+from impact_xval.model.collision import Collision
+from impact_xval.model.collisions import Collisions
+from impact_xval.model.outcomes import Outcomes
 
 LAWS = ("kelvin-voigt", "bistiffness")
 ENGINES = ("mujoco", "pybullet")

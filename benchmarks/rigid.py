@@ -19,7 +19,8 @@ from impact_xval.compliant_baselines.answers import answer
 from impact_xval.compliant_baselines.registry import kind_of, solver_names
 from impact_xval.compliant_baselines.rigid.laws import LAWS
 from impact_xval.compliant_baselines.solver import Settings
-from impact_xval.model.collision import RESULT_STATUSES, Collision
+from impact_xval.model.collision import Collision
+from impact_xval.model.status import RESULT_STATUSES
 
 ENGINES = [name for name in solver_names(on_request=True) if kind_of(name) == "rigid"]
 STEP = Settings(step_fraction=1e-3)

@@ -32,7 +32,9 @@ from impact_xval.compliant_baselines.solver import KELVIN_VOIGT, Convergence, Se
 from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.tables.numbers import number
-from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
+from impact_xval.model.collision import Collision
+from impact_xval.model.outcome import Outcome
+from impact_xval.model.status import RESULT_STATUSES
 
 CALIBRATED = {name: (name, *(f"{name}:step-{step:g}" for step in STEPS)) for name in ("mujoco", "pybullet")}
 OTHERS = ("mujoco:documented", "mujoco-naive", "mujoco:default", "pybullet-naive", "pybullet:default")

@@ -11,7 +11,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from impact_xval.compliant_baselines.solver import Settings, Solver
-from impact_xval.model.collision import Collision, Outcome, Outcomes
+from impact_xval.model.collision import Collision
+from impact_xval.model.outcome import Outcome
+from impact_xval.model.outcomes import Outcomes
 
 #: Characters of a solver's sentence that are kept.
 LONGEST = 1000

@@ -20,7 +20,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.model.collision import Collisions, Floats, Outcomes
+from impact_xval.model.arrays import Floats
+from impact_xval.model.collisions import Collisions
+from impact_xval.model.outcomes import Outcomes
 
 Bools = NDArray[np.bool_]
 

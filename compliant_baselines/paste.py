@@ -30,7 +30,8 @@ from impact_xval.compliant_baselines.mapping import (
 )
 from impact_xval.compliant_baselines.registry import get_solver
 from impact_xval.compliant_baselines.solver import Settings, SolverError
-from impact_xval.model.collision import Collision, Outcome
+from impact_xval.model.collision import Collision
+from impact_xval.model.outcome import Outcome
 
 #: The text to paste, by engine. Where an engine's parameters belong to bodies and not to pairs, the first body carries
 #: the contact, and the second is rigid and undamped.

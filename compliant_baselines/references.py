@@ -21,7 +21,6 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
 from importlib.metadata import version
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,21 +33,25 @@ from impact_xval.compliant_baselines.restitution import (
 )
 from impact_xval.compliant_baselines.solver import Settings, Solver, solve_by_layout
 from impact_xval.model import solving
-from impact_xval.model.chain.following import MAX_PIECES, Problem, Went
-from impact_xval.model.chain.laws import COMPRESSION_DASHPOT, HUNT_CROSSLEY, KELVIN_VOIGT
-from impact_xval.model.chain.laws import STATE_TRANSITION as BISTIFFNESS
+from impact_xval.model.arrays import Floats
+from impact_xval.model.chain.following import MAX_WINDOWS, ChainResult, Problem
+from impact_xval.model.chain.laws import Law
 from impact_xval.model.chain.power_law import TOLERANCE
-from impact_xval.model.chain.rest import REST, STUCK
-from impact_xval.model.collision import Collision, Collisions, Floats, Outcome, Outcomes, Status
+from impact_xval.model.chain.record import ChainEnding
+from impact_xval.model.collision import Collision
+from impact_xval.model.collisions import Collisions
+from impact_xval.model.outcome import Outcome
+from impact_xval.model.outcomes import Outcomes
+from impact_xval.model.status import Ending
 
 #: Codes of the kernel, by the names of the laws.
 LAWS = {
-    "bistiffness": BISTIFFNESS,
-    "kelvin-voigt": KELVIN_VOIGT,
-    "kelvin-voigt-anchored": KELVIN_VOIGT,
-    "kelvin-voigt-textbook": KELVIN_VOIGT,
-    "hunt-crossley": HUNT_CROSSLEY,
-    "compression-dashpot": COMPRESSION_DASHPOT,
+    "bistiffness": Law.STATE_TRANSITION,
+    "kelvin-voigt": Law.KELVIN_VOIGT,
+    "kelvin-voigt-anchored": Law.KELVIN_VOIGT,
+    "kelvin-voigt-textbook": Law.KELVIN_VOIGT,
+    "hunt-crossley": Law.HUNT_CROSSLEY,
+    "compression-dashpot": Law.COMPRESSION_DASHPOT,
 }
 
 #: Tolerance over `TOLERANCE` of a second run, whose difference from the first estimates the error of the first.
@@ -72,7 +75,7 @@ def solve(
     gravity: ArrayLike = 0.0,
     states: bool = True,
     paths: bool = False,
-    max_steps: int = MAX_PIECES,
+    max_steps: int = MAX_WINDOWS,
 ) -> Outcomes:
     """Solve collisions by a law in time, without marks.
 
@@ -97,20 +100,20 @@ def solve(
     -------
     Outcomes
         The status is ``closed-form`` where a closed form has united bodies of bistiffness contacts or brought them to
-        rest. Outcomes are exact to rounding where the forces are linear. Elsewhere ``velocity_error`` estimates the error of
-        velocities in m/s, as the difference from a run at `LOOSER` times the tolerance. ``duration`` is in s. Of drops
-        ``first_flight`` is when gravity ended, in s, and ``rest_speed`` the velocity in m/s that a settled B2 still
-        had; velocities and impulses do not contain it.
+        rest. Outcomes are exact to rounding where the forces are linear. Elsewhere ``velocity_error`` estimates the
+        error of velocities in m/s, as the difference from a run at `LOOSER` times the tolerance. ``duration`` is in s.
+        Of drops ``first_flight`` is when gravity ended, in s, and ``rest_speed`` the velocity in m/s that a settled B2
+        still had; velocities and impulses do not contain it.
     """
     if law not in LAWS:
         raise ValueError(f"law = {law!r}; legal: {', '.join(LAWS)}")
     if frozen and collisions.gaps.any():
         raise ValueError(f"gaps: {float(collisions.gaps.max())!r}; legal where positions are frozen: none")
     g = np.broadcast_to(np.asarray(gravity, float), len(collisions))
-    problem = Problem(collisions, LAWS[law], dampings(collisions, law), frozen, g, max_pieces=max_steps)
+    problem = Problem(collisions, LAWS[law], dampings(collisions, law), frozen, g, max_windows=max_steps)
     went = problem.follow(states=states)
-    margin = went.numbers["margin"] if law == "bistiffness" else np.full(len(collisions), np.nan)
-    diagnostics = {"duration": went.numbers["time"], "n_steps": went.numbers["pieces"]}
+    margin = went.records["margin"] if law == "bistiffness" else np.full(len(collisions), np.nan)
+    diagnostics = {"duration": went.records["time"], "n_steps": went.records["n_windows"]}
     if collisions.exponent != 1:
         looser = replace(problem, tolerance=LOOSER * TOLERANCE).follow(states=False)
         moved = np.abs(looser.velocities - went.velocities).max(axis=1)
@@ -120,30 +123,32 @@ def solve(
         velocities, fallen, drop_diagnostics = _settle_drops(collisions, g, went)
         went, diagnostics = went._replace(velocities=velocities), diagnostics | drop_diagnostics
     k: Floats = collisions.stiffnesses
-    failures: list[tuple[Any, Status, str]] = [
-        ((~np.isfinite(k) | (k <= 0)).any(axis=1), "unrepresentable", _LIMITS),
-        ((collisions.restitutions == 0).any(axis=1), "unrepresentable", _PLASTIC),
-        (went.given_up, "timeout", f"not over after {max_steps} segments"),
+    failures = [
+        Ending((~np.isfinite(k) | (k <= 0)).any(axis=1), "unrepresentable", _LIMITS),
+        Ending((collisions.restitutions == 0).any(axis=1), "unrepresentable", _PLASTIC),
+        Ending(went.given_up, "timeout", f"not over after {max_steps} segments"),
     ]
     return problem.outcomes(
         law, went, failures, margin=margin, diagnostics=diagnostics, fallen=fallen, paths=paths
     )
 
 
-def _settle_drops(collisions: Collisions, g: Floats, went: Went) -> tuple[Floats, Floats, dict[str, Floats]]:
+def _settle_drops(
+    collisions: Collisions, g: Floats, went: ChainResult
+) -> tuple[Floats, Floats, dict[str, Floats]]:
     """Return velocities with settled balls at 0, what gravity has added to the velocity of free balls, and diagnostics.
 
     Velocities are in m/s. Collisions without gravity stay as they are.
     """
-    end, fall, falls, velocities = went.numbers["end"], went.numbers["fall"], g > 0, went.velocities
-    both_settled = falls & (end == STUCK)
-    b2_settled = falls & ((end == REST) | (end == STUCK))
+    end, fall, falls, velocities = went.records["ending"], went.records["fall"], g > 0, went.velocities
+    both_settled = falls & (end == ChainEnding.BOTH_SETTLED)
+    b2_settled = both_settled | (falls & (end == ChainEnding.LOWER_SETTLED))
     settled = np.column_stack([both_settled, b2_settled])
     speed, reduced = collisions.units[1], 1 / (1 / collisions.masses).sum(axis=1)
     with np.errstate(over="ignore", invalid="ignore"):
         diagnostics = {
             "gravity_number": g / (speed * np.sqrt(collisions.stiffnesses[:, 0] / reduced)),
-            "first_flight": np.where(fall < went.numbers["time"], fall, np.nan),
+            "first_flight": np.where(fall < went.records["time"], fall, np.nan),
             "rest_speed": np.where(b2_settled, velocities[:, 1], np.nan),
         }
         fallen = np.where(falls, g * fall, 0.0)
@@ -176,7 +181,7 @@ def dampings(collisions: Collisions, law: str) -> Floats:
         return 2 * ratios(flat).reshape(root.shape) * np.sqrt(0.5 * (c.exponent + 1)) * root
 
 
-def law_at(law: str, *, frozen: bool = False, max_steps: int = MAX_PIECES) -> marks.Law:
+def law_at(law: str, *, frozen: bool = False, max_steps: int = MAX_WINDOWS) -> marks.Law:
     """Return the function that solves collisions by a law for their marks."""
 
     def solve_without_states(collisions: Collisions, gravity: Floats) -> Outcomes:

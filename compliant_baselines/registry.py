@@ -21,7 +21,8 @@ from typing import Any, NamedTuple
 
 from impact_xval.compliant_baselines.answers import describe_exception
 from impact_xval.compliant_baselines.solver import KELVIN_VOIGT, Kind, MappingName, Settings, Solver
-from impact_xval.model.collision import Collision, Outcome
+from impact_xval.model.collision import Collision
+from impact_xval.model.outcome import Outcome
 
 
 class SolverSpec(NamedTuple):

@@ -25,11 +25,11 @@ from math import asinh, atan2, exp, inf, log, log1p, pi, sqrt
 
 import numpy as np
 
-from impact_xval.model.collision import Floats
-from impact_xval.model.compiled import rounded, rounded_part
+from impact_xval.model.arrays import Floats
+from impact_xval.model.compiled import strict_float, strict_float_helper
 
 
-@rounded
+@strict_float
 def contact_time(zeta: float) -> float:
     """Return the duration of a Kelvin-Voigt contact that ends at zero force, times omega = sqrt(k/M); dimensionless.
 
@@ -66,7 +66,7 @@ def _checked(e: float) -> float:
     return e
 
 
-@rounded
+@strict_float
 def _damping_ratio(e: float) -> float:
     """Solve zeta T(zeta) = -ln e for zeta, T = `contact_time`; NaN for e outside (0, 1]."""
     loss = -log(e)
@@ -87,7 +87,7 @@ def _damping_ratio(e: float) -> float:
     return zeta
 
 
-@rounded_part
+@strict_float_helper
 def _tail(x: float) -> float:
     """Return (x - ln(1 + x) - x^2/2)/x^3, without cancellation."""
     if abs(x) > 0.25:
@@ -99,7 +99,7 @@ def _tail(x: float) -> float:
     return total
 
 
-@rounded_part
+@strict_float_helper
 def _hunt_crossley(e: float) -> float:
     """Solve equation (*) for A, e in (0, 1]."""
     if not 0 < e < 1:
@@ -118,7 +118,7 @@ def _hunt_crossley(e: float) -> float:
     return 0.5 * (low + high)
 
 
-@rounded
+@strict_float
 def damping_ratios(e: Floats) -> Floats:
     """Return the damping ratios of contacts that may push but not pull; e of shape (n,) in (0, 1], NaN elsewhere."""
     out = np.empty(e.size)
@@ -132,7 +132,7 @@ def textbook_damping_ratios(e: Floats) -> Floats:
     return -np.log(e) / np.hypot(np.pi, np.log(e))
 
 
-@rounded
+@strict_float
 def hunt_crossley_coefficients(e: Floats) -> Floats:
     """Solve for A = a |v0| of F = k p (1 + a p'), e at the speed |v0|; e of shape (n,) in (0, 1]."""
     out = np.empty(e.size)

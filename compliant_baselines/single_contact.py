@@ -32,7 +32,7 @@ from impact_xval.compliant_baselines.pasted_drops import (
 )
 from impact_xval.compliant_baselines.solver import SolverError
 from impact_xval.model.inputs import Legal
-from impact_xval.model.materials import Touch
+from impact_xval.model.materials import MaterialContact
 
 #: Allowed relative error of restitution and duration.
 TOLERANCE = 0.01
@@ -175,7 +175,7 @@ def make_pair(
     speed: float,
     materials: Sequence[str] = (),
     radii: Sequence[float] = (),
-) -> tuple[Pair, Touch | None]:
+) -> tuple[Pair, MaterialContact | None]:
     """Make a pair from numbers, or from two bodies of materials, whose contact is linearised at the speed.
 
     A number that is not given is None; an explicit restitution overrides the materials'. A ValueError names the
@@ -189,9 +189,9 @@ def make_pair(
     for name, given in (("masses", masses), ("stiffness", stiffness), ("duration", duration)):
         if given is not None:
             raise ValueError(f"{name}: given beside materials or radii, which decide it; legal: one of both")
-    touch = Touch.of(materials, radii)
+    touch = MaterialContact.of(materials, radii)
     e = touch.restitution if restitution is None else restitution
-    return Pair((touch.one.mass, touch.two.mass), e, touch.linear(speed), speed=speed), touch
+    return Pair((touch.upper.mass, touch.lower.mass), e, touch.linear(speed), speed=speed), touch
 
 
 class Drops(NamedTuple):

@@ -27,8 +27,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.states import SHORTEST_STATE
-from impact_xval.model.collision import RESULT_STATUSES, Collision, Collisions, Outcome, Status
+from impact_xval.model.collision import Collision
+from impact_xval.model.collisions import Collisions
 from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, Cutoff, legal_cutoff
+from impact_xval.model.outcome import Outcome
+from impact_xval.model.status import RESULT_STATUSES, Status
 
 Scenario = Literal["impact", "drop"]
 MappingName = Literal["calibrated", "naive", "documented", "shipped"]

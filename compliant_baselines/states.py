@@ -26,7 +26,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.model.collision import Paths, States, name_of_set
+from impact_xval.model.path import Paths
+from impact_xval.model.states import States, name_of_set
 
 #: Default share of the shorter contact period for which a state must be held to count; see the module.
 SHORTEST_STATE = 2.5e-3

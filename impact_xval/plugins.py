@@ -12,7 +12,11 @@ from impact_xval.compliant_baselines.conformance import NonConformingError, chec
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.scene import Scene, World
 from impact_xval.compliant_baselines.solver import OneByOne, Settings, Solver, SolverError
-from impact_xval.model.collision import Collision, Collisions, Outcome, Outcomes, Path, Paths
+from impact_xval.model.collision import Collision
+from impact_xval.model.collisions import Collisions
+from impact_xval.model.outcome import Outcome
+from impact_xval.model.outcomes import Outcomes
+from impact_xval.model.path import Path, Paths
 
 __all__ = [
     "Collision",

@@ -1,15 +1,21 @@
 """The primary solver: the state transition model of simultaneous impacts (Jia, Mason and Erdmann, IJRR 32(1), 2013).
 
-`Collision` and `Outcome` are the vocabulary, `Collisions` and `Outcomes` many of them. `solve` answers one collision,
-`solve_many` and `solve_batch` arrays of them. What solves, and the compiler it needs, is imported when it is first
-used.
+- `Collision` and `Outcome` are one collision and its result, `Collisions` and `Outcomes` many as arrays; `Path` is the
+  way of a collision to its outcome.
+- `solve` solves one collision; `solve_many` and `solve_batch` solve arrays of them.
+
+The solvers, and the compiler that they need, are imported when they are first used. Used by everything else.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from impact_xval.model.collision import Collision, Collisions, Outcome, Outcomes, Path
+from impact_xval.model.collision import Collision
+from impact_xval.model.collisions import Collisions
 from impact_xval.model.inputs import SUPPLEMENT_CUTOFF, Cutoff
+from impact_xval.model.outcome import Outcome
+from impact_xval.model.outcomes import Outcomes
+from impact_xval.model.path import Path
 
 if TYPE_CHECKING:
     from impact_xval.model.solving import solve, solve_batch, solve_many

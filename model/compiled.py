@@ -1,4 +1,12 @@
-"""Numba options shared by all kernels, and collisions shared out to threads."""
+"""Numba options of all kernels, and a loop that hands parts of arrays to threads.
+
+Decorators: `kernel_entry` and `strict_float` for kernels that Python calls; `force_inlined`, `inlined_helper`,
+`kernel_helper` and `strict_float_helper` for functions that only other compiled code calls. `run_in_threads` calls a
+kernel on parts of its arrays. `cache_folder` and `is_compiled` look into numba's cache.
+
+Needs numba. Used by every module with compiled code, in all three packages, and by the sweeps, which compile kernels
+before they start.
+"""
 
 from __future__ import annotations
 
@@ -11,79 +19,104 @@ import numpy as np
 from numba import config, njit
 from numpy.typing import DTypeLike, NDArray
 
-#: A decorator; types of what it makes a kernel are numba's to infer.
+#: A decorator of kernels. Numba infers the types of what it returns, so they cannot be stated here.
 Decorator = Callable[[Callable[..., Any]], Any]
 
-#: Options of every kernel. A product and a sum may be fused and a division become a multiplication by a reciprocal,
-#: each to within a rounding; nothing that assumes numbers to be finite, for zero and infinity are legal values here.
+#: Options of every kernel. The compiler may fuse a product and a sum, and may multiply by a reciprocal instead of
+#: dividing; each changes a result by a rounding. It may not assume that numbers are finite, because zero and infinity
+#: are legal.
 _OPTIONS: dict[str, Any] = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "arcp", "nsz"}}
 
+#: Options of helpers that only compiled code calls: no Python wrapper, no cache. The kernel's cache holds its helpers.
+_HELPER: dict[str, Any] = {"cache": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
-def compiled_with(**more: Any) -> Decorator:
-    """Return numba's decorator with the options of every kernel, and more."""
+
+def kernel_decorator(**options: Any) -> Decorator:
+    """Return numba's decorator with the options of every kernel, updated by further options."""
     compile_: Any = njit  # whose stubs lack some options
-    return compile_(**(_OPTIONS | more))
+    return compile_(**(_OPTIONS | options))
 
 
-#: Kernels that are rounded as they are written, and parts of these: only kernels call them.
-rounded = compiled_with(fastmath=False)
-rounded_part = compiled_with(fastmath=False, cache=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+#: Kernel that Python calls. It releases Python's lock, so that threads can work on parts of arrays, and counts no
+#: references.
+kernel_entry = kernel_decorator(nogil=True, _nrt=False)
 
-#: Force-inlined variant for parts of a kernel. Python cannot call them: wrappers, and a cache of each part, would add
-#: half to the time that the kernel of two balls takes to compile.
-inlined = compiled_with(forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, cache=False)
+#: Kernel, and helper, whose operations are rounded exactly as they are written.
+strict_float = kernel_decorator(fastmath=False)
+strict_float_helper = kernel_decorator(fastmath=False, **_HELPER)
 
-#: Of functions that only kernels call, those of chains above all: no references are counted and no way in from Python
-#: is compiled, each of which would cost more than the work; nothing is kept, for the cache of a kernel holds all that
-#: it calls. `merged` becomes a part of its caller before types are inferred: for one that is as large as all of its
-#: caller, which would be optimised once more with that.
-_INNER: dict[str, Any] = {"_nrt": False, "cache": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-uncounted = compiled_with(**_INNER)
-merged = compiled_with(inline="always", **_INNER)
+#: Helper that the compiler always copies into its caller. The kernel of two balls consists of these.
+force_inlined = kernel_decorator(forceinline=True, **_HELPER)
 
-#: A kernel of these, which Python calls: it holds no lock, so that threads can be given parts of arrays.
-entry = compiled_with(nogil=True, _nrt=False)
+#: Helper without reference counting, which would take longer than the work itself. The kernel of chains consists of
+#: these.
+kernel_helper = kernel_decorator(_nrt=False, **_HELPER)
 
-#: States of a collision for which a log has room at first.
-FEW_STATES = 32
+#: Helper that becomes part of its caller before types are inferred. It is meant for a function that makes up nearly all
+#: of its caller: compiled by itself, it would be optimised twice.
+inlined_helper = kernel_decorator(_nrt=False, inline="always", **_HELPER)
+
+#: Rows for states that a log has at first, for each collision.
+STATE_ROWS = 32
 
 
-def in_shares(
-    follow: Callable[[slice, Any], int], n: int, share: int, few: int, width: int, kind: DTypeLike
+def run_in_threads(
+    follow: Callable[[slice, Any], int],
+    n: int,
+    *,
+    share: int,
+    log_rows: int,
+    row_shape: tuple[int, ...],
+    log_type: DTypeLike,
 ) -> NDArray[Any]:
-    """Follow n collisions, `share` of them at once, in as many threads as numba would take; the rows of their log.
+    """Follow n collisions in threads, and return the rows that they logged, in the order of the collisions.
 
-    A kernel that holds no lock of Python is compiled once so; a loop that numba shares out takes four times as long.
-    `follow` is given a slice of the collisions and a log of that width and type, and returns how many rows it has.
-    There is room for `few` a collision; a share with more is followed once more.
+    A kernel that releases Python's lock is compiled once this way. Numba's own parallel loop takes four times as long
+    to compile.
+
+    Parameters
+    ----------
+    follow
+        Called with the slice of collisions to follow and with their log, an array of zeros. Returns the number of rows
+        that the log needs. If the log has fewer, `follow` is called once more with a log of that many rows.
+    n
+        Number of collisions.
+    share
+        Number of collisions that one call follows.
+    log_rows
+        Rows of the first log, for each collision.
+    row_shape, log_type
+        Shape of a row of the log, and type of its entries.
     """
 
-    def logged(start: int) -> NDArray[Any]:
-        part, room = slice(start, min(start + share, n)), few * (min(start + share, n) - start)
+    def follow_share(start: int) -> NDArray[Any]:
+        part = slice(start, min(start + share, n))
+        rows = log_rows * (part.stop - part.start)
         while True:
-            log: NDArray[Any] = np.zeros((room, width), kind)
-            used = follow(part, log)
-            if used <= room:
-                return log[:used]
-            room = used
+            log: NDArray[Any] = np.zeros((rows, *row_shape), log_type)
+            needed = follow(part, log)
+            if needed <= rows:
+                return log[:needed]
+            rows = needed
 
     starts = range(0, max(n, 1), share)
-    count: int = vars(config)["NUMBA_NUM_THREADS"]  # numba sets it from the environment
-    with ThreadPoolExecutor(count) as threads:
-        parts = [logged(0)] if len(starts) == 1 else list(threads.map(logged, starts))
-    return np.concatenate(parts)
+    if len(starts) == 1:
+        return follow_share(0)
+    threads: int = vars(config)["NUMBA_NUM_THREADS"]  # numba sets it from the environment
+    with ThreadPoolExecutor(threads) as pool:
+        return np.concatenate(list(pool.map(follow_share, starts)))
 
 
 def cache_folder(kernel: Any) -> Path:
-    """Return the folder in which the machine code of a kernel is kept from one process to the next."""
-    # That of numba's cache, which the dispatcher knows and does not make public.
+    """Return the folder in which numba keeps the machine code of a kernel between processes."""
+    # Numba has no public name for it.
     return Path(kernel._cache.cache_path)
 
 
 def is_compiled(kernel: Any) -> bool:
-    """Tell whether an earlier process left the machine code of a kernel, as its source is now, in the cache.
+    """Return whether the cache holds machine code of a kernel for its present source.
 
-    Numba says so, which tells a source by its bytes: its time changes with every copy of an installation.
+    Numba compares the bytes of the source. A time stamp would change with every copy of an installation.
     """
     if vars(config)["DISABLE_JIT"]:
         return True  # nothing is compiled

@@ -1,4 +1,8 @@
-"""What is legal: the parameters of a collision, the ratios that decide it (Theorem 5), the cut-off; checks of them."""
+"""What is legal: the parameters of a collision, the ratios that decide it (Theorem 5), and the cut-off.
+
+`Legal` is a legal range with its text; the constants are the ranges of all parameters; `checked_array` checks arrays,
+`legal_cutoff` a cut-off. Used by `model.collision`, by `model.solving` and by the experiments' configuration.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +13,13 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-#: A grazing margin below this marks a result. `benchmarks/grazing.py` says how well that tells the cells that jump.
+#: Grazing margin below which a result is marked. `benchmarks/grazing.py` measures how well it tells
+#: the cells that jump.
 GRAZING_THRESHOLD = 5e-5
 
 
 class Legal(NamedTuple):
-    """What a number may be, both ends included, and how to say so."""
+    """Legal range of a parameter, both ends included, and its text for messages."""
 
     name: str
     low: float
@@ -22,11 +27,11 @@ class Legal(NamedTuple):
     text: str
 
     def includes(self, value: float) -> bool:
-        """Whether a number is legal; NaN is not."""
+        """Return whether a number is legal; NaN is not."""
         return self.low <= value <= self.high
 
     def number(self, value: object) -> float:
-        """Return a value as a number; a ValueError holds the name, the value and the legal range."""
+        """Return a value as a float; a ValueError names the parameter, the value and the legal range."""
         if isinstance(value, bool) or not isinstance(value, Real) or math.isnan(float(value)):
             raise ValueError(f"{self.name} = {value!r}: not a number")
         if not self.includes(float(value)):
@@ -41,7 +46,7 @@ V0 = Legal("v0", -_LARGEST, -_LEAST, "a finite number < 0 (m/s, up is positive)"
 STIFFNESS_RATIO = Legal("stiffness_ratio", 0.0, math.inf, "from 0 to inf (k2/k1)")
 MASS_RATIO = Legal("mass_ratio", _LEAST, _LARGEST, "a finite number > 0 (m2/m1)")
 
-#: Two balls on a table by their parameters, and by the ratios that decide (Theorem 5).
+#: Parameters of two balls on a table, and the ratios that decide their outcome (Theorem 5).
 TWO_BALLS = (
     *(Legal(name, _LEAST, _LARGEST, "a finite number > 0 (kg)") for name in ("m1", "m2")),
     *(Legal(name, 0.0, math.inf, "from 0 to inf (N/m)") for name in ("k1", "k2")),
@@ -49,7 +54,7 @@ TWO_BALLS = (
 )
 RATIOS = (STIFFNESS_RATIO, MASS_RATIO, E1, E2)
 
-#: N balls in a line; and the stiffnesses of two on a table.
+#: Fields of N balls in a line; and the stiffnesses of two balls on a table.
 LINE = (
     Legal("masses", _LEAST, _LARGEST, "finite numbers > 0 (kg)"),
     Legal("stiffnesses", _LEAST, _LARGEST, "finite numbers > 0 (N/m)"),
@@ -62,24 +67,26 @@ STIFFNESSES_WITH_LIMITS = Legal("stiffnesses", 0.0, math.inf, "numbers from 0 to
 #: p of the contacts' forces, F = k delta^p.
 EXPONENT = Legal("exponent", 1.0, 3.0, "from 1 (linear contacts; 1.5: Hertz) to 3")
 
-#: m2/m1 from which on, and below the inverse of which, squares of velocities leave double precision: not solved.
+#: Mass ratios outside [1/x, x] are refused: squares of velocities would leave double precision.
 MASS_PRECISION = 1e150
 
-#: A cut-off of the running stiffness ratio: a number, or the rule that gives the outcome without one (`model.solve`).
+#: Cut-off of the running stiffness ratio: a number, or the rule that gives the outcome without one (`model.solve`).
 Cutoff = float | Literal["exact"]
 LEGAL_CUTOFF = "greater than 1, up to inf, or 'exact'"
 
-#: The supplement's own (3.4).
+#: Cut-off of the supplement, section 3.4.
 SUPPLEMENT_CUTOFF = 1e5
 
 
 def legal_cutoff(value: object) -> bool:
-    """Whether a value is a legal cut-off."""
-    return value == "exact" if isinstance(value, str) else isinstance(value, Real) and float(value) > 1
+    """Return whether a value is a legal cut-off."""
+    if isinstance(value, str):
+        return value == "exact"
+    return isinstance(value, Real) and float(value) > 1
 
 
 def checked_array(legal: Legal, values: ArrayLike) -> NDArray[np.float64]:
-    """Return values as an array; a ValueError names the parameter, its first illegal value and row, and the range."""
+    """Return values as an array; a ValueError names the parameter, its first illegal value, its row and its range."""
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""How long a velocity, or a difference of velocities, of N balls is."""
+"""The norm in which velocities of N balls are compared. Used by measures of divergence and by outcomes."""
 
 from __future__ import annotations
 
@@ -9,10 +9,22 @@ from numpy.typing import ArrayLike
 
 
 def kinetic_norm(masses: ArrayLike, velocities: ArrayLike) -> Any:
-    """Kinetic norm sqrt(sum m_i v_i^2) over the last axis, in the unit of velocities, per root of the largest mass.
+    """Return the mass-weighted norm sqrt(sum m_i v_i^2/m_max) of velocities, or of their differences.
 
-    Only quotients of it are of use: that of a difference of final velocities and of the velocities at first touch is D,
-    the velocity divergence. Masses are NaN where a collision has fewer balls.
+    The velocity divergence D is the norm of a difference of final velocities over the norm of the velocities at first
+    touch. Only such quotients are meaningful, because the norm is relative to the largest mass.
+
+    Parameters
+    ----------
+    masses : array_like, shape (..., N)
+        In kg; NaN where a collision has fewer than N balls.
+    velocities : array_like, shape (..., N)
+        In m/s.
+
+    Returns
+    -------
+    float or ndarray, shape (...)
+        In m/s.
     """
     m, v = np.asarray(masses, float), np.asarray(velocities, float)
     with np.errstate(over="ignore", invalid="ignore"):

@@ -1,22 +1,26 @@
 """Materials by name, and the contact of two bodies made of them: Hertz's, and a linear one in its place.
 
+`MATERIALS` are the materials, `Body` is a ball or a flat, `MaterialContact` the contact of two bodies, and `line` makes
+a collision of bodies. Used by the command `contact`, by `compliant_baselines.single_contact` and by users.
+
 The contact is F = K delta^p. Between solids it is Hertz's (Johnson, Contact Mechanics, 1985, sections 4.2 and 11.4),
 elastic and quasi-static:
 
     p = 3/2, K = 4/3 E* sqrt(R*), 1/E* = (1 - nu_1^2)/E_1 + (1 - nu_2^2)/E_2, 1/R* = 1/R_1 + 1/R_2.
 
-A hollow ball bends where it is touched: p = 1, K = 4 E h^2/(R sqrt(3 (1 - nu^2))) with a wall of thickness h (Reissner,
-J. Math. Phys. 25:279, 1946), until its cap snaps through, at a few h (Hubbard and Stronge, Sports Engineering 4:49,
-2001). The indentation of a solid that it meets is left out.
+A hollow ball bends where it is touched. With a wall of thickness h, p = 1 and K = 4 E h^2/(R sqrt(3 (1 - nu^2)))
+(Reissner, J. Math. Phys. 25:279, 1946), until its cap snaps through at a few h (Hubbard and Stronge, Sports Engineering
+4:49, 2001). The indentation of a solid that a hollow ball meets is neglected.
 
-The linear contact that has the same greatest compression and stores the same energy at a speed of impact v has
-k = M v^2/delta_max^2. Beside Hertz's it lasts pi/2.9432 times as long, 6.7 % longer, and its peak force is 4/5. Several
-contacts at once share an impact out differently: of two steel balls of 20 mm radius, one on the other on a steel flat,
-the laws end D = 0.15 apart, of one ball on four in a row 0.14, by the model at 1 m/s (tests/model/test_materials.py).
+At a speed of impact v, the linear contact with the same greatest compression and the same stored energy has
+k = M v^2/delta_max^2. It lasts pi/2.9432 times as long as Hertz's, which is 6.7 % longer, and its peak force is 4/5 of
+Hertz's. Several contacts at once share an impact differently: by the model at 1 m/s, the outcomes of both laws differ
+by D = 0.15 for two steel balls of 20 mm radius, one on the other on a steel flat, and by 0.14 for one ball on four in a
+row (tests/model/test_materials.py).
 
 Restitution is energetic. Each body gives back e_i^2 of the work done on it, which is its share of the compression
-(Coaplen, Stronge and Ravani, Int. J. Impact Eng. 30:581, 2004). A restitution falls with the speed, most of all that of
-metals; each one here is its source's, at the speed of that.
+(Coaplen, Stronge and Ravani, Int. J. Impact Eng. 30:581, 2004). Restitution falls with the speed, most of all for
+metals. Each value here is that of its source, at the speed of that source.
 """
 
 from __future__ import annotations
@@ -31,7 +35,7 @@ from impact_xval.model.collision import Collision
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """What a body is made of, in SI units; a restitution of None is known from no source good enough."""
+    """Material of a body, in SI units; a restitution of None means that no good source gives one."""
 
     name: str
     young: float
@@ -65,13 +69,13 @@ MATERIALS = {
 }
 
 
-#: Radii of balls, in m: within them masses stay numbers.
+#: Smallest and largest radius of a ball, in m; masses of balls in between stay finite numbers > 0.
 SMALLEST, LARGEST = 1e-9, 1e6
 
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """A ball, or with an infinite radius a fixed flat; a ValueError names the field, the value and the legal range."""
+    """Ball, or fixed flat if the radius is infinite; a ValueError names the field, the value and the legal range."""
 
     material: Material
     #: In m.
@@ -93,108 +97,125 @@ class Body:
 
     @property
     def compliance(self) -> float:
-        """Its part of 1/E* in 1/Pa, or of a hollow ball 1/K in m/N."""
-        of = self.material
-        if of.wall is None:
-            return (1 - of.poisson**2) / of.young
-        return self.radius * math.sqrt(3 * (1 - of.poisson**2)) / (4 * of.young * of.wall**2)
+        """The body's term of 1/E* in 1/Pa; for a hollow ball 1/K in m/N."""
+        material = self.material
+        if material.wall is None:
+            return (1 - material.poisson**2) / material.young
+        root = math.sqrt(3 * (1 - material.poisson**2))
+        return self.radius * root / (4 * material.young * material.wall**2)
 
 
 @dataclass(frozen=True, slots=True)
-class Touch:
-    """The contact of two bodies; a ValueError says that both are flat."""
+class MaterialContact:
+    """Contact of two bodies; a ValueError says that both are flat."""
 
-    one: Body
-    two: Body
+    upper: Body
+    lower: Body
 
     @classmethod
-    def of(cls, materials: Sequence[str], radii: Sequence[float]) -> Touch:
-        """Make it of one or two names and radii: one name is that of both bodies, a radius left out is a flat's."""
-        for name, given in (("material", materials), ("radius", radii)):
-            if not 1 <= len(given) <= 2:
-                legal = f"once or twice, beside {'radius' if name == 'material' else 'material'}"
-                raise ValueError(f"{name}: given {len(given)} times; legal: {legal}")
+    def of(cls, materials: Sequence[str], radii: Sequence[float]) -> MaterialContact:
+        """Make the contact of two bodies from names of materials and radii in m, one or two each.
+
+        A single name is the material of both bodies; with a single radius, the second body is a flat.
+        """
+        for name, values, partner in (("material", materials, "radius"), ("radius", radii, "material")):
+            if not 1 <= len(values) <= 2:
+                raise ValueError(f"{name}: given {len(values)} times; legal: once or twice, beside {partner}")
         for name in materials:
             if name not in MATERIALS:
                 raise ValueError(f"material = {name!r:.60}; legal: {', '.join(MATERIALS)}")
         return cls(Body(MATERIALS[materials[0]], radii[0]), Body(MATERIALS[materials[-1]], *radii[1:]))
 
     def __post_init__(self) -> None:
-        if math.isinf(self.one.radius) and math.isinf(self.two.radius):
+        if math.isinf(self.upper.radius) and math.isinf(self.lower.radius):
             raise ValueError("radius = inf inf: two flats have no point of contact; legal: at most one inf")
 
     @property
     def _yielding(self) -> list[Body]:
-        """The bodies that take part in the compression: hollow ones, or both."""
-        hollow = [body for body in (self.one, self.two) if body.material.wall is not None]
-        return hollow or [self.one, self.two]
+        """Bodies that take part in the compression: the hollow ones, or both if none is hollow."""
+        hollow = [body for body in (self.upper, self.lower) if body.material.wall is not None]
+        return hollow or [self.upper, self.lower]
 
     @property
     def exponent(self) -> float:
-        """p: 1.5 between solids, 1 where a ball is hollow."""
+        """Exponent p of the force: 1.5 between solids, 1 where a ball is hollow."""
         return 1.0 if any(body.material.wall for body in self._yielding) else 1.5
 
     @property
     def stiffness(self) -> float:
-        """K, in N/m^p."""
-        soft = sum(body.compliance for body in self._yielding)
+        """Stiffness K in N/m^p."""
+        compliance = sum(body.compliance for body in self._yielding)
         if self.exponent == 1:
-            return 1 / soft
-        return 4 / 3 / soft / math.sqrt(1 / self.one.radius + 1 / self.two.radius)
+            return 1 / compliance
+        return 4 / 3 / compliance / math.sqrt(1 / self.upper.radius + 1 / self.lower.radius)
 
     @property
     def mass(self) -> float:
         """Reduced mass in kg."""
-        return 1 / (1 / self.one.mass + 1 / self.two.mass)
+        return 1 / (1 / self.upper.mass + 1 / self.lower.mass)
 
     @property
     def restitution(self) -> float:
-        """Coefficient of energetic restitution; a ValueError says that it is not known of a material."""
-        given, done = 0.0, 0.0
+        """Coefficient of energetic restitution; a ValueError names a material without a known one."""
+        returned, work = 0.0, 0.0
         for body in self._yielding:
             e, name = body.material.restitution, body.material.name
             if e is None:
                 raise ValueError(f"restitution of {name}: none has a source; legal: one of your own, 0 to 1")
-            given, done = given + e * e * body.compliance, done + body.compliance
-        return math.sqrt(given / done)
+            returned += e * e * body.compliance
+            work += body.compliance
+        return math.sqrt(returned / work)
 
     def compression(self, speed: float) -> float:
-        """Greatest compression in m, of an elastic impact at a speed in m/s."""
+        """Return the greatest compression in m of an elastic impact at a speed in m/s."""
         if not 0 < speed < math.inf:
             raise ValueError(f"speed = {speed!r}; legal: a finite number > 0 (m/s)")
         p = self.exponent
         return ((p + 1) * self.mass * speed**2 / (2 * self.stiffness)) ** (1 / (p + 1))
 
     def duration(self, speed: float) -> float:
-        """How long an elastic impact lasts, in s."""
+        """Return the duration in s of an elastic impact at a speed in m/s."""
         x = 1 / (self.exponent + 1)
-        shape = 2 * math.sqrt(math.pi) * math.gamma(1 + x) / math.gamma(0.5 + x)  # pi, or 2.9432 of Hertz
+        shape = 2 * math.sqrt(math.pi) * math.gamma(1 + x) / math.gamma(0.5 + x)  # pi, or Hertz's 2.9432
         return shape * self.compression(speed) / speed
 
     def linear(self, speed: float) -> float:
-        """Stiffness k in N/m of the linear contact of the same greatest compression and energy."""
+        """Return the stiffness in N/m of the linear contact with the same greatest compression and energy."""
         return self.mass * (speed / self.compression(speed)) ** 2
 
 
 def line(bodies: Sequence[Body], velocities: Sequence[float], *, exponent: float = 1.0) -> Collision:
-    """Make a collision of balls in a line, ball 1 on top; a flat, last, is the table.
+    """Make a collision of balls in a line, ball 1 on top.
 
     Parameters
     ----------
-    bodies, velocities
-        One velocity in m/s for each ball.
+    bodies : sequence of Body
+        Balls from top to bottom; a flat at the end is the table.
+    velocities : sequence of float
+        At first touch in m/s, one for each ball.
     exponent : float
-        1.5 for Hertz's contacts, 1 for the linear ones in their place at the largest speed that is given.
+        1.5 for Hertz's contacts; 1 for the linear contacts in their place at the largest of the speeds.
+
+    Returns
+    -------
+    Collision
+
+    Raises
+    ------
+    ValueError
+        For an illegal exponent, or a material without a known restitution.
     """
-    touches = [Touch(one, two) for one, two in pairwise(bodies)]
-    legal = (1.0, 1.5) if all(touch.exponent == 1.5 for touch in touches) else (1.0,)
+    contacts = [MaterialContact(upper, lower) for upper, lower in pairwise(bodies)]
+    legal = (1.0, 1.5) if all(contact.exponent == 1.5 for contact in contacts) else (1.0,)
     if exponent not in legal:
         raise ValueError(f"exponent = {exponent!r}; legal: 1, or 1.5 where all balls are solid")
     speed = max(map(abs, velocities))
     return Collision(
         masses=tuple(body.mass for body in bodies if math.isfinite(body.radius)),
-        stiffnesses=tuple(t.stiffness if exponent == 1.5 else t.linear(speed) for t in touches),
-        restitutions=tuple(touch.restitution for touch in touches),
+        stiffnesses=tuple(
+            contact.stiffness if exponent == 1.5 else contact.linear(speed) for contact in contacts
+        ),
+        restitutions=tuple(contact.restitution for contact in contacts),
         velocities=tuple(velocities),
         table=math.isinf(bodies[-1].radius),
         exponent=exponent,

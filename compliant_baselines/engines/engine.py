@@ -25,7 +25,8 @@ from impact_xval.compliant_baselines.engines.stepping import Run, follow
 from impact_xval.compliant_baselines.marks import DropEnd, marks_of
 from impact_xval.compliant_baselines.references import law_at
 from impact_xval.compliant_baselines.solver import Settings, Solver, group_by_layout
-from impact_xval.model.collision import Collision, Outcome
+from impact_xval.model.collision import Collision
+from impact_xval.model.outcome import Outcome
 
 #: Most contacts of a scene: the states of a run are sets of contacts, kept as bits.
 MOST_CONTACTS = 60

@@ -27,12 +27,12 @@ import math
 
 import numpy as np
 
-from impact_xval.model.compiled import compiled_with
+from impact_xval.model.compiled import kernel_decorator
 
 #: Options of the kernels of this module: rounded as they are written, and without reference counts, which would cost
 #: more than the work. Only compiled code calls the helpers.
-strict_kernel = compiled_with(fastmath=False, _nrt=False)
-strict_helper = compiled_with(
+strict_kernel = kernel_decorator(fastmath=False, _nrt=False)
+strict_helper = kernel_decorator(
     fastmath=False, _nrt=False, cache=False, no_cpython_wrapper=True, no_cfunc_wrapper=True
 )
 

@@ -16,7 +16,8 @@ import numpy as np
 
 from impact_xval.compliant_baselines.mapping import KelvinVoigtContact
 from impact_xval.compliant_baselines.solver import MappingName, Settings
-from impact_xval.model.collision import Collision, Floats
+from impact_xval.model.arrays import Floats
+from impact_xval.model.collision import Collision
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,8 @@ from impact_xval.compliant_baselines.engines.event_free_steps import (
 from impact_xval.compliant_baselines.engines.scanner import MEMORY, FlightPhase, RunEnd, scan
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, periods, reduced_masses
 from impact_xval.compliant_baselines.states import Runs, merge_runs
-from impact_xval.model.collision import Path, Status
+from impact_xval.model.path import Path
+from impact_xval.model.status import Status
 
 #: A recorded path has about as many points as this between the borders of its states.
 PATH_POINTS = 2000

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.model.collision import Floats
+from impact_xval.model.arrays import Floats
 
 Bools = NDArray[np.bool_]
 

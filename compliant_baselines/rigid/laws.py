@@ -48,7 +48,11 @@ from scipy.linalg import solveh_banded  # pyright: ignore[reportMissingTypeStubs
 
 from impact_xval.compliant_baselines.rigid.collapse import VANISHED_GAP, VANISHED_SPEED, Bools, Watch
 from impact_xval.compliant_baselines.solver import OneByOne, Settings
-from impact_xval.model.collision import Collision, Floats, Outcome, Path, name_of_set
+from impact_xval.model.arrays import Floats
+from impact_xval.model.collision import Collision
+from impact_xval.model.outcome import Outcome
+from impact_xval.model.path import Path
+from impact_xval.model.states import name_of_set
 
 #: Rounding of a sum, over the sum of the absolute values of its terms; a smaller sum counts as 0.
 ROUNDING = 2.0**-46

@@ -38,8 +38,10 @@ from impact_xval.experiments.presentation.words import (
 )
 from impact_xval.experiments.sweep.one import solvers_apart
 from impact_xval.experiments.tables.numbers import listed, number
-from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
+from impact_xval.model.collision import Collision
 from impact_xval.model.kinetic import kinetic_norm
+from impact_xval.model.outcome import Outcome
+from impact_xval.model.status import RESULT_STATUSES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

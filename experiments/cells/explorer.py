@@ -31,7 +31,7 @@ from impact_xval.experiments.presentation.page.charts import bokeh_script, curve
 from impact_xval.experiments.presentation.page.opened import curve_of
 from impact_xval.experiments.sweep.one import SolversApart, solvers_apart
 from impact_xval.experiments.sweep.process import ClosedError
-from impact_xval.model.collision import Outcome
+from impact_xval.model.outcome import Outcome
 
 #: Solvers that the button runs, and those that follow the sliders.
 ENGINES = tuple(filter(is_engine, solver_names()))

@@ -24,7 +24,8 @@ from impact_xval.experiments.config.arrangements import ChainSetup, arranged
 from impact_xval.experiments.config.axes import AXES, LEGAL, MAX_CELLS, RATIO_OF, Sample
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import Cell, Config, untied
-from impact_xval.model.collision import Collision, Collisions
+from impact_xval.model.collision import Collision
+from impact_xval.model.collisions import Collisions
 
 #: Cells of a chunk where an engine is among the solvers, a few seconds of work with their estimates: of two balls, of
 #: chains. Without an engine at most so many; a million cells then make a thousand parts.

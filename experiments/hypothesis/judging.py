@@ -39,7 +39,8 @@ from scipy.spatial.distance import pdist
 from scipy.stats import theilslopes
 
 from impact_xval.experiments.measures.aggregates import Frame
-from impact_xval.model.collision import RESULT_STATUSES, Floats
+from impact_xval.model.arrays import Floats
+from impact_xval.model.status import RESULT_STATUSES
 
 #: Least rate: over four decades a distance falls by 2.5. Least fall of the distance, from the median of the first
 #: decade of a window to that of the last: a series that falls by less may as well level out just beyond.

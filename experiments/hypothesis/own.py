@@ -28,7 +28,10 @@ from impact_xval.experiments.hypothesis.judging import CLOSE, distance, judge, u
 from impact_xval.experiments.presentation.document import Block, Table
 from impact_xval.experiments.presentation.words import named
 from impact_xval.experiments.tables.numbers import listed, number
-from impact_xval.model.collision import MAX_BALLS, RESULT_STATUSES, Collision, Floats, Outcome
+from impact_xval.model.arrays import Floats
+from impact_xval.model.collision import MAX_BALLS, Collision
+from impact_xval.model.outcome import Outcome
+from impact_xval.model.status import RESULT_STATUSES
 
 #: Laws beside those of chains that two balls on a table are solved by.
 OF_PAIRS = ("liu-zhao-brogliato", "kelvin-voigt-anchored", "compression-dashpot", "hunt-crossley")

@@ -22,7 +22,7 @@ from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, look, nam
 from impact_xval.experiments.tables.folder import write_text
 from impact_xval.experiments.tables.numbers import listed, percent, short
 from impact_xval.experiments.tables.parquet import replacing
-from impact_xval.model.collision import RESULT_STATUSES
+from impact_xval.model.status import RESULT_STATUSES
 
 TITLE = "Does an infinitely stiff pair act as one body?"
 

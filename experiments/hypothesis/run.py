@@ -32,7 +32,7 @@ from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.folder import finished, new_folder, write_text
 from impact_xval.experiments.tables.parquet import replacing
 from impact_xval.model import solve_batch
-from impact_xval.model.collision import RESULT_STATUSES
+from impact_xval.model.status import RESULT_STATUSES
 
 #: The configuration of a test, in its folder, and its runs there. Where balls unite, laws with positions end far from
 #: the closed form: there engines' limits are told from it at a wider tolerance, by half the steps.

@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 from impact_xval.compliant_baselines import references
 from impact_xval.compliant_baselines.marks import JUMPS, Law, find_jumps, marks_of
 from impact_xval.compliant_baselines.registry import KELVIN_VOIGT
-from impact_xval.model.chain.following import MAX_PIECES
-from impact_xval.model.collision import Collisions, Floats, Outcomes
+from impact_xval.model.arrays import Floats
+from impact_xval.model.chain.following import MAX_WINDOWS
+from impact_xval.model.collisions import Collisions
 from impact_xval.model.inputs import GRAZING_THRESHOLD
+from impact_xval.model.outcomes import Outcomes
 
 Texts = NDArray[np.object_]
 
@@ -86,7 +88,7 @@ def corners(
             continue
         law, some, g = obeyed if asked else "bistiffness", collisions[left], gravity[left] * weight
         name = f"{'' if free else 'frozen '}{law}{' with gravity' if weight else ''}"
-        solve = references.law_at(law, frozen=not free, max_steps=MAX_PIECES if pair else _MAX_STEPS)
+        solve = references.law_at(law, frozen=not free, max_steps=MAX_WINDOWS if pair else _MAX_STEPS)
         found = solve(some, g)
         velocities[index][left] = found.velocities / speed[left, None]
         there = found.has_result

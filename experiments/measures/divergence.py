@@ -14,16 +14,14 @@ from numpy.typing import NDArray
 from impact_xval.compliant_baselines.registry import exact_solver_for
 from impact_xval.compliant_baselines.states import comparable_states
 from impact_xval.experiments.config.experiment import REFERENCE
-from impact_xval.model.collision import (
-    RESULT_STATUSES,
-    Collision,
-    Collisions,
-    Floats,
-    Outcome,
-    Outcomes,
-    Paths,
-)
+from impact_xval.model.arrays import Floats
+from impact_xval.model.collision import Collision
+from impact_xval.model.collisions import Collisions
 from impact_xval.model.kinetic import kinetic_norm
+from impact_xval.model.outcome import Outcome
+from impact_xval.model.outcomes import Outcomes
+from impact_xval.model.path import Paths
+from impact_xval.model.status import RESULT_STATUSES
 
 Texts = NDArray[np.object_]
 

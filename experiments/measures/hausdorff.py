@@ -17,7 +17,7 @@ import math
 
 import numpy as np
 
-from impact_xval.model.compiled import compiled_with, rounded_part
+from impact_xval.model.compiled import kernel_decorator, strict_float_helper
 
 #: Absolute error allowed, in units of the coordinates.
 TOLERANCE = 1e-9
@@ -26,7 +26,7 @@ TOLERANCE = 1e-9
 LARGEST = 1e150
 
 
-@compiled_with(fastmath=False, nogil=True)
+@kernel_decorator(fastmath=False, nogil=True)
 def distances(a, b, offsets_a, offsets_b):
     """Distances of n pairs of polylines, one after the other in `a` and `b`; NaN where one has no vertex.
 
@@ -41,7 +41,7 @@ def distances(a, b, offsets_a, offsets_b):
     return found
 
 
-@rounded_part
+@strict_float_helper
 def _legal(one):
     """Whether a polyline has vertices, none of them beyond `LARGEST`."""
     for i in range(len(one)):
@@ -50,7 +50,7 @@ def _legal(one):
     return len(one) > 0
 
 
-@rounded_part
+@strict_float_helper
 def _to_segment(x, y, b, j):
     """Distance squared of the point (x, y) from segment j of b."""
     ax, ay = x - b[j, 0], y - b[j, 1]
@@ -63,7 +63,7 @@ def _to_segment(x, y, b, j):
     return ax * ax + ay * ay
 
 
-@rounded_part
+@strict_float_helper
 def _nearest(x, y, b, lowest, highest, enough):
     """Return a segment of b within `enough` of the point, or else the nearest one, and its distance.
 
@@ -98,7 +98,7 @@ def _nearest(x, y, b, lowest, highest, enough):
     return best, where
 
 
-@rounded_part
+@strict_float_helper
 def _directed(a, b):
     """Directed Hausdorff distance from a to b, at most `TOLERANCE` too small."""
     n = max(1, len(b) - 1)
@@ -130,7 +130,7 @@ def _directed(a, b):
     return worst
 
 
-@rounded_part
+@strict_float_helper
 def _within(one, two, b, lowest, highest, worst):
     """Return the larger of `worst` and of all distances from b of a piece of a: ends are x, y, segment next to it."""
     (x1, y1, near1), (x2, y2, near2) = one, two

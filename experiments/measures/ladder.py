@@ -24,7 +24,8 @@ from impact_xval.compliant_baselines.solver import group_by_layout
 from impact_xval.experiments.config.cells import Block
 from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.measures.corners import Corners, Texts, corner_names, corners
-from impact_xval.model.collision import RESULT_STATUSES, Floats
+from impact_xval.model.arrays import Floats
+from impact_xval.model.status import RESULT_STATUSES
 
 #: D below which there is nothing to split: the accuracy of the references.
 NOTHING = 1e-9

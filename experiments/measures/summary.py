@@ -43,7 +43,7 @@ from impact_xval.experiments.measures.ladder import (
 )
 from impact_xval.experiments.tables.folder import RunFolder, Tally, statuses_of
 from impact_xval.experiments.tables.parquet import codes, column, present, rows_at, selected
-from impact_xval.model.collision import RESULT_STATUSES
+from impact_xval.model.status import RESULT_STATUSES
 
 #: Measures that are summarised, by their size: of two balls, and of chains of N.
 SUMMARISED = ("velocity_divergence", "dv1", "dv2", "dimpulse1", "dimpulse2")

@@ -10,13 +10,15 @@ from impact_xval.compliant_baselines.paste import paste
 from impact_xval.compliant_baselines.single_contact import DROP, TOLERANCE, Drops, Pair
 from impact_xval.experiments.presentation.document import Block, Table
 from impact_xval.experiments.tables.numbers import number
-from impact_xval.model.materials import Touch
+from impact_xval.model.materials import MaterialContact
 
 if TYPE_CHECKING:  # it imports MuJoCo
     from impact_xval.compliant_baselines.inspect_mujoco import Finding, MeasuredContact
 
 
-def contact_blocks(engine: Engine, pair: Pair, touch: Touch | None, found: Drops, fine: Drops) -> list[Block]:
+def contact_blocks(
+    engine: Engine, pair: Pair, touch: MaterialContact | None, found: Drops, fine: Drops
+) -> list[Block]:
     """Lay out what was asked for, what to paste, and what drops gave at a step and at a tenth of it.
 
     `touch` is what the pair was made of, if of materials. A SolverError says why the engine does not take it.
@@ -52,12 +54,12 @@ def rounded_outward(low: float, high: float) -> str:
     return " to ".join(f"{float(f'{end}e{exponent}'):.15g}" for end in ends)
 
 
-def _linearised(touch: Touch, speed: float) -> str:
+def _linearised(touch: MaterialContact, speed: float) -> str:
     """Say in place of what force a contact is, and how it differs."""
     names = " on ".join(
         f"{body.material.name} "
         + ("flat" if math.isinf(body.radius) else f"ball of {body.radius:g} m radius")
-        for body in (touch.one, touch.two)
+        for body in (touch.upper, touch.lower)
     )
     p, duration = touch.exponent, touch.duration(speed)
     longer = math.pi * touch.compression(speed) / speed / duration - 1

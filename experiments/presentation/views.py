@@ -29,7 +29,7 @@ from impact_xval.experiments.sweep.status import RunStatus
 from impact_xval.experiments.tables.comparison import Comparison
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.numbers import number, percent
-from impact_xval.model.collision import RESULT_STATUSES
+from impact_xval.model.status import RESULT_STATUSES
 
 #: Columns of the whole difference that a ladder splits.
 _DIFFERENCE = re.compile(r"velocity_divergence|dv\d+")

@@ -23,7 +23,7 @@ from impact_xval.experiments.sweep.rows import Experiment, settings_of
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.parquet import replacing
 from impact_xval.experiments.tables.schema import WHO, columns, schema
-from impact_xval.model.collision import RESULT_STATUSES
+from impact_xval.model.status import RESULT_STATUSES
 
 CURVES = "curves.parquet"
 

@@ -18,7 +18,9 @@ from impact_xval.compliant_baselines.registry import get_solver, is_ours, solver
 from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.sweep.pool import TO_PREPARE, Slot, open_pool
 from impact_xval.experiments.sweep.process import FaultError
-from impact_xval.model.collision import Collision, Outcome, Path
+from impact_xval.model.collision import Collision
+from impact_xval.model.outcome import Outcome
+from impact_xval.model.path import Path
 
 #: Seconds between two lines that say which solver is at work.
 _SAY = 20.0

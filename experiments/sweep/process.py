@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:  # whose room imports numpy
-    from impact_xval.model.collision import Status
+    from impact_xval.model.status import Status
 
 _Piece = TypeVar("_Piece")
 

@@ -29,7 +29,9 @@ from impact_xval.experiments.measures.divergence import (
 from impact_xval.experiments.measures.ladder import ladders, of_balls, scatter
 from impact_xval.experiments.measures.layout import laddered, layout_of
 from impact_xval.experiments.tables.schema import Layout, to_table
-from impact_xval.model.collision import Collisions, Outcome, Status
+from impact_xval.model.collisions import Collisions
+from impact_xval.model.outcome import Outcome
+from impact_xval.model.status import Status
 
 #: Finds a solver by its name; a function at the top level of a module, so that worker processes can find it.
 Resolve = Callable[[str], Solver]

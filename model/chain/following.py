@@ -1,189 +1,268 @@
-"""Collisions through the kernel of chains, as arrays: scaled to ratios, shared out to threads, and back in SI units."""
+"""Chains as arrays: scaled to units of about 1, followed by the kernel in threads, and back in SI units.
+
+`Problem` holds collisions, their law and their options; `ChainResult` is what the kernel returns of them. Needs
+`chain.kernel`. Used by `model.solving` and by `compliant_baselines.references`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.model.chain.kernel import GOING, HAPPENED, MADE_ENERGY, Followed, follow_chains
+from impact_xval.model.arrays import Booleans, Floats
+from impact_xval.model.chain.kernel import follow_chains
+from impact_xval.model.chain.laws import Law
 from impact_xval.model.chain.power_law import TOLERANCE, new_workspace
+from impact_xval.model.chain.record import RESULT, ChainEnding, Chains, Logs, Options
 from impact_xval.model.chain.state import new_chain
-from impact_xval.model.collision import Collisions, Floats, Outcomes, Paths, States, Status
-from impact_xval.model.compiled import FEW_STATES, in_shares
+from impact_xval.model.collisions import Collisions
+from impact_xval.model.compiled import STATE_ROWS, run_in_threads
 from impact_xval.model.inputs import MASS_PRECISION
+from impact_xval.model.outcomes import Outcomes
+from impact_xval.model.path import Paths
+from impact_xval.model.states import States
+from impact_xval.model.status import Ending
 
-#: Pieces of segments after which a collision is given up.
-MAX_PIECES = 1_000_000
+#: Windows after which a collision is given up.
+MAX_WINDOWS = 1_000_000
 
-#: Points of a path in each piece of a segment, as long as its log has no more numbers than this: 64 MB.
+#: Points of a path in each window, and the most numbers that its log may hold (64 MB): windows get fewer points then.
 POINTS, LOG_NUMBERS = 9, 2**23
 
-#: Collisions that a thread is given at once: some ten milliseconds of work.
+#: Collisions that a thread follows in one call: some ten milliseconds of work.
 SHARE = 512
 
-#: Why there is no result of a collision that was left out, and of a chain that has more kinetic energy than before.
+#: Reasons of chains without a result: one was skipped, one has more kinetic energy than before.
 TOO_FAR_APART = (
     f"where one mass or stiffness exceeds {MASS_PRECISION:g} times another, squares of velocities are lost"
 )
-_MADE_ENERGY = "energy was made: double precision cannot follow masses and stiffnesses this far apart"
+_GAINED_ENERGY = "energy was made: double precision cannot follow masses and stiffnesses this far apart"
+
+#: Reasons of chains that a closed form finished.
+PLASTIC_REASON = "closed form of e = 0: the bodies of a contact that ended compression are one from there on"
+RUNAWAY_REASON = (
+    "the running stiffness of a contact runs away: its bodies are one from where it is rigid to rounding"
+)
+COLLAPSE_REASON = "bodies come to rest together after infinitely many events"
+
+_NO_PATH = np.empty((0, 0))
 
 
-class Went(NamedTuple):
-    """How collisions went, shape (n,) each; NaN where one was left out."""
+class ChainResult(NamedTuple):
+    """Result of the kernel of chains for n collisions."""
 
-    #: In m/s, shape (n, N).
+    #: Final velocities in m/s, shape (n, N); NaN where a collision was skipped.
     velocities: Floats
-    #: By name what `chain.kernel.Followed` says; `time` and `fall` in s.
-    numbers: dict[str, Floats]
+    #: Records of `chain.record.RESULT`, shape (n,); `time` and `fall` in s.
+    records: NDArray[Any]
+    #: None where states were not recorded.
     states: States | None
 
     @property
-    def given_up(self) -> NDArray[np.bool_]:
-        """Which collisions did not end."""
-        return self.numbers["end"] == GOING
+    def given_up(self) -> Booleans:
+        """Whether each collision was given up before its end."""
+        return self.records["ending"] == ChainEnding.UNFINISHED
 
     @property
-    def left_out(self) -> NDArray[np.bool_]:
-        """Which collisions were not followed."""
-        return np.isnan(self.numbers["end"])
+    def skipped(self) -> Booleans:
+        """Whether each collision was not followed."""
+        return self.records["ending"] == ChainEnding.SKIPPED
+
+    @property
+    def gained_energy(self) -> Booleans:
+        """Whether each collision ended with more energy than it had, by rounding."""
+        return self.records["ending"] == ChainEnding.GAINED_ENERGY
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
-    """Collisions under a law, one of `chain.laws`, with frozen positions or not."""
+    """Collisions under a law, with frozen positions or not."""
 
     collisions: Collisions
-    law: int
-    #: What the law has of each contact, shape (n, C), in the units of the collision; a collision with one that is not
-    #: finite is left out, as one of `too_far_apart`.
+    law: Law
+    #: Damping of each contact in units of the collision, shape (n, C) (`chain.laws`). A collision is skipped if one is
+    #: not finite, as it is if its masses are too far apart.
     dampings: Floats
     frozen: bool
     #: In m/s^2, shape (n,); above 0 only for two balls on a table.
     gravity: Floats
     #: Error of a step, where steps are taken.
     tolerance: float = TOLERANCE
-    #: Pieces of segments after which a collision is given up.
-    max_pieces: int = MAX_PIECES
+    #: Windows after which a collision is given up.
+    max_windows: int = MAX_WINDOWS
 
-    def follow(self, *, states: bool = True) -> Went:
-        """Follow all of them to their ends."""
-        c, cells, names = self.collisions, self._scaled(), Followed._fields
+    def follow(self, *, states: bool = True) -> ChainResult:
+        """Follow all collisions to their ends, with or without a record of their states."""
+        c = self.collisions
         n, contacts = c.stiffnesses.shape
+        points: NDArray[np.int64] = np.ones(n, np.int64)
+        chains = self._scaled(points)
         velocities = np.full(c.velocities.shape, np.nan)
-        numbers = np.full((n, len(names)), np.nan)
-        points, no_path = np.ones(n, np.int64), np.empty((0, 0))
+        records: Any = np.zeros(n, RESULT).view(np.recarray)
 
-        def follow(share: slice, sets: NDArray[np.uint64]) -> int:
-            out = no_path, sets, velocities[share], numbers[share]
-            self._collide([each[share] for each in cells], points[share], *out)
-            return int(np.nansum(numbers[share, names.index("n_states")])) if states else 0
+        def follow_share(share: slice, sets: NDArray[np.uint64]) -> int:
+            records[share] = 0
+            part = chains.take(share)
+            self._follow(part, Logs(_NO_PATH, sets), velocities[share], records[share])
+            return int(records["n_states"][share].sum()) if states else 0
 
-        words = max(1, -(-contacts // 64))
-        sets = in_shares(follow, n, SHARE, FEW_STATES * states, words, np.uint64)
-        time, speed = c.units
-        found = dict(zip(names, numbers.T, strict=True))
+        sets = run_in_threads(
+            follow_share,
+            n,
+            share=SHARE,
+            log_rows=STATE_ROWS if states else 0,
+            row_shape=(max(1, -(-contacts // 64)),),
+            log_type=np.uint64,
+        )
+        time_unit, speed = c.units
         with np.errstate(over="ignore", invalid="ignore"):  # no fall has an end where nothing falls
-            found |= {name: found[name] * time for name in ("time", "fall")}
-        logged = States.of(np.nan_to_num(found["n_states"]), sets) if states else None
-        return Went(velocities * speed[:, None], found, logged)
+            records["time"] *= time_unit
+            records["fall"] *= time_unit
+        logged = States.of(records["n_states"], sets) if states else None
+        return ChainResult(velocities * speed[:, None], records, logged)
 
     def outcomes(
         self,
         solver: str,
-        went: Went,
-        lost: Sequence[tuple[NDArray[np.bool_], Status, str]],
+        result: ChainResult,
+        failures: Sequence[Ending],
         *,
         margin: Floats,
         diagnostics: dict[str, Floats],
         fallen: Floats | float = 0.0,
         paths: bool = False,
     ) -> Outcomes:
-        """Say what became of all of them, which `went` so; `lost` are endings (`Outcomes.of`) without a result."""
-        numbers, far = went.numbers, "unrepresentable"
-        made = numbers["code"] >= MADE_ENERGY
-        lost = [*lost, (went.left_out, far, TOO_FAR_APART), (made, far, _MADE_ENERGY)]
-        there = ~np.any([condition for condition, _, _ in lost], axis=0)
-        every = sum(HAPPENED)
-        happened = np.nan_to_num(numbers["code"]).astype(int) & every
-        limits: list[tuple[Any, Status, str]] = [
-            (happened == some, "closed-form", "; ".join(why for bit, why in HAPPENED.items() if bit & some))
-            for some in range(1, every + 1)
+        """Build outcomes from the kernel's result.
+
+        Parameters
+        ----------
+        solver
+        result
+        failures
+            Endings without a result; besides, there is none where a chain was skipped or gained energy.
+        margin, diagnostics
+            Of the outcomes with a result.
+        fallen
+            Speed in m/s that gravity has added to free balls.
+        paths
+            Whether outcomes have paths.
+        """
+        failures = [
+            *failures,
+            Ending(result.skipped, "unrepresentable", TOO_FAR_APART),
+            Ending(result.gained_energy, "unrepresentable", _GAINED_ENERGY),
         ]
-        drawn = None
+        has_result = np.ones(len(self.collisions), bool)
+        for failure in failures:
+            has_result &= ~np.asarray(failure.condition)
+        recorded = None
         if paths:
-            arrays = {name: getattr(self, name)[there] for name in ("collisions", "dampings", "gravity")}
-            drawn = replace(self, **arrays).paths(numbers["pieces"][there]).spread(there)
+            recorded = self._rows(has_result).paths(result.records["n_windows"][has_result])
+            recorded = recorded.scatter(has_result)
         return Outcomes.of(
             solver,
             self.collisions,
-            np.where(there[:, None], went.velocities, np.nan),
-            [*lost, *limits],
+            np.where(has_result[:, None], result.velocities, np.nan),
+            [*failures, *closed_forms(result.records)],
             fallen=fallen,
-            n_states=np.where(there, numbers["n_states"], 0),
-            n_events=np.where(there, numbers["events"], 0),
-            grazing_margin=np.where(there, margin, np.nan),
-            states=went.states,
-            diagnostics={name: np.where(there, values, np.nan) for name, values in diagnostics.items()},
-            paths=drawn,
+            n_states=np.where(has_result, result.records["n_states"], 0),
+            n_events=np.where(has_result, result.records["n_events"], 0),
+            grazing_margin=np.where(has_result, margin, np.nan),
+            states=result.states,
+            diagnostics={name: np.where(has_result, values, np.nan) for name, values in diagnostics.items()},
+            paths=recorded,
         )
 
-    def paths(self, pieces: Floats) -> Paths:
-        """Paths of all of them, given of how many pieces of segments each is (`follow`)."""
-        c, (time, speed), g = self.collisions, self.collisions.units, self.gravity
+    def paths(self, n_windows: NDArray[np.int64]) -> Paths:
+        """Follow all collisions once more, and return their paths; `n_windows` is as `follow` has counted."""
+        c, (time_unit, speed), g = self.collisions, self.collisions.units, self.gravity
         (n, balls), contacts = c.masses.shape, c.stiffnesses.shape[1]
         width = 1 + 2 * balls + contacts
-        points = np.clip(LOG_NUMBERS // (pieces * width + 1), 1, POINTS).astype(np.int64)
-        log = np.empty((int((pieces * points + 1).sum()), width))
-        no_states, ends = np.empty((0, 1), np.uint64), np.empty((n, balls))
-        numbers = np.full((n, len(Followed._fields)), np.nan)
-        self._collide(self._scaled(), points, log, no_states, ends, numbers)
-        went = Followed(*numbers.T)
-        lengths = went.rows.astype(np.int64)
-        offsets, of = np.append(0, np.cumsum(lengths)), np.repeat(np.arange(len(c)), lengths)
-        log = log[: len(of)]
-        # What leaves double precision is said of the outcome; without gravity a fall has no end.
+        points = np.clip(LOG_NUMBERS // (n_windows * width + 1), 1, POINTS).astype(np.int64)
+        log = np.empty((int((n_windows * points + 1).sum()), width))
+        records: Any = np.zeros(n, RESULT).view(np.recarray)
+        logs = Logs(log, np.empty((0, 1), np.uint64))
+        self._follow(self._scaled(points), logs, np.empty((n, balls)), records)
+        lengths: NDArray[np.int64] = records["n_points"]
+        time, fall = records["time"], records["fall"]
+        offsets = np.append(0, np.cumsum(lengths))
+        row: NDArray[np.int64] = np.repeat(np.arange(n, dtype=np.int64), lengths)
+        log = log[: len(row)]
+        # The outcome says it if a number leaves double precision. Without gravity a fall has no end.
         with np.errstate(over="ignore", invalid="ignore"):
-            fallen = (g * time)[of] * np.minimum(log[:, 0], went.fall[of])
-            aloft = (went.fall < went.time)[of] & (log[:, 0] >= went.fall[of])
-            velocities, weight = log[:, 1 : 1 + balls] * speed[of, None], np.where(aloft, 0.0, g[of])
-            changes = velocities - c.velocities[of] + fallen[:, None]
-            pushes = log[:, 1 + balls : 1 + 2 * balls] * (speed / time)[of, None] + weight[:, None]
-            impulses, forces = (
-                np.cumsum(c.masses[of] * each, axis=1)[:, :contacts] for each in (changes, pushes)
-            )
-            acting = log[:, 1 + 2 * balls :] > 0
-            return Paths(offsets, log[:, 0] * time[of], velocities, impulses, forces, acting)
+            fallen = (g * time_unit)[row] * np.minimum(log[:, 0], fall[row])
+            is_aloft = (fall < time)[row] & (log[:, 0] >= fall[row])
+            weight = np.where(is_aloft, 0.0, g[row])
+            velocities = log[:, 1 : 1 + balls] * speed[row, None]
+            changes = velocities - c.velocities[row] + fallen[:, None]
+            pushes = log[:, 1 + balls : 1 + 2 * balls] * (speed / time_unit)[row, None] + weight[:, None]
+            impulses = np.cumsum(c.masses[row] * changes, axis=1)[:, :contacts]
+            forces = np.cumsum(c.masses[row] * pushes, axis=1)[:, :contacts]
+            active = log[:, 1 + 2 * balls :] > 0
+            return Paths(offsets, log[:, 0] * time_unit[row], velocities, impulses, forces, active)
 
-    def _scaled(self) -> list[Any]:
-        """Arguments of the kernel for each collision, in its units."""
-        c, (time, speed) = self.collisions, self.collisions.units
+    def _rows(self, rows: Booleans) -> Problem:
+        """Return the problem of some of the collisions."""
+        return replace(
+            self, collisions=self.collisions[rows], dampings=self.dampings[rows], gravity=self.gravity[rows]
+        )
+
+    def _scaled(self, points: NDArray[np.int64]) -> Chains:
+        """Return the collisions in their units, as the kernel takes them."""
+        c, (time_unit, speed) = self.collisions, self.collisions.units
         with np.errstate(over="ignore", under="ignore", invalid="ignore", divide="ignore"):
-            masses, stiffnesses = (x / x[:, :1] for x in (c.masses, c.stiffnesses))
-            drift = np.zeros(len(c))
+            masses, stiffnesses = c.masses / c.masses[:, :1], c.stiffnesses / c.stiffnesses[:, :1]
+            drifts = np.zeros(len(c))
             if not c.table:
-                drift = (masses * c.velocities).sum(axis=1) / masses.sum(axis=1) / speed
-            gaps, gravity = c.gaps / (speed * time)[:, None], self.gravity * time / speed
+                drifts = (masses * c.velocities).sum(axis=1) / masses.sum(axis=1) / speed
+            gaps, gravities = c.gaps / (speed * time_unit)[:, None], self.gravity * time_unit / speed
         masses[too_far_apart(c) | ~np.isfinite(self.dampings).all(axis=1)] = np.nan
-        rates = c.compression_rates / speed[:, None]
-        # Copied: the kernel would be compiled once more for arrays that are read-only.
-        return [masses, stiffnesses, c.restitutions.copy(), self.dampings, rates, drift, gaps, gravity]
+        return Chains(
+            masses=masses,
+            stiffnesses=stiffnesses,
+            restitutions=c.restitutions.copy(),  # the kernel would be compiled once more for a read-only array
+            dampings=self.dampings,
+            rates=c.compression_rates / speed[:, None],
+            gaps=gaps,
+            drifts=drifts,
+            gravities=gravities,
+            points=points,
+        )
 
-    def _collide(self, cells: list[Any], *log_and_out: Any) -> None:
+    def _follow(self, chains: Chains, logs: Logs, velocities: Floats, records: Any) -> None:
+        """Call the kernel."""
         contacts = self.collisions.stiffnesses.shape[1]
         chain = new_chain(contacts, self.collisions.exponent, self.law, self.frozen)
-        how = self.tolerance, self.max_pieces
-        follow_chains(chain, new_workspace(contacts), *cells, *how, *log_and_out)
+        options = Options(self.tolerance, self.max_windows)
+        follow_chains(chain, new_workspace(contacts), chains, options, logs, velocities, records)
 
 
-def too_far_apart(collisions: Collisions) -> NDArray[np.bool_]:
-    """Whether masses or stiffnesses of a collision lie further apart than `MASS_PRECISION`."""
-    found = np.zeros(len(collisions), bool)
+def closed_forms(records: NDArray[Any]) -> list[Ending]:
+    """Return the endings of chains that closed forms finished, one for each combination of closed forms."""
+    endings: list[Ending] = []
+    for plastic, runaway, collapse in product((False, True), repeat=3):
+        parts = [(plastic, PLASTIC_REASON), (runaway, RUNAWAY_REASON), (collapse, COLLAPSE_REASON)]
+        if plastic or runaway or collapse:
+            condition = (
+                (records["plastic"] == plastic)
+                & (records["runaway"] == runaway)
+                & (records["collapse"] == collapse)
+            )
+            reason = "; ".join(text for is_used, text in parts if is_used)
+            endings.append(Ending(condition, "closed-form", reason))
+    return endings
+
+
+def too_far_apart(collisions: Collisions) -> Booleans:
+    """Return whether masses or stiffnesses of each collision are further apart than `MASS_PRECISION`."""
+    beyond = np.zeros(len(collisions), bool)
     for values in (collisions.masses, collisions.stiffnesses):
         with np.errstate(over="ignore", invalid="ignore"):
-            found |= ~(values.max(axis=1) <= MASS_PRECISION * values.min(axis=1))
-            found |= ~np.isfinite(values).all(axis=1)
-    return found
+            beyond |= ~(values.max(axis=1) <= MASS_PRECISION * values.min(axis=1))
+            beyond |= ~np.isfinite(values).all(axis=1)
+    return beyond

@@ -1,95 +1,105 @@
 """The grazing margin of a chain (docs/theory.md, section 6): turning points of compression rates, and their amplitudes.
 
-The amplitude of a rate is the sum of those of the sinusoids that it consists of while the set of acting contacts stays;
-for forces that are not linear, of the motion linearised at the turning point. With K the diagonal of the stiffnesses
-and A the inverse masses of the contacts (`chain.series`), w'' = -A K w, so that z = K^(1/2) w obeys z'' = -S z with
-S = K^(1/2) A K^(1/2), symmetric and tridiagonal. An eigenvector u of S with its eigenvalue gives the amplitude
+`near_misses` updates the margin after a window. `amplitude` is the amplitude of a rate: the sum of the amplitudes of
+the sinusoids that the rate consists of while the set of active contacts stays. For forces that are not linear, the
+motion is linearised at the turning point.
+
+With K the diagonal of the stiffnesses and A the inverse masses of the contacts (`chain.series`), w'' = -A K w, so that
+z = K^(1/2) w obeys z'' = -S z with S = K^(1/2) A K^(1/2), symmetric and tridiagonal. An eigenvector u of S with its
+eigenvalue gives the amplitude
 
     abs(u_i)/k_i^(1/2) sqrt((u z)^2 + (u z')^2/eigenvalue).
 
-Of u only u_i, u z and u z' are needed. The QL method diagonalises S by rotations, which turn these rows as they would
-the rows of the eigenvectors (Golub and Welsch, Math. Comp. 23:221, 1969, do so for one component).
+Of u only u_i, u z and u z' are needed. The QL method diagonalises S by rotations, and these turn rows with u_i, u z and
+u z' as they would turn the rows of the eigenvectors (Golub and Welsch, Math. Comp. 23:221, 1969, do so for one
+component).
+
+Used by `chain.kernel`.
 """
 
 from __future__ import annotations
 
 from math import copysign, hypot, inf, sqrt
 
-from impact_xval.model.chain.laws import carries, rest
+from impact_xval.model.chain.laws import equilibrium_depth, is_active
 from impact_xval.model.chain.roots import first_root
 from impact_xval.model.chain.series import slope, value
-from impact_xval.model.compiled import uncounted
+from impact_xval.model.compiled import kernel_helper
 from impact_xval.model.pair.grazing import NEAR, STAKE
 
-#: Where the tridiagonal matrix and the rows are kept in `watched` of the workspace, which holds nothing else then.
+#: Places in `watched` of the workspace, which holds nothing else then: diagonal and subdiagonal of the matrix, and the
+#: rows with u_i, u z and u z'.
 DIAGONAL, BESIDE, UNIT, RATES, SLOPES = range(5)
 
-#: Iterations of the QL method to one eigenvalue: two or three suffice.
+#: Most iterations of the QL method for one eigenvalue; two or three suffice.
 MOST_ITERATIONS = 60
 
-#: Rounding of an eigenvalue, relative to the largest one.
+#: Rounding of an eigenvalue, relative to the largest contact.
 EPSILON = 2.0**-52
 
 
-@uncounted
+@kernel_helper
 def near_misses(c, n, degree, x, h, energy, margin, work):
-    """Grazing margin after a piece of length x h at whose end `c` is, given the margin before it."""
+    """Return the grazing margin after the part x of a window of length h, given the margin before it.
+
+    `c` is at the end of that part, `energy` the energy of impact.
+    """
     for i in range(n):
-        one, own = c[i], work[i]
-        if not carries(one) or one.e == 1:
+        contact, scratch = c[i], work[i]
+        if not is_active(contact) or contact.e == 1:
             continue
-        # The rate has one sign in a piece, so that the load is largest at an end of it.
-        load = max(own.deltas[0] + rest(one), one.delta + rest(one))
-        least = STAKE * energy / (1 - one.e * one.e)
-        if one.k * max(load, 0.0) ** (one.p + 1) / (one.p + 1) <= least:
+        # The rate has one sign in a window, so the load is largest at one of its ends.
+        load = max(scratch.deltas[0] + equilibrium_depth(contact), contact.delta + equilibrium_depth(contact))
+        least = STAKE * energy / (1 - contact.e * contact.e)
+        if contact.k * max(load, 0.0) ** (contact.p + 1) / (contact.p + 1) <= least:
             continue
         for j in range(degree):
-            own.watched[j] = (j + 1) * own.rates[j + 1]
-        own.watched[degree], at = 0.0, 0.0
+            scratch.watched[j] = (j + 1) * scratch.rates[j + 1]
+        scratch.watched[degree], at = 0.0, 0.0
         while True:
-            start = own.watched[0]
+            start = scratch.watched[0]
             leading = start
             for j in range(1, degree):
-                leading = own.watched[j] if leading == 0 else leading
-            to_turn = first_root(own.watched, copysign(1.0, leading), abs(start), degree - 1, x - at)
+                leading = scratch.watched[j] if leading == 0 else leading
+            to_turn = first_root(scratch.watched, copysign(1.0, leading), abs(start), degree - 1, x - at)
             if not 0 < to_turn < x - at:
                 break
             at += to_turn
-            pressed = max(value(own.deltas, degree, at) + rest(one), 0.0)
-            if one.k * pressed ** (one.p + 1) / (one.p + 1) > least:
-                rate = abs(value(own.rates, degree, at))
+            pressed = max(value(scratch.deltas, degree, at) + equilibrium_depth(contact), 0.0)
+            if contact.k * pressed ** (contact.p + 1) / (contact.p + 1) > least:
+                rate = abs(value(scratch.rates, degree, at))
                 if rate < min(margin, NEAR) * largest_amplitude(c, n, i, degree, at, h, work):
                     share = rate / amplitude(c, n, i, degree, at, h, work)
                     margin = share if share < min(margin, NEAR) else margin
                     for j in range(degree):
-                        own.watched[j] = (j + 1) * own.rates[j + 1]
-                    own.watched[degree], to_turn = 0.0, at
-            shift(own.watched, degree - 1, to_turn)
-            own.watched[0] = 0.0
+                        scratch.watched[j] = (j + 1) * scratch.rates[j + 1]
+                    scratch.watched[degree], to_turn = 0.0, at
+            shift(scratch.watched, degree - 1, to_turn)
+            scratch.watched[0] = 0.0
     return margin
 
 
-@uncounted
+@kernel_helper
 def shift(coefficients, degree, x):
-    """Write the coefficients of a polynomial about x in the place of those about 0."""
+    """Replace the coefficients of a polynomial about 0 by those about x."""
     for low in range(degree):
         for j in range(degree - 1, low - 1, -1):
             coefficients[j] += x * coefficients[j + 1]
 
 
-@uncounted
-def stiffness_at(one, own, degree, x):
-    """Return dF/ddelta of a contact at x of a piece; 0 if it does not act."""
-    if not carries(one):
+@kernel_helper
+def stiffness_at(contact, scratch, degree, x):
+    """Return dF/ddelta of a contact at x of a window; 0 if it is not active."""
+    if not is_active(contact):
         return 0.0
-    if one.p == 1:
-        return one.k
-    return one.p * one.k * max(value(own.deltas, degree, x), 0.0) ** (one.p - 1)
+    if contact.p == 1:
+        return contact.k
+    return contact.p * contact.k * max(value(scratch.deltas, degree, x), 0.0) ** (contact.p - 1)
 
 
-@uncounted
+@kernel_helper
 def block(c, n, i, degree, x, work):
-    """First and last of the neighbouring contacts that act together with contact i."""
+    """Return the first and the last contact of the row of active contacts that holds contact i."""
     first, last = i, i
     while first > 0 and stiffness_at(c[first - 1], work[first - 1], degree, x) > 0:
         first -= 1
@@ -98,30 +108,30 @@ def block(c, n, i, degree, x, work):
     return first, last
 
 
-@uncounted
+@kernel_helper
 def largest_amplitude(c, n, i, degree, x, h, work):
-    """Upper bound of `amplitude`, by its energy alone; infinite where there is gravity.
+    """Return an upper bound of `amplitude` by the energy alone; infinite with gravity.
 
     By Cauchy's inequality the sum of the amplitudes is at most (a_i + a_{i+1})^(1/2) times the root of twice the energy
-    that the block has relative to its centre of mass, or to the table.
+    of the block relative to its centre of mass, or to the table.
     """
     if c[n - 1].g > 0:
         return inf
     first, last = block(c, n, i, degree, x, work)
     twice, mass, moment = 0.0, 0.0, 0.0
     for j in range(first, last + 1):
-        one, own = c[j], work[j]
-        k = stiffness_at(one, own, degree, x)
-        force = one.k * max(value(own.deltas, degree, x), 0.0) ** one.p
-        mass += 1 / one.a
-        moment += mass * value(own.rates, degree, x)
+        contact, scratch = c[j], work[j]
+        k = stiffness_at(contact, scratch, degree, x)
+        force = contact.k * max(value(scratch.deltas, degree, x), 0.0) ** contact.p
+        mass += 1 / contact.a
+        moment += mass * value(scratch.rates, degree, x)
         twice += force * force / k + (moment / mass) ** 2 / (1 / mass + c[j + 1].a)
     return sqrt(twice * (c[i].a + c[i + 1].a))
 
 
-@uncounted
+@kernel_helper
 def amplitude(c, n, i, degree, x, h, work):
-    """Sum of the amplitudes of the sinusoids of the rate of contact i, as it moves at x of a piece of length h."""
+    """Return the sum of the amplitudes of the sinusoids of the rate of contact i at x of a window of length h."""
     first, last = block(c, n, i, degree, x, work)
     for j in range(first, last + 1):
         table, root = work[j].watched, sqrt(stiffness_at(c[j], work[j], degree, x))
@@ -143,11 +153,11 @@ def amplitude(c, n, i, degree, x, h, work):
     return total / sqrt(stiffness_at(c[i], work[i], degree, x))
 
 
-@uncounted
+@kernel_helper
 def diagonalise(first, last, work):
-    """Turn the tridiagonal matrix in `work` into the diagonal one of its eigenvalues, and the rows with it.
+    """Diagonalise the tridiagonal matrix in `work`, and turn the rows with it.
 
-    The implicit QL method (Numerical Recipes, section 11.3; EISPACK's tql2).
+    This is the implicit QL method (Numerical Recipes, section 11.3; EISPACK's tql2).
     """
     for low in range(first, last + 1):
         for _ in range(MOST_ITERATIONS):

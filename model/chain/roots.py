@@ -1,36 +1,38 @@
-"""The certified first root of a polynomial on the unit interval.
+"""The certified first root of a polynomial on the unit interval: `first_root`.
 
-A polynomial f on [0, 1] of which sum n (n-1) (n-2) (n-3) abs(a_n) = C has abs(f'''') <= C there. The cubic
-H with the values and slopes of f at both ends of an interval of length w misses f by at most C w^4 x^2 (1 -
-x)^2/24, and x^2 (1 - x)^2 <= (B1 + B2)/12 in Bernstein polynomials of degree three. Hence f > 0 inside the
-interval if the outer Bernstein coefficients of H are >= 0 and the inner ones exceed C w^4/288. An interval
-that is neither certified so, nor split by a root into a certified part and a rest, is halved: no root, and
-no pair of close roots, can be stepped over.
+Let f be a polynomial on [0, 1] with C = sum n (n-1) (n-2) (n-3) abs(a_n), so that abs(f'''') <= C there. The cubic H
+with the values and slopes of f at both ends of an interval of length w misses f by at most C w^4 x^2 (1 - x)^2/24, and
+x^2 (1 - x)^2 <= (B1 + B2)/12 in Bernstein polynomials of degree three. Hence f > 0 inside the interval if the outer
+Bernstein coefficients of H are >= 0 and the inner ones exceed C w^4/288. An interval is halved if it is neither
+certified like this, nor split by a root into a certified part and a rest. So no root, and no pair of close roots, is
+stepped over.
 
-Where a polynomial starts next to zero and grows with a high power, as the load of a contact far ahead of a wave, only
-tiny intervals could be certified so. There the sums P of its positive terms and N of the magnitudes of its negative
-ones tell, both increasing: f > 0 on [x, y] if P(x) > N(y).
+A polynomial that starts next to zero and grows with a high power, such as the load of a contact far ahead of a wave,
+could be certified only on tiny intervals. For it the sum P of its positive terms and the sum N of the magnitudes of its
+negative terms are compared. Both increase, so f > 0 on [x, y] if P(x) > N(y).
 
-A function that is zero when the segment begins, to whatever order, is divided by that power of the time
-first, so that the zero it starts from is never found again (contact 2 starts from a zero of third order).
+A function that is zero when the segment begins, to whatever order, is first divided by that power of time, so that the
+zero from which it starts is never found again (contact 2 starts from a zero of third order).
+
+Used by `chain.event` and `chain.grazing`.
 """
 
 from __future__ import annotations
 
 from math import inf, sqrt
 
-from impact_xval.model.compiled import uncounted
+from impact_xval.model.compiled import kernel_helper
 
-#: An interval this short, relative to a segment, resolves a tangency to rounding.
+#: Length of an interval, relative to a window, that resolves a tangency to rounding.
 SHORTEST = 1e-10
 
-#: Intervals after which the search is given up: numbers that are not finite, or next to it, are never certified.
+#: Intervals after which the search is given up. Numbers that are not finite, or hardly, are never certified.
 MOST_INTERVALS = 500
 
 
-@uncounted
-def _value(f, sign, f0, first, degree, x):
-    """Value and slope at x of a watched polynomial divided by x^first; f0 is its value at 0 then."""
+@kernel_helper
+def value_and_slope(f, sign, f0, first, degree, x):
+    """Return value and slope at x of `sign` times a polynomial divided by x^first, whose value at 0 is f0."""
     value, slope = f[degree], 0.0
     for n in range(degree - 1, first, -1):
         slope = slope * x + value
@@ -43,16 +45,19 @@ def _value(f, sign, f0, first, degree, x):
     return value, sign * slope
 
 
-@uncounted
-def _positive(f0, df0, f1, df1, w, C):
-    """Whether f > 0 inside an interval of length w is certain."""
+@kernel_helper
+def is_positive(f0, df0, f1, df1, w, C):
+    """Return whether f > 0 is certain inside an interval of length w, from values and slopes at both ends."""
     reserve = C * (w * w) * (w * w) / 288
     return f1 >= 0 and f0 + w * df0 / 3 > reserve and f1 - w * df1 / 3 > reserve
 
 
-@uncounted
-def _parts(f, sign, start, first, degree, x):
-    """Sum of the positive terms at x of a polynomial divided by x^first, and of the magnitudes of the negative ones."""
+@kernel_helper
+def signed_sums(f, sign, start, first, degree, x):
+    """Return the sum of the positive terms at x, and the sum of the magnitudes of the negative ones.
+
+    The terms are those of `sign` times a polynomial divided by x^first, whose value at 0 is `start`.
+    """
     positive, negative = 0.0, 0.0
     for n in range(degree, first, -1):
         term = sign * f[n]
@@ -61,16 +66,16 @@ def _parts(f, sign, start, first, degree, x):
     return positive * x + start, negative * x
 
 
-@uncounted
+@kernel_helper
 def refine(f, sign, start, first, degree, low, high, f0, f1, df1):
-    """Root in (low, high], where the function is positive at low and not at high, and the slope there.
+    """Return a root in (low, high] and the slope there; the function is positive at low and not positive at high.
 
-    Newton within bisection, from the root of a parabola. Newton's steps shrink as s, s^2, s^4...: one whose
-    successor would be lost in rounding is the last.
+    Newton's method within bisection, from the root of a parabola. Its steps shrink as s, s^2, s^4...; it stops at a
+    step whose successor would be lost in rounding.
     """
     w = high - low
-    curve = (f0 - f1 + w * df1) / (w * w)
-    discriminant = df1 * df1 - 4 * curve * f1
+    bend = (f0 - f1 + w * df1) / (w * w)
+    discriminant = df1 * df1 - 4 * bend * f1
     x = low + w * f0 / (f0 - f1)
     if discriminant > 0 and df1 < 0:
         x = high + 2 * f1 / (-df1 + sqrt(discriminant))
@@ -78,30 +83,32 @@ def refine(f, sign, start, first, degree, low, high, f0, f1, df1):
         x = 0.5 * (low + high)
     slope, before = df1, 0.0
     for _ in range(100):
-        value, slope = _value(f, sign, start, first, degree, x)
+        value, slope = value_and_slope(f, sign, start, first, degree, x)
         if value > 0:
             low = x
         else:
             high = x
         after = x - value / slope if slope < 0 else low
-        newton = low < after < high
-        if not newton:
+        is_newton = low < after < high
+        if not is_newton:
             after = 0.5 * (low + high)
         move = abs(after - x)
         x = after
-        if move <= 2.0**-52 * x or (newton and move * move * move <= 2.0**-53 * x * before * before):
+        next_step_is_lost = is_newton and move * move * move <= 2.0**-53 * x * before * before
+        if move <= 2.0**-52 * x or next_step_is_lost:
             break
-        before = move if newton else 0.0
+        before = move if is_newton else 0.0
     return x, slope
 
 
-@uncounted
+@kernel_helper
 def first_root(f, sign, start, degree, limit):
-    """First root in (0, limit), limit <= 1, of a polynomial that is positive, or zero and rising, at 0.
+    """Return the first root in (0, limit), limit <= 1, of a polynomial that is positive, or zero and rising, at 0.
 
-    The polynomial is `sign` times that of the coefficients f, up to `degree`, with the value `start` at 0; exactly
-    zero marks a zero that is not to be found. Infinity if there is no root; 0 if the polynomial is not positive from
-    the start; -1 if the search was given up. A limit below 0, from a search given up before, finds nothing.
+    The polynomial is `sign` times the one with the coefficients f, up to `degree`, and the value `start` at 0; there
+    exactly 0 marks a zero that is not to be found. Returned is infinity without a root; 0 if the polynomial is not
+    positive from the start; -1 if the search was given up. A limit below 0, from an earlier search that was given up,
+    finds nothing.
     """
     if limit < 0:
         return inf
@@ -122,14 +129,14 @@ def first_root(f, sign, start, degree, limit):
         C += (m * (m - 1)) * ((m - 2) * (m - 3)) * abs(a)
     f1, df1 = start + sign * f1, sign * df1
     if limit < 1:
-        f1, df1 = _value(f, sign, start, first, degree, limit)
+        f1, df1 = value_and_slope(f, sign, start, first, degree, limit)
     low, high, f0 = 0.0, limit, start
     for _ in range(MOST_INTERVALS):
         w = high - low
-        certain = _positive(f0, df0, f1, df1, w, C)
+        certain = is_positive(f0, df0, f1, df1, w, C)
         if not certain and f1 > 0:
-            rising, _ = _parts(f, sign, start, first, degree, low)
-            _, falling = _parts(f, sign, start, first, degree, high)
+            rising, _ = signed_sums(f, sign, start, first, degree, low)
+            _, falling = signed_sums(f, sign, start, first, degree, high)
             certain = rising > falling
         if certain or (w < SHORTEST and not f1 <= 0):
             if high >= limit:
@@ -138,10 +145,10 @@ def first_root(f, sign, start, degree, limit):
             high = min(low + 2 * w, limit)
         elif f1 <= 0:
             x, slope = refine(f, sign, start, first, degree, low, high, f0, f1, df1)
-            if w < SHORTEST or _positive(f0, df0, 0.0, slope, x - low, C):
+            if w < SHORTEST or is_positive(f0, df0, 0.0, slope, x - low, C):
                 return x
             high = low + 0.5 * w
         else:
             high = low + 0.5 * w
-        f1, df1 = _value(f, sign, start, first, degree, high)
+        f1, df1 = value_and_slope(f, sign, start, first, degree, high)
     return -1.0

@@ -1,15 +1,21 @@
-"""Exact motion of linear contacts while the set of acting ones stays: its power series in time, to rounding.
+"""Exact motion of linear contacts while the set of active ones stays: its power series in time, to rounding.
 
-delta_i' = w_i and w_i' = a_i F_{i-1} - (a_i + a_{i+1}) F_i + a_{i+1} F_{i+1}, with F_i = k_i delta_i + b_i w_i, have
-as many modes as contacts act. Their power series is summed here. In the norm of energy the equations are
-y' = (S - B) y, S skew with the norm omega, the highest frequency, and B >= 0 with the norm gamma, the highest rate of
-decay: over a time h of `ANGLE`/(omega + gamma) what the series leaves out is below a rounding. It costs O(N) a piece,
-where finding the modes costs O(N^3); it loses no digits where stiffnesses differ by many orders or next to critical
-damping, where modes are nearly parallel; and a contact at rest that is loaded by its neighbours at a high order
-(docs/columns.md, section 1) has exactly zero coefficients below that order.
+`window_length` gives the time over which the series is summed, `expand` and `expand_product` write its coefficients,
+`place` moves the chain; `value` and `slope` evaluate polynomials.
 
-Hunt-Crossley's force k delta (1 + b delta') is a product of series, a Cauchy product; no bound of what it leaves out is
-known beforehand (`trusted`).
+delta_i' = w_i and w_i' = a_i F_{i-1} - (a_i + a_{i+1}) F_i + a_{i+1} F_{i+1}, with F_i = k_i delta_i + b_i w_i, have as
+many modes as contacts are active. Their power series is summed here. In the norm of energy the equations are
+y' = (S - B) y, with S skew of the norm omega, the highest frequency, and B >= 0 of the norm gamma, the highest rate of
+decay. Over a window, a time h of `ANGLE`/(omega + gamma), the remainder of the series is below rounding.
+
+The series costs O(N) per window, where finding the modes costs O(N^3). It loses no digits where stiffnesses differ by
+many orders, or next to critical damping, where modes are nearly parallel. And a contact at rest that is loaded by its
+neighbours at a high order (docs/columns.md, section 1) has exactly zero coefficients below that order.
+
+Hunt-Crossley's force k delta (1 + b delta') is a Cauchy product of series. Its remainder has no bound that is known
+beforehand (`trusted_share`).
+
+Used by `chain.kernel`; `value` and `slope` also by `chain.grazing` and `chain.logs`, `place` by `chain.drop`.
 """
 
 from __future__ import annotations
@@ -18,10 +24,10 @@ from math import inf, sqrt
 
 import numpy as np
 
-from impact_xval.model.chain.laws import HUNT_CROSSLEY, carries, damping, rest
-from impact_xval.model.compiled import uncounted
+from impact_xval.model.chain.laws import Law, damping, equilibrium_depth, is_active
+from impact_xval.model.compiled import kernel_helper
 
-#: Highest power of the series, and omega + gamma times the time it is used for: 2.8^29/29! is 1e-18.
+#: Highest power of the series, and omega + gamma times the length of a window: 2.8^29/29! is 1e-18.
 ORDER = 28
 ANGLE = 2.8
 
@@ -29,92 +35,96 @@ ANGLE = 2.8
 INVERSE = np.append(0.0, 1 / np.arange(1.0, ORDER + 1))
 
 
-@uncounted
-def largest(c, n, k):
-    """Bound the largest eigenvalue of the contacts that act, with these stiffnesses, by row sums (Gershgorin)."""
+@kernel_helper
+def largest_eigenvalue(c, n, stiffnesses):
+    """Bound the largest eigenvalue of the active contacts, with given stiffnesses, by row sums (Gershgorin)."""
     most = 0.0
     for i in range(n):
-        if not carries(c[i]):
+        if not is_active(c[i]):
             continue
-        row = (c[i].a + c[i + 1].a) * k[i]
-        if carries(c[i - 1]):
-            row += c[i].a * k[i - 1]
-        if carries(c[i + 1]):
-            row += c[i + 1].a * k[i + 1]
+        row = (c[i].a + c[i + 1].a) * stiffnesses[i]
+        if is_active(c[i - 1]):
+            row += c[i].a * stiffnesses[i - 1]
+        if is_active(c[i + 1]):
+            row += c[i + 1].a * stiffnesses[i + 1]
         most = max(most, row)
     return most
 
 
-@uncounted
-def span(c, n, work):
-    """Time over which the series is summed; infinite if no contact acts. Of a product of series, a first guess."""
+@kernel_helper
+def window_length(c, n, work):
+    """Return the time over which the series is summed; infinite without an active contact.
+
+    For Hunt-Crossley's law it is a first guess.
+    """
     for i in range(n):
-        one, own = c[i], work[i]
-        own.k, own.b = one.k, one.b
-        if one.law == HUNT_CROSSLEY:
-            own.k = one.k * (1 + one.b * abs(one.w))
-            own.b = one.b * one.k * abs(one.delta + rest(one))
-    rate = sqrt(largest(c, n, work.k)) + largest(c, n, work.b)
+        contact, scratch = c[i], work[i]
+        scratch.k, scratch.b = contact.k, contact.b
+        if contact.law == Law.HUNT_CROSSLEY:
+            scratch.k = contact.k * (1 + contact.b * abs(contact.w))
+            scratch.b = contact.b * contact.k * abs(contact.delta + equilibrium_depth(contact))
+    rate = sqrt(largest_eigenvalue(c, n, work.k)) + largest_eigenvalue(c, n, work.b)
     return ANGLE / rate if rate > 0 else inf
 
 
-@uncounted
+@kernel_helper
 def expand(c, n, h, work):
-    """Write the coefficients of w_i and delta_i in x = t/h, 0 to `ORDER`."""
+    """Write the coefficients of w_i and delta_i in x = t/h, from power 0 to `ORDER`."""
     for i in range(n):
-        one, own = c[i], work[i]
-        acts = carries(one)
-        own.rates[0], own.deltas[0] = one.w, one.delta
-        own.k, own.b = (one.k, damping(one)) if acts else (0.0, 0.0)
-        own.moves = 1.0 if acts or not one.frozen else 0.0
-    product, last = c[0].law == HUNT_CROSSLEY, n - 1
+        contact, scratch = c[i], work[i]
+        active = is_active(contact)
+        scratch.rates[0], scratch.deltas[0] = contact.w, contact.delta
+        scratch.k = contact.k if active else 0.0
+        scratch.b = damping(contact) if active else 0.0
+        scratch.moves = 1.0 if active or not contact.frozen else 0.0
+    is_product, last = c[0].law == Law.HUNT_CROSSLEY, n - 1
     for order in range(ORDER):
         share = h * INVERSE[order + 1]
         above, middle, below = 0.0, 0.0, 0.0
         for i in range(-1, n):
             above, middle, below = middle, below, 0.0
             if i < last:
-                below = _term(c[i + 1], work[i + 1], order, product)
+                below = force_coefficient(c[i + 1], work[i + 1], order, is_product)
             if i >= 0:
-                own = work[i]
-                own.rates[order + 1] = share * (c[i].a * (above - middle) + c[i + 1].a * (below - middle))
-                own.deltas[order + 1] = share * own.moves * own.rates[order]
+                scratch = work[i]
+                scratch.rates[order + 1] = share * (c[i].a * (above - middle) + c[i + 1].a * (below - middle))
+                scratch.deltas[order + 1] = share * scratch.moves * scratch.rates[order]
         if order == 0:
-            # Whoever is not held by the table falls: the last body, or those above it.
+            # The last body falls, or the bodies above it if the table holds it.
             falls = last - 1 if work[last].k > 0 else last
             if falls >= 0:
                 work[falls].rates[1] += h * c[last].g
 
 
-@uncounted
-def _term(one, own, order, product):
-    """Coefficient of the force of a contact beyond the weight that it holds; a product's is a Cauchy product."""
-    if not product:
-        return own.k * own.deltas[order] + own.b * own.rates[order]
-    if own.k == 0:
+@kernel_helper
+def force_coefficient(contact, scratch, order, is_product):
+    """Return a coefficient of the force of a contact beyond the weight that it holds."""
+    if not is_product:
+        return scratch.k * scratch.deltas[order] + scratch.b * scratch.rates[order]
+    if scratch.k == 0:
         return 0.0
-    total = rest(one) * own.rates[order]
+    total = equilibrium_depth(contact) * scratch.rates[order]
     for j in range(order + 1):
-        total += own.deltas[j] * own.rates[order - j]
-    return own.k * (own.deltas[order] + own.b * total)
+        total += scratch.deltas[j] * scratch.rates[order - j]
+    return scratch.k * (scratch.deltas[order] + scratch.b * total)
 
 
-@uncounted
-def trusted(n, work):
-    """Part of the time of a product's series in which its last two terms stay below rounding, at most 1.
+@kernel_helper
+def trusted_share(n, work):
+    """Return the share of a time, at most 1, over which the last two terms of a product's series stay below rounding.
 
-    The usual step of a Taylor integrator (Jorba and Zou, Experimental Mathematics 14:99, 2005): the terms fall
-    geometrically, so that what follows the last two is of their size.
+    This is the usual step of a Taylor integrator (Jorba and Zou, Experimental Mathematics 14:99, 2005). The terms fall
+    geometrically, so the remainder is of the size of the last two.
     """
     longest = 1.0
-    for deltas in range(2):
+    for of_deltas in range(2):
         size = 0.0
         for i in range(n):
-            table = work[i].deltas if deltas else work[i].rates
-            for j in range(7):  # later ones may grow without bound over a time that is too long
+            table = work[i].deltas if of_deltas else work[i].rates
+            for j in range(7):  # later terms may grow without bound over a time that is too long
                 size = max(size, abs(table[j]))
         for i in range(n):
-            table = work[i].deltas if deltas else work[i].rates
+            table = work[i].deltas if of_deltas else work[i].rates
             for j in range(ORDER - 1, ORDER + 1):
                 term = abs(table[j])
                 if term > 0:
@@ -122,44 +132,44 @@ def trusted(n, work):
     return longest
 
 
-@uncounted
+@kernel_helper
 def expand_product(c, n, h, work):
-    """As `expand`, over as much of a time h as its series holds for, which is returned."""
+    """Write the coefficients of a product's series, and return the part of the time h over which it holds."""
     expand(c, n, h, work)
-    part = trusted(n, work)
-    while not part > 0:  # terms beyond double precision
+    share = trusted_share(n, work)
+    while not share > 0:  # some terms are beyond double precision
         h *= 1e-3
         expand(c, n, h, work)
-        part = trusted(n, work)
+        share = trusted_share(n, work)
     power = 1.0
     for j in range(1, ORDER + 1):
-        power *= part
+        power *= share
         for i in range(n):
             work[i].rates[j] *= power
             work[i].deltas[j] *= power
-    return h * part
+    return h * share
 
 
-@uncounted
+@kernel_helper
 def value(coefficients, degree, x):
-    """Return a polynomial at x."""
+    """Return the value of a polynomial at x."""
     total = coefficients[degree]
     for j in range(degree - 1, -1, -1):
         total = total * x + coefficients[j]
     return total
 
 
-@uncounted
-def place(c, n, x, work):
-    """Put a chain where it is at x of a piece."""
-    for i in range(n):
-        c[i].w, c[i].delta = value(work[i].rates, ORDER, x), value(work[i].deltas, ORDER, x)
-
-
-@uncounted
+@kernel_helper
 def slope(coefficients, degree, x):
     """Return the derivative of a polynomial at x."""
     total = 0.0
     for j in range(degree, 0, -1):
         total = total * x + j * coefficients[j]
     return total
+
+
+@kernel_helper
+def place(c, n, x, work):
+    """Move a chain to x of its window."""
+    for i in range(n):
+        c[i].w, c[i].delta = value(work[i].rates, ORDER, x), value(work[i].deltas, ORDER, x)

@@ -1,41 +1,40 @@
-"""The certified first event in S1.
+"""The certified first event in S1: `first_event`, and the steps of its search.
 
 In S1 up to four functions of time are watched, each positive until its event: the compression rate of a contact in
-compression (falls through zero: compression ends), its negative in restitution (compression restarts), and the force
-of a contact in restitution (falls to zero: restitution ends). Each is a sum of two sinusoids with known amplitudes, so
-that its derivatives are bounded by known numbers. Two facts make the search both quick and safe:
+compression (it falls through zero: compression ends); minus the compression rate of a contact in restitution
+(compression restarts); the force of a contact in restitution (it falls to zero: restitution ends). Each is a sum of two
+sinusoids with known amplitudes, so its derivatives have known bounds. Two facts make the search both quick and safe:
 
-* **Certificate.** The values, slopes and second derivatives of a function at both ends of a window prove it positive
-  inside (`pair.roots.positive_between`).
-* **Envelope.** f is at least its slow sinusoid less the amplitude of its fast one, and the time at which that
-  difference first comes near zero is known in closed form (`pair.roots.envelope_time`). It steps over thousands of
-  fast oscillations that are too weak to matter.
+* **Certificate.** The values, slopes and second derivatives of a function at both ends of a window can prove that it is
+  positive inside (`pair.roots.positive_between`).
+* **Envelope.** A function is at least its slow sinusoid less the amplitude of its fast one, and the time at which that
+  difference first comes near zero is known in closed form (`pair.roots.envelope_time`). So the search steps over
+  thousands of fast oscillations that are too weak to matter.
 
-A window is tried from the last certified time on. If a function is negative at its end, the end moves to a root of
-that function; if all are positive but not certified, the window is halved; if all are certified, it is passed, or its
-end, where one is zero, is the event. A pair of close roots cannot be stepped over, for no window that holds one is
-certified.
+The search tries a window from the last certified time on (`evaluate`). If a function is negative at the end of the
+window, the end moves to a root of that function (`chase_root`). If all are positive but not all certified, the window
+is halved. If all are certified, the window is passed (`margin_after` looks for near misses); its end is the event if a
+function is zero there. A pair of close roots cannot be stepped over, because no window that holds one is certified.
 
-**Ties.** Every watched function that is zero within rounding at the first root fires at that instant. Applying the
-events in any order gives the same state, since each changes only variables of its own contact; where end of restitution
-and restart of compression of one contact coincide, restitution ends (what is left to restart is zero).
+**Ties.** Every watched function that is zero within rounding at the first root fires at that instant. The order in
+which the events are then applied does not matter, because each changes only variables of its own contact. Where the end
+of restitution and the restart of compression of one contact coincide, restitution ends: nothing is left to restart.
+
+Needs `pair.motion`, `pair.roots` and `pair.grazing`. Used by `pair.kernel`.
 """
 
 from __future__ import annotations
 
-from math import atan2, cos, inf, pi, sin, sqrt
+from enum import IntEnum
+from math import cos, inf, pi, sin, sqrt
+from typing import Any, NamedTuple
 
-from impact_xval.model.compiled import inlined
-from impact_xval.model.pair.grazing import (
-    NEAR,
-    STAKE,
-    nearest_turn,
-    stays_far,
-    turns_far,
-)
-from impact_xval.model.pair.motion import cos_sin, modal, motion, turn, turn_little
+from impact_xval.model.compiled import force_inlined
+from impact_xval.model.pair.grazing import NEAR, STAKE, nearest_turn, stays_far, turns_far
+from impact_xval.model.pair.motion import Modes, Motion, cos_sin, modal_coordinates, motion_of, rotate
 from impact_xval.model.pair.roots import (
     EPSILON,
+    Jet,
     envelope_time,
     leaves_zero,
     positive_between,
@@ -46,281 +45,365 @@ from impact_xval.model.pair.roots import (
 #: Rounding of a watched function, relative to its amplitude.
 NOISE = 4 * EPSILON
 
-#: Windows of the search, in radians of the fast mode; C h^6/28800 is then 6 % of an amplitude.
+#: Length of a window in radians of the fast mode; C h^6/28800 is then 6 % of an amplitude.
 WINDOW = 3.5
 COS_WINDOW, SIN_WINDOW = cos(WINDOW), sin(WINDOW)
 
-#: Windows shorter than this (in radians of the fast mode) resolve a tangency to rounding.
+#: Windows shorter than this, in radians of the fast mode, resolve a tangency to rounding.
 SHORTEST_WINDOW = 1e-9
 
-#: The envelope is tried when the fast mode is at least this much faster than the slow one.
+#: The envelope is tried at every sixth window, where the fast mode is at least this many times as fast as the slow one.
 ENVELOPE_RATIO = 6.0
-
-#: A contact that is stiffer than the other by this factor may ring (`next_turn`).
-STIFFER = 10.0
-
-#: The slow sinusoid of its rate is then at most this share of the fast one.
-RINGING = 0.8
-
-#: Newton's steps from one zero of that rate to the next, in radians of the fast mode, and how short the last one is.
-LONGEST_STEP, LAST_STEP = 0.1, 1e-8
-
-
-@inlined
-def jets(d1, v2, F1, F2, signs, k1, k2, inverse_mu, inverse_M):
-    """(f, f', f'') of the four watched functions in a state: both rates with their signs, both forces."""
-    s1, s2 = signs
-    a1, a2 = F2 * inverse_mu - F1 * inverse_M, (F2 - F1) * inverse_mu
-    g1, g2 = k1 * d1, -k2 * v2
-    return (
-        (s1 * d1, s1 * a1, s1 * (g2 * inverse_mu - g1 * inverse_M)),
-        (s2 * v2, s2 * a2, s2 * (g2 - g1) * inverse_mu),
-        (F1, g1, k1 * a1),
-        (F2, g2, -k2 * a2),
-    )
-
-
-@inlined
-def higher(x0, x1, x2, x3, signs, k1, k2, inverse_mu, inverse_M):
-    """Third and fourth derivative of both watched rates in a state, given its `jets`."""
-    s1, s2 = signs
-    a1, a2 = x2[2], x3[2]
-    g1, g2 = k1 * s1 * x0[2], -k2 * s2 * x1[2]
-    return (
-        (s1 * (a2 * inverse_mu - a1 * inverse_M), s1 * (g2 * inverse_mu - g1 * inverse_M)),
-        (s2 * (a2 - a1) * inverse_mu, s2 * (g2 - g1) * inverse_mu),
-    )
-
-
-@inlined
-def behind(below, h, end):
-    """How far before the end of a window of length h a function that is negative there vanished, by Newton's step."""
-    back = end[0] / end[1]
-    back = back if (end[1] < 0) & (back < h) else 0.5 * h
-    return back if below else -1.0
-
-
-@inlined
-def pick(is0, is1, is2, x0, x1, x2, x3):
-    """Return the jet that a flag chooses, the last if none is set; without a branch, for none could be foretold."""
-    return (
-        x0[0] if is0 else (x1[0] if is1 else (x2[0] if is2 else x3[0])),
-        x0[1] if is0 else (x1[1] if is1 else (x2[1] if is2 else x3[1])),
-        x0[2] if is0 else (x1[2] if is1 else (x2[2] if is2 else x3[2])),
-    )
-
 
 #: Windows after which a collision is given up: half a second.
 MOST_WINDOWS = 5_000_000
 
 
-@inlined
-def first_event(mu, modes, state, signs, watched, losses, a, b, margin):
-    """Time of the first event of a segment of S1, and which of the watched functions fire.
+class Function(IntEnum):
+    """One of the four watched functions, or none of them."""
 
-    One function, with the four watched ones as separate variables, because that is faster: split into
-    functions of tuples of four, `solve_batch` runs at 0.96 to 0.98 of its rate (medians of 60 to 100 alternations).
+    RATE1 = 0
+    RATE2 = 1
+    FORCE1 = 2
+    FORCE2 = 3
+    NONE = 4
 
-    Given are m2/m1 and the modes at the running stiffnesses; d1, v2, F1, F2 at the start (a rate of exactly zero there
-    began the segment and is no event) and modal coordinates a and b; the signs that make the watched rates d1 and v2
-    positive until their events; whether each force is watched, that of a contact in restitution; 1 - e_i^2, the share
-    of its energy that a contact loses at an end of compression; and the margin of the segments before.
 
-    Gives the time since the start of the segment; which of rate 1, rate 2, force 1, force 2 are zero then; the state
-    then; the grazing margin so far (`pair.grazing`), infinity if nothing was near; and the number of windows tried:
-    `MOST_WINDOWS` where none can be certified, and nothing fires.
-    """
-    delta, phi2, force1, force2 = modes.delta, modes.phi2, modes.force1, modes.force2
-    omega, k1, k2 = modes.omega, modes.k1, modes.k2
-    s1, s2 = signs
-    w0, w1 = omega
-    inverse_mu, inverse_M = 1 / mu, 1 + 1 / mu
-    radius = (sqrt(a[0] * a[0] + b[0] * b[0]), sqrt(a[1] * a[1] + b[1] * b[1]))
-    slow, fast, slow2, fast2 = radius[0], radius[1], w0 * w0, w1 * w1
+class Four(NamedTuple):
+    """One value for each of the four watched functions."""
+
+    rate1: Any
+    rate2: Any
+    force1: Any
+    force2: Any
+
+
+class Segment(NamedTuple):
+    """A segment of S1 whose first event is searched."""
+
+    #: m2/m1, and the modes at the running stiffnesses.
+    mu: float
+    modes: Modes
+    #: Signs that make the rates d1 and v2 positive until their events.
+    signs: tuple[float, float]
+    #: Whether the force of each contact is watched; it is where the contact is in restitution.
+    watches_force: tuple[bool, bool]
+    #: 1 - e_i^2, the share of its energy that each contact loses at an end of compression.
+    losses: tuple[float, float]
+    #: Modal coordinates at the start (`pair.motion.amplitudes`).
+    a: tuple[float, float]
+    b: tuple[float, float]
+
+
+class Event(NamedTuple):
+    """First event of a segment."""
+
+    #: Time since the start of the segment.
+    time: float
+    #: Whether each watched function is zero then; none is where the search was given up.
+    fired: Four
+    motion: Motion
+    #: Grazing margin so far (`pair.grazing`); infinity if nothing was near.
+    margin: float
+    #: Number of windows tried; `MOST_WINDOWS` where none can be certified.
+    windows: int
+
+
+class Bounds(NamedTuple):
+    """Bounds of one watched function in a segment."""
+
+    #: Sum of its amplitudes, and the rounding of its values.
+    size: float
+    noise: float
+    #: Bound of its second derivative, and bound of its sixth derivative divided by 28800.
+    second: float
+    sixth: float
+    #: Whether it may have a turning point near zero.
+    may_graze: bool
+
+
+@force_inlined
+def bounds_of(c, radius, omega):
+    """Return the bounds of a function with coefficients c, where the modal coordinates have the amplitudes `radius`."""
+    slow2, fast2 = omega[0] * omega[0], omega[1] * omega[1]
     slow6, fast6 = slow2 * slow2 * slow2 / 28800, fast2 * fast2 * fast2 / 28800
-    x0, x1 = abs(delta[0]) * slow, abs(delta[1]) * fast
-    size0, C0, B0 = x0 + x1, x0 * slow6 + x1 * fast6, x0 * slow2 + x1 * fast2
-    may_graze0 = not turns_far(x0, x1, slow2, fast2)
-    x0, x1 = abs(phi2[0]) * slow, abs(phi2[1]) * fast
-    size1, C1, B1 = x0 + x1, x0 * slow6 + x1 * fast6, x0 * slow2 + x1 * fast2
-    may_graze1 = not turns_far(x0, x1, slow2, fast2)
-    x0, x1 = abs(force1[0]) * slow, abs(force1[1]) * fast
-    noise2, C2 = NOISE * (x0 + x1), x0 * slow6 + x1 * fast6
-    x0, x1 = abs(force2[0]) * slow, abs(force2[1]) * fast
-    noise3, C3 = NOISE * (x0 + x1), x0 * slow6 + x1 * fast6
-    noise0, noise1 = NOISE * size0, NOISE * size1
+    slow, fast = abs(c[0]) * radius[0], abs(c[1]) * radius[1]
+    return Bounds(
+        size=slow + fast,
+        noise=NOISE * (slow + fast),
+        second=slow * slow2 + fast * fast2,
+        sixth=slow * slow6 + fast * fast6,
+        may_graze=not turns_far(slow, fast, slow2, fast2),
+    )
 
-    d1, v2, F1, F2 = state
-    f0, f1, f2, f3 = jets(d1, v2, F1, F2, signs, k1, k2, inverse_mu, inverse_M)
-    fresh0, fresh1 = d1 == 0, v2 == 0
-    window = WINDOW / w1
-    t, h, high = 0.0, window, inf
-    steps = passed = 0
-    chased = -1
 
-    # A rate that starts below zero, by rounding, has its event behind it; one that starts at zero must leave upwards.
-    gone0 = f0[0] < 0 or (fresh0 and (f0[1] < 0 or (f0[1] == 0 and f0[2] < 0)))
-    gone1 = f1[0] < 0 or (fresh1 and (f1[1] < 0 or (f1[1] == 0 and f1[2] < 0)))
-    if gone0 or gone1:
-        return 0.0, (gone0, gone1, False, False), state, 0.0, 0
-    if not inf > C0 + C1 + C2 + C3:
-        return 0.0, (False, False, False, False), state, margin, MOST_WINDOWS  # nothing could be certified
+@force_inlined
+def jets_of(motion, segment):
+    """Return the jets of the four watched functions: both rates with their signs, and both forces."""
+    sign1, sign2 = segment.signs
+    k1, k2, inverse_mu, inverse_M = segment.modes.k1, segment.modes.k2, 1 / segment.mu, 1 + 1 / segment.mu
+    d1, v2, F1, F2 = motion.d1, motion.v2, motion.F1, motion.F2
+    a1, a2 = F2 * inverse_mu - F1 * inverse_M, (F2 - F1) * inverse_mu
+    g1, g2 = k1 * d1, -k2 * v2
+    return Four(
+        Jet(sign1 * d1, sign1 * a1, sign1 * (g2 * inverse_mu - g1 * inverse_M)),
+        Jet(sign2 * v2, sign2 * a2, sign2 * (g2 - g1) * inverse_mu),
+        Jet(F1, g1, k1 * a1),
+        Jet(F2, g2, -k2 * a2),
+    )
 
-    # Modal coordinates after one window: its angle in the fast mode is always the same.
-    cos_slow, sin_slow = cos_sin(w0 * window)
-    q, r = turn(cos_slow, sin_slow, COS_WINDOW, SIN_WINDOW, a, b)
-    while True:
-        steps += 1
-        late = 1 + w1 * (t + h)  # the phases are rounded too
-        z0, z1, z2, z3 = late * noise0, late * noise1, late * noise2, late * noise3
-        d1, v2, F1, F2 = motion(q, r, modes)
-        d1, v2 = (0.0 if chased == 0 else d1), (0.0 if chased == 1 else v2)
-        F1, F2 = (0.0 if chased == 2 else F1), (0.0 if chased == 3 else F2)
-        g0, g1, g2, g3 = jets(d1, v2, F1, F2, signs, k1, k2, inverse_mu, inverse_M)
-        spared0, spared1 = fresh0 & leaves_zero(h, f0, B0, w1), fresh1 & leaves_zero(h, f1, B1, w1)
-        below0, below1 = (g0[0] < -z0) & ~spared0, (g1[0] < -z1) & ~spared1
-        below2, below3 = (g2[0] < -z2) & watched[0], (g3[0] < -z3) & watched[1]
 
-        if below0 | below1 | below2 | below3:
-            # The one that seems to have vanished first, for its root spares those of the others.
-            high = h
-            back0, back1 = behind(below0, h, g0), behind(below1, h, g1)
-            back2, back3 = behind(below2, h, g2), behind(below3, h, g3)
-            farthest = max(max(back0, back1), max(back2, back3))
-            is0, is1, is2 = back0 == farthest, back1 == farthest, back2 == farthest
-            rate = is0 | is1  # a force is a sum of r_j, and has for r_j what a rate has for q_j
-            chased = 0 if is0 else (1 if is1 else (2 if is2 else 3))
-            low = 0.0
-            if fresh0 & is0:
-                low = time_above_zero(f0, B0, w1)
-            if fresh1 & is1 & (not is0):
-                low = time_above_zero(f1, B1, w1)
-            c = (
-                s1 * delta[0] if is0 else (s2 * phi2[0] if is1 else (force1[0] if is2 else force2[0])),
-                s1 * delta[1] if is0 else (s2 * phi2[1] if is1 else (force1[1] if is2 else force2[1])),
+@force_inlined
+def higher_derivatives(jets, segment):
+    """Return pairs of the third and fourth derivatives of both watched rates."""
+    sign1, sign2 = segment.signs
+    k1, k2, inverse_mu, inverse_M = segment.modes.k1, segment.modes.k2, 1 / segment.mu, 1 + 1 / segment.mu
+    a1, a2 = jets.force1.bend, jets.force2.bend
+    g1, g2 = k1 * sign1 * jets.rate1.bend, -k2 * sign2 * jets.rate2.bend
+    return (
+        (sign1 * (a2 * inverse_mu - a1 * inverse_M), sign1 * (g2 * inverse_mu - g1 * inverse_M)),
+        (sign2 * (a2 - a1) * inverse_mu, sign2 * (g2 - g1) * inverse_mu),
+    )
+
+
+@force_inlined
+def is_past(jet, fresh):
+    """Return whether the event of a rate lies before the start of the segment.
+
+    It does where rounding makes the rate start below zero. A `fresh` rate, which is exactly zero because its own event
+    began the segment, must leave zero upwards.
+    """
+    falls = jet.slope < 0 or (jet.slope == 0 and jet.bend < 0)
+    return jet.value < 0 or (fresh and falls)
+
+
+@force_inlined
+def evaluate(q, r, segment, chased):
+    """Return motion and jets at the end of a window; the function whose root was chased to that end is zero there."""
+    motion = motion_of(q, r, segment.modes)
+    motion = Motion(
+        0.0 if chased == Function.RATE1 else motion.d1,
+        0.0 if chased == Function.RATE2 else motion.v2,
+        0.0 if chased == Function.FORCE1 else motion.F1,
+        0.0 if chased == Function.FORCE2 else motion.F2,
+    )
+    return motion, jets_of(motion, segment)
+
+
+@force_inlined
+def time_below(is_below, h, end):
+    """Estimate how long before the end of a window of length h a function vanished; -1 if it is not below zero.
+
+    The estimate is Newton's step from the end.
+    """
+    back = end.value / end.slope
+    back = back if (end.slope < 0) & (back < h) else 0.5 * h
+    return back if is_below else -1.0
+
+
+@force_inlined
+def select(is_rate1, is_rate2, is_force1, four):
+    """Return the value that a flag selects, the last one without any flag; without an unpredictable branch."""
+    return (
+        four.rate1 if is_rate1 else (four.rate2 if is_rate2 else (four.force1 if is_force1 else four.force2))
+    )
+
+
+@force_inlined
+def select_jet(is_rate1, is_rate2, is_force1, jets):
+    """Return the jet that a flag selects, the last one without any flag."""
+    a, b, c, d = jets.rate1, jets.rate2, jets.force1, jets.force2
+    return Jet(
+        select(is_rate1, is_rate2, is_force1, Four(a.value, b.value, c.value, d.value)),
+        select(is_rate1, is_rate2, is_force1, Four(a.slope, b.slope, c.slope, d.slope)),
+        select(is_rate1, is_rate2, is_force1, Four(a.bend, b.bend, c.bend, d.bend)),
+    )
+
+
+@force_inlined
+def chase_root(segment, bounds, below, before, end, noise, fresh1, fresh2, t, h):
+    """Return a root of a function that is below zero at the end of a window from t to t + h.
+
+    Chased is the function that seems to have vanished first, so that roots of the others need not be found. Returned
+    are the function, its root counted from t, and the modal coordinates q and r there.
+    """
+    modes, a, b = segment.modes, segment.a, segment.b
+    sign1, sign2 = segment.signs
+    back1, back2 = time_below(below.rate1, h, end.rate1), time_below(below.rate2, h, end.rate2)
+    back3, back4 = time_below(below.force1, h, end.force1), time_below(below.force2, h, end.force2)
+    longest = max(max(back1, back2), max(back3, back4))
+    is_rate1, is_rate2, is_force1 = back1 == longest, back2 == longest, back3 == longest
+    is_rate = is_rate1 | is_rate2
+    chased = (
+        Function.RATE1
+        if is_rate1
+        else (Function.RATE2 if is_rate2 else (Function.FORCE1 if is_force1 else Function.FORCE2))
+    )
+    # A fresh rate is zero at the start of the window, and that zero is not the root.
+    low = 0.0
+    if fresh1 & is_rate1:
+        low = time_above_zero(before.rate1, bounds.rate1.second, modes.omega[1])
+    if fresh2 & is_rate2 & (not is_rate1):
+        low = time_above_zero(before.rate2, bounds.rate2.second, modes.omega[1])
+    slow = Four(sign1 * modes.delta[0], sign2 * modes.phi2[0], modes.force1[0], modes.force2[0])
+    fast = Four(sign1 * modes.delta[1], sign2 * modes.phi2[1], modes.force1[1], modes.force2[1])
+    c = (select(is_rate1, is_rate2, is_force1, slow), select(is_rate1, is_rate2, is_force1, fast))
+    at_start = select_jet(is_rate1, is_rate2, is_force1, before)
+    at_end = select_jet(is_rate1, is_rate2, is_force1, end)
+    its_noise = select(is_rate1, is_rate2, is_force1, noise)
+    # A force is a sum of r_j. It has for r_j and -q_j what a rate has for q_j and r_j.
+    u = (a[0] if is_rate else b[0], a[1] if is_rate else b[1])
+    v = (b[0] if is_rate else -a[0], b[1] if is_rate else -a[1])
+    root, u, v = root_before(c, t, h, low, at_start, at_end, its_noise, modes.omega, u, v)
+    q, r = (u, v) if is_rate else ((-v[0], -v[1]), u)
+    return chased, root, q, r
+
+
+@force_inlined
+def margin_after(segment, bounds, before, end, t, h, margin):
+    """Return the grazing margin after a window from t to t + h, given the margin before it."""
+    modes, a, b = segment.modes, segment.a, segment.b
+    if bounds.rate1.may_graze | bounds.rate2.may_graze:
+        limit = min(margin, NEAR)
+        start1, start2 = higher_derivatives(before, segment)
+        end1, end2 = higher_derivatives(end, segment)
+        rate1, rate2, fast = bounds.rate1, bounds.rate2, modes.omega[1]
+        if rate1.may_graze and not stays_far(
+            h, before.rate1, end.rate1, start1, end1, rate1.sixth, fast, limit * rate1.size
+        ):
+            least_square = STAKE * modes.k1 / segment.losses[0]
+            share = (
+                nearest_turn(modes.delta, modes.force1, least_square, t, h, modes.omega, a, b) / rate1.size
             )
-            start = pick(is0, is1, is2, f0, f1, f2, f3)
-            end = pick(is0, is1, is2, g0, g1, g2, g3)
-            noise = z0 if is0 else (z1 if is1 else (z2 if is2 else z3))
-            u = (a[0] if rate else b[0], a[1] if rate else b[1])
-            v = (b[0] if rate else -a[0], b[1] if rate else -a[1])
-            h, u, v = root_before(c, t, h, low, start, end, noise, omega, u, v)
-            q, r = ((-v[0], -v[1]), u) if chased > 1 else (u, v)
+            margin = share if share < limit else margin
+        if rate2.may_graze and not stays_far(
+            h, before.rate2, end.rate2, start2, end2, rate2.sixth, fast, limit * rate2.size
+        ):
+            least_square = STAKE * modes.k2 / segment.losses[1]
+            share = nearest_turn(modes.phi2, modes.force2, least_square, t, h, modes.omega, a, b) / rate2.size
+            margin = share if share < min(margin, NEAR) else margin
+    return margin
+
+
+@force_inlined
+def is_zero(jet, noise, certified):
+    """Return whether a function is zero within rounding, where it could not be certified within four times rounding."""
+    return jet.value <= (noise if certified else 4 * noise)
+
+
+@force_inlined
+def clear_until(segment, radius, t):
+    """Return a time from t on up to which the envelopes of all watched functions stay clear of zero."""
+    modes, omega, a, b = segment.modes, segment.modes.omega, segment.a, segment.b
+    sign1, sign2 = segment.signs
+    rate1 = (sign1 * modes.delta[0], sign1 * modes.delta[1])
+    rate2 = (sign2 * modes.phi2[0], sign2 * modes.phi2[1])
+    quarter = 0.5 * pi
+    return min(
+        envelope_time(0.0, rate1, t, omega, a, b, radius),
+        envelope_time(0.0, rate2, t, omega, a, b, radius),
+        envelope_time(quarter, modes.force1, t, omega, a, b, radius) if segment.watches_force[0] else inf,
+        envelope_time(quarter, modes.force2, t, omega, a, b, radius) if segment.watches_force[1] else inf,
+    )
+
+
+@force_inlined
+def first_event(segment, start, margin):
+    """Return the first event of a segment of S1, given the motion at its start and the grazing margin before it."""
+    modes, omega, a, b = segment.modes, segment.modes.omega, segment.a, segment.b
+    w0, w1 = omega
+    radius = (sqrt(a[0] * a[0] + b[0] * b[0]), sqrt(a[1] * a[1] + b[1] * b[1]))
+    bounds = Four(
+        bounds_of(modes.delta, radius, omega),
+        bounds_of(modes.phi2, radius, omega),
+        bounds_of(modes.force1, radius, omega),
+        bounds_of(modes.force2, radius, omega),
+    )
+    before = jets_of(start, segment)
+    fresh1, fresh2 = start.d1 == 0, start.v2 == 0
+    past1, past2 = is_past(before.rate1, fresh1), is_past(before.rate2, fresh2)
+    if past1 or past2:
+        return Event(0.0, Four(past1, past2, False, False), start, 0.0, 0)
+    certifiable = inf > bounds.rate1.sixth + bounds.rate2.sixth + bounds.force1.sixth + bounds.force2.sixth
+    if not certifiable:
+        return Event(0.0, Four(False, False, False, False), start, margin, MOST_WINDOWS)
+
+    window = WINDOW / w1
+    # The search is at time t; it tries the window from t to t + h, at whose end the modal coordinates are q and r.
+    # Some function is negative at t + negative_at, if that is finite.
+    t, h, negative_at = 0.0, window, inf
+    windows = passed = 0
+    chased = Function.NONE
+    # A full window turns the fast mode by the same angle always.
+    cos_slow, sin_slow = cos_sin(w0 * window)
+    q, r = rotate(cos_slow, sin_slow, COS_WINDOW, SIN_WINDOW, a, b)
+    while True:
+        windows += 1
+        motion, end = evaluate(q, r, segment, chased)
+        late = 1 + w1 * (t + h)  # the phases are rounded too
+        noise = Four(
+            late * bounds.rate1.noise,
+            late * bounds.rate2.noise,
+            late * bounds.force1.noise,
+            late * bounds.force2.noise,
+        )
+        leaves1 = fresh1 & leaves_zero(h, before.rate1, bounds.rate1.second, w1)
+        leaves2 = fresh2 & leaves_zero(h, before.rate2, bounds.rate2.second, w1)
+        below = Four(
+            (end.rate1.value < -noise.rate1) & ~leaves1,
+            (end.rate2.value < -noise.rate2) & ~leaves2,
+            (end.force1.value < -noise.force1) & segment.watches_force[0],
+            (end.force2.value < -noise.force2) & segment.watches_force[1],
+        )
+        if below.rate1 | below.rate2 | below.force1 | below.force2:
+            negative_at = h
+            chased, h, q, r = chase_root(segment, bounds, below, before, end, noise, fresh1, fresh2, t, h)
             continue
 
-        spared0 |= fresh0 & (g0[0] <= z0) & (g0[1] >= 0)
-        spared1 |= fresh1 & (g1[0] <= z1) & (g1[1] >= 0)
-        sure0, sure1 = spared0 | positive_between(f0, g0, h, C0), spared1 | positive_between(f1, g1, h, C1)
-        sure2 = positive_between(f2, g2, h, C2) | ~watched[0]
-        sure3 = positive_between(f3, g3, h, C3) | ~watched[1]
-        sure = sure0 & sure1 & sure2 & sure3
-        if not sure and h * w1 > SHORTEST_WINDOW:
-            h, chased = 0.5 * h, -1
-            q, r = modal(t + h, omega, a, b)
+        leaves1 |= fresh1 & (end.rate1.value <= noise.rate1) & (end.rate1.slope >= 0)
+        leaves2 |= fresh2 & (end.rate2.value <= noise.rate2) & (end.rate2.slope >= 0)
+        certified = Four(
+            leaves1 | positive_between(before.rate1, end.rate1, h, bounds.rate1.sixth),
+            leaves2 | positive_between(before.rate2, end.rate2, h, bounds.rate2.sixth),
+            positive_between(before.force1, end.force1, h, bounds.force1.sixth) | ~segment.watches_force[0],
+            positive_between(before.force2, end.force2, h, bounds.force2.sixth) | ~segment.watches_force[1],
+        )
+        all_certified = certified.rate1 & certified.rate2 & certified.force1 & certified.force2
+        if not all_certified and h * w1 > SHORTEST_WINDOW:
+            h, chased = 0.5 * h, Function.NONE
+            q, r = modal_coordinates(t + h, omega, a, b)
             continue
 
-        # The window is accepted. Near-misses of the rates on the way:
-        if may_graze0 | may_graze1:
-            limit = min(margin, NEAR)
-            more0, more1 = higher(f0, f1, f2, f3, signs, k1, k2, inverse_mu, inverse_M)
-            last0, last1 = higher(g0, g1, g2, g3, signs, k1, k2, inverse_mu, inverse_M)
-            if may_graze0 and not stays_far(h, f0, g0, more0, last0, C0, w1, limit * size0):
-                least = nearest_turn(delta, force1, STAKE * k1 / losses[0], t, h, omega, a, b) / size0
-                margin = least if least < limit else margin
-            if may_graze1 and not stays_far(h, f1, g1, more1, last1, C1, w1, limit * size1):
-                least = nearest_turn(phi2, force2, STAKE * k2 / losses[1], t, h, omega, a, b) / size1
-                margin = least if least < min(margin, NEAR) else margin
+        margin = margin_after(segment, bounds, before, end, t, h, margin)
         t += h
-        # Zero within rounding fires; so does what is unsure at the shortest window and as good as zero.
-        fired0 = ~spared0 & (g0[0] <= (z0 if sure0 else 4 * z0))
-        fired1 = ~spared1 & (g1[0] <= (z1 if sure1 else 4 * z1))
-        fired2 = watched[0] & (g2[0] <= (z2 if sure2 else 4 * z2))
-        fired3 = watched[1] & (g3[0] <= (z3 if sure3 else 4 * z3))
-        if fired0 | fired1 | fired2 | fired3:
-            return t, (fired0, fired1, fired2, fired3), (d1, v2, F1, F2), margin, steps
-        f0, f1, f2, f3 = g0, g1, g2, g3
-        fresh0 = fresh1 = False
-        chased = -1
-        if high < inf:
-            high -= h
-            if high > 0:
-                h = high  # some function is negative there
-                q, r = modal(t + h, omega, a, b)
-                continue
-            high = inf
+        fired = Four(
+            ~leaves1 & is_zero(end.rate1, noise.rate1, certified.rate1),
+            ~leaves2 & is_zero(end.rate2, noise.rate2, certified.rate2),
+            segment.watches_force[0] & is_zero(end.force1, noise.force1, certified.force1),
+            segment.watches_force[1] & is_zero(end.force2, noise.force2, certified.force2),
+        )
+        if fired.rate1 | fired.rate2 | fired.force1 | fired.force2:
+            return Event(t, fired, motion, margin, windows)
+
+        before = end
+        fresh1 = fresh2 = False
+        chased = Function.NONE
+        negative_at -= h
+        if 0 < negative_at < inf:
+            h = negative_at
+            q, r = modal_coordinates(t + h, omega, a, b)
+            continue
+        negative_at = inf
         h = min(2 * h, window)
         passed += 1
         if h == window:
-            q, r = turn(cos_slow, sin_slow, COS_WINDOW, SIN_WINDOW, q, r)
+            q, r = rotate(cos_slow, sin_slow, COS_WINDOW, SIN_WINDOW, q, r)
         else:
-            q, r = modal(t + h, omega, a, b)
+            q, r = modal_coordinates(t + h, omega, a, b)
         if passed % 6 == 5 and w1 > ENVELOPE_RATIO * w0:
-            c0, c1 = (s1 * delta[0], s1 * delta[1]), (s2 * phi2[0], s2 * phi2[1])
-            skip = min(
-                envelope_time(0.0, c0, t, omega, a, b, radius),
-                envelope_time(0.0, c1, t, omega, a, b, radius),
-                envelope_time(0.5 * pi, force1, t, omega, a, b, radius) if watched[0] else inf,
-                envelope_time(0.5 * pi, force2, t, omega, a, b, radius) if watched[1] else inf,
-            )
-            if skip > t + window:
-                t = skip
-                q, r = modal(t, omega, a, b)
-                d1, v2, F1, F2 = motion(q, r, modes)
-                f0, f1, f2, f3 = jets(d1, v2, F1, F2, signs, k1, k2, inverse_mu, inverse_M)
-                q, r = modal(t + h, omega, a, b)
-
-
-@inlined
-def next_turn(modes, state, signs, a, b):
-    """Find the first event of a segment of S1 where it is sure to be the next zero of a ringing contact's rate.
-
-    It saves `first_event` where a stiff contact rings and its rate is zero at the start. While the slow
-    sinusoid of the stiff rate is smaller than its fast one, that rate is zero twice in each turn and the force of its
-    contact is monotonic in between. The soft rate keeps its sign while its slow sinusoid stays above the amplitude of
-    its fast one, and the force of its contact then is monotonic too: that neither force vanishes is seen at the end.
-    No turning point of either rate is nearer to zero than `NEAR`. Gives time, fired and state as `first_event` does, or
-    a time of zero if nothing is sure.
-    """
-    omega = modes.omega
-    first = state[0] == 0 and modes.k1 > STIFFER * modes.k2
-    fired = (first, not first, False, False)
-    if not (first or (state[1] == 0 and modes.k2 > STIFFER * modes.k1)):
-        return 0.0, fired, state
-    stiff, soft = (modes.delta, modes.phi2) if first else (modes.phi2, modes.delta)
-    s, t = signs if first else (signs[1], signs[0])
-    slow, fast = sqrt(a[0] * a[0] + b[0] * b[0]), sqrt(a[1] * a[1] + b[1] * b[1])
-    leaves = s * (stiff[0] * omega[0] * b[0] + stiff[1] * omega[1] * b[1]) > 0
-    # The fast sinusoid is back at its value on the other side of its extremum.
-    angle = 2 * atan2(b[1], a[1])
-    angle = angle if angle > 0 else angle + 2 * pi
-    per_turn = omega[0] / omega[1]
-    cos_slow, sin_slow = cos_sin(angle * per_turn)
-    q, r = (
-        (a[0] * cos_slow + b[0] * sin_slow, a[1]),
-        (b[0] * cos_slow - a[0] * sin_slow, -b[1]),
-    )
-    nearest = min(t * soft[0] * a[0], t * soft[0] * q[0])
-    # Between the two ends, and in Newton's steps beyond the second, the slow sinusoid falls little below them.
-    reserve = per_turn * (1 + 5 * per_turn)
-    stiff_slow, stiff_fast = abs(stiff[0]) * slow, abs(stiff[1]) * fast
-    soft_slow, soft_fast = abs(soft[0]) * slow, abs(soft[1]) * fast
-    if not (
-        leaves
-        and stiff_slow < RINGING * stiff_fast
-        and turns_far(stiff_slow, stiff_fast, omega[0] * omega[0], omega[1] * omega[1])
-        and nearest > soft_fast + reserve * soft_slow + NEAR * (soft_slow + soft_fast)
-    ):
-        return 0.0, fired, state
-    time, longest = angle / omega[1], LONGEST_STEP / omega[1]
-    h = longest
-    for _ in range(10):
-        slope = stiff[0] * omega[0] * r[0] + stiff[1] * omega[1] * r[1]
-        h = min(max(-(stiff[0] * q[0] + stiff[1] * q[1]) / slope, -longest), longest)
-        time += h
-        q, r = turn_little(h, omega, q, r)
-        if abs(h) * omega[1] < LAST_STEP:
-            break
-    d1, v2, F1, F2 = motion(q, r, modes)
-    if abs(h) * omega[1] >= LAST_STEP or F1 <= 0 or F2 <= 0:
-        return 0.0, fired, state
-    return time, fired, (0.0 if first else d1, v2 if first else 0.0, F1, F2)
+            clear = clear_until(segment, radius, t)
+            if clear > t + window:
+                t = clear
+                q, r = modal_coordinates(t, omega, a, b)
+                before = jets_of(motion_of(q, r, modes), segment)
+                q, r = modal_coordinates(t + h, omega, a, b)

@@ -1,86 +1,113 @@
-"""The impact law: what an event does to one contact.
+"""The impact law: what an event does to one contact of two balls on a table.
 
-Energetic restitution with stiffening (docs/theory.md, section 2). At an end of compression E <- e^2 E and k <- k/e^2,
-so that the force F = sqrt(2 k E) is continuous; a restart of compression keeps the stiffness; a contact that ends
-restitution keeps it for its return, which begins in compression with E = 0.
+`Contact` is a contact under way, `Pair` two balls under way. The functions return the contact after an event.
 
-The law of Liu, Zhao and Brogliato (Proc. R. Soc. A 464:3193, 2008) differs in repeated compressions only: each runs at
-the original stiffness. Their F = sqrt(2 k E) holds at all times, with dE = V dP in compression and V dP/e^2 in
-restitution; in the terms used here a restart of compression takes back what the end of compression did, E <- E/e^2 and
-k <- e^2 k, and a return begins at the original k.
+**Energetic restitution with stiffening** (docs/theory.md, section 2). At an end of compression E <- e^2 E and
+k <- k/e^2, so that the force F = sqrt(2 k E) is continuous. A restart of compression keeps the stiffness. A contact
+that ends restitution keeps it too, for its return, which begins in compression with E = 0.
 
-Units as in `pair.motion`.
+**The law of Liu, Zhao and Brogliato** (Proc. R. Soc. A 464:3193, 2008) differs in repeated compressions only: each one
+runs at the original stiffness. Their F = sqrt(2 k E) holds at all times, with dE = V dP in compression and V dP/e^2 in
+restitution. In the terms used here, a restart of compression takes back what the end of compression did, E <- E/e^2
+and k <- e^2 k, and a return begins at the original k.
+
+Units as in `pair.motion`. Used by `pair.kernel`; `model.chain` shares the phases.
 """
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import NamedTuple
 
-from impact_xval.model.compiled import inlined
+from impact_xval.model.compiled import force_inlined
 
-#: Phases of a contact.
-INACTIVE, COMPRESSION, RESTITUTION = 0, 1, 2
+
+class Phase(IntEnum):
+    """Phase of a contact; SLACK and HELD occur in chains only (`chain.laws`)."""
+
+    INACTIVE = 0  # carries no force
+    COMPRESSION = 1
+    RESTITUTION = 2
+    SLACK = 3  # the bodies overlap without force
+    HELD = 4  # inactive while positions are frozen: a row of `chain.laws.WATCHED`, not kept in a contact
 
 
 class Contact(NamedTuple):
     """One contact under way."""
 
-    phase: int
-    #: Running stiffness, strain energy, and force sqrt(2 k E), which is kept in S1 only.
+    phase: Phase
+    #: Running stiffness, strain energy, and force sqrt(2 k E). The force is kept in S1 only.
     k: float
     E: float
     F: float
-    #: Coefficient of restitution, and the stiffness before any end of compression.
+    #: Coefficient of restitution.
     e: float
+    #: Stiffness before the first end of compression.
     original: float
 
 
-@inlined
+class Pair(NamedTuple):
+    """Two balls on a table under way."""
+
+    #: Compression rate v2 - v1 of contact 1, and v2, which is minus the compression rate of contact 2.
+    d1: float
+    v2: float
+    contact1: Contact
+    contact2: Contact
+    #: Energy lost so far.
+    loss: float
+
+
+@force_inlined
 def with_energy(c, E):
     """Return the contact with another strain energy."""
     return Contact(c.phase, c.k, E, c.F, c.e, c.original)
 
 
-@inlined
+@force_inlined
 def end_of_compression(c, loss):
-    """End compression; the energy lost is added to `loss`."""
+    """Return the contact after its end of compression, and the lost energy `loss` increased by what it loses."""
     e2 = c.e * c.e
-    return Contact(RESTITUTION, c.k / e2, e2 * c.E, c.F, c.e, c.original), loss + (1 - e2) * c.E
+    return Contact(Phase.RESTITUTION, c.k / e2, e2 * c.E, c.F, c.e, c.original), loss + (1 - e2) * c.E
 
 
-@inlined
+@force_inlined
 def restart(stiffens, c, loss):
-    """Restart compression during restitution; `loss` less what a law that takes back the end gives back."""
+    """Return the contact after a restart of compression, and the lost energy.
+
+    Under a law that does not stiffen, the restart gives back the energy that the end of compression took.
+    """
     if stiffens:
-        return Contact(COMPRESSION, c.k, c.E, c.F, c.e, c.original), loss
+        return Contact(Phase.COMPRESSION, c.k, c.E, c.F, c.e, c.original), loss
     e2 = c.e * c.e
-    return Contact(COMPRESSION, c.original, c.E / e2, c.F, c.e, c.original), loss - (1 / e2 - 1) * c.E
+    return Contact(Phase.COMPRESSION, c.original, c.E / e2, c.F, c.e, c.original), loss - (1 / e2 - 1) * c.E
 
 
-@inlined
-def returned(stiffens, c):
-    """Return an inactive contact, in compression from E = 0."""
-    return Contact(COMPRESSION, c.k if stiffens else c.original, 0.0, 0.0, c.e, c.original)
+@force_inlined
+def reactivate(stiffens, c):
+    """Return an inactive contact as it becomes active again: in compression, from E = 0."""
+    return Contact(Phase.COMPRESSION, c.k if stiffens else c.original, 0.0, 0.0, c.e, c.original)
 
 
-@inlined
-def spent(c):
-    """End restitution: the contact becomes inactive and keeps its stiffness."""
-    return Contact(INACTIVE, c.k, 0.0, 0.0, c.e, c.original)
+@force_inlined
+def end_of_restitution(c):
+    """Return the contact after its end of restitution: inactive, at the same stiffness."""
+    return Contact(Phase.INACTIVE, c.k, 0.0, 0.0, c.e, c.original)
 
 
-@inlined
+@force_inlined
 def after_event(stiffens, c, F, rate_is_zero, force_is_zero, loss):
-    """Apply the law to a contact that acts, at force F, where its compression rate or its force is zero, or both.
+    """Return an active contact after an event, and the lost energy.
 
-    A plastic contact has no restitution: it is spent as its compression ends.
+    At the event the contact has the force F; its compression rate or its force is zero, or both are. A plastic contact
+    has no restitution, and becomes inactive as its compression ends.
     """
     c = Contact(c.phase, c.k, 0.5 * F * F / c.k, F, c.e, c.original)
-    ends = rate_is_zero and c.phase == COMPRESSION
-    if ends:
+    compression_ends = rate_is_zero and c.phase == Phase.COMPRESSION
+    if compression_ends:
         c, loss = end_of_compression(c, loss)
     elif rate_is_zero:
         c, loss = restart(stiffens, c, loss)
-    if force_is_zero or (ends and c.e == 0):
-        c = spent(c)
+    if force_is_zero or (compression_ends and c.e == 0):
+        c = end_of_restitution(c)
     return c, loss

@@ -1,62 +1,136 @@
-"""Closed forms of the limiting cases, as motion inside S1.
+"""Closed forms of the limiting cases, as motion inside S1: which contact is rigid, and what it still does.
 
-A contact that is infinitely stiff does one of two things in S1 (`pair.kernel.at_work`; docs/theory.md, section 4).
-While it still holds energy that can part its bodies, it completes its own impact at once, the soft contact standing
-still meanwhile. Once it holds none, its bodies are one and the soft contact works against them as such, to the end of
-the collision. States S2 and S3 need nothing new.
+`rigid_contact` decides which contact counts as rigid, `runaway` what a contact whose stiffness runs away does until it
+is rigid, and `view_from` names both contacts as the stiff one and the soft one.
 
-At a finite ratio a stiff contact holds some energy merely by passing on the soft contact's force, and that energy
-cannot part its bodies. Without this distinction a collision whose ratio leaves the cut-off at the very first end of
-compression would lose all its restitution (docs/errata.md).
+A contact that is infinitely stiff does one of two things in S1 (`pair.lone`; docs/theory.md, section 4). While it holds
+energy that can part its bodies, it completes its own impact at once, and the soft contact stands still meanwhile. Once
+it holds none, its bodies are one, and the soft contact works against them as such to the end of the collision. States
+S2 and S3 need nothing new.
 
-Started from the beginning of the collision this is the supplement's section 3.2 (k2/k1 = 0; its (11)-(13), (13)
-without the misprint) and 3.1 (k2/k1 = infinity; (6)); where contact i ends compression with e_i = 0 it is 3.3; from
-the state at hand when the running stiffness ratio leaves the cut-off it is 3.4.
-Without a cut-off the closed form is taken when nothing that it leaves out matters any more (`runaway`).
+At a finite ratio a stiff contact holds some energy merely because it passes on the soft contact's force, and that
+energy cannot part its bodies. Without this distinction, a collision whose ratio leaves the cut-off at the very first
+end of compression would lose all its restitution (docs/errata.md).
 
-Units as in `pair.motion`; m1 = 1.
+Started from the beginning of the collision, this is the supplement's section 3.2 (k2/k1 = 0; its (11)-(13), (13)
+without the misprint) and 3.1 (k2/k1 = infinity; (6)). Where contact i ends compression with e_i = 0, it is 3.3. From
+the state at hand when the running stiffness ratio leaves the cut-off, it is 3.4. Without a cut-off the closed form is
+taken when nothing that it leaves out matters any more (`runaway`).
+
+Units as in `pair.motion`; m1 = 1. Used by `pair.kernel` and `pair.lone`; `model.solving` states `BOUND`.
 """
 
 from __future__ import annotations
 
-from math import nan, pi, sqrt
+from enum import IntEnum
+from math import isnan, nan, pi, sqrt
+from typing import NamedTuple
 
-from impact_xval.model.compiled import inlined
+from impact_xval.model.compiled import force_inlined
+from impact_xval.model.pair.law import Contact, Pair, Phase, with_energy
+from impact_xval.model.pair.record import PairEnding
 
-#: What `runaway` may change in (v1, v2), in the kinetic norm per sqrt(m1) abs(v0).
+#: Largest change of (v1, v2) by `runaway`, in the kinetic norm per sqrt(m1) abs(v0).
 BOUND = 1e-12
 
-#: Without this factor the error of `runaway` was at most 0.77 of its estimate, over 360 000 cells at each of the bounds
-#: 1e-6, 1e-8 and 1e-10 (docs/theory.md, section 4).
+#: Factor on the estimated error of `runaway`. Without it the error was at most 0.77 of its estimate, over 360 000 cells
+#: at each of the bounds 1e-6, 1e-8 and 1e-10 (docs/theory.md, section 4).
 SAFETY = 2.0
 
-#: How far from zero, relative to its amplitude, the rate of the soft contact stays while the stiff one rings unwatched.
+#: Distance from zero, relative to its amplitude, that the rate of the soft contact keeps while the stiff one rings
+#: unwatched.
 CLEAR = 1e-4
 
+#: In the place of a cut-off: no ratio, but the closed form as soon as it changes less than `BOUND`.
+EXACT = 0.0
 
-@inlined
-def runaway(united, mass, share, V, G, k_soft, F, k, e):
-    """Tell what a stiff contact does to the soft one's energy until it is rigid, if that is all it can do.
+#: Running stiffness ratio from which on `runaway` is tried.
+RUNAWAY_RATIO = 1e3
 
-    The stiff contact has just ended a compression, and rings about the static force F_s = share G that it passes on;
-    docs/theory.md, section 4, has the sum over all of its ends of compression, and what that leaves out. `united` is
-    the mass of its bodies as one, `mass` that which it works against; V, G and k_soft are compression rate, force and
-    stiffness of the soft contact; F, k and e force, stiffness and restitution of the stiff one.
 
-    Gives what to add to the energy of the soft contact before the bodies go on as one. NaN if the stiff contact could
-    still change more than `BOUND`: by what the sum leaves out, by carrying the rate of the soft contact through zero,
-    which decides on an end of compression, or by not running away.
+class Rigid(IntEnum):
+    """The contact that counts as rigid."""
+
+    NONE = 0
+    CONTACT1 = 1
+    CONTACT2 = 2
+
+
+class View(NamedTuple):
+    """Both contacts as seen from the stiff one."""
+
+    stiff: Contact
+    soft: Contact
+    #: Mass that the stiff contact works against, and its compression rate.
+    mass: float
+    rate: float
+    #: Mass that the soft contact works against if the bodies of the stiff one are one, and its compression rate.
+    united_mass: float
+    soft_rate: float
+    #: Share of the soft contact's force that the stiff one passes on.
+    share: float
+
+
+@force_inlined
+def view_from(stiff_is_1, pair, mu, M):
+    """Return the view from contact 1 or from contact 2, at mass ratio mu and reduced mass M."""
+    one, two, d1, v2 = pair.contact1, pair.contact2, pair.d1, pair.v2
+    if stiff_is_1:
+        return View(one, two, M, d1, 1 + mu, -v2, 1 / (1 + mu))
+    return View(two, one, mu, -v2, 1.0, d1, 1.0)
+
+
+@force_inlined
+def rigid_contact(pair, mu, M, options, highest):
+    """Return the contact that counts as rigid from here on in S1, how that will end the collision, and the pair.
+
+    A contact is rigid if the running stiffness ratio exceeds `highest`. Without a cut-off it is rigid too where its
+    stiffness runs away and `runaway` says what it does until then; that energy goes to the soft contact.
     """
+    stiff_is_1 = pair.contact1.k > pair.contact2.k
+    view = view_from(stiff_is_1, pair, mu, M)
+    stiff, soft = view.stiff, view.soft
+    rigid = Rigid.CONTACT1 if stiff_is_1 else Rigid.CONTACT2
+    if soft.k < stiff.k / highest:
+        return rigid, (PairEnding.CLOSED_FORM if highest == options.cutoff else PairEnding.PRECISION), pair
+    has_just_ended_compression = view.rate == 0 and stiff.phase == Phase.RESTITUTION
+    if options.cutoff != EXACT or not options.stiffens or not has_just_ended_compression:
+        return Rigid.NONE, PairEnding.FINISHED, pair
+    gain = nan
+    if stiff.k > RUNAWAY_RATIO * soft.k:
+        gain = runaway(view)
+    if isnan(gain):
+        return Rigid.NONE, PairEnding.FINISHED, pair
+    loss = pair.loss + (stiff.E - gain)
+    stiff, soft = with_energy(stiff, 0.0), with_energy(soft, soft.E + gain)
+    one, two = (stiff, soft) if stiff_is_1 else (soft, stiff)
+    return rigid, PairEnding.CLOSED_FORM, Pair(pair.d1, pair.v2, one, two, loss)
+
+
+@force_inlined
+def runaway(view):
+    """Return the energy that a stiff contact adds to the soft one until it is rigid; NaN if that is not all it can do.
+
+    The stiff contact has just ended a compression, and rings about the static force F_s = share G that it passes on,
+    where G is the force of the soft contact. docs/theory.md, section 4, has the sum over all of its ends of compression
+    and what that sum leaves out. The bodies of the stiff contact then go on as one.
+
+    The result is NaN if the stiff contact could still change more than `BOUND`: by what the sum leaves out; by carrying
+    the rate of the soft contact through zero, which decides on an end of compression; or by not running away.
+    """
+    united, mass, share = view.united_mass, view.mass, view.share
+    V, G, k_soft = view.soft_rate, view.soft.F, view.soft.k
+    F, k, e = view.stiff.F, view.stiff.k, view.stiff.e
     F_s = share * G
     A = F - F_s
     period = 2 * pi * sqrt(mass / k)
     tau = period / (1 - e)
-    slope = share * k_soft * V  # of F_s
+    slope = share * k_soft * V  # slope of F_s in time
     drift = abs(slope) * tau
     swing = V * V + G * G / (k_soft * united)  # square of the amplitude of V
-    wiggle = share * A / sqrt(k * mass)  # what the ringing adds to V
+    wiggle = share * A / sqrt(k * mass)  # amplitude of the ringing in V
     room = V - G * tau / united if V > 0 else -V
-    # The rate rings about slope/k with an amplitude of A/sqrt(k mass); it has zeros while their ratio is below 1.
+    # The stiff rate rings about slope/k with the amplitude A/sqrt(k mass). It has zeros while their ratio is below 1.
     ratio2 = slope * slope * mass / (k * A * A)
     clear = A > 0 and F_s > 0 and ratio2 < 0.25 and room > 2 * wiggle + CLEAR * sqrt(swing)
     if not clear or (slope < 0 and drift > 0.1 * F_s):
@@ -71,6 +145,6 @@ def runaway(united, mass, share, V, G, k_soft, F, k, e):
     if lowest >= A:
         return -F * slope * period / (cube * k)
     if 0 <= A - F_s <= -slope * period / e:
-        # F_s falls below A in every turn: the bodies part for an instant, and the contact returns with A = F_s.
+        # F_s falls below A in every turn. The bodies part for an instant, and the contact returns with A = F_s.
         return F_s / k * (2 * above - slope * period * (0.5 + (2.5 + e * e + 0.5 * e * e * e) / cube))
     return nan

@@ -1,19 +1,23 @@
-"""Exact motion inside a state.
+"""Exact motion of two balls on a table inside a state.
+
+`Modes` and `modes_of` are the natural modes of S1; `amplitudes`, `modal_coordinates` and `motion_of` turn a state into
+modal coordinates, move these in time, and turn them back. `follow_single_contact` is the motion in S2 and S3.
 
 In time, equations (13)-(15) are those of two linear springs, F_i = dI_i/dt = sqrt(2 k_i E_i):
 
     d1' = F2/m2 - F1/M      v2' = (F2 - F1)/m2      F1' = k1 d1      F2' = -k2 v2
 
 with d1 = v2 - v1 the compression rate of the ball-ball contact, -v2 that of the ball-table contact, and
-1/M = 1/m1 + 1/m2. Between events they are solved in closed form: by the two modes of a 2x2 stiffness matrix in S1
-(`Modes`, `amplitudes`, `motion`), by one sinusoid in S2 and S3, of which the supplement's section 1 needs the
-impulses only (`single_contact`).
+1/M = 1/m1 + 1/m2. Between events they are solved in closed form: in S1 by the two modes of a 2x2 stiffness matrix, in
+S2 and S3 by one sinusoid, of which the supplement's section 1 needs the impulses only.
 
-The unknowns are d1, v2, F1, F2 and not v1, v2, E1, E2 for a reason: all four are continuous through every event (an
-end of compression changes stiffnesses only), and none of them is a small difference of large numbers when one
-contact is far stiffer than the other. So are the coefficients below free of cancellation.
+The unknowns are d1, v2, F1, F2 instead of v1, v2, E1, E2 for two reasons. All four are continuous through every event,
+because an end of compression changes stiffnesses only. And none of them is a small difference of large numbers where
+one contact is far stiffer than the other. The coefficients below are free of cancellation too.
 
-Units: m1 = 1, v0 = -1, k1 = 1 initially (Theorem 5); hence mu = m2/m1, velocities per |v0|.
+Units: m1 = 1, v0 = -1, k1 = 1 initially (Theorem 5). Hence mu = m2/m1, and velocities are per |v0|.
+
+Used by `pair.kernel`, `pair.events`, `pair.ringing`, `pair.grazing`, `pair.roots` and `pair.path`.
 """
 
 from __future__ import annotations
@@ -23,34 +27,33 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impact_xval.model.compiled import inlined
+from impact_xval.model.compiled import force_inlined
 
-#: pi in two parts; the first has 33 bits, so that its product with the multiples in use is exact.
+#: pi in two parts. The first has 33 bits, so that its product with the multiples in use is exact.
 PI = (float.fromhex("0x1.921fb544p+1"), float.fromhex("0x1.0b4611a626331p-33"))
 INVERSE_PI = 1 / pi
 
 #: 1/n!
 T = tuple(1 / factorial(n) for n in range(22))
 
-#: Beyond this the library's functions are called.
+#: Angle in radians above which the library's functions are called.
 LARGEST_ANGLE = 1e5
 
 
-@inlined
+@force_inlined
 def cos_sin(x):
-    """Cosine and sine of an angle x >= 0, to within 4e-16, together and without a branch.
+    """Return cosine and sine of an angle x >= 0 in radians, each to within 4e-16.
 
-    The library's pair tells cases apart that do not occur here, and a branch that cannot be foretold costs more than
-    the sum it saves. This is the textbook's method: the angle reduced to the nearest multiple of pi in two parts (Cody
-    and Waite), and Taylor's series, which needs no coefficients from elsewhere.
+    Faster than the library's two functions, because it has one branch only: the others would be unpredictable. The
+    angle is reduced to the nearest multiple of pi, in two parts (Cody and Waite), and Taylor's series is summed.
     """
     if x > LARGEST_ANGLE:
         return cos(x), sin(x)
     n = np.rint(x * INVERSE_PI)
     r = (x - n * PI[0]) - n * PI[1]
     sign = 1.0 - 2.0 * (n - 2.0 * np.floor(0.5 * n))
-    # The alternating series to r^21, in pairs of pairs of pairs (Estrin) so that few operations wait for one another;
-    # as abs(r) <= pi/2, what is left out is below 2e-17.
+    # The alternating series to r^21, in Estrin's order, so that few operations wait for one another. As
+    # abs(r) <= pi/2, the remainder is below 2e-17.
     z = r * r
     z2 = z * z
     z4 = z2 * z2
@@ -68,7 +71,7 @@ def cos_sin(x):
 
 
 class Modes(NamedTuple):
-    """Natural modes of the two-spring system of S1, in pairs (slow mode, fast mode).
+    """Natural modes of the two springs of S1; each pair is (slow mode, fast mode).
 
     With w = (v1, v2), the equations of motion are diag(1, mu) w'' = -K w, K = [[k1, -k1], [-k1, k1 + k2]]. Mode j has
     the frequency omega_j and the shape (phi1, phi2) of unit modal mass, phi1^2 + mu phi2^2 = 1.
@@ -79,8 +82,8 @@ class Modes(NamedTuple):
     omega: tuple[float, float]
     phi1: tuple[float, float]
     phi2: tuple[float, float]
-    #: phi2 - phi1 and phi1 + mu phi2, formed as -omega^2 phi1/k1 and k2 phi2/omega^2 (the two rows of the eigenvalue
-    #: equation), which lose no digits when a mode is nearly rigid or nearly massless.
+    #: phi2 - phi1 and phi1 + mu phi2. They are formed as -omega^2 phi1/k1 and k2 phi2/omega^2, by the two rows of the
+    #: eigenvalue equation. So they lose no digits where a mode is nearly rigid or nearly massless.
     delta: tuple[float, float]
     sigma: tuple[float, float]
     #: omega phi1 and omega sigma.
@@ -88,9 +91,9 @@ class Modes(NamedTuple):
     force2: tuple[float, float]
 
 
-@inlined
+@force_inlined
 def modes_of(mu, k1, k2):
-    """Solve the eigenvalue problem of `Modes`."""
+    """Return the modes at mass ratio mu and stiffnesses k1, k2, by solving the eigenvalue problem of `Modes`."""
     inverse_mu = 1 / mu
     s12 = -k1 * sqrt(inverse_mu)
     difference = k1 - (k1 + k2) * inverse_mu
@@ -98,7 +101,7 @@ def modes_of(mu, k1, k2):
     fast2 = 0.5 * (k1 + (k1 + k2) * inverse_mu + spread)
     per_fast2, per_k1 = 1 / fast2, 1 / k1
     slow2 = k1 * per_fast2 * (k2 * inverse_mu)  # the product of the eigenvalues is k1 k2/mu
-    # The eigenvector of the fast one is (y, s12) or (s12, -y), of squared length y spread.
+    # The eigenvector of the fast mode is (y, s12) or (s12, -y); its squared length is y spread.
     y = 0.5 * (spread + abs(difference))
     scale = 1 / sqrt(y * spread)
     y1, y2 = (y * scale, s12 * scale) if difference >= 0 else (s12 * scale, y * scale)
@@ -119,12 +122,22 @@ def modes_of(mu, k1, k2):
     )
 
 
-@inlined
-def amplitudes(d1, v2, u1, u2, modes):
-    """Modal coordinates of a state: q_j = phi1 v1 + mu phi2 v2 and r_j = q_j'/omega_j.
+class Motion(NamedTuple):
+    """Compression rates and forces of both contacts at one instant."""
 
-    u1 = F1/k1 and u2 = F2/k2 are the compressions that linear springs would have. Gives the pairs a and b of
-    q_j(t) = a_j cos(omega_j t) + b_j sin(omega_j t).
+    #: v2 - v1 and v2: the compression rate of the ball-ball contact, and minus that of the ball-table contact.
+    d1: float
+    v2: float
+    F1: float
+    F2: float
+
+
+@force_inlined
+def amplitudes(d1, v2, u1, u2, modes):
+    """Return the pairs a and b of q_j(t) = a_j cos(omega_j t) + b_j sin(omega_j t), the motion from a state on.
+
+    The modal coordinates are q_j = phi1 v1 + mu phi2 v2 and r_j = q_j'/omega_j; at t = 0, q = a and r = b. The state is
+    given by the rates d1 and v2 and by the compressions u1 = F1/k1 and u2 = F2/k2 of linear springs.
     """
     phi1, sigma, force1, force2 = modes.phi1, modes.sigma, modes.force1, modes.force2
     return (
@@ -133,42 +146,42 @@ def amplitudes(d1, v2, u1, u2, modes):
     )
 
 
-@inlined
-def modal(t, omega, a, b):
-    """q_j and r_j of both modes at time t: (q_slow, q_fast), (r_slow, r_fast)."""
-    (cs, ss), (cf, sf) = cos_sin(omega[0] * t), cos_sin(omega[1] * t)
-    return turn(cs, ss, cf, sf, a, b)
+@force_inlined
+def modal_coordinates(t, omega, a, b):
+    """Return (q_slow, q_fast) and (r_slow, r_fast) at time t."""
+    (cos_slow, sin_slow), (cos_fast, sin_fast) = cos_sin(omega[0] * t), cos_sin(omega[1] * t)
+    return rotate(cos_slow, sin_slow, cos_fast, sin_fast, a, b)
 
 
-@inlined
-def turn(cos_slow, sin_slow, cos_fast, sin_fast, q, r):
-    """q_j and r_j when the modes have turned by two angles."""
+@force_inlined
+def rotate(cos_slow, sin_slow, cos_fast, sin_fast, q, r):
+    """Return q and r after both modes have turned by the angles with these cosines and sines."""
     return (
         (q[0] * cos_slow + r[0] * sin_slow, q[1] * cos_fast + r[1] * sin_fast),
         (r[0] * cos_slow - q[0] * sin_slow, r[1] * cos_fast - q[1] * sin_fast),
     )
 
 
-@inlined
-def turn_little(h, omega, q, r):
-    """q_j and r_j a short time h later, abs(omega_j h) <= 0.1: series of sine and cosine, to rounding."""
+@force_inlined
+def rotate_briefly(h, omega, q, r):
+    """Return q and r a short time h later, by series of sine and cosine, to rounding if abs(omega_j h) <= 0.1."""
     x, y = omega[0] * h, omega[1] * h
     x2, y2 = x * x, y * y
-    cs = 1 - x2 * (0.5 - x2 * (1 / 24 - x2 * (1 / 720 - x2 * (1 / 40320))))
-    cf = 1 - y2 * (0.5 - y2 * (1 / 24 - y2 * (1 / 720 - y2 * (1 / 40320))))
-    ss = x * (1 - x2 * (1 / 6 - x2 * (1 / 120 - x2 * (1 / 5040 - x2 * (1 / 362880)))))
-    sf = y * (1 - y2 * (1 / 6 - y2 * (1 / 120 - y2 * (1 / 5040 - y2 * (1 / 362880)))))
-    return turn(cs, ss, cf, sf, q, r)
+    cos_slow = 1 - x2 * (0.5 - x2 * (1 / 24 - x2 * (1 / 720 - x2 * (1 / 40320))))
+    cos_fast = 1 - y2 * (0.5 - y2 * (1 / 24 - y2 * (1 / 720 - y2 * (1 / 40320))))
+    sin_slow = x * (1 - x2 * (1 / 6 - x2 * (1 / 120 - x2 * (1 / 5040 - x2 * (1 / 362880)))))
+    sin_fast = y * (1 - y2 * (1 / 6 - y2 * (1 / 120 - y2 * (1 / 5040 - y2 * (1 / 362880)))))
+    return rotate(cos_slow, sin_slow, cos_fast, sin_fast, q, r)
 
 
-@inlined
-def motion(q, r, modes):
-    """State (d1, v2, F1, F2) of modal coordinates q and r; the inverse of `amplitudes`.
+@force_inlined
+def motion_of(q, r, modes):
+    """Return the motion with modal coordinates q and r; the inverse of `amplitudes`.
 
-    F1 = m1 v1' and F2 = F1 + m2 v2' (equations (11), (12) differentiated).
+    F1 = m1 v1' and F2 = F1 + m2 v2', which are equations (11) and (12) differentiated.
     """
     delta, phi2, force1, force2 = modes.delta, modes.phi2, modes.force1, modes.force2
-    return (
+    return Motion(
         delta[0] * q[0] + delta[1] * q[1],
         phi2[0] * q[0] + phi2[1] * q[1],
         force1[0] * r[0] + force1[1] * r[1],
@@ -176,28 +189,39 @@ def motion(q, r, modes):
     )
 
 
-@inlined
-def single_contact(mass, d, E, e, compressing, impulse_to_return):
-    """Follow S2 or S3 from entry to exit: one contact acts, until it ends or the other contact returns.
+class Exit(NamedTuple):
+    """End of a segment in which a single contact was active."""
 
-    The supplement's section 1, read for either contact: equation (1) with M the mass the contact works against (S3:
-    m1 m2/(m1 + m2), S2: m2), d and E its compression rate and strain energy at entry. The inactive contact starts to
-    approach at an impulse of m2 v2 in S3, of m2 (v1 - v2) in S2.
+    #: Whether the inactive contact returns (exit to S1); if not, the active contact ended restitution (exit to S4).
+    returns: bool
+    #: Whether compression ended on the way; a tie with the return counts as ended.
+    compression_ended: bool
+    #: Impulse of the contact during the segment; compression rate and strain energy of the contact at the end.
+    impulse: float
+    rate: float
+    energy: float
 
-    Gives whether the other contact returns first (exit to S1, else to S4); whether compression ended on the way (a tie
-    with the return counts as ended); and impulse, compression rate and strain energy at exit.
+
+@force_inlined
+def follow_single_contact(mass, d, E, e, compressing, impulse_to_return):
+    """Follow S2 or S3, in which one contact is active, from entry to exit.
+
+    This is the supplement's section 1, read for either contact: its equation (1) with M the mass that the contact works
+    against (S3: m1 m2/(m1 + m2), S2: m2), and d and E the compression rate and strain energy at entry. The inactive
+    contact returns at the impulse `impulse_to_return`: m2 v2 in S3, m2 (v1 - v2) in S2.
     """
     # The rate at which all of E and d would be gone: at maximum compression, E = 0.
     w = sqrt(d * d + 2 * E / mass)
     if compressing:
         w *= e
     maximum = mass * (d + w)  # supplement: Delta I_max, both cases
-    returns = impulse_to_return < maximum
-    if not returns:
-        return False, compressing, maximum, -w, 0.0
+    if not impulse_to_return < maximum:
+        return Exit(False, compressing, maximum, -w, 0.0)
     d_exit = d - impulse_to_return / mass
     if compressing and d_exit > 0:
-        # still in compression: (2), as a sum of positive terms
-        return True, False, impulse_to_return, d_exit, E + 0.5 * impulse_to_return * (d + d_exit)
-    # in restitution: (4), factored so that a nearly spent energy keeps its digits
-    return True, compressing, impulse_to_return, d_exit, 0.5 * (maximum - impulse_to_return) * (w - d_exit)
+        # Still in compression: equation (2), as a sum of positive terms.
+        return Exit(True, False, impulse_to_return, d_exit, E + 0.5 * impulse_to_return * (d + d_exit))
+    # In restitution: equation (4), factored so that a nearly spent energy keeps its digits.
+    return Exit(
+        True, compressing, impulse_to_return, d_exit, 0.5 * (maximum - impulse_to_return) * (w - d_exit)
+    )

@@ -1,85 +1,97 @@
-"""The path of a collision: points of its exact motion, as rows of a log.
+"""Points of the exact motion of two balls, written into a log.
 
-In S1 they are equally spaced in time. In every other segment one contact works against one mass, a sinusoid: its
-compression rate is W cos(theta), its force sqrt(k m) W sin(theta), where theta grows by sqrt(k/m) a unit of time. There
-they are equally spaced in theta, and apart before and after the end of compression, where W drops to e W and k rises
-to k/e^2.
+`write_both` logs a segment of S1, `write_lone` a segment in which one contact is active alone, `write_point` one point.
+
+In S1 the points are equally spaced in time. In every other segment one contact works against one mass, so the motion is
+a sinusoid: the compression rate is W cos(theta) and the force sqrt(k m) W sin(theta), where theta grows by sqrt(k/m)
+per unit of time. There the points are equally spaced in theta, separately before and after the end of compression,
+where W drops to e W and k rises to k/e^2.
+
+Units as in `pair.motion`. Used by `pair.kernel`.
 """
 
 from __future__ import annotations
 
 from math import atan2, ceil, cos, pi, sin, sqrt
 
-from impact_xval.model.compiled import inlined
-from impact_xval.model.pair.law import COMPRESSION
-from impact_xval.model.pair.motion import modal, motion
-
-#: Columns of a row, in units of m1, k1 and abs(v0): state (1 to 4), time since first touch, velocities and forces.
-LOG_COLUMNS = ("state", "time", "v1", "v2", "F1", "F2")
+from impact_xval.model.compiled import force_inlined
+from impact_xval.model.pair.law import Phase
+from impact_xval.model.pair.motion import modal_coordinates, motion_of
 
 #: Points per half period of the fastest sinusoid of a segment.
 POINTS = 48
 
-#: Most points of a segment of S1; one of thousands of oscillations is undersampled, its ends stay exact.
+#: Most points of a segment of S1. A segment of thousands of oscillations is undersampled, but its ends stay exact.
 MOST_POINTS = 4000
 
 
-@inlined
-def write(log, row, state, time, v1, v2, F1, F2):
-    """Write a row, if the log has it; the next one."""
+@force_inlined
+def write_point(log, row, state, time, v1, v2, F1, F2):
+    """Write a point if the log has room for it, and return the next row."""
     if row < log.shape[0]:
-        log[row, 0], log[row, 1], log[row, 2], log[row, 3] = state, time, v1, v2
-        log[row, 4], log[row, 5] = F1, F2
+        point = log[row]
+        point.state, point.time = state, time
+        point.v1, point.v2, point.F1, point.F2 = v1, v2, F1, F2
     return row + 1
 
 
-@inlined
-def number_of(points, half_periods):
-    """Count the points of a smooth piece, its ends included."""
+@force_inlined
+def count_points(points, half_periods):
+    """Return the number of points of a smooth piece, its ends included."""
     return min(MOST_POINTS, 3 + ceil(points * half_periods))
 
 
-@inlined
-def write_both(log, row, points, time, state, duration, modes, a, b):
-    """Write a segment of S1; the time and the row after it."""
-    n, t = number_of(points, modes.omega[1] * duration / pi), time
+@force_inlined
+def write_both(log, row, points, time, state, duration, segment):
+    """Write a segment of S1 that starts at `time`; return the time at its end and the next row."""
+    modes, end = segment.modes, time
+    n = count_points(points, modes.omega[1] * duration / pi)
     for i in range(n):
         passed = duration * i / (n - 1)
-        t = time + passed
-        q, r = modal(passed, modes.omega, a, b)
-        d1, v2, F1, F2 = motion(q, r, modes)
-        row = write(log, row, state, t, v2 - d1, v2, F1, F2)
-    return t, row
+        end = time + passed
+        q, r = modal_coordinates(passed, modes.omega, segment.a, segment.b)
+        motion = motion_of(q, r, modes)
+        row = write_point(log, row, state, end, motion.v2 - motion.d1, motion.v2, motion.F1, motion.F2)
+    return end, row
 
 
-@inlined
-def write_one(log, row, points, time, state, v1, v2, first, united, mu, c, other, mass, rate, until):
-    """Write a segment in which one contact works alone, from a state at its start on; the time and the row at its end.
+@force_inlined
+def write_lone(log, row, points, time, state, pair, lone, mu, leaving):
+    """Write a segment in which a single contact is active, from `pair` at its start to the exit `leaving`.
 
-    `first` says whether it is the ball-ball contact, c, that works, `united` whether the other one is rigid and passes
-    its force on, else that stands still at the force `other`. The mass that c works against has the compression rate
-    `rate` at the start, and `until` is theta at the end. The time is infinite where the contact has no stiffness, and
-    does not pass where that is infinite; the force then is infinite.
+    Returned are the time at its end and the next row. If the bodies of the other contact are one, that contact passes
+    on the force of the active one; else its force stays as it is. The time is infinite where the active contact has no
+    stiffness. Where its stiffness is infinite, no time passes and its force is infinite.
     """
-    if first:
-        on_v1, on_v2 = (-1.0, 0.0) if united else (-mu / (1 + mu), 1 / (1 + mu))
+    c, mass, rate = lone.contact, lone.mass, lone.rate
+    v1, v2 = pair.v2 - pair.d1, pair.v2
+    # Changes of v1 and v2 per change of the compression rate.
+    if lone.is_ball_ball:
+        waiting_force = pair.contact2.F
+        per_v1, per_v2 = (-1.0, 0.0) if lone.united else (-mu / (1 + mu), 1 / (1 + mu))
     else:
-        on_v1, on_v2 = (-1.0 if united else 0.0), -1.0
+        waiting_force = pair.contact1.F
+        per_v1, per_v2 = (-1.0 if lone.united else 0.0), -1.0
+    last = (
+        atan2(sqrt(2 * leaving.energy / mass), leaving.rate) if leaving.energy > 0 or leaving.rate > 0 else pi
+    )
     W, k = sqrt(rate * rate + 2 * c.E / mass), c.k
     start = atan2(sqrt(2 * c.E / mass), rate)
-    pieces = 2 if c.phase == COMPRESSION and until > 0.5 * pi else 1
+    pieces = 2 if c.phase == Phase.COMPRESSION and last > 0.5 * pi else 1
     for piece in range(pieces):
-        end = until if piece == pieces - 1 else 0.5 * pi
-        turn, unit = max(end - start, 0.0), sqrt(mass / k)
-        n, t = number_of(points, turn / pi), time
+        end = last if piece == pieces - 1 else 0.5 * pi
+        angle, unit = max(end - start, 0.0), sqrt(mass / k)
+        n, t = count_points(points, angle / pi), time
         for i in range(n):
-            angle = turn * i / (n - 1)
-            theta = start + angle
+            passed = angle * i / (n - 1)
+            theta = start + passed
             change = W * cos(theta) - rate
             F = sqrt(k * mass) * W * sin(theta) if W > 0 and 0 < theta < pi else 0.0
-            passed = (F if first else F / (1 + mu)) if united else other
-            F1, F2 = (F, passed) if first else (passed, F)
-            t = time + unit * angle if angle > 0 else time
-            row = write(log, row, state, t, v1 + on_v1 * change, v2 + on_v2 * change, F1, F2)
+            other_force = waiting_force
+            if lone.united:
+                other_force = F if lone.is_ball_ball else F / (1 + mu)
+            F1, F2 = (F, other_force) if lone.is_ball_ball else (other_force, F)
+            t = time + unit * passed if passed > 0 else time
+            row = write_point(log, row, state, t, v1 + per_v1 * change, v2 + per_v2 * change, F1, F2)
         time, start, W, k = t, end, c.e * W, k / (c.e * c.e)
     return time, row

@@ -8,7 +8,8 @@ import pytest
 from impact_xval.compliant_baselines import Settings, get_solver
 from impact_xval.compliant_baselines.answers import answer
 from impact_xval.compliant_baselines.solver import Convergence, OneByOne, Solver
-from impact_xval.model.collision import Collision, Outcome
+from impact_xval.model.collision import Collision
+from impact_xval.model.outcome import Outcome
 
 CELL = Collision.two_balls(m1=1.0, m2=1.5, k1=1e6, k2=2e6, e1=0.9, e2=0.7)
 CHAIN = Collision((1.0, 1.0, 1.0), (1e6, 1e6), (0.9, 0.9), (-1.0, 0.0, 0.0))

@@ -7,7 +7,7 @@ from impact_xval.compliant_baselines.engines.scene import periods
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.compliant_baselines.states import Runs, comparable_states, merge_runs
 from impact_xval.model import Collision
-from impact_xval.model.collision import Paths
+from impact_xval.model.path import Paths
 from tests.compliant_baselines.reference_cells import random_collisions
 
 #: S1 to S4 as sets of contacts.

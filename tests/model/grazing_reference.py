@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from impact_xval.model import Collision
-from impact_xval.model.collision import Floats
+from impact_xval.model.arrays import Floats
 
 COMPRESSION, RESTITUTION, INACTIVE = "compression", "restitution", "inactive"
 

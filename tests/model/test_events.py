@@ -30,11 +30,17 @@ def search(mu, k1, k2, state, phases=(COMPRESSING, COMPRESSING)):
     """`first_event` of a state, phases given; the signs of the watched rates; the amplitude of d1."""
     modes, (d1, v2, F1, F2) = modes_of(mu, k1, k2), map(float, state)
     a, b = amplitudes(d1, v2, F1 / k1, F2 / k2, modes)
-    signs = (1.0 if phases[0] == COMPRESSING else -1.0, -1.0 if phases[1] == COMPRESSING else 1.0)
-    watched = (phases[0] == RESTORING, phases[1] == RESTORING)
-    lossy = (1.0, 1.0)  # plastic contacts: every near-miss counts
-    found = first_event(mu, modes, (d1, v2, F1, F2), signs, watched, lossy, a, b, math.inf)
-    return found, signs, np.abs(modes.delta) @ np.hypot(a, b)
+    segment = events.Segment(
+        mu=mu,
+        modes=modes,
+        signs=(1.0 if phases[0] == COMPRESSING else -1.0, -1.0 if phases[1] == COMPRESSING else 1.0),
+        watches_force=(phases[0] == RESTORING, phases[1] == RESTORING),
+        losses=(1.0, 1.0),  # plastic contacts: every near miss counts
+        a=a,
+        b=b,
+    )
+    event = first_event(segment, motion.Motion(d1, v2, F1, F2), math.inf)
+    return event, segment.signs, np.abs(modes.delta) @ np.hypot(a, b)
 
 
 def random_springs(rng):
@@ -51,7 +57,7 @@ def test_the_certificate_never_lies():
         n = np.arange(3)[:, None, None]  # each derivative turns a sinusoid by a quarter
         angles = np.linspace(0, h, 400)[:, None] * omega + phase
         f = (size * omega**n * np.cos(angles + 0.5 * math.pi * n)).sum(axis=2)
-        start, end = (tuple(f[:, i].tolist()) for i in (0, -1))
+        start, end = (roots.Jet(*f[:, i].tolist()) for i in (0, -1))
         if f[0, -1] > 0 and positive_between(start, end, h, float(np.abs(size) @ omega**6 / 28800)):
             certified += 1
             assert f[0, 1:-1].min() > 0

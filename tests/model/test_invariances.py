@@ -8,8 +8,9 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from impact_xval.model import Collision, solve
-from impact_xval.model.pair.kernel import PRECISION_LIMIT, RESULT, collide_all
+from impact_xval.model.pair.following import follow_with_paths
 from impact_xval.model.pair.path import POINTS
+from impact_xval.model.pair.record import Cells, Options, PairEnding
 
 pytestmark = pytest.mark.smoke
 
@@ -44,12 +45,10 @@ def path_of(kappa, mu, e1, e2, points):
 
     A contact that acts ends compression where its rate ceases to be positive, and is stiffer by 1/e^2 from there on.
     """
-    cells = [np.array([x], dtype=float) for x in (kappa, mu, e1, e2)]
-    log, results = np.empty((100_000, 6)), np.empty(1, RESULT).view(np.recarray)
-    no_states = np.empty((0, 1), np.uint64)
-    collide_all(*cells, math.inf, 10_000, True, points, log, no_states, np.empty((1, 2)), results)
-    log = log[: results.rows[0]].T
-    state, time, v1, v2, *forces = log
+    cells = Cells(*(np.array([x], dtype=float) for x in (kappa, mu, e1, e2)))
+    options = Options(cutoff=math.inf, max_events=10_000, stiffens=True, points=points)
+    result, log = follow_with_paths(cells, options)
+    state, time, v1, v2, forces = log.state, log.time, log.v1, log.v2, (log.F1, log.F2)
     middle = np.append(np.diff(time), 1.0) > 0  # not the last point of a piece
     begins = np.flatnonzero(np.append(True, ~middle[:-1]))
     stiffness = np.empty((2, state.size))
@@ -63,7 +62,7 @@ def path_of(kappa, mu, e1, e2, points):
             else:
                 was = False
             stiffness[i, a:b] = k
-    return state, time, (v1, v2), np.array(forces), stiffness, begins, results.code[0]
+    return state, time, (v1, v2), np.array(forces), stiffness, begins, result.records.ending[0]
 
 
 @settings(max_examples=20)
@@ -87,4 +86,4 @@ def test_equations_13_to_15_hold_along_the_path_at_second_order_in_its_spacing(k
         assert np.diff(energy)[inside] == pytest.approx(means[1] * gained, rel=error, abs=least)
     assert np.all(steps >= 0)
     # Where stiffness runs away, a closed form gives what follows.
-    assert end == PRECISION_LIMIT or not forces[:, -1].any()
+    assert end == PairEnding.PRECISION or not forces[:, -1].any()

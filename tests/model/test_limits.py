@@ -8,13 +8,15 @@ import pytest
 from scipy.optimize import brentq
 
 from impact_xval.model import Collision, solve, solve_batch
-from impact_xval.model.pair import kernel
-from impact_xval.model.pair.law import RESTITUTION, Contact
+from impact_xval.model.pair.law import Contact, Pair, Phase
+from impact_xval.model.pair.limits import Rigid
+from impact_xval.model.pair.lone import lone_contact
+from impact_xval.model.pair.record import State
 from tests.model.conftest import from_python
 from tests.model.test_events import evolve
 
 MU = 2 / math.sqrt(3)
-at_work = from_python(kernel.at_work)
+lone_contact = from_python(lone_contact)
 
 
 def ball_ball_rigid(mu, e1, e2):
@@ -143,7 +145,7 @@ def test_no_corner_fails(cutoff):
 def test_a_stiff_contact_that_passes_on_a_force_parts_its_bodies_with_the_rest_of_its_energy(mu):
     """M s^2/2 = E - F F_s/k for the relative speed s when F = 0, by the two springs in time, at a ratio of 1e-8.
 
-    They start at their end of compression, the stiff one with three times its static force F_s (`pair.kernel.at_work`).
+    They start at their end of compression, the stiff one with three times its static force F_s (`pair.lone`).
     """
     M = mu / (1 + mu)
     for k, F, mass, i in (((1e8, 1.0), (3 / (1 + mu), 1.0), M, 0), ((1.0, 1e8), (1.0, 3.0), mu, 1)):
@@ -153,8 +155,11 @@ def test_a_stiff_contact_that_passes_on_a_force_parts_its_bodies_with_the_rest_o
 
         half = math.pi * math.sqrt(mass / k[i])
         spent = brentq(lambda time, f=motion, i=i: f(time)[2 + i], half / 2, half, xtol=1e-18)
-        one, two = (Contact(RESTITUTION, k, F**2 / (2 * k), F, 0.5, k) for k, F in zip(k, F, strict=True))
-        left = at_work(mu, M, kernel.S1, 0.0, 0.0, one, two, 1 + i, 1e30)[2].E
+        one, two = (
+            Contact(Phase.RESTITUTION, k, F**2 / (2 * k), F, 0.5, k) for k, F in zip(k, F, strict=True)
+        )
+        rigid = (Rigid.CONTACT1, Rigid.CONTACT2)[i]
+        left = lone_contact(Pair(0.0, 0.0, one, two, 0.0), mu, M, State.S1, rigid, 1e30).contact.E
         assert left == pytest.approx(mass * motion(spent)[i] ** 2 / 2, rel=1e-6, abs=0)
 
 

@@ -6,14 +6,14 @@ import pytest
 
 from impact_xval.model import Collision, solve
 from impact_xval.model.kinetic import kinetic_norm
-from impact_xval.model.materials import MATERIALS, Body, Touch, line
+from impact_xval.model.materials import MATERIALS, Body, MaterialContact, line
 
 STEEL, GLASS, RUBBER, PING_PONG = (MATERIALS[name] for name in ("steel", "glass", "rubber", "ping-pong"))
 
 
 def test_the_two_steel_spheres_of_hertz():
     """Of 25 mm radius, meeting at 10 mm/s: 0.38 ms, 0.13 mm, 2.47 kg (Hertz, J. reine angew. Math. 92:156, 1882)."""
-    touch = Touch(Body(STEEL, 0.025), Body(STEEL, 0.025))
+    touch = MaterialContact(Body(STEEL, 0.025), Body(STEEL, 0.025))
     compression = touch.compression(0.01)
     assert touch.duration(0.01) == pytest.approx(0.00038, abs=0.5e-5)
     assert math.sqrt(0.0125 * compression) == pytest.approx(0.13e-3, abs=0.5e-5)
@@ -22,7 +22,7 @@ def test_the_two_steel_spheres_of_hertz():
 
 def test_the_duration_is_that_of_a_textbook():
     """Johnson, Contact Mechanics, section 11.4: T = 2.87 (m^2/(R E*^2 v))^(1/5)."""
-    touch = Touch(Body(RUBBER, 0.01), Body(GLASS))
+    touch = MaterialContact(Body(RUBBER, 0.01), Body(GLASS))
     soft = sum((1 - m.poisson**2) / m.young for m in (RUBBER, GLASS))
     assert touch.duration(0.3) == pytest.approx(
         2.87 * (touch.mass**2 * soft**2 / (0.01 * 0.3)) ** 0.2, rel=2e-3
@@ -31,8 +31,8 @@ def test_the_duration_is_that_of_a_textbook():
 
 @pytest.mark.parametrize(("exponent", "longer", "force"), [(1.5, 1, 1), (1.0, math.pi / 2.9432, 0.8)])
 def test_the_model_follows_hertz_s_contact_and_the_linear_one(exponent, longer, force):
-    touch, v = Touch(Body(STEEL, 0.02), Body(GLASS, 0.01)), 2.0
-    pair = line((touch.one, touch.two), (-v, 0.0), exponent=exponent)
+    touch, v = MaterialContact(Body(STEEL, 0.02), Body(GLASS, 0.01)), 2.0
+    pair = line((touch.upper, touch.lower), (-v, 0.0), exponent=exponent)
     elastic = Collision(pair.masses, pair.stiffnesses, (1.0,), pair.velocities, exponent=exponent)
     path = solve(elastic, path=True).path
     assert path.time[-1] == pytest.approx(longer * touch.duration(v), rel=1e-4)
@@ -50,10 +50,10 @@ def test_linearising_changes_where_several_contacts_take_an_impact():
 
 def test_a_hollow_ball_is_a_linear_contact_and_the_body_that_yields_decides_the_restitution():
     ball = Body(PING_PONG, 0.02)
-    touch = Touch(ball, Body(STEEL))
+    touch = MaterialContact(ball, Body(STEEL))
     assert ball.mass == pytest.approx(2.7e-3, rel=1e-3)  # the law of the game
     assert touch.linear(0.5) == pytest.approx(touch.stiffness)
-    assert Touch(ball, ball).stiffness == pytest.approx(touch.stiffness / 2)
-    assert Touch(Body(RUBBER, 0.02), Body(STEEL)).restitution == pytest.approx(0.9, abs=1e-4)
+    assert MaterialContact(ball, ball).stiffness == pytest.approx(touch.stiffness / 2)
+    assert MaterialContact(Body(RUBBER, 0.02), Body(STEEL)).restitution == pytest.approx(0.9, abs=1e-4)
     with pytest.raises(ValueError, match=r"exponent = 1.5; legal: 1, or 1.5 where all balls are solid"):
         line([ball, Body(STEEL)], (-1,), exponent=1.5)

@@ -8,28 +8,28 @@ from scipy.linalg import expm
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.model import Collision
-from impact_xval.model.chain import rest, series
-from impact_xval.model.chain.laws import HUNT_CROSSLEY, KELVIN_VOIGT
+from impact_xval.model.chain import drop, series
+from impact_xval.model.chain.laws import Law
 from impact_xval.model.chain.power_law import new_workspace
 from impact_xval.model.chain.series import ORDER
 from impact_xval.model.chain.state import begin, new_chain
-from impact_xval.model.pair.law import COMPRESSION, INACTIVE
+from impact_xval.model.pair.law import Phase
 from tests.compliant_baselines.reference_cells import dampings, random_cells
 from tests.model.conftest import from_python
 
 begin, expand = from_python(begin), from_python(series.expand)
-expand_product, span = from_python(series.expand_product), from_python(series.span)
-settled = from_python(rest.settled)
+expand_product, window_length = from_python(series.expand_product), from_python(series.window_length)
+settled = from_python(drop.settles)
 
 
-def chain(state, mu, k1, k2, c1, c2, g=0.0, law=KELVIN_VOIGT):
+def chain(state, mu, k1, k2, c1, c2, g=0.0, law=Law.KELVIN_VOIGT):
     """Two balls on a table in a state (p1, d1, q2, v2), m1 = 1; a contact without a stiffness does not act."""
     stiffnesses = np.array([k1 or 1.0, k2 or 1.0])
     rates, dampings = np.array([1.0, 0.0]), np.array([c1, c2])
     c = new_chain(2, 1.0, law, False)
     begin(c, np.array([1.0, mu]), stiffnesses, np.ones(2), dampings, rates, np.zeros(2), g)
     c.delta[:2], c.w[:2] = (state[0], state[2]), (state[1], -state[3])
-    c.phase[:2] = [COMPRESSION if k > 0 else INACTIVE for k in (k1, k2)]
+    c.phase[:2] = [Phase.COMPRESSION if k > 0 else Phase.INACTIVE for k in (k1, k2)]
     return c
 
 
@@ -67,19 +67,19 @@ def product_motion(state, h, mu, k1, k2, a1, a2, g):
     return solve_ivp(right, (0, h), state, method="DOP853", rtol=1e-13, atol=1e-15).y[:, -1]
 
 
-MOTIONS = {KELVIN_VOIGT: linear_motion, HUNT_CROSSLEY: product_motion}
+MOTIONS = {Law.KELVIN_VOIGT: linear_motion, Law.HUNT_CROSSLEY: product_motion}
 COLUMN = (1.3, 1.0, 4.0, 0.4, 0.3, 0.1)
 STATE = np.array([0.4, 0.8, 0.3, -0.5])
 
 
-def test_over_its_span_the_series_is_the_motion():
+def test_over_a_window_the_series_is_the_motion():
     rng = np.random.default_rng(2)
     for _ in range(60):
         mu, k1, k2, c1, c2 = 10 ** rng.uniform([-1, -2, -2, -2, -2], [1, 2, 2, 1, 1])
         on1, on2 = rng.integers(0, 2, 2)
         column, state = (mu, k1 * on1, k2 * on2, c1 * on1, c2 * on2, 0.7), rng.uniform(-1, 1, 4)
         c = chain(state, *column)
-        h = min(span(c, 2, new_workspace(2)), 10.0)
+        h = min(window_length(c, 2, new_workspace(2)), 10.0)
         for x in (0.0, 0.25, 0.7, 1.0):
             exact = linear_motion(state, x * h, *column)
             size = np.abs(exact).max() + np.abs(state).max() * (1 + h)
@@ -99,7 +99,7 @@ def test_the_remainder_falls_with_the_power_of_the_step_after_its_degree(law):
 
 
 def test_the_product_law_holds_as_far_as_it_is_trusted():
-    c, work = chain(STATE, *COLUMN, HUNT_CROSSLEY), new_workspace(2)
+    c, work = chain(STATE, *COLUMN, Law.HUNT_CROSSLEY), new_workspace(2)
     for h in (0.2, 1.0, 4.0):
         short = expand_product(c, 2, h, work)
         assert 0 < short <= h

@@ -21,7 +21,10 @@ from impact_xval.experiments.presentation.pictures.history import TAIL, passed_a
 from impact_xval.experiments.presentation.style import BESIDE, Drawn, drawing
 from impact_xval.experiments.presentation.words import arranged, by_axes, look, named
 from impact_xval.experiments.tables.numbers import number
-from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome, Path
+from impact_xval.model.collision import Collision
+from impact_xval.model.outcome import Outcome
+from impact_xval.model.path import Path
+from impact_xval.model.status import RESULT_STATUSES
 
 #: Most panels of the wave in a row.
 _ACROSS = 4

@@ -20,7 +20,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.model.collision import Collision, Floats, Path
+from impact_xval.model.arrays import Floats
+from impact_xval.model.collision import Collision
+from impact_xval.model.path import Path
 
 #: Share of the impulses that may pass after what is shown: balls may meet again long after.
 TAIL = 1e-3

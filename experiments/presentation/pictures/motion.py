@@ -34,7 +34,9 @@ from impact_xval.experiments.presentation.style import drawing
 from impact_xval.experiments.presentation.words import arranged, named
 from impact_xval.experiments.tables.numbers import listed, number
 from impact_xval.experiments.tables.parquet import replacing
-from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
+from impact_xval.model.collision import Collision
+from impact_xval.model.outcome import Outcome
+from impact_xval.model.status import RESULT_STATUSES
 
 Pixels = NDArray[np.uint8]
 

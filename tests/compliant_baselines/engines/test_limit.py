@@ -16,7 +16,8 @@ from impact_xval.compliant_baselines.mapping import MUJOCO_IMPEDANCE
 from impact_xval.compliant_baselines.marks import find_jumps
 from impact_xval.compliant_baselines.rigid.laws import follow
 from impact_xval.compliant_baselines.solver import Convergence, Settings
-from impact_xval.model.collision import Collision, Collisions
+from impact_xval.model.collision import Collision
+from impact_xval.model.collisions import Collisions
 from tests.compliant_baselines.reference_cells import random_cells, two_balls
 
 H = 2.0 ** -np.arange(3)

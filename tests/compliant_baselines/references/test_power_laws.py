@@ -14,7 +14,7 @@ import pytest
 
 from impact_xval.compliant_baselines import Settings, get_solver
 from impact_xval.model import Collision
-from impact_xval.model.collision import RESULT_STATUSES
+from impact_xval.model.status import RESULT_STATUSES
 from tests.compliant_baselines.reference_cells import in_time
 
 ROWS = [json.loads(row) for row in Path(__file__).with_name("power_laws.jsonl").read_text().splitlines()]

@@ -19,7 +19,7 @@ from impact_xval.experiments.measures.summary import BAND, summarise_ladder
 from impact_xval.experiments.sweep.rows import Experiment, solve_by
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.model import solve, solve_batch
-from impact_xval.model.collision import Collisions
+from impact_xval.model.collisions import Collisions
 from tests.compliant_baselines.reference_cells import BATCHES, coefficients_of
 from tests.experiments import fakes
 from tests.experiments.conftest import swept

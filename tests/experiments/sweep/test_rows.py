@@ -14,7 +14,7 @@ from impact_xval.experiments.measures.divergence import results_of
 from impact_xval.experiments.sweep.chunk import Chunk
 from impact_xval.experiments.sweep.process import FaultError
 from impact_xval.experiments.sweep.rows import Experiment, completed, solve_all, solve_by
-from impact_xval.model.collision import Path
+from impact_xval.model.path import Path
 from tests.experiments import fakes
 
 EXACT = ["state-transition", "bistiffness", "kelvin-voigt"]

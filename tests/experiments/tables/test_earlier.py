@@ -17,7 +17,7 @@ from impact_xval.experiments.scoreboard.cases import CASE_SETUPS
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.comparison import compare
 from impact_xval.experiments.tables.folder import run_folder
-from impact_xval.model.collision import STATUSES as STATUSES_NOW
+from impact_xval.model.status import STATUSES as STATUSES_NOW
 from tests.experiments.conftest import tables_of
 
 RUNS = Path(__file__).with_name("runs_of_0.4")

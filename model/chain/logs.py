@@ -1,0 +1,58 @@
+"""What the kernel of chains logs: points of paths, and sets of active contacts. Used by `chain.kernel`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impact_xval.model.chain.laws import is_active
+from impact_xval.model.chain.series import slope, value
+from impact_xval.model.chain.state import write_ball_values
+from impact_xval.model.compiled import kernel_helper
+
+#: A number that is passed on. Numba would compile a function once more for a literal 1.
+_ONE = np.int64(1)
+
+
+@kernel_helper
+def log_points(c, n, work, degree, x, h, time, setup, points, log, row):
+    """Write points of the part x of a window of length h that began at `time`, and return the next row.
+
+    A row holds time, velocities and accelerations of balls, and 1 for each active contact.
+    """
+    balls = (log.shape[1] - c.size) // 2
+    for point in range(points):
+        if row < log.shape[0]:
+            here = x * point / points
+            log[row, 0] = time + here * h
+            for i in range(n):
+                work[i].value = value(work[i].rates, degree, here)
+            write_ball_values(c, n, work.value, setup.drift, log, row, _ONE)
+            for i in range(n):
+                work[i].value = slope(work[i].rates, degree, here) / h
+            write_ball_values(c, n, work.value, 0.0, log, row, _ONE + balls)
+            for i in range(work.size):
+                log[row, 1 + 2 * balls + i] = 1.0 if work[i].active else 0.0
+        row += 1
+    return row
+
+
+@kernel_helper
+def log_set(c, n, work, sets, first, row):
+    """Write the set of active contacts unless it is the one before it; return the next row.
+
+    The sets of this chain begin at row `first`. A rigid contact counts as active while another contact is.
+    """
+    any_active = False
+    for i in range(n):
+        any_active |= is_active(c[i])
+    for i in range(work.size):
+        work[i].was_active, work[i].active = work[i].active, any_active
+    for i in range(n):
+        work[c[i].index].active = is_active(c[i])
+    is_new = row == first
+    for i in range(work.size):
+        is_new |= work[i].active != work[i].was_active
+    if is_new and row < sets.shape[0]:
+        for i in range(work.size):
+            sets[row, i // 64] |= np.uint64(work[i].active) << np.uint64(i % 64)
+    return row + 1 if is_new else row

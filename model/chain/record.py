@@ -1,0 +1,114 @@
+"""Types that cross the boundary of the kernel of chains: endings, inputs, logs, and the record of a result.
+
+Used by `chain.kernel`, which fills in the results, by `chain.following`, which reads them, and by engines, which end
+drops in the same ways.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class ChainEnding(IntEnum):
+    """How a chain ended.
+
+    Its numbers differ from all of `pair.record.PairEnding`, so that a code of one kernel means nothing to the other.
+    """
+
+    UNFINISHED = 0  # it goes on, or was given up
+    FREE = 1  # no bodies touch or approach any more; in a drop, both balls have left the table
+    LOWER_SETTLED = 2  # a drop: B1 left B2, which is settled on the table
+    BOTH_SETTLED = 3  # a drop: B1 settled on B2
+    GAINED_ENERGY = 4  # like FREE, but rounding has made energy
+    SKIPPED = 5  # not followed
+
+
+class Chains(NamedTuple):
+    """Chains of one number of balls, in units of about 1. C is N - 1, or N on a table."""
+
+    #: Shape (n, N); a first mass of NaN marks a chain that is skipped.
+    masses: NDArray[np.float64]
+    #: Shape (n, C); rates of compression and gaps are those at first touch.
+    stiffnesses: NDArray[np.float64]
+    restitutions: NDArray[np.float64]
+    dampings: NDArray[np.float64]
+    rates: NDArray[np.float64]
+    gaps: NDArray[np.float64]
+    #: Velocity of the centre of mass, shape (n,); without meaning on a table.
+    drifts: NDArray[np.float64]
+    #: Shape (n,); above 0 for drops of two balls only.
+    gravities: NDArray[np.float64]
+    #: Points of the path for each window, shape (n,).
+    points: NDArray[np.int64]
+
+    def take(self, rows: slice) -> Chains:
+        """Return some of the chains."""
+        return Chains(
+            masses=self.masses[rows],
+            stiffnesses=self.stiffnesses[rows],
+            restitutions=self.restitutions[rows],
+            dampings=self.dampings[rows],
+            rates=self.rates[rows],
+            gaps=self.gaps[rows],
+            drifts=self.drifts[rows],
+            gravities=self.gravities[rows],
+            points=self.points[rows],
+        )
+
+
+class Options(NamedTuple):
+    """How the kernel of chains follows them."""
+
+    #: Error of a step, where steps are taken.
+    tolerance: float
+    #: Windows after which a chain is given up; all chains are after `kernel.MOST_WORK`.
+    max_windows: int
+
+
+class Logs(NamedTuple):
+    """Logs that the kernel of chains fills for all chains, one after another, as far as they fit."""
+
+    #: Points of paths, shape (rows, 1 + 2 N + C): time, velocities, accelerations of balls, 1 for each active contact.
+    path: NDArray[np.float64]
+    #: Sets of active contacts, shape (entries, words), zero before: bit i of word i//64 is contact i. The first set of
+    #: a chain is that at first touch; the last one is the empty set of the end, unless the chain is given up. Sets that
+    #: last no time are left out.
+    sets: NDArray[np.uint64]
+
+
+class Setup(NamedTuple):
+    """Numbers of one chain that stay the same."""
+
+    #: Energy of impact, relative to the centre of mass or the table.
+    energy: float
+    drift: float
+    gravity: float
+    points: int
+
+
+#: Result of one chain. Time, lengths and masses are in units of the chain.
+RESULT = np.dtype(
+    [
+        ("ending", "i8"),  # ChainEnding
+        # Closed forms that were used: that of e = 0; a contact whose stiffness runs away became rigid; bodies came to
+        # rest together after infinitely many events.
+        ("plastic", "?"),
+        ("runaway", "?"),
+        ("collapse", "?"),
+        ("n_events", "i8"),
+        ("n_windows", "i8"),
+        ("n_points", "i8"),  # rows in the log of paths
+        ("n_states", "i8"),  # entries in the log of sets
+        ("margin", "f8"),  # grazing margin (`chain.grazing`); infinite under laws of dashpots
+        # Energy that was lost plus energy that is left, relative to the centre of mass or the table, over the energy of
+        # impact: 1 but for rounding, under laws without dashpots and without gravity.
+        ("energy_share", "f8"),
+        ("time", "f8"),  # from first touch to the end
+        ("fall", "f8"),  # from first touch to the first flight of a drop; `time` without a flight
+    ],
+    align=True,
+)

@@ -1,0 +1,143 @@
+"""Many collisions of one number of balls as arrays: `Collisions`.
+
+Needs `model.collision` and `model.inputs`. Used by every solver that answers arrays of collisions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from impact_xval.model.arrays import Booleans, Floats
+from impact_xval.model.collision import Collision, legal_fields, scaling_units
+from impact_xval.model.inputs import LINE, RATIOS, checked_array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Collisions(Sequence[Collision]):
+    """Collisions of one number of balls as read-only arrays; `[i]` is a `Collision`.
+
+    C, the number of contacts, is N - 1, or N on a table.
+
+    Attributes
+    ----------
+    masses, velocities : ndarray, shape (n, N)
+        In kg and m/s.
+    stiffnesses, restitutions, gaps : ndarray, shape (n, C)
+        In N/m^p, dimensionless, and in m.
+    table : bool
+        Whether all collisions are on a table, or none.
+    exponent : float
+        p of all contacts.
+
+    Raises
+    ------
+    ValueError
+        If a value is illegal; the message names field, row, value and legal range.
+    """
+
+    masses: Floats
+    stiffnesses: Floats
+    restitutions: Floats
+    velocities: Floats
+    table: bool
+    gaps: Floats
+    exponent: float = 1.0
+
+    def __post_init__(self) -> None:
+        n, balls = self.masses.shape
+        for legal, width in legal_fields(balls, self.table):
+            array = checked_array(legal, getattr(self, legal.name)).view()
+            if array.shape != (n, width):
+                raise ValueError(f"{legal.name} has the shape {array.shape}; legal: {(n, width)}")
+            array.flags.writeable = False
+            object.__setattr__(self, legal.name, array)
+        resting = np.flatnonzero(~(self.compression_rates > 0).any(axis=1))
+        if resting.size:
+            raise ValueError(
+                f"velocities of row {resting[0]}: nothing meets; legal: some contact is compressed"
+            )
+
+    @classmethod
+    def of(cls, collisions: Iterable[Collision]) -> Collisions:
+        """Make arrays of collisions that agree in their number of balls, in their table and in their exponent."""
+        if isinstance(collisions, cls):
+            return collisions
+        rows = list(collisions)
+        kinds = {(len(c.masses), c.table, c.exponent) for c in rows} or {(2, True, 1.0)}
+        if len(kinds) > 1:
+            raise ValueError(
+                f"collisions of {len(kinds)} kinds; legal: one number of balls, table and exponent"
+            )
+        ((balls, table, exponent),) = kinds
+        arrays = {
+            legal.name: np.array([getattr(c, legal.name) for c in rows], float).reshape(len(rows), width)
+            for legal, width in legal_fields(balls, table)
+        }
+        return cls(**arrays, table=table, exponent=exponent)
+
+    @classmethod
+    def from_ratios(
+        cls, stiffness_ratio: ArrayLike, mass_ratio: ArrayLike, e1: ArrayLike, e2: ArrayLike
+    ) -> Collisions:
+        """Make collisions of two balls on a table with m1 = 1 kg, k1 = 1 N/m and v0 = -1 m/s.
+
+        The inputs, as in `Collision.from_ratios`, are broadcast and flattened.
+        """
+        arrays = np.broadcast_arrays(*map(checked_array, RATIOS, (stiffness_ratio, mass_ratio, e1, e2)))
+        kappa, mu, e1, e2 = map(np.ravel, arrays)
+        ones, zeros = np.ones_like(mu), np.zeros_like(mu)
+        return cls(
+            masses=np.stack((ones, mu), axis=-1),
+            stiffnesses=np.stack((ones, kappa), axis=-1),
+            restitutions=np.stack((e1, e2), axis=-1),
+            velocities=np.stack((-ones, zeros), axis=-1),
+            table=True,
+            gaps=np.stack((zeros, zeros), axis=-1),
+        )
+
+    def __len__(self) -> int:
+        return len(self.masses)
+
+    @overload
+    def __getitem__(self, index: int) -> Collision: ...
+    @overload
+    def __getitem__(self, index: slice | NDArray[Any]) -> Collisions: ...
+    def __getitem__(self, index: Any) -> Collision | Collisions:
+        arrays = {legal.name: getattr(self, legal.name)[index] for legal in LINE}
+        if arrays["masses"].ndim == 2:
+            return replace(self, **arrays)
+        numbers = {name: tuple(array.tolist()) for name, array in arrays.items()}
+        return Collision(**numbers, table=self.table, exponent=self.exponent)
+
+    @property
+    def compression_rates(self) -> Floats:
+        """Rates w_i = v_{i+1} - v_i of each contact at first touch, in m/s, shape (n, C); -v_N at the table."""
+        return np.diff(self.velocities, axis=1, append=np.zeros((len(self), int(self.table))))
+
+    @property
+    def stiffness_ratio(self) -> Floats:
+        """k2/k1 of two balls on a table, shape (n,)."""
+        with np.errstate(divide="ignore"):
+            return self.stiffnesses[:, 1] / self.stiffnesses[:, 0]
+
+    @property
+    def mass_ratio(self) -> Floats:
+        """m2/m1, shape (n,)."""
+        return self.masses[:, 1] / self.masses[:, 0]
+
+    @property
+    def falls_on_resting(self) -> Booleans:
+        """Where B1 falls on B2, which rests on a table, with linear contacts; shape (n,)."""
+        if self.masses.shape[1] != 2 or not self.table or self.exponent != 1:
+            return np.zeros(len(self), bool)
+        return (self.velocities[:, 0] < 0) & (self.velocities[:, 1] == 0) & ~self.gaps.any(axis=1)
+
+    @property
+    def units(self) -> tuple[Floats, Floats]:
+        """Units of time (s) and velocity (m/s), as in `collision.Units`; each of shape (n,)."""
+        return scaling_units(self.masses, self.stiffnesses, self.compression_rates, self.exponent)

@@ -1,0 +1,120 @@
+"""The result of one collision by any solver: `Outcome`.
+
+Needs `model.status` and `model.path`. Every solver returns it; `model.outcomes` has many outcomes as arrays.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from impact_xval.model.collision import Collision
+from impact_xval.model.kinetic import kinetic_norm
+from impact_xval.model.path import Path
+from impact_xval.model.status import RESULT_STATUSES, STATUSES, Status
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Result of one collision by any solver.
+
+    Attributes
+    ----------
+    solver : str
+    velocities : tuple of float, length N
+        When the collision is over, in m/s; NaN only with a status that explains it.
+    impulses : tuple of float, one per contact
+        Total impulses in N s.
+    states : tuple of str
+        The sets of active contacts in their order, such as ``("1+2", "2", "-")``; for two balls on a table the paper's
+        names, such as ``("S1", "S3", "S1", "S2", "S4")``.
+    status : str
+        One of `STATUSES`: ``"ok"``; ``"closed-form"`` where a closed form was used; any other one says why there is no
+        result.
+    reason : str
+        One sentence; not empty where the status is neither ``"ok"`` nor ``"closed-form"``.
+    grazing_margin : float or None
+        How near the collision came to a jump of the model's outcome (docs/theory.md, section 6): the smallest
+        compression rate at a turning point, relative to its own amplitude. Infinity if none is below
+        `pair.grazing.NEAR`, None if not computed.
+    marked : str
+        One sentence that names the jump of the outcome, or the cut-off, that is so near that tiny changes of the input
+        would change the numbers; empty if nothing is near. Statistics leave marked results out.
+    n_events : int
+        Number of events.
+    diagnostics : mapping of str to float
+        Further numbers that the solver states, such as its time step, its number of steps, an energy residual.
+    path : Path or None
+        The way to the outcome, if it was recorded.
+    requested, effective : mapping of str to tuple of float
+        Parameters that an engine was given, and those that it says it uses, one number per contact or one in all:
+        ``"stiffness"`` (N/m), ``"damping"`` (N s/m), ``"restitution"``, ``"step"`` (s).
+
+    Raises
+    ------
+    ValueError
+        For an unknown status, a result that is not finite, a missing reason, or lengths that fit no line of balls; the
+        message names the field, the value and what is legal.
+    """
+
+    solver: str
+    velocities: tuple[float, ...]
+    impulses: tuple[float, ...]
+    states: tuple[str, ...] = ()
+    status: Status = "ok"
+    reason: str = ""
+    grazing_margin: float | None = None
+    marked: str = ""
+    n_events: int = 0
+    diagnostics: Mapping[str, float] = field(default_factory=dict[str, float])
+    path: Path | None = None
+    requested: Mapping[str, tuple[float, ...]] = field(default_factory=dict[str, tuple[float, ...]])
+    effective: Mapping[str, tuple[float, ...]] = field(default_factory=dict[str, tuple[float, ...]])
+
+    def __post_init__(self) -> None:
+        balls, contacts = len(self.velocities), len(self.impulses)
+        if self.status not in STATUSES:
+            raise ValueError(f"status = {self.status!r}; legal: {', '.join(STATUSES)}")
+        if contacts not in (balls - 1, balls):
+            raise ValueError(f"impulses: {contacts} values for {balls} balls; legal: {balls - 1} or {balls}")
+        if self.status not in RESULT_STATUSES:
+            if not self.reason:
+                raise ValueError(f"reason = ''; legal with the status {self.status!r}: why, in one sentence")
+            return
+        for name, values in (("velocities", self.velocities), ("impulses", self.impulses)):
+            for i, value in enumerate(values, 1):
+                if not math.isfinite(value):
+                    raise ValueError(
+                        f"{name}[{i}] = {value!r}; legal with the status {self.status!r}: finite numbers"
+                    )
+
+    v1 = property(lambda self: self.velocities[0], doc="Velocity of ball 1, in m/s.")
+    v2 = property(lambda self: self.velocities[1], doc="Velocity of ball 2, in m/s.")
+    impulse1 = property(lambda self: self.impulses[0], doc="Impulse of contact 1, in N s.")
+    impulse2 = property(lambda self: self.impulses[1], doc="Impulse of contact 2, in N s.")
+
+    @property
+    def differences(self) -> str:
+        """Sentence about the parameters that an engine replaced by others, beyond rounding; empty without any."""
+        phrases: list[str] = []
+        for name in sorted(self.requested.keys() & self.effective.keys()):
+            requested, effective = self.requested[name], self.effective[name]
+            for i, (asked, used) in enumerate(zip(requested, effective, strict=True), 1):
+                if not math.isclose(asked, used, rel_tol=1e-9):
+                    parameter = f"{name} {i}" if len(requested) > 1 else name
+                    phrases.append(f"{parameter} is {used:.6g}, {asked:.6g} was asked for")
+        return "; ".join(phrases)
+
+    def retained_energy(self, collision: Collision) -> float:
+        """Return the kinetic energy after the collision over the kinetic energy before it."""
+        before = kinetic_norm(collision.masses, collision.velocities)
+        after = kinetic_norm(collision.masses, self.velocities)
+        return float((after / before) ** 2)
+
+    @classmethod
+    def failure(cls, solver: str, collision: Collision, status: Status, reason: str) -> Outcome:
+        """Return the outcome of a solver that gave no result, with the reason."""
+        unknown = (math.nan,)
+        balls, contacts = len(collision.masses), len(collision.stiffnesses)
+        return cls(solver, unknown * balls, unknown * contacts, status=status, reason=reason)

@@ -1,0 +1,83 @@
+"""Collisions of two balls through the kernel, in threads: outcomes, outcomes with states, outcomes with paths.
+
+All are in units of m1, k1 and abs(v0). Needs `pair.kernel`. Used by `model.solving`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_xval.model.arrays import Floats
+from impact_xval.model.compiled import STATE_ROWS, run_in_threads
+from impact_xval.model.pair.kernel import collide_all
+from impact_xval.model.pair.record import PATH_POINT, RESULT, Cells, Logs, Options
+
+#: Collisions that a thread follows in one call.
+SHARE = 8192
+
+#: Points for each collision that the log of paths has room for at first.
+POINT_ROWS = 512
+
+_NO_PATH = np.empty(0, PATH_POINT).view(np.recarray)
+_NO_STATES = np.empty((0, 1), np.uint64)
+
+
+class PairResult(NamedTuple):
+    """Result of the kernel of two balls for n collisions."""
+
+    #: v1 and v2 per abs(v0), shape (n, 2); NaN where there is no result.
+    velocities: Floats
+    #: Records of `pair.record.RESULT`, shape (n,).
+    records: Any
+
+
+def _empty_result(n: int) -> PairResult:
+    return PairResult(np.empty((n, 2)), np.empty(n, RESULT).view(np.recarray))
+
+
+def follow(cells: Cells, options: Options) -> PairResult:
+    """Follow collisions to their ends."""
+    result = _empty_result(len(cells.kappa))
+
+    def follow_share(share: slice, _log: NDArray[Any]) -> int:
+        logs = Logs(_NO_PATH, _NO_STATES)
+        collide_all(cells.take(share), options, logs, result.velocities[share], result.records[share])
+        return 0
+
+    run_in_threads(
+        follow_share, len(cells.kappa), share=SHARE, log_rows=0, row_shape=(1,), log_type=np.uint64
+    )
+    return result
+
+
+def follow_with_states(cells: Cells, options: Options) -> tuple[PairResult, NDArray[np.uint64]]:
+    """Follow collisions, and return the sets of active contacts of all their states too, as `Logs` has them."""
+    result = _empty_result(len(cells.kappa))
+
+    def follow_share(share: slice, log: NDArray[Any]) -> int:
+        logs = Logs(_NO_PATH, log)
+        collide_all(cells.take(share), options, logs, result.velocities[share], result.records[share])
+        return int(result.records.n_states[share].sum())
+
+    sets = run_in_threads(
+        follow_share, len(cells.kappa), share=SHARE, log_rows=STATE_ROWS, row_shape=(1,), log_type=np.uint64
+    )
+    return result, sets
+
+
+def follow_with_paths(cells: Cells, options: Options) -> tuple[PairResult, Any]:
+    """Follow collisions, and return the points of all their paths too, as records of `PATH_POINT`."""
+    result = _empty_result(len(cells.kappa))
+
+    def follow_share(share: slice, log: NDArray[Any]) -> int:
+        logs = Logs(log.view(np.recarray), _NO_STATES)
+        collide_all(cells.take(share), options, logs, result.velocities[share], result.records[share])
+        return int(result.records.n_points[share].sum())
+
+    points = run_in_threads(
+        follow_share, len(cells.kappa), share=SHARE, log_rows=POINT_ROWS, row_shape=(), log_type=PATH_POINT
+    )
+    return result, points.view(np.recarray)

@@ -1,0 +1,116 @@
+"""Motion with a single active contact: in S2, in S3, and in S1 where the other contact is rigid.
+
+`lone_contact` tells which contact is active and against what it works; `after_lone_contact` applies what it has done.
+The motion in between is `pair.motion.follow_single_contact`.
+
+Units as in `pair.motion`. Needs `pair.law` and `pair.limits`. Used by `pair.kernel`.
+"""
+
+from __future__ import annotations
+
+from math import inf, sqrt
+from typing import NamedTuple
+
+from impact_xval.model.compiled import force_inlined
+from impact_xval.model.pair.law import (
+    Contact,
+    Pair,
+    Phase,
+    end_of_compression,
+    end_of_restitution,
+    reactivate,
+    restart,
+    with_energy,
+)
+from impact_xval.model.pair.limits import Rigid, view_from
+from impact_xval.model.pair.record import State
+
+
+class LoneContact(NamedTuple):
+    """The single active contact of a segment."""
+
+    #: Whether it is contact 1, ball-ball; else it is contact 2, ball-table.
+    is_ball_ball: bool
+    #: Whether the bodies of the other contact are one.
+    united: bool
+    contact: Contact
+    #: Mass that it works against, and its compression rate.
+    mass: float
+    rate: float
+    #: Impulse at which the other contact returns.
+    impulse_to_return: float
+
+
+@force_inlined
+def lone_contact(pair, mu, M, state, rigid, highest):
+    """Return the contact that is active alone in S2, in S3, or where a contact is rigid.
+
+    A rigid contact completes its impact where it holds energy that can part its bodies. Otherwise these are one, and
+    the other contact works against them to the end (`pair.limits`).
+    """
+    if rigid == Rigid.NONE:
+        if state == State.S3:
+            return LoneContact(True, False, pair.contact1, M, pair.d1, max(0.0, mu * pair.v2))
+        return LoneContact(False, False, pair.contact2, mu, -pair.v2, max(0.0, -mu * pair.d1))
+    stiff_is_1 = rigid == Rigid.CONTACT1
+    view = view_from(stiff_is_1, pair, mu, M)
+    # Of the energy of the stiff contact, F F_s/k is held merely by passing on the force F_s.
+    passing_on = 2 * sqrt(pair.contact1.E * pair.contact2.E * (view.soft.k / view.stiff.k)) * view.share
+    E = view.stiff.E - passing_on
+    parts_bodies = view.rate * view.rate + 2 * E / view.mass > 1 / highest
+    if parts_bodies:
+        return LoneContact(stiff_is_1, False, with_energy(view.stiff, E), view.mass, view.rate, inf)
+    united_rate = view.soft_rate + view.rate * view.share
+    return LoneContact(not stiff_is_1, True, view.soft, view.united_mass, united_rate, inf)
+
+
+@force_inlined
+def after_lone_contact(pair, lone, leaving, mu, state, stiffens, rigid):
+    """Return the pair after a segment with a single active contact, which ended with the exit `leaving`."""
+    c, loss = lone.contact, pair.loss
+    if leaving.compression_ended:
+        at_maximum = with_energy(c, c.E + 0.5 * lone.mass * lone.rate * lone.rate)
+        c, loss = end_of_compression(at_maximum, loss)
+    other = pair.contact2 if lone.is_ball_ball else pair.contact1
+    if leaving.returns:
+        E = leaving.energy
+        c = Contact(c.phase, c.k, E, sqrt(2 * c.k * E), c.e, c.original)
+        d1, v2, other = after_return(pair, lone, leaving, other, stiffens)
+    elif lone.united:
+        # The united bodies rest on each other, or on the table, and stay together.
+        c, other = end_of_restitution(c), end_of_restitution(other)
+        d1 = leaving.rate if lone.is_ball_ball else 0.0
+        v2 = 0.0 if lone.is_ball_ball else -leaving.rate
+    else:
+        c = end_of_restitution(c)
+        d1, v2, other, loss = after_parting(pair, lone, leaving, other, mu, state, stiffens, rigid, loss)
+    one, two = (c, other) if lone.is_ball_ball else (other, c)
+    return Pair(d1, v2, one, two, loss)
+
+
+@force_inlined
+def after_return(pair, lone, leaving, other, stiffens):
+    """Return d1, v2 and the other contact, which returns in compression: its compression rate is zero."""
+    other = reactivate(stiffens, other)
+    if lone.is_ball_ball:
+        return leaving.rate, 0.0, other
+    return 0.0, pair.v2 - pair.d1, other  # v1 has not changed, and v2 has reached it
+
+
+@force_inlined
+def after_parting(pair, lone, leaving, other, mu, state, stiffens, rigid, loss):
+    """Return d1, v2, the other contact and the loss, after the active contact ended restitution.
+
+    Where the active contact is rigid, it has completed its impact while the other one stood still under load. If that
+    impact now compresses the other contact, which was in restitution, its compression restarts.
+    """
+    if lone.is_ball_ball:
+        d1, v2 = leaving.rate, pair.v2 - leaving.impulse / mu
+        v2 = max(0.0, v2) if state == State.S3 else v2  # rounding must not make B2 approach the table
+        compresses = -v2 > 0
+    else:
+        d1, v2 = pair.d1 - (pair.v2 + leaving.rate), -leaving.rate
+        compresses = d1 > 0
+    if rigid != Rigid.NONE and other.phase == Phase.RESTITUTION and compresses:
+        other, loss = restart(stiffens, other, loss)
+    return d1, v2, other, loss

@@ -1,0 +1,99 @@
+"""Types that cross the boundary of the kernel of two balls: states, endings, cells, options, logs, and results.
+
+Used by `pair.kernel`, which fills in the results, and by `model.solving`, which reads them.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class State(IntEnum):
+    """State of the diagram, by the contacts that are active; contact 1 is ball-ball, contact 2 ball-table."""
+
+    S1 = 1  # both
+    S2 = 2  # contact 2
+    S3 = 3  # contact 1
+    S4 = 4  # none: the end
+
+
+class PairEnding(IntEnum):
+    """How the kernel of two balls ended a collision.
+
+    Its numbers differ from all of `chain.record.ChainEnding`, so that a code of one kernel means nothing to the other.
+    """
+
+    FINISHED = 100  # followed to S4
+    CLOSED_FORM = 101  # finished by the closed form of a limiting case
+    PRECISION = 102  # the same, since the running stiffness ratio left double precision
+    COLLAPSED = 103  # the bodies came to rest together after infinitely many events
+    TOO_MANY_EVENTS = 104  # given up
+    UNREPRESENTABLE = 105  # not followed: m2/m1 lies beyond `MASS_PRECISION`
+
+
+class Cells(NamedTuple):
+    """Ratios that decide a collision of two balls on a table (Theorem 5), dimensionless; arrays of shape (n,)."""
+
+    #: k2/k1, from 0 to infinity.
+    kappa: NDArray[np.float64]
+    #: m2/m1.
+    mu: NDArray[np.float64]
+    #: Coefficients of restitution.
+    e1: NDArray[np.float64]
+    e2: NDArray[np.float64]
+
+    def take(self, rows: NDArray[np.int64] | slice) -> Cells:
+        """Return some of the cells."""
+        return Cells(self.kappa[rows], self.mu[rows], self.e1[rows], self.e2[rows])
+
+
+class Options(NamedTuple):
+    """How the kernel of two balls follows collisions."""
+
+    #: Running stiffness ratio above which, and below whose inverse, a contact counts as rigid; `kernel.EXACT` for the
+    #: outcome without a cut-off.
+    cutoff: float
+    #: Number of events after which a collision is given up.
+    max_events: int
+    #: Whether a repeated compression keeps the stiffness that the ends of compression left (`pair.law`).
+    stiffens: bool
+    #: Points of a path per half period of the fastest oscillation of a segment.
+    points: int
+
+
+class Logs(NamedTuple):
+    """Logs that the kernel of two balls fills for all collisions, one after another, as far as they fit."""
+
+    #: Points of paths, of type `PATH_POINT`, shape (entries,); without entries, paths are not logged.
+    path: NDArray[np.void]
+    #: Sets of active contacts of the states, shape (entries, 1): contact 1 is the lowest bit; 0 is the end.
+    sets: NDArray[np.uint64]
+
+
+#: Point of a path, in units of m1, k1 and abs(v0).
+PATH_POINT = np.dtype(
+    [
+        ("state", "i8"),  # State
+        ("time", "f8"),  # since first touch
+        ("v1", "f8"),
+        ("v2", "f8"),
+        ("F1", "f8"),
+        ("F2", "f8"),
+    ]
+)
+
+#: Result of one collision, in units of m1, k1 and abs(v0).
+RESULT = np.dtype(
+    [
+        ("ending", "i8"),  # PairEnding
+        ("n_states", "i8"),
+        ("n_events", "i8"),
+        ("n_points", "i8"),  # in the log of paths
+        ("margin", "f8"),  # grazing margin (`pair.grazing`)
+        ("energy_residual", "f8"),  # 1/2 less the energy that was lost and the energy that is left
+    ]
+)

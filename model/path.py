@@ -1,0 +1,97 @@
+"""The way of a collision to its outcome: `Path` of one collision, `Paths` of many.
+
+Used by solvers that record paths, by `Outcome` and `Outcomes`, and by pictures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from impact_xval.model.arrays import Booleans, Floats, Integers
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Path:
+    """Way of one collision: p points in the order of time; several points may be at one instant.
+
+    Attributes
+    ----------
+    time : ndarray, shape (p,)
+        Since first touch, in s; infinite from where a contact without stiffness has to finish. For the model: time
+        computed with frozen positions.
+    velocities : ndarray, shape (p, N)
+        In m/s.
+    impulses, forces : ndarray, shape (p, C)
+        Accumulated impulses in N s, and forces in N. A rigid contact has the force that it passes on. Forces of an
+        engine are means since the point before. Where the model completes the impact of a stiff contact by a closed
+        form, the soft contact stands still meanwhile, and its force does not change velocities (supplement, 3.4).
+    acting : ndarray of bool, shape (p, C)
+        Whether each contact is active from this point on. A rigid contact is active while another contact is.
+    """
+
+    time: Floats
+    velocities: Floats
+    impulses: Floats
+    forces: Floats
+    acting: Booleans
+
+    v1 = property(lambda self: self.velocities[:, 0], doc="Velocity of ball 1, in m/s.")
+    v2 = property(lambda self: self.velocities[:, 1], doc="Velocity of ball 2, in m/s.")
+    impulse1 = property(lambda self: self.impulses[:, 0], doc="Impulse of contact 1, in N s.")
+    impulse2 = property(lambda self: self.impulses[:, 1], doc="Impulse of contact 2, in N s.")
+
+    @property
+    def state(self) -> Integers:
+        """State of two balls on a table at each point: 1 to 4 for S1 to S4; shape (p,)."""
+        return 4 - self.acting @ np.array([1, 2])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Paths(Sequence[Path | None]):
+    """Paths of n collisions of one number of balls, one after another; `[i]` is a `Path`, or None for an empty one.
+
+    The arrays are those of `Path`.
+    """
+
+    #: Path i has the points from offsets[i] to offsets[i + 1].
+    offsets: Integers
+    time: Floats
+    velocities: Floats
+    impulses: Floats
+    forces: Floats
+    acting: Booleans
+
+    @classmethod
+    def of(cls, paths: Iterable[Path | None], balls: int, contacts: int) -> Paths:
+        """Concatenate paths of a given number of balls and contacts; None counts as an empty path."""
+        no_impulses = np.empty((0, contacts))
+        empty = Path(
+            np.empty(0), np.empty((0, balls)), no_impulses, no_impulses, np.empty((0, contacts), bool)
+        )
+        rows = [path or empty for path in paths]
+        arrays = (
+            np.concatenate([getattr(path, array.name) for path in (empty, *rows)]) for array in fields(Path)
+        )
+        return cls(np.cumsum([0, *(len(path.time) for path in rows)]), *arrays)
+
+    def scatter(self, has_path: Booleans) -> Paths:
+        """Return the paths of more collisions: `has_path`, shape (m,), marks the n collisions that have these paths."""
+        lengths = np.zeros(len(has_path), np.int64)
+        lengths[has_path] = np.diff(self.offsets)
+        return replace(self, offsets=np.append(0, np.cumsum(lengths)))
+
+    def __len__(self) -> int:
+        return len(self.offsets) - 1
+
+    def __getitem__(self, index: int | slice) -> Any:
+        if isinstance(index, slice):
+            return [self[i] for i in range(len(self))[index]]
+        i = range(len(self))[index]
+        points = slice(*self.offsets[i : i + 2].tolist())
+        if points.start == points.stop:
+            return None
+        return Path(*(getattr(self, array.name)[points] for array in fields(Path)))

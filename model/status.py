@@ -1,0 +1,51 @@
+"""The status of an outcome, and the endings that decide it.
+
+`STATUSES` are all statuses, `RESULT_STATUSES` those with a result. `Ending` is a way in which collisions may end, and
+`first_endings` picks the one that counts. Used by `Outcome`, `Outcomes` and solvers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_xval.model.arrays import Booleans
+
+Status = Literal["ok", "closed-form", "unconverged", "timeout", "unrepresentable", "unavailable", "crashed"]
+STATUSES: tuple[str, ...] = get_args(Status)
+
+#: Statuses of an outcome whose numbers are its result. With ``unconverged`` there may be numbers that are no result.
+RESULT_STATUSES: tuple[Status, ...] = ("ok", "closed-form")
+
+#: Whether an outcome has a result, by the index of its status.
+IS_RESULT = np.array([status in RESULT_STATUSES for status in STATUSES])
+
+
+class Ending(NamedTuple):
+    """A way in which collisions may end."""
+
+    #: Where they end like this; shape (n,) or ().
+    condition: Booleans | np.bool_ | bool
+    status: Status
+    #: One sentence.
+    reason: str
+
+
+def first_endings(endings: Sequence[Ending], n: int) -> tuple[NDArray[np.uint8], NDArray[np.int32]]:
+    """Return the indices of status and reason of n collisions, as `Outcomes` has them.
+
+    The first ending counts whose condition holds. Where no condition holds, the status is ``ok``, without a reason.
+    """
+    reason = np.zeros(n, np.int32)
+    for index in range(len(endings), 0, -1):
+        reason[np.broadcast_to(endings[index - 1].condition, n)] = index
+    statuses = [STATUSES.index(status) for status in ("ok", *(ending.status for ending in endings))]
+    return np.array(statuses, np.uint8)[reason], reason
+
+
+def reasons_of(endings: Sequence[Ending]) -> tuple[str, ...]:
+    """Return the texts that the reasons of `first_endings` are indices into."""
+    return ("", *(ending.reason for ending in endings))
