@@ -31,14 +31,14 @@ with open({log!r}, "a") as log:
 if sys.argv[1] == "venv":
     venv.create(sys.argv[-1], symlinks=True)
     sys.exit()
-name, _, version = next(word for word in sys.argv if word.startswith("pymunk")).partition("==")
+name, _, version = next(word for word in sys.argv if word.startswith(("pymunk", "pybullet"))).partition("==")
 if version == "99":
     print("  × No solution found:\\n  ╰─▶ Because there is no version of pymunk==99", file=sys.stderr)
     sys.exit(1)
 (site,) = pathlib.Path(sys.argv[sys.argv.index("--python") + 1]).parents[1].glob("lib/python*/site-packages")
 (site / "here.pth").write_text({site!r})
-(site / f"pymunk-{{version}}.dist-info").mkdir()
-(site / f"pymunk-{{version}}.dist-info" / "METADATA").write_text(f"Name: pymunk\\nVersion: {{version}}\\n")
+(site / f"{{name}}-{{version}}.dist-info").mkdir(exist_ok=True)
+(site / f"{{name}}-{{version}}.dist-info" / "METADATA").write_text(f"Name: {{name}}\\nVersion: {{version}}\\n")
 program = {{
     "7.8": "import os, sys\\nif 'serve' in ' '.join(sys.orig_argv): os._exit(7)",
     "7.9": "import pymunk\\nreal = pymunk.Space.iterations\\n"
@@ -199,6 +199,15 @@ def test_an_environment_that_was_not_finished_is_made_anew(uv):
     (made.python.parents[1] / "environment.json").unlink()
     make_environment(Requirement("pymunk==7.5"))
     assert len(uv.read_text().splitlines()) == 4
+
+
+def test_wheels_that_were_built_for_numpy_1_get_it(uv):
+    for version, commands in ("3.2.6", 3), ("3.2.7", 2):
+        before = len(uv.read_text().splitlines()) if uv.exists() else 0
+        assert make_environment(Requirement(f"pybullet=={version}")).version == version
+        asked = uv.read_text().splitlines()[before:]
+        assert len(asked) == commands
+        assert asked[-1].endswith(" numpy<2") == (version == "3.2.6")
 
 
 def test_versions_are_asked_in_their_environments_and_one_that_dies_costs_its_rows(
