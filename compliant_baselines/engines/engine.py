@@ -121,7 +121,7 @@ class Engine(Solver):
         try:
             import_quietly(self.module)
         except Exception as error:  # of a package that is there but broken, any
-            if isinstance(error, ModuleNotFoundError) and "." not in (error.name or ""):
+            if isinstance(error, ModuleNotFoundError) and error.name == self.module.partition(".")[0]:
                 return f"{self.title} is not installed: {way_out}"
             said = " ".join(str(error).split()) or type(error).__name__
             here = f"Python {python_version()} and NumPy {version_of('numpy')}"

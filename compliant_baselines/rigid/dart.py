@@ -36,11 +36,12 @@ class DartWorld(RigidWorld):
         world.setTimeStep(scene.step)
         solver = world.getConstraintSolver()
         solver.setCollisionDetector(dart.collision.DARTCollisionDetector())
-        solver.setSplitImpulseEnabled(True)
-        # Where Dantzig's method gives up, in columns of four balls, sweeps follow: 30 by default, which is far too few.
-        solver.getSecondaryBoxedLcpSolver().setOption(
-            dart.constraint.PgsBoxedLcpSolverOption(10_000, 0.0, 1e-14)
-        )
+        if hasattr(solver, "setSplitImpulseEnabled"):  # Before 6.20 dartpy cannot reach either setting.
+            solver.setSplitImpulseEnabled(True)
+            # Where Dantzig's method gives up, in columns of four balls, sweeps follow: 30 by default, far too few.
+            solver.getSecondaryBoxedLcpSolver().setOption(
+                dart.constraint.PgsBoxedLcpSolverOption(10_000, 0.0, 1e-14)
+            )
 
         def add(body: Any, shape: Any, z: float, e: float) -> Any:
             node = body.createShapeNode(shape)

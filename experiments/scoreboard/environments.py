@@ -32,8 +32,9 @@ from impact_xval.experiments.tables.folder import write_json
 
 #: Dependencies of this project that `cases`, and what it imports, needs; no other is installed beside an engine.
 NEEDED = ("numpy", "scipy", "numba", "pydantic")
-#: The first versions whose wheels can be imported beside NumPy 2; those before do not state that they need NumPy 1.
-FIRST_FOR_NUMPY_2 = {"pybullet": "3.2.7"}
+#: Engines whose older wheels need a requirement that they do not state: the requirement, and the first version that
+#: does without it. The wheels are built for NumPy 1; they import pkg_resources, which newer setuptools have not.
+UNSTATED = {"pybullet": ("numpy<2", "3.2.7"), "sapien": ("setuptools<81", "3.0.3")}
 #: File that is written when an environment is complete, with the version that was installed.
 _COMPLETE = "environment.json"
 #: Prints the version of a distribution.
@@ -118,8 +119,9 @@ def make_environment(requirement: Requirement) -> Environment:
                 _run(create, requirement)
                 _run(install, requirement)
                 version = _run([str(python), "-I", "-c", _STATE, requirement.name], requirement).strip()
-                if Version(version) < Version(FIRST_FOR_NUMPY_2.get(requirement.name, "0")):
-                    _run([*install, "numpy<2"], requirement)
+                unstated, first_without = UNSTATED.get(requirement.name, ("", "0"))
+                if Version(version) < Version(first_without):
+                    _run([*install, unstated], requirement)
             except NotInstalledError:
                 shutil.rmtree(folder, ignore_errors=True)
                 raise

@@ -31,7 +31,7 @@ with open({log!r}, "a") as log:
 if sys.argv[1] == "venv":
     venv.create(sys.argv[-1], symlinks=True)
     sys.exit()
-name, _, version = next(word for word in sys.argv if word.startswith(("pymunk", "pybullet"))).partition("==")
+name, _, version = next(word for word in sys.argv if word.startswith(("pymunk", "pybullet", "sapien"))).partition("==")
 if version == "99":
     print("  × No solution found:\\n  ╰─▶ Because there is no version of pymunk==99", file=sys.stderr)
     sys.exit(1)
@@ -119,6 +119,15 @@ def test_a_version_without_an_answer_is_a_row_with_its_reason_and_the_next_is_he
     assert missing[:3] == ("mujoco", "mujoco==99", "not installed: there is none")
 
 
+def test_an_engine_that_is_not_installed_here_is_no_version():
+    here = answers_of("", (np.nan,) * 3, status="unavailable", reason="it is not installed").assign(v1=np.nan)
+    elsewhere = pd.concat([answers_of("1", SAME), answers_of("2", OTHER)])
+    assert [(each.version, each.differs) for each in releases_in(here, elsewhere)] == [
+        ("1", False),
+        ("2", True),
+    ]
+
+
 def test_engines_that_answer_the_same_are_said_together():
     elsewhere = [answers_of(version, SAME, solver) for solver in ("dart", "mujoco") for version in ("1", "2")]
     said = releases_in_words(releases_in(elsewhere[0].head(0), pd.concat(elsewhere)))
@@ -201,13 +210,17 @@ def test_an_environment_that_was_not_finished_is_made_anew(uv):
     assert len(uv.read_text().splitlines()) == 4
 
 
-def test_wheels_that_were_built_for_numpy_1_get_it(uv):
-    for version, commands in ("3.2.6", 3), ("3.2.7", 2):
-        before = len(uv.read_text().splitlines()) if uv.exists() else 0
-        assert make_environment(Requirement(f"pybullet=={version}")).version == version
-        asked = uv.read_text().splitlines()[before:]
-        assert len(asked) == commands
-        assert asked[-1].endswith(" numpy<2") == (version == "3.2.6")
+@pytest.mark.parametrize(
+    ("old", "new", "unstated"),
+    [("pybullet==3.2.6", "pybullet==3.2.7", "numpy<2"), ("sapien==3.0.2", "sapien==3.0.3", "setuptools<81")],
+)
+def test_what_older_wheels_need_and_do_not_state_is_installed(old, new, unstated, uv):
+    make_environment(Requirement(old))
+    _, first, second = uv.read_text().splitlines()
+    assert second == f"{first} {unstated}"
+    make_environment(Requirement(new))
+    assert len(uv.read_text().splitlines()) == 5
+    assert uv.read_text().count(unstated) == 1
 
 
 def test_versions_are_asked_in_their_environments_and_one_that_dies_costs_its_rows(
