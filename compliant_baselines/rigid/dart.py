@@ -3,6 +3,9 @@
 The restitution of a contact is the product of the coefficients of its two shapes: e below a ball, `partner` on what it
 meets. Each ball slides along a joint. Split impulses keep the correction of overlaps out of velocities.
 
+Before 6.20 dartpy has no split impulses: corrections of overlaps add up to 1e-3 m/s to the velocities of bodies that
+touch, and many collisions have no end.
+
 What is measured (6.20): a contact is softer by 1e-5, so that a rebound is slower by (1 + e) 1e-5 of the approach; no
 contact whose rebound were `SLOWEST` or less rebounds, and none rebounds faster than `FASTEST`.
 """
