@@ -130,7 +130,7 @@ class Engine(Solver):
         try:
             import_quietly(self.module)
         except Exception as error:  # a broken package can raise anything
-            if isinstance(error, ModuleNotFoundError) and "." not in (error.name or ""):
+            if isinstance(error, ModuleNotFoundError) and error.name == self.module.partition(".")[0]:
                 return f"{self.title} is not installed: {way_out}"
             message = " ".join(str(error).split()) or type(error).__name__
             python = f"Python {python_version()} and NumPy {version_of('numpy')}"

@@ -3,6 +3,9 @@
 The restitution of a contact is the product of the coefficients of its two shapes. Each ball slides along a joint. Split
 impulses keep the correction of overlaps out of velocities.
 
+Before 6.20 dartpy has no split impulses: corrections of overlaps add up to 1e-3 m/s to the velocities of bodies that
+touch, and many collisions have no end.
+
 Measured of version 6.20: DART softens a contact by 1e-5, so that a rebound is slower by (1 + e) 1e-5 of the approach. A
 contact that would rebound at `SLOWEST` or less does not rebound, and no contact rebounds faster than `FASTEST`.
 """
@@ -42,12 +45,13 @@ class DartWorld(RigidWorld):
         world.setTimeStep(scene.step)
         solver = world.getConstraintSolver()
         solver.setCollisionDetector(dart.collision.DARTCollisionDetector())
-        solver.setSplitImpulseEnabled(True)
-        # With four balls Dantzig's method can give up. DART then sweeps over the contacts, by default 30 times, which
-        # is far too few.
-        solver.getSecondaryBoxedLcpSolver().setOption(
-            dart.constraint.PgsBoxedLcpSolverOption(10_000, 0.0, 1e-14)
-        )
+        if hasattr(solver, "setSplitImpulseEnabled"):  # dartpy before 6.20 reaches neither setting
+            solver.setSplitImpulseEnabled(True)
+            # With four balls Dantzig's method can give up. DART then sweeps over the contacts, by default 30 times,
+            # which is far too few.
+            solver.getSecondaryBoxedLcpSolver().setOption(
+                dart.constraint.PgsBoxedLcpSolverOption(10_000, 0.0, 1e-14)
+            )
 
         def add(body: Any, shape: Any, z: float, e: float) -> Any:
             node = body.createShapeNode(shape)

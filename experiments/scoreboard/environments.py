@@ -23,6 +23,7 @@ from pathlib import Path
 from filelock import FileLock
 from packaging.requirements import InvalidRequirement, Requirement
 from packaging.utils import canonicalize_name
+from packaging.version import Version
 
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.registry import get_solver, is_engine, is_ours, solver_names
@@ -31,6 +32,9 @@ from impact_xval.experiments.tables.folder import write_json
 
 #: Dependencies of this project that `cases`, and what it imports, needs; no other is installed beside an engine.
 NEEDED = ("numpy", "scipy", "numba", "pydantic")
+#: Engines whose older wheels need a requirement that they do not state: the requirement, and the first version that
+#: does without it. The wheels are built for NumPy 1; they import pkg_resources, which newer setuptools have not.
+UNSTATED = {"pybullet": ("numpy<2", "3.2.7"), "sapien": ("setuptools<81", "3.0.3")}
 #: File that is written when an environment is complete, with the version that was installed.
 _COMPLETE = "environment.json"
 #: Prints the version of a distribution.
@@ -111,9 +115,13 @@ def make_environment(requirement: Requirement) -> Environment:
         if not (folder / _COMPLETE).exists():
             shutil.rmtree(folder, ignore_errors=True)
             try:
-                for command in _installing(folder, python, [str(requirement), *needed]):
-                    _run(command, requirement)
+                create, install = _installing(folder, python, [str(requirement), *needed])
+                _run(create, requirement)
+                _run(install, requirement)
                 version = _run([str(python), "-I", "-c", _STATE, requirement.name], requirement).strip()
+                unstated, first_without = UNSTATED.get(requirement.name, ("", "0"))
+                if Version(version) < Version(first_without):
+                    _run([*install, unstated], requirement)
             except NotInstalledError:
                 shutil.rmtree(folder, ignore_errors=True)
                 raise
@@ -122,23 +130,23 @@ def make_environment(requirement: Requirement) -> Environment:
     return Environment(str(requirement), requirement.name, version, python)
 
 
-def _installing(folder: Path, python: Path, requirements: Sequence[str]) -> list[list[str]]:
-    """Return the commands that make an environment: of uv where it is installed, else of venv and pip.
+def _installing(folder: Path, python: Path, requirements: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return the command that makes an environment, and the one that installs: of uv if it is there, else of pip.
 
     Wheels alone are installed: an engine is compiled for longer than anyone waits, and mostly in vain.
     """
     wanted = ["--only-binary", ":all:", *requirements]
     uv = shutil.which("uv") or shutil.which("uv", path=str(Path(sys.executable).parent))
     if uv:
-        return [
+        return (
             [uv, "venv", "--quiet", "--python", sys.executable, str(folder)],
             [uv, "pip", "install", "--quiet", "--python", str(python), *wanted],
-        ]
+        )
     # Isolated: pip takes what PYTHONPATH leads to for installed.
-    return [
+    return (
         [sys.executable, "-I", "-m", "venv", str(folder)],
         [str(python), "-I", "-m", "pip", "install", "--quiet", "--no-input", *wanted],
-    ]
+    )
 
 
 def _run(command: Sequence[str], requirement: Requirement) -> str:

@@ -63,11 +63,11 @@ def releases_in(here: Frame, elsewhere: Frame) -> list[Release]:
     Parameters
     ----------
     here
-        Answers of the engines that are installed here, which are a version too.
+        Answers of the engines that are asked here, which are a version too where they are installed.
     elsewhere
         Answers of the versions that were asked for. Of two with the same number the first counts.
     """
-    both = (elsewhere, here[here.solver.isin(elsewhere.solver)])
+    both = (elsewhere, here[here.solver.isin(elsewhere.solver) & (here.version != "")])
     answers = pd.concat([part.drop(columns="microseconds") for part in both], ignore_index=True)
     answers = answers.drop_duplicates(["solver", "version", "case", "e", "arrangement"])
     found: list[Release] = []

@@ -130,6 +130,16 @@ def test_without_an_engine_the_way_out_is_said(monkeypatch):
         assert advice in outcome.reason
 
 
+def test_an_engine_whose_requirement_is_missing_is_not_said_to_be_missing(tmp_path, monkeypatch):
+    (tmp_path / "half_an_engine.py").write_text("import gone_with_setuptools")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(Mujoco, "module", "half_an_engine")
+    said = Mujoco().unavailable()
+    assert "cannot be imported" in said
+    assert "No module named 'gone_with_setuptools'" in said
+    assert "is not installed" not in said
+
+
 @pytest.mark.parametrize(("version", "is_old"), [("3.1.6", True), ("3.2.7", False), ("3.10.0", False)])
 def test_a_version_that_is_too_old_is_said_to_be(version, is_old, monkeypatch):
     monkeypatch.setattr(Mujoco, "version", lambda _: version)

@@ -31,14 +31,14 @@ with open({log!r}, "a") as log:
 if sys.argv[1] == "venv":
     venv.create(sys.argv[-1], symlinks=True)
     sys.exit()
-name, _, version = next(word for word in sys.argv if word.startswith("pymunk")).partition("==")
+name, _, version = next(word for word in sys.argv if word.startswith(("pymunk", "pybullet", "sapien"))).partition("==")
 if version == "99":
     print("  × No solution found:\\n  ╰─▶ Because there is no version of pymunk==99", file=sys.stderr)
     sys.exit(1)
 (site,) = pathlib.Path(sys.argv[sys.argv.index("--python") + 1]).parents[1].glob("lib/python*/site-packages")
 (site / "here.pth").write_text({site!r})
-(site / f"pymunk-{{version}}.dist-info").mkdir()
-(site / f"pymunk-{{version}}.dist-info" / "METADATA").write_text(f"Name: pymunk\\nVersion: {{version}}\\n")
+(site / f"{{name}}-{{version}}.dist-info").mkdir(exist_ok=True)
+(site / f"{{name}}-{{version}}.dist-info" / "METADATA").write_text(f"Name: {{name}}\\nVersion: {{version}}\\n")
 program = {{
     "7.8": "import os, sys\\nif 'serve' in ' '.join(sys.orig_argv): os._exit(7)",
     "7.9": "import pymunk\\nreal = pymunk.Space.iterations\\n"
@@ -117,6 +117,15 @@ def test_a_version_without_an_answer_is_a_row_with_its_reason_and_the_next_is_he
     *_, changed, missing = table_of_releases(found, [error]).rows
     assert changed[3 + list(CASE_SETUPS).index("cradle 1 on 2")] == "!"
     assert missing[:3] == ("mujoco", "mujoco==99", "not installed: there is none")
+
+
+def test_an_engine_that_is_not_installed_here_is_no_version():
+    here = answers_of("", (np.nan,) * 3, status="unavailable", reason="it is not installed").assign(v1=np.nan)
+    elsewhere = pd.concat([answers_of("1", SAME), answers_of("2", OTHER)])
+    assert [(each.version, each.differs) for each in releases_in(here, elsewhere)] == [
+        ("1", False),
+        ("2", True),
+    ]
 
 
 def test_engines_that_answer_the_same_are_said_together():
@@ -199,6 +208,19 @@ def test_an_environment_that_was_not_finished_is_made_anew(uv):
     (made.python.parents[1] / "environment.json").unlink()
     make_environment(Requirement("pymunk==7.5"))
     assert len(uv.read_text().splitlines()) == 4
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "unstated"),
+    [("pybullet==3.2.6", "pybullet==3.2.7", "numpy<2"), ("sapien==3.0.2", "sapien==3.0.3", "setuptools<81")],
+)
+def test_what_older_wheels_need_and_do_not_state_is_installed(old, new, unstated, uv):
+    make_environment(Requirement(old))
+    _, first, second = uv.read_text().splitlines()
+    assert second == f"{first} {unstated}"
+    make_environment(Requirement(new))
+    assert len(uv.read_text().splitlines()) == 5
+    assert uv.read_text().count(unstated) == 1
 
 
 def test_versions_are_asked_in_their_environments_and_one_that_dies_costs_its_rows(
