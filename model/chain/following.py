@@ -99,9 +99,8 @@ class Problem:
     def follow(self, *, states: bool = True) -> ChainResult:
         """Follow all collisions to their ends, with or without a record of their states."""
         c = self.collisions
-        n, contacts = c.stiffnesses.shape
-        points: NDArray[np.int64] = np.ones(n, np.int64)
-        chains = self._scaled(points)
+        n, contacts = len(c), c.stiffnesses.shape[1]
+        chains = self._scaled(np.ones(n, dtype=np.int64))
         velocities = np.full(c.velocities.shape, np.nan)
         records: Any = np.zeros(n, RESULT).view(np.recarray)
 
