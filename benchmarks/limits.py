@@ -54,7 +54,7 @@ def solve(cells: np.ndarray, settings: Settings, k1: float) -> list[list[tuple[s
             d = outcome.diagnostics
             v1, v2 = d.get("v1_limit", math.nan), d.get("v2_limit", math.nan)
             away = max(abs(v1 - true.v1), abs(v2 - true.v2))
-            row.append((outcome.status, outcome.marked, away, d.get("limit_error", math.nan)))
+            row.append((outcome.status, outcome.mark, away, d.get("limit_error", math.nan)))
         rows.append(row)
     return rows
 

@@ -56,10 +56,10 @@ def _cleaned(name: str, outcome: Outcome, collision: Collision) -> Outcome:
     if given != legal:
         reason = f"velocities, impulses: {given[0]}, {given[1]} values; legal: {legal[0]}, {legal[1]}"
         return Outcome.failure(name, collision, "crashed", reason)
-    reason, marked = one_line(outcome.reason), one_line(outcome.marked)
-    if (reason, marked) == (outcome.reason, outcome.marked):
+    reason, mark = one_line(outcome.reason), one_line(outcome.mark)
+    if (reason, mark) == (outcome.reason, outcome.mark):
         return outcome
-    return replace(outcome, reason=reason, marked=marked)
+    return replace(outcome, reason=reason, mark=mark)
 
 
 def why_unavailable(solver: Solver) -> str | None:

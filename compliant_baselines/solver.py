@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.states import SHORTEST_STATE
+from impact_xval.errors import ImpactXvalError
 from impact_xval.model.collision import Collision
 from impact_xval.model.collisions import Collisions
 from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, Cutoff, legal_cutoff
@@ -44,7 +45,7 @@ Kind = Literal["model", "reference", "compliant", "rigid"]
 KELVIN_VOIGT = "kelvin-voigt"
 
 
-class SolverError(ValueError):
+class SolverError(ImpactXvalError, ValueError):
     """A solver asked for one outcome has none; it carries the status that a sweep would record, and the reason."""
 
     def __init__(self, solver: str, status: Status, reason: str) -> None:

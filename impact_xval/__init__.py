@@ -8,12 +8,38 @@ it is first used, so that the command starts at once.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from impact_xval.errors import ImpactXvalError
+
 if TYPE_CHECKING:
     from impact_xval.compliant_baselines import get_solver
     from impact_xval.experiments.cells.compared import compare
-    from impact_xval.model import Collision, solve, solve_batch
+    from impact_xval.model import (
+        Collision,
+        Collisions,
+        GridOutcomes,
+        Outcome,
+        Outcomes,
+        Path,
+        solve,
+        solve_batch,
+    )
 
-__all__ = ["Collision", "compare", "get_solver", "solve", "solve_batch"]
+__all__ = [
+    "Collision",
+    "Collisions",
+    "GridOutcomes",
+    "ImpactXvalError",
+    "Outcome",
+    "Outcomes",
+    "Path",
+    "compare",
+    "get_solver",
+    "solve",
+    "solve_batch",
+]
+
+#: Where the names are that are not of the model.
+_MODULES = {"get_solver": "compliant_baselines", "compare": "experiments.cells.compared"}
 
 
 def __getattr__(name: str) -> Any:
@@ -21,8 +47,7 @@ def __getattr__(name: str) -> Any:
         return import_module("importlib.metadata").version("impact-xval")
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    module = {"get_solver": "compliant_baselines", "compare": "experiments.cells.compared"}.get(name, "model")
-    return getattr(import_module(f"{__name__}.{module}"), name)
+    return getattr(import_module(f"{__name__}.{_MODULES.get(name, 'model')}"), name)
 
 
 def __dir__() -> list[str]:

@@ -14,7 +14,7 @@ from impact_xval.model.collision import Collision
 from impact_xval.model.collisions import Collisions
 from impact_xval.model.inputs import SUPPLEMENT_CUTOFF, Cutoff
 from impact_xval.model.outcome import Outcome
-from impact_xval.model.outcomes import Outcomes
+from impact_xval.model.outcomes import GridOutcomes, Outcomes
 from impact_xval.model.path import Path
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ __all__ = [
     "Collision",
     "Collisions",
     "Cutoff",
+    "GridOutcomes",
     "Outcome",
     "Outcomes",
     "Path",

@@ -38,7 +38,7 @@ class Outcome:
         How near the collision came to a jump of the model's outcome (docs/theory.md, section 6): the smallest
         compression rate at a turning point, relative to its own amplitude. Infinity if none is below
         `pair.grazing.NEAR`, None if not computed.
-    marked : str
+    mark : str
         One sentence that names the jump of the outcome, or the cut-off, that is so near that tiny changes of the input
         would change the numbers; empty if nothing is near. Statistics leave marked results out.
     n_events : int
@@ -65,7 +65,7 @@ class Outcome:
     status: Status = "ok"
     reason: str = ""
     grazing_margin: float | None = None
-    marked: str = ""
+    mark: str = ""
     n_events: int = 0
     diagnostics: Mapping[str, float] = field(default_factory=dict[str, float])
     path: Path | None = None
@@ -88,6 +88,11 @@ class Outcome:
                     raise ValueError(
                         f"{name}[{i}] = {value!r}; legal with the status {self.status!r}: finite numbers"
                     )
+
+    @property
+    def marked(self) -> bool:
+        """Whether the outcome is marked; `mark` says why."""
+        return bool(self.mark)
 
     v1 = property(lambda self: self.velocities[0], doc="Velocity of ball 1, in m/s.")
     v2 = property(lambda self: self.velocities[1], doc="Velocity of ball 2, in m/s.")

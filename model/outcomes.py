@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -42,7 +42,8 @@ class Outcomes(Sequence[Outcome]):
     status : ndarray of uint8, shape (n,)
         Indices into `STATUSES`; `statuses` are the texts.
     reason, mark : ndarray of int, shape (n,)
-        Indices into `reasons` and `marks`, whose first sentence is empty.
+        Indices into `reason_texts` and `mark_texts`, whose first sentence is empty. `reasons` and `marks` are the
+        sentences.
     n_states, n_events : ndarray of int, shape (n,)
     grazing_margin : ndarray, shape (n,)
         As in `Outcome`; NaN where it is not known.
@@ -59,9 +60,9 @@ class Outcomes(Sequence[Outcome]):
     impulses: Floats
     status: NDArray[np.uint8]
     reason: NDArray[np.int32]
-    reasons: tuple[str, ...]
+    reason_texts: tuple[str, ...]
     mark: NDArray[np.int32]
-    marks: tuple[str, ...]
+    mark_texts: tuple[str, ...]
     n_states: Integers
     n_events: Integers
     grazing_margin: Floats
@@ -80,9 +81,19 @@ class Outcomes(Sequence[Outcome]):
         return np.array(STATUSES)[self.status]
 
     @property
-    def marked(self) -> NDArray[np.object_]:
+    def reasons(self) -> NDArray[np.object_]:
+        """Sentences on statuses, as in `Outcome`."""
+        return np.array(self.reason_texts, dtype=object)[self.reason]
+
+    @property
+    def marked(self) -> Booleans:
+        """Whether each outcome is marked; `marks` say why."""
+        return self.mark > 0
+
+    @property
+    def marks(self) -> NDArray[np.object_]:
         """Sentences that mark outcomes, as in `Outcome`; empty for outcomes that are not marked."""
-        return np.array(self.marks, dtype=object)[self.mark]
+        return np.array(self.mark_texts, dtype=object)[self.mark]
 
     @property
     def has_result(self) -> Booleans:
@@ -116,9 +127,9 @@ class Outcomes(Sequence[Outcome]):
             impulses=total_impulses(collisions, velocities, fallen),
             status=status,
             reason=reason,
-            reasons=reasons_of(endings),
+            reason_texts=reasons_of(endings),
             mark=np.zeros(n, np.int32),
-            marks=("",),
+            mark_texts=("",),
             n_states=np.broadcast_to(n_states, n).astype(np.int64),
             n_events=np.broadcast_to(n_events, n).astype(np.int64),
             grazing_margin=np.array(np.broadcast_to(grazing_margin, n), float),
@@ -135,15 +146,7 @@ class Outcomes(Sequence[Outcome]):
         marked = np.flatnonzero(sentences != "")
         mark = np.zeros(len(self), np.int32)
         mark[marked] = 1 + np.arange(marked.size)
-        return replace(self, mark=mark, marks=("", *sentences[marked]))
-
-    def reshape(self, shape: tuple[int, ...]) -> Outcomes:
-        """Return the outcomes with arrays of a leading shape, such as the shape of a grid; `[i]` needs flat arrays."""
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
-        arrays: dict[str, Any] = {name: x for name, x in values.items() if isinstance(x, np.ndarray)}
-        reshaped = {name: x.reshape(shape + x.shape[1:]) for name, x in arrays.items()}
-        diagnostics = {name: x.reshape(shape) for name, x in self.diagnostics.items()}
-        return replace(self, **reshaped, diagnostics=diagnostics)
+        return replace(self, mark=mark, mark_texts=("", *sentences[marked]))
 
     def __len__(self) -> int:
         return len(self.velocities)
@@ -164,10 +167,91 @@ class Outcomes(Sequence[Outcome]):
             impulses=tuple(self.impulses[i].tolist()),
             states=states,
             status=STATUSES[int(self.status[i])],  # pyright: ignore[reportArgumentType]
-            reason=self.reasons[int(self.reason[i])],
+            reason=self.reason_texts[int(self.reason[i])],
             grazing_margin=None if math.isnan(margin) else margin,
-            marked=self.marks[int(self.mark[i])],
+            mark=self.mark_texts[int(self.mark[i])],
             n_events=int(self.n_events[i]),
             diagnostics={name: value for name, value in diagnostics.items() if not math.isnan(value)},
             path=None if self.paths is None else self.paths[i],
         )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GridOutcomes:
+    """Outcomes of a grid of collisions of two balls on a table; `[i, j, ...]` is the `Outcome` of one of them.
+
+    The arrays have the shape of the grid, and velocities and impulses an axis of length 2 after it.
+
+    Attributes
+    ----------
+    flat : Outcomes
+        The outcomes one after the other, the last axis of the grid fastest.
+    shape : tuple of int
+        The shape of the grid.
+    """
+
+    flat: Outcomes
+    shape: tuple[int, ...]
+
+    v1 = property(lambda self: self.velocities[..., 0], doc="Velocities of ball 1, in m/s.")
+    v2 = property(lambda self: self.velocities[..., 1], doc="Velocities of ball 2, in m/s.")
+    impulse1 = property(lambda self: self.impulses[..., 0], doc="Impulses of contact 1, in N s.")
+    impulse2 = property(lambda self: self.impulses[..., 1], doc="Impulses of contact 2, in N s.")
+
+    def __getitem__(self, index: int | tuple[int, ...]) -> Outcome:
+        return self.flat[int(np.arange(len(self.flat)).reshape(self.shape)[index])]
+
+    @property
+    def velocities(self) -> Floats:
+        """Velocities in m/s; NaN where there is no result."""
+        return self.flat.velocities.reshape(*self.shape, 2)
+
+    @property
+    def impulses(self) -> Floats:
+        """Impulses in N s; NaN where there is no result."""
+        return self.flat.impulses.reshape(*self.shape, 2)
+
+    @property
+    def statuses(self) -> NDArray[np.str_]:
+        """Statuses as texts."""
+        return self.flat.statuses.reshape(self.shape)
+
+    @property
+    def reasons(self) -> NDArray[np.object_]:
+        """Sentences on statuses, as in `Outcome`."""
+        return self.flat.reasons.reshape(self.shape)
+
+    @property
+    def has_result(self) -> Booleans:
+        """Whether the numbers of each outcome are a result."""
+        return self.flat.has_result.reshape(self.shape)
+
+    @property
+    def marked(self) -> Booleans:
+        """Whether each outcome is marked; `marks` say why."""
+        return self.flat.marked.reshape(self.shape)
+
+    @property
+    def marks(self) -> NDArray[np.object_]:
+        """Sentences that mark outcomes, as in `Outcome`; empty for outcomes that are not marked."""
+        return self.flat.marks.reshape(self.shape)
+
+    @property
+    def n_states(self) -> Integers:
+        """Numbers of states; 0 where states were not recorded."""
+        return self.flat.n_states.reshape(self.shape)
+
+    @property
+    def n_events(self) -> Integers:
+        """Numbers of events."""
+        return self.flat.n_events.reshape(self.shape)
+
+    @property
+    def grazing_margin(self) -> Floats:
+        """Grazing margins, as in `Outcome`; NaN where one is not known."""
+        return self.flat.grazing_margin.reshape(self.shape)
+
+    @property
+    def diagnostics(self) -> dict[str, Floats]:
+        """Further numbers by name; NaN where an outcome does not state one."""
+        return {name: values.reshape(self.shape) for name, values in self.flat.diagnostics.items()}

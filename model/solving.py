@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,7 +30,7 @@ from impact_xval.model.inputs import (
     legal_cutoff,
 )
 from impact_xval.model.outcome import Outcome
-from impact_xval.model.outcomes import Outcomes, total_impulses
+from impact_xval.model.outcomes import GridOutcomes, Outcomes, total_impulses
 from impact_xval.model.pair.events import MOST_WINDOWS
 from impact_xval.model.pair.following import follow, follow_with_paths, follow_with_states
 from impact_xval.model.pair.grazing import CUTOFF_THRESHOLD, MARKS
@@ -53,7 +52,15 @@ LAWS = {"jia-mason-erdmann": Law.STATE_TRANSITION, "liu-zhao-brogliato": Law.LIU
 MAX_EVENTS = 2_000_000
 
 
-def solve(collision: Collision, *, path: bool = False, **how: Any) -> Outcome:
+def solve(
+    collision: Collision,
+    *,
+    law: str = "jia-mason-erdmann",
+    stiffness_ratio_cutoff: Cutoff = "exact",
+    max_events: int | None = None,
+    grazing_threshold: float = GRAZING_THRESHOLD,
+    path: bool = False,
+) -> Outcome:
     """Solve one collision by the state transition model of Jia, Mason and Erdmann.
 
     The outcome is exact where contacts are linear. With any exponent other than 1 the motion is integrated, with an
@@ -63,10 +70,10 @@ def solve(collision: Collision, *, path: bool = False, **how: Any) -> Outcome:
     ----------
     collision : Collision
         Every limiting case is legal: e_i = 0, e_i = 1, and for two balls on a table k2/k1 = 0 or infinity.
+    law, stiffness_ratio_cutoff, max_events, grazing_threshold
+        As for `solve_many`.
     path : bool
         Whether the outcome has a `path`.
-    **how
-        As for `solve_many`.
 
     Returns
     -------
@@ -77,7 +84,15 @@ def solve(collision: Collision, *, path: bool = False, **how: Any) -> Outcome:
     ValueError
         For an illegal cut-off, an unknown law, or gaps.
     """
-    return solve_many(Collisions.of([collision]), paths=path, **how)[0]
+    outcomes = solve_many(
+        Collisions.of([collision]),
+        law=law,
+        stiffness_ratio_cutoff=stiffness_ratio_cutoff,
+        max_events=max_events,
+        grazing_threshold=grazing_threshold,
+        paths=path,
+    )
+    return outcomes[0]
 
 
 def solve_many(
@@ -169,7 +184,7 @@ def _with_marks(outcomes: Outcomes, law: Law, grazing_threshold: float) -> Outco
     if "cutoff_effect" in outcomes.diagnostics:
         is_small = outcomes.diagnostics["cutoff_effect"] <= CUTOFF_THRESHOLD
         mark += 2 * (outcomes.has_result & ~is_small)
-    return replace(outcomes, grazing_margin=margin, mark=mark, marks=MARKS)
+    return replace(outcomes, grazing_margin=margin, mark=mark, mark_texts=MARKS)
 
 
 def no_positions(collisions: Collisions) -> str:
@@ -243,9 +258,9 @@ def _solve_cells(cells: Cells, options: Options, *, states: bool) -> Outcomes:
         impulses=impulses,
         status=status,
         reason=reason,
-        reasons=reasons_of(endings),
+        reason_texts=reasons_of(endings),
         mark=np.zeros(n, np.int32),
-        marks=MARKS,
+        mark_texts=MARKS,
         n_states=records["n_states"],
         n_events=records["n_events"],
         grazing_margin=records["margin"],
@@ -342,7 +357,7 @@ def solve_batch(
     grazing_threshold: float = GRAZING_THRESHOLD,
     states: bool = False,
     paths: bool = False,
-) -> Outcomes:
+) -> GridOutcomes:
     """Solve many collisions of two balls on a table at once, with m1 = 1 kg, k1 = 1 N/m and v0 = -1 m/s.
 
     Parameters
@@ -354,7 +369,7 @@ def solve_batch(
 
     Returns
     -------
-    Outcomes
+    GridOutcomes
         Arrays of the shape that the inputs broadcast to: `v1`, `v2`, `statuses`, `grazing_margin`, `marked`, ...
 
     Raises
@@ -370,4 +385,4 @@ def solve_batch(
         # Contiguous arrays of the caller's are passed on as they are; the kernel only reads them.
         cells = Cells(*(np.array(ratio, order="C").ravel() for ratio in ratios))
         outcomes = _solve_cells(cells, options, states=states)
-    return _with_marks(outcomes, LAWS[law], grazing_threshold).reshape(ratios[0].shape)
+    return GridOutcomes(_with_marks(outcomes, LAWS[law], grazing_threshold), ratios[0].shape)

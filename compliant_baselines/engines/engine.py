@@ -236,7 +236,7 @@ class Engine(Solver):
             marks = marks_of(solve, law, group, solve(group, gravity), gravity, ends)
             for i, mark in zip(rows, marks.tolist(), strict=True):
                 if mark:
-                    outcomes[i] = replace(outcomes[i], marked=mark)
+                    outcomes[i] = replace(outcomes[i], mark=mark)
 
     def _solve_with_limit(self, collision: Collision, settings: Settings) -> tuple[Outcome, Limit | None]:
         """Solve a collision; give its limit dt -> 0 too if that is asked for and known."""

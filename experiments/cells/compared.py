@@ -139,7 +139,7 @@ class Compared:
                 "impulses": [i / (self.problem.masses[0] * speed) for i in each.impulses],
                 **{
                     key: getattr(each, key)
-                    for key in ("states", "status", "reason", "grazing_margin", "marked")
+                    for key in ("states", "status", "reason", "grazing_margin", "marked", "mark")
                 },
                 "D": measures[name]["velocity_divergence"],
                 "D_from": {
@@ -179,7 +179,7 @@ class Compared:
         note = _CHAIN_NOTE if self.is_chain and table.rows else ""
         withheld = WHAT_NO_RESULT_IS if any(map(self._mark, self._known)) else ""
         reasons = [f"{n}: {each.status}: {each.reason}" for n, each in self.outcomes.items() if each.reason]
-        marks = [f"{name}: marked: {each.marked}" for name, each in self.outcomes.items() if each.marked]
+        marks = [f"{name}: marked: {each.mark}" for name, each in self.outcomes.items() if each.marked]
         other = [f"{name}: {each.differences}" for name, each in self.outcomes.items() if each.differences]
         return [
             *filter(

@@ -12,6 +12,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
+from impact_xval.errors import ImpactXvalError
+
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
@@ -21,7 +23,7 @@ FieldName = Callable[[Sequence[str | int]], str]
 _Model = TypeVar("_Model", bound="BaseModel")
 
 
-class _OneLineError(Exception):
+class _OneLineError(ImpactXvalError):
     def __init__(self, message: str) -> None:
         from impact_xval.compliant_baselines.answers import visible  # its room imports numpy
 

@@ -90,8 +90,8 @@ def _of_arrays(outcomes: Outcomes, shortest: Floats | None) -> dict[str, Any]:
         "velocities": outcomes.velocities,
         "impulses": outcomes.impulses,
         "status": outcomes.statuses,
-        "reason": np.array(outcomes.reasons, dtype=object)[outcomes.reason],
-        "mark": outcomes.marked,
+        "reason": outcomes.reasons,
+        "mark": outcomes.marks,
         "differences": [""] * len(outcomes),
         "states": outcomes.states.texts() if named and outcomes.states else [""] * len(outcomes),
         "n_states": outcomes.n_states,
@@ -107,7 +107,7 @@ def _of_list(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     alike = ("velocities", "impulses", "status", "reason", "differences")
     return {
         **{name: [getattr(each, name) for each in outcomes] for name in alike},
-        "mark": [each.marked for each in outcomes],
+        "mark": [each.mark for each in outcomes],
         "states": [" ".join(each.states) for each in outcomes],
         "n_states": np.array([len(each.states) for each in outcomes], np.int64),
         "n_events": np.array([each.n_events for each in outcomes], np.int64),

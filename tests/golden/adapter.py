@@ -62,7 +62,7 @@ def solve(problem, solver, *, path=False):
         "states": _written(states),
         "events": int(outcome.n_events),
         "margin": plain(outcome.grazing_margin),
-        "mark": "+".join(word for word in ("grazing", "cut-off") if word in outcome.marked)
+        "mark": "+".join(word for word in ("grazing", "cut-off") if word in outcome.mark)
         or ("jump" if outcome.marked else ""),
         "diagnostics": numbers,
     }

@@ -206,7 +206,7 @@ def test_a_jump_has_a_margin_that_vanishes():
     assert apart(below, above) > 1e-2
     for outcome in (below, above):
         assert outcome.grazing_margin < 1e-9
-        assert outcome.marked.startswith("grazing")
+        assert outcome.mark.startswith("grazing")
 
 
 @pytest.mark.parametrize("exponent", [1.0, 1.5])

@@ -171,7 +171,7 @@ def test_plastic_balls_in_a_drop_on_a_rigid_table_are_at_rest_after_a_step():
 
     for scenario in ("impact", "drop"):
         outcome = Falling().solve(cell(e1=0.0, e2=0.0), Settings(scenario=scenario))
-        assert (outcome.velocities, outcome.marked) == ((0, 0), ""), scenario
+        assert (outcome.velocities, outcome.mark) == ((0, 0), ""), scenario
         assert outcome.diagnostics["n_steps"] <= 2
 
 

@@ -230,9 +230,9 @@ def test_an_outcome_beside_a_jump_is_marked(name):
     c = two_balls(*BESIDE_A_JUMP, k1=1e5)
     outcome = get_solver(name).solve(c, Settings(scenario="drop"))
     says = r"a change of -?0.001 in e2 moves the exact outcome of kelvin-voigt by 0.95"
-    assert re.match(says, outcome.marked)
-    assert get_solver(name).solve(c, Settings(scenario="drop", mark=False)).marked == ""
-    assert get_solver(name).solve(two_balls(*PARTING), Settings(scenario="drop")).marked == ""
+    assert re.match(says, outcome.mark)
+    assert get_solver(name).solve(c, Settings(scenario="drop", mark=False)).mark == ""
+    assert get_solver(name).solve(two_balls(*PARTING), Settings(scenario="drop")).mark == ""
 
 
 @pytest.mark.slow
@@ -251,8 +251,8 @@ def test_a_limit_with_another_flight_than_the_exact_law_is_marked():
     # MuJoCo's least impedance lets B2 leave the table 9 microseconds before the balls meet; exactly, they meet first.
     c = two_balls(0.00553308751813229, 0.8101045963654292, 0.5562510847276028, 0.5158582821238982)
     outcome = get_solver("mujoco").solve(c, DROP)
-    assert outcome.marked == "gravity ends in a first flight of the engine, and exact kelvin-voigt has none"
-    assert get_solver("mujoco").solve(c, Settings(scenario="impact", convergence=Convergence())).marked == ""
+    assert outcome.mark == "gravity ends in a first flight of the engine, and exact kelvin-voigt has none"
+    assert get_solver("mujoco").solve(c, Settings(scenario="impact", convergence=Convergence())).mark == ""
 
 
 def test_a_limit_at_rest_that_the_exact_law_leaves_is_marked():
@@ -265,7 +265,7 @@ def test_a_limit_at_rest_that_the_exact_law_leaves_is_marked():
     # which no difference between steps tells
     assert abs(limit["v1_limit"] - exact.v1) > 3 * limit["limit_error"]
     says = "by the engine the lower ball comes to rest on the table, and by exact kelvin-voigt it leaves"
-    assert outcome.marked == says
+    assert outcome.mark == says
 
 
 @pytest.mark.parametrize("law", ["sequential-top", "sequential-bottom", "newton-restitution"])

@@ -200,12 +200,10 @@ def test_what_rounding_decides_is_marked():
         (outcome,) = get_solver(solver).solve_many([STACK], Settings(step_fraction=0.05))
         assert outcome.status == "ok", outcome.reason
         assert np.abs(np.subtract(outcome.velocities, TRUTH)).max() > 0.1  # which is why
-        assert outcome.marked.startswith(
-            "a change of 1e-06 in masses and stiffnesses moves the exact outcome"
-        )
+        assert outcome.mark.startswith("a change of 1e-06 in masses and stiffnesses moves the exact outcome")
 
 
 def test_an_error_that_is_stated_marks_too():
     (outcome,) = get_solver("hunt-crossley").solve_many([replace(STACK, exponent=1.5)], Settings())
     assert outcome.diagnostics["velocity_error"] > 1e-3
-    assert outcome.marked.startswith("its own error moves")
+    assert outcome.mark.startswith("its own error moves")

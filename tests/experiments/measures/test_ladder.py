@@ -215,7 +215,7 @@ def test_a_cell_is_marked_where_a_corner_of_its_ladder_jumps():
     cell = 0.0367233421504446, 0.6889490525763244, 0.5694414020068647, 0.7990332863355147
     cells = [np.array([x, y]) for x, y in zip(cell, (1.0, 1.0, 0.8, 0.8), strict=True)]
     number = 9.81 / np.sqrt(1e8 * (1 + 1 / cells[1]))
-    first, second = corners(solve_batch(*cells), cells, number).mark
+    first, second = corners(solve_batch(*cells).flat, cells, number).mark
     assert first == "ladder: frozen bistiffness with gravity jumps where a parameter changes by 0.004 or less"
     assert second == ""
 
