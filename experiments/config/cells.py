@@ -36,13 +36,13 @@ _MOST_CHUNKS = 10_000
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Some cells: their numbers in the experiment, their columns of `schema.PAIR` or `schema.LINE`, and what is solved.
+    """Consecutive cells of an experiment."""
 
-    The collisions are a `Collisions` where all are of one kind.
-    """
-
+    #: Number of each cell in the experiment.
     index: NDArray[np.int64]
+    #: Parameters of the cells by name, shape (n,): the columns of a pair or a chain in `schema`.
     parameters: dict[str, NDArray[Any]]
+    #: What is solved; a `Collisions` where all are of one kind.
     collisions: Sequence[Collision]
 
     def __len__(self) -> int:

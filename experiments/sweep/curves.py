@@ -22,7 +22,7 @@ from impact_xval.experiments.sweep.process import FaultError, in_halves
 from impact_xval.experiments.sweep.rows import Experiment, settings_of
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.parquet import replacing
-from impact_xval.experiments.tables.schema import WHO, columns, schema
+from impact_xval.experiments.tables.schema import SOLVER_AND_STATUS, Column, arrow_schema, pick
 from impact_xval.model.collision import RESULT_STATUSES
 
 CURVES = "curves.parquet"
@@ -30,16 +30,19 @@ CURVES = "curves.parquet"
 #: How far a force may be from the straight lines it is drawn by, over the largest one: less than a pen is wide.
 _STRAIGHT = 1e-3
 
-#: A row a solver.
-CURVES_SCHEMA = schema(
-    {name: WHO[name] for name in ("solver", "status", "reason")}
-    | columns(
-        """
-        velocities  floats  -  final velocities per |v0|, ball 1 first
-        impulses    lists   -  of each contact so far, per m1 |v0|; of two balls
-        time        floats  -  of forces since first touch, in its unit, (m1/k1 |v0|^(1 - p))^(1/(p + 1))
-        forces      lists   -  of each contact, per m1 |v0| and that time; of chains of N balls
-        """
+#: Schema of the table of curves: one row per solver.
+CURVES_SCHEMA = arrow_schema(
+    (
+        *pick(SOLVER_AND_STATUS, ("solver", "status", "reason")),
+        Column("velocities", "floats", "-", "final velocities per |v0|, ball 1 first"),
+        Column("impulses", "lists", "-", "of each contact so far, per m1 |v0|; of two balls"),
+        Column(
+            "time",
+            "floats",
+            "-",
+            "of forces since first touch, in its unit, (m1/k1 |v0|^(1 - p))^(1/(p + 1))",
+        ),
+        Column("forces", "lists", "-", "of each contact, per m1 |v0| and that time; of chains of N balls"),
     )
 )
 

@@ -135,18 +135,19 @@ class RunFolder:
     def assemble(self, parts: dict[int, Path], layout: Layout, rows: int) -> None:
         """Write the finished tables from the parts, in the order of the cells, in one pass; `rows` are in them all."""
         with contextlib.ExitStack() as stack:
-            adds = [
-                (cut, stack.enter_context(table_writer(self.root / f"{name}.parquet", cut.schema)))
-                for name, cut in layout.tables.items()
+            writers = [
+                (table, stack.enter_context(table_writer(self.root / f"{name}.parquet", table.schema)))
+                for name, table in layout.tables.items()
             ]
-            for piece in _pieces((parts[number] for number in sorted(parts)), layout):
-                for cut, add in adds:
-                    if len(some := cut.of(piece)):
-                        add(some)
-        for name, cut in layout.tables.items():
-            if cut.text and rows <= _CSV:
-                with replacing(self.root / f"{name}.csv") as text:
-                    pacsv.write_csv(self.read_table(f"{name}.parquet"), text)
+            for group in _row_groups((parts[number] for number in sorted(parts)), layout):
+                for table, write in writers:
+                    selected = table.select(group)
+                    if len(selected):
+                        write(selected)
+        for name, table in layout.tables.items():
+            if table.csv and rows <= _CSV:
+                with replacing(self.root / f"{name}.csv") as path:
+                    pacsv.write_csv(self.read_table(f"{name}.parquet"), path)
 
     def tally(self) -> Tally:
         """Count the rows of the finished table of cells by what became of them."""
@@ -204,8 +205,8 @@ def statuses_of(outcomes: Tally) -> dict[str, dict[str, int]]:
     return {solver: dict(found) for solver, found in counts.items()}
 
 
-def _pieces(parts: Iterable[Path], layout: Layout) -> Iterator[pa.Table]:
-    """Read parts, as many at a time as make a row group."""
+def _row_groups(parts: Iterable[Path], layout: Layout) -> Iterator[pa.Table]:
+    """Read parts, as many at a time as make a row group of the tables."""
     tables: list[pa.Table] = []
     for part in parts:
         tables.append(read_part(part, layout))
