@@ -10,7 +10,7 @@ import pyarrow.compute as pc
 from impact_xval.compliant_baselines.registry import is_engine, law_of
 from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.measures.corners import corner_names
-from impact_xval.experiments.measures.ladder import CAUSES, Contribution, contributions_of
+from impact_xval.experiments.measures.ladder import Contribution, contributions_of
 from impact_xval.experiments.tables import schema
 from impact_xval.experiments.tables.schema import Column, Columns, Layout, TableSpec
 
@@ -51,7 +51,7 @@ def layout_of(config: Config) -> Layout:
             pc.field(LADDER_PREFIX + "status").is_valid(),
         ),
     }
-    part = schema.union(cells, divergence, ladder_in_part if laddered(config) else ())
+    part = schema.union(cells, divergence, ladder_in_part if engines_with_ladders(config) else ())
     return Layout(pair, balls, contacts, schema.arrow_schema(part), tables)
 
 
@@ -64,7 +64,7 @@ def _largest_counts(config: Config) -> tuple[int, int]:
     return balls, balls if on_table else balls - 1
 
 
-def laddered(config: Config) -> list[str]:
+def engines_with_ladders(config: Config) -> list[str]:
     """List the engines that have ladders: those that were asked for the law of an exact solver."""
     engines = [name for name in config.solvers if is_engine(name) and law_of(name) is not None]
     return engines if config.measures == "all" else []
@@ -126,7 +126,7 @@ def ladder_columns(*, gravity: bool) -> Columns:
 def _contribution_columns(contribution: Contribution, orders: str) -> Iterator[Column]:
     """Yield the columns of a contribution; `orders` is the number of orders of the causes, in words."""
     name, before, after = contribution.name, contribution.before, contribution.after
-    if contribution in CAUSES:
+    if contribution.is_cause:
         mean = f"mean over the {orders} orders of the causes (Shapley value)"
         difference = f"{contribution.label}, {mean}: {before} -> {after}"
     else:
@@ -139,7 +139,7 @@ def _contribution_columns(contribution: Contribution, orders: str) -> Iterator[C
         "-",
         "component along the whole difference over D; shares of a row sum to 1",
     )
-    if contribution in CAUSES:
+    if contribution.is_cause:
         by_order = f"share by the {orders} orders of the causes"
         yield Column(f"{name}_share_low", "float", "-", f"least {by_order}")
         yield Column(f"{name}_share_high", "float", "-", f"largest {by_order}")

@@ -27,7 +27,7 @@ from impact_xval.experiments.measures.divergence import (
 )
 from impact_xval.experiments.measures.ladder import ladders, of_balls, scatter
 from impact_xval.experiments.measures.laws import exact_for
-from impact_xval.experiments.measures.layout import laddered, layout_of
+from impact_xval.experiments.measures.layout import engines_with_ladders, layout_of
 from impact_xval.experiments.tables.schema import Layout, to_table
 from impact_xval.model.collision import Collisions, Outcome, Status
 
@@ -160,7 +160,7 @@ def completed(experiment: Experiment, block: Block, rows: pa.Table) -> pa.Table:
     per_cell = {name: np.arange(i, len(rows), len(names)) for i, name in enumerate(names)}
     columns: dict[str, Any] = {"limit_distance": _limit_distances(experiment, block, rows, per_cell)}
     model = rows.take(per_cell[REFERENCE])
-    engines = {name: rows.take(per_cell[name]) for name in laddered(experiment.config)}
+    engines = {name: rows.take(per_cell[name]) for name in engines_with_ladders(experiment.config)}
     for name, found in ladders(experiment.config, block, model, engines).items():
         for key, values in found.items():
             scatter(columns, f"ladder_{key}", values, per_cell[name], len(rows))
@@ -169,7 +169,7 @@ def completed(experiment: Experiment, block: Block, rows: pa.Table) -> pa.Table:
 
 def without_ladder(experiment: Experiment, rows: pa.Table, status: str, reason: str) -> pa.Table:
     """Say of the rows of engines why they have no ladder."""
-    engines = np.isin(rows["solver"].to_pylist(), laddered(experiment.config))
+    engines = np.isin(rows["solver"].to_pylist(), engines_with_ladders(experiment.config))
     said = {"status": status, "reason": reason}
     said |= {key: np.array(rows[key].to_pylist(), dtype=object) for key in ("marked", "limit_error")}
     return _with(rows, {f"ladder_{key}": np.where(engines, x, np.array(None)) for key, x in said.items()})

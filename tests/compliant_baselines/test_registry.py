@@ -12,7 +12,7 @@ from impact_xval.compliant_baselines.registry import origins
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.laws import voters
-from impact_xval.experiments.measures.layout import laddered
+from impact_xval.experiments.measures.layout import engines_with_ladders
 from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.presentation.findings import overall_table
 from impact_xval.experiments.sweep.run import run_sweep
@@ -136,7 +136,7 @@ def test_a_plug_in_states_its_kind_and_law(site):
         assert (registry.kind_of(name), registry.law_of(name)) == ("compliant", "kelvin-voigt")
     assert voters(["toy", "gone", "kelvin-voigt"]) == ["toy", "kelvin-voigt"]
     config = parse_config({"solvers": ["toy", "gone", "kelvin-voigt"]})
-    assert laddered(config) == ["gone"]  # the others have no ladder
+    assert engines_with_ladders(config) == ["gone"]  # the others have no ladder
 
 
 def test_broken_ones_are_unavailable_with_the_reason_and_break_no_command(site, command):

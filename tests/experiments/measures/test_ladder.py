@@ -150,7 +150,7 @@ def test_a_cell_in_which_the_order_matters(limit, last):
     np.testing.assert_allclose(6.5 * low[:3, 0], [1, 1, 0], atol=1e-14)
     np.testing.assert_allclose(6.5 * high[:3, 0], [5, 3, 2], atol=1e-14)
     assert ladder.contributions[ladder.dominant()[0]].name == "frozen_positions"
-    assert not ladder.agreed()[0]  # positions first: 1 to 3 of the law, last
+    assert not ladder.same_by_every_order()[0]  # positions first: 1 to 3 of the law, last
 
 
 def test_only_the_last_contribution_depends_on_the_step_and_it_goes_away_with_it(tmp_path):
