@@ -29,7 +29,7 @@ from impact_xval.experiments.config.cells import Block, experiment_cells
 from impact_xval.experiments.config.experiment import REFERENCE, Config, parse_config
 from impact_xval.experiments.measures.hausdorff import distances
 from impact_xval.experiments.sweep.pool import TO_STATE, Slot, in_flight
-from impact_xval.experiments.sweep.process import FaultError, WorkerError, in_halves
+from impact_xval.experiments.sweep.process import FaultError, WorkerError, in_halves, retry_once
 from impact_xval.experiments.sweep.rows import (
     Experiment,
     Lost,
@@ -199,13 +199,13 @@ class Chunk:
             ((name, cell) for cell in cells.index.tolist()), (fault.status, fault.reason)
         )
 
-        def call(_: slice) -> pa.Table:
+        def call() -> pa.Table:
             return self._slot.call(None, solve_by, name, cells, self._lost, timeout=TO_COMPLETE)
 
-        def give_up(_: slice, fault: FaultError) -> pa.Table:
+        def give_up(fault: FaultError) -> pa.Table:
             raise fault
 
-        return in_halves(call, 1, give_up)[0]
+        return retry_once(call, give_up)
 
     def completed(self, rows: pa.Table) -> list[pa.Table]:
         """Add to rows, by cell, what needs several solvers; a cell for which that fails has no ladder."""
@@ -240,11 +240,10 @@ def solver_versions(slot: Slot) -> Versions:
 
 def stated(slot: Slot, resolve: Resolve, name: str) -> tuple[str, str | None]:
     """Ask a solver for its version, and why it cannot run; both in its own process."""
-    return in_halves(
-        lambda _: slot.call(name, _stated, resolve, name, timeout=TO_STATE),
-        1,
-        lambda _, fault: ("", f"asked what it is, it gave no answer: {fault.reason}"),
-    )[0]
+    return retry_once(
+        lambda: slot.call(name, _stated, resolve, name, timeout=TO_STATE),
+        lambda fault: ("", f"asked what it is, it gave no answer: {fault.reason}"),
+    )
 
 
 def _stated(_: object, resolve: Resolve, name: str) -> tuple[str, str | None]:

@@ -18,7 +18,7 @@ from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.measures.hausdorff import LARGEST
 from impact_xval.experiments.sweep.chunk import warm
 from impact_xval.experiments.sweep.pool import Slot
-from impact_xval.experiments.sweep.process import FaultError, in_halves
+from impact_xval.experiments.sweep.process import FaultError, retry_once
 from impact_xval.experiments.sweep.rows import Experiment, settings_of
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.parquet import replacing
@@ -58,14 +58,14 @@ def write_curves(config: Config, folder: RunFolder, pool: Any) -> None:
 def _solved(slot: Slot, name: str, timeout: float) -> dict[str, Any]:
     """Have the curves of a solver computed in its process; the row of one that fails says so."""
 
-    def call(_: slice) -> dict[str, Any]:
+    def call() -> dict[str, Any]:
         slot.prepare(name, warm, slot.context.resolve, name, slot.context.layout.pair)
         return slot.call(name, _curves, name, timeout=timeout)
 
-    def lost(_: slice, fault: FaultError) -> dict[str, Any]:
+    def row_of_failure(fault: FaultError) -> dict[str, Any]:
         return {"solver": name, "status": fault.status, "reason": fault.reason}
 
-    return in_halves(call, 1, lost)[0]
+    return retry_once(call, row_of_failure)
 
 
 def _curves(experiment: Experiment, name: str) -> dict[str, Any]:

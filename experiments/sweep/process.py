@@ -27,6 +27,7 @@ if TYPE_CHECKING:  # whose room imports numpy
     from impact_xval.model.collision import Status
 
 _Piece = TypeVar("_Piece")
+_Answer = TypeVar("_Answer")
 
 _THREADS = (
     "NUMBA_NUM_THREADS",
@@ -138,22 +139,38 @@ def in_halves(
 ) -> list[_Piece]:
     """Call for n cells at once, in halves where their process dies or hangs, and so on down to single cells.
 
-    After one crash alone a cell is tried again: it may have been a full memory, or an operator. After two, or where it
-    hangs alone, `failure` gives what stands for its answer. The answers are in the order of the cells.
+    A cell that is left alone is called as by `retry_once`; `failure` returns what stands for its answer. The answers
+    are in the order of the cells.
     """
 
-    def pieces(start: int, stop: int, again: bool) -> list[_Piece]:
-        place, middle = slice(start, stop), (start + stop) // 2
+    def pieces(start: int, stop: int) -> list[_Piece]:
+        place = slice(start, stop)
+        if stop - start <= 1:
+            return [retry_once(lambda: call(place), lambda fault: failure(place, fault))]
         try:
             return [call(place)]
-        except FaultError as fault:
-            if stop - start > 1:
-                return [*pieces(start, middle, False), *pieces(middle, stop, False)]
-            if again or fault.status == "timeout":
-                return [failure(place, fault)]
-        return pieces(start, stop, True)
+        except FaultError:
+            middle = (start + stop) // 2
+            return [*pieces(start, middle), *pieces(middle, stop)]
 
-    return pieces(0, n, False)
+    return pieces(0, n)
+
+
+def retry_once(call: Callable[[], _Answer], on_failure: Callable[[FaultError], _Answer]) -> _Answer:
+    """Return the answer of a call, which is tried again after a crash.
+
+    A first crash may come from a full memory, or from an operator. After a second fault, or a first timeout,
+    `on_failure` returns what stands for the answer.
+    """
+    try:
+        return call()
+    except FaultError as fault:
+        if fault.status == "timeout":
+            return on_failure(fault)
+    try:
+        return call()
+    except FaultError as fault:
+        return on_failure(fault)
 
 
 def _started(log: Path | None, python: Path | None) -> tuple[subprocess.Popen[bytes], Connection]:

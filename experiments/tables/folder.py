@@ -31,8 +31,10 @@ from impact_xval.experiments.tables.parquet import GROUP, blocks, column, replac
 from impact_xval.experiments.tables.schema import Layout
 
 FORMAT = "impact-xval run, format 4"
-#: States of a run whose tables are written; "complete" is one with its report.
-FINISHED = ("tables", "complete")
+#: States of a run, in its manifest: parts are missing; the tables are finished; they are presented too.
+RUNNING, TABLES, COMPLETE = "running", "tables", "complete"
+#: States of a run whose tables are finished.
+FINISHED = (TABLES, COMPLETE)
 MANIFEST, CONFIGURATION = "manifest.json", "experiment.toml"
 #: Every name in a folder that a lock, or a file half-written, begins with.
 _LOCK, _TEMPORARY = ".lock", ".tmp-"
@@ -294,8 +296,13 @@ def _check_same(folder: RunFolder, config: Config) -> None:
 
 
 def tables_lock(folder: RunFolder) -> FileLock:
-    """Return the lock of whoever writes the manifest or the tables; it is waited for."""
+    """Return the lock for writing the manifest or the tables; it is waited for."""
     return FileLock(folder.root / f"{_LOCK}-tables")
+
+
+def presenting_lock(folder: RunFolder) -> FileLock:
+    """Return the lock for presenting the tables of a run; it is waited for."""
+    return FileLock(folder.root / f"{_LOCK}-presenting")
 
 
 def running(root: Path) -> bool:

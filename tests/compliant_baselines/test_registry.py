@@ -101,7 +101,7 @@ def test_a_run_writes_its_version_and_asks_it_for_no_law(site):
     _install_toy(site)
     grid = {"stiffness_ratio": [1.0, 2.0], "mass_ratio": [1.0], "e1": [0.9], "e2": [0.7]}
     config = parse_config({"solvers": ["kelvin-voigt", "toy"], "scenario": "impact", "grid": grid})
-    folder = run_sweep(config, site / "run", isolate=False)
+    folder = run_sweep(config, site / "run", isolate=False).folder
     assert folder.manifest()["versions"]["toy"] == "1.0"
     assert folder.read_table("ladder.parquet").num_rows == 0
     table = overall_table(summarise(folder))
