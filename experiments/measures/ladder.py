@@ -17,14 +17,14 @@ from itertools import permutations
 from typing import NamedTuple
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.registry import law_of
 from impact_xval.compliant_baselines.solver import kinds
 from impact_xval.experiments.config.cells import Block
 from impact_xval.experiments.config.experiment import REFERENCE, Config
-from impact_xval.experiments.measures.corners import Corners, Texts, corner_names, corners
+from impact_xval.experiments.measures.corners import Corners, corner_names, corners
+from impact_xval.experiments.measures.divergence import Comparison
 from impact_xval.model.collision import RESULT_STATUSES, Floats
 
 #: D below which there is nothing to split: the accuracy of the references.
@@ -247,101 +247,119 @@ def _norm(weights: Floats, differences: Floats) -> Floats:
 
 
 def ladders(
-    config: Config, block: Block, model: pa.Table, engines: Mapping[str, pa.Table]
+    config: Config, block: Block, model: Comparison, engines: Mapping[str, Comparison]
 ) -> dict[str, Columns]:
-    """Make the ladders of engines: columns of the table ``ladder``, NaN or None where there is no ladder.
+    """Make the ladders of engines in cells: by engine the columns of the table ``ladder``, shape (n,).
 
-    `model` and `engines` are rows, one a cell.
+    A column holds NaN or None where there is no ladder.
     """
     columns: dict[str, Columns] = {name: {} for name in engines}
+    if not engines:
+        return columns
     pair = config.chain is None
-    for places, collisions in kinds(block.collisions) if engines else ():
-        some, speed = model.take(places), np.abs(collisions.velocities).max(axis=1, keepdims=True)
-        gravity = np.full(len(places), config.gravity if config.scenario == "drop" else 0.0)
-        balls = range(1, 1 + collisions.masses.shape[1])
-        reference = of_balls(some, "v{}", balls) / speed
+    laws = {name: law_of(name) or "" for name in engines}
+    for places, collisions in kinds(block.collisions):
+        n, balls = collisions.masses.shape
+        speed = np.abs(collisions.velocities).max(axis=1, keepdims=True)
+        gravity = np.full(n, config.gravity if config.scenario == "drop" else 0.0)
+        of_model = model.results.velocities_of()[places, :balls] / speed
         moving = np.where(collisions.velocities != 0, collisions.masses, 0.0).sum(axis=1, keepdims=True)
-        # The corners know nothing of engines: once a law.
-        laws = {name: law_of(name) or "" for name in engines}
-        known = {law: corners(reference, collisions, gravity, law, pair=pair) for law in set(laws.values())}
-        for name, rows in engines.items():
-            engine, here = rows.take(places), known[laws[name]]
-            velocities = of_balls(engine, "v{}", balls, (*RESULT_STATUSES, UNCONVERGED)) / speed
-            limit = of_balls(engine, "v{}_limit", balls)  # one that did not converge is none
+        # The corners depend on the law alone, not on the engine.
+        corners_of_law = {
+            law: corners(of_model, collisions, gravity, law, pair=pair) for law in set(laws.values())
+        }
+        for name, engine in engines.items():
+            here = corners_of_law[laws[name]]
+            velocities = engine.results.velocities_of((*RESULT_STATUSES, UNCONVERGED))[places, :balls] / speed
+            limit = engine.results.limits()[places, :balls]  # none where the engine did not converge
             ladder = split(collisions.masses / moving, here, limit, velocities)
-            found = _status_columns(name, some, engine, here, ladder)
-            ok = ~np.isnan(ladder.divergence) & np.isin(found["status"].tolist(), ("ok", UNCONVERGED))
-            for key, values in (found | _split_columns(name, here, ladder, ok)).items():
-                scatter(columns[name], key, values, places, len(block))
+            always = _status_columns(name, model, engine, places, here, ladder)
+            ok = ~np.isnan(ladder.divergence) & np.isin(always["status"].tolist(), ("ok", UNCONVERGED))
+            for key, values in (always | _split_columns(name, here, ladder, ok)).items():
+                _scatter(columns[name], key, values, places, len(block))
     return columns
 
 
-def scatter(columns: Columns, key: str, values: np.ndarray, places: np.ndarray, n: int) -> None:
+def _scatter(columns: Columns, key: str, values: np.ndarray, places: np.ndarray, n: int) -> None:
     """Put values in their places of a column of length n, which holds NaN or None elsewhere."""
     nothing = np.nan if values.dtype.kind == "f" else None
     columns.setdefault(key, np.full(n, nothing, values.dtype))[places] = values
 
 
-def of_balls(rows: pa.Table, pattern: str, balls: range, statuses: Sequence[str] = RESULT_STATUSES) -> Floats:
-    """Return columns of every ball in their unit, shape (n, N); NaN where the status is none of these."""
-    there = np.isin(rows["status"].to_pylist(), statuses)
-    columns = [_numbers(rows, pattern.format(i)) for i in balls]
-    return np.where(there[:, None], np.column_stack(columns), np.nan)
-
-
-def _numbers(table: pa.Table, name: str) -> Floats:
-    return table[name].to_numpy(zero_copy_only=False).astype(float)
-
-
-def _texts(table: pa.Table, name: str) -> Texts:
-    return np.array(table[name].to_pylist(), dtype=object)
-
-
-def _status_columns(name: str, model: pa.Table, engine: pa.Table, here: Corners, ladder: Split) -> Columns:
+def _status_columns(
+    name: str,
+    model: Comparison,
+    engine: Comparison,
+    places: NDArray[np.intp],
+    here: Corners,
+    ladder: Split,
+) -> Columns:
     """Return the columns that a row has with or without a ladder: the first outcome that is missing, marks, errors."""
-    status, of_model = _texts(engine, "status"), _texts(model, "status")
-    why = [f"{name}: {reason or x}" for reason, x in zip(_texts(engine, "reason"), status, strict=True)]
-    joined = ~np.isnan(ladder.norms[-1])  # mapping and time step are one contribution, the last
-    missing = [*(~np.isin(x.tolist(), RESULT_STATUSES) for x in (status, of_model)), here.reason != ""]
-    of_corner = np.array([reason.rpartition(" ")[2] for reason in here.reason], dtype=object)
-    reasons = [np.array(why, dtype=object), f"{REFERENCE}: " + of_model, here.reason]
-    marks = zip(_texts(engine, "marked"), here.mark, strict=True)
+    status, reason = engine.results.status[places], engine.results.reason[places]
+    of_model = model.results.status[places]
+    of_engine = np.array([f"{name}: {why or x}" for why, x in zip(reason, status, strict=True)], dtype=object)
+    of_corner = np.array([why.rpartition(" ")[2] for why in here.reason], dtype=object)
+    # In the order in which a missing outcome is told: of the engine, the model, a corner.
+    missing = [
+        ~np.isin(status.tolist(), RESULT_STATUSES),
+        ~np.isin(of_model.tolist(), RESULT_STATUSES),
+        here.reason != "",
+    ]
+    mapping_with_step = ~np.isnan(ladder.norms[-1])
+    reasons = [of_engine, f"{REFERENCE}: " + of_model, here.reason]
+    marks = zip(engine.marked[places], here.mark, strict=True)
     return {
         "status": np.select(missing, [status, of_model, of_corner], "ok"),
-        "reason": np.select(missing, reasons, np.where(joined, NO_LIMIT, _NONE)),
+        "reason": np.select(missing, reasons, np.where(mapping_with_step, NO_LIMIT, _NONE)),
         "marked": np.array(["; ".join(filter(None, pair)) for pair in marks], dtype=object),
-        "model_grazing_margin": _numbers(model, "grazing_margin"),
-        "limit_error": _numbers(engine, "limit_error"),
+        "model_grazing_margin": model.results.margin[places],
+        "limit_error": engine.results.diagnostic("limit_error")[places],
     }
 
 
 def _split_columns(name: str, here: Corners, ladder: Split, ok: NDArray[np.bool_]) -> Columns:
-    """Columns of corners and contributions, and of what carries most of each divergence; nothing where not `ok`."""
-    shares, norms, (low, high) = ladder.shares, ladder.norms, ladder.ranges
+    """Return the columns of corners and contributions, and of the largest contribution; nothing where not `ok`."""
+    low, high = ladder.ranges
     numbers = {"velocity_divergence": ladder.divergence} | _by_ball("dv", ladder.total)
-    for i, c in enumerate(ladder.contributions):
-        numbers |= _by_ball(f"{c.name}_dv", ladder.vectors[i])
-        numbers |= {f"{c.name}_norm": norms[i], f"{c.name}_share": shares[i]}
-        if c.is_cause:
-            numbers |= {f"{c.name}_share_low": low[i], f"{c.name}_share_high": high[i]}
+    for i, contribution in enumerate(ladder.contributions):
+        prefix = contribution.name
+        numbers |= _by_ball(f"{prefix}_dv", ladder.vectors[i])
+        numbers[f"{prefix}_norm"] = ladder.norms[i]
+        numbers[f"{prefix}_share"] = ladder.shares[i]
+        if contribution.is_cause:
+            numbers[f"{prefix}_share_low"] = low[i]
+            numbers[f"{prefix}_share_high"] = high[i]
     for index, corner in corner_names(gravity=here.gravity).items():
         numbers |= _by_ball(f"{corner}_v", here.velocities[index])
         numbers[f"{corner}_along"] = np.where(ladder.divergence == 0, 0.0, ladder.corners[index])
-    first, agreed, sentences = (
-        np.where(ok, ladder.dominant(), -1),
-        ladder.same_by_every_order(),
-        np.full(len(ok), _NONE),
-    )
-    for i in np.flatnonzero(ok):
-        rows = zip(*(x[:, i].tolist() for x in (shares, norms, low, high)), strict=True)
-        parts = [Part(c.phrase, *row) for c, row in zip(ladder.contributions, rows, strict=True)]
-        found = [part for part in parts if not np.isnan(part.norm)]
-        sentences[i] = sentence(name, float(ladder.divergence[i]), found, bool(agreed[i]))
+    dominant = np.where(ok, ladder.dominant(), -1)
+    agreed = ladder.same_by_every_order()
+    names = np.array([*(contribution.name for contribution in ladder.contributions), None], dtype=object)
+    sentences = np.full(len(ok), _NONE)
+    for row in np.flatnonzero(ok).tolist():
+        parts = _parts_of_row(ladder, row)
+        sentences[row] = sentence(name, float(ladder.divergence[row]), parts, bool(agreed[row]))
     return {key: np.where(ok, x, np.nan) for key, x in numbers.items()} | {
-        "dominant": np.array([*(c.name for c in ladder.contributions), None], dtype=object)[first],
-        "dominant_by_every_order": np.where(first >= 0, agreed.astype(object), _NONE),
+        "dominant": names[dominant],  # -1: the last entry, None
+        "dominant_by_every_order": np.where(dominant >= 0, agreed.astype(object), _NONE),
         "sentence": sentences,
     }
+
+
+def _parts_of_row(ladder: Split, row: int) -> list[Part]:
+    """Return the contributions that a cell has, as a sentence needs them."""
+    low, high = ladder.ranges
+    return [
+        Part(
+            phrase=contribution.phrase,
+            share=float(ladder.shares[i, row]),
+            norm=float(ladder.norms[i, row]),
+            low=float(low[i, row]),
+            high=float(high[i, row]),
+        )
+        for i, contribution in enumerate(ladder.contributions)
+        if not np.isnan(ladder.norms[i, row])
+    ]
 
 
 def _by_ball(name: str, velocities: Floats) -> Columns:

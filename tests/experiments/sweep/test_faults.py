@@ -14,7 +14,7 @@ from impact_xval.experiments.measures.hausdorff import distances
 from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.sweep.chunk import warm
 from impact_xval.experiments.sweep.process import Worker
-from impact_xval.experiments.sweep.rows import Experiment, solve_by
+from impact_xval.experiments.sweep.rows import Experiment, solve_all
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.model.chain.kernel import follow_chains
 from impact_xval.model.pair.kernel import collide_all
@@ -117,6 +117,5 @@ def _compiled(experiment):
     before = [kernel.signatures for kernel in kernels]
     block = experiment_cells(experiment.config).block(range(12))
     for some in (block, block[:3], block[1:2], block[::2], pickle.loads(pickle.dumps(block))):
-        for name in names:
-            solve_by(experiment, name, some, {})
+        solve_all(experiment, some)
     return before, [kernel.signatures for kernel in kernels]
