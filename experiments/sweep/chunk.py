@@ -258,20 +258,20 @@ def solver_versions(slot: Slot) -> Versions:
     if not slot.versions:
         found = {"impact-xval": version("impact-xval")}
         for name in slot.context.config.solvers:
-            said, reason = stated(slot, slot.context.resolve, name)
+            said, reason = ask_version(slot, slot.context.resolve, name)
             found[name] = said if reason is None else UNAVAILABLE + reason
         slot.versions = found
     return slot.versions
 
 
-def stated(slot: Slot, resolve: Resolve, name: str) -> tuple[str, str | None]:
+def ask_version(slot: Slot, resolve: Resolve, name: str) -> tuple[str, str | None]:
     """Ask a solver for its version, and why it cannot run; both in its own process."""
     return retry_once(
-        lambda: slot.call(name, _stated, resolve, name, timeout=TO_STATE),
+        lambda: slot.call(name, _version_and_reason, resolve, name, timeout=TO_STATE),
         lambda fault: ("", f"asked what it is, it gave no answer: {fault.reason}"),
     )
 
 
-def _stated(_: object, resolve: Resolve, name: str) -> tuple[str, str | None]:
+def _version_and_reason(_: object, resolve: Resolve, name: str) -> tuple[str, str | None]:
     solver = resolve(name)
     return stated_version(solver), why_unavailable(solver)

@@ -49,13 +49,13 @@ CURVES_SCHEMA = arrow_schema(
 
 def write_curves(config: Config, folder: RunFolder, pool: Any) -> None:
     """Solve the cell, or the chain, of the figures by every solver, and keep its curves."""
-    calls = [pool.submit(_solved, name, config.cell_timeout) for name in config.solvers]
+    calls = [pool.submit(_solve_curves, name, config.cell_timeout) for name in config.solvers]
     curves = pa.Table.from_pylist([call.result() for call in calls], CURVES_SCHEMA)
     with replacing(folder.root / CURVES) as temporary:
         pq.write_table(curves, temporary, compression="zstd")
 
 
-def _solved(slot: Slot, name: str, timeout: float) -> dict[str, Any]:
+def _solve_curves(slot: Slot, name: str, timeout: float) -> dict[str, Any]:
     """Have the curves of a solver computed in its process; the row of one that fails says so."""
 
     def call() -> dict[str, Any]:
@@ -83,13 +83,13 @@ def _curves(experiment: Experiment, name: str) -> dict[str, Any]:
         # Where one is larger, the curve has no measure either.
         row["impulses"] = impulses.tolist() if np.abs(impulses).max() <= LARGEST else None
     elif path is not None:
-        kept = needed(path.time, path.forces)
+        kept = points_to_keep(path.time, path.forces)
         row["time"] = (path.time[kept] / time).tolist()
         row["forces"] = (path.forces[kept].T / (impulse / time)).tolist()
     return row
 
 
-def needed(time: np.ndarray, forces: np.ndarray) -> np.ndarray:
+def points_to_keep(time: np.ndarray, forces: np.ndarray) -> np.ndarray:
     """Pick points between which straight lines are forces, within `_STRAIGHT` of the largest; peaks among them.
 
     Ramer, Douglas and Peucker: the point farthest from a line is kept, until none is far.

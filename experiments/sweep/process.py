@@ -94,7 +94,7 @@ class Worker:
             if self._closed:
                 raise ClosedError
             if self._running is None:
-                self._running = _started(self._log, self._python)
+                self._running = _start_process(self._log, self._python)
                 with contextlib.suppress(OSError):  # it is gone: noticed by who calls it
                     self._running[1].send(self.context)
             return self._running
@@ -113,7 +113,7 @@ class Worker:
         except (EOFError, OSError):
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(_TO_EXIT)
-            fault = FaultError("crashed", f"its process died: {_cause(_ended(process))}")
+            fault = FaultError("crashed", f"its process died: {_cause(_end_process(process))}")
         self.end()
         raise ClosedError if self._closed else fault
 
@@ -121,7 +121,7 @@ class Worker:
         """End the process, for whoever works with it: the next call starts another."""
         if self._running is not None:
             process, pipe = self._running
-            _ended(process)
+            _end_process(process)
             pipe.close()
             self.ready.clear()
             self._running = None
@@ -131,7 +131,7 @@ class Worker:
         with self._lock:
             self._closed = True
             if self._running is not None:
-                _ended(self._running[0])
+                _end_process(self._running[0])
 
 
 def in_halves(
@@ -173,7 +173,7 @@ def retry_once(call: Callable[[], _Answer], on_failure: Callable[[FaultError], _
         return on_failure(fault)
 
 
-def _started(log: Path | None, python: Path | None) -> tuple[subprocess.Popen[bytes], Connection]:
+def _start_process(log: Path | None, python: Path | None) -> tuple[subprocess.Popen[bytes], Connection]:
     """Start a process that serves, and give our end of its sockets."""
     ours, theirs = Pipe()
     serving = f"from {__name__} import serve; serve({theirs.fileno()}, {os.getpid()})"
@@ -199,7 +199,7 @@ def _started(log: Path | None, python: Path | None) -> tuple[subprocess.Popen[by
     return process, ours
 
 
-def _ended(process: subprocess.Popen[bytes]) -> int:
+def _end_process(process: subprocess.Popen[bytes]) -> int:
     """Kill a process and what it forked, if it has not ended; its exit code."""
     if process.poll() is None:
         with contextlib.suppress(OSError):  # it has ended meanwhile

@@ -115,7 +115,7 @@ class RunFolder:
         write_json(self.root / MANIFEST, {"format": FORMAT} | value)
 
     def write_part(self, number: int, identity: str, data: bytes) -> None:
-        """Write a part; one that a power cut emptied is told by its checksums."""
+        """Write a part; its checksums tell where a power cut has emptied it."""
         with replacing(self._part(number, identity), sync=False) as temporary:
             temporary.write_bytes(data)
 
@@ -221,17 +221,16 @@ def _row_groups(parts: Iterable[Path], layout: Layout) -> Iterator[pa.Table]:
 
 @contextlib.contextmanager
 def writing(root: Path, config: Config, shard: tuple[int, int] = (1, 1)) -> Iterator[tuple[RunFolder, bool]]:
-    """Keep a folder to this process as the one that computes a run, or a shard of it; and say whether a run was there.
+    """Lock the folder of a run, or of a shard; yield it and whether it already holds a run of the experiment.
 
-    The lock is the operating system's, which lets go of it the moment its process is gone, however it went. The
-    experiment is written before anything that a run leaves behind, so that whatever ends a run, the folder is known as
-    one of it.
+    The lock is the operating system's, which frees it as soon as its process is gone. The experiment is written before
+    anything else that a run leaves behind: whatever ends the run, its folder is recognised.
     """
     folder = RunFolder(root)
     lock = root / (_LOCK if shard == (1, 1) else f"{_LOCK}-{shard[0]}-of-{shard[1]}")
     with contextlib.ExitStack() as held:
         with _usable(root, "--out "):
-            continued = _looked_at(folder, config)
+            continued = _holds_same_run(folder, config)
             folder.parts.mkdir(parents=True, exist_ok=True)
             check_writable(root, "--out ")
             try:
@@ -261,8 +260,8 @@ def _entries(root: Path) -> list[str]:
     return sorted(name for name in there if not name.startswith(_TEMPORARY))
 
 
-def _looked_at(folder: RunFolder, config: Config) -> bool:
-    """Whether a run of an experiment is in a folder; a `UserError` where anything else is. Nothing is written."""
+def _holds_same_run(folder: RunFolder, config: Config) -> bool:
+    """Return whether a folder holds a run of this experiment; a `UserError` where it holds anything else."""
     root, entries = folder.root, _entries(folder.root)
     if CONFIGURATION in entries:
         check_continues(root)
