@@ -23,7 +23,7 @@ from bokeh.embed import json_item
 from impact_xval.compliant_baselines import get_solver, solver_names
 from impact_xval.compliant_baselines.registry import is_engine, sort_by_law
 from impact_xval.experiments.cells.compared import Compared
-from impact_xval.experiments.config.collision_options import asked
+from impact_xval.experiments.config.collision_options import parse_collision
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.presentation.document import Table
 from impact_xval.experiments.presentation.html import fragment, page_of, render
@@ -57,7 +57,7 @@ class Cells:
         given = parse_qsl(query, keep_blank_values=True)
         typed = (("cell_timeout", "60"), *(each for each in given if each[0] != "solver"))
         try:
-            collision, arranged, _ = asked(dict(typed))
+            collision, arranged, _ = parse_collision(dict(typed))
         except ValueError as error:
             return {"problem": str(error)}
         outcomes = self._solve(typed, EXACT)
@@ -74,7 +74,7 @@ class Cells:
 
     def _solve(self, typed: tuple[tuple[str, str], ...], names: tuple[str, ...]) -> dict[str, Outcome]:
         """Solve a cell by solvers of one sort, once those before it are solved."""
-        collision, arranged, config = asked(dict(typed))
+        collision, arranged, config = parse_collision(dict(typed))
         engines, points = names != EXACT, None if arranged is None else 0
         with self._turn[engines]:
             with self._starting:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from impact_xval.experiments.commands.options import Workers, argument, of_one_collision, option, path
 from impact_xval.experiments.commands.runs import check_holds_something, writing_folder
-from impact_xval.experiments.config.collision_options import asked
+from impact_xval.experiments.config.collision_options import parse_collision
 from impact_xval.experiments.config.errors import UserError
 
 
@@ -41,7 +41,7 @@ def hypothesis(
         raise UserError(f"{config} and {given[0]} are given; legal: a file, or a collision by options")
     own = None
     if given:
-        collision, _, _ = asked(typed)
+        collision, _, _ = parse_collision(typed)
         own = collision, None
     elif config is not None:
         from impact_xval.experiments.hypothesis.own import load_own

@@ -22,7 +22,7 @@ from impact_xval.experiments.commands.options import (
     print_json,
     whole,
 )
-from impact_xval.experiments.config.collision_options import OF_CHAIN, asked
+from impact_xval.experiments.config.collision_options import OF_CHAIN, parse_collision
 from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def solve(
     with solvers_apart(solver or (), chains=chains) as apart:
         from impact_xval.compliant_baselines.registry import get_solver
 
-        collision, arranged, config = asked(typed)
+        collision, arranged, config = parse_collision(typed)
         points = None if arranged is None else _POINTS * film
         outcomes = apart.solve(
             collision, config, known_solvers(solver), get_solver, say_waiting, points=points
@@ -163,7 +163,7 @@ def scene(
     from impact_xval.experiments.tables.folder import cells_of_run, finished_collisions
 
     if folder is None:
-        collision, _, config = asked(typed)
+        collision, _, config = parse_collision(typed)
         table, where = {}, "collision"
     else:
         if cell is None or any(typed.values()):

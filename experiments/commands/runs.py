@@ -60,7 +60,7 @@ def run(
     experiment = _experiment(config, out, quick)
     # Imported when the configuration is known to be legal: what solves takes a second.
     from impact_xval.experiments.presentation.terminal import make_console
-    from impact_xval.experiments.sweep.run import run_sweep
+    from impact_xval.experiments.sweep.run import present_once, run_sweep
 
     # A name in which nothing can leave the folder or hide.
     root = out or Path("runs") / (re.sub(r"[^A-Za-z0-9._-]+", "-", experiment.name).strip("-.") or "run")
@@ -68,15 +68,14 @@ def run(
     words += ["--scheduler", scheduler] if scheduler else []
     words += ["--shard", shard] if part != (1, 1) else []
     console = make_console()
-    summaries: list[Summary] = []
 
     def writer() -> Callable[[RunFolder, Apart], Summary]:
         from impact_xval.experiments.presentation.report import present
 
         return present
 
-    def presented(folder: RunFolder, apart: Apart) -> None:
-        summaries.append(writer()(folder, apart))
+    def write_page(folder: RunFolder, apart: Apart) -> Summary:
+        return writer()(folder, apart)
 
     def imported_ahead() -> None:
         # What fails here is told by who needs it; as where the main thread was interrupted in the same import.
@@ -87,16 +86,17 @@ def run(
         # Imported beside the cells, for matplotlib takes a second.
         threading.Thread(target=imported_ahead).start()
         shares: dict[str, Any] = {"workers": workers, "scheduler": scheduler, "shard": part}
-        folder = run_sweep(experiment, root, **shares, progress=progress, present=presented)
-    if summaries:  # else parts are left to other shards
+        result = run_sweep(experiment, root, **shares, progress=progress, to_be_presented=True)
+        summary = present_once(result, write_page)
+    if summary is not None:  # else parts are left to other shards, or another shard has written the page
         from impact_xval.experiments.presentation.terminal import error_line
         from impact_xval.experiments.presentation.views import show_end
 
-        show_end(console, summaries[-1], time.perf_counter() - start, str(folder.root))
-        found = summaries[-1].statistics
+        show_end(console, summary, time.perf_counter() - start, str(root))
+        found = summary.statistics
         compared = found.n[(found.measure == "velocity_divergence") & (found.axis == "all")].any()
         if len(experiment.solvers) > 1 and not compared:
-            shown = shlex.join(["impact-xval", "show", str(folder.root)])
+            shown = shlex.join(["impact-xval", "show", str(root)])
             error_line(f"no cell could be compared; {shown} says why, solver by solver")
             raise typer.Exit(1)
 

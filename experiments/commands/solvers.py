@@ -29,7 +29,7 @@ def solvers(
     from impact_xval.compliant_baselines.registry import description_of, get_solver, origins, stated_law
     from impact_xval.experiments.presentation.document import Table
     from impact_xval.experiments.presentation.terminal import at_work, make_console, show
-    from impact_xval.experiments.sweep.chunk import stated
+    from impact_xval.experiments.sweep.chunk import ask_version
     from impact_xval.experiments.sweep.pool import Slot
 
     if law and name is None:
@@ -41,7 +41,7 @@ def solvers(
     with contextlib.closing(Slot()) as slot:
         for each, origin in origins().items():
             with at_work(f"asking {each} what it is"):
-                version, reason = stated(slot, get_solver, each)
+                version, reason = ask_version(slot, get_solver, each)
             what = [description_of(each), "" if reason is None else f"unavailable: {reason}"]
             rows.append(
                 (each, stated_law(each) or "-", version or "-", origin, "; ".join(filter(None, what)))
@@ -58,7 +58,7 @@ def _check(name: str, law: str) -> None:
     from impact_xval.experiments.config.experiment import solvers_problem
     from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line
     from impact_xval.experiments.presentation.words import restitution_of_two
-    from impact_xval.experiments.sweep.chunk import stated
+    from impact_xval.experiments.sweep.chunk import ask_version
     from impact_xval.experiments.sweep.pool import Slot
     from impact_xval.experiments.sweep.process import FaultError, Worker
 
@@ -69,7 +69,7 @@ def _check(name: str, law: str) -> None:
     if law not in conformance.LAWS:
         raise UserError(f"--law = {law!r}; legal: {', '.join(conformance.LAWS)}")
     with at_work(f"asking {name} what it is"), contextlib.closing(Slot()) as slot:
-        _, reason = stated(slot, get_solver, name)
+        _, reason = ask_version(slot, get_solver, name)
     if reason is not None:
         raise UserError(f"{name}: unavailable: {reason}")
     console, failed = make_console(), 0

@@ -12,7 +12,7 @@ from impact_xval.compliant_baselines.registry import exact_solver_for, is_engine
 from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
-from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, cancelling
+from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, cancelling_pair
 from impact_xval.experiments.measures.summary import LadderSummary, Summary
 from impact_xval.experiments.presentation.document import Block, Table, Value, say
 from impact_xval.experiments.presentation.words import (
@@ -159,7 +159,7 @@ def shares(
 
 def _cancelling(region: Any, name: str) -> str:
     """Say of one of two large causes that cancel that they do; empty of any other."""
-    cancels = name in region.index[list(cancelling(region.share) or ())]
+    cancels = name in region.index[list(cancelling_pair(region.share) or ())]
     return f"cancelling (norm {number(region['mean'][name])})" if cancels else ""
 
 

@@ -13,7 +13,7 @@ from rich.console import Console
 from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.measures.ladder import CAUSES, CONTRIBUTIONS, between, cancelling
+from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, cancelling_pair, format_range
 from impact_xval.experiments.measures.summary import Summary
 from impact_xval.experiments.presentation.document import Block, Table
 from impact_xval.experiments.presentation.findings import brief, region_table
@@ -129,11 +129,11 @@ def _velocity(row: dict[str, Any], name: str, speed: float) -> str:
 def _contributions(row: dict[str, Any], balls: range) -> list[tuple[str, ...]]:
     """Rows of the table of a cell and engine; empty where the engine has no ladder."""
     there = [c for c in CONTRIBUTIONS if row.get(f"{c.name}_norm") is not None]
-    pair = cancelling([row[f"{c.name}_share"] for c in there]) or ()
+    pair = cancelling_pair([row[f"{c.name}_share"] for c in there]) or ()
     lines = []
     for i, c in enumerate(there):
         name = f"{c.name}_share"
-        by_order = between(row[f"{name}_low"], row[f"{name}_high"]) if c in CAUSES else ""
+        by_order = format_range(row[f"{name}_low"], row[f"{name}_high"]) if c.is_cause else ""
         shown = ("cancels", "") if i in pair else (percent(row[name]), by_order)
         changes = (f"{row[f'{c.name}_dv{j}']:.3e}" for j in balls)
         lines.append((c.label, *changes, f"{row[f'{c.name}_norm']:.3e}", *shown))

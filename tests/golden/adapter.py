@@ -129,7 +129,9 @@ def tables(spec, folder):
         config |= {"cells": str(folder / "cells.csv"), "scenario": "drop", "gravity": spec["gravity"]}
     else:
         config |= {"chain": spec}
-    run = run_sweep(parse_config(config | {"chunk_size": 10}), folder / "run", workers=1, isolate=False)
+    run = run_sweep(
+        parse_config(config | {"chunk_size": 10}), folder / "run", workers=1, isolate=False
+    ).folder
     names = ("cells", "divergence", "ladder")
     found = {name: _columns(pq.read_table(run.root / f"{name}.parquet").to_pydict()) for name in names}
     summary = summarise(run)

@@ -30,7 +30,7 @@ from markupsafe import Markup
 from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
-from impact_xval.experiments.measures.aggregates import Compared, Frame, levels_of
+from impact_xval.experiments.measures.aggregates import DivergenceTable, Frame, levels_of
 from impact_xval.experiments.presentation.html import render
 from impact_xval.experiments.presentation.words import NO_RESULT, WHAT_NO_RESULT_IS, look, named, written
 from impact_xval.experiments.tables.numbers import listed
@@ -67,7 +67,7 @@ class Tiles:
     medians: Frame
 
 
-def tiles_of(table: Compared) -> Tiles:
+def tiles_of(table: DivergenceTable) -> Tiles:
     """Lay the compared cells of a run out as a map.
 
     As many axes as there is room for stand up the side, in the order of the tables: with all of them a tile is one

@@ -24,7 +24,7 @@ from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES, RATIO_OF, SI_AXES
 from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.presentation.words import named, told, written
-from impact_xval.experiments.sweep.curves import needed
+from impact_xval.experiments.sweep.curves import points_to_keep
 from impact_xval.experiments.sweep.rows import settings_of
 from impact_xval.experiments.tables.folder import RunFolder, cells_of_run
 from impact_xval.experiments.tables.parquet import selected
@@ -134,7 +134,7 @@ def curve_of(collision: Collision, outcome: Outcome) -> list[list[float]] | None
     if outcome.status not in RESULT_STATUSES or path is None:
         return None
     points = np.column_stack([path.impulse1, path.impulse2]) / (collision.m1 * abs(collision.v0))
-    return points[needed(points.sum(axis=1), points)].T.round(_DIGITS).tolist()
+    return points[points_to_keep(points.sum(axis=1), points)].T.round(_DIGITS).tolist()
 
 
 def _scenes(config: Config, collisions: Sequence[Collision]) -> list[str | None]:

@@ -14,7 +14,7 @@ from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.aggregates import FULL_PATHS, OWN_LAW
-from impact_xval.experiments.measures.ladder import cancelling
+from impact_xval.experiments.measures.ladder import cancelling_pair
 from impact_xval.experiments.measures.summary import HONEST, Summary, load_divergence
 from impact_xval.experiments.presentation import findings, words
 from impact_xval.experiments.presentation.document import (
@@ -145,7 +145,7 @@ def _numbers(summary: Summary) -> Iterator[tuple[Value | str, str]]:
         yield median, f"is the median {what} of {named(name)} from {named(law)}, the law it was set to"
     for name in summary.ladder.solvers[:1]:
         causes = findings.shares(summary.ladder, name)
-        if causes and cancelling(summary.ladder.region(name).share) is None:
+        if causes and cancelling_pair(summary.ladder.region(name).share) is None:
             cause, share = next(iter(causes.items()))
             label = findings.LABELS[cause]
             yield share, f"of {named(name)}'s mean D is due to {label}; by region it differs"

@@ -115,7 +115,7 @@ def _stack(ax: Any, ladder: LadderSummary, wide: Frame) -> None:
         part = total * wide.share[c.name].fillna(0).to_numpy()
         bottom = np.where(part >= 0, above, below)
         ax.bar(x, part, 0.8, bottom=bottom, color=c.color, edgecolor="white", linewidth=0.4)
-        if c in CAUSES:
+        if c.is_cause:
             ends = [bottom + total * end[c.name] for end in (wide.low, wide.high)]
             beside = x + _WHISKERS[CAUSES.index(c)]
             ax.vlines(beside, *ends, color="black", linewidth=2.4)

@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.experiments.config.collision_options import asked
+from impact_xval.experiments.config.collision_options import parse_collision
 from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.presentation.page.opened import opened_cells
 from impact_xval.experiments.presentation.terminal import show_progress
@@ -71,7 +71,7 @@ def test_a_cell_of_a_grid_in_si_units_is_named_and_opened_again_in_them(tmp_path
     assert (cell["at"]["m2/m1"], cell["at"]["m1 in kg"], cell["at"]["k2 in N/m"]) == ("0.15", "2", "700000")
     (again,) = (line for what, line in cell["commands"] if what.startswith("once more"))
     options = dict(zip(*[iter(shlex.split(again)[2:])] * 2, strict=True))
-    collision, _, _ = asked({name[2:].replace("-", "_"): value for name, value in options.items()})
+    collision, _, _ = parse_collision({name[2:].replace("-", "_"): value for name, value in options.items()})
     assert collision.masses == (2.0, 0.3)
     assert collision.stiffnesses == pytest.approx((1e5, 7e5), rel=1e-15)
 
