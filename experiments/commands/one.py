@@ -28,12 +28,13 @@ from impact_xval.experiments.config.errors import UserError
 if TYPE_CHECKING:
     from impact_xval.compliant_baselines import Settings
     from impact_xval.experiments.cells.compared import Compared
+    from impact_xval.experiments.config.arrangements import ChainSetup
     from impact_xval.experiments.config.experiment import Config
     from impact_xval.model import Collision
 
 #: What is drawn, and what moves, by the suffix of the file.
 _PICTURES, _FILMS = (".png", ".svg", ".pdf"), (".gif", ".html")
-#: Points of the path of a chain that moves: of many balls it is large to be sent.
+#: Most points of the path of a chain that is shown in motion: a path of many balls is large to send.
 _POINTS = 4000
 #: Engines whose scenes can be written.
 _EXPORTED = ("mujoco", "pybullet")
@@ -82,7 +83,7 @@ def solve(
         from impact_xval.compliant_baselines.registry import get_solver
 
         collision, arranged, config = asked(typed)
-        points = None if arranged is None else _POINTS * film
+        points = _points_of_path(arranged, film=film)
         outcomes = apart.solve(
             collision, config, known_solvers(solver), get_solver, say_waiting, points=points
         )
@@ -95,6 +96,13 @@ def solve(
         show(make_console(), compared.blocks())
     if plot is not None:
         error_line(f"{plot}: {_drawn(plot, compared, config)}")
+
+
+def _points_of_path(chain: ChainSetup | None, *, film: bool) -> int | None:
+    """Return how many points the path of a collision has: all for two balls, and of a chain none unless it moves."""
+    if chain is None:
+        return None
+    return _POINTS if film else 0
 
 
 def _drawn(file: Path, compared: Compared, config: Config) -> str:

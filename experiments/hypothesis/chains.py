@@ -20,7 +20,7 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.config.arrangements import ChainSetup
 from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced
-from impact_xval.experiments.hypothesis.judging import distance, usable
+from impact_xval.experiments.hypothesis.judging import kinetic_distance, mark_usable
 from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.sweep.pool import available_cores
 from impact_xval.model.collision import Collision
@@ -76,19 +76,31 @@ def stiffened(chain: Collision, contact: int, contrast: float) -> Collision:
 
 
 def welded(chain: Collision, contact: int) -> Collision:
-    """Return the chain with the bodies of a contact as one; of a table contact, the ball as part of the table."""
-    masses, velocities = list(chain.masses), list(chain.velocities)
-    pair, bodies = slice(contact, contact + 2), 0 if contact == len(masses) - 1 else 1
-    mass = sum(masses[pair])
-    momentum = sum(m * v for m, v in zip(masses[pair], velocities[pair], strict=True))
-    masses[pair], velocities[pair] = bodies * [mass], bodies * [momentum / mass]
-    k, e = (each[:contact] + each[contact + 1 :] for each in (chain.stiffnesses, chain.restitutions))
-    return Collision(tuple(masses), k, e, tuple(velocities), chain.table)
+    """Return the chain without a contact: its two bodies are one, or its ball is part of the table."""
+    upper, is_table_contact = contact, contact == len(chain.masses) - 1
+    if is_table_contact:
+        masses, velocities = chain.masses[:upper], chain.velocities[:upper]
+    else:
+        m1, m2 = chain.masses[upper : upper + 2]
+        v1, v2 = chain.velocities[upper : upper + 2]
+        velocity = (m1 * v1 + m2 * v2) / (m1 + m2)
+        masses = (*chain.masses[:upper], m1 + m2, *chain.masses[upper + 2 :])
+        velocities = (*chain.velocities[:upper], velocity, *chain.velocities[upper + 2 :])
+    stiffnesses = chain.stiffnesses[:contact] + chain.stiffnesses[contact + 1 :]
+    restitutions = chain.restitutions[:contact] + chain.restitutions[contact + 1 :]
+    return Collision(masses, stiffnesses, restitutions, velocities, chain.table)
 
 
 def of_each_ball(velocities: Sequence[float], contact: int) -> tuple[float, ...]:
-    """Give the velocities of a welded chain, and of the table, to the balls of the whole one."""
-    return tuple((*velocities, 0.0)[ball - (ball > contact)] for ball in range(len(velocities) + 1))
+    """Return the velocities of the balls of a chain from those of its welded chain.
+
+    The lower body of the welded contact, and every ball below it, stands one place higher in the welded chain. Where
+    the table is that lower body, ball N has its velocity, 0.
+    """
+    of_welded = (*velocities, 0.0)
+    above = of_welded[: contact + 1]
+    below = of_welded[contact : len(velocities)]
+    return above + below
 
 
 def chain_outcomes(config: HypothesisConfig) -> Frame:
@@ -105,7 +117,7 @@ def chain_outcomes(config: HypothesisConfig) -> Frame:
         found = threads.map(lambda each: list(_solved(contrasts, *each)), every)
         rows = [row for some in found for row in some]
     outcomes: Frame = pd.DataFrame(rows).assign(error=ERROR, decades=design.fit_decades)
-    return usable(outcomes, np.sqrt(outcomes.contrast))
+    return mark_usable(outcomes, np.sqrt(outcomes.contrast))
 
 
 def _solved(
@@ -127,5 +139,5 @@ def _solved(
         found = {
             name: getattr(outcome, name) for name in ("velocities", "status", "reason", "grazing_margin")
         }
-        away = distance(weights, np.subtract(outcome.velocities, form))
+        away = kinetic_distance(weights, np.subtract(outcome.velocities, form))
         yield known | found | {"contrast": x, "distance": away}

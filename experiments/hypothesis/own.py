@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -24,7 +24,14 @@ from impact_xval.experiments.config.axes import Strict
 from impact_xval.experiments.config.errors import UserError, read_toml, validated
 from impact_xval.experiments.hypothesis.chains import ERROR, SOLVERS, of_each_ball, stiffened, welded
 from impact_xval.experiments.hypothesis.config import spaced
-from impact_xval.experiments.hypothesis.judging import CLOSE, distance, judge, usable
+from impact_xval.experiments.hypothesis.judging import (
+    CLOSE,
+    Approach,
+    Verdict,
+    judge_approach,
+    kinetic_distance,
+    mark_usable,
+)
 from impact_xval.experiments.presentation.document import Block, Table
 from impact_xval.experiments.presentation.words import named
 from impact_xval.experiments.tables.numbers import listed, number
@@ -202,38 +209,36 @@ def _one_law(name: str, collision: Collision, contact: int, contrast: float) -> 
     form = of_each_ball(as_one.velocities, contact)
     differences = np.array([each.velocities for each in outcomes]) - form
     solved = np.array([each.status in RESULT_STATUSES for each in outcomes])
-    distances = np.where(solved, distance(weights, differences), math.nan)
+    distances = np.where(solved, kinetic_distance(weights, differences), math.nan)
     shown = distances[: len(multiples)].tolist()
     shown += [math.nan] * (len(MULTIPLES) - len(shown))
     of_series = slice(len(multiples), None)
-    found = _judged(outcomes[of_series], distances[of_series], series, weights, form)
-    why = found["reason"].replace("the closed form", "the welded collision")
-    return OneLaw(name, why, tuple(shown), found["verdict"], found["rate"], found["offset"])
+    verdict = _judge_law(outcomes[of_series], distances[of_series], series, weights, form)
+    why = verdict.reason.replace("the closed form", "the welded collision")
+    return OneLaw(name, why, tuple(shown), verdict.verdict, verdict.rate, verdict.offset)
 
 
-def _judged(
+def _judge_law(
     outcomes: Sequence[Outcome],
     distances: Floats,
     contrasts: Sequence[float],
     weights: Floats,
     form: tuple[float, ...],
-) -> dict[str, Any]:
+) -> Verdict:
     """Judge outcomes of a law at rising contrasts by the rule of a test of the hypothesis."""
     margins = np.array([each.grazing_margin for each in outcomes], float)  # NaN where there is none
     rows = pd.DataFrame({"contrast": contrasts, "distance": distances, "grazing_margin": margins})
-    rows = usable(rows, np.sqrt(rows.contrast))
-    velocities = np.empty(len(rows), dtype=object)
-    velocities[:] = [each.velocities for each in outcomes]
-    return judge(
-        {
-            "contrast": rows.contrast.to_numpy(),
-            "used": rows.used.to_numpy(),
-            "velocities": velocities,
-            "error": np.full(len(rows), ERROR),
-            "decades": [_DECADES],
-            "weights": [weights],
-            "closed_form": [form],
-        }
+    rows = mark_usable(rows, np.sqrt(rows.contrast))
+    return judge_approach(
+        Approach(
+            contrast=rows.contrast.to_numpy(),
+            used=rows.used.to_numpy(),
+            velocities=np.array([outcome.velocities for outcome in outcomes]),
+            error=np.full(len(rows), ERROR),
+            closed_form=np.array(form),
+            weights=weights,
+            decades=_DECADES,
+        )
     )
 
 

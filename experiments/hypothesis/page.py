@@ -12,7 +12,7 @@ from rich.console import Console
 
 from impact_xval.compliant_baselines.registry import description_of, is_engine
 from impact_xval.experiments.hypothesis.judging import CLOSE
-from impact_xval.experiments.hypothesis.run import CASES, ROUNDING, Results
+from impact_xval.experiments.hypothesis.run import CASES, ROUNDING, HypothesisResults
 from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.measures.laws import voters
 from impact_xval.experiments.presentation.document import Block, Figure, Section, Table
@@ -63,7 +63,7 @@ _MEANINGS = {
 }
 
 
-def write_all(results: Results, root: Path) -> Path:
+def write_all(results: HypothesisResults, root: Path) -> Path:
     """Write everything into the folder of a test; give the path of the page."""
     for name in ("verdicts", "points", "chains"):
         write_text(root / f"{name}.csv", getattr(results, name).to_csv(index=False, lineterminator="\n"))
@@ -76,13 +76,13 @@ def write_all(results: Results, root: Path) -> Path:
     return root / "report.html"
 
 
-def show_verdicts(console: Console, results: Results) -> None:
+def show_verdicts(console: Console, results: HypothesisResults) -> None:
     """Print the verdicts, and the points at which they are reached."""
     table = _grid(_wholes(results.verdicts), {"solver": "solver"}, "case", _short, TITLE)
     show(console, ["", table, *_chains_as_one(results), LAWS_WITH_LAWS])
 
 
-def _blocks(results: Results) -> list[Block]:
+def _blocks(results: HypothesisResults) -> list[Block]:
     """Build the page: a table and a figure, details folded."""
     question = (
         "The supplement of Jia, Mason and Erdmann (IJRR 32(1), 2013) derives its limiting cases from a hypothesis: if "
@@ -92,8 +92,9 @@ def _blocks(results: Results) -> list[Block]:
         "collisions or more. Supported: final velocities approach the closed form; refuted: another value."
     )
     held = _wholes(results.verdicts).query("solver == @MODEL and verdict == 'supported'")
-    answer = [f"The model supports it in {len(held)} of {len(CASES)} limits."] * (MODEL in results.solvers)
-    said = " ".join([*answer, *_chains_as_one(results)])
+    answers = list(_chains_as_one(results))
+    if MODEL in results.solvers:
+        answers.insert(0, f"The model supports it in {len(held)} of {len(CASES)} limits.")
     figure = Figure(
         "distance",
         "D over the contrast: median over the points none of whose other contacts is elastic. Open markers: engines, "
@@ -101,7 +102,7 @@ def _blocks(results: Results) -> list[Block]:
     )
     return [
         question,
-        said,
+        " ".join(answers),
         _verdicts(results),
         figure,
         LAWS_WITH_LAWS,
@@ -111,7 +112,7 @@ def _blocks(results: Results) -> list[Block]:
     ]
 
 
-def _names(results: Results) -> Section:
+def _names(results: HypothesisResults) -> Section:
     """Say what each name that heads a column or a row stands for."""
     solvers = {named(name): f"{description_of(name)} (solver {name})" for name in results.solvers}
     rows = [*_LIMITS.items(), *solvers.items(), *_MEANINGS.items()]
@@ -138,7 +139,7 @@ def _wholes(table: Frame) -> Frame:
     return table[table["class"] == "all"]
 
 
-def _chains_as_one(results: Results) -> Iterator[str]:
+def _chains_as_one(results: HypothesisResults) -> Iterator[str]:
     """Say at how many chains a pair that has one velocity at first moves as one; nothing without chains."""
     places = over_places(results)
     found = [f"{named(solver)} {supported}" for solver, first, supported, *_ in places if first != "meet"]
@@ -146,7 +147,7 @@ def _chains_as_one(results: Results) -> Iterator[str]:
         yield f"Chains whose stiff pair has one velocity at first, and moves as one: {', '.join(found)}."
 
 
-def _verdicts(results: Results) -> Table:
+def _verdicts(results: HypothesisResults) -> Table:
     """Lay out the verdicts, limit by solver; below the model's law in time, what it shows beside the model."""
     wholes = _wholes(results.verdicts)
     caption = (
@@ -175,7 +176,7 @@ def _cell(row: Any) -> str:
     return f"{_short(row)} {close}<br>{more}"
 
 
-def _draw(results: Results, folder: Path) -> None:
+def _draw(results: HypothesisResults, folder: Path) -> None:
     """Draw how far each solver is from the closed form, over the contrast."""
     usable: Any = results.outcomes.query("used and `class`.str.endswith('lossy')")
     with drawing(11.0, 4.8) as figure:
@@ -197,7 +198,7 @@ def _draw(results: Results, folder: Path) -> None:
     save(figure, folder, "distance")
 
 
-def _more(results: Results) -> Section:
+def _more(results: HypothesisResults) -> Section:
     """Show the verdicts on classes of points, and on chains of N balls beside those whose stiff pair is welded."""
     classes = results.verdicts[results.verdicts["class"] != "all"]
     of_points = _grid(classes, {"case": "limit", "class": "elastic contacts"}, "solver", _short)
@@ -211,7 +212,7 @@ def _more(results: Results) -> Section:
     return Section("Classes of points, chains of N balls", [of_points, of_chains], folded=True)
 
 
-def over_places(results: Results) -> Iterator[tuple[str, ...]]:
+def over_places(results: HypothesisResults) -> Iterator[tuple[str, ...]]:
     """Count chains, a row a solver and whether the bodies of the pair meet at first; none without chains."""
     if results.chains.empty:
         return
@@ -223,7 +224,7 @@ def over_places(results: Results) -> Iterator[tuple[str, ...]]:
         yield solver, "meet" if meets else "one velocity", *counts, rates, away
 
 
-def _method(results: Results) -> Section:
+def _method(results: HypothesisResults) -> Section:
     """Say what the limits are, what is left out, and how near engines are to the exact solver of their law."""
     outcomes = results.outcomes
     caption = "The limits, m1 = 1 and |v0| = 1. 1/e^2: an end of compression multiplies a stiffness by that"

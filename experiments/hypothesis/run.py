@@ -26,7 +26,12 @@ from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import REFERENCE, parse_config
 from impact_xval.experiments.hypothesis.chains import chain_outcomes
 from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced
-from impact_xval.experiments.hypothesis.judging import distance, judged, usable, verdicts
+from impact_xval.experiments.hypothesis.judging import (
+    judge_classes,
+    judge_points,
+    kinetic_distance,
+    mark_usable,
+)
 from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.measures.laws import exact_for, in_order_of_laws
 from impact_xval.experiments.sweep.run import run_sweep
@@ -145,7 +150,7 @@ def design(n: int, seed: int) -> Frame:
     return pd.concat(tables, ignore_index=True)
 
 
-class Results(NamedTuple):
+class HypothesisResults(NamedTuple):
     """What a test found: outcomes, a row a contrast; points (series of them); verdicts on classes, ``all`` first.
 
     Of chains of N balls likewise; `versions` has for an engine its version, or why it is unavailable.
@@ -210,7 +215,7 @@ def _cells(config: HypothesisConfig, run: str) -> Frame:
     return pd.concat(cells, ignore_index=True)
 
 
-def results(config: HypothesisConfig, root: Path) -> Results:
+def results(config: HypothesisConfig, root: Path) -> HypothesisResults:
     """Judge what the runs in a folder have found."""
     found, versions = [], {}
     for name, solvers in _runs(config).items():
@@ -227,13 +232,15 @@ def results(config: HypothesisConfig, root: Path) -> Results:
         key=lambda column: column.map(order.index) if column.name in ("case", "solver") else column,
         ignore_index=True,
     )
-    points = judged(outcomes, ["case", "solver", "point", "class"])
+    points = judge_points(outcomes, ["case", "solver", "point", "class"])
     ratios = design(config.points, config.seed)[["case", "point", *AXES, *_CLOSED]]
     chains, keys = chain_outcomes(config), ["arrangement", "stiff_contact", "meets", "solver"]
-    of_chains = verdicts(judged(chains, [*keys, "chain", "class"]), keys) if len(chains) else chains
-    of_limits = verdicts(points, ["case", "solver"])
+    of_chains = (
+        judge_classes(judge_points(chains, [*keys, "chain", "class"]), keys) if len(chains) else chains
+    )
+    of_limits = judge_classes(points, ["case", "solver"])
     points = points.merge(ratios, on=["case", "point"])
-    return Results(config, outcomes, points, of_limits, chains, of_chains, versions)
+    return HypothesisResults(config, outcomes, points, of_limits, chains, of_chains, versions)
 
 
 def _outcomes(found: Frame) -> Frame:
@@ -249,6 +256,6 @@ def _outcomes(found: Frame) -> Frame:
         closed_form=form.tolist(),
         weights=weights.tolist(),
         error=found[["limit_error", "velocity_error"]].max(axis=1).fillna(0.0).clip(lower=ROUNDING),
-        distance=distance(weights, v - form),
+        distance=kinetic_distance(weights, v - form),
     )
-    return usable(found, root)
+    return mark_usable(found, root)

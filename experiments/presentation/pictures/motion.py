@@ -140,9 +140,9 @@ class Motion:
     def colors(self) -> list[Any]:
         """Colours of the contacts."""
         count = len(self.collision.stiffnesses)
-        return [
-            *(CONTACT_COLORS[:count] if count <= 2 else colormaps["viridis"](np.linspace(0, 0.92, count)))
-        ]
+        if count <= 2:
+            return list(CONTACT_COLORS[:count])
+        return list(colormaps["viridis"](np.linspace(0, 0.92, count)))
 
     def title(self) -> str:
         """Say who is shown."""
@@ -178,7 +178,8 @@ def _at_rest(c: Collision) -> tuple[Floats, Floats]:
     masses = np.array(c.masses)
     radii = np.maximum(_RADIUS * (masses / masses.max()) ** (1 / 3), _SMALL)
     springs = np.full(len(masses), _SPRING)
-    springs[-1] *= c.table
+    if not c.table:  # the last ball has no contact below it
+        springs[-1] = 0.0
     return radii, np.cumsum((springs + 2 * radii)[::-1])[::-1] - radii
 
 

@@ -19,7 +19,7 @@ from impact_xval.compliant_baselines.mapping import damping_ratio, restitution
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.hypothesis.chains import draw, of_each_ball, stiffened, welded
-from impact_xval.experiments.hypothesis.judging import distance
+from impact_xval.experiments.hypothesis.judging import kinetic_distance
 from impact_xval.experiments.hypothesis.page import over_places, span
 from impact_xval.experiments.hypothesis.run import CASES, MARGIN, design
 from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, named
@@ -109,7 +109,9 @@ def test_a_dashpot_law_goes_where_its_own_dashpots_lead_and_not_where_it_is_mapp
         asked = [stiffened(chain, contact, 1e6), anew, dataclasses.replace(anew, restitutions=kept)]
         stiff, *forms = get_solver("kelvin-voigt").solve_many(asked, Settings())
         ends = [of_each_ball(form.velocities, contact) for form in forms]
-        away = distance(np.divide(chain.masses, chain.masses[0]), np.subtract(ends, [stiff.velocities]))
+        away = kinetic_distance(
+            np.divide(chain.masses, chain.masses[0]), np.subtract(ends, [stiff.velocities])
+        )
         assert away[0] > 1e-3 > 1e-5 > away[1]
 
 
@@ -136,7 +138,7 @@ def test_verdicts_and_that_refuted_limits_are_those_predicted_without_a_simulati
     for row in pd.read_csv(made[0] / "points.csv").query("verdict == 'refuted'").itertuples():
         form = predicted(row.case, row.solver, row.mass_ratio, row.e1, row.e2)
         if form is not None:
-            missed = distance((1, row.mass_ratio), np.subtract((row.limit_v1, row.limit_v2), form))
+            missed = kinetic_distance((1, row.mass_ratio), np.subtract((row.limit_v1, row.limit_v2), form))
             assert missed < min(2e-3, 0.2 * row.offset), row
             tried.add((row.case, row.solver))
     assert len(tried) == 5
