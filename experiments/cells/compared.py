@@ -27,14 +27,14 @@ from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.divergence import measures_of
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.presentation.document import Block, Table
-from impact_xval.experiments.presentation.html import fragment
-from impact_xval.experiments.presentation.terminal import say_waiting, show
+from impact_xval.experiments.presentation.html import render_blocks
+from impact_xval.experiments.presentation.terminal import print_blocks, say_waiting
 from impact_xval.experiments.presentation.words import (
     NO_RESULT,
     WHAT_NO_RESULT_IS,
-    arranged,
-    begun,
-    one_vote,
+    capitalise_first,
+    describe_chain,
+    describe_shared_laws,
 )
 from impact_xval.experiments.sweep.one import solvers_apart
 from impact_xval.experiments.tables.numbers import listed, number
@@ -55,7 +55,7 @@ _CHAIN_NOTE = (
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Compared:
+class SolverComparison:
     """What several solvers made of one collision or chain; a notebook shows it as a table and a picture.
 
     Attributes
@@ -63,7 +63,7 @@ class Compared:
     problem : Collision
     outcomes : mapping of str to Outcome
         By solver, the model (`REFERENCE`) among them; velocities in m/s, impulses in N s, with their paths.
-    arranged : ChainSetup or None
+    chain : ChainSetup or None
         How a chain was set up, if it is known: in words above its table.
     versions : mapping of str to str
         By solver, the version that it states, of those that were asked.
@@ -71,13 +71,13 @@ class Compared:
 
     problem: Collision
     outcomes: Mapping[str, Outcome]
-    arranged: ChainSetup | None = None
+    chain: ChainSetup | None = None
     versions: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def is_chain(self) -> bool:
         """Whether this is no problem of two balls as the paper has it, or was asked for as a chain."""
-        return self.arranged is not None or not self.problem.falls_on_resting
+        return self.chain is not None or not self.problem.falls_on_resting
 
     @property
     def divergences(self) -> dict[str, float]:
@@ -90,7 +90,7 @@ class Compared:
         return {name: velocities for name, velocities in self._known.items() if self._mark(name) == ""}
 
     #: How a chain was set up, in words; empty if it is not known.
-    setup = property(lambda self: "" if self.arranged is None else arranged(self.arranged))
+    setup = property(lambda self: "" if self.chain is None else describe_chain(self.chain))
 
     @property
     def _known(self) -> dict[str, list[float]]:
@@ -159,13 +159,13 @@ class Compared:
         """
         from impact_xval.experiments.presentation.pictures.curves import (
             draw_collision,
-            drawn_paths,
-            velocities_figure,
+            draw_velocities,
+            drawable_paths,
         )
 
         if self.is_chain and self.scaled:
-            return velocities_figure(self.scaled)
-        if not self.is_chain and (paths := drawn_paths(self.problem, self.outcomes)):
+            return draw_velocities(self.scaled)
+        if not self.is_chain and (paths := drawable_paths(self.problem, self.outcomes)):
             return draw_collision(self.problem, paths)
         statuses = {name: each.status for name, each in self.outcomes.items()}
         raise ValueError(f"no solver has a path to draw ({statuses}); legal: a collision that one solves")
@@ -173,7 +173,7 @@ class Compared:
     def blocks(self) -> list[Block]:
         """Return the table of all solvers, and what there is to say of them."""
         table = self._chain_table() if self.is_chain else self._collision_table()
-        setup = begun(f"{self.setup}.") if self.setup else ""
+        setup = capitalise_first(f"{self.setup}.") if self.setup else ""
         note = _CHAIN_NOTE if self.is_chain and table.rows else ""
         withheld = WHAT_NO_RESULT_IS if any(map(self._mark, self._known)) else ""
         reasons = [f"{n}: {each.status}: {each.reason}" for n, each in self.outcomes.items() if each.reason]
@@ -188,7 +188,7 @@ class Compared:
                     note,
                     withheld,
                     self._matrix(),
-                    one_vote(self.outcomes),
+                    describe_shared_laws(self.outcomes),
                     *reasons,
                     *marks,
                     *other,
@@ -203,17 +203,19 @@ class Compared:
         try:
             self.plot().savefig(file, format="png", dpi=_DPI)
         except ValueError:  # there is nothing to draw
-            return fragment(self.blocks())
+            return render_blocks(self.blocks())
         picture = Markup('<img alt="{} by every solver" src="data:image/png;base64,{}" style="{}">').format(
             "final velocity of each ball" if self.is_chain else "impulse curves and velocities",
             base64.b64encode(file.getvalue()).decode("ascii"),
             "max-width: 100%; background: white",
         )
-        return fragment([*self.blocks(), picture])
+        return render_blocks([*self.blocks(), picture])
 
     def __str__(self) -> str:
         file = io.StringIO()
-        show(Console(file=file, width=_WIDTH, force_jupyter=False, force_terminal=False), self.blocks())
+        print_blocks(
+            Console(file=file, width=_WIDTH, force_jupyter=False, force_terminal=False), self.blocks()
+        )
         return file.getvalue()
 
     __repr__ = __str__
@@ -273,7 +275,9 @@ class Compared:
         return Table(["solver", *facts], rows)
 
 
-def compare(problem: Collision, solvers: Sequence[str] | None = None, *, timeout: float = 300.0) -> Compared:
+def compare(
+    problem: Collision, solvers: Sequence[str] | None = None, *, timeout: float = 300.0
+) -> SolverComparison:
     """Solve one collision, or one chain, by several solvers without gravity, and compare them with the model.
 
     Each solver runs in a process of its own, within a limit of time: one that crashes or hangs has a status that says
@@ -296,4 +300,4 @@ def compare(problem: Collision, solvers: Sequence[str] | None = None, *, timeout
     config = parse_config({"scenario": "impact", "cell_timeout": timeout, "solvers": names}, where="")
     with solvers_apart(config.solvers, chains=not problem.falls_on_resting) as apart:
         outcomes = apart.solve(problem, config, config.solvers, get_solver, say_waiting)
-        return Compared(problem, outcomes, versions=apart.versions)
+        return SolverComparison(problem, outcomes, versions=apart.versions)

@@ -22,14 +22,14 @@ from bokeh.embed import json_item
 
 from impact_xval.compliant_baselines import get_solver, solver_names
 from impact_xval.compliant_baselines.registry import is_engine
-from impact_xval.experiments.cells.compared import Compared
-from impact_xval.experiments.config.collision_options import asked
+from impact_xval.experiments.cells.compared import SolverComparison
+from impact_xval.experiments.config.collision_options import parse_collision
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.presentation.document import Table
-from impact_xval.experiments.presentation.html import fragment, page_of, render
+from impact_xval.experiments.presentation.html import render_blocks, render_page, render_template
 from impact_xval.experiments.presentation.page.charts import bokeh_script, curves_chart, velocities_chart
-from impact_xval.experiments.presentation.page.opened import curve_of
+from impact_xval.experiments.presentation.page.opened import impulse_curve
 from impact_xval.experiments.sweep.one import SolversApart, solvers_apart
 from impact_xval.experiments.sweep.process import ClosedError
 from impact_xval.model.collision import Outcome
@@ -39,7 +39,7 @@ ENGINES = tuple(filter(is_engine, solver_names()))
 EXACT = tuple(name for name in solver_names() if name not in ENGINES)
 
 
-class Cells:
+class ExplorerCells:
     """Cells that pages ask for; `ending` ends the processes, which begin when they are first needed."""
 
     def __init__(self, ending: contextlib.ExitStack) -> None:
@@ -58,7 +58,7 @@ class Cells:
         given = parse_qsl(query, keep_blank_values=True)
         typed = (("cell_timeout", "60"), *(each for each in given if each[0] != "solver"))
         try:
-            collision, arranged, _ = asked(dict(typed))
+            collision, chain, _ = parse_collision(dict(typed))
         except ValueError as error:
             return {"problem": str(error)}
         outcomes = self._solve(typed, EXACT)
@@ -66,17 +66,17 @@ class Cells:
             if key == "solver" and name in ENGINES:
                 outcomes |= self._engine(typed, (name,))
         versions = {name: each for apart in self._apart.values() for name, each in apart.versions.items()}
-        compared = Compared(collision, outcomes, arranged, versions)
+        compared = SolverComparison(collision, outcomes, chain, versions)
         blocks = compared.blocks()
         if compared.is_chain:  # its table counts states
             rows = [(name, " ".join(each.states)) for name, each in outcomes.items() if each.states]
             blocks.append(Table(["solver", "contacts that act"], rows, text=2))
-        return {"results": fragment(blocks), "data": _data(compared)}
+        return {"results": render_blocks(blocks), "data": _data(compared)}
 
     def _solve(self, typed: tuple[tuple[str, str], ...], names: tuple[str, ...]) -> dict[str, Outcome]:
         """Solve a cell by solvers of one sort, once those before it are solved."""
-        collision, arranged, config = asked(dict(typed))
-        engines, points = names != EXACT, None if arranged is None else 0
+        collision, chain, config = parse_collision(dict(typed))
+        engines, points = names != EXACT, None if chain is None else 0
         with self._turn[engines]:
             with self._starting:
                 if self.closed:
@@ -92,7 +92,7 @@ class Cells:
             self.closed = True
 
 
-def _data(compared: Compared) -> dict[str, dict[str, Any]]:
+def _data(compared: SolverComparison) -> dict[str, dict[str, Any]]:
     """Return what the sources of the charts hold; a solver that has nothing to draw has empty ones."""
     collision, kinds = compared.problem, ("balls", "curve", "end")
     data = {f"{kind} {name}": {"x": [], "y": []} for name in (*EXACT, *ENGINES) for kind in kinds}
@@ -102,7 +102,7 @@ def _data(compared: Compared) -> dict[str, dict[str, Any]]:
         return data
     reach, mass = 0.0, collision.mass_ratio
     for name, outcome in compared.outcomes.items():
-        if (curve := curve_of(collision, outcome)) is not None:
+        if (curve := impulse_curve(collision, outcome)) is not None:
             data[f"curve {name}"] = dict(zip("xy", curve, strict=True))
             data[f"end {name}"] = {"x": curve[0][-1:], "y": curve[1][-1:]}
             reach = max(reach, *curve[0], *curve[1])
@@ -111,19 +111,19 @@ def _data(compared: Compared) -> dict[str, dict[str, Any]]:
 
 
 @cache
-def page() -> str:
+def explorer_page() -> str:
     """Return the page, which then asks for cells."""
     solvers = in_order_of_laws([*EXACT, *ENGINES])
     charts = {"curves": curves_chart(solvers), "velocities": velocities_chart(solvers)}
     items = [json_item(chart, ID(name)) for name, chart in charts.items()]
-    form = render("explore.html.j2", charts=items, engines=ENGINES, bokeh=bokeh_script())
-    return page_of("One collision, as it moves", [form])
+    form = render_template("explore.html.j2", charts=items, engines=ENGINES, bokeh=bokeh_script())
+    return render_page("One collision, as it moves", [form])
 
 
 class _Server(ThreadingHTTPServer):
     #: Threads are waited for: one that was importing when the interpreter ended aborted it ("exception not rethrown").
     daemon_threads = False
-    cells: Cells
+    cells: ExplorerCells
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of a page that was closed, nor of a cell that Ctrl-C ended."""
@@ -141,7 +141,7 @@ class _Request(BaseHTTPRequestHandler):
         path, _, query = self.path.partition("?")
         kind, text = "text/plain", ""  # such as the icon, which browsers ask for
         if path == "/":
-            kind, text = "text/html", page()
+            kind, text = "text/html", explorer_page()
         elif path == "/solved":
             kind, text = "application/json", json.dumps(self.server.cells.answer(query))
         self.send_response(200)
@@ -159,7 +159,7 @@ def explore(port: int, opened: Callable[[str], object]) -> None:
     `opened` is told where the page is; port 0 is any that is free.
     """
     with contextlib.ExitStack() as ending:
-        cells = Cells(ending)
+        cells = ExplorerCells(ending)
         try:
             server = ending.enter_context(_Server(("127.0.0.1", port), _Request))
         except OSError as error:

@@ -19,7 +19,7 @@ from typing import Annotated, Any
 
 import typer
 
-from impact_xval.experiments.commands import contact, hypothesis, one, runs, scoreboard, solvers
+from impact_xval.experiments.commands import contact, hypothesis, runs, scoreboard, single_collision, solvers
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 
 PROGRAM = "impact-xval"
@@ -65,21 +65,21 @@ def _versions() -> str:
 
 
 # In the order of the help.
-for command in (
-    runs.run,
-    runs.show,
-    runs.report,
-    runs.compare,
-    one.solve,
-    one.explore,
-    hypothesis.hypothesis,
-    scoreboard.scoreboard,
-    contact.contact,
-    one.scene,
-    solvers.solvers,
-    solvers.inspect,
-):
-    app.command()(command)
+for name, command in {
+    "run": runs.run_command,
+    "show": runs.show_command,
+    "report": runs.report_command,
+    "compare": runs.compare_command,
+    "solve": single_collision.solve_command,
+    "explore": single_collision.explore_command,
+    "hypothesis": hypothesis.hypothesis_command,
+    "scoreboard": scoreboard.scoreboard_command,
+    "contact": contact.contact_command,
+    "scene": single_collision.scene_command,
+    "solvers": solvers.solvers_command,
+    "inspect": solvers.inspect_command,
+}.items():
+    app.command(name)(command)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

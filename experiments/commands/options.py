@@ -19,7 +19,7 @@ from impact_xval.experiments.config.collision_options import PARAMETERS
 from impact_xval.experiments.config.errors import UserError
 
 
-def number(text: str) -> float:
+def parse_number(text: str) -> float:
     """Read a number; infinities and NaN are judged where it is used."""
     try:
         return float(text)
@@ -27,7 +27,7 @@ def number(text: str) -> float:
         raise typer.BadParameter(f"{text!r:.60}; legal: a number") from None
 
 
-def whole(low: int, high: int) -> Callable[[str], int]:
+def whole_number_parser(low: int, high: int) -> Callable[[str], int]:
     """Return a parser of whole numbers in a range."""
 
     def read(text: str) -> int:
@@ -38,7 +38,7 @@ def whole(low: int, high: int) -> Callable[[str], int]:
     return read
 
 
-def path(text: str) -> Path:
+def parse_path(text: str) -> Path:
     """Read a path; what is there is for the command to judge."""
     # pathlib takes the empty text, a variable of the shell that is not set, for ".".
     if not text or not text.isprintable():
@@ -46,7 +46,7 @@ def path(text: str) -> Path:
     return Path(text)
 
 
-def one_of(*words: str) -> Callable[[str], str]:
+def word_parser(*words: str) -> Callable[[str], str]:
     """Return a parser of words."""
 
     def read(text: str) -> str:
@@ -57,7 +57,7 @@ def one_of(*words: str) -> Callable[[str], str]:
     return read
 
 
-def share(text: str) -> tuple[int, int]:
+def parse_shard(text: str) -> tuple[int, int]:
     """Read ``I/N`` of --shard: number of a shard, from 1, and how many there are."""
     found = re.fullmatch(r"(\d{1,5})/(\d{1,5})", text)
     if found is None or not 1 <= int(found[1]) <= int(found[2]):
@@ -103,7 +103,7 @@ def flag(name: str, what: str) -> Any:
 
 Workers = Annotated[
     int | None,
-    typer.Option(metavar="N", parser=whole(1, 4096), help="Processes; by default one a core."),
+    typer.Option(metavar="N", parser=whole_number_parser(1, 4096), help="Processes; by default one a core."),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
@@ -113,7 +113,7 @@ Solvers = Annotated[
 ]
 
 
-def of_one_collision(*without: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def with_collision_options(*without: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command the parameters of one collision as options, in the place of its keywords."""
 
     def add(command: Callable[..., None]) -> Callable[..., None]:

@@ -19,13 +19,13 @@ from impact_xval.experiments.commands.options import (
     Workers,
     argument,
     flag,
-    number,
-    one_of,
     option,
-    path,
+    parse_number,
+    parse_path,
+    parse_shard,
     print_json,
-    share,
-    whole,
+    whole_number_parser,
+    word_parser,
 )
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 
@@ -36,11 +36,11 @@ if TYPE_CHECKING:
     from impact_xval.experiments.tables.folder import RunFolder
 
 
-def run(
+def run_command(
     config: Path | None = argument(
-        "[FILE.toml]", "The experiment; without it, the built-in grid.", path, None
+        "[FILE.toml]", "The experiment; without it, the built-in grid.", parse_path, None
     ),
-    out: Path | None = option("DIR", "Folder to write; by default runs/NAME.", path),
+    out: Path | None = option("DIR", "Folder to write; by default runs/NAME.", parse_path),
     workers: Workers = None,
     scheduler: str | None = option("ADDRESS", "Compute on a Dask cluster, by its scheduler."),
     shard: str = option(
@@ -56,7 +56,7 @@ def run(
     Example: impact-xval run my.toml --out my-run
     """
     start = time.perf_counter()
-    part = share(shard)
+    part = parse_shard(shard)
     experiment = _experiment(config, out, quick)
     # Imported when the configuration is known to be legal: what solves takes a second.
     from impact_xval.experiments.presentation.terminal import make_console
@@ -71,9 +71,9 @@ def run(
     summaries: list[Summary] = []
 
     def writer() -> Callable[[RunFolder, Apart], Summary]:
-        from impact_xval.experiments.presentation.report import present
+        from impact_xval.experiments.presentation.report import present_run
 
-        return present
+        return present_run
 
     def presented(folder: RunFolder, apart: Apart) -> None:
         summaries.append(writer()(folder, apart))
@@ -101,9 +101,9 @@ def run(
             raise typer.Exit(1)
 
 
-def show(
-    folder: Path = argument("DIR", "Folder of a run.", path),
-    cell: int | None = option("N", "One cell: outcomes, and why they differ.", whole(0, 10**7)),
+def show_command(
+    folder: Path = argument("DIR", "Folder of a run.", parse_path),
+    cell: int | None = option("N", "One cell: outcomes, and why they differ.", whole_number_parser(0, 10**7)),
     json: Json = False,
 ) -> None:
     """Show how far a run is, and what it found.
@@ -138,10 +138,10 @@ def show(
         views.show_summary(console, summarise(run_folder(folder)))
 
 
-def report(
-    folder: Path = argument("DIR", "Folder of a finished run, or with --supplement a new one.", path),
+def report_command(
+    folder: Path = argument("DIR", "Folder of a finished run, or with --supplement a new one.", parse_path),
     only: str | None = option(
-        "WHAT", "'page', 'tables' or 'figures': write that alone.", one_of("page", "tables", "figures")
+        "WHAT", "'page', 'tables' or 'figures': write that alone.", word_parser("page", "tables", "figures")
     ),
     latex: bool = flag("--latex", "Write the table of divergence as summary.tex too."),
     supplement: bool = flag(
@@ -156,22 +156,22 @@ def report(
     """
     from impact_xval.experiments.measures.summary import summarise
     from impact_xval.experiments.presentation import report as reports
-    from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line
+    from impact_xval.experiments.presentation.terminal import make_console, print_line, report_waiting
     from impact_xval.experiments.tables.folder import check_writable, finished, new_folder
 
     console = make_console()
     if supplement:
         from impact_xval.experiments.presentation.pictures.supplement import draw_supplement_figures
-        from impact_xval.experiments.presentation.style import save_all
+        from impact_xval.experiments.presentation.style import save_figures
 
         new_folder(folder, "")
-        with at_work("drawing the figures"):
-            for name, caption in save_all(draw_supplement_figures(), folder).items():
+        with report_waiting("drawing the figures"):
+            for name, caption in save_figures(draw_supplement_figures(), folder).items():
                 print_line(console, f"{folder / name}.svg: {caption}")
         return
     run = finished(folder)
     check_writable(folder)
-    with at_work("writing the report"):
+    with report_waiting("writing the report"):
         summary = summarise(run)
         if only in (None, "tables"):
             reports.write_tables(run, summary)
@@ -185,11 +185,11 @@ def report(
             print_line(console, str(reports.write_latex(run, summary)))
 
 
-def compare(
-    run_a: Path = argument("A", "A finished run.", path),
-    run_b: Path = argument("B", "One of the same cells.", path),
+def compare_command(
+    run_a: Path = argument("A", "A finished run.", parse_path),
+    run_b: Path = argument("B", "One of the same cells.", parse_path),
     tolerance: float = option(
-        "T", "Change of a velocity per |v0|, and of D, that is none; 0: no bit.", number, 1e-9
+        "T", "Change of a velocity per |v0|, and of D, that is none; 0: no bit.", parse_number, 1e-9
     ),
     json: Json = False,
 ) -> None:
@@ -201,16 +201,16 @@ def compare(
     Example: impact-xval compare before after --tolerance 1e-6
     """
     from impact_xval.experiments.presentation import views
-    from impact_xval.experiments.presentation.terminal import at_work, make_console
+    from impact_xval.experiments.presentation.terminal import make_console, report_waiting
     from impact_xval.experiments.tables.comparison import compare as compared
     from impact_xval.experiments.tables.folder import finished
 
     if not 0 <= tolerance < math.inf:
         raise UserError(f"--tolerance = {tolerance!r}; legal: a finite number >= 0 (of |v0|)")
-    with at_work("comparing the runs"):
+    with report_waiting("comparing the runs"):
         found = compared(finished(run_a), finished(run_b), tolerance)
     if json:
-        print_json(views.changes_object(found))
+        print_json(views.changes_to_json(found))
     else:
         views.show_changes(make_console(), str(run_a), str(run_b), found)
     if found.moved or found.alone or found.cells_alone:

@@ -50,7 +50,7 @@ PARAMETERS = {
 }
 
 
-def asked(parameters: Mapping[str, Any]) -> tuple[Collision, ChainSetup | None, Config]:
+def parse_collision(parameters: Mapping[str, Any]) -> tuple[Collision, ChainSetup | None, Config]:
     """Make a collision of what is typed for one: two balls by ratios or in SI units, or a chain of N.
 
     Parameters are those of `PARAMETERS`, typed as options or in an address, None where nothing was. The configuration

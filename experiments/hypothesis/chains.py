@@ -19,7 +19,7 @@ import pandas as pd
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.config.arrangements import ChainSetup
-from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced
+from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced_contrasts
 from impact_xval.experiments.hypothesis.judging import kinetic_distance, mark_usable
 from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.sweep.pool import available_cores
@@ -44,7 +44,7 @@ PLACES = (
 )
 
 
-def draw(
+def draw_chains(
     place: tuple[Any, str], points: int, balls: tuple[int, int], seed: int
 ) -> list[tuple[Collision, int]]:
     """Draw chains of so many balls (least, largest), and of each the contact at a place, as stiff as the stiffest.
@@ -69,13 +69,13 @@ def draw(
     return chains
 
 
-def stiffened(chain: Collision, contact: int, contrast: float) -> Collision:
+def stiffen_contact(chain: Collision, contact: int, contrast: float) -> Collision:
     """Return a chain with a contact so many times stiffer."""
     stiffnesses = (k * contrast if i == contact else k for i, k in enumerate(chain.stiffnesses))
     return dataclasses.replace(chain, stiffnesses=tuple(stiffnesses))
 
 
-def welded(chain: Collision, contact: int) -> Collision:
+def weld_contact(chain: Collision, contact: int) -> Collision:
     """Return the chain without a contact: its two bodies are one, or its ball is part of the table."""
     upper, is_table_contact = contact, contact == len(chain.masses) - 1
     if is_table_contact:
@@ -91,7 +91,7 @@ def welded(chain: Collision, contact: int) -> Collision:
     return Collision(masses, stiffnesses, restitutions, velocities, chain.table)
 
 
-def of_each_ball(velocities: Sequence[float], contact: int) -> tuple[float, ...]:
+def velocities_of_balls(velocities: Sequence[float], contact: int) -> tuple[float, ...]:
     """Return the velocities of the balls of a chain from those of its welded chain.
 
     The lower body of the welded contact, and every ball below it, stands one place higher in the welded chain. Where
@@ -103,15 +103,15 @@ def of_each_ball(velocities: Sequence[float], contact: int) -> tuple[float, ...]
     return above + below
 
 
-def chain_outcomes(config: HypothesisConfig) -> Frame:
+def solve_chains(config: HypothesisConfig) -> Frame:
     """Solve the chains of a test by its exact solvers: a row a place, solver, chain and contrast."""
     design = config.chains
-    contrasts = spaced(design.contrast, design.per_decade)
+    contrasts = spaced_contrasts(design.contrast, design.per_decade)
     every = [
         ({"arrangement": place[0], "stiff_contact": place[1], "solver": solver, "chain": i}, *chain)
         for place in PLACES
         for solver in filter(config.solvers.__contains__, SOLVERS)
-        for i, chain in enumerate(draw(place, design.points, design.balls, config.seed))
+        for i, chain in enumerate(draw_chains(place, design.points, design.balls, config.seed))
     ]
     with ThreadPoolExecutor(available_cores()) as threads:  # kernels hold no lock of Python
         found = threads.map(lambda each: list(_solved(contrasts, *each)), every)
@@ -127,10 +127,10 @@ def _solved(
 
     Velocities are in m/s, the incoming ones being 1; `weights` are the masses per twice the kinetic energy at first.
     """
-    asked = [*(stiffened(chain, contact, x) for x in contrasts), welded(chain, contact)]
+    asked = [*(stiffen_contact(chain, contact, x) for x in contrasts), weld_contact(chain, contact)]
     *outcomes, as_one = get_solver(known["solver"]).solve_many(asked, Settings(mark=False))
     weights = np.array(chain.masses) / np.dot(chain.masses, np.square(chain.velocities))
-    form = of_each_ball(as_one.velocities, contact)
+    form = velocities_of_balls(as_one.velocities, contact)
     known = known | {name: getattr(chain, name) for name in ("masses", "stiffnesses", "restitutions")}
     known |= {"incoming": chain.velocities, "weights": weights, "closed_form": form}
     known |= {"meets": chain.compression_rates[contact] > 0}

@@ -71,14 +71,14 @@ class HypothesisConfig(Strict):
     chains: ChainsConfig = table(ChainsConfig)
 
 
-def spaced(ends: tuple[float, float], per_decade: int) -> list[float]:
+def spaced_contrasts(ends: tuple[float, float], per_decade: int) -> list[float]:
     """Return contrasts, so many in a decade, down from the upper end: windows of whole decades end on contrasts."""
     low, high = map(math.log10, ends)
     whole = math.floor((high - low) * per_decade + 1e-9)
     return np.logspace(high - whole / per_decade, high, whole + 1).tolist()
 
 
-def load(path: Path | None) -> HypothesisConfig:
+def load_hypothesis_config(path: Path | None) -> HypothesisConfig:
     """Read a configuration; without a path, the built-in one. A `UserError` is one line that says what is illegal."""
     where = str(path) if path else "built-in hypothesis"
     return validated(HypothesisConfig, read_toml(path) if path else {}, where)

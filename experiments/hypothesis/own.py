@@ -1,10 +1,10 @@
 """The hypothesis for one collision of one's own: does its stiff pair move as one body, by every law.
 
-The two bodies of the stiffest contact are *welded* (`chains.welded`): one body of the mass and the momentum of both,
-or, at the table, part of the table. Each law solves the welded collision, the collision at hand, and the same at rising
-contrasts of the stiff contact, all other contacts being as they are. D is the kinetic norm of the difference from the
-welded collision, per that of the velocities at first touch. Where the contrast goes is judged as in a test of the
-hypothesis (`judging`): one rule for both.
+The two bodies of the stiffest contact are *welded* (`chains.weld_contact`): one body of the mass and the momentum of
+both, or, at the table, part of the table. Each law solves the welded collision, the collision at hand, and the same
+collision at rising contrasts of the stiff contact; all other contacts stay as they are. D is the kinetic norm of the
+difference from the welded collision, over the kinetic norm of the velocities at first touch. The series of rising
+contrasts is judged by the rule of a test of the hypothesis (`judging`).
 """
 
 from __future__ import annotations
@@ -22,8 +22,14 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.config.axes import Strict
 from impact_xval.experiments.config.errors import UserError, read_toml, validated
-from impact_xval.experiments.hypothesis.chains import ERROR, SOLVERS, of_each_ball, stiffened, welded
-from impact_xval.experiments.hypothesis.config import spaced
+from impact_xval.experiments.hypothesis.chains import (
+    ERROR,
+    SOLVERS,
+    stiffen_contact,
+    velocities_of_balls,
+    weld_contact,
+)
+from impact_xval.experiments.hypothesis.config import spaced_contrasts
 from impact_xval.experiments.hypothesis.judging import (
     CLOSE,
     Approach,
@@ -33,7 +39,7 @@ from impact_xval.experiments.hypothesis.judging import (
     mark_usable,
 )
 from impact_xval.experiments.presentation.document import Block, Table
-from impact_xval.experiments.presentation.words import named
+from impact_xval.experiments.presentation.words import display_name
 from impact_xval.experiments.tables.numbers import listed, number
 from impact_xval.model.collision import MAX_BALLS, RESULT_STATUSES, Collision, Floats, Outcome
 
@@ -92,7 +98,7 @@ class OwnCollision(Strict):
         )
 
 
-def load_own(path: Path) -> tuple[Collision, int | None] | None:
+def load_own_collision(path: Path) -> tuple[Collision, int | None] | None:
     """Read a collision and the place of its stiff contact, from 0; None if the file is a test of the hypothesis."""
     data = read_toml(path)
     if MARK not in data:
@@ -108,7 +114,7 @@ def load_own(path: Path) -> tuple[Collision, int | None] | None:
     return collision, None if own.stiff is None else own.stiff - 1
 
 
-class OneLaw(NamedTuple):
+class LawOnPair(NamedTuple):
     """What a law makes of a collision whose stiff pair may be one body."""
 
     solver: str
@@ -148,7 +154,7 @@ class OwnPair(NamedTuple):
     #: Place of the stiff contact, from 0, and its stiffness over the largest of the others.
     contact: int
     contrast: float
-    laws: list[OneLaw]
+    laws: list[LawOnPair]
 
     @property
     def bodies(self) -> str:
@@ -163,7 +169,7 @@ class OwnPair(NamedTuple):
         return bool(self.collision.compression_rates[self.contact] > 0)
 
 
-def own_pair(collision: Collision, stiff: int | None = None) -> OwnPair:
+def judge_own_pair(collision: Collision, stiff: int | None = None) -> OwnPair:
     """Solve a collision and its welded one by every law, at the contrast at hand and at rising ones.
 
     `stiff` is the place of the contact in question, from 0; by default that of the stiffest. A `UserError` says that
@@ -192,21 +198,21 @@ def own_pair(collision: Collision, stiff: int | None = None) -> OwnPair:
     return OwnPair(collision, contact, contrast, laws)
 
 
-def _one_law(name: str, collision: Collision, contact: int, contrast: float) -> OneLaw:
+def _one_law(name: str, collision: Collision, contact: int, contrast: float) -> LawOnPair:
     """Solve a collision by a law: welded, at multiples of the contrast at hand, and at those of the series."""
     multiples = [x for x in MULTIPLES if x * contrast <= _MOST]
-    series = spaced((_FROM, min(_MOST, max(_TO, 100 * contrast))), _PER_DECADE)
+    series = spaced_contrasts((_FROM, min(_MOST, max(_TO, 100 * contrast))), _PER_DECADE)
     stiffer = [*multiples[1:], *(x / contrast for x in series)]
-    asked = [collision, *(stiffened(collision, contact, x) for x in stiffer)]
+    asked = [collision, *(stiffen_contact(collision, contact, x) for x in stiffer)]
     outcomes = get_solver(name).solve_many(asked, _SETTINGS)
     of_welded = get_solver(_WELDED_BY.get(name, name))
-    (as_one,) = of_welded.solve_many([welded(collision, contact)], _SETTINGS)
+    (as_one,) = of_welded.solve_many([weld_contact(collision, contact)], _SETTINGS)
     for each in (as_one, outcomes[0]):
         if each.status not in RESULT_STATUSES:
             nothing = (math.nan,) * len(MULTIPLES)
-            return OneLaw(name, f"{each.status}: {each.reason}", nothing, "undecided", math.nan, math.nan)
+            return LawOnPair(name, f"{each.status}: {each.reason}", nothing, "undecided", math.nan, math.nan)
     weights = np.array(collision.masses) / np.dot(collision.masses, np.square(collision.velocities))
-    form = of_each_ball(as_one.velocities, contact)
+    form = velocities_of_balls(as_one.velocities, contact)
     differences = np.array([each.velocities for each in outcomes]) - form
     solved = np.array([each.status in RESULT_STATUSES for each in outcomes])
     distances = np.where(solved, kinetic_distance(weights, differences), math.nan)
@@ -215,7 +221,7 @@ def _one_law(name: str, collision: Collision, contact: int, contrast: float) -> 
     of_series = slice(len(multiples), None)
     verdict = _judge_law(outcomes[of_series], distances[of_series], series, weights, form)
     why = verdict.reason.replace("the closed form", "the welded collision")
-    return OneLaw(name, why, tuple(shown), verdict.verdict, verdict.rate, verdict.offset)
+    return LawOnPair(name, why, tuple(shown), verdict.verdict, verdict.rate, verdict.offset)
 
 
 def _judge_law(
@@ -242,7 +248,7 @@ def _judge_law(
     )
 
 
-def own_blocks(own: OwnPair) -> Iterator[Block]:
+def own_pair_blocks(own: OwnPair) -> Iterator[Block]:
     """Lay out what becomes of a stiff pair, a law a row, and what the columns mean."""
     masses, place = own.collision.masses, own.contact
     at_table = place == len(masses) - 1
@@ -259,7 +265,7 @@ def own_blocks(own: OwnPair) -> Iterator[Block]:
     contrasts = [number(x * own.contrast) for x in MULTIPLES]
     header = ["law", "as one body", f"D at {contrasts[0]} (yours)", *(f"D at {x}" for x in contrasts[1:])]
     rows = [
-        (named(law.solver), law.as_one, *(number(d, 2) for d in law.distances), law.growing)
+        (display_name(law.solver), law.as_one, *(number(d, 2) for d in law.distances), law.growing)
         for law in own.laws
     ]
     yield Table([*header, "as the contrast grows"], rows, text=2)
@@ -272,7 +278,7 @@ def own_blocks(own: OwnPair) -> Iterator[Block]:
     for answer in ("yes", "no"):
         laws = [law for law in own.laws if law.as_one == answer]
         if laws:
-            by = listed(f"{named(law.solver)} (D = {number(law.distances[0], 2)})" for law in laws)
+            by = listed(f"{display_name(law.solver)} (D = {number(law.distances[0], 2)})" for law in laws)
             yield f"As one body, by D from the welded pair at your contrast: {answer} by {by}."
     if own.meets:
         yield (
@@ -281,4 +287,4 @@ def own_blocks(own: OwnPair) -> Iterator[Block]:
         )
     for law in own.laws:
         if law.as_one == "-":
-            yield f"{named(law.solver)}: {law.reason}"
+            yield f"{display_name(law.solver)}: {law.reason}"

@@ -24,8 +24,8 @@ from impact_xval.compliant_baselines.registry import engine_free_names
 from impact_xval.experiments.config.axes import AXES, Sample
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import REFERENCE, parse_config
-from impact_xval.experiments.hypothesis.chains import chain_outcomes
-from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced
+from impact_xval.experiments.hypothesis.chains import solve_chains
+from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced_contrasts
 from impact_xval.experiments.hypothesis.judging import (
     judge_classes,
     judge_points,
@@ -69,7 +69,7 @@ BOX = Sample.model_validate(_RANGES | {e: {"linear": [0.3, 0.95]} for e in ("e1"
 Point = namedtuple("Point", AXES)
 
 
-class Case(NamedTuple):
+class LimitCase(NamedTuple):
     """One limit, or one regime of it: what its contrast is, where it applies, and the ratio that goes to its limit."""
 
     key: str
@@ -86,17 +86,19 @@ class Case(NamedTuple):
         return {self.axis: contrast ** {"k2/k1": 1, "k1/k2": -1}.get(self.variable, -0.5)}
 
 
-CASES = (
-    Case("zero-apart", "k1/k2", "e1 m2/m1 ≥ 1 and e2 (1 + e1) ≤ e1 m2/m1 - 1"),  # the balls part at once
-    Case("zero-early", "k1/k2", "e1 m2/m1 below 1"),  # united while the table contact is compressed
-    Case("zero-late", "k1/k2", "e1 m2/m1 ≥ 1 and e2 (1 + e1) above e1 m2/m1 - 1"),  # ... while it restores
-    Case("infinity", "k2/k1", "everywhere"),
-    Case("plastic-ball-ball", "1/e1^2", "everywhere", "e1"),
-    Case("plastic-ball-table", "1/e2^2", "everywhere", "e2"),
+LIMIT_CASES = (
+    LimitCase("zero-apart", "k1/k2", "e1 m2/m1 ≥ 1 and e2 (1 + e1) ≤ e1 m2/m1 - 1"),  # the balls part at once
+    LimitCase("zero-early", "k1/k2", "e1 m2/m1 below 1"),  # united while the table contact is compressed
+    LimitCase(
+        "zero-late", "k1/k2", "e1 m2/m1 ≥ 1 and e2 (1 + e1) above e1 m2/m1 - 1"
+    ),  # ... while it restores
+    LimitCase("infinity", "k2/k1", "everywhere"),
+    LimitCase("plastic-ball-ball", "1/e1^2", "everywhere", "e1"),
+    LimitCase("plastic-ball-table", "1/e2^2", "everywhere", "e2"),
 )
 
 
-def border(case: Case, point: Point) -> float:
+def distance_from_border(case: LimitCase, point: Point) -> float:
     """How far inside its regime a point lies, in velocity per abs(v0); negative outside, infinite without a border.
 
     At k2/k1 → 0 the regimes part where v11 = 0, and where -e2 v21 = v11, v11 and v21 being the velocities after a
@@ -109,7 +111,7 @@ def border(case: Case, point: Point) -> float:
     return inside.get(case.key, math.inf)
 
 
-def pair_class(case: Case, point: Point) -> str:
+def pair_class(case: LimitCase, point: Point) -> str:
     """Name the class of a point: which of its contacts are elastic (e = 1); of a plastic limit, the other one."""
     if case.plastic:
         return "other elastic" if 1 in (point.e1, point.e2) else "other lossy"
@@ -117,7 +119,7 @@ def pair_class(case: Case, point: Point) -> str:
     return names.get((point.e1 == 1, point.e2 == 1), "both lossy")
 
 
-def draw(case: Case, n: int, seed: int) -> list[Point]:
+def draw_points(case: LimitCase, n: int, seed: int) -> list[Point]:
     """Draw the points of a case from a scrambled Sobol sequence in `BOX`, in six digits, `MARGIN` inside.
 
     Of a limit of k2/k1 half of them have e1, e2 < 1, and the rest is shared by e1 = 1, e2 = 1 and both; of a plastic
@@ -132,17 +134,17 @@ def draw(case: Case, n: int, seed: int) -> list[Point]:
 
     def inside(fixed: dict[str, float]) -> Point:
         points = (Point(*(float(f"{x:.6g}") for x in ratios))._replace(**fixed) for ratios in drawn)
-        return next(point for point in points if border(case, point) >= MARGIN)
+        return next(point for point in points if distance_from_border(case, point) >= MARGIN)
 
     wanted = (n - len(elastic)) * [{}] + elastic
     return [inside(one | {case.axis: math.nan}) for one in wanted]
 
 
-def design(n: int, seed: int) -> Frame:
+def draw_design(n: int, seed: int) -> Frame:
     """Draw the points of all limits: a row each, with its class, and v1 and v2 of the closed form."""
     tables = []
-    for case in CASES:
-        points = draw(case, n, seed)
+    for case in LIMIT_CASES:
+        points = draw_points(case, n, seed)
         table: Frame = pd.DataFrame(points)
         closed = solve_batch(**table.assign(**case.at(math.inf)), stiffness_ratio_cutoff=math.inf)
         known = {"case": case.key, "point": range(n), "class": [pair_class(case, each) for each in points]}
@@ -170,7 +172,7 @@ class HypothesisResults(NamedTuple):
         return in_order_of_laws(name for name in self.config.solvers if name in set(self.points.solver))
 
 
-def stages(config: HypothesisConfig, root: Path) -> Iterator[tuple[str, Callable[..., Any]]]:
+def prepare_runs(config: HypothesisConfig, root: Path) -> Iterator[tuple[str, Callable[..., Any]]]:
     """Prepare the folder of a test, and give its runs, each with a line that says what it is of, as a `run_sweep`.
 
     A folder that holds anything but the same test is a `UserError`.
@@ -201,21 +203,24 @@ def _runs(config: HypothesisConfig) -> dict[str, list[str]]:
 
 def _cells(config: HypothesisConfig, run: str) -> Frame:
     """List the cells of a run, points before contrasts: neighbours take about as many steps."""
-    contrasts = spaced(config.contrast, config.per_decade)
-    plastic_contrasts = spaced(config.plastic_contrast, max(4, config.per_decade // 2))
+    contrasts = spaced_contrasts(config.contrast, config.per_decade)
+    plastic_contrasts = spaced_contrasts(config.plastic_contrast, max(4, config.per_decade // 2))
     if run != EXACT:  # steps grow as the root of the contrast: as far as one can wait
-        contrasts, plastic_contrasts = spaced((10**0.5, 10**3.5), 2), spaced((1e2, 1e5), 2)
-    points = design(config.points, config.seed)
+        contrasts, plastic_contrasts = (
+            spaced_contrasts((10**0.5, 10**3.5), 2),
+            spaced_contrasts((1e2, 1e5), 2),
+        )
+    points = draw_design(config.points, config.seed)
     cells = [
         points[points["case"] == case.key].assign(contrast=x, **case.at(x))
-        for case in CASES
+        for case in LIMIT_CASES
         if run == EXACT or (case.key in _BALLS_UNITE) == (run == UNITED)
         for x in (plastic_contrasts if case.plastic else contrasts)
     ]
     return pd.concat(cells, ignore_index=True)
 
 
-def results(config: HypothesisConfig, root: Path) -> HypothesisResults:
+def judge_runs(config: HypothesisConfig, root: Path) -> HypothesisResults:
     """Judge what the runs in a folder have found."""
     found, versions = [], {}
     for name, solvers in _runs(config).items():
@@ -226,15 +231,15 @@ def results(config: HypothesisConfig, root: Path) -> HypothesisResults:
         found.append(rows.assign(decades=config.fit_decades if name == EXACT else 2.0))
         if name != EXACT:
             versions = {engine: folder.manifest()["versions"][engine] for engine in solvers}
-    order = [*(case.key for case in CASES), *in_order_of_laws(config.solvers)]
+    order = [*(case.key for case in LIMIT_CASES), *in_order_of_laws(config.solvers)]
     outcomes = _outcomes(pd.concat(found)).sort_values(
         ["case", "solver", "point", "contrast"],
         key=lambda column: column.map(order.index) if column.name in ("case", "solver") else column,
         ignore_index=True,
     )
     points = judge_points(outcomes, ["case", "solver", "point", "class"])
-    ratios = design(config.points, config.seed)[["case", "point", *AXES, *_CLOSED]]
-    chains, keys = chain_outcomes(config), ["arrangement", "stiff_contact", "meets", "solver"]
+    ratios = draw_design(config.points, config.seed)[["case", "point", *AXES, *_CLOSED]]
+    chains, keys = solve_chains(config), ["arrangement", "stiff_contact", "meets", "solver"]
     of_chains = (
         judge_classes(judge_points(chains, [*keys, "chain", "class"]), keys) if len(chains) else chains
     )

@@ -24,7 +24,7 @@ def contact_blocks(engine: Engine, pair: Pair, touch: Touch | None, found: Drops
     c, name, rows = pair.contact, engine.name, []
     for what, unit, asked in (("restitution", "", pair.restitution), ("duration", " s", c.duration)):
         at_tenth = f"{getattr(fine, what)[0]:.6g}{unit}"
-        rows.append((what, f"{asked:.6g}{unit}", f"{rounded_outward(*getattr(found, what))}{unit}", at_tenth))
+        rows.append((what, f"{asked:.6g}{unit}", f"{round_outward(*getattr(found, what))}{unit}", at_tenth))
     how = "by the lines above alone" if name in DROP else "by the adapter's scene"
     header = ("", "asked", f"at {found.step:.6g} s", f"at {found.step / 10:.6g} s")
     return [
@@ -39,7 +39,7 @@ def contact_blocks(engine: Engine, pair: Pair, touch: Touch | None, found: Drops
     ]
 
 
-def rounded_outward(low: float, high: float) -> str:
+def round_outward(low: float, high: float) -> str:
     """Write an interval that holds both numbers, wider by at most 2e-4 of its width and 2e-12 of the numbers.
 
     Rounded to the nearest digit an interval would leave out what was measured.

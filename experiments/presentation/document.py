@@ -73,6 +73,6 @@ class Section:
 Block = str | Table | Figure | Section
 
 
-def say(template: str, **values: Any) -> Markup:
+def fill_sentence(template: str, **values: Any) -> Markup:
     """Fill the named fields of a sentence; values keep what they are."""
     return escape(template).format(**values)

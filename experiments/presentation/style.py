@@ -12,7 +12,7 @@ from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from impact_xval.experiments.presentation.words import written
+from impact_xval.experiments.presentation.words import format_axis_value
 from impact_xval.experiments.tables.folder import write_json
 from impact_xval.experiments.tables.parquet import replacing
 
@@ -43,16 +43,16 @@ _PARAMETERS: dict[Any, Any] = {
 
 
 @contextmanager
-def drawing(width: float, height: float) -> Iterator[Figure]:
+def styled_figure(width: float, height: float) -> Iterator[Figure]:
     """Give an empty figure of a size in inches, in the style of the project; no state is left behind."""
     with mpl.rc_context(_PARAMETERS):
         yield Figure(figsize=(width, height), layout="constrained")
 
 
-def label_places(axis: Any, values: Sequence[Any], most: int) -> None:
+def label_axis_values(axis: Any, values: Sequence[Any], most: int) -> None:
     """Label at most so many of the places 0, 1, ... of an axis with the values that stand there."""
     step = max(1, -(-len(values) // most))
-    axis.set_ticks(range(0, len(values), step), [written(value, 2) for value in values[::step]])
+    axis.set_ticks(range(0, len(values), step), [format_axis_value(value, 2) for value in values[::step]])
 
 
 def _apart(low: float, high: float) -> tuple[float, float]:
@@ -61,7 +61,7 @@ def _apart(low: float, high: float) -> tuple[float, float]:
     return (low, high) if abs(high - low) > reach else (low - reach, high + reach)
 
 
-def save(figure: Figure, folder: Path, name: str) -> None:
+def save_figure(figure: Figure, folder: Path, name: str) -> None:
     """Write a figure as ``NAME.svg`` and ``NAME.pdf``: a figure that is drawn again gives the same files."""
     for ax in figure.axes:
         ax.minorticks_off()  # layout takes half its time for their labels, which nobody sees
@@ -76,17 +76,17 @@ def save(figure: Figure, folder: Path, name: str) -> None:
         FigureCanvasPdf(figure).print_pdf(temporary, metadata={"CreationDate": None})
 
 
-def save_all(figures: Iterable[Drawn], folder: Path) -> dict[str, str]:
+def save_figures(figures: Iterable[Drawn], folder: Path) -> dict[str, str]:
     """Write figures, and their captions by name, which are returned, as ``captions.json``."""
     captions = {}
     for name, figure, caption in figures:
-        save(figure, folder, name)
+        save_figure(figure, folder, name)
         captions[name] = caption
     write_json(folder / CAPTIONS, captions)
     return captions
 
 
-def save_as(figure: Figure, path: Path) -> None:
+def save_picture(figure: Figure, path: Path) -> None:
     """Write a figure as its suffix says: .png, .svg or .pdf; one that is drawn again gives the same file."""
     dates = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
     with mpl.rc_context(_PARAMETERS), replacing(path) as temporary:

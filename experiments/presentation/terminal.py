@@ -27,7 +27,7 @@ from impact_xval.compliant_baselines.answers import visible
 from impact_xval.compliant_baselines.registry import solver_names
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.presentation.document import Block, Table
-from impact_xval.experiments.presentation.words import look
+from impact_xval.experiments.presentation.words import look_of
 
 #: What is said before kernels are compiled.
 COMPILING = "compiling the kernels, once for each installation: half a minute or more"
@@ -40,7 +40,7 @@ _SAY = 20.0
 _STDOUT = "standard output"
 
 
-def show(console: Console, blocks: Iterable[Block]) -> None:
+def print_blocks(console: Console, blocks: Iterable[Block]) -> None:
     """Print a line a paragraph, and tables with their captions between empty lines; the rest is for pages."""
     last = None
     for block in blocks:
@@ -66,7 +66,7 @@ def _table(block: Table) -> RichTable:
         cells = [Text(visible(str(cell))) for cell in row]
         for title, cell in zip(block.header, cells, strict=True):
             if title == "solver" and cell.plain in known:
-                cell.stylize(look(cell.plain).color)
+                cell.stylize(look_of(cell.plain).color)
         table.add_row(*cells)
     return table
 
@@ -118,7 +118,7 @@ class _Console(Console):
 
 
 @contextmanager
-def at_work(what: str) -> Iterator[None]:
+def report_waiting(what: str) -> Iterator[None]:
     """Say every `_SAY` s on standard error what is waited for."""
     start, ended = time.perf_counter(), threading.Event()
 

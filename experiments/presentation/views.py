@@ -16,14 +16,14 @@ from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.measures.ladder import CAUSES, CONTRIBUTIONS, between, cancelling
 from impact_xval.experiments.measures.summary import Summary
 from impact_xval.experiments.presentation.document import Block, Table
-from impact_xval.experiments.presentation.findings import brief, region_table
-from impact_xval.experiments.presentation.terminal import print_line, show
+from impact_xval.experiments.presentation.findings import region_table, summary_blocks
+from impact_xval.experiments.presentation.terminal import print_blocks, print_line
 from impact_xval.experiments.presentation.words import (
     NO_RESULT,
     WHAT_NO_RESULT_IS,
-    by_axes,
-    in_si_units,
-    told,
+    describe_cell,
+    describe_si_values,
+    name_solver_in,
 )
 from impact_xval.experiments.sweep.status import RunStatus
 from impact_xval.experiments.tables.comparison import Comparison
@@ -41,12 +41,12 @@ _SHOWN = 8
 
 def show_summary(console: Console, summary: Summary) -> None:
     """Print what a run found, and why its engines diverge."""
-    show(console, [*brief(summary), region_table(summary.ladder)])
+    print_blocks(console, [*summary_blocks(summary), region_table(summary.ladder)])
 
 
 def show_end(console: Console, summary: Summary, seconds: float, root: str) -> None:
     """Print what a run found, and where it is."""
-    show(console, brief(summary))
+    print_blocks(console, summary_blocks(summary))
     print_line(console, f"{seconds:.0f} s; report.html is the page to read; everything is in {root}")
 
 
@@ -67,7 +67,7 @@ def show_status(console: Console, root: str, status: RunStatus) -> None:
         blocks.append(f"and {len(status.reasons) - _REASONS} more reasons")
     if status.state == "stopped":
         blocks.append(f"to continue: {shlex.join(['impact-xval', 'run', '--out', root])}")
-    show(console, blocks)
+    print_blocks(console, blocks)
 
 
 def rows_of_cell(folder: RunFolder, cell: int) -> list[dict[str, Any]]:
@@ -104,9 +104,9 @@ def show_cell(console: Console, cell: int, rows: list[dict[str, Any]]) -> None:
         for row in rows
     ]
     header = ["solver", "status", *(f"v{i}/|v0|" for i in balls), "D", "states"]
-    setup = by_axes(rows[0], axes)
+    setup = describe_cell(rows[0], axes)
     if axes is AXES:
-        setup += f"; {in_si_units(rows[0])}"
+        setup += f"; {describe_si_values(rows[0])}"
     blocks: list[Block] = [f"cell {cell}: {setup}", Table(header, outcomes, text=2)]
     if any(NO_RESULT in "".join(outcome) for outcome in outcomes):
         blocks.append(WHAT_NO_RESULT_IS)
@@ -115,8 +115,10 @@ def show_cell(console: Console, cell: int, rows: list[dict[str, Any]]) -> None:
     causes = ["cause", *(f"dv{i}/|v0|" for i in balls), "kinetic norm", "share", "by order"]
     for row in rows:
         if row.get("sentence"):
-            blocks.append(Table(causes, _contributions(row, balls), told(row["solver"], row["sentence"])))
-    show(console, blocks)
+            blocks.append(
+                Table(causes, _contributions(row, balls), name_solver_in(row["solver"], row["sentence"]))
+            )
+    print_blocks(console, blocks)
 
 
 def _velocity(row: dict[str, Any], name: str, speed: float) -> str:
@@ -171,10 +173,10 @@ def show_changes(console: Console, a: str, b: str, found: Comparison) -> None:
     blocks.append(Table(by_solver, solvers, f"Changes from {a} to {b}"))
     by_row = ("cell", "solver", "first status", "second status", "dv/|v0|", "dD")
     caption = 'The largest changes; "one only": only one run has a number'
-    show(console, [*blocks, Table(by_row, worst, caption, text=4)])
+    print_blocks(console, [*blocks, Table(by_row, worst, caption, text=4)])
 
 
-def changes_object(found: Comparison) -> dict[str, Any]:
+def changes_to_json(found: Comparison) -> dict[str, Any]:
     """Return what moved between two runs, for JSON; a change is infinite where one run alone has a number."""
     return {
         "tolerance": found.tolerance,

@@ -99,7 +99,7 @@ class Look:
     dash: str | tuple[int, tuple[int, ...]]  # matplotlib and Bokeh have the same words
 
 
-def look(solver: str) -> Look:
+def look_of(solver: str) -> Look:
     """Return the look of a solver, the same in every figure."""
     if solver in _LOOKS:
         return Look(*_LOOKS[solver])
@@ -108,40 +108,40 @@ def look(solver: str) -> Look:
     return Look(_COLORS[place % len(_COLORS)], _MARKERS[place % len(_MARKERS)], "dashed")
 
 
-def named(solver: str) -> str:
+def display_name(solver: str) -> str:
     """Name a solver as a reader knows it."""
     engine, at, step = solver.partition(":step-")
-    return f"{named(engine)} (step {step})" if at else _NAMES.get(solver, solver)
+    return f"{display_name(engine)} (step {step})" if at else _NAMES.get(solver, solver)
 
 
-def told(solver: str, text: str) -> str:
+def name_solver_in(solver: str, text: str) -> str:
     """Give what a ladder's row says of an engine, which begins with an identifier, with the name in its place."""
     identifier = next(filter(text.startswith, (solver, REFERENCE)), "")
-    return named(identifier) + text.removeprefix(identifier)
+    return display_name(identifier) + text.removeprefix(identifier)
 
 
-def begun(sentence: str) -> str:
+def capitalise_first(sentence: str) -> str:
     """Begin a sentence that may begin with a name."""
     return sentence[:1].upper() + sentence[1:]
 
 
-def written(value: Any, digits: int = 3) -> str:
+def format_axis_value(value: Any, digits: int = 3) -> str:
     """Write a value of an axis: a word, or a number."""
     return value if isinstance(value, str) else number(value, digits)
 
 
-def by_axes(cell: Mapping[str, Any], axes: Mapping[str, str] = AXES, digits: int = 3) -> str:
+def describe_cell(cell: Mapping[str, Any], axes: Mapping[str, str] = AXES, digits: int = 3) -> str:
     """Name a cell by the axes on which it has a value."""
     known = ((label, cell[axis]) for axis, label in axes.items() if cell[axis] is not None)
-    return ", ".join(f"{label} = {written(value, digits)}" for label, value in known)
+    return ", ".join(f"{label} = {format_axis_value(value, digits)}" for label, value in known)
 
 
-def in_si_units(cell: Mapping[str, Any], quantities: Iterable[str] = SI_AXES) -> str:
+def describe_si_values(cell: Mapping[str, Any], quantities: Iterable[str] = SI_AXES) -> str:
     """Name masses and stiffnesses of a cell of two balls with their units."""
     return ", ".join(f"{name} = {number(cell[name], 6)} {SI_AXES[name]}" for name in quantities)
 
 
-def arranged(chain: ChainSetup) -> str:
+def describe_chain(chain: ChainSetup) -> str:
     """Say in words how a chain is arranged."""
     words = f"a {chain.arrangement} of {chain.balls} balls"
     words += f", {chain.striking} striking" if chain.arrangement == "cradle" else ""
@@ -152,7 +152,7 @@ def arranged(chain: ChainSetup) -> str:
     return words + (f", gaps of {number(chain.gap, 6)} m" if chain.gap else "")
 
 
-def restitution_of_two(solvers: Iterable[str], e: float = 0.9) -> str:
+def describe_restitution_product(solvers: Iterable[str], e: float = 0.9) -> str:
     """Say of engines that multiply the restitutions of two bodies what to write for e; empty where none does."""
     engines = [re.split("[-:]", name)[0] for name in solvers]
     titles = [title for engine, title in _MULTIPLYING.items() if engine in engines]
@@ -165,11 +165,13 @@ def restitution_of_two(solvers: Iterable[str], e: float = 0.9) -> str:
     )
 
 
-def one_vote(solvers: Iterable[str]) -> str:
+def describe_shared_laws(solvers: Iterable[str]) -> str:
     """Say which solvers were asked for one law: together they are one vote on it; empty where none were."""
     said = []
     for group in by_law(solvers).values():
         if len(group) > 1:
             count = _COUNTS[len(group)] if len(group) < len(_COUNTS) else len(group)
-            said.append(f"{begun(listed(map(named, group)))} were asked for one law: one vote, not {count}.")
+            said.append(
+                f"{capitalise_first(listed(map(display_name, group)))} were asked for one law: one vote, not {count}."
+            )
     return " ".join(said)

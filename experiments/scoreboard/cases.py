@@ -58,10 +58,10 @@ STEPS = {"half the step": 0.5, "twice the step": 2.0}
 SETTINGS = Settings(max_steps=200_000)
 
 
-def prepare(_: object, name: str) -> float | None:
+def prepare_solver(_: object, name: str) -> float | None:
     """Compile and import what a solver needs; microseconds a step of an engine, while balls touch."""
     solver, collision, n = get_solver(name), CASES["pile, k2/k1 = 1", 0.9], 500
-    scenes = arrangements(solver, collision)
+    scenes = arrange_scenes(solver, collision)
     if not isinstance(solver, Engine) or not scenes:
         answer(solver, [collision], SETTINGS)
         return None
@@ -73,11 +73,11 @@ def prepare(_: object, name: str) -> float | None:
         return None
 
 
-def answers_to(_: object, name: str, *case: Any) -> list[tuple[str, str, str, Sequence[float]]]:
+def answer_case(_: object, name: str, *case: Any) -> list[tuple[str, str, str, Sequence[float]]]:
     """Answer a case, an engine in every arrangement: which, status, reason and velocities."""
     solver, collision, found = get_solver(name), CASES[case], []
     try:
-        scenes = arrangements(solver, collision)
+        scenes = arrange_scenes(solver, collision)
         if not isinstance(solver, Engine) or not scenes:
             (o,) = answer(solver, [collision], SETTINGS)
             return [(USUAL, o.status, o.reason, o.velocities)]
@@ -93,7 +93,7 @@ def answers_to(_: object, name: str, *case: Any) -> list[tuple[str, str, str, Se
     return found
 
 
-def arrangements(solver: Solver, collision: Collision) -> dict[str, Scene]:
+def arrange_scenes(solver: Solver, collision: Collision) -> dict[str, Scene]:
     """Arrange a collision in every way for an engine; in none for another solver, or an engine that cannot take it.
 
     Every gap is changed at once. Without a table a chain is also moved along its line, and mirrored.

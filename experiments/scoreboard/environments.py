@@ -147,11 +147,11 @@ def _run(command: Sequence[str], requirement: Requirement) -> str:
         command, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace", check=False
     )
     if done.returncode:
-        raise NotInstalledError(requirement, reason_in(done.stdout + done.stderr))
+        raise NotInstalledError(requirement, find_reason(done.stdout + done.stderr))
     return done.stdout
 
 
-def reason_in(printed: str) -> str:
+def find_reason(printed: str) -> str:
     """Find in what an installer printed why it failed, in a line."""
     first = re.search(r"^ERROR: (.*)", printed, re.M)  # of pip; those that follow say less
     text = first[1] if first else re.sub(r"[│╰─▶├×]", " ", printed)

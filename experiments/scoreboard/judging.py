@@ -82,8 +82,8 @@ class AnsweredMotions(NamedTuple):
         return norms(self.masses, self.after - self.usual.reindex(same_case).to_numpy(), self.before)
 
 
-def judge(answers: Frame) -> Frame:
-    """Judge answers as `playing.play` gives them.
+def judge_answers(answers: Frame) -> Frame:
+    """Judge answers as `playing.collect_answers` gives them.
 
     Return one row per solver and case, with its answer in the usual arrangement and `BOARD_COLUMNS`.
     """
@@ -160,7 +160,7 @@ def _add_nearest_laws(judged: Frame) -> Frame:
     return judged.assign(D_nearest=least, nearest=names)
 
 
-def laws(judged: Frame) -> Frame:
+def find_nearest_laws(judged: Frame) -> Frame:
     """Find the exact law that explains each engine best: the one whose largest distance over all cases is the smallest.
 
     Return one row per engine that has an answer, with `ENGINE_COLUMNS`.
@@ -186,7 +186,7 @@ def _rank_laws(judged: Frame) -> Frame:
     return pd.DataFrame(columns | {"next": laws[:, 1], "next_farthest": ranked[:, 1]}, index=cases.index)
 
 
-def moved(before: Frame, after: Frame, tolerance: float = 1e-6) -> Frame:
+def list_moved_answers(before: Frame, after: Frame, tolerance: float = 1e-6) -> Frame:
     """List the answers that moved, the farthest first: another status, or a velocity that differs by more, in m/s."""
     answer = [*_CASE, "arrangement"]
     both = before.merge(after, on=answer, suffixes=("_before", "_after"))

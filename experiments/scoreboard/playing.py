@@ -16,27 +16,34 @@ import pandas as pd
 
 from impact_xval.compliant_baselines.registry import engine_free_names, get_solver, is_engine, solver_names
 from impact_xval.experiments.config.errors import InterruptedRunError
-from impact_xval.experiments.scoreboard.cases import CASE_SETUPS, CASES, SETTINGS, USUAL, answers_to, prepare
+from impact_xval.experiments.scoreboard.cases import (
+    CASE_SETUPS,
+    CASES,
+    SETTINGS,
+    USUAL,
+    answer_case,
+    prepare_solver,
+)
 from impact_xval.experiments.scoreboard.environments import Environment
 from impact_xval.experiments.sweep.pool import TO_PREPARE, Slot, open_pool
 from impact_xval.experiments.sweep.process import FaultError
 from impact_xval.experiments.tables.folder import new_folder, write_text
 
-#: Columns of answers, as `play` describes them.
+#: Columns of answers, as `collect_answers` describes them.
 _COLUMNS = ["solver", "version", "microseconds", "case", "e", "arrangement", "status", "reason"]
 _COLUMNS += [f"v{ball}" for ball in range(1, 6)]
 #: Seconds that one case may take in all arrangements.
 _LONGEST = 120.0
 
 
-def entrants(names: Sequence[str] = ()) -> list[str]:
+def list_entrants(names: Sequence[str] = ()) -> list[str]:
     """Name the exact laws, and the engines that are given, or all that are installed."""
     engines = filter(is_engine, solver_names(on_request=True))
     installed = (name for name in engines if get_solver(name).unavailable() is None)
     return list(dict.fromkeys([*engine_free_names(), *(names or installed)]))
 
 
-def play(
+def collect_answers(
     names: Sequence[str],
     root: Path,
     workers: int,
@@ -104,10 +111,10 @@ def _kept_answers(
     if path.exists():
         return json.loads(path.read_text(encoding="utf-8"))
     with contextlib.suppress(FaultError):  # then each case says so
-        facts["microseconds"] = call(prepare, name, timeout=TO_PREPARE)
+        facts["microseconds"] = call(prepare_solver, name, timeout=TO_PREPARE)
     for case, e in CASES:
         try:
-            answers = call(answers_to, name, case, e, timeout=_LONGEST)
+            answers = call(answer_case, name, case, e, timeout=_LONGEST)
         except FaultError as fault:
             answers = [(USUAL, fault.status, fault.reason, ())]
         for arrangement, status, reason, v in answers:

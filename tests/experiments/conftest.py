@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from impact_xval.experiments.config.experiment import parse_config
-from impact_xval.experiments.presentation.report import present
+from impact_xval.experiments.presentation.report import present_run
 from impact_xval.experiments.sweep.run import run_sweep
 from tests.experiments import fakes
 from tests.model.conftest import compiled_kernels  # noqa: F401
@@ -53,7 +53,7 @@ def engine_run(tmp_path_factory):
     root = tmp_path_factory.mktemp("engines") / "a run"
     solvers = ["kelvin-voigt", "bistiffness", "mujoco"]
     settings = {"solvers": solvers, "scenario": "drop", "v0": -2.0, "name": HOSTILE}
-    run_sweep(parse_config(SMALL | settings), root, present=present)
+    run_sweep(parse_config(SMALL | settings), root, present=present_run)
     return root
 
 
@@ -61,7 +61,7 @@ def engine_run(tmp_path_factory):
 def chain_run(tmp_path_factory):
     """A small run of chains, half of which no engine represents, with its page; no test changes it."""
     root = tmp_path_factory.mktemp("chains") / "run"
-    run_sweep(parse_config(CHAINS), root, isolate=False, present=present)
+    run_sweep(parse_config(CHAINS), root, isolate=False, present=present_run)
     return root
 
 

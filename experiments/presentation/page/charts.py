@@ -31,8 +31,14 @@ from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.aggregates import Compared, Frame, levels_of
-from impact_xval.experiments.presentation.html import render
-from impact_xval.experiments.presentation.words import NO_RESULT, WHAT_NO_RESULT_IS, look, named, written
+from impact_xval.experiments.presentation.html import render_template
+from impact_xval.experiments.presentation.words import (
+    NO_RESULT,
+    WHAT_NO_RESULT_IS,
+    display_name,
+    format_axis_value,
+    look_of,
+)
 from impact_xval.experiments.tables.numbers import listed
 from impact_xval.experiments.tables.parquet import column
 
@@ -67,7 +73,7 @@ class Tiles:
     medians: Frame
 
 
-def tiles_of(table: Compared) -> Tiles:
+def make_tiles(table: Compared) -> Tiles:
     """Lay the compared cells of a run out as a map.
 
     As many axes as there is room for stand up the side, in the order of the tables: with all of them a tile is one
@@ -96,7 +102,7 @@ def tiles_of(table: Compared) -> Tiles:
     rows["tile"] = rows.groupby(axes, observed=True).ngroup()  # numbered in the order of the axes
     largest = rows.sort_values(["tile", "rank"], ascending=[True, False], kind="stable")
     places = largest.drop_duplicates("tile").reset_index(drop=True)
-    said: Frame = places[axes].map(written)
+    said: Frame = places[axes].map(format_axis_value)
     shown = pd.DataFrame(
         {
             "across": places[along].cat.codes,
@@ -111,11 +117,11 @@ def tiles_of(table: Compared) -> Tiles:
 
 
 def cells_piece(tiles: Tiles, n_cells: int, packed: str, solvers: Sequence[str]) -> Markup:
-    """Lay out the map of a run in which a solver was compared, and the cell that is open (`opened.packed_cells`)."""
+    """Lay out the map of a run in which a solver was compared, and the cell that is open (`opened.pack_cells`)."""
     plots = {"map": _map(tiles)} | ({"curves": curves_chart(solvers)} if tiles.along in AXES else {})
-    return render(
+    return render_template(
         "cells.html.j2",
-        compared=[(name, named(name)) for name in tiles.medians],
+        compared=[(name, display_name(name)) for name in tiles.medians],
         shown=len(tiles.places),
         n_cells=n_cells,
         rows=listed(LABELS[axis] for axis in tiles.up),
@@ -215,12 +221,12 @@ def _chart(name: str, across: str, up: str) -> Any:
 def _with_solvers(plot: Any, solvers: Sequence[str], lines: str, points: str) -> Any:
     """Add a line and points for each solver; their sources have these names, with that of the solver."""
     for name in solvers:
-        style = look(name)
+        style = look_of(name)
         dash = style.dash if isinstance(style.dash, str) else list(style.dash[1])
         sources = {
             each: ColumnDataSource({"x": [], "y": []}, name=f"{each} {name}") for each in (lines, points)
         }
-        how = {"color": style.color, "legend_label": named(name)}
+        how = {"color": style.color, "legend_label": display_name(name)}
         width = 3 if name == REFERENCE else 2
         plot.line("x", "y", source=sources[lines], line_dash=dash, line_width=width, **how)
         plot.scatter("x", "y", source=sources[points], size=9, **how)

@@ -23,7 +23,7 @@ from impact_xval.compliant_baselines.registry import engine_free_names, get_solv
 from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES, RATIO_OF, SI_AXES
 from impact_xval.experiments.config.experiment import Config
-from impact_xval.experiments.presentation.words import named, told, written
+from impact_xval.experiments.presentation.words import display_name, format_axis_value, name_solver_in
 from impact_xval.experiments.sweep.curves import needed
 from impact_xval.experiments.sweep.rows import settings_of
 from impact_xval.experiments.tables.folder import RunFolder, cells_of_run
@@ -34,13 +34,13 @@ from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
 _DIGITS = 4
 
 
-def packed_cells(folder: RunFolder, cells: Sequence[int]) -> str:
+def pack_cells(folder: RunFolder, cells: Sequence[int]) -> str:
     """Collect what is shown of some cells of a run, as JSON, compressed, in letters (base64)."""
-    text = json.dumps(opened_cells(folder, cells), separators=(",", ":"), allow_nan=False)
+    text = json.dumps(collect_cells(folder, cells), separators=(",", ":"), allow_nan=False)
     return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode("ascii")
 
 
-def opened_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str, Any]]:
+def collect_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str, Any]]:
     """Collect what is shown of some cells of a run, by number.
 
     That is ``at`` (values of the axes by label), ``results``, ``causes``, ``commands``, and of two balls ``scene``
@@ -66,14 +66,18 @@ def opened_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str,
         cell, speed = shown[row["cell"]], abs(row["v0"])
         velocities = [row[name] for name in balls[: row.get("balls", 2)]]
         impulses = [row[name] for name in ends if row[name] is not None]
-        cell["at"] = {label: written(row[axis], 6) for axis, label in axes.items() if row[axis] is not None}
+        cell["at"] = {
+            label: format_axis_value(row[axis], 6) for axis, label in axes.items() if row[axis] is not None
+        }
         cell["at"] |= {
-            f"{name} in {SI_AXES[name]}": written(row[name], 6) for name in config.grid.in_si if pair
+            f"{name} in {SI_AXES[name]}": format_axis_value(row[name], 6)
+            for name in config.grid.in_si
+            if pair
         }
         cell["commands"] = _commands(folder.root, config, row)
         cell["results"].append(
             {
-                "name": named(row["solver"]),
+                "name": display_name(row["solver"]),
                 **{name: row[name] for name in ("solver", *known)},
                 "result": row["status"] in RESULT_STATUSES,
                 "velocities": [None if v is None else v / speed for v in velocities],
@@ -83,7 +87,9 @@ def opened_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str,
             }
         )
     for row in rows("ladder", "sentence", "reason"):
-        shown[row["cell"]]["causes"].append(told(row["solver"], row["sentence"] or row["reason"] or ""))
+        shown[row["cell"]]["causes"].append(
+            name_solver_in(row["solver"], row["sentence"] or row["reason"] or "")
+        )
     if pair:
         index = cells_of_run(folder, config)
         collisions = [index[cell] for cell in cells]
@@ -121,12 +127,16 @@ def _curves(config: Config, collisions: Sequence[Collision]) -> list[dict[str, l
     exact = [name for name in config.solvers if name in engine_free_names()]
     solved = {name: get_solver(name).solve_many(collisions, settings) for name in exact}
     return [
-        {name: curve for name, each in solved.items() if (curve := curve_of(collision, each[i])) is not None}
+        {
+            name: curve
+            for name, each in solved.items()
+            if (curve := impulse_curve(collision, each[i])) is not None
+        }
         for i, collision in enumerate(collisions)
     ]
 
 
-def curve_of(collision: Collision, outcome: Outcome) -> list[list[float]] | None:
+def impulse_curve(collision: Collision, outcome: Outcome) -> list[list[float]] | None:
     """Return I1 and I2 per m1 |v0| along an impulse curve, as few points as a line needs; None without a path."""
     path = outcome.path
     if outcome.status not in RESULT_STATUSES or path is None:

@@ -12,16 +12,16 @@ from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.measures.aggregates import FULL_PATHS, Frame
 from impact_xval.experiments.measures.summary import Summary, load_divergence
 from impact_xval.experiments.presentation.pictures.curves import draw_cell_curves, draw_chain
-from impact_xval.experiments.presentation.pictures.ladders import draw_ladders, draw_trust, trust_of
+from impact_xval.experiments.presentation.pictures.ladders import draw_ladders, draw_trust, make_trust_maps
 from impact_xval.experiments.presentation.style import (
     BESIDE,
     LEFT_OUT,
     Drawn,
-    drawing,
-    label_places,
-    save_all,
+    label_axis_values,
+    save_figures,
+    styled_figure,
 )
-from impact_xval.experiments.presentation.words import look, named, one_vote
+from impact_xval.experiments.presentation.words import describe_shared_laws, display_name, look_of
 from impact_xval.experiments.sweep.curves import CURVES
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.numbers import number
@@ -55,7 +55,7 @@ def write_figures(folder: RunFolder, summary: Summary) -> dict[str, str]:
     """Draw every figure of a finished run into ``figures/``: their captions by name, which ``captions.json`` holds."""
     target = folder.root / "figures"
     target.mkdir(exist_ok=True)
-    return save_all(_figures(folder, summary), target)
+    return save_figures(_figures(folder, summary), target)
 
 
 def _figures(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
@@ -77,8 +77,8 @@ def _figures(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
     solvers = [name for name in summary.solvers if name in set(rows.solver)]
     for measure, name in measures.items() if solvers else ():
         figure = _over(panels, solvers, axis, measure)
-        yield name, figure, _CAPTIONS[measure].format(over=over, votes=one_vote(solvers)).strip()
-    yield from draw_trust(trust_of(folder, config) if pair else None)
+        yield name, figure, _CAPTIONS[measure].format(over=over, votes=describe_shared_laws(solvers)).strip()
+    yield from draw_trust(make_trust_maps(folder, config) if pair else None)
     yield from draw_ladders(summary.ladder)
     yield from draw_steps(summary)
     yield from (draw_cell_curves if pair else draw_chain)(curves, config)
@@ -86,14 +86,14 @@ def _figures(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
 
 def _over(panels: Mapping[str, tuple[Frame, Any]], solvers: Sequence[str], axis: str, measure: str) -> Figure:
     """Draw the median of a measure over an axis, and its 5 to 95 %, or a share; of each panel its rows and values."""
-    with drawing(2.6 * len(panels) + 3.6, 3.2) as figure:
+    with styled_figure(2.6 * len(panels) + 3.6, 3.2) as figure:
         axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
         for ax, (title, (rows, values)) in zip(axes, panels.items(), strict=True):
-            label_places(ax.xaxis, values, 8)
+            label_axis_values(ax.xaxis, values, 8)
             xlabel = "number of balls N" if axis == "balls" else "stiffness ratio k2/k1 (-)"
             ax.set(xlabel=xlabel, title=title)
             for position, solver in enumerate(solvers):
-                style = look(solver)
+                style = look_of(solver)
                 at = np.arange(len(values)) + 0.6 * ((position + 0.5) / len(solvers) - 0.5)
                 grouped = rows[rows.solver == solver].groupby(axis)[measure]
                 if measure == FULL_PATHS:
@@ -103,7 +103,7 @@ def _over(panels: Mapping[str, tuple[Frame, Any]], solvers: Sequence[str], axis:
                     low, shown, high = (each.clip(lower=_FLOOR) for each in ends)
                     ax.vlines(at, low, high, color=style.color, linewidth=1.4, alpha=0.5)
                 line = {"marker": style.marker, "linestyle": style.dash, "color": style.color}
-                ax.plot(at, shown, linewidth=1, label=named(solver), **line)
+                ax.plot(at, shown, linewidth=1, label=display_name(solver), **line)
         axes[0].set_ylabel(_LABELS[measure])
         if measure == _D:
             axes[0].set_yscale("log")  # shared
@@ -113,7 +113,7 @@ def _over(panels: Mapping[str, tuple[Frame, Any]], solvers: Sequence[str], axis:
     return figure
 
 
-def recommended(summary: Summary) -> list[dict[str, Any]]:
+def recommended_steps(summary: Summary) -> list[dict[str, Any]]:
     """Return the estimates of engines, and as `enough` the step with an error of `ACCEPTED` in 95 % of the cells.
 
     It is over the faster contact period, extrapolated from the step of the run by the order that was measured.
@@ -128,14 +128,14 @@ def recommended(summary: Summary) -> list[dict[str, Any]]:
 
 def draw_steps(summary: Summary) -> Iterator[Drawn]:
     """Draw the error over the step; nothing where no engine has a limit."""
-    engines, f = recommended(summary), summary.config.step_fraction
+    engines, f = recommended_steps(summary), summary.config.step_fraction
     if not engines:
         return
-    with drawing(6.2, 3.2) as figure:
+    with styled_figure(6.2, 3.2) as figure:
         ax = figure.subplots()
         for row in engines:
-            style, h = look(row["solver"]), np.geomspace(f, max(4 * f, min(0.1, 1.5 * row["enough"])), 20)
-            for cut, width, label in (("median", 0.9, None), ("p95", 1.8, named(row["solver"]))):
+            style, h = look_of(row["solver"]), np.geomspace(f, max(4 * f, min(0.1, 1.5 * row["enough"])), 20)
+            for cut, width, label in (("median", 0.9, None), ("p95", 1.8, display_name(row["solver"]))):
                 error = row[f"step_{cut}"]
                 ax.plot(f, error, color=style.color, marker=style.marker)
                 line = {"color": style.color, "linestyle": "--", "linewidth": width, "label": label}

@@ -76,12 +76,12 @@ class History:
         )
 
 
-def passed_at(time: Floats, passed: Floats) -> float:
+def instant_of_tail(time: Floats, passed: Floats) -> float:
     """When all but `TAIL` of an impulse has passed."""
     return float(time[np.searchsorted(passed, (1 - TAIL) * passed[-1])])
 
 
-def history_of(collision: Collision, path: Path, gravity: float = 0.0) -> History | None:
+def make_history(collision: Collision, path: Path, gravity: float = 0.0) -> History | None:
     """Make a history of a path in the units of its collision; None where it has no finite clock.
 
     With gravity (m/s^2) the lower one of two balls begins in static equilibrium on its support.

@@ -25,8 +25,8 @@ from impact_xval.experiments.measures.aggregates import Frame, axis_levels
 from impact_xval.experiments.measures.ladder import CAUSES, CONTRIBUTIONS, Contribution
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.measures.summary import LadderSummary
-from impact_xval.experiments.presentation.style import LEFT_OUT, Drawn, drawing, label_places
-from impact_xval.experiments.presentation.words import named
+from impact_xval.experiments.presentation.style import LEFT_OUT, Drawn, label_axis_values, styled_figure
+from impact_xval.experiments.presentation.words import display_name
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.numbers import number, percent
 from impact_xval.experiments.tables.parquet import column, selected
@@ -89,17 +89,17 @@ def _caption(over: str, ladder: LadderSummary) -> str:
 def _panels(ladder: LadderSummary, axes: Sequence[str]) -> Figure:
     """Draw a panel an axis and engine."""
     solvers = ladder.solvers
-    with drawing(max(6.4, 3.6 * len(solvers)), 0.9 + 2.6 * len(axes)) as figure:
+    with styled_figure(max(6.4, 3.6 * len(solvers)), 0.9 + 2.6 * len(axes)) as figure:
         panels = figure.subplots(len(axes), len(solvers), sharey=True, squeeze=False)
         for row, axis in zip(panels, axes, strict=True):
             for ax, solver in zip(row, solvers, strict=True):
                 table = ladder.statistics
                 some = table[(table.solver == solver) & (table.axis == axis)]
                 wide = some.pivot(index="value", columns="contribution")
-                label_places(ax.xaxis, wide.index.tolist(), 8)
+                label_axis_values(ax.xaxis, wide.index.tolist(), 8)
                 ax.tick_params(axis="x", labelsize=8)
                 _stack(ax, ladder, wide)
-                ax.set(xlabel=_LABELS[axis], title=named(solver))
+                ax.set(xlabel=_LABELS[axis], title=display_name(solver))
             row[0].set_ylabel("component of mean D (-)")
         handles = _patches(ladder.present)
         figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
@@ -128,7 +128,7 @@ def _stack(ax: Any, ladder: LadderSummary, wide: Frame) -> None:
     ax.axhline(0, color="0.3", linewidth=0.8)
 
 
-def trust_of(folder: RunFolder, config: Config) -> Frame | None:
+def make_trust_maps(folder: RunFolder, config: Config) -> Frame | None:
     """Compute the trust in the engines of a run of two balls over its plane, from its ladders.
 
     None without a plane or a result of an engine; else a row a field that has a cell, by engine, mass ratio and
@@ -169,7 +169,8 @@ def _trust_caption(trust: Frame, engines: Sequence[str]) -> str:
     said = ""
     for name in engines:
         fields = trust.loc[name]
-        said += f" {named(name)}: the median cell is within {second} % in {percent((fields.typical <= 1).mean())} "
+        within = percent((fields.typical <= 1).mean())
+        said += f" {display_name(name)}: the median cell is within {second} % in {within} "
         labels = [c.label for c in CONTRIBUTIONS if c.name in set(fields.blamed.mode())]
         said += (
             f"of the fields; the largest cause is most often: {labels[0]}." if labels else "of the fields."
@@ -189,7 +190,7 @@ def _trust_map(trust: Frame, engines: Sequence[str]) -> Figure:
     places = {c.name: place for place, c in enumerate(shown, start=1)}
     up, across = (sorted(trust.index.unique(axis)) for axis in _PLANE)
     titles = ("median cell is within", "every cell is within", f"largest cause beyond {100 * LEVELS[0]:g} %")
-    with drawing(7.4, 1.4 + 1.45 * len(engines)) as figure:
+    with styled_figure(7.4, 1.4 + 1.45 * len(engines)) as figure:
         axes = figure.subplots(len(engines), 3, sharex=True, sharey=True, squeeze=False)
         for ax, title in zip(axes[0], titles, strict=True):
             ax.set_title(title, fontsize=8.5)
@@ -203,9 +204,9 @@ def _trust_map(trust: Frame, engines: Sequence[str]) -> Figure:
                 how = {"origin": "lower", "aspect": "auto", "interpolation": "nearest"}
                 ax.imshow(image, cmap=ListedColormap(colors), **limits, **how)
                 ax.grid(False)
-            row[0].set_ylabel(f"{named(name)}\nm2/m1 (-)")
-        label_places(axes[0, 0].xaxis, across, 5)
-        label_places(axes[0, 0].yaxis, up, 6)
+            row[0].set_ylabel(f"{display_name(name)}\nm2/m1 (-)")
+        label_axis_values(axes[0, 0].xaxis, across, 5)
+        label_axis_values(axes[0, 0].yaxis, up, 6)
         for ax in axes[-1]:
             ax.set_xlabel("k2/k1 (-)")
         names = [*(f"D up to {100 * level:g} %" for level in LEVELS), f"D above {100 * LEVELS[-1]:g} %"]

@@ -27,11 +27,16 @@ from PIL import Image
 from impact_xval.compliant_baselines.registry import kind_of
 from impact_xval.experiments.config.arrangements import ChainSetup
 from impact_xval.experiments.config.experiment import REFERENCE, Config
-from impact_xval.experiments.presentation.html import page_of, render
-from impact_xval.experiments.presentation.pictures.curves import by_ratios
-from impact_xval.experiments.presentation.pictures.history import Floats, History, history_of, passed_at
-from impact_xval.experiments.presentation.style import drawing
-from impact_xval.experiments.presentation.words import arranged, named
+from impact_xval.experiments.presentation.html import render_page, render_template
+from impact_xval.experiments.presentation.pictures.curves import describe_ratios
+from impact_xval.experiments.presentation.pictures.history import (
+    Floats,
+    History,
+    instant_of_tail,
+    make_history,
+)
+from impact_xval.experiments.presentation.style import styled_figure
+from impact_xval.experiments.presentation.words import describe_chain, display_name
 from impact_xval.experiments.tables.numbers import listed, number
 from impact_xval.experiments.tables.parquet import replacing
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
@@ -96,7 +101,7 @@ class Motion:
             if outcome.status not in RESULT_STATUSES:
                 left_out[name] = outcome.status
                 continue
-            history = None if outcome.path is None else history_of(collision, outcome.path, weight)
+            history = None if outcome.path is None else make_history(collision, outcome.path, weight)
             if history is None:
                 left_out[name] = "no path in finite time"
             elif len(shown.keys() - {REFERENCE}) == MOST:
@@ -110,7 +115,11 @@ class Motion:
                 + (f" ({reasons})" if reasons else "")
                 + "; legal: such a collision, or FILE.png"
             )
-        what = arranged(chain) if chain is not None else f"{by_ratios(collision)}, scenario {config.scenario}"
+        what = (
+            describe_chain(chain)
+            if chain is not None
+            else f"{describe_ratios(collision)}, scenario {config.scenario}"
+        )
         what += ", in which the model has no gravity" if drop and REFERENCE in shown else ""
         return cls(collision, what, shown, left_out)
 
@@ -133,7 +142,7 @@ class Motion:
     @property
     def instants(self) -> Floats:
         """Instants of the pictures: a little beyond the last one that matters to a solver."""
-        ends = (passed_at(each.time, each.impulses.sum(axis=1)) for each in self.histories.values())
+        ends = (instant_of_tail(each.time, each.impulses.sum(axis=1)) for each in self.histories.values())
         return np.linspace(0.0, 1.12 * max(ends), FRAMES)
 
     @property
@@ -146,7 +155,7 @@ class Motion:
 
     def title(self) -> str:
         """Say who is shown."""
-        return f"One collision in slow motion: {listed(map(named, self.histories))}"
+        return f"One collision in slow motion: {listed(map(display_name, self.histories))}"
 
     def caption(self) -> str:
         """Say what is shown, and what the clock is."""
@@ -158,11 +167,11 @@ class Motion:
             "has ended, its assumption of frozen positions shows."
         )
         cut = (
-            f" Forces of {listed(map(named, self.rigid))}, which last a step, are cut off."
+            f" Forces of {listed(map(display_name, self.rigid))}, which last a step, are cut off."
             if self.rigid
             else ""
         )
-        missing = listed(f"{named(name)} ({why})" for name, why in self.left_out.items())
+        missing = listed(f"{display_name(name)} ({why})" for name, why in self.left_out.items())
         heights, first = ("places", "on the left") if self.lies else ("heights", "on top")
         return (
             f"{self.title()}: {self.what}; {slower} times slower than at m1 = {number(c.masses[0])} kg, k1 = "
@@ -222,7 +231,7 @@ def _moving(
         yield Text(-1.25, top, state, fontsize=9.5, va="top", fontweight="bold", clip_on=False)
 
 
-def frames_of(motion: Motion) -> Iterator[Pixels]:
+def draw_frames(motion: Motion) -> Iterator[Pixels]:
     """Draw the pictures of a motion, shape (height, width, 3) each; all but what moves is drawn once.
 
     There is a scene a solver, and below or beside it the forces of the contacts over time.
@@ -235,7 +244,7 @@ def frames_of(motion: Motion) -> Iterator[Pixels]:
     forces = np.concatenate(soft)
     strongest, least = float(forces.max()), min(0.0, float(forces.min()))
     width, height = _size(motion)
-    with drawing(width, height) as figure:
+    with styled_figure(width, height) as figure:
         figure.dpi = _DPI
         panels = _set_up(figure, motion, 1.08 * least, 1.08 * strongest)
         moving = [zip(*each.at(instants), strict=True) for each in histories]
@@ -289,7 +298,7 @@ def _set_up(figure: Figure, motion: Motion, least: float, most: float) -> Sequen
     for number_of, ((scene, below), (name, history)) in enumerate(
         zip(panels, motion.histories.items(), strict=True)
     ):
-        scene.set_title(named(name), pad=8 if count <= 3 else 4, fontsize=None if count <= 3 else 9)
+        scene.set_title(display_name(name), pad=8 if count <= 3 else 4, fontsize=None if count <= 3 else 9)
         _set_scene(scene, motion)
         for i, color in enumerate(motion.colors, 1):
             label = f"contact {i}, with the table" if i == len(c.masses) else f"contact {i}"
@@ -310,7 +319,7 @@ def _set_up(figure: Figure, motion: Motion, least: float, most: float) -> Sequen
     figure.suptitle(motion.what, fontsize=10)
     remarks = [motion.clock, "Compressions are enlarged."]
     if motion.left_out:
-        remarks.append(f"Not shown: {listed(map(named, motion.left_out))}.")
+        remarks.append(f"Not shown: {listed(map(display_name, motion.left_out))}.")
     figure.text(0.01, 0.07 / high, " ".join(filter(None, remarks)), fontsize=7, color="0.3")
     return panels
 
@@ -329,7 +338,7 @@ def _set_scene(scene: Any, motion: Motion) -> None:
 
 def write_animation(motion: Motion, path: Path) -> None:
     """Write an animation as GIF or a page that needs nothing else, as the suffix of the file says."""
-    pictures = list(frames_of(motion))
+    pictures = list(draw_frames(motion))
     # One palette, that of the first and the middle one: in these are all colours.
     both = np.vstack([pictures[0], pictures[len(pictures) // 2]])
     palette = Image.fromarray(both).quantize(_COLORS, Image.Quantize.MAXCOVERAGE)  # white stays white
@@ -344,5 +353,5 @@ def write_animation(motion: Motion, path: Path) -> None:
         for picture in (first, *others):
             picture.save(file := BytesIO(), "PNG", optimize=True)
             shown.append(base64.b64encode(file.getvalue()).decode("ascii"))
-        player = render("player.html.j2", title=motion.title(), pictures=shown, pause=1000 // RATE)
-        temporary.write_text(page_of(motion.title(), [player, motion.caption()]), encoding="utf-8")
+        player = render_template("player.html.j2", title=motion.title(), pictures=shown, pause=1000 // RATE)
+        temporary.write_text(render_page(motion.title(), [player, motion.caption()]), encoding="utf-8")

@@ -15,11 +15,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from impact_xval.experiments.presentation.pictures.curves import (
-    compression_lines,
-    enlarge,
-    impulse_labels,
+    draw_compression_lines,
+    label_impulse_axes,
+    zoom_in,
 )
-from impact_xval.experiments.presentation.style import Drawn, drawing
+from impact_xval.experiments.presentation.style import Drawn, styled_figure
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.model import Collision, Outcome, solve
 
@@ -107,7 +107,7 @@ def _caption(row: str, section: str, apart: str, panels: list[Panel]) -> str:
 
 
 def _figure(panels: list[Panel]) -> Figure:
-    with drawing(7.2, 4.9) as figure:
+    with styled_figure(7.2, 4.9) as figure:
         upper, lower = figure.subplots(2, len(panels), height_ratios=(6, 1))
         for ax, below, panel in zip(upper, lower, panels, strict=True):
             outcome = solve(panel.collision, path=True)
@@ -128,7 +128,7 @@ def _draw(ax: Any, panel: Panel, outcome: Outcome) -> None:
     if panel.detail:
         window = ax.inset_axes((0.56, 0.07, 0.4, 0.4))
         middle = np.mean([(outcome.impulse1, outcome.impulse2), *end], axis=0)
-        enlarge(window, middle, panel.detail)
+        zoom_in(window, middle, panel.detail)
         window.tick_params(labelsize=6, length=2)
         window.locator_params(nbins=3)
         ax.indicate_inset_zoom(window, edgecolor="0.4")
@@ -143,9 +143,9 @@ def _draw(ax: Any, panel: Panel, outcome: Outcome) -> None:
         if printed:
             marks = {"marker": "o", "markersize": 9, "markeredgewidth": 1.3, "fillstyle": "none"}
             each.plot(*np.transpose(printed), linestyle="none", color=_PRINTED, label="printed", **marks)
-        compression_lines(each, panel.collision.mass_ratio, reach)
+        draw_compression_lines(each, panel.collision.mass_ratio, reach)
     ax.set(xlim=(-0.04 * reach, reach), ylim=(-0.04 * reach, reach))
-    impulse_labels(ax)
+    label_impulse_axes(ax)
     ax.set_title(f"({panel.name[1]}) k2/k1 = {panel.ratio}")
     ax.legend(loc="upper left", fontsize=8)
 
