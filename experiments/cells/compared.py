@@ -221,14 +221,14 @@ class SolverComparison:
     __repr__ = __str__
 
     def _collision_table(self) -> Table:
-        away, known, unit, rows = self.divergences, self._known, self.problem.units.impulse, []
+        divergences, known, unit, rows = self.divergences, self._known, self.problem.units.impulse, []
         for name in in_order_of_laws(self.outcomes):
-            outcome, shown = self.outcomes[name], ["-"] * 6
+            outcome, cells = self.outcomes[name], ["-"] * 6
             if name in known:
                 numbers = [*known[name], *(impulse / unit for impulse in outcome.impulses)]
-                shown = [self._written(name, each) for each in numbers]
-                shown += [number(away[name]), " ".join(outcome.states)]
-            rows.append((stated_law(name) or name, name, outcome.status, *shown))
+                cells = [self._written(name, each) for each in numbers]
+                cells += [number(divergences[name]), " ".join(outcome.states)]
+            rows.append((stated_law(name) or name, name, outcome.status, *cells))
         header = "law solver status v1/|v0| v2/|v0| I1/(m1|v0|) I2/(m1|v0|) D states"
         return Table(header.split(), rows, text=3)
 

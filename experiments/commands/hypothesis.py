@@ -45,15 +45,15 @@ def hypothesis_command(
     given = [f"--{name.replace('_', '-')}" for name, value in typed.items() if value is not None]
     if config is not None and given:
         raise UserError(f"{config} and {given[0]} are given; legal: a file, or a collision by options")
-    own = None
+    collision_and_contact = None
     if given:
         collision, _, _ = parse_collision(typed)
-        own = collision, None
+        collision_and_contact = collision, None
     elif config is not None:
         from impact_xval.experiments.hypothesis.own import load_own_collision
 
-        own = load_own_collision(config)
-    if own is None:
+        collision_and_contact = load_own_collision(config)
+    if collision_and_contact is None:
         _test(config, out or Path("runs") / "hypothesis", workers)
         return
     for name, value in (("out", out), ("workers", workers)):
@@ -69,11 +69,11 @@ def hypothesis_command(
     )
     from impact_xval.experiments.sweep.chunk import are_compiled
 
-    if not are_compiled("state-transition", pair=own[0].falls_on_resting):
+    if not are_compiled("state-transition", pair=collision_and_contact[0].falls_on_resting):
         error_line(COMPILING)
     with report_waiting("solving the collision at rising contrasts"):
-        found = judge_own_pair(*own)
-    print_blocks(make_console(), own_pair_blocks(found))
+        pair = judge_own_pair(*collision_and_contact)
+    print_blocks(make_console(), own_pair_blocks(pair))
 
 
 def _test(config: Path | None, root: Path, workers: int | None) -> None:
@@ -92,7 +92,7 @@ def _test(config: Path | None, root: Path, workers: int | None) -> None:
     for name, solve in prepare_runs(design, root):
         with writing_folder(words, console, name) as progress:
             solve(workers=workers, progress=progress)
-    found = judge_runs(design, root)
-    page = write_hypothesis(found, root)
-    show_verdicts(console, found)
+    results = judge_runs(design, root)
+    page = write_hypothesis(results, root)
+    show_verdicts(console, results)
     print_line(console, f"{time.perf_counter() - start:.0f} s; the page is {page}")

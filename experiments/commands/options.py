@@ -59,10 +59,10 @@ def word_parser(*words: str) -> Callable[[str], str]:
 
 def parse_shard(text: str) -> tuple[int, int]:
     """Read ``I/N`` of --shard: number of a shard, from 1, and how many there are."""
-    found = re.fullmatch(r"(\d{1,5})/(\d{1,5})", text)
-    if found is None or not 1 <= int(found[1]) <= int(found[2]):
+    parts = re.fullmatch(r"(\d{1,5})/(\d{1,5})", text)
+    if parts is None or not 1 <= int(parts[1]) <= int(parts[2]):
         raise UserError(f"--shard = {text!r:.60}; legal: I/N, I from 1 to N, such as 1/4")
-    return int(found[1]), int(found[2])
+    return int(parts[1]), int(parts[2])
 
 
 def print_json(value: Any) -> None:
@@ -86,19 +86,23 @@ def known_solvers(solvers: list[str] | None) -> list[str]:
     return names if REFERENCE in names else [*names, REFERENCE]
 
 
-def option(metavar: str, what: str, parser: Callable[[str], Any] | None = None, default: Any = None) -> Any:
+def option(
+    metavar: str, help_text: str, parser: Callable[[str], Any] | None = None, default: Any = None
+) -> Any:
     """Return an option with a value; `...` as its default makes it required."""
-    return typer.Option(default, metavar=metavar, help=what, parser=parser)
+    return typer.Option(default, metavar=metavar, help=help_text, parser=parser)
 
 
-def argument(metavar: str, what: str, parser: Callable[[str], Any] | None = None, default: Any = ...) -> Any:
+def argument(
+    metavar: str, help_text: str, parser: Callable[[str], Any] | None = None, default: Any = ...
+) -> Any:
     """Return an argument, required without a default."""
-    return typer.Argument(default, metavar=metavar, help=what, parser=parser)
+    return typer.Argument(default, metavar=metavar, help=help_text, parser=parser)
 
 
-def flag(name: str, what: str) -> Any:
+def flag(name: str, help_text: str) -> Any:
     """Return an option without a value."""
-    return typer.Option(False, name, help=what)
+    return typer.Option(False, name, help=help_text)
 
 
 Workers = Annotated[

@@ -86,18 +86,25 @@ def run_command(
     with writing_folder(words, console, experiment.size()) as progress:
         # Imported beside the cells, for matplotlib takes a second.
         threading.Thread(target=imported_ahead).start()
-        shares: dict[str, Any] = {"workers": workers, "scheduler": scheduler, "shard": part}
-        folder = run_sweep(experiment, root, **shares, progress=progress, present=presented)
+        folder = run_sweep(
+            experiment,
+            root,
+            workers=workers,
+            scheduler=scheduler,
+            shard=part,
+            progress=progress,
+            present=presented,
+        )
     if summaries:  # else parts are left to other shards
         from impact_xval.experiments.presentation.terminal import error_line
         from impact_xval.experiments.presentation.views import show_end
 
         show_end(console, summaries[-1], time.perf_counter() - start, str(folder.root))
-        found = summaries[-1].statistics
-        compared = found.n[(found.measure == "velocity_divergence") & (found.axis == "all")].any()
-        if len(experiment.solvers) > 1 and not compared:
-            shown = shlex.join(["impact-xval", "show", str(folder.root)])
-            error_line(f"no cell could be compared; {shown} says why, solver by solver")
+        statistics = summaries[-1].statistics
+        is_overall = (statistics.measure == "velocity_divergence") & (statistics.axis == "all")
+        if len(experiment.solvers) > 1 and not statistics.n[is_overall].any():
+            show = shlex.join(["impact-xval", "show", str(folder.root)])
+            error_line(f"no cell could be compared; {show} says why, solver by solver")
             raise typer.Exit(1)
 
 
@@ -127,12 +134,12 @@ def show_command(
         else:
             views.show_cell(console, cell, rows)
         return
-    found = status_of(folder)
+    status = status_of(folder)
     if json:
-        print_json(asdict(found))
+        print_json(asdict(status))
         return
-    views.show_status(console, str(folder), found)
-    if found.state == "complete":
+    views.show_status(console, str(folder), status)
+    if status.state == "complete":
         from impact_xval.experiments.measures.summary import summarise
 
         views.show_summary(console, summarise(run_folder(folder)))
@@ -208,12 +215,12 @@ def compare_command(
     if not 0 <= tolerance < math.inf:
         raise UserError(f"--tolerance = {tolerance!r}; legal: a finite number >= 0 (of |v0|)")
     with report_waiting("comparing the runs"):
-        found = compared(finished(run_a), finished(run_b), tolerance)
+        comparison = compared(finished(run_a), finished(run_b), tolerance)
     if json:
-        print_json(views.changes_to_json(found))
+        print_json(views.changes_to_json(comparison))
     else:
-        views.show_changes(make_console(), str(run_a), str(run_b), found)
-    if found.moved or found.alone or found.cells_alone:
+        views.show_changes(make_console(), str(run_a), str(run_b), comparison)
+    if comparison.moved or comparison.alone or comparison.cells_alone:
         raise typer.Exit(3)
 
 

@@ -59,27 +59,29 @@ def scoreboard_command(
     elsewhere, missing = _environments(requirements or (), names)
     console, root = make_console(), out or Path("runs") / "scoreboard"
     with show_progress(console) as progress:
-        answers, there = collect_answers(
+        answers, answers_elsewhere = collect_answers(
             list_entrants(names), root, workers or available_cores(), progress, elsewhere
         )
     sections = []
     if requirements:
-        sections = [write_releases(compare_releases(answers, there), missing, there, root)]
+        sections = [
+            write_releases(compare_releases(answers, answers_elsewhere), missing, answers_elsewhere, root)
+        ]
     print_blocks(console, [*write_scoreboard(answers, root, sections), f"the page is {root / 'report.html'}"])
     for section in sections:
         print_blocks(console, ["", section.title, *section.blocks])
     gone: list[str] = []
-    found = answers.head(0)
+    moved = answers.head(0)
     if before is not None:
         gone = [] if solver else sorted(set(before.solver) - set(answers.solver))
         print_blocks(console, [f"{name}: in {baseline}, and not here" for name in gone])
-        found = list_moved_answers(before, answers)
-        caption = f"{len(found)} answers moved from those in {baseline}; the largest"
-        table = frame_table(found.head(20), caption, 6)
-        print_blocks(console, [f"no answer moved from those in {baseline}" if found.empty else table])
+        moved = list_moved_answers(before, answers)
+        caption = f"{len(moved)} answers moved from those in {baseline}; the largest"
+        table = frame_table(moved.head(20), caption, 6)
+        print_blocks(console, [f"no answer moved from those in {baseline}" if moved.empty else table])
     if missing:
         raise _all_in_one(missing)
-    if gone or len(found):
+    if gone or len(moved):
         raise typer.Exit(3)
 
 

@@ -100,7 +100,7 @@ def solve_command(
     else:
         print_blocks(make_console(), compared.blocks())
     if plot is not None:
-        error_line(f"{plot}: {_drawn(plot, compared, config)}")
+        error_line(f"{plot}: {_draw_into(plot, compared, config)}")
 
 
 def _points_of_path(chain: ChainSetup | None, *, film: bool) -> int | None:
@@ -110,7 +110,7 @@ def _points_of_path(chain: ChainSetup | None, *, film: bool) -> int | None:
     return _POINTS if film else 0
 
 
-def _drawn(file: Path, compared: SolverComparison, config: Config) -> str:
+def _draw_into(file: Path, compared: SolverComparison, config: Config) -> str:
     """Draw a collision into a file, a picture or, beside the model, slow motion; its caption."""
     from impact_xval.experiments.presentation.pictures.curves import collision_caption, drawable_paths
     from impact_xval.experiments.presentation.pictures.motion import Motion, write_animation
@@ -119,14 +119,14 @@ def _drawn(file: Path, compared: SolverComparison, config: Config) -> str:
 
     problem, outcomes, film = compared.problem, compared.outcomes, file.suffix in _FILMS
     try:
-        drawn = Motion.of(problem, outcomes, config, compared.chain) if film else compared.plot()
+        picture = Motion.of(problem, outcomes, config, compared.chain) if film else compared.plot()
     except ValueError as error:
         raise UserError(f"--plot {file}: {error}") from None
-    if isinstance(drawn, Motion):
+    if isinstance(picture, Motion):
         with report_waiting("drawing the motion"):
-            write_animation(drawn, file)
-        return drawn.caption()
-    save_picture(drawn, file)
+            write_animation(picture, file)
+        return picture.caption()
+    save_picture(picture, file)
     if compared.is_chain:
         return f"final velocities per |v0|, up is positive: {compared.setup}"
     return collision_caption(problem, drawable_paths(problem, outcomes), config.scenario)

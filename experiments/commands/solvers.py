@@ -46,12 +46,12 @@ def solvers_command(
         return
     rows = []
     with contextlib.closing(Slot()) as slot:
-        for each, origin in origins().items():
-            with report_waiting(f"asking {each} what it is"):
-                version, reason = stated(slot, get_solver, each)
-            what = [description_of(each), "" if reason is None else f"unavailable: {reason}"]
+        for solver, origin in origins().items():
+            with report_waiting(f"asking {solver} what it is"):
+                version, reason = stated(slot, get_solver, solver)
+            remarks = [description_of(solver), "" if reason is None else f"unavailable: {reason}"]
             rows.append(
-                (each, stated_law(each) or "-", version or "-", origin, "; ".join(filter(None, what)))
+                (solver, stated_law(solver) or "-", version or "-", origin, "; ".join(filter(None, remarks)))
             )
     header = ("solver", "law asked for", "version", "from", "description")
     caption = "Solvers that are known here; those asked for the same law are one vote on it"
@@ -85,7 +85,7 @@ def _check(name: str, law: str) -> None:
             words = check.__name__.replace("_", " ")
             try:
                 with report_waiting(f"checking {name}: {words}"):
-                    problem = worker.call(_found, number, timeout=_TO_CHECK)
+                    problem = worker.call(_run_check, number, timeout=_TO_CHECK)
             except FaultError as fault:
                 problem = fault.reason
             failed += bool(problem)
@@ -97,7 +97,7 @@ def _check(name: str, law: str) -> None:
         raise typer.Exit(3)
 
 
-def _found(context: tuple[str, str], number: int) -> str:
+def _run_check(context: tuple[str, str], number: int) -> str:
     """Say what a check finds of a solver."""
     from impact_xval.compliant_baselines.conformance import checks, problem_of
     from impact_xval.compliant_baselines.registry import get_solver
@@ -136,12 +136,12 @@ def inspect_command(
     # In a process of its own: a few bytes can be a scene of any size, and crash its engine.
     with report_waiting(f"dropping the contacts of {scene}"), contextlib.closing(Worker(speed)) as worker:
         try:
-            found = worker.call(examine, scene, timeout=_TO_INSPECT)
+            findings_or_reason = worker.call(examine, scene, timeout=_TO_INSPECT)
         except FaultError as fault:
             raise UserError(f"{scene}: cannot be examined: {fault.reason}; legal: a smaller scene") from None
-    if isinstance(found, str):
-        raise UserError(found)
-    contacts, findings = found
+    if isinstance(findings_or_reason, str):
+        raise UserError(findings_or_reason)
+    contacts, findings = findings_or_reason
     if json:
         # JSON knows no infinity.
         rows = [

@@ -107,28 +107,30 @@ def solve_chains(config: HypothesisConfig) -> Frame:
     """Solve the chains of a test by its exact solvers: a row a place, solver, chain and contrast."""
     design = config.chains
     contrasts = spaced_contrasts(design.contrast, design.per_decade)
-    every = [
+    problems = [
         ({"arrangement": place[0], "stiff_contact": place[1], "solver": solver, "chain": i}, *chain)
         for place in PLACES
         for solver in filter(config.solvers.__contains__, SOLVERS)
         for i, chain in enumerate(draw_chains(place, design.points, design.balls, config.seed))
     ]
     with ThreadPoolExecutor(available_cores()) as threads:  # kernels hold no lock of Python
-        found = threads.map(lambda each: list(_solved(contrasts, *each)), every)
-        rows = [row for some in found for row in some]
+        rows_by_problem = threads.map(
+            lambda problem: list(_solve_at_contrasts(contrasts, *problem)), problems
+        )
+        rows = [row for rows_of_problem in rows_by_problem for row in rows_of_problem]
     outcomes: Frame = pd.DataFrame(rows).assign(error=ERROR, decades=design.fit_decades)
     return mark_usable(outcomes, np.sqrt(outcomes.contrast))
 
 
-def _solved(
+def _solve_at_contrasts(
     contrasts: Sequence[float], known: dict[str, Any], chain: Collision, contact: int
 ) -> Iterator[dict[str, Any]]:
     """Solve a chain at rising contrasts of a contact; the closed form is the welded chain, ball by ball.
 
     Velocities are in m/s, the incoming ones being 1; `weights` are the masses per twice the kinetic energy at first.
     """
-    asked = [*(stiffen_contact(chain, contact, x) for x in contrasts), weld_contact(chain, contact)]
-    *outcomes, as_one = get_solver(known["solver"]).solve_many(asked, Settings(mark=False))
+    chains = [*(stiffen_contact(chain, contact, x) for x in contrasts), weld_contact(chain, contact)]
+    *outcomes, as_one = get_solver(known["solver"]).solve_many(chains, Settings(mark=False))
     weights = np.array(chain.masses) / np.dot(chain.masses, np.square(chain.velocities))
     form = velocities_of_balls(as_one.velocities, contact)
     known = known | {name: getattr(chain, name) for name in ("masses", "stiffnesses", "restitutions")}

@@ -203,25 +203,27 @@ def _one_law(name: str, collision: Collision, contact: int, contrast: float) -> 
     multiples = [x for x in MULTIPLES if x * contrast <= _MOST]
     series = spaced_contrasts((_FROM, min(_MOST, max(_TO, 100 * contrast))), _PER_DECADE)
     stiffer = [*multiples[1:], *(x / contrast for x in series)]
-    asked = [collision, *(stiffen_contact(collision, contact, x) for x in stiffer)]
-    outcomes = get_solver(name).solve_many(asked, _SETTINGS)
+    collisions = [collision, *(stiffen_contact(collision, contact, x) for x in stiffer)]
+    outcomes = get_solver(name).solve_many(collisions, _SETTINGS)
     of_welded = get_solver(_WELDED_BY.get(name, name))
     (as_one,) = of_welded.solve_many([weld_contact(collision, contact)], _SETTINGS)
-    for each in (as_one, outcomes[0]):
-        if each.status not in RESULT_STATUSES:
+    for outcome in (as_one, outcomes[0]):
+        if outcome.status not in RESULT_STATUSES:
             nothing = (math.nan,) * len(MULTIPLES)
-            return LawOnPair(name, f"{each.status}: {each.reason}", nothing, "undecided", math.nan, math.nan)
+            return LawOnPair(
+                name, f"{outcome.status}: {outcome.reason}", nothing, "undecided", math.nan, math.nan
+            )
     weights = np.array(collision.masses) / np.dot(collision.masses, np.square(collision.velocities))
     form = velocities_of_balls(as_one.velocities, contact)
-    differences = np.array([each.velocities for each in outcomes]) - form
-    solved = np.array([each.status in RESULT_STATUSES for each in outcomes])
+    differences = np.array([outcome.velocities for outcome in outcomes]) - form
+    solved = np.array([outcome.status in RESULT_STATUSES for outcome in outcomes])
     distances = np.where(solved, kinetic_distance(weights, differences), math.nan)
-    shown = distances[: len(multiples)].tolist()
-    shown += [math.nan] * (len(MULTIPLES) - len(shown))
+    at_multiples = distances[: len(multiples)].tolist()
+    at_multiples += [math.nan] * (len(MULTIPLES) - len(at_multiples))
     of_series = slice(len(multiples), None)
     verdict = _judge_law(outcomes[of_series], distances[of_series], series, weights, form)
     why = verdict.reason.replace("the closed form", "the welded collision")
-    return LawOnPair(name, why, tuple(shown), verdict.verdict, verdict.rate, verdict.offset)
+    return LawOnPair(name, why, tuple(at_multiples), verdict.verdict, verdict.rate, verdict.offset)
 
 
 def _judge_law(
@@ -232,7 +234,7 @@ def _judge_law(
     form: tuple[float, ...],
 ) -> Verdict:
     """Judge outcomes of a law at rising contrasts by the rule of a test of the hypothesis."""
-    margins = np.array([each.grazing_margin for each in outcomes], float)  # NaN where there is none
+    margins = np.array([outcome.grazing_margin for outcome in outcomes], float)  # NaN where there is none
     rows = pd.DataFrame({"contrast": contrasts, "distance": distances, "grazing_margin": margins})
     rows = mark_usable(rows, np.sqrt(rows.contrast))
     return judge_approach(

@@ -147,11 +147,11 @@ def _wholes(table: Frame) -> Frame:
 def _chains_as_one(results: HypothesisResults) -> Iterator[str]:
     """Say at how many chains a pair that has one velocity at first moves as one; nothing without chains."""
     places = count_chains(results)
-    found = [
+    counts = [
         f"{display_name(solver)} {supported}" for solver, first, supported, *_ in places if first != "meet"
     ]
-    if found:
-        yield f"Chains whose stiff pair has one velocity at first, and moves as one: {', '.join(found)}."
+    if counts:
+        yield f"Chains whose stiff pair has one velocity at first, and moves as one: {', '.join(counts)}."
 
 
 def _verdicts(results: HypothesisResults) -> Table:
@@ -190,13 +190,17 @@ def _draw(results: HypothesisResults, folder: Path) -> None:
         axes = figure.subplots(2, 3)
         for ax, case in zip(axes.flat, LIMIT_CASES, strict=True):
             for name in results.solvers:
-                here = usable[(usable["case"] == case.key) & (usable.solver == name)]
-                found = here.groupby("contrast").distance.agg(["median", "size"])
-                known = (found["size"] > here.point.nunique() / 2) & (found["median"] >= ROUNDING)
-                median, style = found["median"].where(known), look_of(name)
-                open_marker = {"linestyle": "none", "marker": style.marker, "markerfacecolor": "none"}
-                how: Any = open_marker if is_engine(name) else {"linestyle": style.dash}
-                ax.loglog(median.index, median, color=style.color, label=display_name(name), **how)
+                outcomes = usable[(usable["case"] == case.key) & (usable.solver == name)]
+                by_contrast = outcomes.groupby("contrast").distance.agg(["median", "size"])
+                has_most_points = by_contrast["size"] > outcomes.point.nunique() / 2
+                is_above_rounding = by_contrast["median"] >= ROUNDING
+                median = by_contrast["median"].where(has_most_points & is_above_rounding)
+                style = look_of(name)
+                (line,) = ax.loglog(median.index, median, color=style.color, label=display_name(name))
+                if is_engine(name):
+                    line.set(linestyle="none", marker=style.marker, markerfacecolor="none")
+                else:
+                    line.set(linestyle=style.dash)
             ax.set_xlabel(f"contrast {case.variable} (-)")
             ax.set_title(case.key, fontsize=8.5)
         for ax in axes[:, 0]:
@@ -224,16 +228,16 @@ def count_chains(results: HypothesisResults) -> Iterator[tuple[str, ...]]:
     """Count chains, a row a solver and whether the bodies of the pair meet at first; none without chains."""
     if results.chains.empty:
         return
-    for (solver, meets), found in _wholes(results.chains).groupby(["solver", "meets"], sort=False):
-        sums = found[["n_supported", "n_refuted", "points"]].sum()
+    for (solver, meets), rows in _wholes(results.chains).groupby(["solver", "meets"], sort=False):
+        sums = rows[["n_supported", "n_refuted", "points"]].sum()
         counts = (f"{n} of {sums.points}" for n in (sums.n_supported, sums.n_refuted))
         rates = (
-            format_range((found.least_rate.min(), found.largest_rate.max()), ".2f")
-            if sums.n_supported
-            else "-"
+            format_range((rows.least_rate.min(), rows.largest_rate.max()), ".2f") if sums.n_supported else "-"
         )
-        away = format_range((found.offset_least.min(), found.offset_largest.max())) if sums.n_refuted else "-"
-        yield solver, "meet" if meets else "one velocity", *counts, rates, away
+        distances = (
+            format_range((rows.offset_least.min(), rows.offset_largest.max())) if sums.n_refuted else "-"
+        )
+        yield solver, "meet" if meets else "one velocity", *counts, rates, distances
 
 
 def _method(results: HypothesisResults) -> Section:

@@ -130,14 +130,14 @@ def draw_points(case: LimitCase, n: int, seed: int) -> list[Point]:
         elastic = n // 3 * [{"e2" if case.axis == "e1" else "e1": 1.0}]
     sampler = qmc.Sobol(4, rng=np.random.default_rng([seed, *case.key.encode()]))
     unit = sampler.random(2**16)  # enough for every class of a regime
-    drawn = iter(BOX.place(np.roll(unit, 1, axis=1)))
+    ratios_drawn = iter(BOX.place(np.roll(unit, 1, axis=1)))
 
     def inside(fixed: dict[str, float]) -> Point:
-        points = (Point(*(float(f"{x:.6g}") for x in ratios))._replace(**fixed) for ratios in drawn)
+        points = (Point(*(float(f"{x:.6g}") for x in ratios))._replace(**fixed) for ratios in ratios_drawn)
         return next(point for point in points if distance_from_border(case, point) >= MARGIN)
 
     wanted = (n - len(elastic)) * [{}] + elastic
-    return [inside(one | {case.axis: math.nan}) for one in wanted]
+    return [inside(fixed_ratios | {case.axis: math.nan}) for fixed_ratios in wanted]
 
 
 def draw_design(n: int, seed: int) -> Frame:
@@ -197,8 +197,8 @@ def prepare_runs(config: HypothesisConfig, root: Path) -> Iterator[tuple[str, Ca
 def _runs(config: HypothesisConfig) -> dict[str, list[str]]:
     """Return the solvers of each run that has any."""
     exact = [name for name in config.solvers if name in engine_free_names()]
-    others = [name for name in config.solvers if name not in exact]
-    return {name: some for name, some in ((EXACT, exact), (ENGINES, others), (UNITED, others)) if some}
+    engines = [name for name in config.solvers if name not in exact]
+    return {name: names for name, names in ((EXACT, exact), (ENGINES, engines), (UNITED, engines)) if names}
 
 
 def _cells(config: HypothesisConfig, run: str) -> Frame:
@@ -222,17 +222,17 @@ def _cells(config: HypothesisConfig, run: str) -> Frame:
 
 def judge_runs(config: HypothesisConfig, root: Path) -> HypothesisResults:
     """Judge what the runs in a folder have found."""
-    found, versions = [], {}
+    tables, versions = [], {}
     for name, solvers in _runs(config).items():
         folder = finished(root / name)
         rows: Frame = pd.read_parquet(folder.table_path("cells.parquet"), columns=["cell", *_KEPT, *_READ])
         rows = rows[rows.solver.isin(solvers) & (rows.status != "unavailable")]
         rows = rows.merge(pd.read_parquet(root / f"{name}.parquet"), left_on="cell", right_index=True)
-        found.append(rows.assign(decades=config.fit_decades if name == EXACT else 2.0))
+        tables.append(rows.assign(decades=config.fit_decades if name == EXACT else 2.0))
         if name != EXACT:
             versions = {engine: folder.manifest()["versions"][engine] for engine in solvers}
     order = [*(case.key for case in LIMIT_CASES), *in_order_of_laws(config.solvers)]
-    outcomes = _outcomes(pd.concat(found)).sort_values(
+    outcomes = _outcomes(pd.concat(tables)).sort_values(
         ["case", "solver", "point", "contrast"],
         key=lambda column: column.map(order.index) if column.name in ("case", "solver") else column,
         ignore_index=True,
@@ -248,19 +248,19 @@ def judge_runs(config: HypothesisConfig, root: Path) -> HypothesisResults:
     return HypothesisResults(config, outcomes, points, of_limits, chains, of_chains, versions)
 
 
-def _outcomes(found: Frame) -> Frame:
+def _outcomes(rows: Frame) -> Frame:
     """Make the table of outcomes: engines by their limit dt -> 0, and which of all can be used."""
-    limits, velocities = (found[names].to_numpy() for names in (["v1_limit", "v2_limit"], ["v1", "v2"]))
+    limits, velocities = (rows[names].to_numpy() for names in (["v1_limit", "v2_limit"], ["v1", "v2"]))
     at_no_step = ~np.isnan(limits).any(axis=1)
-    there = found.status.isin(RESULT_STATUSES) | (at_no_step & (found.status == "unconverged"))
-    v = np.where(there.to_numpy()[:, None], np.where(at_no_step[:, None], limits, velocities), np.nan)
-    form, weights = found[_CLOSED].to_numpy(), np.column_stack([np.ones(len(found)), found.mass_ratio])
-    root = np.where(found["case"].str.startswith("plastic"), 1.0, np.sqrt(found.contrast))
-    found = found.drop(columns=["cell", *_READ]).assign(
+    has_result = rows.status.isin(RESULT_STATUSES) | (at_no_step & (rows.status == "unconverged"))
+    v = np.where(has_result.to_numpy()[:, None], np.where(at_no_step[:, None], limits, velocities), np.nan)
+    closed_form, weights = rows[_CLOSED].to_numpy(), np.column_stack([np.ones(len(rows)), rows.mass_ratio])
+    root = np.where(rows["case"].str.startswith("plastic"), 1.0, np.sqrt(rows.contrast))
+    rows = rows.drop(columns=["cell", *_READ]).assign(
         velocities=v.tolist(),
-        closed_form=form.tolist(),
+        closed_form=closed_form.tolist(),
         weights=weights.tolist(),
-        error=found[["limit_error", "velocity_error"]].max(axis=1).fillna(0.0).clip(lower=ROUNDING),
-        distance=kinetic_distance(weights, v - form),
+        error=rows[["limit_error", "velocity_error"]].max(axis=1).fillna(0.0).clip(lower=ROUNDING),
+        distance=kinetic_distance(weights, v - closed_form),
     )
-    return mark_usable(found, root)
+    return mark_usable(rows, root)

@@ -70,8 +70,8 @@ def compared_solvers(summary: Summary) -> list[str]:
 
 def subjects(summary: Summary) -> list[str]:
     """List the subjects of sentences: the engines; without any, every solver that was compared."""
-    there = compared_solvers(summary)
-    return [name for name in there if is_engine(name)] or there
+    names = compared_solvers(summary)
+    return [name for name in names if is_engine(name)] or names
 
 
 def describe_row(summary: Summary, row: Any) -> str:
@@ -80,8 +80,8 @@ def describe_row(summary: Summary, row: Any) -> str:
         return describe_cell(row)
     strike = f", {row.strike:g} striking" if row.arrangement == "cradle" else ""
     axes = [axis for axis in summary.axes if axis not in ("arrangement", "balls", "strike")]
-    others = "".join(f", {CHAIN_AXES[axis]} = {number(row[axis])}" for axis in axes)
-    return f"the {row.arrangement} of {row.balls} balls{strike}{others}"
+    settings = "".join(f", {CHAIN_AXES[axis]} = {number(row[axis])}" for axis in axes)
+    return f"the {row.arrangement} of {row.balls} balls{strike}{settings}"
 
 
 def row_of_largest_d(summary: Summary, solver: str) -> Any:
@@ -150,8 +150,8 @@ def cause_shares(
     """Return the shares of the causes in an engine's mean D over a region, the largest first; or that two cancel."""
     region = ladder.region(solver, axis, at)
     key = "mean" if axis == "all" else f"mean {axis}={at}"
-    there = region[region["max"] > 0]  # gravity is nowhere in an impact
-    largest = there.share.abs().sort_values(ascending=False, kind="stable").index
+    causes = region[region["max"] > 0]  # gravity is nowhere in an impact
+    largest = causes.share.abs().sort_values(ascending=False, kind="stable").index
     return {
         name: _cancelling(region, name) or Value(region.share[name], f"{solver} share_{name} {key}", 0)
         for name in largest
@@ -173,11 +173,11 @@ def describe_causes(summary: Summary, solver: str, most: int = 2, *, explain: bo
         return fill_sentence(
             "{solver} ends where the model does: there is nothing to split.", solver=display_name(solver)
         )
-    found = cause_shares(ladder, solver)
+    causes_by_share = cause_shares(ladder, solver)
     parts = [
         fill_sentence("{share} {label}", share=share, label=LABELS[name])
         + (f" ({MEANINGS[name]})" if explain and name in MEANINGS else "")
-        for name, share in list(found.items())[:most]
+        for name, share in list(causes_by_share.items())[:most]
     ]
     return fill_sentence(
         "{solver}'s mean D of {total}, over {n} {unit} whose causes are all known, is {causes}.{by_region}",
@@ -186,16 +186,18 @@ def describe_causes(summary: Summary, solver: str, most: int = 2, *, explain: bo
         n=Value(float(whole.n.max()), f"{solver} ladders n"),
         unit=row_unit(summary),
         causes=Markup(", ").join(parts),
-        by_region=_by_region(ladder, solver, next(iter(found))),
+        by_region=_by_region(ladder, solver, next(iter(causes_by_share))),
     )
 
 
 def _by_region(ladder: LadderSummary, solver: str, name: str) -> str:
     """Say how the share of a cause differs between regions of the grid; empty with fewer than two."""
-    found = {label: cause_shares(ladder, solver, *place).get(name) for label, place in ladder.regions.items()}
+    by_region = {
+        label: cause_shares(ladder, solver, *place).get(name) for label, place in ladder.regions.items()
+    }
     parts = [
         fill_sentence("{share} at {label}", share=share, label=label)
-        for label, share in found.items()
+        for label, share in by_region.items()
         if share
     ]
     if len(parts) < 2:
@@ -239,18 +241,18 @@ def describe_counted_cells(summary: Summary) -> str:
 def axis_table(summary: Summary, axis: str) -> Table:
     """Tabulate D along an axis, a row a value."""
     levels, label = summary.levels[axis], (AXES | CHAIN_AXES)[axis]
-    shown = thin_out(levels.values)
+    values = thin_out(levels.values)
 
     def cell(name: str, value: Any) -> str:
         row = summary.get(name, D, axis, value)
         return " / ".join(number(row[cut], 2) for cut in CUTS) if row["n"] else "-"
 
     caption = f"D by {label}: median / 95th percentile / maximum over the other axes"
-    if len(shown) < len(levels.values):
-        caption += f" ({len(shown)} of {len(levels.values)} values; all are in summary.csv)"
+    if len(values) < len(levels.values):
+        caption += f" ({len(values)} of {len(levels.values)} values; all are in summary.csv)"
     if levels.edges is not None:
         caption += f" (in bins of {label}, named by their middle)"
-    rows = [(format_axis_value(value), *(cell(name, value) for name in summary.solvers)) for value in shown]
+    rows = [(format_axis_value(value), *(cell(name, value) for name in summary.solvers)) for value in values]
     return Table([label, *map(display_name, summary.solvers)], rows, caption)
 
 
@@ -290,7 +292,7 @@ def overall_table(summary: Summary) -> Table:
     for name in summary.solvers:
         row = summary.get(name, D)
         apart = summary.n_cells - row["n"] - summary.get(name, D, cells="marked")["n"]
-        known = (int(row["n"]), *(number(row[cut]) for cut in CUTS), *(each(name) for each in last.values()))
+        known = (int(row["n"]), *(number(row[cut]) for cut in CUTS), *(cell(name) for cell in last.values()))
         rows.append((stated_law(name) or "-", name, *known, int(apart)))
     header = ["law", "solver", row_unit(summary), "median D", "95 %", "max", *last, "not compared"]
     caption = f"Divergence D from the model, by the law asked for. {describe_shared_laws(compared_solvers(summary))}"

@@ -118,13 +118,13 @@ class _Console(Console):
 
 
 @contextmanager
-def report_waiting(what: str) -> Iterator[None]:
+def report_waiting(activity: str) -> Iterator[None]:
     """Say every `_SAY` s on standard error what is waited for."""
     start, ended = time.perf_counter(), threading.Event()
 
     def say() -> None:
         while not ended.wait(_SAY):
-            error_line(f"{what} has taken {time.perf_counter() - start:.0f} s")
+            error_line(f"{activity} has taken {time.perf_counter() - start:.0f} s")
 
     saying = threading.Thread(target=say, daemon=True)
     saying.start()

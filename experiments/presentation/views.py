@@ -130,10 +130,10 @@ def _velocity(row: dict[str, Any], name: str, speed: float) -> str:
 
 def _contributions(row: dict[str, Any], balls: range) -> list[tuple[str, ...]]:
     """Rows of the table of a cell and engine; empty where the engine has no ladder."""
-    there = [c for c in CONTRIBUTIONS if row.get(f"{c.name}_norm") is not None]
-    pair = cancelling([row[f"{c.name}_share"] for c in there]) or ()
+    contributions = [c for c in CONTRIBUTIONS if row.get(f"{c.name}_norm") is not None]
+    pair = cancelling([row[f"{c.name}_share"] for c in contributions]) or ()
     lines = []
-    for i, c in enumerate(there):
+    for i, c in enumerate(contributions):
         name = f"{c.name}_share"
         by_order = between(row[f"{name}_low"], row[f"{name}_high"]) if c in CAUSES else ""
         shown = ("cancels", "") if i in pair else (percent(row[name]), by_order)
@@ -145,7 +145,7 @@ def _contributions(row: dict[str, Any], balls: range) -> list[tuple[str, ...]]:
     )
 
 
-def show_changes(console: Console, a: str, b: str, found: Comparison) -> None:
+def show_changes(console: Console, a: str, b: str, comparison: Comparison) -> None:
     """Print what moved between two runs."""
 
     def shown(change: float) -> str:
@@ -153,21 +153,25 @@ def show_changes(console: Console, a: str, b: str, found: Comparison) -> None:
 
     counts = ("compared", "moved", "statuses")
     solvers = [
-        (name, *(each[key] for key in counts), *(number(each[key], 2) for key in ("velocity", "divergence")))
-        for name, each in found.solvers.items()
+        (
+            name,
+            *(changes[key] for key in counts),
+            *(number(changes[key], 2) for key in ("velocity", "divergence")),
+        )
+        for name, changes in comparison.solvers.items()
     ]
     worst = [
         (row.cell, row.solver, row.status_a, row.status_b, shown(row.velocity), shown(row.divergence))
-        for row in found.worst
+        for row in comparison.worst
     ]
-    limit = number(found.tolerance)
-    moved = f"{found.moved} rows moved by more than {limit}, or have another status."
-    blocks: list[Block] = [moved if found.moved else f"Nothing moved by more than {limit}."]
-    for name, (before, after) in [*found.versions.items(), *found.settings.items()]:
+    limit = number(comparison.tolerance)
+    moved = f"{comparison.moved} rows moved by more than {limit}, or have another status."
+    blocks: list[Block] = [moved if comparison.moved else f"Nothing moved by more than {limit}."]
+    for name, (before, after) in [*comparison.versions.items(), *comparison.settings.items()]:
         blocks.append(f"{name} is {before} in the first run, {after} in the second.")
-    if found.alone:
-        blocks.append(f"Not compared, since only one run has them: {', '.join(found.alone)}.")
-    if cells := found.cells_alone:
+    if comparison.alone:
+        blocks.append(f"Not compared, since only one run has them: {', '.join(comparison.alone)}.")
+    if cells := comparison.cells_alone:
         blocks.append(f"Not compared, since only one run has them: {len(cells)} cells, the first {cells[0]}.")
     by_solver = ("solver", "cells", "moved", "other status", "largest dv/|v0|", "largest dD")
     blocks.append(Table(by_solver, solvers, f"Changes from {a} to {b}"))
@@ -176,18 +180,18 @@ def show_changes(console: Console, a: str, b: str, found: Comparison) -> None:
     print_blocks(console, [*blocks, Table(by_row, worst, caption, text=4)])
 
 
-def changes_to_json(found: Comparison) -> dict[str, Any]:
+def changes_to_json(comparison: Comparison) -> dict[str, Any]:
     """Return what moved between two runs, for JSON; a change is infinite where one run alone has a number."""
     return {
-        "tolerance": found.tolerance,
-        "moved": found.moved,
-        "solvers": found.solvers,
+        "tolerance": comparison.tolerance,
+        "moved": comparison.moved,
+        "solvers": comparison.solvers,
         "worst": [
             {"cell": cell, "solver": solver, "statuses": statuses, "velocity": dv, "divergence": dd}
-            for cell, solver, *statuses, dv, dd in found.worst
+            for cell, solver, *statuses, dv, dd in comparison.worst
         ],
-        "not_compared": found.alone,
-        "cells_not_compared": found.cells_alone,
-        "settings": found.settings,
-        "versions": found.versions,
+        "not_compared": comparison.alone,
+        "cells_not_compared": comparison.cells_alone,
+        "settings": comparison.settings,
+        "versions": comparison.versions,
     }

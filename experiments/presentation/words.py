@@ -103,8 +103,8 @@ def look_of(solver: str) -> Look:
     """Return the look of a solver, the same in every figure."""
     if solver in _LOOKS:
         return Look(*_LOOKS[solver])
-    others = [name for name in solver_names(on_request=True) if name not in _LOOKS]
-    place = others.index(solver) if solver in others else 0
+    names = [name for name in solver_names(on_request=True) if name not in _LOOKS]
+    place = names.index(solver) if solver in names else 0
     return Look(_COLORS[place % len(_COLORS)], _MARKERS[place % len(_MARKERS)], "dashed")
 
 

@@ -75,7 +75,7 @@ def prepare_solver(_: object, name: str) -> float | None:
 
 def answer_case(_: object, name: str, *case: Any) -> list[tuple[str, str, str, Sequence[float]]]:
     """Answer a case, an engine in every arrangement: which, status, reason and velocities."""
-    solver, collision, found = get_solver(name), CASES[case], []
+    solver, collision, answers = get_solver(name), CASES[case], []
     try:
         scenes = arrange_scenes(solver, collision)
         if not isinstance(solver, Engine) or not scenes:
@@ -88,9 +88,11 @@ def answer_case(_: object, name: str, *case: Any) -> list[tuple[str, str, str, S
         reason = run.problem() or run.too_much_energy()
         # A run given up in a long flight, after which balls that hardly approach would meet, has the velocities of it.
         v = run.reported if run.over or run.end == ALOFT else ()
-        v = tuple(-each for each in v[::-1]) if arrangement == MIRRORED else v  # numbered as in the others
-        found.append((arrangement, "unconverged" if run.over and reason else run.status, reason, v))
-    return found
+        v = (
+            tuple(-velocity for velocity in v[::-1]) if arrangement == MIRRORED else v
+        )  # numbered as in the others
+        answers.append((arrangement, "unconverged" if run.over and reason else run.status, reason, v))
+    return answers
 
 
 def arrange_scenes(solver: Solver, collision: Collision) -> dict[str, Scene]:
@@ -111,9 +113,9 @@ def arrange_scenes(solver: Solver, collision: Collision) -> dict[str, Scene]:
     def moved(by: Any) -> Scene:
         return replace(usual, heights=tuple((heights + by * radius).tolist()))
 
-    found = {USUAL: usual} | {name: moved(gap * below) for name, gap in _GAPS.items()}
-    found |= {name: replace(usual, step=usual.step * share) for name, share in STEPS.items()}
+    scenes = {USUAL: usual} | {name: moved(gap * below) for name, gap in _GAPS.items()}
+    scenes |= {name: replace(usual, step=usual.step * share) for name, share in STEPS.items()}
     if not usual.table:
         mirrored = replace(Scene.of(collision.reversed(), settings), step=usual.step)
-        found |= {"moved by 0.37 radii": moved(0.37), MIRRORED: mirrored}
-    return found
+        scenes |= {"moved by 0.37 radii": moved(0.37), MIRRORED: mirrored}
+    return scenes

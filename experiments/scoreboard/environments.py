@@ -60,12 +60,12 @@ class NotInstalledError(UserError):
 
 def solvers_by_distribution() -> Mapping[str, Sequence[str]]:
     """Name the engines of this project by the distribution that each needs."""
-    found: dict[str, list[str]] = {}
+    solvers: dict[str, list[str]] = {}
     for name in filter(is_engine, filter(is_ours, solver_names(on_request=True))):
         solver = get_solver(name)
         if isinstance(solver, Engine):
-            found.setdefault(solver.distribution, []).append(name)
-    return found
+            solvers.setdefault(solver.distribution, []).append(name)
+    return solvers
 
 
 def read_requirement(text: str) -> Requirement:
@@ -111,7 +111,7 @@ def make_environment(requirement: Requirement) -> Environment:
         if not (folder / _COMPLETE).exists():
             shutil.rmtree(folder, ignore_errors=True)
             try:
-                for command in _installing(folder, python, [str(requirement), *needed]):
+                for command in _install_commands(folder, python, [str(requirement), *needed]):
                     _run(command, requirement)
                 version = _run([str(python), "-I", "-c", _STATE, requirement.name], requirement).strip()
             except NotInstalledError:
@@ -122,7 +122,7 @@ def make_environment(requirement: Requirement) -> Environment:
     return Environment(str(requirement), requirement.name, version, python)
 
 
-def _installing(folder: Path, python: Path, requirements: Sequence[str]) -> list[list[str]]:
+def _install_commands(folder: Path, python: Path, requirements: Sequence[str]) -> list[list[str]]:
     """Return the commands that make an environment: of uv where it is installed, else of venv and pip.
 
     Wheels alone are installed: an engine is compiled for longer than anyone waits, and mostly in vain.

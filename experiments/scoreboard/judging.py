@@ -169,9 +169,9 @@ def find_nearest_laws(judged: Frame) -> Frame:
     by_engine = judged.groupby(judged.solver, sort=False)
     ranking = _rank_laws(judged)
     at_largest_spread = _sort_by_spread(judged).groupby("solver").last()
-    found = ranking.join(at_largest_spread[["version", "spread_of", "microseconds"]])
-    found = found.join(by_engine[_LARGEST_OF_CASES].max())
-    return found[list(ENGINE_COLUMNS)].dropna(subset="next_farthest")
+    engines = ranking.join(at_largest_spread[["version", "spread_of", "microseconds"]])
+    engines = engines.join(by_engine[_LARGEST_OF_CASES].max())
+    return engines[list(ENGINE_COLUMNS)].dropna(subset="next_farthest")
 
 
 def _rank_laws(judged: Frame) -> Frame:

@@ -72,13 +72,16 @@ def collect_answers(
         (root / "answers").mkdir()
     try:
         with open_pool(None, workers, interpreters=interpreters) as pool:
-            asked = [pool.submit(_answered, name, root / "answers", where) for name, where in in_environments]
-            for done, future in enumerate(as_completed(asked), 1):
+            futures = [
+                pool.submit(_answer_all_cases, name, root / "answers", where)
+                for name, where in in_environments
+            ]
+            for done, future in enumerate(as_completed(futures), 1):
                 future.result()  # an error ends all at once
-                progress(done * len(CASES), len(asked) * len(CASES), "")
+                progress(done * len(CASES), len(futures) * len(CASES), "")
     except KeyboardInterrupt:
         raise InterruptedRunError("interrupted; answers are kept; the same command continues") from None
-    answers = [future.result() for future in asked]
+    answers = [future.result() for future in futures]
     here, there = (
         pd.DataFrame([row for rows in part for row in rows], columns=_COLUMNS)
         for part in (answers[: len(names)], answers[len(names) :])
@@ -86,27 +89,29 @@ def collect_answers(
     return here, there
 
 
-def _answered(slot: Slot, name: str, folder: Path, where: Environment | None = None) -> list[dict[str, Any]]:
+def _answer_all_cases(
+    slot: Slot, name: str, folder: Path, where: Environment | None = None
+) -> list[dict[str, Any]]:
     """Have a solver answer every case, unless its file, named by versions and cases, has the answers.
 
     It is asked in another environment, if one is given, by a process that ends with the last case.
     """
     if where is None:
-        return _kept_answers(partial(slot.call, name), name, folder, get_solver(name).version())
+        return _answer_or_read(partial(slot.call, name), name, folder, get_solver(name).version())
     worker = slot.worker_of(where.python)
     try:
-        return _kept_answers(worker.call, name, folder, where.version, where.python.parents[1].name)
+        return _answer_or_read(worker.call, name, folder, where.version, where.python.parents[1].name)
     finally:
         worker.end()
 
 
-def _kept_answers(
+def _answer_or_read(
     call: Callable[..., Any], name: str, folder: Path, installed: str, *environment: str
 ) -> list[dict[str, Any]]:
     """Have a solver answer every case by `call`, which is that of its process, and keep the answers in a file."""
     facts: dict[str, Any] = {"solver": name, "version": installed, "microseconds": None}
-    asked = version("impact-xval"), installed, CASE_SETUPS, list(CASES), str(SETTINGS), *environment
-    identity = sha256(json.dumps(asked).encode()).hexdigest()[:12]
+    identifying = version("impact-xval"), installed, CASE_SETUPS, list(CASES), str(SETTINGS), *environment
+    identity = sha256(json.dumps(identifying).encode()).hexdigest()[:12]
     path, rows = folder / f"{name.replace(':', '-')}-{identity}.json", []
     if path.exists():
         return json.loads(path.read_text(encoding="utf-8"))
@@ -119,6 +124,6 @@ def _kept_answers(
             answers = [(USUAL, fault.status, fault.reason, ())]
         for arrangement, status, reason, v in answers:
             row = {"case": case, "e": e, "arrangement": arrangement, "status": status, "reason": reason}
-            rows.append(facts | row | {f"v{i}": each for i, each in enumerate(v, 1)})
+            rows.append(facts | row | {f"v{i}": velocity for i, velocity in enumerate(v, 1)})
     write_text(path, json.dumps(rows, indent=1))
     return rows

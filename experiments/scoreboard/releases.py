@@ -70,23 +70,23 @@ def compare_releases(here: Frame, elsewhere: Frame) -> list[Release]:
     both = (elsewhere, here[here.solver.isin(elsewhere.solver)])
     answers = pd.concat([part.drop(columns="microseconds") for part in both], ignore_index=True)
     answers = answers.drop_duplicates(["solver", "version", "case", "e", "arrangement"])
-    found: list[Release] = []
-    for solver, own in answers.groupby("solver", sort=False):
-        by_version = {str(version): rows for version, rows in own.groupby("version")}
+    releases: list[Release] = []
+    for solver, of_solver in answers.groupby("solver", sort=False):
+        by_version = {str(version): rows for version, rows in of_solver.groupby("version")}
         before: str | None = None
         for version in sorted(by_version, key=Version):
             now = by_version[version]
             if now.v1.isna().all():
-                found.append(Release(str(solver), version, reason=now.reason.iloc[0]))
+                releases.append(Release(str(solver), version, reason=now.reason.iloc[0]))
                 continue
             if before is None:
-                found.append(Release(str(solver), version))
+                releases.append(Release(str(solver), version))
             else:
                 changes = list_moved_answers(by_version[before], now, TOLERANCE)
                 answered = frozenset(now.case[now.v1.notna()])
-                found.append(Release(str(solver), version, before, changes, len(now), answered))
+                releases.append(Release(str(solver), version, before, changes, len(now), answered))
             before = version
-    return found
+    return releases
 
 
 def write_releases(

@@ -82,8 +82,8 @@ def make_tiles(table: Compared) -> Tiles:
     rows = table.rows.assign(d=table.measure("velocity_divergence"))
     rows["cell"] = column(table.path, "cell").astype(np.int64)
     rows["rank"] = rows.d.where(table.regular, -1.0)  # those that are kept apart come last
-    for axis, each in table.levels.items():
-        rows[axis] = rows[axis].cat.reorder_categories(sorted(each.values))
+    for axis, levels in table.levels.items():
+        rows[axis] = rows[axis].cat.reorder_categories(sorted(levels.values))
     along, *up = table.levels
 
     def count(*axes: str) -> int:
@@ -102,18 +102,18 @@ def make_tiles(table: Compared) -> Tiles:
     rows["tile"] = rows.groupby(axes, observed=True).ngroup()  # numbered in the order of the axes
     largest = rows.sort_values(["tile", "rank"], ascending=[True, False], kind="stable")
     places = largest.drop_duplicates("tile").reset_index(drop=True)
-    said: Frame = places[axes].map(format_axis_value)
-    shown = pd.DataFrame(
+    labels: Frame = places[axes].map(format_axis_value)
+    tiles = pd.DataFrame(
         {
             "across": places[along].cat.codes,
             "above": places.groupby(up, observed=True).ngroup(),
-            "column": said[along],
-            "row": [" · ".join(row) for row in said[up].to_numpy()],
+            "column": labels[along],
+            "row": [" · ".join(row) for row in labels[up].to_numpy()],
             "cell": places.cell,
         }
     )
     medians = rows[table.regular].groupby(["tile", "solver"], observed=True).d.median().unstack()
-    return Tiles(along, tuple(up), shown, medians.reindex(shown.index))
+    return Tiles(along, tuple(up), tiles, medians.reindex(tiles.index))
 
 
 def cells_piece(tiles: Tiles, n_cells: int, packed: str, solvers: Sequence[str]) -> Markup:
@@ -224,10 +224,18 @@ def _with_solvers(plot: Any, solvers: Sequence[str], lines: str, points: str) ->
         style = look_of(name)
         dash = style.dash if isinstance(style.dash, str) else list(style.dash[1])
         sources = {
-            each: ColumnDataSource({"x": [], "y": []}, name=f"{each} {name}") for each in (lines, points)
+            kind: ColumnDataSource({"x": [], "y": []}, name=f"{kind} {name}") for kind in (lines, points)
         }
-        how = {"color": style.color, "legend_label": display_name(name)}
+        color, label = style.color, display_name(name)
         width = 3 if name == REFERENCE else 2
-        plot.line("x", "y", source=sources[lines], line_dash=dash, line_width=width, **how)
-        plot.scatter("x", "y", source=sources[points], size=9, **how)
+        plot.line(
+            "x",
+            "y",
+            source=sources[lines],
+            line_dash=dash,
+            line_width=width,
+            color=color,
+            legend_label=label,
+        )
+        plot.scatter("x", "y", source=sources[points], size=9, color=color, legend_label=label)
     return plot

@@ -52,17 +52,19 @@ def collect_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str
     shown: dict[int, dict[str, Any]] = {cell: {"results": [], "causes": []} for cell in cells}
 
     def rows(table: str, *columns: str) -> list[dict[str, Any]]:
-        some = pc.field("cell").isin(list(cells))
-        return selected(folder.table_path(f"{table}.parquet"), ["cell", "solver", *columns], some).to_pylist()
+        is_shown = pc.field("cell").isin(list(cells))
+        return selected(
+            folder.table_path(f"{table}.parquet"), ["cell", "solver", *columns], is_shown
+        ).to_pylist()
 
     divergence = rows("divergence", "velocity_divergence")
     ds = {(row["cell"], row["solver"]): row["velocity_divergence"] for row in divergence}
     names = pq.read_schema(folder.table_path("cells.parquet")).names
     balls = [name for name in names if re.fullmatch(r"v[1-9]\d*", name)]
     ends, paths = (["impulse1", "impulse2"], ["states_compared"]) if pair else ([], [])
-    known = ("status", "marked", "reason")
+    columns_of_status = ("status", "marked", "reason")
     scales = ("m1", "m2", "k1", "k2") if pair else ("m1", "k1")
-    for row in rows("cells", *axes, *known, *scales, "v0", *balls, *ends, *paths):
+    for row in rows("cells", *axes, *columns_of_status, *scales, "v0", *balls, *ends, *paths):
         cell, speed = shown[row["cell"]], abs(row["v0"])
         velocities = [row[name] for name in balls[: row.get("balls", 2)]]
         impulses = [row[name] for name in ends if row[name] is not None]
@@ -78,7 +80,7 @@ def collect_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str
         cell["results"].append(
             {
                 "name": display_name(row["solver"]),
-                **{name: row[name] for name in ("solver", *known)},
+                **{name: row[name] for name in ("solver", *columns_of_status)},
                 "result": row["status"] in RESULT_STATUSES,
                 "velocities": [None if v is None else v / speed for v in velocities],
                 "d": ds.get((row["cell"], row["solver"])),
@@ -129,8 +131,8 @@ def _curves(config: Config, collisions: Sequence[Collision]) -> list[dict[str, l
     return [
         {
             name: curve
-            for name, each in solved.items()
-            if (curve := impulse_curve(collision, each[i])) is not None
+            for name, outcomes in solved.items()
+            if (curve := impulse_curve(collision, outcomes[i])) is not None
         }
         for i, collision in enumerate(collisions)
     ]

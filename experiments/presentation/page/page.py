@@ -96,16 +96,18 @@ def run_blocks(
 ) -> list[Block]:
     """Return the page of a finished run; `cells` gives what the cells show that open, and is asked where any does."""
     pair, unit = summary.config.chain is None, row_unit(summary)[:-1]
-    there = compared_solvers(summary)
-    found = _found(summary, captions) if there else [f"No {unit} could be compared."]
+    compared_names = compared_solvers(summary)
+    answers = _answer_questions(summary, captions) if compared_names else [f"No {unit} could be compared."]
     along = [findings.axis_table(summary, axis) for axis in summary.axes]
     blocks: list[Block | None] = [
         _opening(summary),
         _advice(summary, captions) if pair and summary.ladder.solvers else None,
-        Section("What was found", found),
-        Section(f"{unit} by {unit}".capitalize(), _cells(folder, summary, cells())) if there else None,
+        Section("What was found", answers),
+        Section(f"{unit} by {unit}".capitalize(), _cells(folder, summary, cells()))
+        if compared_names
+        else None,
         Section("Divergence by solver", [findings.overall_table(summary)]) if not pair else None,
-        Section("All against all", [_matrix(summary)]) if pair and there else None,
+        Section("All against all", [_matrix(summary)]) if pair and compared_names else None,
         _causes(summary, captions),
         _sureness(summary),
         Section("Hypothesis", [_HYPOTHESIS]) if pair else None,
@@ -148,10 +150,10 @@ def _numbers(summary: Summary) -> Iterator[tuple[Value | str, str]]:
             f"is the median D of {display_name(name)} from the model, of {n} {row_unit(summary)}",
         )
     for name, law, median, _ in list(findings.distances_from_own_laws(summary))[:1]:
-        what = "D" if summary.config.chain is None else "distance of the limit dt -> 0, per |v0|,"
+        measure = "D" if summary.config.chain is None else "distance of the limit dt -> 0, per |v0|,"
         yield (
             median,
-            f"is the median {what} of {display_name(name)} from {display_name(law)}, the law it was set to",
+            f"is the median {measure} of {display_name(name)} from {display_name(law)}, the law it was set to",
         )
     for name in summary.ladder.solvers[:1]:
         causes = findings.cause_shares(summary.ladder, name)
@@ -168,9 +170,9 @@ def _advice(summary: Summary, captions: Captions) -> Section:
     return Section("What to do with your engine", [said, *_figures(captions, "error-by-step")], beside=True)
 
 
-def _found(summary: Summary, captions: Captions) -> list[Block]:
+def _answer_questions(summary: Summary, captions: Captions) -> list[Block]:
     """Return the findings: questions, the sentences that answer them, each with its picture."""
-    pair, there, engines = summary.config.chain is None, subjects(summary), summary.ladder.solvers
+    pair, names, engines = summary.config.chain is None, subjects(summary), summary.ladder.solvers
     axis, over = ("stiffness_ratio", "stiffness") if pair else ("balls", "balls")
     sections: list[Block] = []
 
@@ -181,14 +183,14 @@ def _found(summary: Summary, captions: Captions) -> list[Block]:
 
     far = [findings.describe_distances(summary), describe_shared_laws(summary.solvers)]
     answer("How far are they from the model?", far, f"divergence-by-{over}")
-    asked = findings.describe_distances_from_own_laws(summary)
-    answer("Do engines do what they were asked for?", asked, "impulse-curves" if pair else "wave")
+    own_law = findings.describe_distances_from_own_laws(summary)
+    answer("Do engines do what they were asked for?", own_law, "impulse-curves" if pair else "wave")
     why = [findings.describe_causes(summary, name, explain=name == engines[0]) for name in engines]
     answer("Then why do they diverge?", why, f"ladder-by-{over}")
-    extremes = [_extremes(summary, name, axis) for name in there]
+    extremes = [_extremes(summary, name, axis) for name in names]
     answer("Where does it matter?", extremes, "trust-map" if pair else "velocities")
     if pair:
-        orders = [_order(summary, name) for name in there]
+        orders = [_order(summary, name) for name in names]
         answer("Do contacts open and close in the same order?", orders, "state-paths")
     return sections
 
@@ -213,17 +215,19 @@ def _extremes(summary: Summary, name: str, axis: str) -> str:
 
 def _order(summary: Summary, name: str) -> Markup:
     """Say how often a solver passes through the states of the model, and of its own law."""
-    said = fill_sentence(
+    sentence = fill_sentence(
         "{solver} passes through the contact states of the model in {equal} of the {n} cells in which the "
         "model needed no limiting case",
         solver=display_name(name),
         equal=statistic_value(summary, name, "mean", FULL_PATHS),
         n=statistic_value(summary, name, "n", FULL_PATHS),
     )
-    own = statistic_value(summary, name, "mean", OWN_LAW)
-    if not math.isnan(own.value):
-        said += fill_sentence(", and through those of the exact law it was asked for in {own}", own=own)
-    return said + "."
+    own_law = statistic_value(summary, name, "mean", OWN_LAW)
+    if not math.isnan(own_law.value):
+        sentence += fill_sentence(
+            ", and through those of the exact law it was asked for in {own}", own=own_law
+        )
+    return sentence + "."
 
 
 def _cells(folder: RunFolder, summary: Summary, packed: str) -> list[Block]:
@@ -332,15 +336,15 @@ def _sureness(summary: Summary) -> Section:
 def _effective(folder: RunFolder) -> Section:
     """Say which solvers use other numbers than they were asked for."""
     rows = pd.read_parquet(folder.table_path("cells.parquet"), columns=["solver", "differences"]).dropna()
-    found: list[Block] = [
-        f"{display_name(str(name))} uses other numbers than it was asked for in {len(each)} cells, in the first: "
-        f"{each.iloc[0]}."
-        for name, each in rows.groupby("solver").differences
+    sentences: list[Block] = [
+        f"{display_name(str(name))} uses other numbers than it was asked for in {len(differences)} cells, "
+        f"in the first: {differences.iloc[0]}."
+        for name, differences in rows.groupby("solver").differences
     ]
     said = "Stiffness, damping, restitution and step of an engine are read back after they were set."
     none = "All are as requested, to the engines' own precision."
     product = describe_restitution_product(folder.config().solvers)
-    return Section("Requested and effective", [said, *(found or [none]), *([product] if product else [])])
+    return Section("Requested and effective", [said, *(sentences or [none]), *([product] if product else [])])
 
 
 def _unsolved(summary: Summary) -> Section:
@@ -395,9 +399,9 @@ def _provenance(folder: RunFolder) -> Section:
 def _flat(value: Any, *names: str) -> Iterator[tuple[str, Any]]:
     """Give what nested tables and lists hold, by the names that lead to it."""
     if isinstance(value, list):
-        value = {str(place): each for place, each in enumerate(value, 1)}
+        value = {str(place): item for place, item in enumerate(value, 1)}
     if not isinstance(value, dict):
         yield " ".join(names), value
         return
-    for name, each in value.items():
-        yield from _flat(each, *names, name)
+    for name, item in value.items():
+        yield from _flat(item, *names, name)

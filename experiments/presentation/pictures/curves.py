@@ -94,13 +94,13 @@ def label_impulse_axes(ax: Any) -> None:
 
 def drawable_paths(collision: Collision, outcomes: Mapping[str, Outcome]) -> dict[str, Path]:
     """Return the paths that can be drawn, by solver, in the order of laws, the model last so that it is on top."""
-    found = {}
+    paths = {}
     for name in sorted(in_order_of_laws(outcomes), key=lambda name: name == REFERENCE):
         path, largest = outcomes[name].path, LARGEST * collision.units.impulse
         solved = outcomes[name].status in RESULT_STATUSES
         if solved and path is not None and np.abs(path.impulses).max() <= largest:
-            found[name] = path
-    return found
+            paths[name] = path
+    return paths
 
 
 def draw_collision(collision: Collision, paths: Mapping[str, Path]) -> Figure:
@@ -153,20 +153,20 @@ def draw_chain(curves: Frame, config: Config) -> Iterator[Drawn]:
     by_solver, followed = curves.set_index("solver").velocities.dropna(), curves[curves.time.notna()]
     if len(by_solver):
         solvers = in_order_of_laws(by_solver.index)
-        said = (
+        caption = (
             "Final velocities of one chain, ball by ball and solver beside solver, per |v0|, up is positive: "
         )
-        said += f"{describe_chain(config.figure_chain)}."
-        yield "velocities", draw_velocities({name: by_solver[name] for name in solvers}), said
+        caption += f"{describe_chain(config.figure_chain)}."
+        yield "velocities", draw_velocities({name: by_solver[name] for name in solvers}), caption
     if len(followed):
-        said = (
+        caption = (
             "The wave through one chain: force of each contact over time since first touch, per m1 "
             "|v0| and the unit of time (m1/k1 |v0|^(1 - p))^(1/(p + 1)), by the solvers that follow it "
             f"({describe_chain(config.figure_chain)}). Contact 1 is between balls 1 and 2; the model's time "
             "is that of positions that stay frozen, forces of engines are means over their steps. The "
             f"time axis ends where all but {number(TAIL)} of the impulses have passed, by every solver."
         )
-        yield "wave", _wave(followed, config), said
+        yield "wave", _wave(followed, config), caption
 
 
 def draw_velocities(drawn: Mapping[str, Sequence[float]]) -> Figure:

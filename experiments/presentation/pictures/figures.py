@@ -97,13 +97,13 @@ def _over(panels: Mapping[str, tuple[Frame, Any]], solvers: Sequence[str], axis:
                 at = np.arange(len(values)) + 0.6 * ((position + 0.5) / len(solvers) - 0.5)
                 grouped = rows[rows.solver == solver].groupby(axis)[measure]
                 if measure == FULL_PATHS:
-                    shown = grouped.mean().reindex(values)
+                    middle = grouped.mean().reindex(values)
                 else:
                     ends = (grouped.quantile(q).reindex(values) for q in (0.05, 0.5, 0.95))
-                    low, shown, high = (each.clip(lower=_FLOOR) for each in ends)
+                    low, middle, high = (quantiles.clip(lower=_FLOOR) for quantiles in ends)
                     ax.vlines(at, low, high, color=style.color, linewidth=1.4, alpha=0.5)
                 line = {"marker": style.marker, "linestyle": style.dash, "color": style.color}
-                ax.plot(at, shown, linewidth=1, label=display_name(solver), **line)
+                ax.plot(at, middle, linewidth=1, label=display_name(solver), **line)
         axes[0].set_ylabel(_LABELS[measure])
         if measure == _D:
             axes[0].set_yscale("log")  # shared

@@ -67,12 +67,12 @@ class History:
             return np.column_stack([np.interp(instants, known, column) for column in values.T])
 
         after = np.maximum(instants - self.time[-1], 0)[:, None]
-        here = np.searchsorted(self.time, instants, side="right") - 1
+        interval = np.searchsorted(self.time, instants, side="right") - 1
         return (
             of(self.time, self.heights) + after * self.velocities[-1],
             of(self.time, self.velocities),
             np.where(after > 0, 0.0, of(self.between, self.forces)),
-            self.acting[here] & (instants < self.time[-1])[:, None],
+            self.acting[interval] & (instants < self.time[-1])[:, None],
         )
 
 

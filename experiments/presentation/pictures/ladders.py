@@ -66,10 +66,10 @@ _PLANE = ["mass_ratio", "stiffness_ratio"]
 def draw_ladders(ladder: LadderSummary) -> Iterator[Drawn]:
     """Draw every figure of the ladders; none where no engine has a result."""
     for name, axes in _STACKS.items():
-        there = [axis for axis in axes if axis in ladder.axes]
-        if there:
-            over = " and ".join(_LABELS[axis] for axis in there)
-            yield name, _panels(ladder, there), _caption(over, ladder)
+        known_axes = [axis for axis in axes if axis in ladder.axes]
+        if known_axes:
+            over = " and ".join(_LABELS[axis] for axis in known_axes)
+            yield name, _panels(ladder, known_axes), _caption(over, ladder)
 
 
 def _caption(over: str, ladder: LadderSummary) -> str:
@@ -94,8 +94,8 @@ def _panels(ladder: LadderSummary, axes: Sequence[str]) -> Figure:
         for row, axis in zip(panels, axes, strict=True):
             for ax, solver in zip(row, solvers, strict=True):
                 table = ladder.statistics
-                some = table[(table.solver == solver) & (table.axis == axis)]
-                wide = some.pivot(index="value", columns="contribution")
+                rows = table[(table.solver == solver) & (table.axis == axis)]
+                wide = rows.pivot(index="value", columns="contribution")
                 label_axis_values(ax.xaxis, wide.index.tolist(), 8)
                 ax.tick_params(axis="x", labelsize=8)
                 _stack(ax, ladder, wide)
@@ -200,9 +200,15 @@ def _trust_map(trust: Frame, engines: Sequence[str]) -> Figure:
             panels = ((fields.typical, _COLORS), (fields.strict, _COLORS), (blamed, causes))
             for ax, (values, colors) in zip(row, panels, strict=True):
                 image = values.unstack().reindex(index=up, columns=across).to_numpy(float)
-                limits = {"vmin": -0.5, "vmax": len(colors) - 0.5}
-                how = {"origin": "lower", "aspect": "auto", "interpolation": "nearest"}
-                ax.imshow(image, cmap=ListedColormap(colors), **limits, **how)
+                ax.imshow(
+                    image,
+                    cmap=ListedColormap(colors),
+                    vmin=-0.5,
+                    vmax=len(colors) - 0.5,
+                    origin="lower",
+                    aspect="auto",
+                    interpolation="nearest",
+                )
                 ax.grid(False)
             row[0].set_ylabel(f"{display_name(name)}\nm2/m1 (-)")
         label_axis_values(axes[0, 0].xaxis, across, 5)

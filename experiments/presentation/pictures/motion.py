@@ -94,7 +94,7 @@ class Motion:
         The configuration says how they solved it, and `chain` what the collision is, if a chain. A ValueError says
         that no solver but the model has a path in finite time.
         """
-        drop, shown, left_out = config.scenario == "drop", {}, {}
+        drop, histories, left_out = config.scenario == "drop", {}, {}
         for name in sorted(outcomes, key=lambda name: name != REFERENCE):
             outcome = outcomes[name]
             weight = config.gravity if drop and name != REFERENCE else 0.0
@@ -104,11 +104,11 @@ class Motion:
             history = None if outcome.path is None else make_history(collision, outcome.path, weight)
             if history is None:
                 left_out[name] = "no path in finite time"
-            elif len(shown.keys() - {REFERENCE}) == MOST:
+            elif len(histories.keys() - {REFERENCE}) == MOST:
                 left_out[name] = f"{MOST} at most"
             else:
-                shown[name] = history
-        if not shown.keys() - {REFERENCE}:
+                histories[name] = history
+        if not histories.keys() - {REFERENCE}:
             reasons = ", ".join(f"{name}: {reason}" for name, reason in left_out.items())
             raise ValueError(
                 "needs a solver beside the model with a path in finite time"
@@ -120,8 +120,8 @@ class Motion:
             if chain is not None
             else f"{describe_ratios(collision)}, scenario {config.scenario}"
         )
-        what += ", in which the model has no gravity" if drop and REFERENCE in shown else ""
-        return cls(collision, what, shown, left_out)
+        what += ", in which the model has no gravity" if drop and REFERENCE in histories else ""
+        return cls(collision, what, histories, left_out)
 
     @property
     def lies(self) -> bool:
@@ -142,7 +142,9 @@ class Motion:
     @property
     def instants(self) -> Floats:
         """Instants of the pictures: a little beyond the last one that matters to a solver."""
-        ends = (instant_of_tail(each.time, each.impulses.sum(axis=1)) for each in self.histories.values())
+        ends = (
+            instant_of_tail(history.time, history.impulses.sum(axis=1)) for history in self.histories.values()
+        )
         return np.linspace(0.0, 1.12 * max(ends), FRAMES)
 
     @property
@@ -237,17 +239,21 @@ def draw_frames(motion: Motion) -> Iterator[Pixels]:
     There is a scene a solver, and below or beside it the forces of the contacts over time.
     """
     instants, histories = motion.instants, motion.histories.values()
-    shown = {name: (each, each.time <= instants[-1]) for name, each in motion.histories.items()}
-    largest = max(each.compressions[some].max() for each, some in shown.values())
+    visible = {name: (history, history.time <= instants[-1]) for name, history in motion.histories.items()}
+    largest = max(history.compressions[is_visible].max() for history, is_visible in visible.values())
     scale = _COMPRESSED * _SPRING / largest if largest > 0 else 1.0
-    soft = [each.forces[some[1:]] for name, (each, some) in shown.items() if name not in motion.rigid]
+    soft = [
+        history.forces[is_visible[1:]]
+        for name, (history, is_visible) in visible.items()
+        if name not in motion.rigid
+    ]
     forces = np.concatenate(soft)
     strongest, least = float(forces.max()), min(0.0, float(forces.min()))
     width, height = _size(motion)
     with styled_figure(width, height) as figure:
         figure.dpi = _DPI
         panels = _set_up(figure, motion, 1.08 * least, 1.08 * strongest)
-        moving = [zip(*each.at(instants), strict=True) for each in histories]
+        moving = [zip(*history.at(instants), strict=True) for history in histories]
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
         unit = panels[0][0].transData.transform([(0, 0), (1, 0)])[:, 0]
@@ -342,16 +348,16 @@ def write_animation(motion: Motion, path: Path) -> None:
     # One palette, that of the first and the middle one: in these are all colours.
     both = np.vstack([pictures[0], pictures[len(pictures) // 2]])
     palette = Image.fromarray(both).quantize(_COLORS, Image.Quantize.MAXCOVERAGE)  # white stays white
-    first, *others = (
-        Image.fromarray(each).quantize(palette=palette, dither=Image.Dither.NONE) for each in pictures
+    first, *rest = (
+        Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in pictures
     )
     with replacing(path) as temporary:
         if path.suffix == ".gif":
-            first.save(temporary, "GIF", save_all=True, append_images=others, duration=1000 / RATE, loop=0)
+            first.save(temporary, "GIF", save_all=True, append_images=rest, duration=1000 / RATE, loop=0)
             return
-        shown = []
-        for picture in (first, *others):
+        encoded = []
+        for picture in (first, *rest):
             picture.save(file := BytesIO(), "PNG", optimize=True)
-            shown.append(base64.b64encode(file.getvalue()).decode("ascii"))
-        player = render_template("player.html.j2", title=motion.title(), pictures=shown, pause=1000 // RATE)
+            encoded.append(base64.b64encode(file.getvalue()).decode("ascii"))
+        player = render_template("player.html.j2", title=motion.title(), pictures=encoded, pause=1000 // RATE)
         temporary.write_text(render_page(motion.title(), [player, motion.caption()]), encoding="utf-8")

@@ -133,17 +133,23 @@ def _draw(ax: Any, panel: Panel, outcome: Outcome) -> None:
         window.locator_params(nbins=3)
         ax.indicate_inset_zoom(window, edgecolor="0.4")
         axes.append(window)
-    for each in axes:
+    for window_or_whole in axes:
         for state, color in _STATES.items():
-            here = path.state == state
-            if here.any():
-                here[1:] |= here[:-1]  # to where the next state begins
-                each.plot(*(np.where(here, i, np.nan) for i in (i1, i2)), color=color, label=f"S{state}")
-        each.plot(outcome.impulse1, outcome.impulse2, "o", color="black", markersize=4, label="exact end")
+            is_state = path.state == state
+            if is_state.any():
+                is_state[1:] |= is_state[:-1]  # to where the next state begins
+                window_or_whole.plot(
+                    *(np.where(is_state, i, np.nan) for i in (i1, i2)), color=color, label=f"S{state}"
+                )
+        window_or_whole.plot(
+            outcome.impulse1, outcome.impulse2, "o", color="black", markersize=4, label="exact end"
+        )
         if printed:
             marks = {"marker": "o", "markersize": 9, "markeredgewidth": 1.3, "fillstyle": "none"}
-            each.plot(*np.transpose(printed), linestyle="none", color=_PRINTED, label="printed", **marks)
-        draw_compression_lines(each, panel.collision.mass_ratio, reach)
+            window_or_whole.plot(
+                *np.transpose(printed), linestyle="none", color=_PRINTED, label="printed", **marks
+            )
+        draw_compression_lines(window_or_whole, panel.collision.mass_ratio, reach)
     ax.set(xlim=(-0.04 * reach, reach), ylim=(-0.04 * reach, reach))
     label_impulse_axes(ax)
     ax.set_title(f"({panel.name[1]}) k2/k1 = {panel.ratio}")
