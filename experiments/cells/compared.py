@@ -1,4 +1,4 @@
-"""One collision, or one chain, by several solvers: how far each is from the model, as text, as HTML, as a picture."""
+"""Comparison of several solvers with the model on one collision or chain, as text, as HTML and as a picture."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ from impact_xval.model.kinetic import kinetic_norm
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Letters of a line of the text, and dots per inch of the picture in a notebook.
+#: Width of the text in letters, and resolution of the picture in a notebook in dots per inch.
 _WIDTH, _DPI = 150, 100
-#: The rows of the table of a chain.
+#: Note below the table of a chain that explains its rows.
 _CHAIN_NOTE = (
     "v1, v2, ...: velocities per |v0|, up is positive. D: kinetic norm of the difference from the model. limit: "
     "largest difference of a velocity between an engine's limit dt -> 0 and the exact solver of its law; error: the "
@@ -56,7 +56,7 @@ _CHAIN_NOTE = (
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class SolverComparison:
-    """What several solvers made of one collision or chain; a notebook shows it as a table and a picture.
+    """Outcomes of several solvers for one collision or chain; a notebook shows a table and a picture.
 
     Attributes
     ----------
@@ -76,17 +76,17 @@ class SolverComparison:
 
     @property
     def is_chain(self) -> bool:
-        """Whether this is no problem of two balls as the paper has it, or was asked for as a chain."""
+        """Whether the problem was set up as a chain, or is not that of the paper, two balls on a table."""
         return self.chain is not None or not self.problem.falls_on_resting
 
     @property
     def divergences(self) -> dict[str, float]:
-        """Velocity divergence D from the model, by solver; NaN where one of the two has no result."""
+        """Velocity divergence D from the model, by solver; NaN if the solver or the model has no result."""
         return {name: each["velocity_divergence"] for name, each in self._measures.items()}
 
     @property
     def scaled(self) -> dict[str, list[float]]:
-        """Velocities per speed of impact, of solvers with a result in the order of laws."""
+        """Velocities per speed of impact by solver, in the order of laws; solvers without a result are skipped."""
         return {name: velocities for name, velocities in self._known.items() if self._mark(name) == ""}
 
     #: How a chain was set up, in words; empty if it is not known.
@@ -94,7 +94,7 @@ class SolverComparison:
 
     @property
     def _known(self) -> dict[str, list[float]]:
-        """Velocities per speed of impact, of solvers that came to any, in the order of laws."""
+        """Velocities per speed of impact by solver, in the order of laws; solvers without velocities are skipped."""
         all_of = {name: self.outcomes[name].velocities for name in in_order_of_laws(self.outcomes)}
         return {
             name: [v / self._speed for v in all_of[name]]
@@ -103,7 +103,7 @@ class SolverComparison:
         }
 
     def _mark(self, name: str) -> str:
-        """Return what follows a number of a solver: a mark where the solver has no result."""
+        """Return the mark after the numbers of a solver without a result; empty for other solvers."""
         return "" if self.outcomes[name].status in RESULT_STATUSES else NO_RESULT
 
     _measures = property(lambda self: measures_of(self.problem, self.outcomes))
@@ -111,9 +111,9 @@ class SolverComparison:
 
     @property
     def between(self) -> dict[tuple[str, str], float]:
-        """D between every two solvers with a result, each pair once, in the order of laws; it is the same both ways.
+        """D between every two solvers with a result, in the order of laws; each pair once, because D is symmetric.
 
-        That is the kinetic norm of the difference of final velocities over that of the velocities at first touch.
+        D is the kinetic norm of the difference of final velocities over that of the velocities at first touch.
         """
         masses, length = self.problem.masses, kinetic_norm(self.problem.masses, self.problem.velocities)
         results = {name: np.array(self.outcomes[name].velocities) for name in self.scaled}
@@ -123,9 +123,9 @@ class SolverComparison:
         }
 
     def objects(self) -> list[dict[str, Any]]:
-        """Return an object a solver: velocities per abs(v0), impulses per m1 abs(v0), times in s.
+        """Return one object per solver: velocities per abs(v0), impulses per m1 abs(v0), times in s.
 
-        Numbers that are not there are NaN, a margin without an end infinite; JSON has null for both.
+        Missing numbers are NaN, and a grazing margin without an end is infinite; JSON has null for both.
         """
         measures, speed = self._measures, self._speed
         return [
@@ -155,7 +155,7 @@ class SolverComparison:
     def plot(self) -> Figure:
         """Draw impulse curves and velocities of two balls, or the final velocities of a chain.
 
-        A `ValueError` says that no solver has a path, or of a chain a result, to draw.
+        A `ValueError` says that there is nothing to draw: no path of two balls, or no result of a chain.
         """
         from impact_xval.experiments.presentation.pictures.curves import (
             draw_collision,
@@ -171,7 +171,7 @@ class SolverComparison:
         raise ValueError(f"no solver has a path to draw ({statuses}); legal: a collision that one solves")
 
     def blocks(self) -> list[Block]:
-        """Return the table of all solvers, and what there is to say of them."""
+        """Return the table of all solvers, and the sentences on it."""
         table = self._chain_table() if self.is_chain else self._collision_table()
         setup = capitalise_first(f"{self.setup}.") if self.setup else ""
         note = _CHAIN_NOTE if self.is_chain and table.rows else ""
@@ -198,7 +198,7 @@ class SolverComparison:
         ]
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows: the table, and the picture as part of it."""
+        """Return the table and the picture as HTML for a notebook."""
         file = io.BytesIO()
         try:
             self.plot().savefig(file, format="png", dpi=_DPI)
@@ -233,7 +233,7 @@ class SolverComparison:
         return Table(header.split(), rows, text=3)
 
     def _matrix(self) -> Table | None:
-        """Lay out D between every two solvers; None where the table says all of it, of D from the model."""
+        """Lay out D between every two solvers; None with fewer than three, whose D the other table has."""
         names, between = list(self.scaled), self.between
         if len(names) < 3:
             return None
@@ -245,18 +245,18 @@ class SolverComparison:
         return Table(["solver", *names[:-1]], filled, "D between every two solvers")
 
     def _versions(self) -> str:
-        """Say which versions of engines and plug-ins solved this; all other solvers are of the project."""
+        """Name the versions of the project and of the engines and plug-ins that solved this."""
         others = [name for name in self.outcomes if is_engine(name) or not is_ours(name)]
         said = [f"{name} {self.versions[name]}" for name in others if self.versions.get(name)]
         ours = f"impact-xval {version('impact-xval')}"
         return f"Versions: {listed([ours, *said])}." if said else ""
 
     def _written(self, name: str, value: float) -> str:
-        """Write a number of a solver, marked where the solver has no result."""
+        """Write a number of a solver, with its mark."""
         return "-" if np.isnan(value) else f"{value:.6f}{self._mark(name)}"
 
     def _chain_table(self) -> Table:
-        """Lay out a chain: a fact a row, for there are more of them than solvers."""
+        """Lay out a chain with one row per fact and one column per solver, because facts outnumber solvers."""
         measures, facts = self._measures, {}
         for name, velocities in self._known.items():
             outcome, measured = self.outcomes[name], measures[name]

@@ -1,6 +1,6 @@
-"""The explorer: a page of this machine whose chart and table follow its sliders.
+"""The explorer: a page, served to this machine alone, whose chart and table follow its sliders.
 
-Solvers run in processes apart, engines beside the exact ones: no crash or long run of an engine holds a slider up.
+Exact solvers and engines run in separate processes: no crash or long run of an engine delays a slider.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ from impact_xval.experiments.sweep.one import SolversApart, solvers_apart
 from impact_xval.experiments.sweep.process import ClosedError
 from impact_xval.model.collision import Outcome
 
-#: Solvers that the button runs, and those that follow the sliders.
+#: Solvers that run by the button, and solvers that follow the sliders.
 ENGINES = tuple(filter(is_engine, solver_names()))
 EXACT = tuple(name for name in solver_names() if name not in ENGINES)
 
 
 class ExplorerCells:
-    """Cells that pages ask for; `ending` ends the processes, which begin when they are first needed."""
+    """Solves the cells that pages ask for; processes begin when they are first needed, and `ending` ends them."""
 
     def __init__(self, ending: contextlib.ExitStack) -> None:
         self._ending = ending
@@ -74,7 +74,7 @@ class ExplorerCells:
         return {"results": render_blocks(blocks), "data": _data(compared)}
 
     def _solve(self, typed: tuple[tuple[str, str], ...], names: tuple[str, ...]) -> dict[str, Outcome]:
-        """Solve a cell by solvers of one sort, once those before it are solved."""
+        """Solve a cell by engines or by exact solvers, after the earlier cells of the same sort."""
         collision, chain, config = parse_collision(dict(typed))
         engines, points = names != EXACT, None if chain is None else 0
         with self._turn[engines]:
@@ -87,13 +87,13 @@ class ExplorerCells:
             return self._apart[engines].solve(collision, config, names, get_solver, lambda _: None, points)
 
     def close(self) -> None:
-        """Start no more processes: those that there are end with the block."""
+        """Start no more processes; the running ones end with the block."""
         with self._starting:
             self.closed = True
 
 
 def _data(compared: SolverComparison) -> dict[str, dict[str, Any]]:
-    """Return what the sources of the charts hold; a solver that has nothing to draw has empty ones."""
+    """Return the data of the charts' sources; the sources of a solver with nothing to draw are empty."""
     collision, kinds = compared.problem, ("balls", "curve", "end")
     data = {f"{kind} {name}": {"x": [], "y": []} for name in (*EXACT, *ENGINES) for kind in kinds}
     if compared.is_chain:
@@ -112,7 +112,7 @@ def _data(compared: SolverComparison) -> dict[str, dict[str, Any]]:
 
 @cache
 def explorer_page() -> str:
-    """Return the page, which then asks for cells."""
+    """Return the page as HTML; its script then asks for cells."""
     solvers = in_order_of_laws([*EXACT, *ENGINES])
     charts = {"curves": curves_chart(solvers), "velocities": velocities_chart(solvers)}
     items = [json_item(chart, ID(name)) for name, chart in charts.items()]
@@ -121,23 +121,23 @@ def explorer_page() -> str:
 
 
 class _Server(ThreadingHTTPServer):
-    #: Threads are waited for: one that was importing when the interpreter ended aborted it ("exception not rethrown").
+    #: Threads are joined: one that imported while the interpreter ended aborted it ("exception not rethrown").
     daemon_threads = False
     cells: ExplorerCells
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Say nothing of a page that was closed, nor of a cell that Ctrl-C ended."""
+        """Ignore the errors of a closed page and of a cell that Ctrl-C ended."""
         if not (self.cells.closed or isinstance(sys.exc_info()[1], OSError | ClosedError | CancelledError)):
             super().handle_error(request, client_address)
 
 
 class _Request(BaseHTTPRequestHandler):
     server: Any
-    #: Seconds: browsers open connections in advance, and may ask nothing.
+    #: Seconds until a silent connection is closed: browsers open connections in advance.
     timeout = 5
 
     def do_GET(self) -> None:
-        """Answer with the page, or with what it shows of a cell."""
+        """Answer with the page, or with the results of a cell."""
         path, _, query = self.path.partition("?")
         kind, text = "text/plain", ""  # such as the icon, which browsers ask for
         if path == "/":
@@ -154,9 +154,9 @@ class _Request(BaseHTTPRequestHandler):
 
 
 def explore(port: int, opened: Callable[[str], object]) -> None:
-    """Serve the page on this machine alone, until interrupted; all that was started is gone then.
+    """Serve the page to this machine alone until interrupted, and then end all processes and threads.
 
-    `opened` is told where the page is; port 0 is any that is free.
+    `opened` is called with the address of the page. Port 0 stands for any free port.
     """
     with contextlib.ExitStack() as ending:
         cells = ExplorerCells(ending)
@@ -165,7 +165,7 @@ def explore(port: int, opened: Callable[[str], object]) -> None:
         except OSError as error:
             raise UserError(f"--port = {port}: {error.strerror}; legal: a free one (0: any)") from None
         server.cells = cells
-        # Beside the main thread: Ctrl-C, which that meets, could come while a request's thread is started.
+        # Not in the main thread, which receives Ctrl-C: it could come while the thread of a request is started.
         threading.Thread(target=server.serve_forever, daemon=True).start()
         try:
             opened(f"http://127.0.0.1:{server.server_port}/")

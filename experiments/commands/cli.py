@@ -23,10 +23,10 @@ from impact_xval.experiments.commands import contact, hypothesis, runs, scoreboa
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 
 PROGRAM = "impact-xval"
-#: Errors of a file or folder that is there, and that the user may not use: wrong input, no failure of ours.
+#: Error numbers of files that exist and that the user may not use: they count as wrong input.
 _NOT_THEIRS = (errno.EACCES, errno.EPERM, errno.EROFS)
 
-#: Packages of the engines, as they are distributed. Stated here, for no adapter is imported to show versions.
+#: Distributions of the engines. They stand here because showing versions imports no adapter.
 ENGINE_PACKAGES = ("mujoco", "pybullet", "drake", "pymunk", "dartpy", "rapier3d", "sapien", "newton")
 
 app = typer.Typer(
@@ -56,7 +56,7 @@ def _root(
 
 
 def _versions() -> str:
-    """Name the versions of the project, Python, NumPy and each installed engine, none of which is imported."""
+    """List the versions of the project, Python, NumPy and the installed engines, without importing an engine."""
     lines = [f"{PROGRAM} {version('impact-xval')}", f"Python {platform.python_version()}"]
     for package in ("numpy", *ENGINE_PACKAGES):
         with suppress(PackageNotFoundError):

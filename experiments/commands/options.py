@@ -1,4 +1,4 @@
-"""Options that several commands share, and the reading of what is typed for any of them.
+"""Options that several commands share, and parsers of their values.
 
 An error is one line that names the option, the value and the legal range: of a collision a configuration judges them,
 of other options a parser. Nothing heavy is imported, so that help comes at once.
@@ -20,7 +20,7 @@ from impact_xval.experiments.config.errors import UserError
 
 
 def parse_number(text: str) -> float:
-    """Read a number; infinities and NaN are judged where it is used."""
+    """Read a number; the command that uses it checks for infinity and NaN."""
     try:
         return float(text)
     except ValueError:
@@ -39,7 +39,7 @@ def whole_number_parser(low: int, high: int) -> Callable[[str], int]:
 
 
 def parse_path(text: str) -> Path:
-    """Read a path; what is there is for the command to judge."""
+    """Read a path; the command that uses it checks what is there."""
     # pathlib takes the empty text, a variable of the shell that is not set, for ".".
     if not text or not text.isprintable():
         raise typer.BadParameter(f"{text!r:.60}; legal: a path")
@@ -47,7 +47,7 @@ def parse_path(text: str) -> Path:
 
 
 def word_parser(*words: str) -> Callable[[str], str]:
-    """Return a parser of words."""
+    """Return a parser that accepts these words only."""
 
     def read(text: str) -> str:
         if text not in words:
@@ -66,16 +66,13 @@ def parse_shard(text: str) -> tuple[int, int]:
 
 
 def print_json(value: Any) -> None:
-    """Print strict JSON, which has no infinity and no NaN: null stands there."""
+    """Print strict JSON, with null for infinity and NaN."""
     plain = json.loads(json.dumps(value), parse_constant=lambda _: None)
     typer.echo(json.dumps(plain, indent=2))
 
 
 def known_solvers(solvers: list[str] | None) -> list[str]:
-    """Check the names of solvers, and add the model, as a run does; without any, those that a run has by default.
-
-    The model comes last where it was not asked for.
-    """
+    """Check the names of solvers and append the model if it is missing; without names, return the default solvers."""
     from impact_xval.compliant_baselines.registry import solver_names
     from impact_xval.experiments.config.experiment import REFERENCE, solvers_problem
 
@@ -118,7 +115,10 @@ Solvers = Annotated[
 
 
 def with_collision_options(*without: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command the parameters of one collision as options, in the place of its keywords."""
+    """Return a decorator that replaces the keywords of a command by the options of one collision.
+
+    The options named in `without` are skipped.
+    """
 
     def add(command: Callable[..., None]) -> Callable[..., None]:
         signature = inspect.signature(command, eval_str=True)

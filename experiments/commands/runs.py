@@ -58,7 +58,7 @@ def run_command(
     start = time.perf_counter()
     part = parse_shard(shard)
     experiment = _experiment(config, out, quick)
-    # Imported when the configuration is known to be legal: what solves takes a second.
+    # Imported once the configuration is known to be legal, because it takes a second.
     from impact_xval.experiments.presentation.terminal import make_console
     from impact_xval.experiments.sweep.run import run_sweep
 
@@ -79,12 +79,12 @@ def run_command(
         summaries.append(writer()(folder, apart))
 
     def imported_ahead() -> None:
-        # What fails here is told by who needs it; as where the main thread was interrupted in the same import.
+        # A failure here is ignored: the import is repeated where it is needed, and fails there with its message.
         with contextlib.suppress(Exception):
             writer()
 
     with writing_folder(words, console, experiment.size()) as progress:
-        # Imported beside the cells, for matplotlib takes a second.
+        # Imported in a thread while cells are solved, because matplotlib takes a second.
         threading.Thread(target=imported_ahead).start()
         folder = run_sweep(
             experiment,
@@ -225,7 +225,7 @@ def compare_command(
 
 
 def _experiment(file: Path | None, root: Path | None, quick: bool) -> Config:
-    """Read an experiment from a file, or else from the folder of a run; without either it is the built-in one."""
+    """Read an experiment from a file, or else from the folder of a run, or else return the built-in one."""
     from impact_xval.experiments.config.experiment import load_config, parse_config
     from impact_xval.experiments.tables.folder import CONFIGURATION, check_continues
 
@@ -249,7 +249,7 @@ def _experiment(file: Path | None, root: Path | None, quick: bool) -> Config:
 
 
 def check_holds_something(file: Path, command: str) -> None:
-    """Refuse a file without a key: all would be as built in, by an oversight."""
+    """Refuse a file without keys: it would run the built-in design by mistake."""
     from impact_xval.experiments.config.errors import read_toml
 
     if not read_toml(file):
@@ -259,9 +259,10 @@ def check_holds_something(file: Path, command: str) -> None:
 
 @contextlib.contextmanager
 def writing_folder(words: list[Any], console: Any, before: str) -> Iterator[Progress]:
-    """Show the progress of what writes a folder; where it is stopped the error says which words continue it.
+    """Show the progress of the block, which writes a folder; if it is interrupted, the error says how to continue.
 
-    What is said `before` anything is computed comes with the first report: by then the input is known to be legal.
+    `words` are the words of the command that continues it. `before` is printed with the first report, when the input is
+    known to be legal.
     """
     from impact_xval.experiments.presentation.terminal import COMPILING, show_progress
     from impact_xval.model.compiled import is_compiled

@@ -88,9 +88,9 @@ def scoreboard_command(
 def _environments(
     texts: Sequence[str], names: Sequence[str]
 ) -> tuple[list[tuple[str, Environment]], list[NotInstalledError]]:
-    """Install what --with asks for; give each solver with the environment it is asked in, and what has failed.
+    """Install the requirements of --with; return the solvers with their environments, and the failures.
 
-    With `names` those solvers alone are asked. Where nothing can be installed, the first reason is raised.
+    With `names` only those solvers are returned. If nothing can be installed, a `UserError` has the first reason.
     """
     if not texts:
         return [], []
@@ -127,7 +127,7 @@ def _environments(
 
 
 def _all_in_one(missing: Sequence[NotInstalledError]) -> UserError:
-    """Say in a line that versions could not be installed: why the first, and which others."""
+    """Make one error of several failures: the reason of the first, and the requirements of the rest."""
     first, *others = missing
     more = "".join(f", {other.requirement}" for other in others)
     return UserError(f"{first}" + (f" (and {len(others)} more:{more.removeprefix(',')})" if others else ""))

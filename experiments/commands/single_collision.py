@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from impact_xval.experiments.config.experiment import Config
     from impact_xval.model import Collision
 
-#: What is drawn, and what moves, by the suffix of the file.
+#: Suffixes of pictures, and of files that show motion.
 _PICTURES, _FILMS = (".png", ".svg", ".pdf"), (".gif", ".html")
 #: Most points of the path of a chain that is shown in motion: a path of many balls is large to send.
 _POINTS = 4000
@@ -41,7 +41,7 @@ _EXPORTED = ("mujoco", "pybullet")
 
 
 def _drawable(text: str) -> Path:
-    """Read the path of a picture or film, which is known to be legal before anything is computed."""
+    """Read the path of a picture or film, and check before anything is computed that it can be written."""
     file = parse_path(text)
     if file.suffix not in (*_PICTURES, *_FILMS) or file.is_dir():
         legal = f"a file that ends in {', '.join((*_PICTURES, *_FILMS))}"
@@ -111,7 +111,7 @@ def _points_of_path(chain: ChainSetup | None, *, film: bool) -> int | None:
 
 
 def _draw_into(file: Path, compared: SolverComparison, config: Config) -> str:
-    """Draw a collision into a file, a picture or, beside the model, slow motion; its caption."""
+    """Draw a collision into a file, as a picture or in slow motion; return its caption."""
     from impact_xval.experiments.presentation.pictures.curves import collision_caption, drawable_paths
     from impact_xval.experiments.presentation.pictures.motion import Motion, write_animation
     from impact_xval.experiments.presentation.style import save_picture
@@ -199,7 +199,10 @@ def scene_command(
 def _write_scenes(
     collision: Collision, settings: Settings, names: list[str], out: Path, table: dict[str, dict[str, Any]]
 ) -> None:
-    """Run a collision by every engine named, and only then write a folder for each; rows of a table are by solver."""
+    """Run a collision by every named engine, and only then write one folder per engine.
+
+    `table` has the rows of a run for this collision, by solver; the outcomes are shown beside them.
+    """
     from impact_xval.compliant_baselines import SolverError
     from impact_xval.compliant_baselines.paste import exported
     from impact_xval.experiments.presentation.terminal import make_console, print_blocks

@@ -18,7 +18,7 @@ from impact_xval.experiments.commands.options import (
 )
 from impact_xval.experiments.config.errors import UserError
 
-#: Seconds that a check of a solver may take, and a scene to be loaded, measured and examined.
+#: Seconds that one check of a solver may take; seconds to load, measure and examine a scene.
 _TO_CHECK, _TO_INSPECT = 300.0, 120.0
 
 
@@ -98,7 +98,7 @@ def _check(name: str, law: str) -> None:
 
 
 def _run_check(context: tuple[str, str], number: int) -> str:
-    """Say what a check finds of a solver."""
+    """Run a check on a solver; return the problem it finds, or an empty text."""
     from impact_xval.compliant_baselines.conformance import checks, problem_of
     from impact_xval.compliant_baselines.registry import get_solver
 

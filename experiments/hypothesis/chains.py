@@ -25,19 +25,19 @@ from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.sweep.pool import available_cores
 from impact_xval.model.collision import Collision
 
-#: Solvers of chains that are exact for linear contacts, and fast enough where one rings a thousand times.
+#: Solvers of chains that are exact for linear contacts, and fast enough if a contact rings a thousand times.
 SOLVERS = ("state-transition", "bistiffness", "kelvin-voigt", "kelvin-voigt-textbook")
 
-#: Masses and stiffnesses are drawn between these, logarithmically; restitutions of lossy contacts uniformly.
+#: Range of masses and stiffnesses, drawn logarithmically; range of restitutions of lossy contacts, drawn uniformly.
 SPREAD, RESTITUTION = (0.3, 3.0), (0.5, 0.99)
 
-#: Every so many points all contacts are elastic.
+#: In every third chain all contacts are elastic.
 ELASTIC = 3
 
 #: Error of an exact solver's velocities in chains, per speed of impact (docs/chains.md, sections 6 and 7).
 ERROR = 1e-9
 
-#: Arrangement, and where in it the contact is that becomes infinitely stiff.
+#: Arrangements, and the position in each of the contact that becomes infinitely stiff.
 PLACES = (
     *((name, where) for name in ("row", "cradle") for where in ("top", "middle", "bottom")),
     *((name, where) for name in ("pile", "stack") for where in ("top", "middle", "table")),
@@ -47,9 +47,10 @@ PLACES = (
 def draw_chains(
     place: tuple[Any, str], points: int, balls: tuple[int, int], seed: int
 ) -> list[tuple[Collision, int]]:
-    """Draw chains of so many balls (least, largest), and of each the contact at a place, as stiff as the stiffest.
+    """Draw chains, and return each with the index of its stiff contact.
 
-    A cradle is struck by two balls, and its middle is where.
+    The number of balls is drawn from `balls` (least, largest). The contact at `place` is as stiff as the stiffest of
+    all others. Two balls strike in a cradle, and its middle contact is the one that they strike.
     """
     arrangement, where = place
     rng = np.random.default_rng((seed, PLACES.index(place)))
@@ -70,7 +71,7 @@ def draw_chains(
 
 
 def stiffen_contact(chain: Collision, contact: int, contrast: float) -> Collision:
-    """Return a chain with a contact so many times stiffer."""
+    """Return a chain with one contact `contrast` times stiffer."""
     stiffnesses = (k * contrast if i == contact else k for i, k in enumerate(chain.stiffnesses))
     return dataclasses.replace(chain, stiffnesses=tuple(stiffnesses))
 
@@ -104,7 +105,7 @@ def velocities_of_balls(velocities: Sequence[float], contact: int) -> tuple[floa
 
 
 def solve_chains(config: HypothesisConfig) -> Frame:
-    """Solve the chains of a test by its exact solvers: a row a place, solver, chain and contrast."""
+    """Solve the chains of a test by its exact solvers; return one row per place, solver, chain and contrast."""
     design = config.chains
     contrasts = spaced_contrasts(design.contrast, design.per_decade)
     problems = [
@@ -125,7 +126,7 @@ def solve_chains(config: HypothesisConfig) -> Frame:
 def _solve_at_contrasts(
     contrasts: Sequence[float], known: dict[str, Any], chain: Collision, contact: int
 ) -> Iterator[dict[str, Any]]:
-    """Solve a chain at rising contrasts of a contact; the closed form is the welded chain, ball by ball.
+    """Yield the outcomes of a chain at rising contrasts of a contact; the closed form is that of the welded chain.
 
     Velocities are in m/s, the incoming ones being 1; `weights` are the masses per twice the kinetic energy at first.
     """

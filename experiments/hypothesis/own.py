@@ -43,24 +43,24 @@ from impact_xval.experiments.presentation.words import display_name
 from impact_xval.experiments.tables.numbers import listed, number
 from impact_xval.model.collision import MAX_BALLS, RESULT_STATUSES, Collision, Floats, Outcome
 
-#: Laws beside those of chains that two balls on a table are solved by.
+#: Laws that solve two balls on a table only, beside the laws of chains.
 OF_PAIRS = ("liu-zhao-brogliato", "kelvin-voigt-anchored", "compression-dashpot", "hunt-crossley")
 
-#: A law that is for two balls on a table alone, and the law that is the same for the one ball that is left of them.
+#: Laws for two balls on a table only, and the law that replaces each for the one ball of the welded collision.
 _WELDED_BY = {"kelvin-voigt-anchored": "kelvin-voigt"}
 
-#: Contrasts of the series: from the first to the second, or to a hundred times that at hand, at most to the third, as
-#: in a test of the hypothesis; how many in a decade, and on how many decades a verdict is.
+#: Contrasts of the series: from `_FROM` to `_TO` or a hundred times the contrast at hand, whichever is larger, but at
+#: most to `_MOST`, as in a test of the hypothesis; contrasts in a decade; decades that a verdict is based on.
 _FROM, _TO, _MOST = 10.0, 1e6, 1e10
 _PER_DECADE, _DECADES = 4, 3.0
 
 #: Multiples of the contrast at hand whose D is shown beside it.
 MULTIPLES = (1.0, 10.0, 100.0, 1000.0)
 
-#: Of all solutions: a cut-off would insert the limit that is in question, and contacts may ring for long.
+#: Settings of all solutions. A cut-off would insert the limit in question; contacts may ring for many steps.
 _SETTINGS = Settings(stiffness_ratio_cutoff=math.inf, max_steps=50_000_000, mark=False)
 
-#: A key that no other file of the command has: it tells which of the two a file is.
+#: Key that tells a file with a collision from a file with a test of the hypothesis.
 MARK = "masses"
 
 
@@ -115,28 +115,28 @@ def load_own_collision(path: Path) -> tuple[Collision, int | None] | None:
 
 
 class LawOnPair(NamedTuple):
-    """What a law makes of a collision whose stiff pair may be one body."""
+    """Result of one law for a collision whose stiff pair may move as one body."""
 
     solver: str
     #: Why the law has no result for the collision at hand or the welded one, or why its series is undecided.
     reason: str
-    #: D from the welded collision by contrast: at `MULTIPLES` of that at hand; NaN without a result.
+    #: D from the welded collision at `MULTIPLES` of the contrast at hand; NaN without a result.
     distances: tuple[float, ...]
-    #: The rule of a test of the hypothesis: ``supported``, ``refuted``, ``no limit`` or ``undecided``.
+    #: Verdict by the rule of a test of the hypothesis: ``supported``, ``refuted``, ``no limit`` or ``undecided``.
     verdict: str
     rate: float
     offset: float
 
     @property
     def as_one(self) -> str:
-        """Whether the pair moves as one body at the contrast at hand, in a word."""
+        """Say whether the pair moves as one body at the contrast at hand: ``yes``, ``no``, or ``-`` if unknown."""
         if math.isnan(self.distances[0]):
             return "-"
         return "yes" if self.distances[0] <= CLOSE else "no"
 
     @property
     def growing(self) -> str:
-        """How D goes as the contrast grows, in words."""
+        """Say how D changes as the contrast grows."""
         match self.verdict:
             case "supported":
                 return f"D falls as contrast^-{self.rate:.2f}: one body in the limit"
@@ -148,10 +148,10 @@ class LawOnPair(NamedTuple):
 
 
 class OwnPair(NamedTuple):
-    """The stiff pair of a collision, by every law."""
+    """The stiff pair of a collision, and the result of every law."""
 
     collision: Collision
-    #: Place of the stiff contact, from 0, and its stiffness over the largest of the others.
+    #: Index of the stiff contact, from 0, and its stiffness over the largest of all other contacts.
     contact: int
     contrast: float
     laws: list[LawOnPair]
@@ -199,7 +199,7 @@ def judge_own_pair(collision: Collision, stiff: int | None = None) -> OwnPair:
 
 
 def _one_law(name: str, collision: Collision, contact: int, contrast: float) -> LawOnPair:
-    """Solve a collision by a law: welded, at multiples of the contrast at hand, and at those of the series."""
+    """Solve a collision by a law: welded, at multiples of its contrast, and at the contrasts of the series."""
     multiples = [x for x in MULTIPLES if x * contrast <= _MOST]
     series = spaced_contrasts((_FROM, min(_MOST, max(_TO, 100 * contrast))), _PER_DECADE)
     stiffer = [*multiples[1:], *(x / contrast for x in series)]
@@ -251,7 +251,7 @@ def _judge_law(
 
 
 def own_pair_blocks(own: OwnPair) -> Iterator[Block]:
-    """Lay out what becomes of a stiff pair, a law a row, and what the columns mean."""
+    """Lay out the results for a stiff pair, one row per law, and explain the columns."""
     masses, place = own.collision.masses, own.contact
     at_table = place == len(masses) - 1
     united = (

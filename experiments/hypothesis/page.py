@@ -34,7 +34,7 @@ TITLE = "Does an infinitely stiff pair act as one body?"
 
 MODEL, LAW_IN_TIME = "state-transition", "bistiffness"
 
-#: What makes the pair one body, by the verdicts of the model, and of its impact law with positions that move.
+#: Why the pair is one body, by two verdicts: on the model, and on the same impact law with positions that move.
 _MECHANISM = {
     ("supported", "supported"): "stiffness, whether<br>positions are frozen<br>or move",
     ("supported", "refuted"): "frozen positions:<br>where they move,<br>it parts again",
@@ -42,7 +42,7 @@ _MECHANISM = {
 }
 
 
-#: Names that head a column or a row of the tables, but for those of solvers, and what they mean.
+#: Meanings of the headers of columns and rows; the names of solvers are explained apart.
 _LIMITS = {
     "zero-apart": "k2/k1 → 0, ball on ball infinitely stiffer than the table: the balls part at once, for good",
     "zero-early": "k2/k1 → 0: the balls meet again and are one body while the table contact is still compressed",
@@ -69,7 +69,7 @@ _MEANINGS = {
 
 
 def write_hypothesis(results: HypothesisResults, root: Path) -> Path:
-    """Write everything into the folder of a test; give the path of the page."""
+    """Write tables, figure and page into the folder of a test; return the path of the page."""
     for name in ("verdicts", "points", "chains"):
         write_text(root / f"{name}.csv", getattr(results, name).to_csv(index=False, lineterminator="\n"))
     for name, frame in {"outcomes": results.outcomes, "chains": results.chain_outcomes}.items():
@@ -118,7 +118,7 @@ def _blocks(results: HypothesisResults) -> list[Block]:
 
 
 def _names(results: HypothesisResults) -> Section:
-    """Say what each name that heads a column or a row stands for."""
+    """Return the section that explains the headers of columns and rows."""
     solvers = {display_name(name): f"{description_of(name)} (solver {name})" for name in results.solvers}
     rows = [*_LIMITS.items(), *solvers.items(), *_MEANINGS.items()]
     return Section("What the names mean", [Table(("name", "meaning"), rows, text=2)], folded=True)
@@ -127,7 +127,10 @@ def _names(results: HypothesisResults) -> Section:
 def _grid(
     rows: Frame, index: Mapping[str, str], columns: str, cell: Callable[[Any], str], caption: str = ""
 ) -> Table:
-    """Lay out rows of verdicts, a cell each; `index` has the columns that name a line, and their headers."""
+    """Lay out verdicts as a grid, one verdict per cell.
+
+    The columns in `index` name the lines of the grid; its values are their headers.
+    """
     cells = rows.assign(cell=[cell(row) for row in rows.itertuples()])
     grid = cells.pivot_table("cell", [*index], columns, aggfunc="first", sort=False, observed=True)
     lines = [(display_name(name), *line) for name, *line in grid.reset_index().itertuples(index=False)]
@@ -136,7 +139,7 @@ def _grid(
 
 
 def _short(row: Any) -> str:
-    """Name a verdict, and at how many points it is reached."""
+    """Write a verdict and the number of points that reach it, such as ``supported 20/24``."""
     return f"{row.verdict} {getattr(row, f'n_{row.verdict}', row.n_undecided)}/{row.points}"
 
 
@@ -145,7 +148,10 @@ def _wholes(table: Frame) -> Frame:
 
 
 def _chains_as_one(results: HypothesisResults) -> Iterator[str]:
-    """Say at how many chains a pair that has one velocity at first moves as one; nothing without chains."""
+    """Say how many chains move as one, of those whose stiff pair has one velocity at first.
+
+    Nothing is said without chains.
+    """
     places = count_chains(results)
     counts = [
         f"{display_name(solver)} {supported}" for solver, first, supported, *_ in places if first != "meet"
@@ -155,7 +161,10 @@ def _chains_as_one(results: HypothesisResults) -> Iterator[str]:
 
 
 def _verdicts(results: HypothesisResults) -> Table:
-    """Lay out the verdicts, limit by solver; below the model's law in time, what it shows beside the model."""
+    """Lay out the verdicts, one row per solver and one column per limit.
+
+    Below the row of the model's law in time a row says why the pair is one body.
+    """
     wholes = _wholes(results.verdicts)
     caption = (
         f"Verdict, points at which it is reached, and the contrast from which D stays within {percent(CLOSE)}, median; "
@@ -184,7 +193,7 @@ def _cell(row: Any) -> str:
 
 
 def _draw(results: HypothesisResults, folder: Path) -> None:
-    """Draw how far each solver is from the closed form, over the contrast."""
+    """Draw D from the closed form over the contrast, one line per solver."""
     usable: Any = results.outcomes.query("used and `class`.str.endswith('lossy')")
     with styled_figure(11.0, 4.8) as figure:
         axes = figure.subplots(2, 3)
@@ -210,7 +219,7 @@ def _draw(results: HypothesisResults, folder: Path) -> None:
 
 
 def _more(results: HypothesisResults) -> Section:
-    """Show the verdicts on classes of points, and on chains of N balls beside those whose stiff pair is welded."""
+    """Return the section with the verdicts on classes of points, and on chains of N balls."""
     classes = results.verdicts[results.verdicts["class"] != "all"]
     of_points = _grid(classes, {"case": "limit", "class": "elastic contacts"}, "solver", _short)
     balls = format_range(results.config.chains.balls)
@@ -225,7 +234,7 @@ def _more(results: HypothesisResults) -> Section:
 
 
 def count_chains(results: HypothesisResults) -> Iterator[tuple[str, ...]]:
-    """Count chains, a row a solver and whether the bodies of the pair meet at first; none without chains."""
+    """Count chains by verdict: one row per solver, and per whether the bodies of the stiff pair meet at first."""
     if results.chains.empty:
         return
     for (solver, meets), rows in _wholes(results.chains).groupby(["solver", "meets"], sort=False):
@@ -241,7 +250,7 @@ def count_chains(results: HypothesisResults) -> Iterator[tuple[str, ...]]:
 
 
 def _method(results: HypothesisResults) -> Section:
-    """Say what the limits are, what is left out, and how near engines are to the exact solver of their law."""
+    """Return the section on the limits, skipped outcomes, and the distance of engines from the exact solvers."""
     outcomes = results.outcomes
     caption = "The limits, m1 = 1 and |v0| = 1. 1/e^2: an end of compression multiplies a stiffness by that"
     limits = Table(("limit", "contrast", "regime"), [case[:3] for case in LIMIT_CASES], caption, text=3)
@@ -265,6 +274,6 @@ def _method(results: HypothesisResults) -> Section:
 
 
 def format_range(values: Sequence[float], digits: str = "") -> str:
-    """Write the least and the largest of some numbers, in few digits or as a format says."""
+    """Write the range of some numbers, in two digits or in the format `digits`."""
     low, high = (format(end, digits) if digits else short(end, 2) for end in (min(values), max(values)))
     return low if low == high else f"{low} to {high}"

@@ -40,37 +40,41 @@ from impact_xval.experiments.tables.parquet import replacing
 from impact_xval.model import solve_batch
 from impact_xval.model.collision import RESULT_STATUSES
 
-#: The configuration of a test, in its folder, and its runs there. Where balls unite, laws with positions end far from
-#: the closed form: there engines' limits are told from it at a wider tolerance, by half the steps.
+#: In the folder of a test: its configuration, and its runs. The limits in which balls unite have a run of engines of
+#: their own. Laws with positions end far from the closed form there, so a wider tolerance and half the steps suffice.
 CONFIGURATION, EXACT, ENGINES, UNITED = "hypothesis.toml", "exact", "engines", "engines-united"
 _BALLS_UNITE = ("zero-early", "zero-late")
 
-#: Of all runs; a cut-off would insert the closed form that is tested.
+#: Settings of all runs, without a cut-off: it would insert the closed form that is tested.
 _SETTINGS: dict[str, Any] = {"scenario": "impact", "measures": "velocities", "m1": 1.0, "k1": 1.0}
 _SETTINGS |= {"stiffness_ratio_cutoff": math.inf, "step_fraction": 5e-3, "max_steps": 50_000_000}
 
 #: Rounding of an exact solver's velocities, per abs(v0).
 ROUNDING = 1e-13
 
-#: What is read of a run, and kept; and what of the design.
+#: Columns that are read from a run; those that are kept too; and those of the closed form.
 _READ = ["v1", "v2", "v1_limit", "v2_limit", "limit_error", "velocity_error"]
 _KEPT = ["solver", "status", "reason", "limit_distance", "grazing_margin"]
 _CLOSED = ["closed_form_v1", "closed_form_v2"]
 
-#: Least distance from the border of a regime, in velocity per abs(v0): there two closed forms meet, a series begins to
-#: fall at the inverse of the distance from it, and balls part so slowly that engines need most of their steps.
+#: Least distance of a point from the border of its regime, in velocity per abs(v0). Two closed forms meet at the
+#: border. Near it a series falls only from a contrast of the inverse distance on, and balls part so slowly that engines
+#: need most of their steps.
 MARGIN = 0.1
 
-#: What is drawn from: k2/k1 of the plastic limits, m2/m1, and an inelastic e.
+#: Ranges of the points: k2/k1 (of plastic limits), m2/m1, and inelastic e.
 _RANGES = {"stiffness_ratio": {"log": [0.03, 30.0]}, "mass_ratio": {"log": [0.2, 10.0]}}
 BOX = Sample.model_validate(_RANGES | {e: {"linear": [0.3, 0.95]} for e in ("e1", "e2")})
 
-#: A collision by its ratios; the one that goes to its limit is NaN.
+#: Ratios and restitutions of a collision; NaN for the one that goes to its limit.
 Point = namedtuple("Point", AXES)
 
 
 class LimitCase(NamedTuple):
-    """One limit, or one regime of it: what its contrast is, where it applies, and the ratio that goes to its limit."""
+    """One limit, or one regime of a limit.
+
+    `variable` is the contrast, `regime` the condition on the point, `axis` the ratio that goes to its limit.
+    """
 
     key: str
     variable: str
@@ -99,10 +103,11 @@ LIMIT_CASES = (
 
 
 def distance_from_border(case: LimitCase, point: Point) -> float:
-    """How far inside its regime a point lies, in velocity per abs(v0); negative outside, infinite without a border.
+    """Return how far inside its regime a point lies, in velocity per abs(v0).
 
-    At k2/k1 → 0 the regimes part where v11 = 0, and where -e2 v21 = v11, v11 and v21 being the velocities after a
-    ball-ball impact that the table has no part in: supplement, (11), (12).
+    The distance is negative outside of the regime, and infinite if the regime has no border. At k2/k1 → 0 the borders
+    are v11 = 0 and -e2 v21 = v11, where v11 and v21 are the velocities after an impact of the balls alone: supplement,
+    (11), (12).
     """
     _, mu, e1, e2 = point
     v11, v21 = (e1 * mu - 1) / (1 + mu), -(1 + e1) / (1 + mu)
@@ -112,7 +117,10 @@ def distance_from_border(case: LimitCase, point: Point) -> float:
 
 
 def pair_class(case: LimitCase, point: Point) -> str:
-    """Name the class of a point: which of its contacts are elastic (e = 1); of a plastic limit, the other one."""
+    """Name the class of a point by which of its contacts are elastic (e = 1).
+
+    In a plastic limit one restitution is 0, and the other contact decides.
+    """
     if case.plastic:
         return "other elastic" if 1 in (point.e1, point.e2) else "other lossy"
     names = {(True, True): "e1 = e2 = 1", (True, False): "only e1 = 1", (False, True): "only e2 = 1"}
@@ -120,10 +128,10 @@ def pair_class(case: LimitCase, point: Point) -> str:
 
 
 def draw_points(case: LimitCase, n: int, seed: int) -> list[Point]:
-    """Draw the points of a case from a scrambled Sobol sequence in `BOX`, in six digits, `MARGIN` inside.
+    """Draw n points of a limit from a scrambled Sobol sequence in `BOX`, rounded to six digits.
 
-    Of a limit of k2/k1 half of them have e1, e2 < 1, and the rest is shared by e1 = 1, e2 = 1 and both; of a plastic
-    limit a third has the other contact elastic.
+    Every point lies at least `MARGIN` inside its regime. In a limit of k2/k1 half of the points have e1, e2 < 1; a
+    sixth has e1 = 1, a sixth e2 = 1, a sixth both. In a plastic limit a third has the other contact elastic.
     """
     elastic = n // 6 * [{"e1": 1.0}] + n // 6 * [{"e2": 1.0}] + n // 6 * [{"e1": 1.0, "e2": 1.0}]
     if case.plastic:
@@ -141,7 +149,7 @@ def draw_points(case: LimitCase, n: int, seed: int) -> list[Point]:
 
 
 def draw_design(n: int, seed: int) -> Frame:
-    """Draw the points of all limits: a row each, with its class, and v1 and v2 of the closed form."""
+    """Draw the points of all limits: one row per point, with its class and the velocities of its closed form."""
     tables = []
     for case in LIMIT_CASES:
         points = draw_points(case, n, seed)
@@ -153,9 +161,11 @@ def draw_design(n: int, seed: int) -> Frame:
 
 
 class HypothesisResults(NamedTuple):
-    """What a test found: outcomes, a row a contrast; points (series of them); verdicts on classes, ``all`` first.
+    """Results of a test of the hypothesis.
 
-    Of chains of N balls likewise; `versions` has for an engine its version, or why it is unavailable.
+    `outcomes` has one row per contrast, `points` one row per series of contrasts, `verdicts` one row per class of
+    points, class ``all`` first. `chain_outcomes` and `chains` are the outcomes and verdicts for chains of N balls.
+    `versions` has the version of each engine, or why the engine is unavailable.
     """
 
     config: HypothesisConfig
@@ -195,14 +205,14 @@ def prepare_runs(config: HypothesisConfig, root: Path) -> Iterator[tuple[str, Ca
 
 
 def _runs(config: HypothesisConfig) -> dict[str, list[str]]:
-    """Return the solvers of each run that has any."""
+    """Return the solvers of each run, by the name of the run; runs without solvers are skipped."""
     exact = [name for name in config.solvers if name in engine_free_names()]
     engines = [name for name in config.solvers if name not in exact]
     return {name: names for name, names in ((EXACT, exact), (ENGINES, engines), (UNITED, engines)) if names}
 
 
 def _cells(config: HypothesisConfig, run: str) -> Frame:
-    """List the cells of a run, points before contrasts: neighbours take about as many steps."""
+    """List the cells of a run, contrast by contrast: neighbours then take about as many steps."""
     contrasts = spaced_contrasts(config.contrast, config.per_decade)
     plastic_contrasts = spaced_contrasts(config.plastic_contrast, max(4, config.per_decade // 2))
     if run != EXACT:  # steps grow as the root of the contrast: as far as one can wait
@@ -221,7 +231,7 @@ def _cells(config: HypothesisConfig, run: str) -> Frame:
 
 
 def judge_runs(config: HypothesisConfig, root: Path) -> HypothesisResults:
-    """Judge what the runs in a folder have found."""
+    """Judge the finished runs in a folder."""
     tables, versions = [], {}
     for name, solvers in _runs(config).items():
         folder = finished(root / name)
@@ -249,7 +259,7 @@ def judge_runs(config: HypothesisConfig, root: Path) -> HypothesisResults:
 
 
 def _outcomes(rows: Frame) -> Frame:
-    """Make the table of outcomes: engines by their limit dt -> 0, and which of all can be used."""
+    """Make the table of outcomes, engines by their limit dt -> 0, and mark the outcomes that can be used."""
     limits, velocities = (rows[names].to_numpy() for names in (["v1_limit", "v2_limit"], ["v1", "v2"]))
     at_no_step = ~np.isnan(limits).any(axis=1)
     has_result = rows.status.isin(RESULT_STATUSES) | (at_no_step & (rows.status == "unconverged"))

@@ -1,4 +1,4 @@
-"""Contacts in words and tables: one that is asked of an engine, and those of a MuJoCo scene."""
+"""Contacts in words and tables: one contact for an engine, and the contacts of a MuJoCo scene."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:  # it imports MuJoCo
 def contact_blocks(
     engine: Engine, pair: Pair, touch: Touch | None, largest: Drops, fine: Drops
 ) -> list[Block]:
-    """Lay out what was asked for, what to paste, and what drops gave at a step and at a tenth of it.
+    """Lay out a contact, the lines to paste, and the results of drops at a step and at a tenth of it.
 
     `touch` is what the pair was made of, if of materials. A SolverError says why the engine does not take it.
     """
@@ -49,7 +49,7 @@ def contact_blocks(
 
 
 def round_outward(low: float, high: float) -> str:
-    """Write an interval that holds both numbers, wider by at most 2e-4 of its width and 2e-12 of the numbers.
+    """Write an interval that contains both numbers, wider by at most 2e-4 of its width and 2e-12 of the numbers.
 
     Rounded to the nearest digit an interval would leave out what was measured.
     """
@@ -62,7 +62,7 @@ def round_outward(low: float, high: float) -> str:
 
 
 def _describe_linearised(touch: Touch, speed: float) -> str:
-    """Say in place of what force a contact is, and how it differs."""
+    """Say which force of materials a linear contact stands for, and how the two differ."""
     names = " on ".join(
         f"{body.material.name} "
         + ("flat" if math.isinf(body.radius) else f"ball of {body.radius:g} m radius")
@@ -80,7 +80,7 @@ def _describe_linearised(touch: Touch, speed: float) -> str:
 def scene_blocks(
     contacts: list[Measured], traps: list[Finding], scene: str, speed: float, version: str
 ) -> list[Block]:
-    """Lay out what MuJoCo made of the contacts of a scene, dropped at a speed, what to change, and the traps."""
+    """Lay out the contacts that MuJoCo makes of a scene dropped at a speed, advice on them, and the traps."""
     from impact_xval.compliant_baselines.inspect_mujoco import MOST_ROWS, called
 
     header = ("contact", "masses, kg", "e", "k, N/m", "c, N s/m", "duration, s", "steps", "at rest, m")

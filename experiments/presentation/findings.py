@@ -1,4 +1,4 @@
-"""What a run found, in sentences and tables: the page and the terminal say the same ones."""
+"""Findings of a run, in sentences and tables that the page and the terminal share."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ CUTS = ("median", "p95", "max")
 
 D = "velocity_divergence"
 
-#: Longest table along an axis.
+#: Most rows of a table along an axis.
 _ROWS = 40
 
 LABELS = {c.name: c.label for c in CONTRIBUTIONS}
 
 
 def row_unit(summary: Summary) -> str:
-    """Name what a row of the run is."""
+    """Return the word for the rows of a run: cells or chains."""
     return "cells" if summary.config.chain is None else "chains"
 
 
@@ -59,23 +59,23 @@ def statistic_value(
 
 
 def thin_out(values: Sequence[Any]) -> Sequence[Any]:
-    """Those values of an axis that a table shows: all, or evenly chosen ones of many."""
+    """Return the values of an axis that a table shows: all, or evenly spaced ones of many."""
     return values[:: -(-len(values) // _ROWS)] if values else values
 
 
 def compared_solvers(summary: Summary) -> list[str]:
-    """List the solvers that are compared with the model somewhere."""
+    """List the solvers that are compared with the model in at least one cell."""
     return [name for name in summary.solvers if summary.get(name, D)["n"]]
 
 
 def subjects(summary: Summary) -> list[str]:
-    """List the subjects of sentences: the engines; without any, every solver that was compared."""
+    """List the solvers that sentences are about: the compared engines, or without engines all compared solvers."""
     names = compared_solvers(summary)
     return [name for name in names if is_engine(name)] or names
 
 
 def describe_row(summary: Summary, row: Any) -> str:
-    """Name a cell by its axes, of a chain by those that have several values."""
+    """Describe a cell by its axes; a chain by its arrangement and the axes that have several values."""
     if summary.config.chain is None:
         return describe_cell(row)
     strike = f", {row.strike:g} striking" if row.arrangement == "cradle" else ""
@@ -85,7 +85,7 @@ def describe_row(summary: Summary, row: Any) -> str:
 
 
 def row_of_largest_d(summary: Summary, solver: str) -> Any:
-    """Return the cell with the largest D of a solver, as a row of the table of divergence."""
+    """Return the row of the table of divergence with the largest D of a solver."""
     return summary.worst[summary.worst.solver == solver].iloc[0]
 
 
@@ -106,7 +106,10 @@ def describe_distances(summary: Summary) -> Markup:
 
 
 def distances_from_own_laws(summary: Summary) -> Iterator[tuple[str, str, Value, Value]]:
-    """Give engine, exact solver of its law, and their median and largest D, or of chains the limit's distance."""
+    """Yield each engine with the exact solver of its law, and their median and largest distance.
+
+    The distance is D for two balls; for chains it is the distance of the engine's limit dt -> 0.
+    """
     if summary.config.chain is None:
         for row in summary.between.to_dict("records"):
             for name, law in ((row["solver"], row["other"]), (row["other"], row["solver"])):
@@ -123,7 +126,7 @@ def distances_from_own_laws(summary: Summary) -> Iterator[tuple[str, str, Value,
 
 
 def describe_distances_from_own_laws(summary: Summary) -> list[Markup]:
-    """Say how near engines are to the law that they were asked for."""
+    """Say how near engines are to the exact solver of the law that they were asked for."""
     near = "{solver} ends D = {median} (median; at most {most}) from {law}"
     if summary.config.chain is not None:
         near = "The limits dt -> 0 of {solver} are {median} |v0| (median; at most {most} |v0|) from {law}"
@@ -147,7 +150,10 @@ def describe_distances_from_own_laws(summary: Summary) -> list[Markup]:
 def cause_shares(
     ladder: LadderSummary, solver: str, axis: str = "all", at: Any = math.nan
 ) -> dict[str, Value | str]:
-    """Return the shares of the causes in an engine's mean D over a region, the largest first; or that two cancel."""
+    """Return the shares of the causes in an engine's mean D over a region, the largest first.
+
+    Of two large causes that cancel a text says so, in place of the share.
+    """
     region = ladder.region(solver, axis, at)
     key = "mean" if axis == "all" else f"mean {axis}={at}"
     causes = region[region["max"] > 0]  # gravity is nowhere in an impact
@@ -159,13 +165,16 @@ def cause_shares(
 
 
 def _cancelling(region: Any, name: str) -> str:
-    """Say of one of two large causes that cancel that they do; empty of any other."""
+    """Return a text for a cause that cancels another large cause; empty for other causes."""
     cancels = name in region.index[list(cancelling(region.share) or ())]
     return f"cancelling (norm {number(region['mean'][name])})" if cancels else ""
 
 
 def describe_causes(summary: Summary, solver: str, most: int = 2, *, explain: bool = False) -> Markup:
-    """Say what an engine's mean D consists of: its largest causes, and of the largest how it depends on the grid."""
+    """Say what an engine's mean D consists of.
+
+    The sentence names the `most` largest causes, and how the share of the largest depends on the grid.
+    """
     ladder = summary.ladder
     whole = ladder.region(solver)
     total = Value(whole.total.iloc[0], f"{solver} mean D of the ladders")
@@ -209,7 +218,7 @@ def _by_region(ladder: LadderSummary, solver: str, name: str) -> str:
 
 
 def describe_unsolved(summary: Summary) -> list[str]:
-    """Say of every solver without a result in some cells how many, of which status, and the most frequent reason."""
+    """Say for each solver in how many cells it has no result, by status, with the most frequent reason."""
     sentences = []
     for name in (REFERENCE, *summary.solvers):
         reasons = summary.reasons[summary.reasons.solver == name]
@@ -226,7 +235,7 @@ def describe_unsolved(summary: Summary) -> list[str]:
 
 
 def describe_counted_cells(summary: Summary) -> str:
-    """Say which cells statistics are over: one sentence for run, ladder and findings."""
+    """Say which cells the statistics are taken over."""
     beyond = "".join(f", {n} more of {display_name(name)}" for name, n in summary.marked_beyond.items())
     said = (
         f"Statistics are over the {row_unit(summary)} that both the solver and the model solved and that are "
@@ -239,7 +248,7 @@ def describe_counted_cells(summary: Summary) -> str:
 
 
 def axis_table(summary: Summary, axis: str) -> Table:
-    """Tabulate D along an axis, a row a value."""
+    """Tabulate D along an axis, one row per value."""
     levels, label = summary.levels[axis], (AXES | CHAIN_AXES)[axis]
     values = thin_out(levels.values)
 
@@ -257,7 +266,7 @@ def axis_table(summary: Summary, axis: str) -> Table:
 
 
 def region_table(ladder: LadderSummary, called: Callable[[str], str] = str) -> Table:
-    """Tabulate what the mean D of each engine consists of, by region, with the range over the orders of the causes."""
+    """Tabulate the shares of the causes in the mean D of each engine, by region, with their range over the orders."""
     rows = []
     for solver in ladder.solvers:
         for label, place in {"all": ("all", math.nan), **ladder.regions}.items():
@@ -281,7 +290,7 @@ def _share_text(region: Any, name: str) -> str:
 
 
 def overall_table(summary: Summary) -> Table:
-    """Tabulate how far each solver is from the model, a row a solver, for one screen."""
+    """Tabulate the distance of each solver from the model, one row per solver, for one screen."""
     last = {"same path": lambda name: percent(summary.get(name, "states_equal")["mean"])}
     if summary.config.chain is not None:
         last = {
@@ -300,7 +309,7 @@ def overall_table(summary: Summary) -> Table:
 
 
 def summary_blocks(summary: Summary) -> list[Block]:
-    """Say on one screen of a terminal what a run found."""
+    """Return the findings of a run for one screen of a terminal."""
     blocks: list[Block] = [overall_table(summary)]
     if not compared_solvers(summary):
         blocks.append("Nothing could be compared.")

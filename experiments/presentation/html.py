@@ -1,4 +1,4 @@
-"""A document as one self-contained page for a browser: contents, figures, tables; it asks for nothing."""
+"""A document as one self-contained page for a browser, which loads nothing else."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _ENVIRONMENT.filters |= {"number": number, "listed": listed, "named": display_na
 
 
 def render_page(title: str, blocks: Sequence[Block], folder: Path | None = None) -> str:
-    """Write a page, of which figures of a folder become part; contents stand before the first of its sections."""
+    """Return a document as a page that contains the figures of `folder`; a table of contents precedes the sections."""
 
     def picture(name: str) -> str:
         assert folder is not None
@@ -40,11 +40,11 @@ def render_page(title: str, blocks: Sequence[Block], folder: Path | None = None)
 
 
 def render_blocks(blocks: Sequence[Block]) -> Markup:
-    """Write blocks as a piece of a page; figures of a folder are for a page alone."""
+    """Return blocks as a piece of HTML; they may have no figures of a folder."""
     module: Any = _ENVIRONMENT.get_template("blocks.html.j2").make_module({"picture": None})
     return Markup("").join(map(module.show, blocks))
 
 
 def render_template(name: str, /, **facts: Any) -> Piece:
-    """Fill a template of HTML, which escapes what it is given."""
+    """Fill an HTML template, which escapes the values."""
     return Piece(_ENVIRONMENT.get_template(name).render(facts))

@@ -1,4 +1,4 @@
-"""What people look at after a run: tables of its statistics, figures, and one self-contained HTML page."""
+"""The report of a run: tables of its statistics, figures, and one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from impact_xval.experiments.tables.parquet import replacing
 
 
 def present_run(folder: RunFolder, apart: Apart) -> Summary:
-    """Write all that people look at of a finished run; what cells show that open is collected by a process apart."""
+    """Write tables, figures and page of a finished run; another process collects the cells that open on the page."""
     collected = apart(pack_opening_cells, folder)
 
     def cells() -> str:
@@ -47,7 +47,7 @@ def write_tables(folder: RunFolder, summary: Summary) -> None:
 
 
 def write_latex(folder: RunFolder, summary: Summary) -> Path:
-    """Write the table of divergence by solver as ``summary.tex``, to be read into a document."""
+    """Write the table of divergence by solver as ``summary.tex``, for a LaTeX document."""
     table, path = overall_table(summary), folder.root / "summary.tex"
     frame = pd.DataFrame(table.rows, columns=list(table.header))
     aligned = "l" * table.text + "r" * (len(table.header) - table.text)
@@ -56,9 +56,9 @@ def write_latex(folder: RunFolder, summary: Summary) -> Path:
 
 
 def write_report(folder: RunFolder, summary: Summary, cells: Callable[[], str] | None = None) -> Path:
-    """Write ``report.html`` of a finished run, and return its path; figures are drawn if they are not there.
+    """Write ``report.html`` of a finished run and return its path; missing figures are drawn.
 
-    What the cells show that open is asked for where any does (`pack_opening_cells`).
+    `cells` returns the cells that open on the page; by default `pack_opening_cells`, called if there are any.
     """
     figures = folder.root / "figures"
     known = figures / CAPTIONS

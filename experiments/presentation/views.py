@@ -1,4 +1,4 @@
-"""What the commands show of a run on a terminal: what it found, its progress."""
+"""Views of a run on a terminal: its progress, its findings, one cell, and its changes from another run."""
 
 from __future__ import annotations
 
@@ -31,21 +31,21 @@ from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.numbers import number, percent
 from impact_xval.model.collision import RESULT_STATUSES
 
-#: Columns of the whole difference that a ladder splits.
+#: Columns of the difference that a ladder splits into contributions.
 _DIFFERENCE = re.compile(r"velocity_divergence|dv\d+")
 #: Reasons that `show_status` prints.
 _REASONS = 12
-#: Balls whose velocities have room beside one another.
+#: Most balls whose velocities fit in one row.
 _SHOWN = 8
 
 
 def show_summary(console: Console, summary: Summary) -> None:
-    """Print what a run found, and why its engines diverge."""
+    """Print the findings of a run, and the causes of divergence by region."""
     print_blocks(console, [*summary_blocks(summary), region_table(summary.ladder)])
 
 
 def show_end(console: Console, summary: Summary, seconds: float, root: str) -> None:
-    """Print what a run found, and where it is."""
+    """Print the findings of a run, and where its files are."""
     print_blocks(console, summary_blocks(summary))
     print_line(console, f"{seconds:.0f} s; report.html is the page to read; everything is in {root}")
 
@@ -71,7 +71,7 @@ def show_status(console: Console, root: str, status: RunStatus) -> None:
 
 
 def rows_of_cell(folder: RunFolder, cell: int) -> list[dict[str, Any]]:
-    """Read what a finished run holds of a cell: a row a solver, with its measures and what its D consists of."""
+    """Read a cell of a finished run: one row per solver, with its outcome, measures and contributions."""
     paths = (folder.table_path(f"{name}.parquet") for name in ("cells", "divergence", "ladder"))
     rows, measures, ladder = (
         pq.read_table(path, filters=[("cell", "==", cell)]).to_pandas() for path in paths
@@ -122,14 +122,14 @@ def show_cell(console: Console, cell: int, rows: list[dict[str, Any]]) -> None:
 
 
 def _velocity(row: dict[str, Any], name: str, speed: float) -> str:
-    """Write a velocity per |v0|: marked if the row has no result, a dash where there is no number."""
+    """Write a velocity per |v0|, marked if the row has no result, or a dash if there is no number."""
     if row[name] is None:
         return "-"
     return f"{row[name] / speed:.6f}" + (NO_RESULT if row["status"] not in RESULT_STATUSES else "")
 
 
 def _contributions(row: dict[str, Any], balls: range) -> list[tuple[str, ...]]:
-    """Rows of the table of a cell and engine; empty where the engine has no ladder."""
+    """Return the rows of the table of contributions of a cell and engine; empty without a ladder."""
     contributions = [c for c in CONTRIBUTIONS if row.get(f"{c.name}_norm") is not None]
     pair = cancelling([row[f"{c.name}_share"] for c in contributions]) or ()
     lines = []
@@ -181,7 +181,7 @@ def show_changes(console: Console, a: str, b: str, comparison: Comparison) -> No
 
 
 def changes_to_json(comparison: Comparison) -> dict[str, Any]:
-    """Return what moved between two runs, for JSON; a change is infinite where one run alone has a number."""
+    """Return the changes between two runs for JSON; a change is infinite if only one run has a number."""
     return {
         "tolerance": comparison.tolerance,
         "moved": comparison.moved,

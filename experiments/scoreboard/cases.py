@@ -1,4 +1,4 @@
-"""The collisions of the scoreboard, and what a solver answers to each of them.
+"""The collisions of the scoreboard, and the answers of a solver to them.
 
 A process of another interpreter imports this module, in an environment that holds an engine and little else
 (`environments`): NumPy, SciPy, Numba and pydantic, no pandas.
@@ -46,12 +46,12 @@ CASES = {
 
 #: The arrangement that is compared with the laws: bodies touch, those of a rigid engine overlap by 2^-16 radii.
 USUAL = "as it is"
-#: Mirrored, so that ball N comes first.
+#: The arrangement in which bodies are made in the opposite order, ball N first.
 MIRRORED = "made in the other order"
 #: Gaps, in radii, by which touching bodies are apart, or overlap.
 _GAPS = {"apart by 1e-4": 1e-4, "apart by 1e-6": 1e-6}
 _GAPS |= {"overlapping by 1e-6": -1e-6, "overlapping by 1e-4": -1e-4}
-#: Steps over the usual one.
+#: Time steps of arrangements, over the usual step.
 STEPS = {"half the step": 0.5, "twice the step": 2.0}
 
 #: Steps after which an impact is given up: ten times those of the longest.
@@ -59,7 +59,7 @@ SETTINGS = Settings(max_steps=200_000)
 
 
 def prepare_solver(_: object, name: str) -> float | None:
-    """Compile and import what a solver needs; microseconds a step of an engine, while balls touch."""
+    """Compile and import a solver's code; return the microseconds of an engine's step while balls touch, else None."""
     solver, collision, n = get_solver(name), CASES["pile, k2/k1 = 1", 0.9], 500
     scenes = arrange_scenes(solver, collision)
     if not isinstance(solver, Engine) or not scenes:
@@ -74,7 +74,7 @@ def prepare_solver(_: object, name: str) -> float | None:
 
 
 def answer_case(_: object, name: str, *case: Any) -> list[tuple[str, str, str, Sequence[float]]]:
-    """Answer a case, an engine in every arrangement: which, status, reason and velocities."""
+    """Answer a case, an engine in every arrangement; return arrangement, status, reason and velocities."""
     solver, collision, answers = get_solver(name), CASES[case], []
     try:
         scenes = arrange_scenes(solver, collision)
@@ -96,7 +96,7 @@ def answer_case(_: object, name: str, *case: Any) -> list[tuple[str, str, str, S
 
 
 def arrange_scenes(solver: Solver, collision: Collision) -> dict[str, Scene]:
-    """Arrange a collision in every way for an engine; in none for another solver, or an engine that cannot take it.
+    """Return the scenes of a collision by arrangement; none unless the solver is an engine that takes the collision.
 
     Every gap is changed at once. Without a table a chain is also moved along its line, and mirrored.
     """

@@ -1,4 +1,4 @@
-"""Environments of their own for versions of engines: what is asked for, and how it is installed.
+"""Environments that hold a version of an engine each: their requirements, and how they are installed.
 
 An environment holds an engine and what the side that answers imports (`cases`); the code of this project is imported
 from where it runs. It is made once, in the user's cache folder, and named by the requirement, the version of Python and
@@ -29,13 +29,13 @@ from impact_xval.compliant_baselines.registry import get_solver, is_engine, is_o
 from impact_xval.experiments.config.errors import UserError, hint, short
 from impact_xval.experiments.tables.folder import write_json
 
-#: Dependencies of this project that `cases`, and what it imports, needs; no other is installed beside an engine.
+#: Dependencies of `cases` and of the modules that it imports. Nothing else is installed beside an engine.
 NEEDED = ("numpy", "scipy", "numba", "pydantic")
 #: File that is written when an environment is complete, with the version that was installed.
 _COMPLETE = "environment.json"
 #: Prints the version of a distribution.
 _STATE = "import importlib.metadata as m, sys; print(m.version(sys.argv[1]))"
-#: Most letters of what an installer says that are shown.
+#: Most letters that are shown of an installer's message.
 _LONGEST_REASON = 300
 
 
@@ -123,7 +123,7 @@ def make_environment(requirement: Requirement) -> Environment:
 
 
 def _install_commands(folder: Path, python: Path, requirements: Sequence[str]) -> list[list[str]]:
-    """Return the commands that make an environment: of uv where it is installed, else of venv and pip.
+    """Return the commands that make an environment: by uv if it is installed, else by venv and pip.
 
     Wheels alone are installed: an engine is compiled for longer than anyone waits, and mostly in vain.
     """
@@ -142,7 +142,7 @@ def _install_commands(folder: Path, python: Path, requirements: Sequence[str]) -
 
 
 def _run(command: Sequence[str], requirement: Requirement) -> str:
-    """Run a command of an installer and return what it prints; if it fails, that is the reason."""
+    """Run a command of an installer and return its output; if it fails, raise its output as the reason."""
     done = subprocess.run(
         command, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace", check=False
     )
@@ -152,7 +152,7 @@ def _run(command: Sequence[str], requirement: Requirement) -> str:
 
 
 def find_reason(printed: str) -> str:
-    """Find in what an installer printed why it failed, in a line."""
+    """Find the line of an installer's output that says why it failed."""
     first = re.search(r"^ERROR: (.*)", printed, re.M)  # of pip; those that follow say less
     text = first[1] if first else re.sub(r"[│╰─▶├×]", " ", printed)
     text = text.replace("(from versions: none)", "(no version at all: is there a network?)")

@@ -23,7 +23,8 @@ ANSWERS = "answers.parquet"
 TITLE = "What physics engines do when several bodies meet at once"
 PICTURED = "cradle 1 on 4"
 
-#: D up to which a law explains an answer, above which an answer hangs on the placement, up to which two laws are tied.
+#: Thresholds of D: a law explains an answer up to `EXPLAINED`; an answer whose spread exceeds `SENSITIVE` depends on
+#: the placement; two laws whose distances differ by less than `TIED` are tied.
 EXPLAINED, SENSITIVE, TIED = 0.05, 0.1, 1e-9
 
 #: Exact laws as a reader knows them.
@@ -82,9 +83,9 @@ CRADLE = (
 
 
 def write_scoreboard(answers: Frame, root: Path, more: Sequence[Section] = ()) -> list[Block]:
-    """Judge answers and write everything into the folder of a scoreboard; give what is to be said of it in brief.
+    """Judge answers, write the files of a scoreboard, and return its summary for the terminal.
 
-    The page has `more` sections after those of the board.
+    The page has the sections `more` after those of the board.
     """
     judged = judge_answers(answers)
     followed = find_nearest_laws(judged)
@@ -110,7 +111,7 @@ def write_scoreboard(answers: Frame, root: Path, more: Sequence[Section] = ()) -
 
 
 def draw_cradle(judged: Frame, folder: Path) -> None:
-    """Draw how the balls of a cradle leave, a row a solver."""
+    """Draw the final velocities of the balls of a cradle, one row per solver."""
     v = -judged.query("case == @PICTURED and e == 1").set_index("solver").filter(regex=r"^v\d$").dropna()
     colors = ["#0b5cad" if is_engine(name) else "#1a1a1a" for name in v.index]
     with styled_figure(9.5, 0.8 + 0.26 * len(v)) as figure:
@@ -124,7 +125,7 @@ def draw_cradle(judged: Frame, folder: Path) -> None:
 
 
 def display_engine(solver: str) -> str:
-    """Name a solver; an engine of compliant contacts that was set up for a law says so."""
+    """Name a solver for a reader; an engine whose contacts are mapped to a law has ``(mapped)`` after its name."""
     mapped = is_engine(solver) and law_of(solver) and ":" not in solver and not is_mapped(solver)
     return f"{display_name(solver)} (mapped)" if mapped else display_name(solver)
 
@@ -141,7 +142,7 @@ def describe_law(row: Frame) -> str:
 
 
 def describe_engines(followed: Frame) -> list[Block]:
-    """Say which engines answer by which law, and whose answers hang on what no one means."""
+    """Say by which law each engine answers, and which engines' answers depend on the placement."""
     if followed.empty:
         return []
     by_law = followed.groupby(followed.apply(describe_law, axis=1), sort=False)
@@ -162,7 +163,7 @@ def describe_engines(followed: Frame) -> list[Block]:
 
 
 def board_table(judged: Frame, followed: Frame) -> Table:
-    """Lay out the board: an engine a row, a case a column."""
+    """Lay out the board: one row per engine, one column per case."""
     rows, worst = [], judged.groupby(["solver", "case"]).max(numeric_only=True)
     for law in followed.itertuples():
         its = worst.loc[law.Index].reindex(list(CASE_SETUPS))
@@ -175,12 +176,12 @@ def board_table(judged: Frame, followed: Frame) -> Table:
 
 
 def worst_case_table(followed: Frame) -> Table:
-    """Lay out what is worst of each engine."""
+    """Lay out the worst values of each engine."""
     own = followed.rename(display_engine).reset_index(names="engine")
     return frame_table(own.rename(columns={"law": "nearest law", "next": "next law"}), WORST, 2)
 
 
 def frame_table(frame: Frame, caption: str, text: int) -> Table:
-    """Lay out a frame, its numbers in three digits."""
+    """Lay out a frame as a table, with numbers in three digits."""
     rows = [[number(x) if isinstance(x, float) else x for x in row] for row in frame.to_numpy(object)]
     return Table([name.replace("_", " ") for name in frame], rows, caption, text)

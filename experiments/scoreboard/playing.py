@@ -1,4 +1,4 @@
-"""What every solver is asked, and what it answers in a process apart: one that dies or hangs costs those answers."""
+"""Answers of all solvers, each from a process of its own: one that dies or hangs costs its answers only."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ from impact_xval.experiments.tables.folder import new_folder, write_text
 #: Columns of answers, as `collect_answers` describes them.
 _COLUMNS = ["solver", "version", "microseconds", "case", "e", "arrangement", "status", "reason"]
 _COLUMNS += [f"v{ball}" for ball in range(1, 6)]
-#: Seconds that one case may take in all arrangements.
+#: Seconds that a solver has for all arrangements of one case.
 _LONGEST = 120.0
 
 
 def list_entrants(names: Sequence[str] = ()) -> list[str]:
-    """Name the exact laws, and the engines that are given, or all that are installed."""
+    """List the exact laws, and the given engines; without any, all installed engines."""
     engines = filter(is_engine, solver_names(on_request=True))
     installed = (name for name in engines if get_solver(name).unavailable() is None)
     return list(dict.fromkeys([*engine_free_names(), *(names or installed)]))
@@ -50,7 +50,7 @@ def collect_answers(
     progress: Callable[..., None],
     elsewhere: Sequence[tuple[str, Environment]] = (),
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Have solvers answer every case; what each has answered is kept in a folder, for a board that is stopped.
+    """Have solvers answer every case; answers are kept in a folder, so that a board that was stopped continues.
 
     Parameters
     ----------
@@ -92,9 +92,9 @@ def collect_answers(
 def _answer_all_cases(
     slot: Slot, name: str, folder: Path, where: Environment | None = None
 ) -> list[dict[str, Any]]:
-    """Have a solver answer every case, unless its file, named by versions and cases, has the answers.
+    """Return the answers of a solver to every case, from its file or else from its process.
 
-    It is asked in another environment, if one is given, by a process that ends with the last case.
+    With an environment the solver runs there, in a process that ends after the last case.
     """
     if where is None:
         return _answer_or_read(partial(slot.call, name), name, folder, get_solver(name).version())
@@ -108,7 +108,7 @@ def _answer_all_cases(
 def _answer_or_read(
     call: Callable[..., Any], name: str, folder: Path, installed: str, *environment: str
 ) -> list[dict[str, Any]]:
-    """Have a solver answer every case by `call`, which is that of its process, and keep the answers in a file."""
+    """Return the answers of a solver from its file, named by versions and cases; without it, call its process."""
     facts: dict[str, Any] = {"solver": name, "version": installed, "microseconds": None}
     identifying = version("impact-xval"), installed, CASE_SETUPS, list(CASES), str(SETTINGS), *environment
     identity = sha256(json.dumps(identifying).encode()).hexdigest()[:12]

@@ -1,4 +1,4 @@
-"""What an engine's releases changed: each version's answers against those of the version before."""
+"""Changes between releases of an engine: the answers of each version against those of the version before."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ANSWERS, MOVED = "releases.parquet", "releases.csv"
 
 TITLE = "What releases changed"
 
-#: Largest change of a velocity, over |v0|, that counts as none; as that of a baseline.
+#: Largest change of a velocity, over |v0|, that is ignored, as in the comparison with a baseline.
 TOLERANCE = 1e-6
 
 CAPTION = (
@@ -43,7 +43,7 @@ class Release:
     version: str
     #: The version before that has answers; None for the first.
     before: str | None = None
-    #: Answers that moved, as by `judging.list_moved_answers`, and how many were compared.
+    #: Answers that moved (`judging.list_moved_answers`), and the number of compared answers.
     moved: Frame | None = None
     compared: int = 0
     #: Cases that this version answers for some e.
@@ -58,7 +58,7 @@ class Release:
 
 
 def compare_releases(here: Frame, elsewhere: Frame) -> list[Release]:
-    """Hold the versions of each engine against each other, in the order of their numbers.
+    """Compare each version of an engine with the version before, in the order of version numbers.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def compare_releases(here: Frame, elsewhere: Frame) -> list[Release]:
 def write_releases(
     releases: Sequence[Release], missing: Sequence[NotInstalledError], answers: Frame, root: Path
 ) -> Section:
-    """Write the files of the releases into the folder of a scoreboard; return the section of its page."""
+    """Write the tables of releases into the folder of a scoreboard; return the section for its page."""
     with replacing(root / ANSWERS) as temporary:
         answers.to_parquet(temporary, index=False, compression="zstd")
     changes = [
@@ -106,7 +106,7 @@ def write_releases(
 
 
 def describe_releases(releases: Sequence[Release]) -> list[Block]:
-    """Say which versions of each engine answer otherwise than the version before."""
+    """Say which versions of each engine answer differently from the version before."""
     sentences: list[str] = []
     for distribution, names in solvers_by_distribution().items():
         same: list[str] = []
@@ -138,7 +138,7 @@ def _change_in_words(release: Release) -> str:
 
 
 def release_table(releases: Sequence[Release], missing: Sequence[NotInstalledError]) -> Table:
-    """Lay out a row a version and a column a case; a version without answers has its reason."""
+    """Lay out one row per version and one column per case; a version without answers has its reason."""
     rows: list[tuple[str, ...]] = []
     nothing = ["-"] * len(CASE_SETUPS)
     for distribution, names in solvers_by_distribution().items():
@@ -164,7 +164,7 @@ def release_table(releases: Sequence[Release], missing: Sequence[NotInstalledErr
 
 
 def _cells(release: Release) -> list[str]:
-    """Write what moved, a cell a case."""
+    """Write the largest change of each case."""
     assert release.moved is not None
     cells: list[str] = []
     for case in CASE_SETUPS:

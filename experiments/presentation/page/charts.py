@@ -42,19 +42,19 @@ from impact_xval.experiments.presentation.words import (
 from impact_xval.experiments.tables.numbers import listed
 from impact_xval.experiments.tables.parquet import column
 
-#: Tiles of a map at most: what a browser draws at once, and a page has room for.
+#: Most tiles of a map: a browser draws these at once, and a page has room for them.
 TILES = 1000
 
-#: An axis with more levels than this is put into bins, where the map has no room for them.
+#: An axis with more levels is put into bins if the map has no room for it.
 _FEW = 24
 
-#: How a reader knows an axis.
+#: Labels of axes for readers.
 LABELS = AXES | CHAIN_AXES
 
-#: D below this has the colour of this: about the rounding of the solvers.
+#: Least D with a colour of its own: about the rounding of the solvers.
 _FLOOR = 1e-4
 
-#: Labels of an axis at most.
+#: Most labels of an axis.
 _LABELS = 60
 
 
@@ -136,12 +136,12 @@ def cells_piece(tiles: Tiles, n_cells: int, packed: str, solvers: Sequence[str])
 
 
 def bokeh_script() -> Markup:
-    """Return the script of Bokeh: a page that has it asks for nothing."""
+    """Return the script of Bokeh; a page that contains it loads nothing."""
     return Markup(Resources(mode="inline", components=["bokeh"], log_level="error").render_js())
 
 
 def _map(tiles: Tiles) -> Any:
-    """Draw one tile a cell, or the median of several, coloured by the D of one solver."""
+    """Draw one tile per cell or per group of cells, coloured by the (median) D of one solver."""
     places, floored = tiles.places, tiles.medians.clip(lower=_FLOOR)
     medians = floored.add_prefix("d ").to_dict("list")
     shown = {"shown": [*medians.values()][-1]}
@@ -219,7 +219,7 @@ def _chart(name: str, across: str, up: str) -> Any:
 
 
 def _with_solvers(plot: Any, solvers: Sequence[str], lines: str, points: str) -> Any:
-    """Add a line and points for each solver; their sources have these names, with that of the solver."""
+    """Add a line and points for each solver, with sources named by `lines` and `points` and the solver."""
     for name in solvers:
         style = look_of(name)
         dash = style.dash if isinstance(style.dash, str) else list(style.dash[1])

@@ -1,4 +1,4 @@
-"""What the page shows of a cell that is opened: results, impulse curves, causes, commands, and its scene."""
+"""Contents of a cell that opens on the page: results, impulse curves, causes, commands, and scene."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ from impact_xval.experiments.tables.folder import RunFolder, cells_of_run
 from impact_xval.experiments.tables.parquet import selected
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
 
-#: Digits of an impulse of a curve: a tenth of what a screen tells apart.
+#: Digits of the impulses of a curve: ten times finer than a screen shows.
 _DIGITS = 4
 
 
 def pack_cells(folder: RunFolder, cells: Sequence[int]) -> str:
-    """Collect what is shown of some cells of a run, as JSON, compressed, in letters (base64)."""
+    """Collect the contents of some cells of a run as compressed JSON in base64."""
     text = json.dumps(collect_cells(folder, cells), separators=(",", ":"), allow_nan=False)
     return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode("ascii")
 
 
 def collect_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str, Any]]:
-    """Collect what is shown of some cells of a run, by number.
+    """Collect the contents of some cells of a run, by number.
 
     That is ``at`` (values of the axes by label), ``results``, ``causes``, ``commands``, and of two balls ``scene``
     (MJCF; None where MuJoCo is not in the run) and ``curves``, those of the exact solvers, solved again: of the others
@@ -102,7 +102,7 @@ def collect_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str
 
 
 def _commands(root: Path, config: Config, row: dict[str, Any]) -> list[list[str]]:
-    """Write what opens a cell on a terminal, from where the run was begun."""
+    """Return the commands that show a cell on a terminal, each with its description."""
     run, cell = shlex.quote(str(root)), row["cell"]
     show = ["every cause, in every order", f"impact-xval show {run} --cell {cell}"]
     axes, ours = (CHAIN_AXES, []) if config.chain is not None else (AXES, ["scenario"])
@@ -148,7 +148,7 @@ def impulse_curve(collision: Collision, outcome: Outcome) -> list[list[float]] |
 
 
 def _scenes(config: Config, collisions: Sequence[Collision]) -> list[str | None]:
-    """Write the MJCF of every collision that MuJoCo represents, where it is in the run."""
+    """Return the MJCF of each collision; None if MuJoCo is not in the run or cannot represent the collision."""
     if "mujoco" not in config.solvers or get_solver("mujoco").unavailable() is not None:
         return [None] * len(collisions)
     solver, settings = get_solver("mujoco"), settings_of(config)

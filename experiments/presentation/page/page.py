@@ -62,7 +62,7 @@ _HYPOTHESIS = Markup(
     "<code>impact-xval hypothesis</code> solves them, and writes a page with a verdict for every limit and solver."
 )
 
-#: What the laws are that stand beside the model in most runs.
+#: Explanations of the laws that are in most runs.
 _LAWS = {
     "kelvin-voigt": "exact Kelvin-Voigt is what engines are set to, springs with dashpots",
     "bistiffness": "exact bistiffness is the model's own restitution in bodies that move",
@@ -87,14 +87,14 @@ GLOSSARY = (
 
 
 def pack_opening_cells(_: object, folder: RunFolder) -> str:
-    """Collect what the page of a finished run shows of the cells that open on it (`pack_cells`)."""
+    """Collect the contents of the cells that open on the page of a finished run (`pack_cells`)."""
     return pack_cells(folder, make_tiles(load_divergence(folder, folder.config())).places.cell.tolist())
 
 
 def run_blocks(
     folder: RunFolder, summary: Summary, captions: Captions, cells: Callable[[], str]
 ) -> list[Block]:
-    """Return the page of a finished run; `cells` gives what the cells show that open, and is asked where any does."""
+    """Return the blocks of the page of a finished run; `cells` returns the cells that open, and is called if any do."""
     pair, unit = summary.config.chain is None, row_unit(summary)[:-1]
     compared_names = compared_solvers(summary)
     answers = _answer_questions(summary, captions) if compared_names else [f"No {unit} could be compared."]
@@ -122,12 +122,12 @@ def run_blocks(
 
 
 def _figures(captions: Captions, *names: str) -> list[Block]:
-    """Return those of some figures that were drawn."""
+    """Return the figures of these names that were drawn."""
     return [Figure(name, captions[name]) for name in names if name in captions]
 
 
 def _opening(summary: Summary) -> Piece:
-    """Say what was compared, and what to remember of it."""
+    """Return the opening: what was compared, and the numbers to remember."""
     spans = {AXES[axis]: x for axis, x in summary.axes.items() if axis in AXES}
     return render_template(
         "opening.html.j2",
@@ -142,7 +142,7 @@ def _opening(summary: Summary) -> Piece:
 
 
 def _numbers(summary: Summary) -> Iterator[tuple[Value | str, str]]:
-    """Give up to three numbers to remember: how far, how near to what was asked for, and why."""
+    """Yield up to three numbers to remember: D from the model, D from the law asked for, and the largest cause."""
     for name in subjects(summary)[:1]:
         n = int(statistic_value(summary, name, "n").value)
         yield (
@@ -164,14 +164,14 @@ def _numbers(summary: Summary) -> Iterator[tuple[Value | str, str]]:
 
 
 def _advice(summary: Summary, captions: Captions) -> Section:
-    """Say what a reader should do with an engine."""
+    """Return the section with advice on engines."""
     engines, steps = recommended_steps(summary), 1 / summary.config.step_fraction
     said = render_template("advice.html.j2", engines=engines, steps=steps, accepted=ACCEPTED)
     return Section("What to do with your engine", [said, *_figures(captions, "error-by-step")], beside=True)
 
 
 def _answer_questions(summary: Summary, captions: Captions) -> list[Block]:
-    """Return the findings: questions, the sentences that answer them, each with its picture."""
+    """Return the findings as questions, each with its answer and picture."""
     pair, names, engines = summary.config.chain is None, subjects(summary), summary.ladder.solvers
     axis, over = ("stiffness_ratio", "stiffness") if pair else ("balls", "balls")
     sections: list[Block] = []
@@ -231,7 +231,7 @@ def _order(summary: Summary, name: str) -> Markup:
 
 
 def _cells(folder: RunFolder, summary: Summary, packed: str) -> list[Block]:
-    """Lay out the map whose cells open, and the cells with the largest D."""
+    """Lay out the map of cells that open, and the table of the cells with the largest D."""
     tiles = make_tiles(load_divergence(folder, summary.config))
     opens, unit = set(tiles.places.cell), row_unit(summary)
     piece = cells_piece(tiles, summary.n_cells, packed, summary.config.solvers)
@@ -276,7 +276,7 @@ def _matrix(summary: Summary) -> Table:
 
 
 def _causes(summary: Summary, captions: Captions) -> Section:
-    """Say what divergences consist of."""
+    """Return the section on the causes of divergence."""
     ladder = summary.ladder
     if not ladder.solvers:
         return Section("Causes", ["No engine has a result: there is nothing to split."])
@@ -296,7 +296,7 @@ def _causes(summary: Summary, captions: Captions) -> Section:
 
 
 def _sureness(summary: Summary) -> Section:
-    """Say how well results are known: limits of steps, statuses, and which cells count."""
+    """Return the section on the accuracy of results: limits dt -> 0, statuses, and the cells that count."""
     limits = summary.statuses.loc[REFERENCE].get("closed-form", 0)
     said = [
         "Nothing is random: the same run gives the same numbers. Every collision of an engine is run at "
@@ -334,7 +334,7 @@ def _sureness(summary: Summary) -> Section:
 
 
 def _effective(folder: RunFolder) -> Section:
-    """Say which solvers use other numbers than they were asked for."""
+    """Return the section on solvers whose effective parameters differ from the requested ones."""
     rows = pd.read_parquet(folder.table_path("cells.parquet"), columns=["solver", "differences"]).dropna()
     sentences: list[Block] = [
         f"{display_name(str(name))} uses other numbers than it was asked for in {len(differences)} cells, "
@@ -348,7 +348,7 @@ def _effective(folder: RunFolder) -> Section:
 
 
 def _unsolved(summary: Summary) -> Section:
-    """Count results by status, and say why there are none and which are kept apart."""
+    """Return the section that counts results by status, with the reasons for missing ones, and D in marked cells."""
     statuses, unit, more = summary.statuses, row_unit(summary), len(summary.reasons) - _REASONS
     counts = [(display_name(name), *row) for name, *row in statuses.itertuples()]
     reasons = [(display_name(name), *rest) for name, *rest in summary.reasons.head(_REASONS).to_numpy()]
@@ -367,7 +367,7 @@ def _unsolved(summary: Summary) -> Section:
 
 
 def _method(folder: RunFolder, summary: Summary) -> Section:
-    """Say how the numbers came about, and what they do not show."""
+    """Return the section on the method and its limitations."""
     span: list[str] = []
     if summary.config.scenario == "drop":
         values = column(folder.table_path("cells.parquet"), "gravity_number")
@@ -379,7 +379,7 @@ def _method(folder: RunFolder, summary: Summary) -> Section:
 
 
 def _glossary(summary: Summary) -> Section:
-    """Say what words mean, and what solvers are called in tables and commands."""
+    """Return the glossary, and the identifiers of solvers in tables and commands."""
     pair = summary.config.chain is None
     rows = [(word, f"{meaning}.") for word, meaning in GLOSSARY if pair or not word.startswith("S1")]
     names = [(display_name(name), name) for name in summary.config.solvers]
@@ -391,13 +391,13 @@ def _glossary(summary: Summary) -> Section:
 
 
 def _provenance(folder: RunFolder) -> Section:
-    """Say with what a run was computed: all that its manifest holds."""
+    """Return the section with all entries of the manifest of a run."""
     rows = [*_flat({key: value for key, value in folder.manifest().items() if key != "statuses"})]
     return Section("Provenance", [Table(["what", "value"], rows, text=2)], folded=True)
 
 
 def _flat(value: Any, *names: str) -> Iterator[tuple[str, Any]]:
-    """Give what nested tables and lists hold, by the names that lead to it."""
+    """Yield the values of nested tables and lists, each with the names that lead to it."""
     if isinstance(value, list):
         value = {str(place): item for place, item in enumerate(value, 1)}
     if not isinstance(value, dict):

@@ -1,4 +1,4 @@
-"""One collision: of two balls its impulse curve with the compression lines l1 and l2, of a chain velocities and wave.
+"""Figures of one collision: impulse curves of two balls with the lines l1 and l2; velocities and wave of a chain.
 
 By every solver: of the cell or chain of a run's figures, or of any other.
 """
@@ -23,12 +23,12 @@ from impact_xval.experiments.presentation.words import describe_cell, describe_c
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome, Path
 
-#: Most panels of the wave in a row.
+#: Most panels in a row of the figure of the wave.
 _ACROSS = 4
 
 
 def draw_cell_curves(curves: Frame, config: Config) -> Iterator[Drawn]:
-    """Draw the curves of the cell of a run's figures by every solver, if there are any."""
+    """Draw the impulse curves, by all solvers, of the cell that the figures of a run show."""
     followed = curves[curves.impulses.notna()].set_index("solver").impulses
     if followed.empty:
         return
@@ -61,13 +61,13 @@ def _whole_and_ends(points: Mapping[str, np.ndarray], mass_ratio: float) -> Figu
 
 
 def zoom_in(ax: Any, middle: Any, half: float) -> None:
-    """Show what is around a point, up to half a width away."""
+    """Limit the axes to a square around a point, of twice the width `half`."""
     x, y = middle
     ax.set(xlim=(x - half, x + half), ylim=(y - half, y + half))
 
 
 def _curve(ax: Any, name: str, impulse1: np.ndarray, impulse2: np.ndarray) -> None:
-    """Draw an impulse curve and where it ends; that of the model is wide, so that others are seen on it."""
+    """Draw an impulse curve and its end; the curve of the model is wide, so that curves on it are seen."""
     style, model = look_of(name), name == REFERENCE
     width = {"linewidth": 2.6, "alpha": 0.85} if model else {"linewidth": 1.5}
     ax.plot(impulse1, impulse2, color=style.color, linestyle=style.dash, label=display_name(name), **width)
@@ -86,14 +86,14 @@ def draw_compression_lines(ax: Any, mass_ratio: float, reach: float) -> None:
 
 
 def label_impulse_axes(ax: Any) -> None:
-    """Label the axes of an impulse curve, of one scale."""
+    """Label the axes of impulse curves and give them one scale."""
     ax.set_aspect("equal")
     ax.set_xlabel(r"$I_1\,/\,(m_1 |v_0|)$, ball on ball")
     ax.set_ylabel(r"$I_2\,/\,(m_1 |v_0|)$, ball on table")
 
 
 def drawable_paths(collision: Collision, outcomes: Mapping[str, Outcome]) -> dict[str, Path]:
-    """Return the paths that can be drawn, by solver, in the order of laws, the model last so that it is on top."""
+    """Return the paths that can be drawn, by solver in the order of laws; the model is last, to be drawn on top."""
     paths = {}
     for name in sorted(in_order_of_laws(outcomes), key=lambda name: name == REFERENCE):
         path, largest = outcomes[name].path, LARGEST * collision.units.impulse
@@ -104,7 +104,7 @@ def drawable_paths(collision: Collision, outcomes: Mapping[str, Outcome]) -> dic
 
 
 def draw_collision(collision: Collision, paths: Mapping[str, Path]) -> Figure:
-    """Draw the impulse curve and the velocities of every path of a collision, of which there is one at least."""
+    """Draw the impulse curve and the velocities of every path of a collision; there is at least one path."""
     unit = collision.units
     with styled_figure(8.6, 4.2) as figure:
         grid = figure.subplot_mosaic([["curve", "v1"], ["curve", "v2"]], width_ratios=(1.25, 1))
@@ -134,7 +134,7 @@ def draw_collision(collision: Collision, paths: Mapping[str, Path]) -> Figure:
 
 
 def collision_caption(collision: Collision, solvers: Iterable[str], scenario: str) -> str:
-    """Say what is drawn of a collision."""
+    """Return the caption of the figure of a collision."""
     return (
         f"One collision by {', '.join(solvers)}: {describe_ratios(collision)}, scenario {scenario}. Left: ball-table "
         "impulse I2 over ball-ball impulse I1, with the compression lines l1 (v1 = v2) and l2 (v2 = 0, I1 "
@@ -144,12 +144,12 @@ def collision_caption(collision: Collision, solvers: Iterable[str], scenario: st
 
 
 def describe_ratios(collision: Collision) -> str:
-    """Name a collision of two balls by its ratios and restitutions."""
+    """Describe a collision of two balls by its ratios and restitutions."""
     return describe_cell({axis: getattr(collision, axis) for axis in AXES})
 
 
 def draw_chain(curves: Frame, config: Config) -> Iterator[Drawn]:
-    """Draw the final velocities and the forces of the chain of the figures, of the solvers that have them."""
+    """Draw the final velocities and the forces of the chain that the figures of a run show."""
     by_solver, followed = curves.set_index("solver").velocities.dropna(), curves[curves.time.notna()]
     if len(by_solver):
         solvers = in_order_of_laws(by_solver.index)
@@ -170,7 +170,7 @@ def draw_chain(curves: Frame, config: Config) -> Iterator[Drawn]:
 
 
 def draw_velocities(drawn: Mapping[str, Sequence[float]]) -> Figure:
-    """Draw the final velocities of one chain per |v0|, solver beside solver."""
+    """Draw the final velocities of one chain per |v0|, with solvers side by side."""
     balls = np.arange(1, 1 + len(next(iter(drawn.values()))))
     with styled_figure(max(5.0, min(12.0, 1.0 + 0.9 * len(balls))) + 1.6, 3.2) as figure:
         ax = figure.subplots()
@@ -187,7 +187,7 @@ def draw_velocities(drawn: Mapping[str, Sequence[float]]) -> Figure:
 
 
 def _wave(curves: Frame, config: Config) -> Figure:
-    """Draw the force of every contact of one chain over time, a panel a solver."""
+    """Draw the force of every contact of one chain over time, one panel per solver."""
     rows = curves.to_dict("records")
     across = len(rows) if len(rows) <= _ACROSS else -(-len(rows) // 2)
     down = -(-len(rows) // across)
@@ -213,6 +213,6 @@ def _wave(curves: Frame, config: Config) -> Figure:
 
 
 def end_of_wave(row: dict[Any, Any]) -> float:
-    """When all impulses of a chain but `TAIL` of their sum have passed."""
+    """Return the instant at which all but `TAIL` of the impulses of a chain has passed."""
     time, total = row["time"], np.sum(np.stack(row["forces"]), axis=0)
     return instant_of_tail(time, np.append(0, np.cumsum(np.diff(time) * 0.5 * (total[1:] + total[:-1]))))

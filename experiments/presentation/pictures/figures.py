@@ -26,10 +26,10 @@ from impact_xval.experiments.sweep.curves import CURVES
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.numbers import number
 
-#: D below this is drawn at this height on logarithmic axes: about the rounding of the solvers.
+#: Least D on logarithmic axes, about the rounding of the solvers; smaller D are drawn there.
 _FLOOR = 1e-6
 
-#: The error, per |v0|, that steps are recommended for.
+#: Error of a velocity, per |v0|, that a recommended step may have.
 ACCEPTED = 0.01
 
 _D = "velocity_divergence"
@@ -40,7 +40,7 @@ _LABELS = {
 _SIDE = "solvers stand side by side."
 _MEDIANS = f"Markers: medians over all other axes; bars: 5th to 95th percentile; {_SIDE}"
 
-#: Captions of what is drawn over k2/k1, or of chains over the number of balls.
+#: Captions of the figures over k2/k1, or for chains over the number of balls.
 _CAPTIONS = {
     _D: "Velocity divergence D of each solver from the model over {over}. "
     f"{_MEDIANS} D = sqrt(sum m_i dv_i^2/sum m_i v_i0^2), dimensionless; values below {number(_FLOOR)} are drawn "
@@ -52,14 +52,14 @@ _CAPTIONS = {
 
 
 def write_figures(folder: RunFolder, summary: Summary) -> dict[str, str]:
-    """Draw every figure of a finished run into ``figures/``: their captions by name, which ``captions.json`` holds."""
+    """Draw every figure of a finished run into ``figures/``; return their captions by name, as in ``captions.json``."""
     target = folder.root / "figures"
     target.mkdir(exist_ok=True)
     return save_figures(_figures(folder, summary), target)
 
 
 def _figures(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
-    """Draw the figures of a run; those with nothing to show are left out."""
+    """Draw the figures of a run that have something to show."""
     config, pair = summary.config, summary.config.chain is None
     curves = folder.read_table(CURVES).to_pandas()  # of a damaged folder nothing is drawn
     if pair:
@@ -85,7 +85,10 @@ def _figures(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
 
 
 def _over(panels: Mapping[str, tuple[Frame, Any]], solvers: Sequence[str], axis: str, measure: str) -> Figure:
-    """Draw the median of a measure over an axis, and its 5 to 95 %, or a share; of each panel its rows and values."""
+    """Draw the median of a measure over an axis with its 5th to 95th percentile, or a share.
+
+    `panels` has by title the rows of a panel, and the values of the axis.
+    """
     with styled_figure(2.6 * len(panels) + 3.6, 3.2) as figure:
         axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
         for ax, (title, (rows, values)) in zip(axes, panels.items(), strict=True):
@@ -114,9 +117,9 @@ def _over(panels: Mapping[str, tuple[Frame, Any]], solvers: Sequence[str], axis:
 
 
 def recommended_steps(summary: Summary) -> list[dict[str, Any]]:
-    """Return the estimates of engines, and as `enough` the step with an error of `ACCEPTED` in 95 % of the cells.
+    """Return the estimates of engines, and as `enough` the step with an error of `ACCEPTED` in 95 % of cells.
 
-    It is over the faster contact period, extrapolated from the step of the run by the order that was measured.
+    The step is over the faster contact period, and extrapolated from the step of the run by the measured order.
     """
     rows = summary.estimates.to_dict("records") if summary.config.chain is None else []
     return [
@@ -127,7 +130,7 @@ def recommended_steps(summary: Summary) -> list[dict[str, Any]]:
 
 
 def draw_steps(summary: Summary) -> Iterator[Drawn]:
-    """Draw the error over the step; nothing where no engine has a limit."""
+    """Draw the error over the step; nothing if no engine has a limit."""
     engines, f = recommended_steps(summary), summary.config.step_fraction
     if not engines:
         return

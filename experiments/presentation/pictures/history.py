@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from impact_xval.model.collision import Collision, Floats, Path
 
-#: Share of the impulses that may pass after what is shown: balls may meet again long after.
+#: Share of the impulses that may pass after the time shown: balls may meet again much later.
 TAIL = 1e-3
 
 
@@ -52,13 +52,13 @@ class History:
 
     @property
     def compressions(self) -> Floats:
-        """Of the springs of the contacts, shape (n, C); negative where a contact is open."""
+        """Compressions of the springs of the contacts, shape (n, C); negative where a contact is open."""
         contacts = self.impulses.shape[1]
         table = np.zeros((len(self.time), 1))
         return np.hstack([self.heights, table])[:, 1 : 1 + contacts] - self.heights[:, :contacts]
 
     def at(self, instants: Floats) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
-        """Heights and velocities of the balls at instants, forces of the contacts, and which of them act.
+        """Return heights and velocities of the balls at instants, forces of the contacts, and which are active.
 
         After the last one bodies fly on as they do then, and no contact acts.
         """
@@ -77,12 +77,12 @@ class History:
 
 
 def instant_of_tail(time: Floats, passed: Floats) -> float:
-    """When all but `TAIL` of an impulse has passed."""
+    """Return the instant at which all but `TAIL` of an impulse has passed."""
     return float(time[np.searchsorted(passed, (1 - TAIL) * passed[-1])])
 
 
 def make_history(collision: Collision, path: Path, gravity: float = 0.0) -> History | None:
-    """Make a history of a path in the units of its collision; None where it has no finite clock.
+    """Make the history of a path in the units of its collision; None if the path has no finite times.
 
     With gravity (m/s^2) the lower one of two balls begins in static equilibrium on its support.
     """

@@ -31,7 +31,7 @@ from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.numbers import number, percent
 from impact_xval.experiments.tables.parquet import column, selected
 
-#: What is drawn over which axes, of two balls and of chains; and how an axis is labelled.
+#: Figures and the axes that they are drawn over, for two balls and for chains; labels of the axes.
 _STACKS = {
     "ladder-by-stiffness": ("stiffness_ratio",),
     "ladder-by-restitution": ("e1", "e2"),
@@ -47,24 +47,24 @@ _LABELS = {
     "e": "e of every contact (-)",
 }
 
-#: Where in a bar the whisker of each cause stands: side by side, those of neighbours would lie on each other.
+#: Position of the whisker of each cause in a bar, side by side so that they do not overlap.
 _WHISKERS = (-0.24, -0.08, 0.08, 0.24)
 
-#: D that is trusted, from the strictest on.
+#: Levels of D that count as trusted, the strictest first.
 LEVELS = (0.01, 0.05, 0.2)
 
-#: Of the fields of every level, and of those beyond the last: told apart by those who see no red or no green.
+#: Colours of the fields of each level and of fields beyond the last, safe for the colour-blind.
 _COLORS = ("#08519C", "#6BAED6", "#FEE391", "#A63603")
 
-#: Of fields with no cell beyond the lowest level.
+#: Colour of fields without a cell beyond the lowest level.
 _WITHIN = "0.9"
 
-#: Sides of the plane: up, and across.
+#: Axes of the plane: vertical, horizontal.
 _PLANE = ["mass_ratio", "stiffness_ratio"]
 
 
 def draw_ladders(ladder: LadderSummary) -> Iterator[Drawn]:
-    """Draw every figure of the ladders; none where no engine has a result."""
+    """Draw every figure of the ladders; none if no engine has a result."""
     for name, axes in _STACKS.items():
         known_axes = [axis for axis in axes if axis in ladder.axes]
         if known_axes:
@@ -87,7 +87,7 @@ def _caption(over: str, ladder: LadderSummary) -> str:
 
 
 def _panels(ladder: LadderSummary, axes: Sequence[str]) -> Figure:
-    """Draw a panel an axis and engine."""
+    """Draw one panel per axis and engine."""
     solvers = ladder.solvers
     with styled_figure(max(6.4, 3.6 * len(solvers)), 0.9 + 2.6 * len(axes)) as figure:
         panels = figure.subplots(len(axes), len(solvers), sharey=True, squeeze=False)
@@ -107,7 +107,7 @@ def _panels(ladder: LadderSummary, axes: Sequence[str]) -> Figure:
 
 
 def _stack(ax: Any, ladder: LadderSummary, wide: Frame) -> None:
-    """Draw the bars of one engine, those of positive shares above zero, and the mean D."""
+    """Draw the mean D of one engine and the bars of its contributions, positive ones above zero."""
     total = wide.total.max(axis=1).to_numpy()
     x, above, below = np.arange(len(wide)), np.zeros(len(wide)), np.zeros(len(wide))
     for c in ladder.present:
@@ -158,7 +158,7 @@ def make_trust_maps(folder: RunFolder, config: Config) -> Frame | None:
 
 
 def draw_trust(trust: Frame | None) -> Iterator[Drawn]:
-    """Draw a trust map; nothing where there is none."""
+    """Draw a trust map; nothing without one."""
     if trust is not None:
         engines = in_order_of_laws(trust.index.unique("solver"))
         yield "trust-map", _trust_map(trust, engines), _trust_caption(trust, engines)
@@ -185,7 +185,7 @@ def _trust_caption(trust: Frame, engines: Sequence[str]) -> str:
 
 
 def _trust_map(trust: Frame, engines: Sequence[str]) -> Figure:
-    """Draw two panels of levels and one of causes, a row an engine."""
+    """Draw two panels of levels and one of causes, one row per engine."""
     shown = [c for c in CONTRIBUTIONS if (trust.blamed == c.name).any()]
     places = {c.name: place for place, c in enumerate(shown, start=1)}
     up, across = (sorted(trust.index.unique(axis)) for axis in _PLANE)

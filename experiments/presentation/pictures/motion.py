@@ -45,22 +45,22 @@ Pixels = NDArray[np.uint8]
 
 _STATES = ("S1: both contacts act", "S2: ball on table", "S3: ball on ball", "S4: no contact acts")
 
-#: Solvers that are shown beside the model at most.
+#: Most solvers that are shown beside the model.
 MOST = 6
 
 _CLOCK = "The model has no time: its clock is how long its forces take to pass on its impulses."
 
-#: Pictures of a collision, and pictures a second.
+#: Number of frames of a collision, and frames per second.
 FRAMES, RATE = 100, 10
 _DPI = 100
-#: Colours of a picture.
+#: Number of colours of a frame.
 _COLORS = 128
 
 #: Colours of contacts 1 and 2 of two balls, those of the states in which they act alone.
 CONTACT_COLORS = ("#D55E00", "#0072B2")
 _BALLS, _IDLE = ("#B0B0B0", "#D0D0D0"), "0.75"
 
-#: Of a scene: natural length of a spring, and how much of it the largest compression takes.
+#: Natural length of a spring in a scene, and the share of it that the largest compression takes.
 _SPRING, _COMPRESSED = 0.6, 0.8
 #: Largest and smallest radius of a ball; room to rise, and to fall where there is no table.
 _RADIUS, _SMALL, _RISE, _FALL = 0.45, 0.16, 0.7, 1.4
@@ -75,9 +75,9 @@ _ZIGZAG = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """What is animated: a collision, which it is in words, and its histories by solver, the model first.
+    """An animation: a collision, its description `what`, and its histories by solver, the model first.
 
-    `left_out` says of solvers that were asked for, and are not shown, why not.
+    `left_out` has the reason for each solver that was asked for and is not shown.
     """
 
     collision: Collision
@@ -130,18 +130,18 @@ class Motion:
 
     @property
     def rigid(self) -> list[str]:
-        """Solvers whose contacts are rigid, beside others: their forces, a step long, exceed every scale."""
+        """Solvers with rigid contacts, if others are shown too: their forces last one step and exceed the scale."""
         rigid = [name for name in self.histories if kind_of(name) == "rigid"]
         return rigid if len(rigid) < len(self.histories) else []
 
     @property
     def clock(self) -> str:
-        """What the clock of the model is; empty where the model is not shown."""
+        """Sentence on the clock of the model; empty if the model is not shown."""
         return _CLOCK if REFERENCE in self.histories else ""
 
     @property
     def instants(self) -> Floats:
-        """Instants of the pictures: a little beyond the last one that matters to a solver."""
+        """Instants of the frames, until a little after all solvers have passed all but a tail of their impulses."""
         ends = (
             instant_of_tail(history.time, history.impulses.sum(axis=1)) for history in self.histories.values()
         )
@@ -156,11 +156,11 @@ class Motion:
         return list(colormaps["viridis"](np.linspace(0, 0.92, count)))
 
     def title(self) -> str:
-        """Say who is shown."""
+        """Return the title, which names the solvers."""
         return f"One collision in slow motion: {listed(map(display_name, self.histories))}"
 
     def caption(self) -> str:
-        """Say what is shown, and what the clock is."""
+        """Return the caption, which explains the animation and the clock."""
         seconds = self.instants[-1] * self.collision.units.time
         c, slower = self.collision, number(FRAMES / RATE / seconds, 2)
         unit = "N/m" if c.exponent == 1 else f"N/m^{number(c.exponent)}"
@@ -185,7 +185,7 @@ class Motion:
 
 
 def _at_rest(c: Collision) -> tuple[Floats, Floats]:
-    """Radii of the balls in a picture, and heights of their middles where all springs are unloaded and touch."""
+    """Return radii of the balls in a scene, and heights of their middles when all springs are unloaded and touch."""
     masses = np.array(c.masses)
     radii = np.maximum(_RADIUS * (masses / masses.max()) ** (1 / 3), _SMALL)
     springs = np.full(len(masses), _SPRING)
@@ -197,7 +197,7 @@ def _at_rest(c: Collision) -> tuple[Floats, Floats]:
 def _moving(
     motion: Motion, scale: float, strongest: float, letters: float, now: tuple[Any, ...]
 ) -> Iterator[Artist]:
-    """Give what moves in the picture of a solver: springs, balls, bars of force, arrows of velocity, the state.
+    """Yield the moving artists of a solver's scene: springs, balls, bars of force, arrows of velocity, the state.
 
     The names of balls are `letters` points high.
     """
@@ -209,7 +209,7 @@ def _moving(
     contacts = list(zip(ends, motion.colors, acting, forces, strict=False))  # the last ball may have none
 
     def place(across: Any, up: Any) -> tuple[Any, Any]:
-        """Where a point is drawn: what is on top lies on the left."""
+        """Return where a point is drawn; in a lying scene the top is on the left."""
         return (np.negative(up), across) if motion.lies else (across, up)
 
     for (low, high), color, acts, _ in contacts:
@@ -234,9 +234,9 @@ def _moving(
 
 
 def draw_frames(motion: Motion) -> Iterator[Pixels]:
-    """Draw the pictures of a motion, shape (height, width, 3) each; all but what moves is drawn once.
+    """Draw the frames of a motion, shape (height, width, 3) each; everything at rest is drawn once.
 
-    There is a scene a solver, and below or beside it the forces of the contacts over time.
+    Each solver has a scene, and below or beside it the forces of the contacts over time.
     """
     instants, histories = motion.instants, motion.histories.values()
     visible = {name: (history, history.time <= instants[-1]) for name, history in motion.histories.items()}
@@ -270,7 +270,7 @@ def draw_frames(motion: Motion) -> Iterator[Pixels]:
 
 
 def _draw(ax: Any, *artists: Artist) -> None:
-    """Draw artists into axes, which do not keep them."""
+    """Draw artists into axes without adding them for good."""
     for artist in artists:
         ax.add_artist(artist)
         ax.draw_artist(artist)
@@ -278,7 +278,7 @@ def _draw(ax: Any, *artists: Artist) -> None:
 
 
 def _size(motion: Motion) -> tuple[float, float]:
-    """Width and height of a picture in inches."""
+    """Return width and height of a frame in inches."""
     balls, solvers = min(len(motion.collision.masses), 20), len(motion.histories)
     if motion.lies:
         return 8.5 + 0.35 * balls, 1.6 + 1.7 * solvers
@@ -286,7 +286,10 @@ def _size(motion: Motion) -> tuple[float, float]:
 
 
 def _set_up(figure: Figure, motion: Motion, least: float, most: float) -> Sequence[tuple[Any, ...]]:
-    """Draw all that does not move; by solver the axes of its scene, and of its forces, which have these limits."""
+    """Draw everything at rest; return for each solver the axes of its scene and of its forces.
+
+    The axes of forces reach from `least` to `most`.
+    """
     c, last = motion.collision, motion.instants[-1]
     figure.set_layout_engine("none")
     high, count = figure.get_figheight(), len(motion.histories)
@@ -331,7 +334,7 @@ def _set_up(figure: Figure, motion: Motion, least: float, most: float) -> Sequen
 
 
 def _set_scene(scene: Any, motion: Motion) -> None:
-    """Give the axes of a scene their limits, and the table where there is one."""
+    """Set the limits of the axes of a scene, and draw the table if there is one."""
     radii, at_rest = _at_rest(motion.collision)
     top = at_rest[0] + radii[0] + _RISE
     if motion.lies:
@@ -343,7 +346,7 @@ def _set_scene(scene: Any, motion: Motion) -> None:
 
 
 def write_animation(motion: Motion, path: Path) -> None:
-    """Write an animation as GIF or a page that needs nothing else, as the suffix of the file says."""
+    """Write an animation as a GIF or as a self-contained page, by the suffix of the file."""
     pictures = list(draw_frames(motion))
     # One palette, that of the first and the middle one: in these are all colours.
     both = np.vstack([pictures[0], pictures[len(pictures) // 2]])

@@ -1,4 +1,4 @@
-"""The six panels of the supplement's figures: exact impulse curves beside the numbers that are printed there.
+"""The six panels of the supplement's figures: exact impulse curves beside the numbers printed there.
 
 The supplement of Jia, Mason and Erdmann (IJRR 32(1), 2013) draws I2 over I1 with the compression lines l1 and l2, per
 m1 abs(v0). Its parameters (44), and what its printed digits can bear, are in docs/errata.md.
@@ -23,17 +23,17 @@ from impact_xval.experiments.presentation.style import Drawn, styled_figure
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.model import Collision, Outcome, solve
 
-#: Colours of the states along a curve; S4 has no extent. Colour of what is printed: that of no state.
+#: Colours of the states along a curve (S4 has no extent), and the colour of printed numbers.
 _STATES = {1: "#000000", 2: "#0072B2", 3: "#D55E00"}
 _PRINTED = "#AA3377"
 
-#: By figure, the section of the supplement, and how far what it prints is from the exact velocities.
+#: By figure: the section of the supplement, and the distance of its printed velocities from the exact ones.
 _FIGURES = {"1": ("3.1", "6e-4"), "2": ("3.2", "5e-3"), "3": ("3.4", "")}
 
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """One panel of the supplement's figures: its stiffness ratio, final velocities and states as they are printed.
+    """One panel of the supplement's figures, with the printed stiffness ratio, final velocities and states.
 
     `corners` are points (I1, I2) on the way that the text states; `detail` is half the width of the window that shows
     where the curve ends, 0 without one.
@@ -118,7 +118,7 @@ def _figure(panels: list[Panel]) -> Figure:
 
 
 def _draw(ax: Any, panel: Panel, outcome: Outcome) -> None:
-    """Draw the exact curve, coloured by state, and the printed points."""
+    """Draw the exact curve, with one colour per state, and the printed points."""
     path = outcome.path
     assert path is not None
     i1, i2, end = path.impulse1, path.impulse2, panel.printed_end()
