@@ -51,7 +51,7 @@ PARAMETERS = {
 
 
 def parse_collision(parameters: Mapping[str, Any]) -> tuple[Collision, ChainSetup | None, Config]:
-    """Parse a collision from typed parameters: a pair by ratios or in SI units, or a chain of N balls.
+    """Make a collision of what is typed for one: two balls by ratios or in SI units, or a chain of N.
 
     Parameters are those of `PARAMETERS`, typed as options or in an address, None where nothing was. The configuration
     says how the collision is solved. A `UserError` names the option that is illegal.

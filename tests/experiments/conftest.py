@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from impact_xval.experiments.config.experiment import parse_config
-from impact_xval.experiments.presentation.report import present
+from impact_xval.experiments.presentation.report import present_run
 from impact_xval.experiments.sweep.run import present_once, run_sweep
 from tests.experiments import fakes
 from tests.model.conftest import compiled_kernels  # noqa: F401
@@ -55,7 +55,7 @@ def engine_run(tmp_path_factory):
     root = tmp_path_factory.mktemp("engines") / "a run"
     solvers = ["kelvin-voigt", "bistiffness", "mujoco"]
     settings = {"solvers": solvers, "scenario": "drop", "v0": -2.0, "name": HOSTILE}
-    present_once(run_sweep(parse_config(SMALL | settings), root, to_be_presented=True), present)
+    present_once(run_sweep(parse_config(SMALL | settings), root, to_be_presented=True), present_run)
     return root
 
 
@@ -64,7 +64,7 @@ def chain_run(tmp_path_factory):
     """A small run of chains, half of which no engine represents, with its page; no test changes it."""
     root = tmp_path_factory.mktemp("chains") / "run"
     result = run_sweep(parse_config(CHAINS), root, isolate=False, to_be_presented=True)
-    present_once(result, present, isolate=False)
+    present_once(result, present_run, isolate=False)
     return root
 
 
