@@ -51,9 +51,10 @@ def main() -> None:
         # That of m1 = k1 = 1 and v0 = -1.
         unit = config.gravity / (abs(config.v0) * math.sqrt(k1 / config.m1))
         between = corners(velocities, collisions, np.full(len(mu), unit))
-        ladder = split(collisions.masses, between, np.full_like(velocities, np.nan), between.asked)
+        ladder = split(collisions.masses, between, np.full_like(velocities, np.nan), between.engine_law)
         counted = (between.reason == "") & (model.grazing_margin >= config.grazing_threshold)
         counted &= ladder.divergence >= NOTHING
+        depends = ~ladder.same_by_every_order()  # on the order of the causes
         for edge, label in ((math.nan, "all"), *BANDS.items()):
             here = counted & (math.isnan(edge) | (band == edge))
             total = ladder.divergence[here].sum()
@@ -61,7 +62,7 @@ def main() -> None:
             shares = (f"{percent(x.mean())} ({_plain(x.min())} to {_plain(x.max())})" for x in orders.T)
             print(
                 f"| 1e{exponent} | {abs(config.v0) * math.sqrt(k1 / 1e8):.3g} | {unit:.2g} | {label} | {here.sum()} "
-                f"| {total / here.sum():.3f} | {' | '.join(shares)} | {np.count_nonzero(~ladder.agreed()[here])} |"
+                f"| {total / here.sum():.3f} | {' | '.join(shares)} | {np.count_nonzero(depends[here])} |"
             )
 
 

@@ -88,7 +88,7 @@ def scaling(repetitions: int, cells: int) -> None:
 def _stages(config: Config, workers: int) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as name:
         root = Path(name) / "run"
-        folder = run_sweep(config, root, workers=workers)
+        folder = run_sweep(config, root, workers=workers).folder
         session = folder.manifest()["sessions"][-1]
         return {**session["stages_s"], "whole": session["wall_time_s"]}
 
@@ -140,7 +140,7 @@ def one(cells: int) -> None:
     config = parse_config({"solvers": ENGINE_FREE, "scenario": "impact", "sample": {"n": cells}})
     root = Path(tempfile.mkdtemp()) / "run"
     try:
-        folder = run_sweep(config, root)
+        folder = run_sweep(config, root).folder
         start = time.perf_counter()
         write_tables(folder)
         stages = folder.manifest()["sessions"][-1]["stages_s"]

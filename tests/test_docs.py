@@ -13,8 +13,8 @@ import typer
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.commands.cli import app, main
 from impact_xval.experiments.config.experiment import load_config
-from impact_xval.experiments.hypothesis.config import load as load_hypothesis
-from impact_xval.experiments.hypothesis.own import load_own
+from impact_xval.experiments.hypothesis.config import load_hypothesis_config as load_hypothesis
+from impact_xval.experiments.hypothesis.own import load_own_collision
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -118,7 +118,7 @@ def test_experiments_are_legal(code, shown, tmp_path):
     path = tmp_path / "experiment.toml"
     path.write_text(code, encoding="utf-8")
     if "masses = " in code:
-        assert load_own(path) is not None
+        assert load_own_collision(path) is not None
     else:
         (load_hypothesis if "contrast" in code else load_config)(path)
 

@@ -1,4 +1,4 @@
-"""One collision, or one chain, by several solvers: how far each is from the model, as text, as HTML, as a picture."""
+"""Comparison of several solvers with the model on one collision or chain, as text, as HTML and as a picture."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from impact_xval.experiments.config.arrangements import ChainSetup
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.divergence import measures_of
 from impact_xval.experiments.presentation.document import Block, Table
-from impact_xval.experiments.presentation.html import fragment
-from impact_xval.experiments.presentation.terminal import say_waiting, show
+from impact_xval.experiments.presentation.html import render_blocks
+from impact_xval.experiments.presentation.terminal import print_blocks, say_waiting
 from impact_xval.experiments.presentation.words import (
     NO_RESULT,
     WHAT_NO_RESULT_IS,
-    arranged,
-    begun,
-    one_vote,
+    capitalise_first,
+    describe_chain,
+    describe_shared_laws,
 )
 from impact_xval.experiments.sweep.one import solvers_apart
 from impact_xval.experiments.tables.numbers import listed, number
@@ -46,9 +46,9 @@ from impact_xval.model.status import RESULT_STATUSES
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Letters of a line of the text, and dots per inch of the picture in a notebook.
+#: Width of the text in letters, and resolution of the picture in a notebook in dots per inch.
 _WIDTH, _DPI = 150, 100
-#: The rows of the table of a chain.
+#: Note below the table of a chain that explains its rows.
 _CHAIN_NOTE = (
     "v1, v2, ...: velocities per |v0|, up is positive. D: kinetic norm of the difference from the model. limit: "
     "largest difference of a velocity between an engine's limit dt -> 0 and the exact solver of its law; error: the "
@@ -57,15 +57,15 @@ _CHAIN_NOTE = (
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Compared:
-    """What several solvers made of one collision or chain; a notebook shows it as a table and a picture.
+class SolverComparison:
+    """Outcomes of several solvers for one collision or chain; a notebook shows a table and a picture.
 
     Attributes
     ----------
     problem : Collision
     outcomes : mapping of str to Outcome
         By solver, the model (`REFERENCE`) among them; velocities in m/s, impulses in N s, with their paths.
-    arranged : ChainSetup or None
+    chain : ChainSetup or None
         How a chain was set up, if it is known: in words above its table.
     versions : mapping of str to str
         By solver, the version that it states, of those that were asked.
@@ -73,30 +73,30 @@ class Compared:
 
     problem: Collision
     outcomes: Mapping[str, Outcome]
-    arranged: ChainSetup | None = None
+    chain: ChainSetup | None = None
     versions: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def is_chain(self) -> bool:
-        """Whether this is no problem of two balls as the paper has it, or was asked for as a chain."""
-        return self.arranged is not None or not self.problem.falls_on_resting
+        """Whether the problem was set up as a chain, or is not that of the paper, two balls on a table."""
+        return self.chain is not None or not self.problem.falls_on_resting
 
     @property
     def divergences(self) -> dict[str, float]:
-        """Velocity divergence D from the model, by solver; NaN where one of the two has no result."""
+        """Velocity divergence D from the model, by solver; NaN if the solver or the model has no result."""
         return {name: each["velocity_divergence"] for name, each in self._measures.items()}
 
     @property
     def scaled(self) -> dict[str, list[float]]:
-        """Velocities per speed of impact, of solvers with a result in the order of laws."""
+        """Velocities per speed of impact by solver, in the order of laws; solvers without a result are skipped."""
         return {name: velocities for name, velocities in self._known.items() if self._mark(name) == ""}
 
     #: How a chain was set up, in words; empty if it is not known.
-    setup = property(lambda self: "" if self.arranged is None else arranged(self.arranged))
+    setup = property(lambda self: "" if self.chain is None else describe_chain(self.chain))
 
     @property
     def _known(self) -> dict[str, list[float]]:
-        """Velocities per speed of impact, of solvers that came to any, in the order of laws."""
+        """Velocities per speed of impact by solver, in the order of laws; solvers without velocities are skipped."""
         all_of = {name: self.outcomes[name].velocities for name in sort_by_law(self.outcomes)}
         return {
             name: [v / self._speed for v in all_of[name]]
@@ -105,7 +105,7 @@ class Compared:
         }
 
     def _mark(self, name: str) -> str:
-        """Return what follows a number of a solver: a mark where the solver has no result."""
+        """Return the mark after the numbers of a solver without a result; empty for other solvers."""
         return "" if self.outcomes[name].status in RESULT_STATUSES else NO_RESULT
 
     _measures = property(lambda self: measures_of(self.problem, self.outcomes))
@@ -113,9 +113,9 @@ class Compared:
 
     @property
     def between(self) -> dict[tuple[str, str], float]:
-        """D between every two solvers with a result, each pair once, in the order of laws; it is the same both ways.
+        """D between every two solvers with a result, in the order of laws; each pair once, because D is symmetric.
 
-        That is the kinetic norm of the difference of final velocities over that of the velocities at first touch.
+        D is the kinetic norm of the difference of final velocities over that of the velocities at first touch.
         """
         masses, length = self.problem.masses, kinetic_norm(self.problem.masses, self.problem.velocities)
         results = {name: np.array(self.outcomes[name].velocities) for name in self.scaled}
@@ -125,9 +125,9 @@ class Compared:
         }
 
     def objects(self) -> list[dict[str, Any]]:
-        """Return an object a solver: velocities per abs(v0), impulses per m1 abs(v0), times in s.
+        """Return one object per solver: velocities per abs(v0), impulses per m1 abs(v0), times in s.
 
-        Numbers that are not there are NaN, a margin without an end infinite; JSON has null for both.
+        Missing numbers are NaN, and a grazing margin without an end is infinite; JSON has null for both.
         """
         measures, speed = self._measures, self._speed
         return [
@@ -157,25 +157,25 @@ class Compared:
     def plot(self) -> Figure:
         """Draw impulse curves and velocities of two balls, or the final velocities of a chain.
 
-        A `ValueError` says that no solver has a path, or of a chain a result, to draw.
+        A `ValueError` says that there is nothing to draw: no path of two balls, or no result of a chain.
         """
         from impact_xval.experiments.presentation.pictures.curves import (
             draw_collision,
-            drawn_paths,
-            velocities_figure,
+            draw_velocities,
+            drawable_paths,
         )
 
         if self.is_chain and self.scaled:
-            return velocities_figure(self.scaled)
-        if not self.is_chain and (paths := drawn_paths(self.problem, self.outcomes)):
+            return draw_velocities(self.scaled)
+        if not self.is_chain and (paths := drawable_paths(self.problem, self.outcomes)):
             return draw_collision(self.problem, paths)
         statuses = {name: each.status for name, each in self.outcomes.items()}
         raise ValueError(f"no solver has a path to draw ({statuses}); legal: a collision that one solves")
 
     def blocks(self) -> list[Block]:
-        """Return the table of all solvers, and what there is to say of them."""
+        """Return the table of all solvers, and the sentences on it."""
         table = self._chain_table() if self.is_chain else self._collision_table()
-        setup = begun(f"{self.setup}.") if self.setup else ""
+        setup = capitalise_first(f"{self.setup}.") if self.setup else ""
         note = _CHAIN_NOTE if self.is_chain and table.rows else ""
         withheld = WHAT_NO_RESULT_IS if any(map(self._mark, self._known)) else ""
         reasons = [f"{n}: {each.status}: {each.reason}" for n, each in self.outcomes.items() if each.reason]
@@ -190,7 +190,7 @@ class Compared:
                     note,
                     withheld,
                     self._matrix(),
-                    one_vote(self.outcomes),
+                    describe_shared_laws(self.outcomes),
                     *reasons,
                     *marks,
                     *other,
@@ -200,40 +200,42 @@ class Compared:
         ]
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows: the table, and the picture as part of it."""
+        """Return the table and the picture as HTML for a notebook."""
         file = io.BytesIO()
         try:
             self.plot().savefig(file, format="png", dpi=_DPI)
         except ValueError:  # there is nothing to draw
-            return fragment(self.blocks())
+            return render_blocks(self.blocks())
         picture = Markup('<img alt="{} by every solver" src="data:image/png;base64,{}" style="{}">').format(
             "final velocity of each ball" if self.is_chain else "impulse curves and velocities",
             base64.b64encode(file.getvalue()).decode("ascii"),
             "max-width: 100%; background: white",
         )
-        return fragment([*self.blocks(), picture])
+        return render_blocks([*self.blocks(), picture])
 
     def __str__(self) -> str:
         file = io.StringIO()
-        show(Console(file=file, width=_WIDTH, force_jupyter=False, force_terminal=False), self.blocks())
+        print_blocks(
+            Console(file=file, width=_WIDTH, force_jupyter=False, force_terminal=False), self.blocks()
+        )
         return file.getvalue()
 
     __repr__ = __str__
 
     def _collision_table(self) -> Table:
-        away, known, unit, rows = self.divergences, self._known, self.problem.units.impulse, []
+        divergences, known, unit, rows = self.divergences, self._known, self.problem.units.impulse, []
         for name in sort_by_law(self.outcomes):
-            outcome, shown = self.outcomes[name], ["-"] * 6
+            outcome, cells = self.outcomes[name], ["-"] * 6
             if name in known:
                 numbers = [*known[name], *(impulse / unit for impulse in outcome.impulses)]
-                shown = [self._written(name, each) for each in numbers]
-                shown += [number(away[name]), " ".join(outcome.states)]
-            rows.append((stated_law(name) or name, name, outcome.status, *shown))
+                cells = [self._written(name, each) for each in numbers]
+                cells += [number(divergences[name]), " ".join(outcome.states)]
+            rows.append((stated_law(name) or name, name, outcome.status, *cells))
         header = "law solver status v1/|v0| v2/|v0| I1/(m1|v0|) I2/(m1|v0|) D states"
         return Table(header.split(), rows, text=3)
 
     def _matrix(self) -> Table | None:
-        """Lay out D between every two solvers; None where the table says all of it, of D from the model."""
+        """Lay out D between every two solvers; None with fewer than three, whose D the other table has."""
         names, between = list(self.scaled), self.between
         if len(names) < 3:
             return None
@@ -245,18 +247,18 @@ class Compared:
         return Table(["solver", *names[:-1]], filled, "D between every two solvers")
 
     def _versions(self) -> str:
-        """Say which versions of engines and plug-ins solved this; all other solvers are of the project."""
+        """Name the versions of the project and of the engines and plug-ins that solved this."""
         others = [name for name in self.outcomes if is_engine(name) or not is_ours(name)]
         said = [f"{name} {self.versions[name]}" for name in others if self.versions.get(name)]
         ours = f"impact-xval {version('impact-xval')}"
         return f"Versions: {listed([ours, *said])}." if said else ""
 
     def _written(self, name: str, value: float) -> str:
-        """Write a number of a solver, marked where the solver has no result."""
+        """Write a number of a solver, with its mark."""
         return "-" if np.isnan(value) else f"{value:.6f}{self._mark(name)}"
 
     def _chain_table(self) -> Table:
-        """Lay out a chain: a fact a row, for there are more of them than solvers."""
+        """Lay out a chain with one row per fact and one column per solver, because facts outnumber solvers."""
         measures, facts = self._measures, {}
         for name, velocities in self._known.items():
             outcome, measured = self.outcomes[name], measures[name]
@@ -275,7 +277,9 @@ class Compared:
         return Table(["solver", *facts], rows)
 
 
-def compare(problem: Collision, solvers: Sequence[str] | None = None, *, timeout: float = 300.0) -> Compared:
+def compare(
+    problem: Collision, solvers: Sequence[str] | None = None, *, timeout: float = 300.0
+) -> SolverComparison:
     """Solve one collision, or one chain, by several solvers without gravity, and compare them with the model.
 
     Each solver runs in a process of its own, within a limit of time: one that crashes or hangs has a status that says
@@ -298,4 +302,4 @@ def compare(problem: Collision, solvers: Sequence[str] | None = None, *, timeout
     config = parse_config({"scenario": "impact", "cell_timeout": timeout, "solvers": names}, where="")
     with solvers_apart(config.solvers, chains=not problem.falls_on_resting) as apart:
         outcomes = apart.solve(problem, config, config.solvers, get_solver, say_waiting)
-        return Compared(problem, outcomes, versions=apart.versions)
+        return SolverComparison(problem, outcomes, versions=apart.versions)

@@ -1,6 +1,6 @@
-"""The explorer: a page of this machine whose chart and table follow its sliders.
+"""The explorer: a page, served to this machine alone, whose chart and table follow its sliders.
 
-Solvers run in processes apart, engines beside the exact ones: no crash or long run of an engine holds a slider up.
+Exact solvers and engines run in separate processes: no crash or long run of an engine delays a slider.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ from bokeh.embed import json_item
 
 from impact_xval.compliant_baselines import get_solver, solver_names
 from impact_xval.compliant_baselines.registry import is_engine, sort_by_law
-from impact_xval.experiments.cells.compared import Compared
-from impact_xval.experiments.config.collision_options import asked
+from impact_xval.experiments.cells.compared import SolverComparison
+from impact_xval.experiments.config.collision_options import parse_collision
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.presentation.document import Table
-from impact_xval.experiments.presentation.html import fragment, page_of, render
+from impact_xval.experiments.presentation.html import render_blocks, render_page, render_template
 from impact_xval.experiments.presentation.page.charts import bokeh_script, curves_chart, velocities_chart
-from impact_xval.experiments.presentation.page.opened import curve_of
+from impact_xval.experiments.presentation.page.opened import impulse_curve
 from impact_xval.experiments.sweep.one import SolversApart, solvers_apart
 from impact_xval.experiments.sweep.process import ClosedError
 from impact_xval.model.outcome import Outcome
 
-#: Solvers that the button runs, and those that follow the sliders.
+#: Solvers that run by the button, and solvers that follow the sliders.
 ENGINES = tuple(filter(is_engine, solver_names()))
 EXACT = tuple(name for name in solver_names() if name not in ENGINES)
 
 
-class Cells:
-    """Cells that pages ask for; `ending` ends the processes, which begin when they are first needed."""
+class ExplorerCells:
+    """Solves the cells that pages ask for; processes begin when they are first needed, and `ending` ends them."""
 
     def __init__(self, ending: contextlib.ExitStack) -> None:
         self._ending = ending
@@ -55,27 +55,27 @@ class Cells:
         That is ``problem``, one line; or ``results``, HTML, and ``data`` of the charts.
         """
         given = parse_qsl(query, keep_blank_values=True)
-        typed = (("cell_timeout", "60"), *(each for each in given if each[0] != "solver"))
+        typed = (("cell_timeout", "60"), *(pair for pair in given if pair[0] != "solver"))
         try:
-            collision, arranged, _ = asked(dict(typed))
+            collision, chain, _ = parse_collision(dict(typed))
         except ValueError as error:
             return {"problem": str(error)}
         outcomes = self._solve(typed, EXACT)
         for key, name in given:
             if key == "solver" and name in ENGINES:
                 outcomes |= self._engine(typed, (name,))
-        versions = {name: each for apart in self._apart.values() for name, each in apart.versions.items()}
-        compared = Compared(collision, outcomes, arranged, versions)
+        versions = {name: pair for apart in self._apart.values() for name, pair in apart.versions.items()}
+        compared = SolverComparison(collision, outcomes, chain, versions)
         blocks = compared.blocks()
         if compared.is_chain:  # its table counts states
-            rows = [(name, " ".join(each.states)) for name, each in outcomes.items() if each.states]
+            rows = [(name, " ".join(pair.states)) for name, pair in outcomes.items() if pair.states]
             blocks.append(Table(["solver", "contacts that act"], rows, text=2))
-        return {"results": fragment(blocks), "data": _data(compared)}
+        return {"results": render_blocks(blocks), "data": _data(compared)}
 
     def _solve(self, typed: tuple[tuple[str, str], ...], names: tuple[str, ...]) -> dict[str, Outcome]:
-        """Solve a cell by solvers of one sort, once those before it are solved."""
-        collision, arranged, config = asked(dict(typed))
-        engines, points = names != EXACT, None if arranged is None else 0
+        """Solve a cell by engines or by exact solvers, after the earlier cells of the same sort."""
+        collision, chain, config = parse_collision(dict(typed))
+        engines, points = names != EXACT, None if chain is None else 0
         with self._turn[engines]:
             with self._starting:
                 if self.closed:
@@ -86,13 +86,13 @@ class Cells:
             return self._apart[engines].solve(collision, config, names, get_solver, lambda _: None, points)
 
     def close(self) -> None:
-        """Start no more processes: those that there are end with the block."""
+        """Start no more processes; the running ones end with the block."""
         with self._starting:
             self.closed = True
 
 
-def _data(compared: Compared) -> dict[str, dict[str, Any]]:
-    """Return what the sources of the charts hold; a solver that has nothing to draw has empty ones."""
+def _data(compared: SolverComparison) -> dict[str, dict[str, Any]]:
+    """Return the data of the charts' sources; the sources of a solver with nothing to draw are empty."""
     collision, kinds = compared.problem, ("balls", "curve", "end")
     data = {f"{kind} {name}": {"x": [], "y": []} for name in (*EXACT, *ENGINES) for kind in kinds}
     if compared.is_chain:
@@ -101,7 +101,7 @@ def _data(compared: Compared) -> dict[str, dict[str, Any]]:
         return data
     reach, mass = 0.0, collision.mass_ratio
     for name, outcome in compared.outcomes.items():
-        if (curve := curve_of(collision, outcome)) is not None:
+        if (curve := impulse_curve(collision, outcome)) is not None:
             data[f"curve {name}"] = dict(zip("xy", curve, strict=True))
             data[f"end {name}"] = {"x": curve[0][-1:], "y": curve[1][-1:]}
             reach = max(reach, *curve[0], *curve[1])
@@ -110,37 +110,37 @@ def _data(compared: Compared) -> dict[str, dict[str, Any]]:
 
 
 @cache
-def page() -> str:
-    """Return the page, which then asks for cells."""
+def explorer_page() -> str:
+    """Return the page as HTML; its script then asks for cells."""
     solvers = sort_by_law([*EXACT, *ENGINES])
     charts = {"curves": curves_chart(solvers), "velocities": velocities_chart(solvers)}
     items = [json_item(chart, ID(name)) for name, chart in charts.items()]
-    form = render("explore.html.j2", charts=items, engines=ENGINES, bokeh=bokeh_script())
-    return page_of("One collision, as it moves", [form])
+    form = render_template("explore.html.j2", charts=items, engines=ENGINES, bokeh=bokeh_script())
+    return render_page("One collision, as it moves", [form])
 
 
 class _Server(ThreadingHTTPServer):
-    #: Threads are waited for: one that was importing when the interpreter ended aborted it ("exception not rethrown").
+    #: Threads are joined: one that imported while the interpreter ended aborted it ("exception not rethrown").
     daemon_threads = False
-    cells: Cells
+    cells: ExplorerCells
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Say nothing of a page that was closed, nor of a cell that Ctrl-C ended."""
+        """Ignore the errors of a closed page and of a cell that Ctrl-C ended."""
         if not (self.cells.closed or isinstance(sys.exc_info()[1], OSError | ClosedError | CancelledError)):
             super().handle_error(request, client_address)
 
 
 class _Request(BaseHTTPRequestHandler):
     server: Any
-    #: Seconds: browsers open connections in advance, and may ask nothing.
+    #: Seconds until a silent connection is closed: browsers open connections in advance.
     timeout = 5
 
     def do_GET(self) -> None:
-        """Answer with the page, or with what it shows of a cell."""
+        """Answer with the page, or with the results of a cell."""
         path, _, query = self.path.partition("?")
         kind, text = "text/plain", ""  # such as the icon, which browsers ask for
         if path == "/":
-            kind, text = "text/html", page()
+            kind, text = "text/html", explorer_page()
         elif path == "/solved":
             kind, text = "application/json", json.dumps(self.server.cells.answer(query))
         self.send_response(200)
@@ -153,18 +153,18 @@ class _Request(BaseHTTPRequestHandler):
 
 
 def explore(port: int, opened: Callable[[str], object]) -> None:
-    """Serve the page on this machine alone, until interrupted; all that was started is gone then.
+    """Serve the page to this machine alone until interrupted, and then end all processes and threads.
 
-    `opened` is told where the page is; port 0 is any that is free.
+    `opened` is called with the address of the page. Port 0 stands for any free port.
     """
     with contextlib.ExitStack() as ending:
-        cells = Cells(ending)
+        cells = ExplorerCells(ending)
         try:
             server = ending.enter_context(_Server(("127.0.0.1", port), _Request))
         except OSError as error:
             raise UserError(f"--port = {port}: {error.strerror}; legal: a free one (0: any)") from None
         server.cells = cells
-        # Beside the main thread: Ctrl-C, which that meets, could come while a request's thread is started.
+        # Not in the main thread, which receives Ctrl-C: it could come while the thread of a request is started.
         threading.Thread(target=server.serve_forever, daemon=True).start()
         try:
             opened(f"http://127.0.0.1:{server.server_port}/")

@@ -19,14 +19,14 @@ from typing import Annotated, Any
 
 import typer
 
-from impact_xval.experiments.commands import contact, hypothesis, one, runs, scoreboard, solvers
+from impact_xval.experiments.commands import contact, hypothesis, runs, scoreboard, single_collision, solvers
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 
 PROGRAM = "impact-xval"
-#: Errors of a file or folder that is there, and that the user may not use: wrong input, no failure of ours.
+#: Error numbers of files that exist and that the user may not use: they count as wrong input.
 _NOT_THEIRS = (errno.EACCES, errno.EPERM, errno.EROFS)
 
-#: Packages of the engines, as they are distributed. Stated here, for no adapter is imported to show versions.
+#: Distributions of the engines. They stand here because showing versions imports no adapter.
 ENGINE_PACKAGES = ("mujoco", "pybullet", "drake", "pymunk", "dartpy", "rapier3d", "sapien", "newton")
 
 app = typer.Typer(
@@ -56,7 +56,7 @@ def _root(
 
 
 def _versions() -> str:
-    """Name the versions of the project, Python, NumPy and each installed engine, none of which is imported."""
+    """List the versions of the project, Python, NumPy and the installed engines, without importing an engine."""
     lines = [f"{PROGRAM} {version('impact-xval')}", f"Python {platform.python_version()}"]
     for package in ("numpy", *ENGINE_PACKAGES):
         with suppress(PackageNotFoundError):
@@ -65,21 +65,21 @@ def _versions() -> str:
 
 
 # In the order of the help.
-for command in (
-    runs.run,
-    runs.show,
-    runs.report,
-    runs.compare,
-    one.solve,
-    one.explore,
-    hypothesis.hypothesis,
-    scoreboard.scoreboard,
-    contact.contact,
-    one.scene,
-    solvers.solvers,
-    solvers.inspect,
-):
-    app.command()(command)
+for name, command in {
+    "run": runs.run_command,
+    "show": runs.show_command,
+    "report": runs.report_command,
+    "compare": runs.compare_command,
+    "solve": single_collision.solve_command,
+    "explore": single_collision.explore_command,
+    "hypothesis": hypothesis.hypothesis_command,
+    "scoreboard": scoreboard.scoreboard_command,
+    "contact": contact.contact_command,
+    "scene": single_collision.scene_command,
+    "solvers": solvers.solvers_command,
+    "inspect": solvers.inspect_command,
+}.items():
+    app.command(name)(command)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
-from impact_xval.experiments.commands.options import number, one_of, option
+from impact_xval.experiments.commands.options import option, parse_number, word_parser
 from impact_xval.experiments.config.errors import UserError
 
 
-def contact(
+def contact_command(
     engine: str = option(
-        "NAME", "'mujoco', 'pybullet' or 'drake'.", one_of("mujoco", "pybullet", "drake"), ...
+        "NAME", "'mujoco', 'pybullet' or 'drake'.", word_parser("mujoco", "pybullet", "drake"), ...
     ),
     masses: tuple[float, float] | None = option(
-        "KG KG", "Of the two bodies, 1e-15 to 1e15; inf for a fixed one.", number
+        "KG KG", "Of the two bodies, 1e-15 to 1e15; inf for a fixed one.", parse_number
     ),
-    restitution: float | None = option("E", "From 1e-4 to 1; by default that of the materials.", number),
-    stiffness: float | None = option("N/M", "Of the contact.", number),
-    duration: float | None = option("S", "Of the contact; instead of a stiffness.", number),
+    restitution: float | None = option(
+        "E", "From 1e-4 to 1; by default that of the materials.", parse_number
+    ),
+    stiffness: float | None = option("N/M", "Of the contact.", parse_number),
+    duration: float | None = option("S", "Of the contact; instead of a stiffness.", parse_number),
     material: list[str] | None = option(
         "NAME", "Instead of masses and stiffness: steel, glass, brass, rubber or ping-pong; twice for two."
     ),
     radius: list[float] | None = option(
-        "M", "Of a ball of the material; twice for two balls, else the other is a flat.", number
+        "M", "Of a ball of the material; twice for two balls, else the other is a flat.", parse_number
     ),
-    speed: float = option("M/S", "Speed of approach, 1e-9 to 1e9.", number, 1.0),
+    speed: float = option("M/S", "Speed of approach, 1e-9 to 1e9.", parse_number, 1.0),
 ) -> None:
     """Print what to paste into a scene for a contact.
 
@@ -37,8 +39,13 @@ def contact(
     from impact_xval.compliant_baselines.engines.engine import Engine
     from impact_xval.compliant_baselines.single_contact import make_pair, measure_largest_step
     from impact_xval.experiments.presentation.contacts import contact_blocks
-    from impact_xval.experiments.presentation.terminal import at_work, error_line, make_console, show
-    from impact_xval.experiments.presentation.words import restitution_of_two
+    from impact_xval.experiments.presentation.terminal import (
+        error_line,
+        make_console,
+        print_blocks,
+        report_waiting,
+    )
+    from impact_xval.experiments.presentation.words import describe_restitution_product
 
     try:
         numbers = masses, restitution, stiffness, duration, speed
@@ -49,9 +56,9 @@ def contact(
     assert isinstance(solver, Engine)
     error_line(f"trying steps in {engine} ...")
     try:
-        with at_work(f"trying steps in {engine}"):
+        with report_waiting(f"trying steps in {engine}"):
             blocks = contact_blocks(solver, pair, touch, *measure_largest_step(solver, pair))
     except SolverError as error:
         raise UserError(f"--engine {engine}: {error.status}: {error.reason}") from None
-    product = restitution_of_two([engine], pair.restitution)
-    show(make_console(), [*blocks, *([product] if product else [])])
+    product = describe_restitution_product([engine], pair.restitution)
+    print_blocks(make_console(), [*blocks, *([product] if product else [])])

@@ -5,22 +5,28 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from impact_xval.experiments.commands.options import Workers, argument, of_one_collision, option, path
+from impact_xval.experiments.commands.options import (
+    Workers,
+    argument,
+    option,
+    parse_path,
+    with_collision_options,
+)
 from impact_xval.experiments.commands.runs import check_holds_something, writing_folder
-from impact_xval.experiments.config.collision_options import asked
+from impact_xval.experiments.config.collision_options import parse_collision
 from impact_xval.experiments.config.errors import UserError
 
 
-@of_one_collision("scenario", "gravity", "exponent", "gap", "step_fraction", "cell_timeout")
-def hypothesis(
+@with_collision_options("scenario", "gravity", "exponent", "gap", "step_fraction", "cell_timeout")
+def hypothesis_command(
     config: Path | None = argument(
         "[FILE.toml]",
         "A test (without it, the built-in design), or a collision: masses, stiffnesses, restitutions, velocities.",
-        path,
+        parse_path,
         None,
     ),
     *,
-    out: Path | None = option("DIR", "Folder to write; by default runs/hypothesis.", path),
+    out: Path | None = option("DIR", "Folder to write; by default runs/hypothesis.", parse_path),
     workers: Workers = None,
     **typed: str | None,
 ) -> None:
@@ -39,54 +45,54 @@ def hypothesis(
     given = [f"--{name.replace('_', '-')}" for name, value in typed.items() if value is not None]
     if config is not None and given:
         raise UserError(f"{config} and {given[0]} are given; legal: a file, or a collision by options")
-    own = None
+    collision_and_contact = None
     if given:
-        collision, _, _ = asked(typed)
-        own = collision, None
+        collision, _, _ = parse_collision(typed)
+        collision_and_contact = collision, None
     elif config is not None:
-        from impact_xval.experiments.hypothesis.own import load_own
+        from impact_xval.experiments.hypothesis.own import load_own_collision
 
-        own = load_own(config)
-    if own is None:
+        collision_and_contact = load_own_collision(config)
+    if collision_and_contact is None:
         _test(config, out or Path("runs") / "hypothesis", workers)
         return
     for name, value in (("out", out), ("workers", workers)):
         if value is not None:
             raise UserError(f"--{name} = {value}: of one collision nothing is written; legal: without it")
-    from impact_xval.experiments.hypothesis.own import own_blocks, own_pair
+    from impact_xval.experiments.hypothesis.own import judge_own_pair, own_pair_blocks
     from impact_xval.experiments.presentation.terminal import (
         COMPILING,
-        at_work,
         error_line,
         make_console,
-        show,
+        print_blocks,
+        report_waiting,
     )
     from impact_xval.experiments.sweep.chunk import are_compiled
 
-    if not are_compiled("state-transition", pair=own[0].falls_on_resting):
+    if not are_compiled("state-transition", pair=collision_and_contact[0].falls_on_resting):
         error_line(COMPILING)
-    with at_work("solving the collision at rising contrasts"):
-        found = own_pair(*own)
-    show(make_console(), own_blocks(found))
+    with report_waiting("solving the collision at rising contrasts"):
+        pair = judge_own_pair(*collision_and_contact)
+    print_blocks(make_console(), own_pair_blocks(pair))
 
 
 def _test(config: Path | None, root: Path, workers: int | None) -> None:
     """Put the supplement's limits to the test, into a folder; print verdicts and where the page is."""
-    from impact_xval.experiments.hypothesis.config import load
+    from impact_xval.experiments.hypothesis.config import load_hypothesis_config
 
     start = time.perf_counter()
     if config is not None:
         check_holds_something(config, "hypothesis")
-    design = load(config)
-    from impact_xval.experiments.hypothesis.page import show_verdicts, write_all
-    from impact_xval.experiments.hypothesis.run import results, stages
+    design = load_hypothesis_config(config)
+    from impact_xval.experiments.hypothesis.page import show_verdicts, write_hypothesis
+    from impact_xval.experiments.hypothesis.run import judge_runs, prepare_runs
     from impact_xval.experiments.presentation.terminal import make_console, print_line
 
     words, console = ["hypothesis", *([config] if config else []), "--out", root], make_console()
-    for name, solve in stages(design, root):
+    for name, solve in prepare_runs(design, root):
         with writing_folder(words, console, name) as progress:
             solve(workers=workers, progress=progress)
-    found = results(design, root)
-    page = write_all(found, root)
-    show_verdicts(console, found)
+    results = judge_runs(design, root)
+    page = write_hypothesis(results, root)
+    show_verdicts(console, results)
     print_line(console, f"{time.perf_counter() - start:.0f} s; the page is {page}")

@@ -1,4 +1,4 @@
-"""Options that several commands share, and the reading of what is typed for any of them.
+"""Options that several commands share, and parsers of their values.
 
 An error is one line that names the option, the value and the legal range: of a collision a configuration judges them,
 of other options a parser. Nothing heavy is imported, so that help comes at once.
@@ -19,15 +19,15 @@ from impact_xval.experiments.config.collision_options import PARAMETERS
 from impact_xval.experiments.config.errors import UserError
 
 
-def number(text: str) -> float:
-    """Read a number; infinities and NaN are judged where it is used."""
+def parse_number(text: str) -> float:
+    """Read a number; the command that uses it checks for infinity and NaN."""
     try:
         return float(text)
     except ValueError:
         raise typer.BadParameter(f"{text!r:.60}; legal: a number") from None
 
 
-def whole(low: int, high: int) -> Callable[[str], int]:
+def whole_number_parser(low: int, high: int) -> Callable[[str], int]:
     """Return a parser of whole numbers in a range."""
 
     def read(text: str) -> int:
@@ -38,16 +38,16 @@ def whole(low: int, high: int) -> Callable[[str], int]:
     return read
 
 
-def path(text: str) -> Path:
-    """Read a path; what is there is for the command to judge."""
+def parse_path(text: str) -> Path:
+    """Read a path; the command that uses it checks what is there."""
     # pathlib takes the empty text, a variable of the shell that is not set, for ".".
     if not text or not text.isprintable():
         raise typer.BadParameter(f"{text!r:.60}; legal: a path")
     return Path(text)
 
 
-def one_of(*words: str) -> Callable[[str], str]:
-    """Return a parser of words."""
+def word_parser(*words: str) -> Callable[[str], str]:
+    """Return a parser that accepts these words only."""
 
     def read(text: str) -> str:
         if text not in words:
@@ -57,25 +57,22 @@ def one_of(*words: str) -> Callable[[str], str]:
     return read
 
 
-def share(text: str) -> tuple[int, int]:
+def parse_shard(text: str) -> tuple[int, int]:
     """Read ``I/N`` of --shard: number of a shard, from 1, and how many there are."""
-    found = re.fullmatch(r"(\d{1,5})/(\d{1,5})", text)
-    if found is None or not 1 <= int(found[1]) <= int(found[2]):
+    parts = re.fullmatch(r"(\d{1,5})/(\d{1,5})", text)
+    if parts is None or not 1 <= int(parts[1]) <= int(parts[2]):
         raise UserError(f"--shard = {text!r:.60}; legal: I/N, I from 1 to N, such as 1/4")
-    return int(found[1]), int(found[2])
+    return int(parts[1]), int(parts[2])
 
 
 def print_json(value: Any) -> None:
-    """Print strict JSON, which has no infinity and no NaN: null stands there."""
+    """Print strict JSON, with null for infinity and NaN."""
     plain = json.loads(json.dumps(value), parse_constant=lambda _: None)
     typer.echo(json.dumps(plain, indent=2))
 
 
 def known_solvers(solvers: list[str] | None) -> list[str]:
-    """Check the names of solvers, and add the model, as a run does; without any, those that a run has by default.
-
-    The model comes last where it was not asked for.
-    """
+    """Check the names of solvers and append the model if it is missing; without names, return the default solvers."""
     from impact_xval.compliant_baselines.registry import solver_names
     from impact_xval.experiments.config.experiment import REFERENCE, solvers_problem
 
@@ -86,24 +83,28 @@ def known_solvers(solvers: list[str] | None) -> list[str]:
     return names if REFERENCE in names else [*names, REFERENCE]
 
 
-def option(metavar: str, what: str, parser: Callable[[str], Any] | None = None, default: Any = None) -> Any:
+def option(
+    metavar: str, help_text: str, parser: Callable[[str], Any] | None = None, default: Any = None
+) -> Any:
     """Return an option with a value; `...` as its default makes it required."""
-    return typer.Option(default, metavar=metavar, help=what, parser=parser)
+    return typer.Option(default, metavar=metavar, help=help_text, parser=parser)
 
 
-def argument(metavar: str, what: str, parser: Callable[[str], Any] | None = None, default: Any = ...) -> Any:
+def argument(
+    metavar: str, help_text: str, parser: Callable[[str], Any] | None = None, default: Any = ...
+) -> Any:
     """Return an argument, required without a default."""
-    return typer.Argument(default, metavar=metavar, help=what, parser=parser)
+    return typer.Argument(default, metavar=metavar, help=help_text, parser=parser)
 
 
-def flag(name: str, what: str) -> Any:
+def flag(name: str, help_text: str) -> Any:
     """Return an option without a value."""
-    return typer.Option(False, name, help=what)
+    return typer.Option(False, name, help=help_text)
 
 
 Workers = Annotated[
     int | None,
-    typer.Option(metavar="N", parser=whole(1, 4096), help="Processes; by default one a core."),
+    typer.Option(metavar="N", parser=whole_number_parser(1, 4096), help="Processes; by default one a core."),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
@@ -113,8 +114,11 @@ Solvers = Annotated[
 ]
 
 
-def of_one_collision(*without: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command the parameters of one collision as options, in the place of its keywords."""
+def with_collision_options(*without: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator that replaces the keywords of a command by the options of one collision.
+
+    The options named in `without` are skipped.
+    """
 
     def add(command: Callable[..., None]) -> Callable[..., None]:
         signature = inspect.signature(command, eval_str=True)

@@ -19,13 +19,13 @@ from impact_xval.experiments.commands.options import (
     Workers,
     argument,
     flag,
-    number,
-    one_of,
     option,
-    path,
+    parse_number,
+    parse_path,
+    parse_shard,
     print_json,
-    share,
-    whole,
+    whole_number_parser,
+    word_parser,
 )
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 
@@ -36,11 +36,11 @@ if TYPE_CHECKING:
     from impact_xval.experiments.tables.folder import RunFolder
 
 
-def run(
+def run_command(
     config: Path | None = argument(
-        "[FILE.toml]", "The experiment; without it, the built-in grid.", path, None
+        "[FILE.toml]", "The experiment; without it, the built-in grid.", parse_path, None
     ),
-    out: Path | None = option("DIR", "Folder to write; by default runs/NAME.", path),
+    out: Path | None = option("DIR", "Folder to write; by default runs/NAME.", parse_path),
     workers: Workers = None,
     scheduler: str | None = option("ADDRESS", "Compute on a Dask cluster, by its scheduler."),
     shard: str = option(
@@ -56,11 +56,11 @@ def run(
     Example: impact-xval run my.toml --out my-run
     """
     start = time.perf_counter()
-    part = share(shard)
+    part = parse_shard(shard)
     experiment = _experiment(config, out, quick)
-    # Imported when the configuration is known to be legal: what solves takes a second.
+    # Imported once the configuration is known to be legal, because it takes a second.
     from impact_xval.experiments.presentation.terminal import make_console
-    from impact_xval.experiments.sweep.run import run_sweep
+    from impact_xval.experiments.sweep.run import present_once, run_sweep
 
     # A name in which nothing can leave the folder or hide.
     root = out or Path("runs") / (re.sub(r"[^A-Za-z0-9._-]+", "-", experiment.name).strip("-.") or "run")
@@ -68,42 +68,49 @@ def run(
     words += ["--scheduler", scheduler] if scheduler else []
     words += ["--shard", shard] if part != (1, 1) else []
     console = make_console()
-    summaries: list[Summary] = []
 
     def writer() -> Callable[[RunFolder, Apart], Summary]:
-        from impact_xval.experiments.presentation.report import present
+        from impact_xval.experiments.presentation.report import present_run
 
-        return present
+        return present_run
 
-    def presented(folder: RunFolder, apart: Apart) -> None:
-        summaries.append(writer()(folder, apart))
+    def write_page(folder: RunFolder, apart: Apart) -> Summary:
+        return writer()(folder, apart)
 
     def imported_ahead() -> None:
-        # What fails here is told by who needs it; as where the main thread was interrupted in the same import.
+        # A failure here is ignored: the import is repeated where it is needed, and fails there with its message.
         with contextlib.suppress(Exception):
             writer()
 
     with writing_folder(words, console, experiment.size()) as progress:
-        # Imported beside the cells, for matplotlib takes a second.
+        # Imported in a thread while cells are solved, because matplotlib takes a second.
         threading.Thread(target=imported_ahead).start()
-        shares: dict[str, Any] = {"workers": workers, "scheduler": scheduler, "shard": part}
-        folder = run_sweep(experiment, root, **shares, progress=progress, present=presented)
-    if summaries:  # else parts are left to other shards
+        result = run_sweep(
+            experiment,
+            root,
+            workers=workers,
+            scheduler=scheduler,
+            shard=part,
+            progress=progress,
+            to_be_presented=True,
+        )
+        summary = present_once(result, write_page)
+    if summary is not None:  # else parts are left to other shards, or another shard has written the page
         from impact_xval.experiments.presentation.terminal import error_line
         from impact_xval.experiments.presentation.views import show_end
 
-        show_end(console, summaries[-1], time.perf_counter() - start, str(folder.root))
-        found = summaries[-1].statistics
-        compared = found.n[(found.measure == "velocity_divergence") & (found.axis == "all")].any()
-        if len(experiment.solvers) > 1 and not compared:
-            shown = shlex.join(["impact-xval", "show", str(folder.root)])
-            error_line(f"no cell could be compared; {shown} says why, solver by solver")
+        show_end(console, summary, time.perf_counter() - start, str(root))
+        statistics = summary.statistics
+        is_overall = (statistics.measure == "velocity_divergence") & (statistics.axis == "all")
+        if len(experiment.solvers) > 1 and not statistics.n[is_overall].any():
+            show = shlex.join(["impact-xval", "show", str(root)])
+            error_line(f"no cell could be compared; {show} says why, solver by solver")
             raise typer.Exit(1)
 
 
-def show(
-    folder: Path = argument("DIR", "Folder of a run.", path),
-    cell: int | None = option("N", "One cell: outcomes, and why they differ.", whole(0, 10**7)),
+def show_command(
+    folder: Path = argument("DIR", "Folder of a run.", parse_path),
+    cell: int | None = option("N", "One cell: outcomes, and why they differ.", whole_number_parser(0, 10**7)),
     json: Json = False,
 ) -> None:
     """Show how far a run is, and what it found.
@@ -127,21 +134,21 @@ def show(
         else:
             views.show_cell(console, cell, rows)
         return
-    found = status_of(folder)
+    status = status_of(folder)
     if json:
-        print_json(asdict(found))
+        print_json(asdict(status))
         return
-    views.show_status(console, str(folder), found)
-    if found.state == "complete":
+    views.show_status(console, str(folder), status)
+    if status.state == "complete":
         from impact_xval.experiments.measures.summary import summarise
 
         views.show_summary(console, summarise(run_folder(folder)))
 
 
-def report(
-    folder: Path = argument("DIR", "Folder of a finished run, or with --supplement a new one.", path),
+def report_command(
+    folder: Path = argument("DIR", "Folder of a finished run, or with --supplement a new one.", parse_path),
     only: str | None = option(
-        "WHAT", "'page', 'tables' or 'figures': write that alone.", one_of("page", "tables", "figures")
+        "WHAT", "'page', 'tables' or 'figures': write that alone.", word_parser("page", "tables", "figures")
     ),
     latex: bool = flag("--latex", "Write the table of divergence as summary.tex too."),
     supplement: bool = flag(
@@ -156,22 +163,22 @@ def report(
     """
     from impact_xval.experiments.measures.summary import summarise
     from impact_xval.experiments.presentation import report as reports
-    from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line
+    from impact_xval.experiments.presentation.terminal import make_console, print_line, report_waiting
     from impact_xval.experiments.tables.folder import check_writable, finished, new_folder
 
     console = make_console()
     if supplement:
         from impact_xval.experiments.presentation.pictures.supplement import draw_supplement_figures
-        from impact_xval.experiments.presentation.style import save_all
+        from impact_xval.experiments.presentation.style import save_figures
 
         new_folder(folder, "")
-        with at_work("drawing the figures"):
-            for name, caption in save_all(draw_supplement_figures(), folder).items():
+        with report_waiting("drawing the figures"):
+            for name, caption in save_figures(draw_supplement_figures(), folder).items():
                 print_line(console, f"{folder / name}.svg: {caption}")
         return
     run = finished(folder)
     check_writable(folder)
-    with at_work("writing the report"):
+    with report_waiting("writing the report"):
         summary = summarise(run)
         if only in (None, "tables"):
             reports.write_tables(run, summary)
@@ -185,11 +192,11 @@ def report(
             print_line(console, str(reports.write_latex(run, summary)))
 
 
-def compare(
-    run_a: Path = argument("A", "A finished run.", path),
-    run_b: Path = argument("B", "One of the same cells.", path),
+def compare_command(
+    run_a: Path = argument("A", "A finished run.", parse_path),
+    run_b: Path = argument("B", "One of the same cells.", parse_path),
     tolerance: float = option(
-        "T", "Change of a velocity per |v0|, and of D, that is none; 0: no bit.", number, 1e-9
+        "T", "Change of a velocity per |v0|, and of D, that is none; 0: no bit.", parse_number, 1e-9
     ),
     json: Json = False,
 ) -> None:
@@ -201,24 +208,24 @@ def compare(
     Example: impact-xval compare before after --tolerance 1e-6
     """
     from impact_xval.experiments.presentation import views
-    from impact_xval.experiments.presentation.terminal import at_work, make_console
+    from impact_xval.experiments.presentation.terminal import make_console, report_waiting
     from impact_xval.experiments.tables.comparison import compare as compared
     from impact_xval.experiments.tables.folder import finished
 
     if not 0 <= tolerance < math.inf:
         raise UserError(f"--tolerance = {tolerance!r}; legal: a finite number >= 0 (of |v0|)")
-    with at_work("comparing the runs"):
-        found = compared(finished(run_a), finished(run_b), tolerance)
+    with report_waiting("comparing the runs"):
+        comparison = compared(finished(run_a), finished(run_b), tolerance)
     if json:
-        print_json(views.changes_object(found))
+        print_json(views.changes_to_json(comparison))
     else:
-        views.show_changes(make_console(), str(run_a), str(run_b), found)
-    if found.moved or found.alone or found.cells_alone:
+        views.show_changes(make_console(), str(run_a), str(run_b), comparison)
+    if comparison.moved or comparison.alone or comparison.cells_alone:
         raise typer.Exit(3)
 
 
 def _experiment(file: Path | None, root: Path | None, quick: bool) -> Config:
-    """Read an experiment from a file, or else from the folder of a run; without either it is the built-in one."""
+    """Read an experiment from a file, or else from the folder of a run, or else return the built-in one."""
     from impact_xval.experiments.config.experiment import load_config, parse_config
     from impact_xval.experiments.tables.folder import CONFIGURATION, check_continues
 
@@ -242,7 +249,7 @@ def _experiment(file: Path | None, root: Path | None, quick: bool) -> Config:
 
 
 def check_holds_something(file: Path, command: str) -> None:
-    """Refuse a file without a key: all would be as built in, by an oversight."""
+    """Refuse a file without keys: it would run the built-in design by mistake."""
     from impact_xval.experiments.config.errors import read_toml
 
     if not read_toml(file):
@@ -252,9 +259,10 @@ def check_holds_something(file: Path, command: str) -> None:
 
 @contextlib.contextmanager
 def writing_folder(words: list[Any], console: Any, before: str) -> Iterator[Progress]:
-    """Show the progress of what writes a folder; where it is stopped the error says which words continue it.
+    """Show the progress of the block, which writes a folder; if it is interrupted, the error says how to continue.
 
-    What is said `before` anything is computed comes with the first report: by then the input is known to be legal.
+    `words` are the words of the command that continues it. `before` is printed with the first report, when the input is
+    known to be legal.
     """
     from impact_xval.experiments.presentation.terminal import COMPILING, show_progress
     from impact_xval.model.compiled import is_compiled

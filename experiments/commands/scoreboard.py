@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from impact_xval.experiments.commands.options import Solvers, Workers, known_solvers, option, path
+from impact_xval.experiments.commands.options import Solvers, Workers, known_solvers, option, parse_path
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.renamed import CASES, STATUSES
 
@@ -16,10 +16,10 @@ if TYPE_CHECKING:  # which import NumPy
     from impact_xval.experiments.scoreboard.environments import Environment, NotInstalledError
 
 
-def scoreboard(
+def scoreboard_command(
     solver: Solvers = None,
-    out: Path | None = option("DIR", "Folder to write; by default runs/scoreboard.", path),
-    baseline: Path | None = option("DIR", "A scoreboard to hold this one against.", path),
+    out: Path | None = option("DIR", "Folder to write; by default runs/scoreboard.", parse_path),
+    baseline: Path | None = option("DIR", "A scoreboard to hold this one against.", parse_path),
     requirements: Annotated[
         list[str] | None,
         typer.Option(
@@ -43,11 +43,11 @@ def scoreboard(
     names = known_solvers(solver) if solver else ()
     import pandas as pd
 
-    from impact_xval.experiments.presentation.terminal import make_console, show, show_progress
-    from impact_xval.experiments.scoreboard.judging import moved
-    from impact_xval.experiments.scoreboard.page import ANSWERS, table_of, write_all
-    from impact_xval.experiments.scoreboard.playing import entrants, play
-    from impact_xval.experiments.scoreboard.releases import releases_in, write_releases
+    from impact_xval.experiments.presentation.terminal import make_console, print_blocks, show_progress
+    from impact_xval.experiments.scoreboard.judging import list_moved_answers
+    from impact_xval.experiments.scoreboard.page import ANSWERS, frame_table, write_scoreboard
+    from impact_xval.experiments.scoreboard.playing import collect_answers, list_entrants
+    from impact_xval.experiments.scoreboard.releases import compare_releases, write_releases
     from impact_xval.experiments.sweep.pool import available_cores
 
     try:
@@ -59,38 +59,42 @@ def scoreboard(
     elsewhere, missing = _environments(requirements or (), names)
     console, root = make_console(), out or Path("runs") / "scoreboard"
     with show_progress(console) as progress:
-        answers, there = play(entrants(names), root, workers or available_cores(), progress, elsewhere)
+        answers, answers_elsewhere = collect_answers(
+            list_entrants(names), root, workers or available_cores(), progress, elsewhere
+        )
     sections = []
     if requirements:
-        sections = [write_releases(releases_in(answers, there), missing, there, root)]
-    show(console, [*write_all(answers, root, sections), f"the page is {root / 'report.html'}"])
+        sections = [
+            write_releases(compare_releases(answers, answers_elsewhere), missing, answers_elsewhere, root)
+        ]
+    print_blocks(console, [*write_scoreboard(answers, root, sections), f"the page is {root / 'report.html'}"])
     for section in sections:
-        show(console, ["", section.title, *section.blocks])
+        print_blocks(console, ["", section.title, *section.blocks])
     gone: list[str] = []
-    found = answers.head(0)
+    moved = answers.head(0)
     if before is not None:
         gone = [] if solver else sorted(set(before.solver) - set(answers.solver))
-        show(console, [f"{name}: in {baseline}, and not here" for name in gone])
-        found = moved(before, answers)
-        caption = f"{len(found)} answers moved from those in {baseline}; the largest"
-        table = table_of(found.head(20), caption, 6)
-        show(console, [f"no answer moved from those in {baseline}" if found.empty else table])
+        print_blocks(console, [f"{name}: in {baseline}, and not here" for name in gone])
+        moved = list_moved_answers(before, answers)
+        caption = f"{len(moved)} answers moved from those in {baseline}; the largest"
+        table = frame_table(moved.head(20), caption, 6)
+        print_blocks(console, [f"no answer moved from those in {baseline}" if moved.empty else table])
     if missing:
         raise _all_in_one(missing)
-    if gone or len(found):
+    if gone or len(moved):
         raise typer.Exit(3)
 
 
 def _environments(
     texts: Sequence[str], names: Sequence[str]
 ) -> tuple[list[tuple[str, Environment]], list[NotInstalledError]]:
-    """Install what --with asks for; give each solver with the environment it is asked in, and what has failed.
+    """Install the requirements of --with; return the solvers with their environments, and the failures.
 
-    With `names` those solvers alone are asked. Where nothing can be installed, the first reason is raised.
+    With `names` only those solvers are returned. If nothing can be installed, a `UserError` has the first reason.
     """
     if not texts:
         return [], []
-    from impact_xval.experiments.presentation.terminal import at_work
+    from impact_xval.experiments.presentation.terminal import report_waiting
     from impact_xval.experiments.scoreboard.environments import (
         NotInstalledError,
         make_environment,
@@ -111,7 +115,7 @@ def _environments(
     missing: list[NotInstalledError] = []
     for requirement in requirements:
         try:
-            with at_work(f"installing {requirement} in an environment of its own"):
+            with report_waiting(f"installing {requirement} in an environment of its own"):
                 environment = make_environment(requirement)
         except NotInstalledError as error:
             missing.append(error)
@@ -123,7 +127,7 @@ def _environments(
 
 
 def _all_in_one(missing: Sequence[NotInstalledError]) -> UserError:
-    """Say in a line that versions could not be installed: why the first, and which others."""
+    """Make one error of several failures: the reason of the first, and the requirements of the rest."""
     first, *others = missing
     more = "".join(f", {other.requirement}" for other in others)
     return UserError(f"{first}" + (f" (and {len(others)} more:{more.removeprefix(',')})" if others else ""))

@@ -8,14 +8,21 @@ from pathlib import Path
 
 import typer
 
-from impact_xval.experiments.commands.options import Json, argument, number, option, path, print_json
+from impact_xval.experiments.commands.options import (
+    Json,
+    argument,
+    option,
+    parse_number,
+    parse_path,
+    print_json,
+)
 from impact_xval.experiments.config.errors import UserError
 
-#: Seconds that a check of a solver may take, and a scene to be loaded, measured and examined.
+#: Seconds that one check of a solver may take; seconds to load, measure and examine a scene.
 _TO_CHECK, _TO_INSPECT = 300.0, 120.0
 
 
-def solvers(
+def solvers_command(
     name: str | None = argument("[NAME]", "Check whether this one keeps the contract.", default=None),
     law: str = option("LAW", "The exact solver whose law NAME has, or 'none'.", default=""),
 ) -> None:
@@ -28,8 +35,8 @@ def solvers(
     """
     from impact_xval.compliant_baselines.registry import description_of, get_solver, origins, stated_law
     from impact_xval.experiments.presentation.document import Table
-    from impact_xval.experiments.presentation.terminal import at_work, make_console, show
-    from impact_xval.experiments.sweep.chunk import stated
+    from impact_xval.experiments.presentation.terminal import make_console, print_blocks, report_waiting
+    from impact_xval.experiments.sweep.chunk import ask_version
     from impact_xval.experiments.sweep.pool import Slot
 
     if law and name is None:
@@ -39,16 +46,16 @@ def solvers(
         return
     rows = []
     with contextlib.closing(Slot()) as slot:
-        for each, origin in origins().items():
-            with at_work(f"asking {each} what it is"):
-                version, reason = stated(slot, get_solver, each)
-            what = [description_of(each), "" if reason is None else f"unavailable: {reason}"]
+        for solver, origin in origins().items():
+            with report_waiting(f"asking {solver} what it is"):
+                version, reason = ask_version(slot, get_solver, solver)
+            remarks = [description_of(solver), "" if reason is None else f"unavailable: {reason}"]
             rows.append(
-                (each, stated_law(each) or "-", version or "-", origin, "; ".join(filter(None, what)))
+                (solver, stated_law(solver) or "-", version or "-", origin, "; ".join(filter(None, remarks)))
             )
     header = ("solver", "law asked for", "version", "from", "description")
     caption = "Solvers that are known here; those asked for the same law are one vote on it"
-    show(make_console(), [Table(header, rows, caption, text=5)])
+    print_blocks(make_console(), [Table(header, rows, caption, text=5)])
 
 
 def _check(name: str, law: str) -> None:
@@ -56,9 +63,9 @@ def _check(name: str, law: str) -> None:
     from impact_xval.compliant_baselines import conformance
     from impact_xval.compliant_baselines.registry import get_solver, law_of
     from impact_xval.experiments.config.experiment import solvers_problem
-    from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line
-    from impact_xval.experiments.presentation.words import restitution_of_two
-    from impact_xval.experiments.sweep.chunk import stated
+    from impact_xval.experiments.presentation.terminal import make_console, print_line, report_waiting
+    from impact_xval.experiments.presentation.words import describe_restitution_product
+    from impact_xval.experiments.sweep.chunk import ask_version
     from impact_xval.experiments.sweep.pool import Slot
     from impact_xval.experiments.sweep.process import FaultError, Worker
 
@@ -68,8 +75,8 @@ def _check(name: str, law: str) -> None:
     law = law or law_of(name) or "none"
     if law not in conformance.LAWS:
         raise UserError(f"--law = {law!r}; legal: {', '.join(conformance.LAWS)}")
-    with at_work(f"asking {name} what it is"), contextlib.closing(Slot()) as slot:
-        _, reason = stated(slot, get_solver, name)
+    with report_waiting(f"asking {name} what it is"), contextlib.closing(Slot()) as slot:
+        _, reason = ask_version(slot, get_solver, name)
     if reason is not None:
         raise UserError(f"{name}: unavailable: {reason}")
     console, failed = make_console(), 0
@@ -77,21 +84,21 @@ def _check(name: str, law: str) -> None:
         for number, check in enumerate(conformance.checks(law)):
             words = check.__name__.replace("_", " ")
             try:
-                with at_work(f"checking {name}: {words}"):
-                    problem = worker.call(_found, number, timeout=_TO_CHECK)
+                with report_waiting(f"checking {name}: {words}"):
+                    problem = worker.call(_run_check, number, timeout=_TO_CHECK)
             except FaultError as fault:
                 problem = fault.reason
             failed += bool(problem)
             print_line(console, f"FAILED  {words}: {problem}" if problem else f"passed  {words}")
-    if product := restitution_of_two([name]):
+    if product := describe_restitution_product([name]):
         print_line(console, product)
     if failed:
         print_line(console, f"{failed} checks failed; what each demands is in docs/adding-a-solver.md")
         raise typer.Exit(3)
 
 
-def _found(context: tuple[str, str], number: int) -> str:
-    """Say what a check finds of a solver."""
+def _run_check(context: tuple[str, str], number: int) -> str:
+    """Run a check on a solver; return the problem it finds, or an empty text."""
     from impact_xval.compliant_baselines.conformance import checks, problem_of
     from impact_xval.compliant_baselines.registry import get_solver
 
@@ -99,9 +106,9 @@ def _found(context: tuple[str, str], number: int) -> str:
     return problem_of(checks(law)[number], get_solver(name))
 
 
-def inspect(
-    scene: Path = argument("SCENE.xml", "An MJCF file, or .mjb.", path),
-    speed: float = option("M/S", "At which bodies are dropped.", number, 1.0),
+def inspect_command(
+    scene: Path = argument("SCENE.xml", "An MJCF file, or .mjb.", parse_path),
+    speed: float = option("M/S", "At which bodies are dropped.", parse_number, 1.0),
     json: Json = False,
 ) -> None:
     """Measure the contacts of a MuJoCo scene, and look for traps in them.
@@ -113,7 +120,7 @@ def inspect(
     Example: impact-xval inspect robot.xml
     """
     from impact_xval.compliant_baselines import get_solver
-    from impact_xval.experiments.presentation.terminal import at_work, make_console, show
+    from impact_xval.experiments.presentation.terminal import make_console, print_blocks, report_waiting
     from impact_xval.experiments.sweep.process import FaultError, Worker
 
     if not 0 < speed < math.inf:
@@ -127,14 +134,14 @@ def inspect(
     from impact_xval.compliant_baselines.inspect_mujoco import examine
 
     # In a process of its own: a few bytes can be a scene of any size, and crash its engine.
-    with at_work(f"dropping the contacts of {scene}"), contextlib.closing(Worker(speed)) as worker:
+    with report_waiting(f"dropping the contacts of {scene}"), contextlib.closing(Worker(speed)) as worker:
         try:
-            found = worker.call(examine, scene, timeout=_TO_INSPECT)
+            findings_or_reason = worker.call(examine, scene, timeout=_TO_INSPECT)
         except FaultError as fault:
             raise UserError(f"{scene}: cannot be examined: {fault.reason}; legal: a smaller scene") from None
-    if isinstance(found, str):
-        raise UserError(found)
-    contacts, findings = found
+    if isinstance(findings_or_reason, str):
+        raise UserError(findings_or_reason)
+    contacts, findings = findings_or_reason
     if json:
         # JSON knows no infinity.
         rows = [
@@ -150,6 +157,6 @@ def inspect(
     else:
         from impact_xval.experiments.presentation.contacts import scene_blocks
 
-        show(make_console(), scene_blocks(contacts, findings, str(scene), speed, engine.version()))
+        print_blocks(make_console(), scene_blocks(contacts, findings, str(scene), speed, engine.version()))
     if findings:
         raise typer.Exit(3)

@@ -164,10 +164,10 @@ class ChainGrid(Axes):
             for fewest_or_most, end in itertools.product((min, max), (min, max)):
                 row = {key: end(values) for key, values in self.axes(name).items()}
                 balls = fewest_or_most(self.axes(name)["balls"])
-                yield arranged(row | {"arrangement": name, "balls": balls})
+                yield chain_setup_values(row | {"arrangement": name, "balls": balls})
 
 
-def arranged(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a row of the axes of chains, with its arrangement, as `ChainSetup` takes it."""
+def chain_setup_values(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values that `ChainSetup` takes from a row of the axes of chains with its arrangement."""
     strike = None if math.isnan(row["strike"]) else int(row["strike"])
     return {**row, "balls": int(row["balls"]), "strike": strike}

@@ -20,10 +20,10 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.registry import is_engine
-from impact_xval.experiments.config.arrangements import ChainSetup, arranged
+from impact_xval.experiments.config.arrangements import ChainSetup, chain_setup_values
 from impact_xval.experiments.config.axes import AXES, LEGAL, MAX_CELLS, RATIO_OF, Sample
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.config.experiment import Cell, Config, untied
+from impact_xval.experiments.config.experiment import Cell, Config, split_restitution
 from impact_xval.model.collision import Collision
 from impact_xval.model.collisions import Collisions
 
@@ -37,13 +37,13 @@ _MOST_CHUNKS = 10_000
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Some cells: their numbers in the experiment, their columns of `schema.PAIR` or `schema.LINE`, and what is solved.
+    """Consecutive cells of an experiment."""
 
-    The collisions are a `Collisions` where all are of one kind.
-    """
-
+    #: Number of each cell in the experiment.
     index: NDArray[np.int64]
+    #: Parameters of the cells by name, shape (n,): the columns of a pair or a chain in `schema`.
     parameters: dict[str, NDArray[Any]]
+    #: What is solved; a `Collisions` where all are of one kind.
     collisions: Sequence[Collision]
 
     def __len__(self) -> int:
@@ -74,7 +74,7 @@ class Cells:
         for name in ("m1", "k1", "v0"):
             found.setdefault(name, np.full(len(indices), getattr(config, name)))
         if config.chain is None:
-            found = untied(found)
+            found = split_restitution(found)
             for ratio, (quantity, unit) in RATIO_OF.items():
                 if quantity in found:
                     found[ratio] = found[quantity] / found[unit]
@@ -115,7 +115,9 @@ def experiment_cells(config: Config) -> Cells:
     """Return the cells of an experiment of any kind; a `UserError` says what is wrong with a file of them."""
     if config.chain is not None:
         table = config.chain
-        return _gridded(config, [{"arrangement": [name]} | table.axes(name) for name in table.arrangement])
+        return _cells_of_grids(
+            config, [{"arrangement": [name]} | table.axes(name) for name in table.arrangement]
+        )
     if config.sample is not None:
         return listed(config, draw(config.sample))
     if config.cells is not None:
@@ -124,7 +126,7 @@ def experiment_cells(config: Config) -> Cells:
         if found:
             raise UserError(f"{config.cells}: row {found[0] + 1}: {found[1]}")
         return listed(config, values)
-    return _gridded(config, [config.grid.varied()])
+    return _cells_of_grids(config, [config.grid.varied()])
 
 
 def listed(config: Config, values: NDArray[np.float64]) -> Cells:
@@ -143,7 +145,7 @@ def collision_of(config: Config, cell: Cell) -> Collision:
     return Collision.two_balls(m1, m2, k1, k2, cell.e1, cell.e2, config.v0)
 
 
-def _gridded(config: Config, grids: Sequence[Mapping[str, list[Any]]]) -> Cells:
+def _cells_of_grids(config: Config, grids: Sequence[Mapping[str, list[Any]]]) -> Cells:
     """Go through the axes of one grid after the other, the last axis fastest.
 
     Stiffness ratios (or numbers of balls) vary slowest, so that neighbouring cells need about the same number of steps.
@@ -174,7 +176,7 @@ def _two_balls(cells: dict[str, NDArray[Any]]) -> Collisions:
 def _chains(cells: dict[str, NDArray[Any]]) -> Sequence[Collision]:
     names = [{"m1": "m", "k1": "k"}.get(name, name) for name in cells]
     rows = zip(*(values.tolist() for values in cells.values()), strict=True)
-    given = (arranged(dict(zip(names, row, strict=True))) for row in rows)
+    given = (chain_setup_values(dict(zip(names, row, strict=True))) for row in rows)
     # The corners of the table have been validated, and no other chain is illegal where they are legal.
     chains = [ChainSetup.model_construct(None, **each).collision() for each in given]
     kinds = {(len(each.masses), each.table, each.exponent) for each in chains}

@@ -50,7 +50,7 @@ PARAMETERS = {
 }
 
 
-def asked(parameters: Mapping[str, Any]) -> tuple[Collision, ChainSetup | None, Config]:
+def parse_collision(parameters: Mapping[str, Any]) -> tuple[Collision, ChainSetup | None, Config]:
     """Make a collision of what is typed for one: two balls by ratios or in SI units, or a chain of N.
 
     Parameters are those of `PARAMETERS`, typed as options or in an address, None where nothing was. The configuration
@@ -93,7 +93,7 @@ def _two_balls(plain: dict[str, Any]) -> tuple[Collision, None, Config]:
     cell = {key: plain.pop(key) for key in RATIOS}
     # The built-in grid may leave double precision where the cell does not.
     data = {"scenario": "impact", "figure_cell": cell, "grid": {key: [1.0] for key in cell}} | plain
-    config = validated(Config, data, "", name=_named)
+    config = validated(Config, data, "", name=_option_of_key)
     return collision_of(config, config.figure_cell), None, config
 
 
@@ -105,7 +105,7 @@ def _chain(plain: dict[str, Any]) -> tuple[Collision, ChainSetup, Config]:
     for key in _COUNTS:
         if isinstance(value := setup.get(key), float) and value.is_integer():
             setup[key] = int(value)
-    config = validated(Config, {"chain": {}, "figure_chain": setup} | plain, "", name=_named)
+    config = validated(Config, {"chain": {}, "figure_chain": setup} | plain, "", name=_option_of_key)
     return config.figure_chain.collision(), config.figure_chain, config
 
 
@@ -117,7 +117,7 @@ def _number_or_text(text: str) -> float | str:
         return text
 
 
-def _named(location: Sequence[str | int]) -> str:
+def _option_of_key(location: Sequence[str | int]) -> str:
     """Name the option of a key; values that are not legal together are named by what is said of them."""
     key = str(location[-1]) if location else "figure_chain"
     return "" if key == "figure_chain" else _option({"m": "m1", "k": "k1"}.get(key, key))

@@ -113,7 +113,7 @@ class Grid(Axes):
 
     def axes(self) -> dict[str, list[float]]:
         """Values of every parameter that is given."""
-        return untied(self.varied())
+        return split_restitution(self.varied())
 
 
 def _extremes(values: list[float]) -> list[float]:
@@ -131,8 +131,8 @@ def _check_ratios(
             raise ValueError(f"{given}; legal: {LEGAL[ratio].text}, within double precision")
 
 
-def untied(values: dict[str, Any]) -> dict[str, Any]:
-    """Give both restitutions their values, where they vary together."""
+def split_restitution(values: dict[str, Any]) -> dict[str, Any]:
+    """Return values by parameter with `e`, if it is there, as `e1` and `e2`."""
     others = {name: each for name, each in values.items() if name != "e"}
     return others | ({"e1": values["e"], "e2": values["e"]} if "e" in values else {})
 
@@ -309,7 +309,7 @@ class Config(Strict):
         )
         return f"{table.count()} {'cells' if self.chain is None else 'chains'}: {', '.join(axes)}"
 
-    def _stated(self) -> dict[str, Any]:
+    def _as_written(self) -> dict[str, Any]:
         """Return the configuration as a file holds it."""
         replaced: dict[str, Any] = {"grid": self.grid.replaced} if self.grid.replaced else {}
         of_others = {"figure_chain"} if self.chain is None else {"grid", "figure_cell", "gravity"}
@@ -322,14 +322,14 @@ class Config(Strict):
 
     def canonical(self) -> dict[str, Any]:
         """Return the configuration as plain JSON values; an infinity is the text ``"inf"``."""
-        return _plain(self._stated())
+        return _plain(self._as_written())
 
     def toml(self) -> str:
         """Return the configuration as the text of a TOML file, the path of a list of cells from the root."""
         import tomli_w
 
         listed = {} if self.cells is None else {"cells": str(Path(self.cells).resolve())}
-        return tomli_w.dumps(self._stated() | listed)
+        return tomli_w.dumps(self._as_written() | listed)
 
     def identity(self) -> str:
         """Hash of everything the cells' results depend on; not of names, figures or the number of workers."""

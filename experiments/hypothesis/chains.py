@@ -19,37 +19,38 @@ import pandas as pd
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.config.arrangements import ChainSetup
-from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced
-from impact_xval.experiments.hypothesis.judging import distance, usable
+from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced_contrasts
+from impact_xval.experiments.hypothesis.judging import kinetic_distance, mark_usable
 from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.sweep.pool import available_cores
 from impact_xval.model.collision import Collision
 
-#: Solvers of chains that are exact for linear contacts, and fast enough where one rings a thousand times.
+#: Solvers of chains that are exact for linear contacts, and fast enough if a contact rings a thousand times.
 SOLVERS = ("state-transition", "bistiffness", "kelvin-voigt", "kelvin-voigt-textbook")
 
-#: Masses and stiffnesses are drawn between these, logarithmically; restitutions of lossy contacts uniformly.
+#: Range of masses and stiffnesses, drawn logarithmically; range of restitutions of lossy contacts, drawn uniformly.
 SPREAD, RESTITUTION = (0.3, 3.0), (0.5, 0.99)
 
-#: Every so many points all contacts are elastic.
+#: In every third chain all contacts are elastic.
 ELASTIC = 3
 
 #: Error of an exact solver's velocities in chains, per speed of impact (docs/chains.md, sections 6 and 7).
 ERROR = 1e-9
 
-#: Arrangement, and where in it the contact is that becomes infinitely stiff.
+#: Arrangements, and the position in each of the contact that becomes infinitely stiff.
 PLACES = (
     *((name, where) for name in ("row", "cradle") for where in ("top", "middle", "bottom")),
     *((name, where) for name in ("pile", "stack") for where in ("top", "middle", "table")),
 )
 
 
-def draw(
+def draw_chains(
     place: tuple[Any, str], points: int, balls: tuple[int, int], seed: int
 ) -> list[tuple[Collision, int]]:
-    """Draw chains of so many balls (least, largest), and of each the contact at a place, as stiff as the stiffest.
+    """Draw chains, and return each with the index of its stiff contact.
 
-    A cradle is struck by two balls, and its middle is where.
+    The number of balls is drawn from `balls` (least, largest). The contact at `place` is as stiff as the stiffest of
+    all others. Two balls strike in a cradle, and its middle contact is the one that they strike.
     """
     arrangement, where = place
     rng = np.random.default_rng((seed, PLACES.index(place)))
@@ -69,56 +70,70 @@ def draw(
     return chains
 
 
-def stiffened(chain: Collision, contact: int, contrast: float) -> Collision:
-    """Return a chain with a contact so many times stiffer."""
+def stiffen_contact(chain: Collision, contact: int, contrast: float) -> Collision:
+    """Return a chain with one contact `contrast` times stiffer."""
     stiffnesses = (k * contrast if i == contact else k for i, k in enumerate(chain.stiffnesses))
     return dataclasses.replace(chain, stiffnesses=tuple(stiffnesses))
 
 
-def welded(chain: Collision, contact: int) -> Collision:
-    """Return the chain with the bodies of a contact as one; of a table contact, the ball as part of the table."""
-    masses, velocities = list(chain.masses), list(chain.velocities)
-    pair, bodies = slice(contact, contact + 2), 0 if contact == len(masses) - 1 else 1
-    mass = sum(masses[pair])
-    momentum = sum(m * v for m, v in zip(masses[pair], velocities[pair], strict=True))
-    masses[pair], velocities[pair] = bodies * [mass], bodies * [momentum / mass]
-    k, e = (each[:contact] + each[contact + 1 :] for each in (chain.stiffnesses, chain.restitutions))
-    return Collision(tuple(masses), k, e, tuple(velocities), chain.table)
+def weld_contact(chain: Collision, contact: int) -> Collision:
+    """Return the chain without a contact: its two bodies are one, or its ball is part of the table."""
+    upper, is_table_contact = contact, contact == len(chain.masses) - 1
+    if is_table_contact:
+        masses, velocities = chain.masses[:upper], chain.velocities[:upper]
+    else:
+        m1, m2 = chain.masses[upper : upper + 2]
+        v1, v2 = chain.velocities[upper : upper + 2]
+        velocity = (m1 * v1 + m2 * v2) / (m1 + m2)
+        masses = (*chain.masses[:upper], m1 + m2, *chain.masses[upper + 2 :])
+        velocities = (*chain.velocities[:upper], velocity, *chain.velocities[upper + 2 :])
+    stiffnesses = chain.stiffnesses[:contact] + chain.stiffnesses[contact + 1 :]
+    restitutions = chain.restitutions[:contact] + chain.restitutions[contact + 1 :]
+    return Collision(masses, stiffnesses, restitutions, velocities, chain.table)
 
 
-def of_each_ball(velocities: Sequence[float], contact: int) -> tuple[float, ...]:
-    """Give the velocities of a welded chain, and of the table, to the balls of the whole one."""
-    return tuple((*velocities, 0.0)[ball - (ball > contact)] for ball in range(len(velocities) + 1))
+def velocities_of_balls(velocities: Sequence[float], contact: int) -> tuple[float, ...]:
+    """Return the velocities of the balls of a chain from those of its welded chain.
+
+    The lower body of the welded contact, and every ball below it, stands one place higher in the welded chain. Where
+    the table is that lower body, ball N has its velocity, 0.
+    """
+    of_welded = (*velocities, 0.0)
+    above = of_welded[: contact + 1]
+    below = of_welded[contact : len(velocities)]
+    return above + below
 
 
-def chain_outcomes(config: HypothesisConfig) -> Frame:
-    """Solve the chains of a test by its exact solvers: a row a place, solver, chain and contrast."""
+def solve_chains(config: HypothesisConfig) -> Frame:
+    """Solve the chains of a test by its exact solvers; return one row per place, solver, chain and contrast."""
     design = config.chains
-    contrasts = spaced(design.contrast, design.per_decade)
-    every = [
+    contrasts = spaced_contrasts(design.contrast, design.per_decade)
+    problems = [
         ({"arrangement": place[0], "stiff_contact": place[1], "solver": solver, "chain": i}, *chain)
         for place in PLACES
         for solver in filter(config.solvers.__contains__, SOLVERS)
-        for i, chain in enumerate(draw(place, design.points, design.balls, config.seed))
+        for i, chain in enumerate(draw_chains(place, design.points, design.balls, config.seed))
     ]
     with ThreadPoolExecutor(available_cores()) as threads:  # kernels hold no lock of Python
-        found = threads.map(lambda each: list(_solved(contrasts, *each)), every)
-        rows = [row for some in found for row in some]
+        rows_by_problem = threads.map(
+            lambda problem: list(_solve_at_contrasts(contrasts, *problem)), problems
+        )
+        rows = [row for rows_of_problem in rows_by_problem for row in rows_of_problem]
     outcomes: Frame = pd.DataFrame(rows).assign(error=ERROR, decades=design.fit_decades)
-    return usable(outcomes, np.sqrt(outcomes.contrast))
+    return mark_usable(outcomes, np.sqrt(outcomes.contrast))
 
 
-def _solved(
+def _solve_at_contrasts(
     contrasts: Sequence[float], known: dict[str, Any], chain: Collision, contact: int
 ) -> Iterator[dict[str, Any]]:
-    """Solve a chain at rising contrasts of a contact; the closed form is the welded chain, ball by ball.
+    """Yield the outcomes of a chain at rising contrasts of a contact; the closed form is that of the welded chain.
 
     Velocities are in m/s, the incoming ones being 1; `weights` are the masses per twice the kinetic energy at first.
     """
-    asked = [*(stiffened(chain, contact, x) for x in contrasts), welded(chain, contact)]
-    *outcomes, as_one = get_solver(known["solver"]).solve_many(asked, Settings(mark=False))
+    chains = [*(stiffen_contact(chain, contact, x) for x in contrasts), weld_contact(chain, contact)]
+    *outcomes, as_one = get_solver(known["solver"]).solve_many(chains, Settings(mark=False))
     weights = np.array(chain.masses) / np.dot(chain.masses, np.square(chain.velocities))
-    form = of_each_ball(as_one.velocities, contact)
+    form = velocities_of_balls(as_one.velocities, contact)
     known = known | {name: getattr(chain, name) for name in ("masses", "stiffnesses", "restitutions")}
     known |= {"incoming": chain.velocities, "weights": weights, "closed_form": form}
     known |= {"meets": chain.compression_rates[contact] > 0}
@@ -127,5 +142,5 @@ def _solved(
         found = {
             name: getattr(outcome, name) for name in ("velocities", "status", "reason", "grazing_margin")
         }
-        away = distance(weights, np.subtract(outcome.velocities, form))
+        away = kinetic_distance(weights, np.subtract(outcome.velocities, form))
         yield known | found | {"contrast": x, "distance": away}

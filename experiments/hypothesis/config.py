@@ -19,14 +19,14 @@ LAWS = ("kelvin-voigt-anchored", "kelvin-voigt-textbook", "hunt-crossley", "liu-
 
 
 def _in_order(value: tuple[float, float], info: ValidationInfo) -> tuple[float, float]:
-    """Check a range of contrasts; it ends where double precision does."""
+    """Check a range of contrasts; beyond its largest legal end double precision does not suffice."""
     most = "1e16" if info.field_name == "plastic_contrast" else "1e10"
     if not 1 < value[0] < value[1] <= float(most):
         raise ValueError(f"{short(list(value))}; legal: [lo, hi] with 1 < lo < hi <= {most}")
     return value
 
 
-#: TOML has lists only: they may stand for pairs, whose numbers are no less strict for it.
+#: A pair of numbers. TOML has lists only, so a list is accepted; its numbers are checked as strictly as others.
 _Contrast = Annotated[
     tuple[float, float], Field(strict=False, description="[lo, hi]"), AfterValidator(_in_order)
 ]
@@ -71,14 +71,17 @@ class HypothesisConfig(Strict):
     chains: ChainsConfig = table(ChainsConfig)
 
 
-def spaced(ends: tuple[float, float], per_decade: int) -> list[float]:
-    """Return contrasts, so many in a decade, down from the upper end: windows of whole decades end on contrasts."""
+def spaced_contrasts(ends: tuple[float, float], per_decade: int) -> list[float]:
+    """Return contrasts, `per_decade` in a decade, counted down from the upper end.
+
+    Windows of whole decades that end at the upper end thus begin on a contrast.
+    """
     low, high = map(math.log10, ends)
     whole = math.floor((high - low) * per_decade + 1e-9)
     return np.logspace(high - whole / per_decade, high, whole + 1).tolist()
 
 
-def load(path: Path | None) -> HypothesisConfig:
-    """Read a configuration; without a path, the built-in one. A `UserError` is one line that says what is illegal."""
+def load_hypothesis_config(path: Path | None) -> HypothesisConfig:
+    """Read a configuration, or the built-in one without a path; a `UserError` says in one line what is illegal."""
     where = str(path) if path else "built-in hypothesis"
     return validated(HypothesisConfig, read_toml(path) if path else {}, where)

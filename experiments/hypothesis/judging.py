@@ -1,40 +1,44 @@
-"""From the outcomes of a solver to its verdict on a limit.
+"""Verdicts on a limit, from the outcomes of a solver.
 
-A series is the outcomes of one solver at one point, at rising contrasts x; velocities are vectors w whose length is the
-kinetic norm, of two balls (v1, sqrt(m2/m1) v2). It is judged by whether it gets to the closed form, at what rate, and
-where it goes if not:
+A series is the outcomes of one solver at one point, at rising contrasts x. Velocities are vectors w whose length is the
+kinetic norm; for two balls w = (v1, sqrt(m2/m1) v2). The rule asks whether a series gets to the closed form, at what
+rate, and where it goes if not:
 
-1. The *window* is the last `decades` of the usable outcomes; where the distance D from the closed form has sunk under
-   `FLOOR_ERRORS` errors of the solver for good, it ends there.
-2. **Rate**: slope of ln D over ln x by Theil and Sen: contacts that ring let D dip to nothing at single contrasts,
-   which a median of slopes does not notice.
+1. The *window* is the last `decades` of the usable outcomes. It ends where the distance D from the closed form sinks
+   under `FLOOR_ERRORS` errors of the solver for good.
+2. **Rate**: slope of ln D over ln x by Theil and Sen. Contacts that ring let D dip to nothing at single contrasts; a
+   median of slopes does not notice these dips.
 3. **Limit**: w = L + A x^-s by least squares, s from `EXPONENTS`. Its error is the largest of: what the same fit gives
    without the last decade (or half of a short window), with a second term in x^-2s, or with any s that leaves no more
    than twice the least residual; that residual; and the solver's own error.
 4. The series **settles** if the diameter of its last decade is below that of its first by at least `LEAST_RATE` a
-   decade, or below what the solver resolves, or below a tenth of its distance from the closed form (its limit is then
-   the mean of that decade, with that diameter for an error).
+   decade, or below what the solver resolves, or below a tenth of its distance from the closed form. In the last case
+   the limit is the mean of that decade, with that diameter as its error.
 5. It **jumps** where, in the later half of the window, D exceeds both the line of the rate and the D before by `JUMP`.
 
-Within a class of points (which contacts are elastic, `run.pair_class`) the verdict is
+Points are grouped in classes by which of their contacts are elastic (`run.pair_class`). The verdict on a class is
 
-* `refuted` where a tenth of the points or more is: one law, one counterexample would do, a tenth is robust;
-* else `supported` where half of the points or more is, and every other one either agrees with the closed form within
-  the error of its limit, or is short of results; none is refuted or fails to settle;
-* else `no limit` where half of the points or more have none; else `undecided`.
+* `refuted` if at least a tenth of the points are refuted: for one law a single counterexample would do, a tenth is
+  robust;
+* else `supported` if at least half of the points are, none is refuted or fails to settle, and every other point either
+  agrees with the closed form within the error of its limit or is short of results;
+* else `no limit` if at least half of the points have none; else `undecided`.
 
-Over the classes of a limit the worst counts; one that is undecided only because it is within the solver's own error of
-the closed form does not count against one that is supported.
+Over the classes of a limit the worst verdict counts. A class that is undecided only because it is within the solver's
+own error of the closed form does not count beside one that is supported.
 """
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
 from scipy.stats import theilslopes
 
@@ -42,97 +46,222 @@ from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.model.arrays import Floats
 from impact_xval.model.status import RESULT_STATUSES
 
-#: Least rate: over four decades a distance falls by 2.5. Least fall of the distance, from the median of the first
-#: decade of a window to that of the last: a series that falls by less may as well level out just beyond.
-LEAST_RATE, LEAST_FALL = 0.1, 2.5
+#: Least rate of an approach: over four decades such a distance falls by 2.5.
+LEAST_RATE = 0.1
 
-#: Errors of the solver that hide D, factor of a jump, exponents s of the limit, and share of points that refutes.
+#: Least factor by which the median distance falls from the first decade of a window to the last. A series that falls
+#: by less may level out just beyond the window.
+LEAST_FALL = 2.5
+
+#: D below this many errors of the solver is hidden by them.
 FLOOR_ERRORS = 3.0
+
+#: Factor by which a jump exceeds its neighbours.
 JUMP = 30.0
+
+#: Exponents s that are tried for the limit.
 EXPONENTS = np.arange(0.1, 3.01, 0.05)
+
+#: Share of refuted points that refutes their class.
 REFUTING_SHARE = 0.1
 
 #: A margin in decades: contrasts are rounded.
 _SLACK = 1e-6
 
-#: Grazing margin below which an outcome lies beside a jump. In the limits of k2/k1 the stiff contact's ringing, which
-#: is what grazes, shrinks as the root of the contrast, and the margin with it: there it is multiplied by that root.
+#: Grazing margin below which an outcome lies beside a jump. In the limits of k2/k1 the ringing of the stiff contact is
+#: what grazes. It shrinks as the root of the contrast, and so does the margin, which is multiplied by that root there.
 GRAZING = 1e-3
 
-#: D from which on a limit is close enough to be used, per impact.
+#: D up to which a limit is close enough to be used, per impact.
 CLOSE = 0.05
 
 #: Resamples of a bootstrap, and its seed.
 _RESAMPLES, _SEED = 2000, 2013
 
-#: The worst first.
+#: Verdicts, the worst first.
 _ORDER = ("refuted", "no limit", "undecided", "supported")
 
-#: What is known of a series that has no window.
-_OPEN: dict[str, Any] = {"verdict": "undecided", "reason": "", "consistent": False, "settles": True}
-_OPEN |= dict.fromkeys(("rate", "rate_low", "rate_high", "last", "limit_error", "offset"), np.nan)
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Verdict on one series: the columns of ``points.csv`` that judge it, in their order.
+
+    Velocities and distances are per abs(v0) for pairs, and in m/s with incoming balls of 1 m/s for chains. Numbers are
+    NaN where the series does not tell them.
+    """
+
+    verdict: str = "undecided"
+    #: Why the series is neither supported nor refuted; else empty.
+    reason: str = ""
+    #: Whether the closed form is within three errors of the limit.
+    consistent: bool = False
+    settles: bool = True
+    #: r of D ~ x^-r, with its 95 % interval.
+    rate: float = math.nan
+    rate_low: float = math.nan
+    rate_high: float = math.nan
+    #: Median of D over the last decade.
+    last: float = math.nan
+    limit_error: float = math.nan
+    #: D of the limit.
+    offset: float = math.nan
+    #: Velocities of the balls in the limit; columns ``limit_v1``, ``limit_v2``, ...
+    limit: tuple[float, ...] = ()
+
+    def columns(self) -> dict[str, Any]:
+        """Return the columns by name, one for each ball in place of `limit`."""
+        values = asdict(self)
+        limit = values.pop("limit")
+        return values | {f"limit_v{ball}": v for ball, v in enumerate(limit, 1)}
 
 
-def distance(weights: Any, differences: Any) -> Any:
-    """D of differences of velocities, shape (..., N): their kinetic norm, by masses in the unit of that."""
-    return np.sqrt((weights * np.square(differences)).sum(axis=-1))
+@dataclass(frozen=True, slots=True)
+class ClassVerdict:
+    """Verdict on a class of points: the columns of ``verdicts.csv`` after its keys, in their order."""
+
+    verdict: str
+    #: Whether the class is undecided only because it is within the solver's own error of the closed form.
+    within_error: bool
+    #: Number of points, and of those with each verdict; points with no limit count as undecided.
+    points: int
+    n_supported: int
+    n_refuted: int
+    n_undecided: int
+    #: Median rate of the supported points, with its 95 % bootstrap interval.
+    rate: float
+    rate_low: float
+    rate_high: float
+    #: Range of the rates of the supported points.
+    least_rate: float
+    largest_rate: float
+    #: Range of the distances of the refuted points from the closed form.
+    offset_least: float
+    offset_largest: float
+    #: Median contrast from which D stays within `CLOSE`.
+    close_from: float
+    reason: str
 
 
-def usable(outcomes: Frame, root: Any) -> Frame:
-    """Tell which outcomes can be used: those with a result, hence a distance, that lie beside no jump (`GRAZING`)."""
-    there = outcomes.distance.notna()
-    grazing = there & (outcomes.grazing_margin.fillna(np.inf) * root < GRAZING)
-    return outcomes.assign(used=there & ~grazing, grazing=grazing)
+class Approach(NamedTuple):
+    """Outcomes of one solver at one point, at n rising contrasts, and the closed form that they should approach."""
+
+    contrast: Floats
+    #: Which outcomes can be used, shape (n,).
+    used: NDArray[np.bool_]
+    #: Velocities of N balls, shape (n, N).
+    velocities: Floats
+    #: The solver's error of each outcome, as a distance D.
+    error: Floats
+    #: Velocities of the closed form, shape (N,).
+    closed_form: Floats
+    #: Masses in the unit of D, shape (N,).
+    weights: Floats
+    #: Decades of contrast that a verdict needs.
+    decades: float
 
 
 class Series(NamedTuple):
-    """Usable outcomes at rising contrasts, an element or row each."""
+    """Usable outcomes at rising contrasts, one element or row per outcome."""
 
     #: log10 of the contrast.
     x: Floats
-    #: Velocities, shape (n, N), as vectors whose length is the kinetic norm, and D from the closed form.
+    #: Velocities as vectors whose length is the kinetic norm, shape (n, N).
     w: Floats
+    #: Distance from the closed form.
     D: Floats
-    #: The solver's error, and whether D exceeds it.
-    own: Floats
-    clear: Any
+    #: The solver's error, as a distance D.
+    error: Floats
+    #: Whether D exceeds `FLOOR_ERRORS` errors.
+    clear: NDArray[np.bool_]
 
     def part(self, low: float, high: float = np.inf) -> Series:
         """Return the outcomes between two x, both included."""
         inside = (low - _SLACK <= self.x) & (self.x <= high + _SLACK)
-        return Series(*(each[inside] for each in self))
+        return Series(self.x[inside], self.w[inside], self.D[inside], self.error[inside], self.clear[inside])
 
-    def ends(self) -> tuple[Series, Series]:
-        """Return the first decade, and the last."""
+    def first_and_last_decade(self) -> tuple[Series, Series]:
+        """Return the outcomes of the first decade, and of the last."""
         return self.part(self.x[0], self.x[0] + 1), self.part(self.x[-1] - 1)
 
 
-def judge(outcomes: dict[str, Any]) -> dict[str, Any]:
-    """Judge a series of outcomes by the kinetic norm of their differences, with `weights` for masses.
+class SeriesLimit(NamedTuple):
+    """Limit of a series."""
 
-    The result is a row of ``points.csv``. `last` is the median distance from the closed form in the last decade,
-    `offset` that of the limit, `consistent` whether it is below three errors of the limit.
+    #: The limit as a vector w, shape (N,), and its error.
+    w: Floats
+    error: float
+    #: Whether the last decade is about as wide as the first, and wider than the solver's error.
+    restless: bool
+    #: Whether the series settles: it is not restless, or it circles a place that is far from the closed form.
+    settles: bool
+
+
+class RateLine(NamedTuple):
+    """Line log10 D = `at_zero` - `rate` x through a window, with a 95 % interval of its rate; NaN without a line."""
+
+    rate: float = math.nan
+    low: float = math.nan
+    high: float = math.nan
+    at_zero: float = math.nan
+
+
+def kinetic_distance(weights: Any, differences: Any) -> Any:
+    """Return D of differences of velocities, shape (..., N): their kinetic norm with `weights` as masses."""
+    return np.sqrt((weights * np.square(differences)).sum(axis=-1))
+
+
+def mark_usable(outcomes: Frame, root: Any) -> Frame:
+    """Add the columns `used` and `grazing` to outcomes.
+
+    An outcome is used if it has a result, hence a distance, and lies beside no jump: its grazing margin times `root`
+    is at least `GRAZING`.
     """
-    used, decades = outcomes["used"].astype(bool), outcomes["decades"][0]
-    scale = np.sqrt(outcomes["weights"][0])
-    target = np.array(outcomes["closed_form"][0]) * scale
-    w = np.array([*outcomes["velocities"][used]]).reshape(-1, len(scale)) * scale
-    D, error = distance(1.0, w - target), np.pad(outcomes["error"][used], 1, constant_values=-np.inf)
-    # An estimate of an error can vanish by chance: the largest of three neighbours counts.
-    own = np.maximum(np.maximum(error[:-2], error[1:-1]), error[2:])
-    series = Series(np.log10(outcomes["contrast"][used]), w, D, own, FLOOR_ERRORS * own < D)
-    found = _OPEN | {f"limit_v{i}": np.nan for i in range(1, 1 + len(target))}
-    window = _window(series, decades)
+    has_result = outcomes.distance.notna()
+    grazing = has_result & (outcomes.grazing_margin.fillna(np.inf) * root < GRAZING)
+    return outcomes.assign(used=has_result & ~grazing, grazing=grazing)
+
+
+def judge_approach(approach: Approach) -> Verdict:
+    """Judge the outcomes of one solver at one point."""
+    scale = np.sqrt(approach.weights)
+    closed_form = approach.closed_form * scale
+    window = _choose_window(_usable_series(approach, closed_form, scale), approach.decades)
+    unknown = Verdict(limit=(math.nan,) * len(scale))
     if isinstance(window, str):
-        return found | {"reason": window}
-    found |= _limit(window, target, scale, decades)
-    if found["verdict"] == "refuted" or not found["settles"]:
-        return found
-    return found | _rate(window, found["last"])
+        return replace(unknown, reason=window)
+    limit = _find_limit(window, approach.decades)
+    offset = kinetic_distance(1.0, limit.w - closed_form)
+    last = np.median(window.first_and_last_decade()[1].D)
+    verdict = replace(
+        unknown,
+        consistent=bool(not limit.restless and offset <= 3 * limit.error),
+        settles=limit.settles,
+        last=last,
+        limit_error=limit.error,
+        offset=offset,
+    )
+    if not limit.settles:
+        return _judge_unsettled(window, verdict)
+    verdict = replace(verdict, limit=tuple(limit.w / scale))
+    if _is_refuted(window, verdict):
+        return replace(verdict, verdict="refuted")
+    line = fit_rate(window)
+    verdict = replace(verdict, rate=line.rate, rate_low=line.low, rate_high=line.high)
+    return decide(window, line, verdict)
 
 
-def _window(series: Series, decades: float) -> Series | str:
-    """Choose the window of a series, or say why there is none."""
+def _usable_series(approach: Approach, closed_form: Floats, scale: Floats) -> Series:
+    """Return the usable outcomes as vectors w; the closed form is such a vector too."""
+    w = approach.velocities[approach.used] * scale
+    D = kinetic_distance(1.0, w - closed_form)
+    # An estimate of an error can vanish by chance: the largest of three neighbours counts.
+    error = np.pad(approach.error[approach.used], 1, constant_values=-np.inf)
+    error = np.maximum(np.maximum(error[:-2], error[1:-1]), error[2:])
+    return Series(np.log10(approach.contrast[approach.used]), w, D, error, FLOOR_ERRORS * error < D)
+
+
+def _choose_window(series: Series, decades: float) -> Series | str:
+    """Return the window of a series, or the reason why it has none."""
     x = series.x
     span = np.ptp(x) if x.size else 0.0
     if span < decades - _SLACK:
@@ -145,53 +274,77 @@ def _window(series: Series, decades: float) -> Series | str:
     return window
 
 
-def _limit(window: Series, target: Floats, scale: Floats, decades: float) -> dict[str, Any]:
-    """Find where a series goes and whether that refutes the closed form, or say that it settles nowhere."""
-    first, final = window.ends()
-    w, D, own = final.w, final.D, final.own.max()
-    limit, limit_error = _extrapolate(window)
-    early, late = (pdist(end.w).max(initial=0.0) for end in (first, final))
-    restless = late > FLOOR_ERRORS * own and late > early * 10 ** (-LEAST_RATE * (decades - 1))
-    settles = not restless
-    if restless and late < 0.1 * D.min():  # it goes round a place far off
-        settles, limit, limit_error = True, w.mean(axis=0), late
-    offset, last = distance(1.0, limit - target), np.median(D)
-    found = {"last": last, "limit_error": limit_error, "offset": offset, "settles": settles}
-    found |= {"consistent": not restless and offset <= 3 * limit_error}
-    if not settles:
-        reason = f"it does not settle: in the last decade D runs from {D.min():.3g} to {D.max():.3g}"
-        falls = np.all(np.diff(window.D) < 0)
-        return found | {"reason": reason, "verdict": "undecided" if falls else "no limit"}
-    found |= {f"limit_v{i}": v for i, v in enumerate(limit / scale, 1)}
-    refuted = offset > max(3 * limit_error, 0.2 * last) and D.min() > 0.5 * offset
-    return found | {"verdict": "refuted" if refuted else "undecided"}
+def _find_limit(window: Series, decades: float) -> SeriesLimit:
+    """Find the limit of a series, and whether the series settles there."""
+    first, last = window.first_and_last_decade()
+    first_diameter, last_diameter = (pdist(decade.w).max(initial=0.0) for decade in (first, last))
+    is_resolved = last_diameter > FLOOR_ERRORS * last.error.max()
+    restless = bool(is_resolved and last_diameter > first_diameter * 10 ** (-LEAST_RATE * (decades - 1)))
+    circles_far_off = restless and last_diameter < 0.1 * last.D.min()
+    if circles_far_off:
+        return SeriesLimit(last.w.mean(axis=0), last_diameter, restless, settles=True)
+    limit, error = _extrapolate(window)
+    return SeriesLimit(limit, error, restless, settles=not restless)
 
 
-def _rate(window: Series, last: float) -> dict[str, Any]:
-    """Find the rate of the approach of a series that is not refuted, and decide on it."""
-    x, (first, final) = window.x, window.ends()
-    x_clear, log_D = x[window.clear], np.log10(window.D[window.clear])
-    line: Any = theilslopes(log_D, x_clear, alpha=0.95) if x_clear.size >= 3 else 4 * (np.nan,)
-    slope, at_zero, low, high = line
-    found: dict[str, Any] = {"rate": -slope, "rate_low": -high, "rate_high": -low}
-    off = np.minimum(log_D - at_zero - slope * x_clear, np.diff(log_D, prepend=log_D[:1])) > np.log10(JUMP)
-    jumps = np.count_nonzero(off & (x_clear >= 0.5 * (x[0] + x[-1])))
+def _judge_unsettled(window: Series, verdict: Verdict) -> Verdict:
+    """Judge a series that does not settle; one that still falls from contrast to contrast is undecided."""
+    last = window.first_and_last_decade()[1]
+    reason = f"it does not settle: in the last decade D runs from {last.D.min():.3g} to {last.D.max():.3g}"
+    falls = np.all(np.diff(window.D) < 0)
+    return replace(verdict, verdict="undecided" if falls else "no limit", reason=reason)
+
+
+def _is_refuted(window: Series, verdict: Verdict) -> bool:
+    """Return whether a series that settles goes to another value than the closed form."""
+    last = window.first_and_last_decade()[1]
+    is_clear_of_error = verdict.offset > max(3 * verdict.limit_error, 0.2 * verdict.last)
+    return bool(is_clear_of_error and last.D.min() > 0.5 * verdict.offset)
+
+
+def fit_rate(window: Series) -> RateLine:
+    """Fit the rate of an approach to the distances that exceed the solver's error."""
+    if np.count_nonzero(window.clear) < 3:
+        return RateLine()
+    log_D = np.log10(window.D[window.clear])
+    line: Any = theilslopes(log_D, window.x[window.clear], alpha=0.95)  # scipy states no type
+    return RateLine(-line.slope, -line.high_slope, -line.low_slope, line.intercept)
+
+
+def decide(window: Series, line: RateLine, verdict: Verdict) -> Verdict:
+    """Decide on a series that settles and is not refuted: supported, undecided, or no limit if it jumps."""
+    jumps = _count_jumps(window, line)
     if jumps:
-        reason = f"it jumps: {jumps} of {x.size} outcomes lie {JUMP:g} times further off than the others"
-        return found | {"verdict": "no limit", "reason": reason, "settles": False, "consistent": False}
+        reason = (
+            f"it jumps: {jumps} of {window.x.size} outcomes lie {JUMP:g} times further off than the others"
+        )
+        return replace(verdict, verdict="no limit", reason=reason, settles=False, consistent=False)
+    first, last = window.first_and_last_decade()
     if not window.clear[-1]:
-        reason = f"it is within the solver's own error ({final.own.max():.1g}) of the closed form too soon"
-    elif not -high > LEAST_RATE:
-        reason = f"the rate {-slope:.2g} ({-high:.2g} to {-low:.2g}) cannot be told from none"
-    elif (fall := np.median(first.D) / last) < LEAST_FALL:
+        reason = f"it is within the solver's own error ({last.error.max():.1g}) of the closed form too soon"
+        return replace(verdict, reason=reason)
+    if not line.low > LEAST_RATE:  # also if there is no line
+        reason = f"the rate {line.rate:.2g} ({line.low:.2g} to {line.high:.2g}) cannot be told from none"
+        return replace(verdict, reason=reason)
+    fall = np.median(first.D) / verdict.last
+    if fall < LEAST_FALL:
         reason = f"the distance falls by {fall:.2g} from the fit's first decade to its last: extend the range"
-    else:
-        return found | {"verdict": "supported"}
-    return found | {"reason": reason}
+        return replace(verdict, reason=reason)
+    return replace(verdict, verdict="supported")
 
 
-def _fits(x: Floats, w: Floats) -> tuple[Floats, Floats]:
-    """Limits (k, b) of w = L + A x^-s for every s of `EXPONENTS`, and the root mean square residuals (k,)."""
+def _count_jumps(window: Series, line: RateLine) -> int:
+    """Count the jumps in the later half of a window: D exceeds the line and the D before by `JUMP`."""
+    x, log_D = window.x[window.clear], np.log10(window.D[window.clear])
+    above_line = log_D - line.at_zero + line.rate * x
+    above_before = np.diff(log_D, prepend=log_D[:1])
+    is_jump = np.minimum(above_line, above_before) > np.log10(JUMP)
+    is_late = x >= 0.5 * (window.x[0] + window.x[-1])
+    return int(np.count_nonzero(is_jump & is_late))
+
+
+def _fit_limits(x: Floats, w: Floats) -> tuple[Floats, Floats]:
+    """Return the limits L (k, N) of w = L + A x^-s for every s of `EXPONENTS`, and their rms residuals (k,)."""
     base = 10.0 ** (-np.outer(EXPONENTS, x - x[0]))
     mean, centre = base.mean(axis=1, keepdims=True), w.mean(axis=0)
     slope = ((base - mean) @ (w - centre)) / np.square(base - mean).sum(axis=1, keepdims=True)
@@ -201,84 +354,141 @@ def _fits(x: Floats, w: Floats) -> tuple[Floats, Floats]:
 
 
 def _extrapolate(window: Series) -> tuple[Floats, float]:
-    """Limit of a series and its error."""
-    x, w, (_, final) = window.x, window.w, window.ends()
-    limits, residuals = _fits(x, w)
+    """Extrapolate a window; return its limit w and the error of the limit, as point 3 of the module says."""
+    x, w = window.x, window.w
+    last = window.first_and_last_decade()[1]
+    limits, residuals = _fit_limits(x, w)
     best = int(np.argmin(residuals))
     limit, least = limits[best], float(residuals[best])
     shorter = x <= x[-1] - min(1.0, 0.5 * (x[-1] - x[0])) + _SLACK
-    before, shorter_residuals = _fits(x[shorter], w[shorter])
+    shorter_limits, shorter_residuals = _fit_limits(x[shorter], w[shorter])
+    without_last_decade = shorter_limits[int(np.argmin(shorter_residuals))]
     base = 10.0 ** (-EXPONENTS[best] * (x - x[0]))
     two_terms = np.linalg.lstsq(np.column_stack([np.ones_like(x), base, base**2]), w, rcond=None)[0][0]
-    others = [before[int(np.argmin(shorter_residuals))], two_terms, *limits[residuals <= 2 * least + 1e-15]]
-    error = max(least, final.own.max(), float(distance(1.0, np.array(others) - limit).max()))
-    if best in (0, len(EXPONENTS) - 1) and least > 1e-12:  # no exponent of those tried fits
-        error = max(error, float(distance(1.0, final.w - final.w.mean(axis=0)).max()))
+    alternatives = [without_last_decade, two_terms, *limits[residuals <= 2 * least + 1e-15]]
+    spread = kinetic_distance(1.0, np.array(alternatives) - limit).max()
+    error = max(least, last.error.max(), float(spread))
+    no_exponent_fits = best in (0, len(EXPONENTS) - 1) and least > 1e-12
+    if no_exponent_fits:
+        error = max(error, float(kinetic_distance(1.0, last.w - last.w.mean(axis=0)).max()))
     return limit, error
 
 
-def judged(outcomes: Frame, keys: Sequence[str]) -> Frame:
-    """Judge every series of outcomes, of pairs or of chains: those with the same `keys`; a row each."""
+def judge_points(outcomes: Frame, keys: Sequence[str]) -> Frame:
+    """Judge every series of outcomes, of pairs or of chains: one row for the outcomes that share `keys`.
+
+    The columns are the keys, those of `Verdict`, and three on the outcomes: `close_from`, the contrast from which D
+    stays within `CLOSE`; `grazing_left_out`, how many lie beside a jump; and `without_result`, how many have no result.
+    """
     rows = []
     table = {name: outcomes[name].to_numpy() for name in outcomes}
     for key, places in outcomes.groupby(list(keys), sort=False).indices.items():
         series = {name: values[places] for name, values in table.items()}
-        lost = Counter(status for status in series["status"] if status not in RESULT_STATUSES)
-        reasons = dict(zip(series["status"][::-1], series["reason"][::-1], strict=True))
-        why = [f"{n} {status}: {reasons[status]}" for status, n in sorted(lost.items())]
-        # The last outcome that is not close; the one after it is the first of those that stay so.
-        far = np.flatnonzero(np.r_[True, ~(series["distance"] <= CLOSE)])[-1]
-        row = dict(zip(keys, key, strict=True)) | judge(series)
-        row |= {"close_from": [*series["contrast"], np.inf][far], "grazing_left_out": series["grazing"].sum()}
-        rows.append(row | {"without_result": "; ".join(why)})
+        rows.append(
+            dict(zip(keys, key, strict=True))
+            | judge_approach(_approach_of(series)).columns()
+            | {
+                "close_from": _close_from(series["contrast"], series["distance"]),
+                "grazing_left_out": series["grazing"].sum(),
+                "without_result": _count_missing(series["status"], series["reason"]),
+            }
+        )
     return pd.DataFrame(rows)
 
 
-def verdicts(points: Frame, keys: Sequence[str]) -> Frame:
-    """Gather judgements: a row for all points that have the same keys, then one for each of their classes.
+def _approach_of(series: Mapping[str, Any]) -> Approach:
+    """Make an `Approach` of the columns of outcomes of one solver at one point."""
+    return Approach(
+        contrast=series["contrast"],
+        used=series["used"].astype(bool),
+        velocities=np.array(list(series["velocities"])),
+        error=series["error"],
+        closed_form=np.array(series["closed_form"][0]),
+        weights=np.array(series["weights"][0]),
+        decades=series["decades"][0],
+    )
 
-    Rates are those of points that support, the median with its 95 % bootstrap interval; offsets of those that refute.
+
+def _close_from(contrast: Floats, distances: Floats) -> float:
+    """Return the contrast from which D stays within `CLOSE`; infinite if the last outcome is not close."""
+    # A place before the first outcome stands for "not close", so that the first may be the answer.
+    last_far_place = np.flatnonzero(np.r_[True, ~(distances <= CLOSE)])[-1]
+    return [*contrast, np.inf][last_far_place]
+
+
+def _count_missing(statuses: Sequence[str], reasons: Sequence[str]) -> str:
+    """Count the outcomes without a result by status, with the first reason of each status; empty if there are none."""
+    counts = Counter(status for status in statuses if status not in RESULT_STATUSES)
+    first_reasons = dict(zip(statuses[::-1], reasons[::-1], strict=True))
+    return "; ".join(f"{n} {status}: {first_reasons[status]}" for status, n in sorted(counts.items()))
+
+
+def judge_classes(points: Frame, keys: Sequence[str]) -> Frame:
+    """Judge the classes of points: for each value of `keys` a row of class ``all``, then one row for each class.
+
+    The columns are the keys, `class` and those of `ClassVerdict`.
     """
     rows = []
     for key, group in points.groupby(list(keys), sort=False):
-        classes = [{"class": name} | _gathered(some) for name, some in group.groupby("class", sort=False)]
-        supported = any(row["verdict"] == "supported" for row in classes)
-        counting = [row for row in classes if not (row["within_error"] and supported)]
-        worst = min(counting, key=lambda row: _ORDER.index(row["verdict"]))
-        whole = {"class": "all"} | _gathered(group) | {name: worst[name] for name in ("verdict", "reason")}
-        rows += [dict(zip(keys, key, strict=True)) | row for row in (whole, *classes)]
+        classes = {"all": _judge_class(group)}
+        classes |= {name: _judge_class(members) for name, members in group.groupby("class", sort=False)}
+        worst = _worst_class([verdict for name, verdict in classes.items() if name != "all"])
+        classes["all"] = replace(classes["all"], verdict=worst.verdict, reason=worst.reason)
+        shared = dict(zip(keys, key, strict=True))
+        rows += [shared | {"class": name} | asdict(verdict) for name, verdict in classes.items()]
     return pd.DataFrame(rows)
 
 
-def _gathered(points: Frame) -> dict[str, Any]:
-    """Return a row of verdicts, by the rule of a class."""
+def _worst_class(classes: Sequence[ClassVerdict]) -> ClassVerdict:
+    """Return the worst verdict; beside a supported class, those within the solver's own error do not count."""
+    is_supported = any(verdict.verdict == "supported" for verdict in classes)
+    counting = [verdict for verdict in classes if not (verdict.within_error and is_supported)]
+    return min(counting, key=lambda verdict: _ORDER.index(verdict.verdict))
+
+
+def _judge_class(points: Frame) -> ClassVerdict:
+    """Judge a class of points by the rule that the module states."""
     supported, refuted = (points[points.verdict == verdict] for verdict in ("supported", "refuted"))
     undecided = points[~points.verdict.isin(["supported", "refuted"])]
-    n, astray, reason = len(points), undecided[~undecided.settles], ""
-    harmless = astray.empty and (undecided.consistent | ~np.isfinite(undecided.offset)).all()
+    unsettled = undecided[~undecided.settles]
+    n, reason = len(points), ""
+    is_harmless = undecided.consistent | ~np.isfinite(undecided.offset)
     if len(refuted) >= max(1, REFUTING_SHARE * n):
         verdict = "refuted"
-    elif 2 * len(supported) >= n and refuted.empty and harmless:
+    elif 2 * len(supported) >= n and refuted.empty and unsettled.empty and is_harmless.all():
         verdict = "supported"
     else:
         verdict = "no limit" if 2 * (points.verdict == "no limit").sum() >= n else "undecided"
-        worst = undecided if astray.empty else astray
+        worst = undecided if unsettled.empty else unsettled
         reason = (
             f"{len(worst)} of {n} points: {worst.reason.iloc[0]}" if len(worst) else "one point is refuted"
         )
-    quiet = (points.verdict == "supported") | (points.consistent & points.settles)
-    # Bootstrap; one rate is legal, which scipy.stats.bootstrap refuses.
-    rates, draws = supported.rate.to_numpy(), (_RESAMPLES, len(supported))
-    medians = np.median(np.random.default_rng(_SEED).choice(rates, draws), axis=1) if rates.size else np.nan
-    low, high = np.quantile(medians, [0.025, 0.975])
-    return {
-        "verdict": verdict,
-        "within_error": verdict == "undecided" and quiet.all(),
-        "points": n,
-        **{"n_supported": len(supported), "n_refuted": len(refuted), "n_undecided": len(undecided)},
-        **{"rate": supported.rate.median(), "rate_low": low, "rate_high": high},
-        **{"least_rate": supported.rate.min(), "largest_rate": supported.rate.max()},
-        **{"offset_least": refuted.offset.min(), "offset_largest": refuted.offset.max()},
-        "close_from": points.close_from.median(),
-        "reason": reason,
-    }
+    agrees = (points.verdict == "supported") | (points.consistent & points.settles)
+    rate_low, rate_high = _bootstrap_median(supported.rate.to_numpy())
+    return ClassVerdict(
+        verdict=verdict,
+        within_error=bool(verdict == "undecided" and agrees.all()),
+        points=n,
+        n_supported=len(supported),
+        n_refuted=len(refuted),
+        n_undecided=len(undecided),
+        rate=supported.rate.median(),
+        rate_low=rate_low,
+        rate_high=rate_high,
+        least_rate=supported.rate.min(),
+        largest_rate=supported.rate.max(),
+        offset_least=refuted.offset.min(),
+        offset_largest=refuted.offset.max(),
+        close_from=points.close_from.median(),
+        reason=reason,
+    )
+
+
+def _bootstrap_median(rates: Floats) -> tuple[float, float]:
+    """Return the 95 % bootstrap interval of a median; NaN without rates."""
+    # One rate is legal, which scipy.stats.bootstrap refuses.
+    if not rates.size:
+        return math.nan, math.nan
+    draws = np.random.default_rng(_SEED).choice(rates, (_RESAMPLES, rates.size))
+    low, high = np.quantile(np.median(draws, axis=1), [0.025, 0.975])
+    return low, high

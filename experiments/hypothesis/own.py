@@ -1,10 +1,10 @@
 """The hypothesis for one collision of one's own: does its stiff pair move as one body, by every law.
 
-The two bodies of the stiffest contact are *welded* (`chains.welded`): one body of the mass and the momentum of both,
-or, at the table, part of the table. Each law solves the welded collision, the collision at hand, and the same at rising
-contrasts of the stiff contact, all other contacts being as they are. D is the kinetic norm of the difference from the
-welded collision, per that of the velocities at first touch. Where the contrast goes is judged as in a test of the
-hypothesis (`judging`): one rule for both.
+The two bodies of the stiffest contact are *welded* (`chains.weld_contact`): one body of the mass and the momentum of
+both, or, at the table, part of the table. Each law solves the welded collision, the collision at hand, and the same
+collision at rising contrasts of the stiff contact; all other contacts stay as they are. D is the kinetic norm of the
+difference from the welded collision, over the kinetic norm of the velocities at first touch. The series of rising
+contrasts is judged by the rule of a test of the hypothesis (`judging`).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -22,35 +22,48 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.config.axes import Strict
 from impact_xval.experiments.config.errors import UserError, read_toml, validated
-from impact_xval.experiments.hypothesis.chains import ERROR, SOLVERS, of_each_ball, stiffened, welded
-from impact_xval.experiments.hypothesis.config import spaced
-from impact_xval.experiments.hypothesis.judging import CLOSE, distance, judge, usable
+from impact_xval.experiments.hypothesis.chains import (
+    ERROR,
+    SOLVERS,
+    stiffen_contact,
+    velocities_of_balls,
+    weld_contact,
+)
+from impact_xval.experiments.hypothesis.config import spaced_contrasts
+from impact_xval.experiments.hypothesis.judging import (
+    CLOSE,
+    Approach,
+    Verdict,
+    judge_approach,
+    kinetic_distance,
+    mark_usable,
+)
 from impact_xval.experiments.presentation.document import Block, Table
-from impact_xval.experiments.presentation.words import named
+from impact_xval.experiments.presentation.words import display_name
 from impact_xval.experiments.tables.numbers import listed, number
 from impact_xval.model.arrays import Floats
 from impact_xval.model.collision import MAX_BALLS, Collision
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.status import RESULT_STATUSES
 
-#: Laws beside those of chains that two balls on a table are solved by.
+#: Laws that solve two balls on a table only, beside the laws of chains.
 OF_PAIRS = ("liu-zhao-brogliato", "kelvin-voigt-anchored", "compression-dashpot", "hunt-crossley")
 
-#: A law that is for two balls on a table alone, and the law that is the same for the one ball that is left of them.
+#: Laws for two balls on a table only, and the law that replaces each for the one ball of the welded collision.
 _WELDED_BY = {"kelvin-voigt-anchored": "kelvin-voigt"}
 
-#: Contrasts of the series: from the first to the second, or to a hundred times that at hand, at most to the third, as
-#: in a test of the hypothesis; how many in a decade, and on how many decades a verdict is.
+#: Contrasts of the series: from `_FROM` to `_TO` or a hundred times the contrast at hand, whichever is larger, but at
+#: most to `_MOST`, as in a test of the hypothesis; contrasts in a decade; decades that a verdict is based on.
 _FROM, _TO, _MOST = 10.0, 1e6, 1e10
 _PER_DECADE, _DECADES = 4, 3.0
 
 #: Multiples of the contrast at hand whose D is shown beside it.
 MULTIPLES = (1.0, 10.0, 100.0, 1000.0)
 
-#: Of all solutions: a cut-off would insert the limit that is in question, and contacts may ring for long.
+#: Settings of all solutions. A cut-off would insert the limit in question; contacts may ring for many steps.
 _SETTINGS = Settings(stiffness_ratio_cutoff=math.inf, max_steps=50_000_000, mark=False)
 
-#: A key that no other file of the command has: it tells which of the two a file is.
+#: Key that tells a file with a collision from a file with a test of the hypothesis.
 MARK = "masses"
 
 
@@ -88,7 +101,7 @@ class OwnCollision(Strict):
         )
 
 
-def load_own(path: Path) -> tuple[Collision, int | None] | None:
+def load_own_collision(path: Path) -> tuple[Collision, int | None] | None:
     """Read a collision and the place of its stiff contact, from 0; None if the file is a test of the hypothesis."""
     data = read_toml(path)
     if MARK not in data:
@@ -104,29 +117,29 @@ def load_own(path: Path) -> tuple[Collision, int | None] | None:
     return collision, None if own.stiff is None else own.stiff - 1
 
 
-class OneLaw(NamedTuple):
-    """What a law makes of a collision whose stiff pair may be one body."""
+class LawOnPair(NamedTuple):
+    """Result of one law for a collision whose stiff pair may move as one body."""
 
     solver: str
     #: Why the law has no result for the collision at hand or the welded one, or why its series is undecided.
     reason: str
-    #: D from the welded collision by contrast: at `MULTIPLES` of that at hand; NaN without a result.
+    #: D from the welded collision at `MULTIPLES` of the contrast at hand; NaN without a result.
     distances: tuple[float, ...]
-    #: The rule of a test of the hypothesis: ``supported``, ``refuted``, ``no limit`` or ``undecided``.
+    #: Verdict by the rule of a test of the hypothesis: ``supported``, ``refuted``, ``no limit`` or ``undecided``.
     verdict: str
     rate: float
     offset: float
 
     @property
     def as_one(self) -> str:
-        """Whether the pair moves as one body at the contrast at hand, in a word."""
+        """Say whether the pair moves as one body at the contrast at hand: ``yes``, ``no``, or ``-`` if unknown."""
         if math.isnan(self.distances[0]):
             return "-"
         return "yes" if self.distances[0] <= CLOSE else "no"
 
     @property
     def growing(self) -> str:
-        """How D goes as the contrast grows, in words."""
+        """Say how D changes as the contrast grows."""
         match self.verdict:
             case "supported":
                 return f"D falls as contrast^-{self.rate:.2f}: one body in the limit"
@@ -138,13 +151,13 @@ class OneLaw(NamedTuple):
 
 
 class OwnPair(NamedTuple):
-    """The stiff pair of a collision, by every law."""
+    """The stiff pair of a collision, and the result of every law."""
 
     collision: Collision
-    #: Place of the stiff contact, from 0, and its stiffness over the largest of the others.
+    #: Index of the stiff contact, from 0, and its stiffness over the largest of all other contacts.
     contact: int
     contrast: float
-    laws: list[OneLaw]
+    laws: list[LawOnPair]
 
     @property
     def bodies(self) -> str:
@@ -159,7 +172,7 @@ class OwnPair(NamedTuple):
         return bool(self.collision.compression_rates[self.contact] > 0)
 
 
-def own_pair(collision: Collision, stiff: int | None = None) -> OwnPair:
+def judge_own_pair(collision: Collision, stiff: int | None = None) -> OwnPair:
     """Solve a collision and its welded one by every law, at the contrast at hand and at rising ones.
 
     `stiff` is the place of the contact in question, from 0; by default that of the stiffest. A `UserError` says that
@@ -188,60 +201,60 @@ def own_pair(collision: Collision, stiff: int | None = None) -> OwnPair:
     return OwnPair(collision, contact, contrast, laws)
 
 
-def _one_law(name: str, collision: Collision, contact: int, contrast: float) -> OneLaw:
-    """Solve a collision by a law: welded, at multiples of the contrast at hand, and at those of the series."""
+def _one_law(name: str, collision: Collision, contact: int, contrast: float) -> LawOnPair:
+    """Solve a collision by a law: welded, at multiples of its contrast, and at the contrasts of the series."""
     multiples = [x for x in MULTIPLES if x * contrast <= _MOST]
-    series = spaced((_FROM, min(_MOST, max(_TO, 100 * contrast))), _PER_DECADE)
+    series = spaced_contrasts((_FROM, min(_MOST, max(_TO, 100 * contrast))), _PER_DECADE)
     stiffer = [*multiples[1:], *(x / contrast for x in series)]
-    asked = [collision, *(stiffened(collision, contact, x) for x in stiffer)]
-    outcomes = get_solver(name).solve_many(asked, _SETTINGS)
+    collisions = [collision, *(stiffen_contact(collision, contact, x) for x in stiffer)]
+    outcomes = get_solver(name).solve_many(collisions, _SETTINGS)
     of_welded = get_solver(_WELDED_BY.get(name, name))
-    (as_one,) = of_welded.solve_many([welded(collision, contact)], _SETTINGS)
-    for each in (as_one, outcomes[0]):
-        if each.status not in RESULT_STATUSES:
+    (as_one,) = of_welded.solve_many([weld_contact(collision, contact)], _SETTINGS)
+    for outcome in (as_one, outcomes[0]):
+        if outcome.status not in RESULT_STATUSES:
             nothing = (math.nan,) * len(MULTIPLES)
-            return OneLaw(name, f"{each.status}: {each.reason}", nothing, "undecided", math.nan, math.nan)
+            return LawOnPair(
+                name, f"{outcome.status}: {outcome.reason}", nothing, "undecided", math.nan, math.nan
+            )
     weights = np.array(collision.masses) / np.dot(collision.masses, np.square(collision.velocities))
-    form = of_each_ball(as_one.velocities, contact)
-    differences = np.array([each.velocities for each in outcomes]) - form
-    solved = np.array([each.status in RESULT_STATUSES for each in outcomes])
-    distances = np.where(solved, distance(weights, differences), math.nan)
-    shown = distances[: len(multiples)].tolist()
-    shown += [math.nan] * (len(MULTIPLES) - len(shown))
+    form = velocities_of_balls(as_one.velocities, contact)
+    differences = np.array([outcome.velocities for outcome in outcomes]) - form
+    solved = np.array([outcome.status in RESULT_STATUSES for outcome in outcomes])
+    distances = np.where(solved, kinetic_distance(weights, differences), math.nan)
+    at_multiples = distances[: len(multiples)].tolist()
+    at_multiples += [math.nan] * (len(MULTIPLES) - len(at_multiples))
     of_series = slice(len(multiples), None)
-    found = _judged(outcomes[of_series], distances[of_series], series, weights, form)
-    why = found["reason"].replace("the closed form", "the welded collision")
-    return OneLaw(name, why, tuple(shown), found["verdict"], found["rate"], found["offset"])
+    verdict = _judge_law(outcomes[of_series], distances[of_series], series, weights, form)
+    why = verdict.reason.replace("the closed form", "the welded collision")
+    return LawOnPair(name, why, tuple(at_multiples), verdict.verdict, verdict.rate, verdict.offset)
 
 
-def _judged(
+def _judge_law(
     outcomes: Sequence[Outcome],
     distances: Floats,
     contrasts: Sequence[float],
     weights: Floats,
     form: tuple[float, ...],
-) -> dict[str, Any]:
+) -> Verdict:
     """Judge outcomes of a law at rising contrasts by the rule of a test of the hypothesis."""
-    margins = np.array([each.grazing_margin for each in outcomes], float)  # NaN where there is none
+    margins = np.array([outcome.grazing_margin for outcome in outcomes], float)  # NaN where there is none
     rows = pd.DataFrame({"contrast": contrasts, "distance": distances, "grazing_margin": margins})
-    rows = usable(rows, np.sqrt(rows.contrast))
-    velocities = np.empty(len(rows), dtype=object)
-    velocities[:] = [each.velocities for each in outcomes]
-    return judge(
-        {
-            "contrast": rows.contrast.to_numpy(),
-            "used": rows.used.to_numpy(),
-            "velocities": velocities,
-            "error": np.full(len(rows), ERROR),
-            "decades": [_DECADES],
-            "weights": [weights],
-            "closed_form": [form],
-        }
+    rows = mark_usable(rows, np.sqrt(rows.contrast))
+    return judge_approach(
+        Approach(
+            contrast=rows.contrast.to_numpy(),
+            used=rows.used.to_numpy(),
+            velocities=np.array([outcome.velocities for outcome in outcomes]),
+            error=np.full(len(rows), ERROR),
+            closed_form=np.array(form),
+            weights=weights,
+            decades=_DECADES,
+        )
     )
 
 
-def own_blocks(own: OwnPair) -> Iterator[Block]:
-    """Lay out what becomes of a stiff pair, a law a row, and what the columns mean."""
+def own_pair_blocks(own: OwnPair) -> Iterator[Block]:
+    """Lay out the results for a stiff pair, one row per law, and explain the columns."""
     masses, place = own.collision.masses, own.contact
     at_table = place == len(masses) - 1
     united = (
@@ -257,7 +270,7 @@ def own_blocks(own: OwnPair) -> Iterator[Block]:
     contrasts = [number(x * own.contrast) for x in MULTIPLES]
     header = ["law", "as one body", f"D at {contrasts[0]} (yours)", *(f"D at {x}" for x in contrasts[1:])]
     rows = [
-        (named(law.solver), law.as_one, *(number(d, 2) for d in law.distances), law.growing)
+        (display_name(law.solver), law.as_one, *(number(d, 2) for d in law.distances), law.growing)
         for law in own.laws
     ]
     yield Table([*header, "as the contrast grows"], rows, text=2)
@@ -270,7 +283,7 @@ def own_blocks(own: OwnPair) -> Iterator[Block]:
     for answer in ("yes", "no"):
         laws = [law for law in own.laws if law.as_one == answer]
         if laws:
-            by = listed(f"{named(law.solver)} (D = {number(law.distances[0], 2)})" for law in laws)
+            by = listed(f"{display_name(law.solver)} (D = {number(law.distances[0], 2)})" for law in laws)
             yield f"As one body, by D from the welded pair at your contrast: {answer} by {by}."
     if own.meets:
         yield (
@@ -279,4 +292,4 @@ def own_blocks(own: OwnPair) -> Iterator[Block]:
         )
     for law in own.laws:
         if law.as_one == "-":
-            yield f"{named(law.solver)}: {law.reason}"
+            yield f"{display_name(law.solver)}: {law.reason}"

@@ -12,13 +12,18 @@ from rich.console import Console
 
 from impact_xval.compliant_baselines.registry import description_of, is_engine, one_solver_per_law
 from impact_xval.experiments.hypothesis.judging import CLOSE
-from impact_xval.experiments.hypothesis.run import CASES, ROUNDING, Results
+from impact_xval.experiments.hypothesis.run import LIMIT_CASES, ROUNDING, HypothesisResults
 from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.presentation.document import Block, Figure, Section, Table
-from impact_xval.experiments.presentation.html import page_of
-from impact_xval.experiments.presentation.style import drawing, save
-from impact_xval.experiments.presentation.terminal import show
-from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, look, named, one_vote
+from impact_xval.experiments.presentation.html import render_page
+from impact_xval.experiments.presentation.style import save_figure, styled_figure
+from impact_xval.experiments.presentation.terminal import print_blocks
+from impact_xval.experiments.presentation.words import (
+    LAWS_WITH_LAWS,
+    describe_shared_laws,
+    display_name,
+    look_of,
+)
 from impact_xval.experiments.tables.folder import write_text
 from impact_xval.experiments.tables.numbers import listed, percent, short
 from impact_xval.experiments.tables.parquet import replacing
@@ -28,7 +33,7 @@ TITLE = "Does an infinitely stiff pair act as one body?"
 
 MODEL, LAW_IN_TIME = "state-transition", "bistiffness"
 
-#: What makes the pair one body, by the verdicts of the model, and of its impact law with positions that move.
+#: Why the pair is one body, by two verdicts: on the model, and on the same impact law with positions that move.
 _MECHANISM = {
     ("supported", "supported"): "stiffness, whether<br>positions are frozen<br>or move",
     ("supported", "refuted"): "frozen positions:<br>where they move,<br>it parts again",
@@ -36,7 +41,7 @@ _MECHANISM = {
 }
 
 
-#: Names that head a column or a row of the tables, but for those of solvers, and what they mean.
+#: Meanings of the headers of columns and rows; the names of solvers are explained apart.
 _LIMITS = {
     "zero-apart": "k2/k1 → 0, ball on ball infinitely stiffer than the table: the balls part at once, for good",
     "zero-early": "k2/k1 → 0: the balls meet again and are one body while the table contact is still compressed",
@@ -62,8 +67,8 @@ _MEANINGS = {
 }
 
 
-def write_all(results: Results, root: Path) -> Path:
-    """Write everything into the folder of a test; give the path of the page."""
+def write_hypothesis(results: HypothesisResults, root: Path) -> Path:
+    """Write tables, figure and page into the folder of a test; return the path of the page."""
     for name in ("verdicts", "points", "chains"):
         write_text(root / f"{name}.csv", getattr(results, name).to_csv(index=False, lineterminator="\n"))
     for name, frame in {"outcomes": results.outcomes, "chains": results.chain_outcomes}.items():
@@ -71,29 +76,30 @@ def write_all(results: Results, root: Path) -> Path:
             frame.to_parquet(temporary, index=False, compression="zstd")
     (root / "figures").mkdir(exist_ok=True)
     _draw(results, root / "figures")
-    write_text(root / "report.html", page_of(TITLE, _blocks(results), root / "figures"))
+    write_text(root / "report.html", render_page(TITLE, _blocks(results), root / "figures"))
     return root / "report.html"
 
 
-def show_verdicts(console: Console, results: Results) -> None:
+def show_verdicts(console: Console, results: HypothesisResults) -> None:
     """Print the verdicts, and the points at which they are reached."""
     table = _grid(_wholes(results.verdicts), {"solver": "solver"}, "case", _short, TITLE)
-    show(console, ["", table, *_chains_as_one(results), LAWS_WITH_LAWS])
+    print_blocks(console, ["", table, *_chains_as_one(results), LAWS_WITH_LAWS])
 
 
-def _blocks(results: Results) -> list[Block]:
+def _blocks(results: HypothesisResults) -> list[Block]:
     """Build the page: a table and a figure, details folded."""
     question = (
         "The supplement of Jia, Mason and Erdmann (IJRR 32(1), 2013) derives its limiting cases from a hypothesis: if "
         "one of two contacts is infinitely stiffer than the other, its bodies act as one once they reach the same "
         f"velocity, and the rest is a single impact with the third body. {len(results.solvers)} solvers of "
-        f"{len(one_solver_per_law(results.solvers))} laws approach {len(CASES)} limits, each at "
-        f"{results.config.points} collisions or more. Supported: final velocities approach the closed form; refuted: "
-        "another value."
+        f"{len(one_solver_per_law(results.solvers))} laws approach {len(LIMIT_CASES)} limits, each at "
+        f"{results.config.points} collisions or more. Supported: final velocities approach the closed form; "
+        "refuted: another value."
     )
     held = _wholes(results.verdicts).query("solver == @MODEL and verdict == 'supported'")
-    answer = [f"The model supports it in {len(held)} of {len(CASES)} limits."] * (MODEL in results.solvers)
-    said = " ".join([*answer, *_chains_as_one(results)])
+    answers = list(_chains_as_one(results))
+    if MODEL in results.solvers:
+        answers.insert(0, f"The model supports it in {len(held)} of {len(LIMIT_CASES)} limits.")
     figure = Figure(
         "distance",
         "D over the contrast: median over the points none of whose other contacts is elastic. Open markers: engines, "
@@ -101,7 +107,7 @@ def _blocks(results: Results) -> list[Block]:
     )
     return [
         question,
-        said,
+        " ".join(answers),
         _verdicts(results),
         figure,
         LAWS_WITH_LAWS,
@@ -111,9 +117,9 @@ def _blocks(results: Results) -> list[Block]:
     ]
 
 
-def _names(results: Results) -> Section:
-    """Say what each name that heads a column or a row stands for."""
-    solvers = {named(name): f"{description_of(name)} (solver {name})" for name in results.solvers}
+def _names(results: HypothesisResults) -> Section:
+    """Return the section that explains the headers of columns and rows."""
+    solvers = {display_name(name): f"{description_of(name)} (solver {name})" for name in results.solvers}
     rows = [*_LIMITS.items(), *solvers.items(), *_MEANINGS.items()]
     return Section("What the names mean", [Table(("name", "meaning"), rows, text=2)], folded=True)
 
@@ -121,16 +127,19 @@ def _names(results: Results) -> Section:
 def _grid(
     rows: Frame, index: Mapping[str, str], columns: str, cell: Callable[[Any], str], caption: str = ""
 ) -> Table:
-    """Lay out rows of verdicts, a cell each; `index` has the columns that name a line, and their headers."""
+    """Lay out verdicts as a grid, one verdict per cell.
+
+    The columns in `index` name the lines of the grid; its values are their headers.
+    """
     cells = rows.assign(cell=[cell(row) for row in rows.itertuples()])
     grid = cells.pivot_table("cell", [*index], columns, aggfunc="first", sort=False, observed=True)
-    lines = [(named(name), *line) for name, *line in grid.reset_index().itertuples(index=False)]
-    header = (*index.values(), *map(named, grid))
+    lines = [(display_name(name), *line) for name, *line in grid.reset_index().itertuples(index=False)]
+    header = (*index.values(), *map(display_name, grid))
     return Table(header, lines, caption, text=len(header))
 
 
 def _short(row: Any) -> str:
-    """Name a verdict, and at how many points it is reached."""
+    """Write a verdict and the number of points that reach it, such as ``supported 20/24``."""
     return f"{row.verdict} {getattr(row, f'n_{row.verdict}', row.n_undecided)}/{row.points}"
 
 
@@ -138,22 +147,30 @@ def _wholes(table: Frame) -> Frame:
     return table[table["class"] == "all"]
 
 
-def _chains_as_one(results: Results) -> Iterator[str]:
-    """Say at how many chains a pair that has one velocity at first moves as one; nothing without chains."""
-    places = over_places(results)
-    found = [f"{named(solver)} {supported}" for solver, first, supported, *_ in places if first != "meet"]
-    if found:
-        yield f"Chains whose stiff pair has one velocity at first, and moves as one: {', '.join(found)}."
+def _chains_as_one(results: HypothesisResults) -> Iterator[str]:
+    """Say how many chains move as one, of those whose stiff pair has one velocity at first.
+
+    Nothing is said without chains.
+    """
+    places = count_chains(results)
+    counts = [
+        f"{display_name(solver)} {supported}" for solver, first, supported, *_ in places if first != "meet"
+    ]
+    if counts:
+        yield f"Chains whose stiff pair has one velocity at first, and moves as one: {', '.join(counts)}."
 
 
-def _verdicts(results: Results) -> Table:
-    """Lay out the verdicts, limit by solver; below the model's law in time, what it shows beside the model."""
+def _verdicts(results: HypothesisResults) -> Table:
+    """Lay out the verdicts, one row per solver and one column per limit.
+
+    Below the row of the model's law in time a row says why the pair is one body.
+    """
     wholes = _wholes(results.verdicts)
     caption = (
         f"Verdict, points at which it is reached, and the contrast from which D stays within {percent(CLOSE)}, median; "
         "D is the distance from the closed form. Below, of a supported limit the rate r, D falling as contrast^-r, "
         "median and its 95 % interval; of a refuted one the range of D. Exact bistiffness has the model's law, "
-        f"and positions that move. {one_vote(results.solvers)}"
+        f"and positions that move. {describe_shared_laws(results.solvers)}"
     )
     table = _grid(wholes, {"solver": "solver"}, "case", _cell, caption)
     rows = [(name, *map(Markup, cells)) for name, *cells in table.rows]
@@ -170,66 +187,75 @@ def _cell(row: Any) -> str:
         low, high = (format(end, ".2f") for end in (row.rate_low, row.rate_high))
         more = f"r {row.rate:.2f}" + (f" ({low}–{high})" if low != high else "")
     elif row.verdict == "refuted":
-        more = f"D {span((row.offset_least, row.offset_largest))}"
+        more = f"D {format_range((row.offset_least, row.offset_largest))}"
     close = f"≥{short(row.close_from, 1)}" if row.close_from < float("inf") else "never"
     return f"{_short(row)} {close}<br>{more}"
 
 
-def _draw(results: Results, folder: Path) -> None:
-    """Draw how far each solver is from the closed form, over the contrast."""
+def _draw(results: HypothesisResults, folder: Path) -> None:
+    """Draw D from the closed form over the contrast, one line per solver."""
     usable: Any = results.outcomes.query("used and `class`.str.endswith('lossy')")
-    with drawing(11.0, 4.8) as figure:
+    with styled_figure(11.0, 4.8) as figure:
         axes = figure.subplots(2, 3)
-        for ax, case in zip(axes.flat, CASES, strict=True):
+        for ax, case in zip(axes.flat, LIMIT_CASES, strict=True):
             for name in results.solvers:
-                here = usable[(usable["case"] == case.key) & (usable.solver == name)]
-                found = here.groupby("contrast").distance.agg(["median", "size"])
-                known = (found["size"] > here.point.nunique() / 2) & (found["median"] >= ROUNDING)
-                median, style = found["median"].where(known), look(name)
-                open_marker = {"linestyle": "none", "marker": style.marker, "markerfacecolor": "none"}
-                how: Any = open_marker if is_engine(name) else {"linestyle": style.dash}
-                ax.loglog(median.index, median, color=style.color, label=named(name), **how)
+                outcomes = usable[(usable["case"] == case.key) & (usable.solver == name)]
+                by_contrast = outcomes.groupby("contrast").distance.agg(["median", "size"])
+                has_most_points = by_contrast["size"] > outcomes.point.nunique() / 2
+                is_above_rounding = by_contrast["median"] >= ROUNDING
+                median = by_contrast["median"].where(has_most_points & is_above_rounding)
+                style = look_of(name)
+                (line,) = ax.loglog(median.index, median, color=style.color, label=display_name(name))
+                if is_engine(name):
+                    line.set(linestyle="none", marker=style.marker, markerfacecolor="none")
+                else:
+                    line.set(linestyle=style.dash)
             ax.set_xlabel(f"contrast {case.variable} (-)")
             ax.set_title(case.key, fontsize=8.5)
         for ax in axes[:, 0]:
             ax.set_ylabel("D (-)")
         figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
-    save(figure, folder, "distance")
+    save_figure(figure, folder, "distance")
 
 
-def _more(results: Results) -> Section:
-    """Show the verdicts on classes of points, and on chains of N balls beside those whose stiff pair is welded."""
+def _more(results: HypothesisResults) -> Section:
+    """Return the section with the verdicts on classes of points, and on chains of N balls."""
     classes = results.verdicts[results.verdicts["class"] != "all"]
     of_points = _grid(classes, {"case": "limit", "class": "elastic contacts"}, "solver", _short)
+    balls = format_range(results.config.chains.balls)
     caption = (
-        f"Chains of {span(results.config.chains.balls)} balls, one contact of which becomes infinitely stiff, beside "
-        "those whose pair is welded: one body, or part of the table. D: of refuted chains, from the welded ones"
+        f"Chains of {balls} balls, one contact of which becomes infinitely stiff, beside those "
+        "whose pair is welded: one body, or part of the table. D: of refuted chains, from the welded ones"
     )
-    rows = [(named(solver), *row) for solver, *row in over_places(results)]
+    rows = [(display_name(solver), *row) for solver, *row in count_chains(results)]
     header = ("solver", "bodies at first", "supported", "refuted", "rates", "D")
     of_chains = Table(header, rows, caption, text=2)
     return Section("Classes of points, chains of N balls", [of_points, of_chains], folded=True)
 
 
-def over_places(results: Results) -> Iterator[tuple[str, ...]]:
-    """Count chains, a row a solver and whether the bodies of the pair meet at first; none without chains."""
+def count_chains(results: HypothesisResults) -> Iterator[tuple[str, ...]]:
+    """Count chains by verdict: one row per solver, and per whether the bodies of the stiff pair meet at first."""
     if results.chains.empty:
         return
-    for (solver, meets), found in _wholes(results.chains).groupby(["solver", "meets"], sort=False):
-        sums = found[["n_supported", "n_refuted", "points"]].sum()
+    for (solver, meets), rows in _wholes(results.chains).groupby(["solver", "meets"], sort=False):
+        sums = rows[["n_supported", "n_refuted", "points"]].sum()
         counts = (f"{n} of {sums.points}" for n in (sums.n_supported, sums.n_refuted))
-        rates = span((found.least_rate.min(), found.largest_rate.max()), ".2f") if sums.n_supported else "-"
-        away = span((found.offset_least.min(), found.offset_largest.max())) if sums.n_refuted else "-"
-        yield solver, "meet" if meets else "one velocity", *counts, rates, away
+        rates = (
+            format_range((rows.least_rate.min(), rows.largest_rate.max()), ".2f") if sums.n_supported else "-"
+        )
+        distances = (
+            format_range((rows.offset_least.min(), rows.offset_largest.max())) if sums.n_refuted else "-"
+        )
+        yield solver, "meet" if meets else "one velocity", *counts, rates, distances
 
 
-def _method(results: Results) -> Section:
-    """Say what the limits are, what is left out, and how near engines are to the exact solver of their law."""
+def _method(results: HypothesisResults) -> Section:
+    """Return the section on the limits, skipped outcomes, and the distance of engines from the exact solvers."""
     outcomes = results.outcomes
     caption = "The limits, m1 = 1 and |v0| = 1. 1/e^2: an end of compression multiplies a stiffness by that"
-    limits = Table(("limit", "contrast", "regime"), [case[:3] for case in CASES], caption, text=3)
+    limits = Table(("limit", "contrast", "regime"), [case[:3] for case in LIMIT_CASES], caption, text=3)
     lost = outcomes[~outcomes.status.isin(RESULT_STATUSES)].groupby(["solver", "status"], sort=False).size()
-    words = listed(f"{n} of {named(solver)} ({status})" for (solver, status), n in lost.items())
+    words = listed(f"{n} of {display_name(solver)} ({status})" for (solver, status), n in lost.items())
     said = [
         f"The design is hypothesis.toml beside this page (seed {results.config.seed}); docs/hypothesis.md says how "
         "points are drawn, how verdicts are reached, and what is not shown.",
@@ -239,15 +265,15 @@ def _method(results: Results) -> Section:
     for name, version in results.versions.items():
         away = outcomes[outcomes.solver == name].limit_distance
         said.append(
-            f"{named(name)} {version}: in the limit dt -> 0 it differs from the exact solver of its law by "
+            f"{display_name(name)} {version}: in the limit dt -> 0 it differs from the exact solver of its law by "
             f"{short(away.median(), 1)} |v0| in the median, by {short(away.max(), 1)} at most."
             if name in results.solvers
-            else f"{named(name)}: {version}"
+            else f"{display_name(name)}: {version}"
         )
     return Section("Method, limits and provenance", [limits, *said], folded=True)
 
 
-def span(values: Sequence[float], digits: str = "") -> str:
-    """Write the least and the largest of some numbers, in few digits or as a format says."""
+def format_range(values: Sequence[float], digits: str = "") -> str:
+    """Write the range of some numbers, in two digits or in the format `digits`."""
     low, high = (format(end, digits) if digits else short(end, 2) for end in (min(values), max(values)))
     return low if low == high else f"{low} to {high}"

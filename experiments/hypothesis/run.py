@@ -24,9 +24,14 @@ from impact_xval.compliant_baselines.registry import engine_free_names, exact_so
 from impact_xval.experiments.config.axes import AXES, Sample
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import REFERENCE, parse_config
-from impact_xval.experiments.hypothesis.chains import chain_outcomes
-from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced
-from impact_xval.experiments.hypothesis.judging import distance, judged, usable, verdicts
+from impact_xval.experiments.hypothesis.chains import solve_chains
+from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced_contrasts
+from impact_xval.experiments.hypothesis.judging import (
+    judge_classes,
+    judge_points,
+    kinetic_distance,
+    mark_usable,
+)
 from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.folder import finished, new_folder, write_text
@@ -34,37 +39,41 @@ from impact_xval.experiments.tables.parquet import replacing
 from impact_xval.model import solve_batch
 from impact_xval.model.status import RESULT_STATUSES
 
-#: The configuration of a test, in its folder, and its runs there. Where balls unite, laws with positions end far from
-#: the closed form: there engines' limits are told from it at a wider tolerance, by half the steps.
+#: In the folder of a test: its configuration, and its runs. The limits in which balls unite have a run of engines of
+#: their own. Laws with positions end far from the closed form there, so a wider tolerance and half the steps suffice.
 CONFIGURATION, EXACT, ENGINES, UNITED = "hypothesis.toml", "exact", "engines", "engines-united"
 _BALLS_UNITE = ("zero-early", "zero-late")
 
-#: Of all runs; a cut-off would insert the closed form that is tested.
+#: Settings of all runs, without a cut-off: it would insert the closed form that is tested.
 _SETTINGS: dict[str, Any] = {"scenario": "impact", "measures": "velocities", "m1": 1.0, "k1": 1.0}
 _SETTINGS |= {"stiffness_ratio_cutoff": math.inf, "step_fraction": 5e-3, "max_steps": 50_000_000}
 
 #: Rounding of an exact solver's velocities, per abs(v0).
 ROUNDING = 1e-13
 
-#: What is read of a run, and kept; and what of the design.
+#: Columns that are read from a run; those that are kept too; and those of the closed form.
 _READ = ["v1", "v2", "v1_limit", "v2_limit", "limit_error", "velocity_error"]
 _KEPT = ["solver", "status", "reason", "limit_distance", "grazing_margin"]
 _CLOSED = ["closed_form_v1", "closed_form_v2"]
 
-#: Least distance from the border of a regime, in velocity per abs(v0): there two closed forms meet, a series begins to
-#: fall at the inverse of the distance from it, and balls part so slowly that engines need most of their steps.
+#: Least distance of a point from the border of its regime, in velocity per abs(v0). Two closed forms meet at the
+#: border. Near it a series falls only from a contrast of the inverse distance on, and balls part so slowly that engines
+#: need most of their steps.
 MARGIN = 0.1
 
-#: What is drawn from: k2/k1 of the plastic limits, m2/m1, and an inelastic e.
+#: Ranges of the points: k2/k1 (of plastic limits), m2/m1, and inelastic e.
 _RANGES = {"stiffness_ratio": {"log": [0.03, 30.0]}, "mass_ratio": {"log": [0.2, 10.0]}}
 BOX = Sample.model_validate(_RANGES | {e: {"linear": [0.3, 0.95]} for e in ("e1", "e2")})
 
-#: A collision by its ratios; the one that goes to its limit is NaN.
+#: Ratios and restitutions of a collision; NaN for the one that goes to its limit.
 Point = namedtuple("Point", AXES)
 
 
-class Case(NamedTuple):
-    """One limit, or one regime of it: what its contrast is, where it applies, and the ratio that goes to its limit."""
+class LimitCase(NamedTuple):
+    """One limit, or one regime of a limit.
+
+    `variable` is the contrast, `regime` the condition on the point, `axis` the ratio that goes to its limit.
+    """
 
     key: str
     variable: str
@@ -80,21 +89,24 @@ class Case(NamedTuple):
         return {self.axis: contrast ** {"k2/k1": 1, "k1/k2": -1}.get(self.variable, -0.5)}
 
 
-CASES = (
-    Case("zero-apart", "k1/k2", "e1 m2/m1 ≥ 1 and e2 (1 + e1) ≤ e1 m2/m1 - 1"),  # the balls part at once
-    Case("zero-early", "k1/k2", "e1 m2/m1 below 1"),  # united while the table contact is compressed
-    Case("zero-late", "k1/k2", "e1 m2/m1 ≥ 1 and e2 (1 + e1) above e1 m2/m1 - 1"),  # ... while it restores
-    Case("infinity", "k2/k1", "everywhere"),
-    Case("plastic-ball-ball", "1/e1^2", "everywhere", "e1"),
-    Case("plastic-ball-table", "1/e2^2", "everywhere", "e2"),
+LIMIT_CASES = (
+    LimitCase("zero-apart", "k1/k2", "e1 m2/m1 ≥ 1 and e2 (1 + e1) ≤ e1 m2/m1 - 1"),  # the balls part at once
+    LimitCase("zero-early", "k1/k2", "e1 m2/m1 below 1"),  # united while the table contact is compressed
+    LimitCase(
+        "zero-late", "k1/k2", "e1 m2/m1 ≥ 1 and e2 (1 + e1) above e1 m2/m1 - 1"
+    ),  # ... while it restores
+    LimitCase("infinity", "k2/k1", "everywhere"),
+    LimitCase("plastic-ball-ball", "1/e1^2", "everywhere", "e1"),
+    LimitCase("plastic-ball-table", "1/e2^2", "everywhere", "e2"),
 )
 
 
-def border(case: Case, point: Point) -> float:
-    """How far inside its regime a point lies, in velocity per abs(v0); negative outside, infinite without a border.
+def distance_from_border(case: LimitCase, point: Point) -> float:
+    """Return how far inside its regime a point lies, in velocity per abs(v0).
 
-    At k2/k1 → 0 the regimes part where v11 = 0, and where -e2 v21 = v11, v11 and v21 being the velocities after a
-    ball-ball impact that the table has no part in: supplement, (11), (12).
+    The distance is negative outside of the regime, and infinite if the regime has no border. At k2/k1 → 0 the borders
+    are v11 = 0 and -e2 v21 = v11, where v11 and v21 are the velocities after an impact of the balls alone: supplement,
+    (11), (12).
     """
     _, mu, e1, e2 = point
     v11, v21 = (e1 * mu - 1) / (1 + mu), -(1 + e1) / (1 + mu)
@@ -103,40 +115,43 @@ def border(case: Case, point: Point) -> float:
     return inside.get(case.key, math.inf)
 
 
-def pair_class(case: Case, point: Point) -> str:
-    """Name the class of a point: which of its contacts are elastic (e = 1); of a plastic limit, the other one."""
+def pair_class(case: LimitCase, point: Point) -> str:
+    """Name the class of a point by which of its contacts are elastic (e = 1).
+
+    In a plastic limit one restitution is 0, and the other contact decides.
+    """
     if case.plastic:
         return "other elastic" if 1 in (point.e1, point.e2) else "other lossy"
     names = {(True, True): "e1 = e2 = 1", (True, False): "only e1 = 1", (False, True): "only e2 = 1"}
     return names.get((point.e1 == 1, point.e2 == 1), "both lossy")
 
 
-def draw(case: Case, n: int, seed: int) -> list[Point]:
-    """Draw the points of a case from a scrambled Sobol sequence in `BOX`, in six digits, `MARGIN` inside.
+def draw_points(case: LimitCase, n: int, seed: int) -> list[Point]:
+    """Draw n points of a limit from a scrambled Sobol sequence in `BOX`, rounded to six digits.
 
-    Of a limit of k2/k1 half of them have e1, e2 < 1, and the rest is shared by e1 = 1, e2 = 1 and both; of a plastic
-    limit a third has the other contact elastic.
+    Every point lies at least `MARGIN` inside its regime. In a limit of k2/k1 half of the points have e1, e2 < 1; a
+    sixth has e1 = 1, a sixth e2 = 1, a sixth both. In a plastic limit a third has the other contact elastic.
     """
     elastic = n // 6 * [{"e1": 1.0}] + n // 6 * [{"e2": 1.0}] + n // 6 * [{"e1": 1.0, "e2": 1.0}]
     if case.plastic:
         elastic = n // 3 * [{"e2" if case.axis == "e1" else "e1": 1.0}]
     sampler = qmc.Sobol(4, rng=np.random.default_rng([seed, *case.key.encode()]))
     unit = sampler.random(2**16)  # enough for every class of a regime
-    drawn = iter(BOX.place(np.roll(unit, 1, axis=1)))
+    ratios_drawn = iter(BOX.place(np.roll(unit, 1, axis=1)))
 
     def inside(fixed: dict[str, float]) -> Point:
-        points = (Point(*(float(f"{x:.6g}") for x in ratios))._replace(**fixed) for ratios in drawn)
-        return next(point for point in points if border(case, point) >= MARGIN)
+        points = (Point(*(float(f"{x:.6g}") for x in ratios))._replace(**fixed) for ratios in ratios_drawn)
+        return next(point for point in points if distance_from_border(case, point) >= MARGIN)
 
     wanted = (n - len(elastic)) * [{}] + elastic
-    return [inside(one | {case.axis: math.nan}) for one in wanted]
+    return [inside(fixed_ratios | {case.axis: math.nan}) for fixed_ratios in wanted]
 
 
-def design(n: int, seed: int) -> Frame:
-    """Draw the points of all limits: a row each, with its class, and v1 and v2 of the closed form."""
+def draw_design(n: int, seed: int) -> Frame:
+    """Draw the points of all limits: one row per point, with its class and the velocities of its closed form."""
     tables = []
-    for case in CASES:
-        points = draw(case, n, seed)
+    for case in LIMIT_CASES:
+        points = draw_points(case, n, seed)
         table: Frame = pd.DataFrame(points)
         closed = solve_batch(**table.assign(**case.at(math.inf)), stiffness_ratio_cutoff=math.inf)
         known = {"case": case.key, "point": range(n), "class": [pair_class(case, each) for each in points]}
@@ -144,10 +159,12 @@ def design(n: int, seed: int) -> Frame:
     return pd.concat(tables, ignore_index=True)
 
 
-class Results(NamedTuple):
-    """What a test found: outcomes, a row a contrast; points (series of them); verdicts on classes, ``all`` first.
+class HypothesisResults(NamedTuple):
+    """Results of a test of the hypothesis.
 
-    Of chains of N balls likewise; `versions` has for an engine its version, or why it is unavailable.
+    `outcomes` has one row per contrast, `points` one row per series of contrasts, `verdicts` one row per class of
+    points, class ``all`` first. `chain_outcomes` and `chains` are the outcomes and verdicts for chains of N balls.
+    `versions` has the version of each engine, or why the engine is unavailable.
     """
 
     config: HypothesisConfig
@@ -164,7 +181,7 @@ class Results(NamedTuple):
         return sort_by_law(name for name in self.config.solvers if name in set(self.points.solver))
 
 
-def stages(config: HypothesisConfig, root: Path) -> Iterator[tuple[str, Callable[..., Any]]]:
+def prepare_runs(config: HypothesisConfig, root: Path) -> Iterator[tuple[str, Callable[..., Any]]]:
     """Prepare the folder of a test, and give its runs, each with a line that says what it is of, as a `run_sweep`.
 
     A folder that holds anything but the same test is a `UserError`.
@@ -187,67 +204,72 @@ def stages(config: HypothesisConfig, root: Path) -> Iterator[tuple[str, Callable
 
 
 def _runs(config: HypothesisConfig) -> dict[str, list[str]]:
-    """Return the solvers of each run that has any."""
+    """Return the solvers of each run, by the name of the run; runs without solvers are skipped."""
     exact = [name for name in config.solvers if name in engine_free_names()]
-    others = [name for name in config.solvers if name not in exact]
-    return {name: some for name, some in ((EXACT, exact), (ENGINES, others), (UNITED, others)) if some}
+    engines = [name for name in config.solvers if name not in exact]
+    return {name: names for name, names in ((EXACT, exact), (ENGINES, engines), (UNITED, engines)) if names}
 
 
 def _cells(config: HypothesisConfig, run: str) -> Frame:
-    """List the cells of a run, points before contrasts: neighbours take about as many steps."""
-    contrasts = spaced(config.contrast, config.per_decade)
-    plastic_contrasts = spaced(config.plastic_contrast, max(4, config.per_decade // 2))
+    """List the cells of a run, contrast by contrast: neighbours then take about as many steps."""
+    contrasts = spaced_contrasts(config.contrast, config.per_decade)
+    plastic_contrasts = spaced_contrasts(config.plastic_contrast, max(4, config.per_decade // 2))
     if run != EXACT:  # steps grow as the root of the contrast: as far as one can wait
-        contrasts, plastic_contrasts = spaced((10**0.5, 10**3.5), 2), spaced((1e2, 1e5), 2)
-    points = design(config.points, config.seed)
+        contrasts, plastic_contrasts = (
+            spaced_contrasts((10**0.5, 10**3.5), 2),
+            spaced_contrasts((1e2, 1e5), 2),
+        )
+    points = draw_design(config.points, config.seed)
     cells = [
         points[points["case"] == case.key].assign(contrast=x, **case.at(x))
-        for case in CASES
+        for case in LIMIT_CASES
         if run == EXACT or (case.key in _BALLS_UNITE) == (run == UNITED)
         for x in (plastic_contrasts if case.plastic else contrasts)
     ]
     return pd.concat(cells, ignore_index=True)
 
 
-def results(config: HypothesisConfig, root: Path) -> Results:
-    """Judge what the runs in a folder have found."""
-    found, versions = [], {}
+def judge_runs(config: HypothesisConfig, root: Path) -> HypothesisResults:
+    """Judge the finished runs in a folder."""
+    tables, versions = [], {}
     for name, solvers in _runs(config).items():
         folder = finished(root / name)
         rows: Frame = pd.read_parquet(folder.table_path("cells.parquet"), columns=["cell", *_KEPT, *_READ])
         rows = rows[rows.solver.isin(solvers) & (rows.status != "unavailable")]
         rows = rows.merge(pd.read_parquet(root / f"{name}.parquet"), left_on="cell", right_index=True)
-        found.append(rows.assign(decades=config.fit_decades if name == EXACT else 2.0))
+        tables.append(rows.assign(decades=config.fit_decades if name == EXACT else 2.0))
         if name != EXACT:
             versions = {engine: folder.manifest()["versions"][engine] for engine in solvers}
-    order = [*(case.key for case in CASES), *sort_by_law(config.solvers)]
-    outcomes = _outcomes(pd.concat(found)).sort_values(
+    order = [*(case.key for case in LIMIT_CASES), *sort_by_law(config.solvers)]
+    outcomes = _outcomes(pd.concat(tables)).sort_values(
         ["case", "solver", "point", "contrast"],
         key=lambda column: column.map(order.index) if column.name in ("case", "solver") else column,
         ignore_index=True,
     )
-    points = judged(outcomes, ["case", "solver", "point", "class"])
-    ratios = design(config.points, config.seed)[["case", "point", *AXES, *_CLOSED]]
-    chains, keys = chain_outcomes(config), ["arrangement", "stiff_contact", "meets", "solver"]
-    of_chains = verdicts(judged(chains, [*keys, "chain", "class"]), keys) if len(chains) else chains
-    of_limits = verdicts(points, ["case", "solver"])
-    points = points.merge(ratios, on=["case", "point"])
-    return Results(config, outcomes, points, of_limits, chains, of_chains, versions)
-
-
-def _outcomes(found: Frame) -> Frame:
-    """Make the table of outcomes: engines by their limit dt -> 0, and which of all can be used."""
-    limits, velocities = (found[names].to_numpy() for names in (["v1_limit", "v2_limit"], ["v1", "v2"]))
-    at_no_step = ~np.isnan(limits).any(axis=1)
-    there = found.status.isin(RESULT_STATUSES) | (at_no_step & (found.status == "unconverged"))
-    v = np.where(there.to_numpy()[:, None], np.where(at_no_step[:, None], limits, velocities), np.nan)
-    form, weights = found[_CLOSED].to_numpy(), np.column_stack([np.ones(len(found)), found.mass_ratio])
-    root = np.where(found["case"].str.startswith("plastic"), 1.0, np.sqrt(found.contrast))
-    found = found.drop(columns=["cell", *_READ]).assign(
-        velocities=v.tolist(),
-        closed_form=form.tolist(),
-        weights=weights.tolist(),
-        error=found[["limit_error", "velocity_error"]].max(axis=1).fillna(0.0).clip(lower=ROUNDING),
-        distance=distance(weights, v - form),
+    points = judge_points(outcomes, ["case", "solver", "point", "class"])
+    ratios = draw_design(config.points, config.seed)[["case", "point", *AXES, *_CLOSED]]
+    chains, keys = solve_chains(config), ["arrangement", "stiff_contact", "meets", "solver"]
+    of_chains = (
+        judge_classes(judge_points(chains, [*keys, "chain", "class"]), keys) if len(chains) else chains
     )
-    return usable(found, root)
+    of_limits = judge_classes(points, ["case", "solver"])
+    points = points.merge(ratios, on=["case", "point"])
+    return HypothesisResults(config, outcomes, points, of_limits, chains, of_chains, versions)
+
+
+def _outcomes(rows: Frame) -> Frame:
+    """Make the table of outcomes, engines by their limit dt -> 0, and mark the outcomes that can be used."""
+    limits, velocities = (rows[names].to_numpy() for names in (["v1_limit", "v2_limit"], ["v1", "v2"]))
+    at_no_step = ~np.isnan(limits).any(axis=1)
+    has_result = rows.status.isin(RESULT_STATUSES) | (at_no_step & (rows.status == "unconverged"))
+    v = np.where(has_result.to_numpy()[:, None], np.where(at_no_step[:, None], limits, velocities), np.nan)
+    closed_form, weights = rows[_CLOSED].to_numpy(), np.column_stack([np.ones(len(rows)), rows.mass_ratio])
+    root = np.where(rows["case"].str.startswith("plastic"), 1.0, np.sqrt(rows.contrast))
+    rows = rows.drop(columns=["cell", *_READ]).assign(
+        velocities=v.tolist(),
+        closed_form=closed_form.tolist(),
+        weights=weights.tolist(),
+        error=rows[["limit_error", "velocity_error"]].max(axis=1).fillna(0.0).clip(lower=ROUNDING),
+        distance=kinetic_distance(weights, v - closed_form),
+    )
+    return mark_usable(rows, root)

@@ -83,7 +83,7 @@ def levels_of(x: NDArray[np.float64]) -> Levels:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Compared:
+class DivergenceTable:
     """The rows of the table of divergence, in columns of small numbers."""
 
     path: Path
@@ -129,7 +129,7 @@ class Compared:
         return rows.assign(**levels, **{name: self.measure(name)[regular] for name in measures})
 
 
-def load_divergence(folder: RunFolder, config: Config) -> Compared:
+def load_divergence(folder: RunFolder, config: Config) -> DivergenceTable:
     """Read the columns of the table of divergence by which everything is grouped; measures are read as needed."""
     path = folder.table_path("divergence.parquet")
     solvers = [name for name in config.solvers if name != REFERENCE]
@@ -141,7 +141,7 @@ def load_divergence(folder: RunFolder, config: Config) -> Compared:
         rows[axis] = pd.Categorical.from_codes(levels[axis].codes(x), levels[axis].values)
     rows["compared"] = ~np.isnan(column(path, "velocity_divergence"))
     rows["marked"] = present(path, "marked")
-    return Compared(path, solvers, levels, rows)
+    return DivergenceTable(path, solvers, levels, rows)
 
 
 def statistics_of(groups: Frame) -> dict[str, Frame]:

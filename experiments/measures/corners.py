@@ -46,12 +46,12 @@ class Corners(NamedTuple):
 
     @property
     def model(self) -> Floats:
-        """The state-transition model, shape (n, N)."""
+        """Velocities of the state-transition model, all switches off, shape (n, N)."""
         return self.velocities[MODEL]
 
     @property
-    def asked(self) -> Floats:
-        """The law of the engine in its scenario, shape (n, N)."""
+    def engine_law(self) -> Floats:
+        """Velocities of the law of the engine in its scenario, all switches on, shape (n, N)."""
         return self.velocities[-1, -1, -1]
 
     @property

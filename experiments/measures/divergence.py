@@ -1,10 +1,10 @@
-"""Outcomes of cells by one solver as arrays, and how far they lie from the model's: the measures, all dimensionless."""
+"""Outcomes of cells by one solver as arrays, and their dimensionless divergence from the model's."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 from typing import Any
 
@@ -29,112 +29,253 @@ Texts = NDArray[np.object_]
 _VELOCITY = re.compile(r"v\d+_limit|limit_error|velocity_error|regularisation|rest_speed")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Results:
-    """Outcomes of n cells by one solver, of up to N balls; NaN where a cell has fewer, and where nothing is known."""
+#: Measures by the names of their columns (`schema.MEASURES`), shape (n,).
+Measures = dict[str, NDArray[Any]]
 
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImpulseCurves:
+    """Impulse curves of n pairs, one after another; a pair without a path has no points."""
+
+    #: Points of curve i are those from offsets[i] to offsets[i + 1].
+    offsets: NDArray[np.int64]
+    #: Impulses of both contacts so far in N s, shape (number of points, 2).
+    impulses: Floats
+
+    def __getitem__(self, place: slice) -> ImpulseCurves:
+        curves = range(len(self.offsets) - 1)[place]
+        offsets = self.offsets[curves.start : curves.stop + 1]
+        return ImpulseCurves(offsets - offsets[0], self.impulses[offsets[0] : offsets[-1]])
+
+    @classmethod
+    def concatenate(cls, pieces: Sequence[ImpulseCurves]) -> ImpulseCurves:
+        """Put the curves of successive pairs together."""
+        lengths = np.concatenate([np.diff(piece.offsets) for piece in pieces])
+        return cls(np.append(0, np.cumsum(lengths)), np.concatenate([piece.impulses for piece in pieces]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SolverResults:
+    """Outcomes of n cells by one solver; NaN where a cell has fewer than N balls, and where nothing is known."""
+
+    #: Final velocities in m/s, shape (n, N).
     velocities: Floats
+    #: Total impulses in N s, shape (n, number of contacts).
     impulses: Floats
     status: Texts
     reason: Texts
     mark: Texts
     differences: Texts
-    #: State sequences of two balls on a table, as the solver gives them and as they are compared; else empty.
+    #: State sequences of pairs as the solver gives them; empty for chains.
     states: list[str]
+    #: State sequences of pairs as they are compared; empty for chains.
     compared: list[str]
     n_states: NDArray[np.int64]
     n_events: NDArray[np.int64]
     margin: Floats
-    #: Velocities per abs(v0), times in s.
+    #: Diagnostics by name, shape (n,): velocities per abs(v0), times in s.
     diagnostics: dict[str, Floats]
-    #: Of two balls on a table.
-    paths: Paths | None
+    #: Impulse curves of pairs; None for chains, and in a `Comparison`.
+    curves: ImpulseCurves | None
 
     @property
-    def there(self) -> NDArray[np.bool_]:
-        """Where the numbers are a result."""
+    def has_result(self) -> NDArray[np.bool_]:
+        """Where the numbers are a result, shape (n,)."""
         return np.isin(self.status.astype(str), RESULT_STATUSES)
+
+    @property
+    def has_numbers(self) -> NDArray[np.bool_]:
+        """Where numbers go into the tables, shape (n,): results, and what a solver came to that did not converge."""
+        unfinished = (self.status == "unconverged") | (self.status == "timeout")
+        return (self.has_result | unfinished) & ~np.isnan(self.velocities[:, 0])
+
+    def velocities_of(self, statuses: Sequence[str] = RESULT_STATUSES) -> Floats:
+        """Return the velocities in m/s, shape (n, N); NaN where the status is none of these."""
+        kept = np.isin(self.status.astype(str), statuses) & self.has_numbers
+        return np.where(kept[:, None], self.velocities, np.nan)
+
+    def limits(self) -> Floats:
+        """Return the limits dt -> 0 of the velocities per abs(v0), shape (n, N); NaN where there is none."""
+        balls = range(1, 1 + self.velocities.shape[1])
+        limits = np.column_stack([self.diagnostic(f"v{i}_limit") for i in balls])
+        return np.where(self.has_result[:, None], limits, np.nan)
 
     def diagnostic(self, name: str) -> Floats:
         """Return a diagnostic; NaN where no outcome states it."""
         return self.diagnostics.get(name, np.full(len(self.status), np.nan))
 
+    def __len__(self) -> int:
+        return len(self.status)
+
+    def __getitem__(self, place: slice) -> SolverResults:
+        if range(len(self))[place] == range(len(self)):
+            return self
+        return SolverResults(
+            velocities=self.velocities[place],
+            impulses=self.impulses[place],
+            status=self.status[place],
+            reason=self.reason[place],
+            mark=self.mark[place],
+            differences=self.differences[place],
+            states=self.states[place],
+            compared=self.compared[place],
+            n_states=self.n_states[place],
+            n_events=self.n_events[place],
+            margin=self.margin[place],
+            diagnostics={name: x[place] for name, x in self.diagnostics.items()},
+            curves=None if self.curves is None else self.curves[place],
+        )
+
+    @classmethod
+    def concatenate(cls, pieces: Sequence[SolverResults]) -> SolverResults:
+        """Put the results of a solver in successive cells together."""
+        if len(pieces) == 1:
+            return pieces[0]
+        names = dict.fromkeys(name for piece in pieces for name in piece.diagnostics)
+        curves = [piece.curves for piece in pieces if piece.curves is not None]
+        return cls(
+            velocities=np.concatenate([piece.velocities for piece in pieces]),
+            impulses=np.concatenate([piece.impulses for piece in pieces]),
+            status=np.concatenate([piece.status for piece in pieces]),
+            reason=np.concatenate([piece.reason for piece in pieces]),
+            mark=np.concatenate([piece.mark for piece in pieces]),
+            differences=np.concatenate([piece.differences for piece in pieces]),
+            states=[text for piece in pieces for text in piece.states],
+            compared=[text for piece in pieces for text in piece.compared],
+            n_states=np.concatenate([piece.n_states for piece in pieces]),
+            n_events=np.concatenate([piece.n_events for piece in pieces]),
+            margin=np.concatenate([piece.margin for piece in pieces]),
+            diagnostics={
+                name: np.concatenate([piece.diagnostic(name) for piece in pieces]) for name in names
+            },
+            curves=ImpulseCurves.concatenate(curves) if curves else None,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison:
+    """Results of one solver in n cells, and their divergence from the model's."""
+
+    #: The results, without their curves.
+    results: SolverResults
+    #: Which jump of the model or of the solver is near, or which cut-off decides, by cell; empty where none does.
+    marked: Texts
+    #: All measures; none for the model itself.
+    measures: Measures
+
+    def __getitem__(self, place: slice) -> Comparison:
+        measures = {name: values[place] for name, values in self.measures.items()}
+        return Comparison(self.results[place], self.marked[place], measures)
+
+    @classmethod
+    def concatenate(cls, pieces: Sequence[Comparison]) -> Comparison:
+        """Put the comparisons of a solver in successive cells together."""
+        if len(pieces) == 1:
+            return pieces[0]
+        return cls(
+            results=SolverResults.concatenate([piece.results for piece in pieces]),
+            marked=np.concatenate([piece.marked for piece in pieces]),
+            measures={
+                name: np.concatenate([piece.measures[name] for piece in pieces])
+                for name in pieces[0].measures
+            },
+        )
+
 
 def results_of(
     outcomes: Sequence[Outcome], speed: Floats, balls: int, contacts: int, shortest: Floats | None
-) -> Results:
-    """Make arrays of outcomes at speeds abs(v0) in m/s.
+) -> SolverResults:
+    """Make arrays of outcomes.
 
-    Of two balls on a table `shortest` is the time for which a state must be held to count, in s (`states`); else None.
+    Parameters
+    ----------
+    outcomes : sequence of Outcome
+    speed : array, shape (n,)
+        abs(v0) of each cell in m/s.
+    balls, contacts : int
+        Largest numbers of balls and contacts of a cell.
+    shortest : array, shape (n,), or None
+        Time in s for which a state of a pair must be held to count (`states`); None where states are not compared.
     """
-    found = _of_arrays(outcomes, shortest) if isinstance(outcomes, Outcomes) else _of_list(outcomes)
-    for name in ("status", "reason", "mark", "differences"):
-        found[name] = np.array(found[name], dtype=object)
-    for name, wide in (("velocities", balls), ("impulses", contacts)):
-        found[name] = _padded(found[name], wide)
-    found["diagnostics"] = {
-        name: x / speed if _VELOCITY.fullmatch(name) else x for name, x in found["diagnostics"].items()
+    if isinstance(outcomes, Outcomes):
+        results = _read_arrays(outcomes, balls, contacts, with_states=shortest is not None)
+        paths = outcomes.paths
+    else:
+        results = _read_list(outcomes, balls, contacts)
+        paths = None
+    diagnostics = {
+        name: x / speed if _VELOCITY.fullmatch(name) else x for name, x in results.diagnostics.items()
     }
+    results = replace(results, diagnostics=diagnostics)
     if shortest is None:
-        return Results(**found | {"compared": [""] * len(speed), "paths": None})
-    given = found["paths"]
-    paths = given if isinstance(given, Paths) else Paths.of(given or [None] * len(speed), balls, contacts)
-    # Without a path, on which alone the times are, states stay as they are.
-    both = zip(comparable_states(paths, shortest), found["states"], strict=True)
-    return Results(**found | {"compared": [text or own for text, own in both], "paths": paths})
+        return results
+    if paths is None:
+        single = [None] * len(speed) if isinstance(outcomes, Outcomes) else [o.path for o in outcomes]
+        paths = Paths.of(single, balls, contacts)
+    # The times of states stand on the path alone: without a path states are compared as the solver gives them.
+    held = zip(comparable_states(paths, shortest), results.states, strict=True)
+    compared = [text or given for text, given in held]
+    return replace(results, compared=compared, curves=ImpulseCurves(paths.offsets, paths.impulses))
 
 
-def _of_arrays(outcomes: Outcomes, shortest: Floats | None) -> dict[str, Any]:
-    named = shortest is not None and outcomes.states is not None
-    return {
-        "velocities": outcomes.velocities,
-        "impulses": outcomes.impulses,
-        "status": outcomes.statuses,
-        "reason": outcomes.reasons,
-        "mark": outcomes.marks,
-        "differences": [""] * len(outcomes),
-        "states": outcomes.states.texts() if named and outcomes.states else [""] * len(outcomes),
-        "n_states": outcomes.n_states,
-        "n_events": outcomes.n_events,
-        "margin": outcomes.grazing_margin,
-        "diagnostics": outcomes.diagnostics,
-        "paths": outcomes.paths,
-    }
+def _read_arrays(outcomes: Outcomes, balls: int, contacts: int, *, with_states: bool) -> SolverResults:
+    """Read outcomes that are arrays already."""
+    n = len(outcomes)
+    return SolverResults(
+        velocities=_pad(outcomes.velocities, balls),
+        impulses=_pad(outcomes.impulses, contacts),
+        status=np.array(outcomes.statuses, dtype=object),
+        reason=outcomes.reasons,
+        mark=outcomes.marks,
+        differences=np.full(n, "", dtype=object),
+        states=outcomes.states.texts() if with_states and outcomes.states is not None else [""] * n,
+        compared=[""] * n,
+        n_states=outcomes.n_states,
+        n_events=outcomes.n_events,
+        margin=outcomes.grazing_margin,
+        diagnostics=dict(outcomes.diagnostics),
+        curves=None,
+    )
 
 
-def _of_list(outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    stated = dict.fromkeys(name for each in outcomes for name in each.diagnostics)
-    alike = ("velocities", "impulses", "status", "reason", "differences")
-    return {
-        **{name: [getattr(each, name) for each in outcomes] for name in alike},
-        "mark": [each.mark for each in outcomes],
-        "states": [" ".join(each.states) for each in outcomes],
-        "n_states": np.array([len(each.states) for each in outcomes], np.int64),
-        "n_events": np.array([each.n_events for each in outcomes], np.int64),
-        "margin": np.array([each.grazing_margin for each in outcomes], float),  # NaN for None
-        "diagnostics": {
-            name: np.array([each.diagnostics.get(name) for each in outcomes], float) for name in stated
+def _read_list(outcomes: Sequence[Outcome], balls: int, contacts: int) -> SolverResults:
+    """Read outcomes one by one."""
+    names = dict.fromkeys(name for outcome in outcomes for name in outcome.diagnostics)
+    return SolverResults(
+        velocities=_pad([outcome.velocities for outcome in outcomes], balls),
+        impulses=_pad([outcome.impulses for outcome in outcomes], contacts),
+        status=np.array([outcome.status for outcome in outcomes], dtype=object),
+        reason=np.array([outcome.reason for outcome in outcomes], dtype=object),
+        mark=np.array([outcome.mark for outcome in outcomes], dtype=object),
+        differences=np.array([outcome.differences for outcome in outcomes], dtype=object),
+        states=[" ".join(outcome.states) for outcome in outcomes],
+        compared=[""] * len(outcomes),
+        n_states=np.array([len(outcome.states) for outcome in outcomes], np.int64),
+        n_events=np.array([outcome.n_events for outcome in outcomes], np.int64),
+        margin=np.array([outcome.grazing_margin for outcome in outcomes], float),  # NaN for None
+        diagnostics={
+            name: np.array([outcome.diagnostics.get(name) for outcome in outcomes], float) for name in names
         },
-        "paths": [each.path for each in outcomes],
-    }
+        curves=None,
+    )
 
 
-def _padded(rows: Any, wide: int) -> Floats:
-    """Numbers of each row, NaN where there are fewer."""
-    if isinstance(rows, np.ndarray) and rows.shape[1] == wide:
+def _pad(rows: Floats | Sequence[Sequence[float]], width: int) -> Floats:
+    """Return numbers of each row as an array of this width, NaN where a row has fewer."""
+    if isinstance(rows, np.ndarray) and rows.shape[1] == width:
         return rows
-    found = np.full((len(rows), wide), np.nan)
-    for row, values in zip(found, rows, strict=True):
+    padded = np.full((len(rows), width), np.nan)
+    for row, values in zip(padded, rows, strict=True):
         row[: len(values)] = values
-    return found
+    return padded
 
 
 def masses_and_starts(collisions: Sequence[Collision], balls: int) -> tuple[Floats, Floats]:
     """Masses in kg and velocities at first touch in m/s, shape (n, N), NaN where a cell has fewer balls."""
     if isinstance(collisions, Collisions):
-        return _padded(collisions.masses, balls), _padded(collisions.velocities, balls)
+        return _pad(collisions.masses, balls), _pad(collisions.velocities, balls)
     masses, velocities = ([getattr(c, name) for c in collisions] for name in ("masses", "velocities"))
-    return _padded(masses, balls), _padded(velocities, balls)
+    return _pad(masses, balls), _pad(velocities, balls)
 
 
 def norms(masses: Floats, differences: Floats, starts: Floats) -> Floats:
@@ -144,18 +285,17 @@ def norms(masses: Floats, differences: Floats, starts: Floats) -> Floats:
 
 
 def divergence(
-    masses: Floats, starts: Floats, speed: Floats, model: Results, other: Results
-) -> dict[str, Any]:
-    """Compare a solver's results with the model's: by name every measure of `schema.MEASURES`, other minus model.
+    masses: Floats, starts: Floats, speed: Floats, model: SolverResults, other: SolverResults
+) -> Measures:
+    """Compute every measure of a solver's results, other minus model; NaN or None where one of the two has no result.
 
-    NaN or None where one of the two has no result. Masses in kg and starts, velocities at first touch in m/s, are of
-    shape (n, N); speed is abs(v0), of shape (n,).
+    Masses in kg and starts, velocities at first touch in m/s, are of shape (n, N); speed is abs(v0), of shape (n,).
     """
-    both = model.there & other.there
+    both = model.has_result & other.has_result
     absent = ~both
     dv = np.where(both[:, None], other.velocities - model.velocities, np.nan)
     di = np.where(both[:, None], other.impulses - model.impulses, np.nan)
-    found: dict[str, Any] = {
+    found: Measures = {
         "velocity_divergence": np.where(absent, np.nan, norms(masses, dv, starts)),
         **{f"dv{i}": x / speed for i, x in enumerate(dv.T, 1)},
         **{f"dimpulse{i}": x / (masses[:, 0] * speed) for i, x in enumerate(di.T, 1)},
@@ -163,7 +303,7 @@ def divergence(
         "dretained_energy": retained_energy(masses, starts, other) - retained_energy(masses, starts, model),
     }
     found["largest_dv"][absent] = found["dretained_energy"][absent] = np.nan
-    if model.paths is None or other.paths is None:
+    if model.curves is None or other.curves is None:
         return found
     pairs = list(zip(model.compared, other.compared, strict=True))
     sequences = {texts: [text.split() for text in texts] for texts in set(pairs)}
@@ -171,26 +311,25 @@ def divergence(
     states = [known[texts] if there else (None,) * 3 for texts, there in zip(pairs, both, strict=True)]
     names = "states_equal", "states_differ_at", "states_edit_distance"
 
-    def curves(paths: Paths) -> Floats:
-        units = np.repeat(masses[:, 0] * speed, np.diff(paths.offsets))
+    def scaled(curves: ImpulseCurves) -> Floats:
+        units = np.repeat(masses[:, 0] * speed, np.diff(curves.offsets))
         # Contiguous: for any other layout the kernel would be compiled once more.
-        return np.ascontiguousarray(paths.impulses / units[:, None])
+        return np.ascontiguousarray(curves.impulses / units[:, None])
 
     # Here, for the import of numba takes longer than all else that one collision's D asks for.
     from impact_xval.experiments.measures.hausdorff import distances
 
-    one, two = model.paths, other.paths
-    apart = distances(curves(one), curves(two), one.offsets, two.offsets)
+    apart = distances(scaled(model.curves), scaled(other.curves), model.curves.offsets, other.curves.offsets)
     found |= zip(names, np.array(states, dtype=object).reshape(-1, 3).T, strict=True)
     return found | {"impulse_curve_distance": np.where(both, apart, np.nan)}
 
 
-def retained_energy(masses: Floats, starts: Floats, results: Results) -> Floats:
+def retained_energy(masses: Floats, starts: Floats, results: SolverResults) -> Floats:
     """Kinetic energy after the collision over that before it, shape (n,)."""
     return norms(masses, results.velocities, starts) ** 2
 
 
-def retained_momentum(masses: Floats, starts: Floats, results: Results) -> Floats:
+def retained_momentum(masses: Floats, starts: Floats, results: SolverResults) -> Floats:
     """Momentum after the collision over that before it, shape (n,), with its sign.
 
     It is 1 without a table, and negative where balls that fell leave a table upwards.

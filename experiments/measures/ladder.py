@@ -12,117 +12,166 @@ sum(along)/sum(D), its range that of this quotient over the orders.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import permutations
 from typing import NamedTuple
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.registry import law_of
 from impact_xval.compliant_baselines.solver import group_by_layout
 from impact_xval.experiments.config.cells import Block
 from impact_xval.experiments.config.experiment import REFERENCE, Config
-from impact_xval.experiments.measures.corners import Corners, Texts, corner_names, corners
+from impact_xval.experiments.measures.corners import Corners, corner_names, corners
+from impact_xval.experiments.measures.divergence import Comparison
 from impact_xval.model.arrays import Floats
 from impact_xval.model.status import RESULT_STATUSES
 
 #: D below which there is nothing to split: the accuracy of the references.
 NOTHING = 1e-9
 
-#: Two large causes cancel where one share is below the first and another above the second: each is then longer than D,
-#: and the larger more than twice as long.
+#: Two causes cancel where the least share is below the first number and the largest above the second: both causes are
+#: then longer than D, and the larger one more than twice as long.
 CANCEL = (-1.0, 2.0)
 
-#: Status of an engine's result that changes with its step: it has a ladder, which no statistic counts.
+#: Status of an engine's result that still changes with its step: the result has a ladder, which no statistic counts.
 UNCONVERGED = "unconverged"
 
-#: Why the last two contributions are one.
+#: Reason why mapping and time step are one contribution.
 NO_LIMIT = "no certified limit dt -> 0 for this cell"
 
-#: Least width of a range, and least share beside the largest, that a sentence mentions.
-_WIDE, _MENTIONED = 0.005, 0.02
+#: Least width of a range of shares that a sentence mentions.
+_WIDE = 0.005
 
-#: Nothing, in the place of a text.
+#: Least share, of the second contribution of a sentence, that the sentence mentions.
+_MENTIONED = 0.02
+
+#: Array that holds no text; `numpy.where` makes objects of it.
 _NONE = np.array(None, dtype=object)
 
 Columns = dict[str, np.ndarray]
 
 
-class Contribution(NamedTuple):
-    """One part of a divergence."""
+@dataclass(frozen=True, slots=True)
+class Contribution:
+    """What one cause adds to a divergence."""
 
     name: str
     label: str
-    #: In a sentence about an engine, after "by".
+    #: Words for a sentence about an engine, after "by".
     phrase: str
-    #: Of Tol's muted palette, which shares none with solvers.
+    #: Colour of Tol's muted palette, which shares none with solvers.
     color: str
-    #: Of a cause the positions of its switch (`corners`); else two outcomes, of which it is the difference.
+    #: Of a cause the two positions of its switch (`corners`); else the two outcomes that are subtracted.
     before: str
     after: str
+    #: Whether the contribution is known without an engine: the mean over the orders in which switches are turned on.
+    is_cause: bool = False
+    #: Whether the contribution exists only where a scenario may have gravity.
+    needs_gravity: bool = False
 
 
-_NAMES = (
-    ("frozen_positions", "frozen positions", "frozen positions", "#332288"),
-    ("dissipation_law", "dissipation law", "the dissipation law", "#DDCC77"),
-    ("gravity", "gravity", "gravity", "#88CCEE"),
-    ("mapping", "regularisation and mapping", "its regularisation and mapping", "#AA4499"),
-    ("discretisation", "time step", "its time step", "#999933"),
-    ("engine", "mapping and time step", "its mapping and time step, not separated", "#117733"),
-)
-_ASKED = "kelvin-voigt in the scenario of the run"
+_ENGINE_LAW = "kelvin-voigt in the scenario of the run"
 _LIMIT = "the engine in the limit dt -> 0"
 _RUN = "the engine at the step it was run with"
-_ENDS = (
-    ("contacts that return when their bodies approach", "contacts that return when their gap has closed"),
-    ("energetic restitution", "the law the engine was asked for (spring and dashpot, kelvin-voigt)"),
-    ("no gravity", "gravity as in the scenario of the run, B2 in static equilibrium"),
-    (_ASKED, _LIMIT),
-    (_LIMIT, _RUN),
-    (_ASKED, _RUN),
+
+#: All contributions in their order, the causes first and in the order of the switches of `corners`. A cell has either
+#: the last contribution or the two before it. Where a text says kelvin-voigt, an engine of another law has its own.
+CONTRIBUTIONS = (
+    Contribution(
+        name="frozen_positions",
+        label="frozen positions",
+        phrase="frozen positions",
+        color="#332288",
+        before="contacts that return when their bodies approach",
+        after="contacts that return when their gap has closed",
+        is_cause=True,
+    ),
+    Contribution(
+        name="dissipation_law",
+        label="dissipation law",
+        phrase="the dissipation law",
+        color="#DDCC77",
+        before="energetic restitution",
+        after="the law the engine was asked for (spring and dashpot, kelvin-voigt)",
+        is_cause=True,
+    ),
+    Contribution(
+        name="gravity",
+        label="gravity",
+        phrase="gravity",
+        color="#88CCEE",
+        before="no gravity",
+        after="gravity as in the scenario of the run, B2 in static equilibrium",
+        is_cause=True,
+        needs_gravity=True,
+    ),
+    Contribution(
+        name="mapping",
+        label="regularisation and mapping",
+        phrase="its regularisation and mapping",
+        color="#AA4499",
+        before=_ENGINE_LAW,
+        after=_LIMIT,
+    ),
+    Contribution(
+        name="discretisation",
+        label="time step",
+        phrase="its time step",
+        color="#999933",
+        before=_LIMIT,
+        after=_RUN,
+    ),
+    Contribution(
+        name="engine",
+        label="mapping and time step",
+        phrase="its mapping and time step, not separated",
+        color="#117733",
+        before=_ENGINE_LAW,
+        after=_RUN,
+    ),
 )
 
-#: All, in their order; a cell has either the last one or the two before it. Where one says kelvin-voigt, an engine of
-#: another law has its own.
-CONTRIBUTIONS = tuple(Contribution(*names, *ends) for names, ends in zip(_NAMES, _ENDS, strict=True))
-
-#: Those that need no engine, in the order of `by_order`: averages over the orders in which they can be made.
-CAUSES = CONTRIBUTIONS[:3]
+#: The causes, in the order of the switches of `corners`.
+CAUSES = tuple(contribution for contribution in CONTRIBUTIONS if contribution.is_cause)
 
 
 def contributions_of(*, gravity: bool) -> tuple[Contribution, ...]:
-    """Return the contributions in their order; `gravity` is whether there may be any."""
-    return tuple(c for c in CONTRIBUTIONS if gravity or c.name != "gravity")
+    """Return the contributions that a cell may have, in their order; `gravity`: whether one may be gravity."""
+    return tuple(c for c in CONTRIBUTIONS if gravity or not c.needs_gravity)
 
 
-def by_order(corners: Floats) -> Floats:
-    """Turn the three switches of corners on in each of their six orders, and say what every step changes.
+def changes_by_order(corners: Floats) -> Floats:
+    """Return what each switch changes, for each of the six orders in which the three switches can be turned on.
 
-    From shape (2, 2, g, ...) to (6, g + 1, ...), by order and cause; g is 1 without gravity, and each of the two orders
-    there three times. Each order sums to the last corner minus the first.
+    `corners` has shape (2, 2, g, ...), by position of each switch; the result has shape (6, g + 1, ...), by order and
+    switch. Without gravity g is 1, and the result has each of the two orders three times. The changes of an order sum
+    to the last corner minus the first.
     """
-    found = []
+    changes = []
     for order in permutations(range(3)):
-        at, steps = [0, 0, 0], {}
+        index = [0, 0, 0]
+        change_of_switch = {}
         for switch in order:
             if corners.shape[switch] > 1:
-                before = corners[tuple(at)]
-                at[switch] = 1
-                steps[switch] = corners[tuple(at)] - before
-        found.append([steps[switch] for switch in sorted(steps)])
-    return np.array(found)
+                before = corners[tuple(index)]
+                index[switch] = 1
+                change_of_switch[switch] = corners[tuple(index)] - before
+        changes.append([change_of_switch[switch] for switch in sorted(change_of_switch)])
+    return np.array(changes)
 
 
-def cancelling(shares: Sequence[float]) -> tuple[int, int] | None:
-    """Return which two of these shares are of large causes that cancel, the larger first; None if none are."""
-    found = np.nan_to_num(np.asarray(shares, dtype=float))
-    high, low = int(found.argmax()), int(found.argmin())
-    return (high, low) if found[high] > CANCEL[1] and found[low] < CANCEL[0] else None
+def cancelling_pair(shares: Sequence[float]) -> tuple[int, int] | None:
+    """Return the positions of two large shares that cancel, the larger share first; None where none cancel."""
+    numbers = np.nan_to_num(np.asarray(shares, dtype=float))
+    high, low = int(numbers.argmax()), int(numbers.argmin())
+    cancel = numbers[high] > CANCEL[1] and numbers[low] < CANCEL[0]
+    return (high, low) if cancel else None
 
 
 class Split(NamedTuple):
-    """The m contributions to the divergence of n cells of N balls, as differences of velocities per abs(v0)."""
+    """Contributions to the divergence of n cells of N balls; m contributions, differences of velocities per abs(v0)."""
 
     contributions: tuple[Contribution, ...]
     #: Engine minus model, shape (n, N), and D, its kinetic norm, shape (n,).
@@ -142,11 +191,11 @@ class Split(NamedTuple):
     corners: Floats
 
     def dominant(self) -> NDArray[np.intp]:
-        """Index of the largest share in each cell; -1 where there is nothing to split."""
+        """Return the index of the largest share in each cell; -1 where there is nothing to split."""
         return np.where(self.divergence >= NOTHING, _largest(self.along), -1)
 
-    def agreed(self) -> NDArray[np.bool_]:
-        """Whether the same contribution has the largest share by all orders."""
+    def same_by_every_order(self) -> NDArray[np.bool_]:
+        """Return whether the same contribution has the largest share by all orders, shape (n,)."""
         return (_largest(self.orders) == self.dominant()).all(axis=0)
 
 
@@ -160,11 +209,13 @@ def split(weights: Floats, corners: Corners, limit: Floats, engine: Floats) -> S
     Weights are masses over that of what moves at first; `limit` and `engine` final velocities per abs(v0), in the limit
     dt -> 0 and at the engine's step, NaN where there are none. All are of shape (n, N).
     """
-    known = ~np.isnan(limit).any(axis=1, keepdims=True)
-    mapping, step = (np.where(known, x, np.nan) for x in (limit - corners.asked, engine - limit))
-    joined = np.where(known, np.nan, engine - corners.asked)
-    causes, total = by_order(corners.velocities), engine - corners.model
-    vectors = np.concatenate([causes.mean(axis=0), [mapping, step, joined]])
+    known = ~np.isnan(limit).any(axis=1, keepdims=True)  # whether there is a limit
+    mapping = np.where(known, limit - corners.engine_law, np.nan)
+    time_step = np.where(known, engine - limit, np.nan)
+    mapping_and_step = np.where(known, np.nan, engine - corners.engine_law)
+    causes = changes_by_order(corners.velocities)
+    total = engine - corners.model
+    vectors = np.concatenate([causes.mean(axis=0), [mapping, time_step, mapping_and_step]])
     divergence = _norm(weights, total)
 
     def component(differences: Floats) -> Floats:
@@ -172,8 +223,9 @@ def split(weights: Floats, corners: Corners, limit: Floats, engine: Floats) -> S
             return (weights * differences * total).sum(axis=-1) / divergence
 
     along, of_causes = component(vectors), component(causes)
-    rest = along[of_causes.shape[1] :]  # the same by every order
-    orders = np.concatenate([of_causes, np.broadcast_to(rest, (len(of_causes), *rest.shape))], axis=1)
+    n_orders, n_causes = of_causes.shape[:2]
+    of_engine = along[n_causes:]  # the same by every order
+    orders = np.concatenate([of_causes, np.broadcast_to(of_engine, (n_orders, *of_engine.shape))], axis=1)
     divided = np.where(divergence >= NOTHING, divergence, np.nan)
     shares = orders / divided
     return Split(
@@ -196,97 +248,119 @@ def _norm(weights: Floats, differences: Floats) -> Floats:
 
 
 def ladders(
-    config: Config, block: Block, model: pa.Table, engines: Mapping[str, pa.Table]
+    config: Config, block: Block, model: Comparison, engines: Mapping[str, Comparison]
 ) -> dict[str, Columns]:
-    """Make the ladders of engines: columns of the table ``ladder``, NaN or None where there is no ladder.
+    """Make the ladders of engines in cells: by engine the columns of the table ``ladder``, shape (n,).
 
-    `model` and `engines` are rows, one a cell.
+    A column holds NaN or None where there is no ladder.
     """
     columns: dict[str, Columns] = {name: {} for name in engines}
+    if not engines:
+        return columns
     pair = config.chain is None
-    for places, collisions in group_by_layout(block.collisions) if engines else ():
-        some, speed = model.take(places), np.abs(collisions.velocities).max(axis=1, keepdims=True)
-        gravity = np.full(len(places), config.gravity if config.scenario == "drop" else 0.0)
-        balls = range(1, 1 + collisions.masses.shape[1])
-        reference = of_balls(some, "v{}", balls) / speed
+    laws = {name: law_of(name) or "" for name in engines}
+    for places, collisions in group_by_layout(block.collisions):
+        n, balls = collisions.masses.shape
+        speed = np.abs(collisions.velocities).max(axis=1, keepdims=True)
+        gravity = np.full(n, config.gravity if config.scenario == "drop" else 0.0)
+        of_model = model.results.velocities_of()[places, :balls] / speed
         moving = np.where(collisions.velocities != 0, collisions.masses, 0.0).sum(axis=1, keepdims=True)
-        # The corners know nothing of engines: once a law.
-        laws = {name: law_of(name) or "" for name in engines}
-        known = {law: corners(reference, collisions, gravity, law, pair=pair) for law in set(laws.values())}
-        for name, rows in engines.items():
-            engine, here = rows.take(places), known[laws[name]]
-            velocities = of_balls(engine, "v{}", balls, (*RESULT_STATUSES, UNCONVERGED)) / speed
-            limit = of_balls(engine, "v{}_limit", balls)  # one that did not converge is none
+        # The corners depend on the law alone, not on the engine.
+        corners_of_law = {
+            law: corners(of_model, collisions, gravity, law, pair=pair) for law in set(laws.values())
+        }
+        for name, engine in engines.items():
+            here = corners_of_law[laws[name]]
+            velocities = engine.results.velocities_of((*RESULT_STATUSES, UNCONVERGED))[places, :balls] / speed
+            limit = engine.results.limits()[places, :balls]  # none where the engine did not converge
             ladder = split(collisions.masses / moving, here, limit, velocities)
-            found = _said(name, some, engine, here, ladder)
-            ok = ~np.isnan(ladder.divergence) & np.isin(found["status"].tolist(), ("ok", UNCONVERGED))
-            for key, values in (found | _split_columns(name, here, ladder, ok)).items():
-                scatter(columns[name], key, values, places, len(block))
+            always = _status_columns(name, model, engine, places, here, ladder)
+            ok = ~np.isnan(ladder.divergence) & np.isin(always["status"].tolist(), ("ok", UNCONVERGED))
+            for key, values in (always | _split_columns(name, here, ladder, ok)).items():
+                _scatter(columns[name], key, values, places, len(block))
     return columns
 
 
-def scatter(columns: Columns, key: str, values: np.ndarray, places: np.ndarray, n: int) -> None:
+def _scatter(columns: Columns, key: str, values: np.ndarray, places: np.ndarray, n: int) -> None:
     """Put values in their places of a column of length n, which holds NaN or None elsewhere."""
     nothing = np.nan if values.dtype.kind == "f" else None
     columns.setdefault(key, np.full(n, nothing, values.dtype))[places] = values
 
 
-def of_balls(rows: pa.Table, pattern: str, balls: range, statuses: Sequence[str] = RESULT_STATUSES) -> Floats:
-    """Return columns of every ball in their unit, shape (n, N); NaN where the status is none of these."""
-    there = np.isin(rows["status"].to_pylist(), statuses)
-    columns = [_numbers(rows, pattern.format(i)) for i in balls]
-    return np.where(there[:, None], np.column_stack(columns), np.nan)
-
-
-def _numbers(table: pa.Table, name: str) -> Floats:
-    return table[name].to_numpy(zero_copy_only=False).astype(float)
-
-
-def _texts(table: pa.Table, name: str) -> Texts:
-    return np.array(table[name].to_pylist(), dtype=object)
-
-
-def _said(name: str, model: pa.Table, engine: pa.Table, here: Corners, ladder: Split) -> Columns:
-    """Columns of what is known whether or not there is a ladder: the first outcome that is missing, marks, errors."""
-    status, of_model = _texts(engine, "status"), _texts(model, "status")
-    why = [f"{name}: {reason or x}" for reason, x in zip(_texts(engine, "reason"), status, strict=True)]
-    joined = ~np.isnan(ladder.norms[-1])  # mapping and time step are one contribution, the last
-    missing = [*(~np.isin(x.tolist(), RESULT_STATUSES) for x in (status, of_model)), here.reason != ""]
-    of_corner = np.array([reason.rpartition(" ")[2] for reason in here.reason], dtype=object)
-    reasons = [np.array(why, dtype=object), f"{REFERENCE}: " + of_model, here.reason]
-    marks = zip(_texts(engine, "marked"), here.mark, strict=True)
+def _status_columns(
+    name: str,
+    model: Comparison,
+    engine: Comparison,
+    places: NDArray[np.intp],
+    here: Corners,
+    ladder: Split,
+) -> Columns:
+    """Return the columns that a row has with or without a ladder: the first outcome that is missing, marks, errors."""
+    status, reason = engine.results.status[places], engine.results.reason[places]
+    of_model = model.results.status[places]
+    of_engine = np.array([f"{name}: {why or x}" for why, x in zip(reason, status, strict=True)], dtype=object)
+    of_corner = np.array([why.rpartition(" ")[2] for why in here.reason], dtype=object)
+    # In the order in which a missing outcome is told: of the engine, the model, a corner.
+    missing = [
+        ~np.isin(status.tolist(), RESULT_STATUSES),
+        ~np.isin(of_model.tolist(), RESULT_STATUSES),
+        here.reason != "",
+    ]
+    mapping_with_step = ~np.isnan(ladder.norms[-1])
+    reasons = [of_engine, f"{REFERENCE}: " + of_model, here.reason]
+    marks = zip(engine.marked[places], here.mark, strict=True)
     return {
         "status": np.select(missing, [status, of_model, of_corner], "ok"),
-        "reason": np.select(missing, reasons, np.where(joined, NO_LIMIT, _NONE)),
+        "reason": np.select(missing, reasons, np.where(mapping_with_step, NO_LIMIT, _NONE)),
         "marked": np.array(["; ".join(filter(None, pair)) for pair in marks], dtype=object),
-        "model_grazing_margin": _numbers(model, "grazing_margin"),
-        "limit_error": _numbers(engine, "limit_error"),
+        "model_grazing_margin": model.results.margin[places],
+        "limit_error": engine.results.diagnostic("limit_error")[places],
     }
 
 
 def _split_columns(name: str, here: Corners, ladder: Split, ok: NDArray[np.bool_]) -> Columns:
-    """Columns of corners and contributions, and of what carries most of each divergence; nothing where not `ok`."""
-    shares, norms, (low, high) = ladder.shares, ladder.norms, ladder.ranges
+    """Return the columns of corners and contributions, and of the largest contribution; nothing where not `ok`."""
+    low, high = ladder.ranges
     numbers = {"velocity_divergence": ladder.divergence} | _by_ball("dv", ladder.total)
-    for i, c in enumerate(ladder.contributions):
-        numbers |= _by_ball(f"{c.name}_dv", ladder.vectors[i])
-        numbers |= {f"{c.name}_norm": norms[i], f"{c.name}_share": shares[i]}
-        if c in CAUSES:
-            numbers |= {f"{c.name}_share_low": low[i], f"{c.name}_share_high": high[i]}
+    for i, contribution in enumerate(ladder.contributions):
+        prefix = contribution.name
+        numbers |= _by_ball(f"{prefix}_dv", ladder.vectors[i])
+        numbers[f"{prefix}_norm"] = ladder.norms[i]
+        numbers[f"{prefix}_share"] = ladder.shares[i]
+        if contribution.is_cause:
+            numbers[f"{prefix}_share_low"] = low[i]
+            numbers[f"{prefix}_share_high"] = high[i]
     for index, corner in corner_names(gravity=here.gravity).items():
         numbers |= _by_ball(f"{corner}_v", here.velocities[index])
         numbers[f"{corner}_along"] = np.where(ladder.divergence == 0, 0.0, ladder.corners[index])
-    first, agreed, sentences = np.where(ok, ladder.dominant(), -1), ladder.agreed(), np.full(len(ok), _NONE)
-    for i in np.flatnonzero(ok):
-        rows = zip(*(x[:, i].tolist() for x in (shares, norms, low, high)), strict=True)
-        parts = [Part(c.phrase, *row) for c, row in zip(ladder.contributions, rows, strict=True)]
-        found = [part for part in parts if not np.isnan(part.norm)]
-        sentences[i] = sentence(name, float(ladder.divergence[i]), found, bool(agreed[i]))
+    dominant = np.where(ok, ladder.dominant(), -1)
+    agreed = ladder.same_by_every_order()
+    names = np.array([*(contribution.name for contribution in ladder.contributions), None], dtype=object)
+    sentences = np.full(len(ok), _NONE)
+    for row in np.flatnonzero(ok).tolist():
+        parts = _parts_of_row(ladder, row)
+        sentences[row] = sentence(name, float(ladder.divergence[row]), parts, bool(agreed[row]))
     return {key: np.where(ok, x, np.nan) for key, x in numbers.items()} | {
-        "dominant": np.array([*(c.name for c in ladder.contributions), None], dtype=object)[first],
-        "dominant_by_every_order": np.where(first >= 0, agreed.astype(object), _NONE),
+        "dominant": names[dominant],  # -1: the last entry, None
+        "dominant_by_every_order": np.where(dominant >= 0, agreed.astype(object), _NONE),
         "sentence": sentences,
     }
+
+
+def _parts_of_row(ladder: Split, row: int) -> list[Part]:
+    """Return the contributions that a cell has, as a sentence needs them."""
+    low, high = ladder.ranges
+    return [
+        Part(
+            phrase=contribution.phrase,
+            share=float(ladder.shares[i, row]),
+            norm=float(ladder.norms[i, row]),
+            low=float(low[i, row]),
+            high=float(high[i, row]),
+        )
+        for i, contribution in enumerate(ladder.contributions)
+        if not np.isnan(ladder.norms[i, row])
+    ]
 
 
 def _by_ball(name: str, velocities: Floats) -> Columns:
@@ -306,19 +380,21 @@ class Part(NamedTuple):
     def percent(self) -> str:
         """The share, with its range where that can be seen."""
         text = f"{100 * self.share:.3g} %"
-        return f"{text}, by order {between(self.low, self.high)}" if self.high - self.low >= _WIDE else text
+        return (
+            f"{text}, by order {format_range(self.low, self.high)}" if self.high - self.low >= _WIDE else text
+        )
 
 
-def between(low: float, high: float) -> str:
-    """Write a range of shares, in per cent."""
+def format_range(low: float, high: float) -> str:
+    """Write a range of shares in per cent."""
     return f"{100 * low:.3g} to {100 * high:.3g} %"
 
 
 def sentence(solver: str, divergence: float, parts: Sequence[Part], agreed: bool = True) -> str:
-    """Write in words which contribution carries most of a divergence; whether the same by every order, is `agreed`."""
+    """Write in words which contribution carries most of a divergence; `agreed`: the same one by every order."""
     if divergence < NOTHING:
         return f"{solver} ends where the model does (D = {divergence:.1g}): there is nothing to split."
-    pair = cancelling([part.share for part in parts])
+    pair = cancelling_pair([part.share for part in parts])
     if pair is not None:
         one, two = (f"{parts[i].phrase} (norm {parts[i].norm:.3g})" for i in pair)
         return f"{solver} ends D = {divergence:.3g} from the model, where two large causes cancel: {one} and {two}."

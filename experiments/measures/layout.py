@@ -1,95 +1,159 @@
-"""What the parts and tables of an experiment hold."""
+"""Columns of the parts and tables of an experiment."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator
+from dataclasses import replace
 
 import pyarrow.compute as pc
 
 from impact_xval.compliant_baselines.registry import is_engine, law_of
 from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.measures.corners import corner_names
-from impact_xval.experiments.measures.ladder import CAUSES, contributions_of
-from impact_xval.experiments.tables import schema as known
-from impact_xval.experiments.tables.schema import Column, Cut, Layout, columns, expanded, schema
+from impact_xval.experiments.measures.ladder import Contribution, contributions_of
+from impact_xval.experiments.tables import schema
+from impact_xval.experiments.tables.schema import Column, Columns, Layout, TableSpec
+
+#: Put before the name of a column of the table of ladders, in the parts.
+LADDER_PREFIX = "ladder_"
 
 
 def layout_of(config: Config) -> Layout:
-    """Lay out the tables of an experiment."""
-    line = config.chain
-    pair, balls = line is None, 2 if line is None else int(max(line.axes("pile")["balls"]))
-    contacts = balls if line is None or {"pile", "stack"} & set(line.arrangement) else balls - 1
-    parameters = known.PAIR if pair else known.LINE
+    """Lay out the parts and tables of an experiment."""
+    pair = config.chain is None
+    balls, contacts = _largest_counts(config)
+    parameters = schema.PAIR_PARAMETERS if pair else schema.CHAIN_PARAMETERS
 
-    def block(*some: Mapping[str, Column]) -> dict[str, Column]:
-        every = {name: column for each in some for name, column in each.items()}
-        here = {name: column for name, column in every.items() if pair or not known.OF_TWO.fullmatch(name)}
-        return expanded(here, balls, contacts)
+    def block(*groups: Columns) -> Columns:
+        columns = schema.union(*groups)
+        return schema.expand((c for c in columns if pair or not c.pairs_only), balls, contacts)
 
-    cells = block(parameters, known.WHO, known.OUTCOME, known.CERTIFICATE)
-    paths = {name: known.OUTCOME[name] for name in ("states", "states_compared")}
-    divergence = block(parameters, known.WHO, known.MEASURES, paths, known.CERTIFICATE, known.MODEL)
+    cells = block(parameters, schema.SOLVER_AND_STATUS, schema.OUTCOME, schema.LIMIT)
+    divergence = block(
+        parameters,
+        schema.SOLVER_AND_STATUS,
+        schema.MEASURES,
+        schema.pick(schema.OUTCOME, ("states", "states_compared")),
+        schema.LIMIT,
+        schema.MODEL,
+    )
+    of_cell = schema.pick(
+        cells, (*schema.names_of(parameters), *(["gravity_number"] if pair else []), "solver")
+    )
     ladder = block(ladder_columns(gravity=pair))
-    in_part = {f"ladder_{name}": column for name, column in ladder.items()}
-    of_cell = (*parameters, *(["gravity_number"] if pair else []), "solver")
+    ladder_in_part = tuple(replace(column, name=LADDER_PREFIX + column.name) for column in ladder)
     tables = {
-        "cells": Cut(cells, tuple(cells), text=False),
-        "divergence": Cut(divergence, tuple(divergence), pc.field("solver") != REFERENCE),
-        "ladder": Cut(
-            {name: cells[name] for name in of_cell} | ladder,
-            (*of_cell, *in_part),
-            pc.field("ladder_status").is_valid(),
+        "cells": TableSpec(cells, schema.names_of(cells), csv=False),
+        "divergence": TableSpec(divergence, schema.names_of(divergence), pc.field("solver") != REFERENCE),
+        "ladder": TableSpec(
+            of_cell + ladder,
+            schema.names_of(of_cell + ladder_in_part),
+            pc.field(LADDER_PREFIX + "status").is_valid(),
         ),
     }
-    rows = schema(cells | divergence | (in_part if laddered(config) else {}))
-    return Layout(pair, balls, contacts, rows, tables)
+    part = schema.union(cells, divergence, ladder_in_part if engines_with_ladders(config) else ())
+    return Layout(pair, balls, contacts, schema.arrow_schema(part), tables)
 
 
-def laddered(config: Config) -> list[str]:
-    """List the engines that were asked for the law of an exact solver; others have no ladder."""
+def _largest_counts(config: Config) -> tuple[int, int]:
+    """Return the largest numbers of balls and of contacts that a cell of an experiment has."""
+    if config.chain is None:
+        return 2, 2
+    balls = int(max(config.chain.axes("pile")["balls"]))
+    on_table = {"pile", "stack"} & set(config.chain.arrangement)
+    return balls, balls if on_table else balls - 1
+
+
+def engines_with_ladders(config: Config) -> list[str]:
+    """List the engines that have ladders: those that were asked for the law of an exact solver."""
     engines = [name for name in config.solvers if is_engine(name) and law_of(name) is not None]
     return engines if config.measures == "all" else []
 
 
-def ladder_columns(*, gravity: bool) -> dict[str, Column]:
-    """Columns of a ladder beside the parameters; without gravity there are fewer causes and orders of them."""
+def ladder_columns(*, gravity: bool) -> Columns:
+    """Return the columns of a ladder beside the parameters.
+
+    Without gravity there are fewer causes, and fewer orders of them.
+    """
     orders = "six" if gravity else "two"
-    text = """
-    status                 text   -  ok; unconverged: the engine's result is; or that of the outcome without which \
-                                     there is none
-    reason                 text   -  which outcome that is, and why; or why mapping and time step are one contribution
-    marked                 text   -  which jump of an outcome is so near that the row counts in no statistic; null if \
-                                     none
-    model_grazing_margin   float  -  grazing margin of the state-transition model
-    velocity_divergence    float  -  D, the kinetic norm of the difference of velocities
-    dv#                    float  -  engine minus model, velocity of ball # per |v0|; the sum of those of the \
-                                     contributions
-    """
-    for c in contributions_of(gravity=gravity):
-        difference = f"{c.label}: {c.after} minus {c.before}"
-        if c in CAUSES:
-            mean = f"mean over the {orders} orders of the causes (Shapley value)"
-            difference = f"{c.label}, {mean}: {c.before} -> {c.after}"
-        text += f"""
-        {c.name}_dv#    float  -  {difference}; velocity of ball # per |v0|
-        {c.name}_norm   float  -  kinetic norm of {c.name}'s difference of velocities
-        {c.name}_share  float  -  component along the whole difference over D; shares of a row sum to 1
-        """
-        if c in CAUSES:
-            text += f"""
-            {c.name}_share_low   float  -  least share by the {orders} orders of the causes
-            {c.name}_share_high  float  -  largest share by the {orders} orders of the causes
-            """
-    text += f"""
-    limit_error              float  -  estimated error of the engine's limit dt -> 0
-    dominant                 text   -  the contribution with the largest share
-    dominant_by_every_order  bool   -  whether it has the largest by each of the {orders} orders
-    sentence                 text   -  the row in words
-    """
+    columns = [
+        Column(
+            "status",
+            "text",
+            "-",
+            "ok; unconverged: the engine's result is; or that of the outcome without which there is none",
+        ),
+        Column(
+            "reason",
+            "text",
+            "-",
+            "which outcome that is, and why; or why mapping and time step are one contribution",
+        ),
+        Column(
+            "marked",
+            "text",
+            "-",
+            "which jump of an outcome is so near that the row counts in no statistic; null if none",
+        ),
+        Column("model_grazing_margin", "float", "-", "grazing margin of the state-transition model"),
+        Column("velocity_divergence", "float", "-", "D, the kinetic norm of the difference of velocities"),
+        Column(
+            "dv{i}",
+            "float",
+            "-",
+            "engine minus model, velocity of ball {i} per |v0|; the sum of those of the contributions",
+            per="ball",
+        ),
+    ]
+    for contribution in contributions_of(gravity=gravity):
+        columns += _contribution_columns(contribution, orders)
+    columns += [
+        Column("limit_error", "float", "-", "estimated error of the engine's limit dt -> 0"),
+        Column("dominant", "text", "-", "the contribution with the largest share"),
+        Column(
+            "dominant_by_every_order",
+            "bool",
+            "-",
+            f"whether it has the largest by each of the {orders} orders",
+        ),
+        Column("sentence", "text", "-", "the row in words"),
+    ]
     for name in corner_names(gravity=gravity).values():
-        corner = name.replace("_", ", ")
-        text += f"""
-        {name}_v#     float  -  corner {corner}: final velocity of ball # per |v0|
-        {name}_along  float  -  component of its difference from the model along dv, as in shares
-        """
-    return columns(text)
+        columns += _corner_columns(name)
+    return tuple(columns)
+
+
+def _contribution_columns(contribution: Contribution, orders: str) -> Iterator[Column]:
+    """Yield the columns of a contribution; `orders` is the number of orders of the causes, in words."""
+    name, before, after = contribution.name, contribution.before, contribution.after
+    if contribution.is_cause:
+        mean = f"mean over the {orders} orders of the causes (Shapley value)"
+        difference = f"{contribution.label}, {mean}: {before} -> {after}"
+    else:
+        difference = f"{contribution.label}: {after} minus {before}"
+    yield Column(f"{name}_dv{{i}}", "float", "-", f"{difference}; velocity of ball {{i}} per |v0|", "ball")
+    yield Column(f"{name}_norm", "float", "-", f"kinetic norm of {name}'s difference of velocities")
+    yield Column(
+        f"{name}_share",
+        "float",
+        "-",
+        "component along the whole difference over D; shares of a row sum to 1",
+    )
+    if contribution.is_cause:
+        by_order = f"share by the {orders} orders of the causes"
+        yield Column(f"{name}_share_low", "float", "-", f"least {by_order}")
+        yield Column(f"{name}_share_high", "float", "-", f"largest {by_order}")
+
+
+def _corner_columns(name: str) -> Iterator[Column]:
+    """Yield the columns of a corner."""
+    corner = name.replace("_", ", ")
+    yield Column(
+        f"{name}_v{{i}}", "float", "-", f"corner {corner}: final velocity of ball {{i}} per |v0|", "ball"
+    )
+    yield Column(
+        f"{name}_along",
+        "float",
+        "-",
+        "component of its difference from the model along dv, as in shares",
+    )

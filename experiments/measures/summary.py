@@ -26,7 +26,7 @@ from impact_xval.experiments.measures.aggregates import (
     FULL_PATHS,
     OWN_LAW,
     STATISTICS,
-    Compared,
+    DivergenceTable,
     Frame,
     axis_levels,
     cuts,
@@ -35,10 +35,9 @@ from impact_xval.experiments.measures.aggregates import (
 )
 from impact_xval.experiments.measures.corners import corner_names
 from impact_xval.experiments.measures.ladder import (
-    CAUSES,
     CONTRIBUTIONS,
     NOTHING,
-    by_order,
+    changes_by_order,
     contributions_of,
 )
 from impact_xval.experiments.tables.folder import RunFolder, Tally, statuses_of
@@ -89,7 +88,7 @@ class Summary:
         self.statuses = counts.reindex(index=sort_by_law(config.solvers), columns=names, fill_value=0)
         #: ``solver, status, reason, n``: the most frequent reasons first.
         self.reasons: Frame = pd.DataFrame(reasons_of(outcomes), columns=["solver", "status", "reason", "n"])
-        self.between = between(cells, config) if pair else pd.DataFrame()
+        self.between = pairwise_divergence(cells, config) if pair else pd.DataFrame()
         self.estimates = convergence_estimates(cells, config.solvers, config.mapping, marked=pair)
         self.ladder = summarise_ladder(folder, config)
         # Rows of a cell are in the order of the solvers, the model first; where that is marked they all are.
@@ -122,7 +121,7 @@ def reasons_of(outcomes: Tally) -> list[tuple[str, str, str, int]]:
     return sorted(rows, key=lambda row: (-row[3], row[0], row[2], row[1]))
 
 
-def _statistics(table: Compared, *, pair: bool) -> Frame:
+def _statistics(table: DivergenceTable, *, pair: bool) -> Frame:
     """Compute `Summary.statistics`: of two balls by axis for regular cells only, and shares of equal paths."""
     frames = []
     parts = {
@@ -146,7 +145,7 @@ def _statistics(table: Compared, *, pair: bool) -> Frame:
     return pd.concat(filled, ignore_index=True) if filled else pd.DataFrame(columns=STATISTICS)
 
 
-def _worst_rows(table: Compared, count: int) -> Frame:
+def _worst_rows(table: DivergenceTable, count: int) -> Frame:
     """Read the regular rows with the largest D of every solver, by solver, then from the largest."""
     rows = table.rows.assign(d=table.measure("velocity_divergence"))[table.regular]
     largest = rows.sort_values(["solver", "d"], ascending=[True, False], kind="stable")
@@ -154,10 +153,10 @@ def _worst_rows(table: Compared, count: int) -> Frame:
     return rows_at(table.path, picked.tolist()).to_pandas()
 
 
-def between(path: Path, config: Config) -> Frame:
-    """D between every two compliant solvers over the cells of two balls that both solved, marked rows left out.
+def pairwise_divergence(path: Path, config: Config) -> Frame:
+    """Compute D between every two compliant solvers, over the cells of pairs that both solved; no marked rows.
 
-    Columns: ``solver, other, n, median, p95, max``. Near zero where they share what tells them from the model.
+    Columns: ``solver, other, n, median, p95, max``. D is near zero where two solvers differ from the model by the same.
     """
     done = (codes(path, "status", RESULT_STATUSES) >= 0) & ~present(path, "marked")
     speed = np.where(done, np.abs(column(path, "v0")), np.nan)
@@ -228,7 +227,7 @@ class LadderSummary:
         #: The contributions that some cell has, in their order.
         self.present = [c for c in CONTRIBUTIONS if c.name in set(statistics.contribution)]
         #: In how many orders the causes can be taken: without gravity there are two of them.
-        self.orders = "six" if CAUSES[-1] in self.present else "two"
+        self.orders = "six" if any(c.needs_gravity for c in self.present) else "two"
         arrangements = statistics.value[statistics.axis == "arrangement"].unique()
         #: Parts of the cells that are told apart: an axis and its value, by what a reader knows them by.
         self.regions: dict[str, tuple[str, Any]] = (
@@ -289,7 +288,9 @@ def _regions(rows: Frame, config: Config) -> dict[str, Any]:
 
 def _by_region(rows: Frame, region: Frame, *, gravity: bool) -> Frame:
     """Compute the statistics of every contribution in every region, by value, then by contribution."""
-    names = [c.name for c in contributions_of(gravity=gravity)]
+    contributions = contributions_of(gravity=gravity)
+    names = [c.name for c in contributions]
+    causes = [c.name for c in contributions if c.is_cause]
     total = rows.velocity_divergence
     norms = rows[[f"{name}_norm" for name in names]].set_axis(names, axis=1)
     along = rows[[f"{name}_share" for name in names]].set_axis(names, axis=1).mul(total, axis=0)
@@ -297,18 +298,21 @@ def _by_region(rows: Frame, region: Frame, *, gravity: bool) -> Frame:
     whole = sums.where(sums > 0)
     share = along.groupby(region).sum().div(whole, axis=0)
     # Components along the total are linear: those of the corners are summed over a region before they are split.
-    corners = rows[[f"{name}_along" for name in corner_names(gravity=gravity).values()]]
-    cube = corners.where(total >= NOTHING, 0.0).groupby(region).sum().to_numpy().T
-    by_orders = by_order(cube.reshape(2, 2, -1, len(whole))) / whole.to_numpy()
-    causes = names[: by_orders.shape[1]]  # they come first
-    of_each = {
+    corners = corner_names(gravity=gravity)
+    along_corners = rows[[f"{name}_along" for name in corners.values()]].where(total >= NOTHING, 0.0)
+    sums_of_corners = along_corners.groupby(region).sum()
+    cube = np.empty((2, 2, 1 + gravity, len(whole)))
+    for index, name in corners.items():
+        cube[index] = sums_of_corners[f"{name}_along"]
+    shares_by_order = changes_by_order(cube) / whole.to_numpy()
+    statistics = {
         **statistics_of(norms.groupby(region)),
         "share": share,
-        "low": share.assign(**dict(zip(causes, by_orders.min(axis=0), strict=True))),
-        "high": share.assign(**dict(zip(causes, by_orders.max(axis=0), strict=True))),
+        "low": share.assign(**dict(zip(causes, shares_by_order.min(axis=0), strict=True))),
+        "high": share.assign(**dict(zip(causes, shares_by_order.max(axis=0), strict=True))),
     }
-    found = pd.concat(of_each, axis=1, names=["statistic", "contribution"]).stack(future_stack=True)
-    return found.join(total.groupby(region).mean().rename("total")).reset_index()
+    table = pd.concat(statistics, axis=1, names=["statistic", "contribution"]).stack(future_stack=True)
+    return table.join(total.groupby(region).mean().rename("total")).reset_index()
 
 
 def csv_rows(ladder: LadderSummary) -> list[Frame]:

@@ -13,9 +13,9 @@ from impact_xval.experiments.tables.numbers import number, percent
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """A number of a run in a sentence; on a page one sees by pointing at it which value of the tables it is.
+    """A number of a run in a sentence; on a page its tooltip says which value of the tables it is.
 
-    `key` says so, as in ``summary.csv``, or how it follows from the tables: ``mujoco velocity_divergence median``.
+    `key` is that text: the place in ``summary.csv``, such as ``mujoco velocity_divergence median``, or a derivation.
     `digits` are the significant ones shown; 0 for a percentage.
     """
 
@@ -33,12 +33,12 @@ class Value:
 
 
 class Piece(Markup):
-    """A piece of HTML, for a page alone; other `Markup` is a paragraph, whose tags a terminal leaves out."""
+    """A piece of HTML for pages only. Other `Markup` is a paragraph; a terminal shows it without tags."""
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table: `header` and `rows`, of which the first `text` columns are aligned left, the others right."""
+    """A table with a header and rows; the first `text` columns are aligned left, all other columns right."""
 
     header: Sequence[str]
     rows: Sequence[Sequence[Any]]
@@ -56,7 +56,7 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A part of a document with a title; a `folded` one opens on demand, and one `beside` stands beside its picture."""
+    """A titled part of a document; if `folded`, it opens on demand; if `beside`, its text is beside its picture."""
 
     title: str
     blocks: Sequence[Block]
@@ -69,10 +69,10 @@ class Section:
         return "-".join("".join(c if c.isalnum() else " " for c in self.title.lower()).split())
 
 
-#: A text is a paragraph.
+#: A block of a document; a text is a paragraph.
 Block = str | Table | Figure | Section
 
 
-def say(template: str, **values: Any) -> Markup:
-    """Fill the named fields of a sentence; values keep what they are."""
+def fill_sentence(template: str, **values: Any) -> Markup:
+    """Fill the named fields of a sentence; text is escaped, and a `Value` keeps its tooltip."""
     return escape(template).format(**values)

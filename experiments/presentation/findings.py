@@ -1,4 +1,4 @@
-"""What a run found, in sentences and tables: the page and the terminal say the same ones."""
+"""Findings of a run, in sentences and tables that the page and the terminal share."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from impact_xval.compliant_baselines.registry import exact_solver_for, is_engine
 from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
-from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, cancelling
+from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, cancelling_pair
 from impact_xval.experiments.measures.summary import LadderSummary, Summary
-from impact_xval.experiments.presentation.document import Block, Table, Value, say
+from impact_xval.experiments.presentation.document import Block, Table, Value, fill_sentence
 from impact_xval.experiments.presentation.words import (
     LAWS_WITH_LAWS,
     MEANINGS,
-    begun,
-    by_axes,
-    named,
-    one_vote,
-    written,
+    capitalise_first,
+    describe_cell,
+    describe_shared_laws,
+    display_name,
+    format_axis_value,
 )
 from impact_xval.experiments.tables.numbers import number, percent
 
@@ -31,18 +31,18 @@ CUTS = ("median", "p95", "max")
 
 D = "velocity_divergence"
 
-#: Longest table along an axis.
+#: Most rows of a table along an axis.
 _ROWS = 40
 
 LABELS = {c.name: c.label for c in CONTRIBUTIONS}
 
 
-def unit_of(summary: Summary) -> str:
-    """Name what a row of the run is."""
+def row_unit(summary: Summary) -> str:
+    """Return the word for the rows of a run: cells or chains."""
     return "cells" if summary.config.chain is None else "chains"
 
 
-def value_of(
+def statistic_value(
     summary: Summary,
     solver: str,
     statistic: str = "median",
@@ -57,55 +57,58 @@ def value_of(
     return Value(float(row[statistic]), key, digits)
 
 
-def spread(values: Sequence[Any]) -> Sequence[Any]:
-    """Those values of an axis that a table shows: all, or evenly chosen ones of many."""
+def thin_out(values: Sequence[Any]) -> Sequence[Any]:
+    """Return the values of an axis that a table shows: all, or evenly spaced ones of many."""
     return values[:: -(-len(values) // _ROWS)] if values else values
 
 
-def compared(summary: Summary) -> list[str]:
-    """List the solvers that are compared with the model somewhere."""
+def compared_solvers(summary: Summary) -> list[str]:
+    """List the solvers that are compared with the model in at least one cell."""
     return [name for name in summary.solvers if summary.get(name, D)["n"]]
 
 
 def subjects(summary: Summary) -> list[str]:
-    """List the subjects of sentences: the engines; without any, every solver that was compared."""
-    there = compared(summary)
-    return [name for name in there if is_engine(name)] or there
+    """List the solvers that sentences are about: the compared engines, or without engines all compared solvers."""
+    names = compared_solvers(summary)
+    return [name for name in names if is_engine(name)] or names
 
 
-def where(summary: Summary, row: Any) -> str:
-    """Name a cell by its axes, of a chain by those that have several values."""
+def describe_row(summary: Summary, row: Any) -> str:
+    """Describe a cell by its axes; a chain by its arrangement and the axes that have several values."""
     if summary.config.chain is None:
-        return by_axes(row)
+        return describe_cell(row)
     strike = f", {row.strike:g} striking" if row.arrangement == "cradle" else ""
     axes = [axis for axis in summary.axes if axis not in ("arrangement", "balls", "strike")]
-    others = "".join(f", {CHAIN_AXES[axis]} = {number(row[axis])}" for axis in axes)
-    return f"the {row.arrangement} of {row.balls} balls{strike}{others}"
+    settings = "".join(f", {CHAIN_AXES[axis]} = {number(row[axis])}" for axis in axes)
+    return f"the {row.arrangement} of {row.balls} balls{strike}{settings}"
 
 
-def worst_of(summary: Summary, solver: str) -> Any:
-    """Return the cell with the largest D of a solver, as a row of the table of divergence."""
+def row_of_largest_d(summary: Summary, solver: str) -> Any:
+    """Return the row of the table of divergence with the largest D of a solver."""
     return summary.worst[summary.worst.solver == solver].iloc[0]
 
 
-def how_far(summary: Summary) -> Markup:
+def describe_distances(summary: Summary) -> Markup:
     """Say how far solvers end from the model."""
     return Markup(" ").join(
-        say(
+        fill_sentence(
             "{solver} ends D = {median} from the model (median of {n} {unit}); the largest, {most}, is at {where}.",
-            unit=unit_of(summary),
-            solver=named(name),
-            median=value_of(summary, name),
-            n=value_of(summary, name, "n"),
-            most=value_of(summary, name, "max"),
-            where=where(summary, worst_of(summary, name)),
+            unit=row_unit(summary),
+            solver=display_name(name),
+            median=statistic_value(summary, name),
+            n=statistic_value(summary, name, "n"),
+            most=statistic_value(summary, name, "max"),
+            where=describe_row(summary, row_of_largest_d(summary, name)),
         )
         for name in subjects(summary)
     )
 
 
-def asked(summary: Summary) -> Iterator[tuple[str, str, Value, Value]]:
-    """Give engine, exact solver of its law, and their median and largest D, or of chains the limit's distance."""
+def distances_from_own_laws(summary: Summary) -> Iterator[tuple[str, str, Value, Value]]:
+    """Yield each engine with the exact solver of its law, and their median and largest distance.
+
+    The distance is D for two balls; for chains it is the distance of the engine's limit dt -> 0.
+    """
     if summary.config.chain is None:
         for row in summary.between.to_dict("records"):
             for name, law in ((row["solver"], row["other"]), (row["other"], row["solver"])):
@@ -121,8 +124,8 @@ def asked(summary: Summary) -> Iterator[tuple[str, str, Value, Value]]:
             yield name, law, median, most
 
 
-def as_asked(summary: Summary) -> list[Markup]:
-    """Say how near engines are to the law that they were asked for."""
+def describe_distances_from_own_laws(summary: Summary) -> list[Markup]:
+    """Say how near engines are to the exact solver of the law that they were asked for."""
     near = "{solver} ends D = {median} (median; at most {most}) from {law}"
     if summary.config.chain is not None:
         near = "The limits dt -> 0 of {solver} are {median} |v0| (median; at most {most} |v0|) from {law}"
@@ -130,27 +133,30 @@ def as_asked(summary: Summary) -> list[Markup]:
     missing = sorted(laws - {"", *summary.solvers})
     if missing:
         line = "The exact solver of the law that engines were asked for was not run: {laws} among the solvers shows it."
-        return [say(line, laws=", ".join(missing))]
+        return [fill_sentence(line, laws=", ".join(missing))]
     return [
-        say(
+        fill_sentence(
             near + ", the exact solution of the law it was asked for.",
-            solver=named(name),
-            law=named(law),
+            solver=display_name(name),
+            law=display_name(law),
             median=median,
             most=most,
         )
-        for name, law, median, most in asked(summary)
+        for name, law, median, most in distances_from_own_laws(summary)
     ]
 
 
-def shares(
+def cause_shares(
     ladder: LadderSummary, solver: str, axis: str = "all", at: Any = math.nan
 ) -> dict[str, Value | str]:
-    """Return the shares of the causes in an engine's mean D over a region, the largest first; or that two cancel."""
+    """Return the shares of the causes in an engine's mean D over a region, the largest first.
+
+    Of two large causes that cancel a text says so, in place of the share.
+    """
     region = ladder.region(solver, axis, at)
     key = "mean" if axis == "all" else f"mean {axis}={at}"
-    there = region[region["max"] > 0]  # gravity is nowhere in an impact
-    largest = there.share.abs().sort_values(ascending=False, kind="stable").index
+    causes = region[region["max"] > 0]  # gravity is nowhere in an impact
+    largest = causes.share.abs().sort_values(ascending=False, kind="stable").index
     return {
         name: _cancelling(region, name) or Value(region.share[name], f"{solver} share_{name} {key}", 0)
         for name in largest
@@ -158,65 +164,80 @@ def shares(
 
 
 def _cancelling(region: Any, name: str) -> str:
-    """Say of one of two large causes that cancel that they do; empty of any other."""
-    cancels = name in region.index[list(cancelling(region.share) or ())]
+    """Return a text for a cause that cancels another large cause; empty for other causes."""
+    cancels = name in region.index[list(cancelling_pair(region.share) or ())]
     return f"cancelling (norm {number(region['mean'][name])})" if cancels else ""
 
 
-def causes(summary: Summary, solver: str, most: int = 2, *, explain: bool = False) -> Markup:
-    """Say what an engine's mean D consists of: its largest causes, and of the largest how it depends on the grid."""
+def describe_causes(summary: Summary, solver: str, most: int = 2, *, explain: bool = False) -> Markup:
+    """Say what an engine's mean D consists of.
+
+    The sentence names the `most` largest causes, and how the share of the largest depends on the grid.
+    """
     ladder = summary.ladder
     whole = ladder.region(solver)
     total = Value(whole.total.iloc[0], f"{solver} mean D of the ladders")
     if total.value == 0:
-        return say("{solver} ends where the model does: there is nothing to split.", solver=named(solver))
-    found = shares(ladder, solver)
+        return fill_sentence(
+            "{solver} ends where the model does: there is nothing to split.", solver=display_name(solver)
+        )
+    causes_by_share = cause_shares(ladder, solver)
     parts = [
-        say("{share} {label}", share=share, label=LABELS[name])
+        fill_sentence("{share} {label}", share=share, label=LABELS[name])
         + (f" ({MEANINGS[name]})" if explain and name in MEANINGS else "")
-        for name, share in list(found.items())[:most]
+        for name, share in list(causes_by_share.items())[:most]
     ]
-    return say(
+    return fill_sentence(
         "{solver}'s mean D of {total}, over {n} {unit} whose causes are all known, is {causes}.{by_region}",
-        solver=named(solver),
+        solver=display_name(solver),
         total=total,
         n=Value(float(whole.n.max()), f"{solver} ladders n"),
-        unit=unit_of(summary),
+        unit=row_unit(summary),
         causes=Markup(", ").join(parts),
-        by_region=_by_region(ladder, solver, next(iter(found))),
+        by_region=_by_region(ladder, solver, next(iter(causes_by_share))),
     )
 
 
 def _by_region(ladder: LadderSummary, solver: str, name: str) -> str:
     """Say how the share of a cause differs between regions of the grid; empty with fewer than two."""
-    found = {label: shares(ladder, solver, *place).get(name) for label, place in ladder.regions.items()}
-    parts = [say("{share} at {label}", share=share, label=label) for label, share in found.items() if share]
+    by_region = {
+        label: cause_shares(ladder, solver, *place).get(name) for label, place in ladder.regions.items()
+    }
+    parts = [
+        fill_sentence("{share} at {label}", share=share, label=label)
+        for label, share in by_region.items()
+        if share
+    ]
     if len(parts) < 2:
         return ""
     cause, regions = LABELS[name], Markup(", ").join(parts)
-    return say(" The shares depend on the grid: of {cause} {regions}.", cause=cause, regions=regions)
+    return fill_sentence(
+        " The shares depend on the grid: of {cause} {regions}.", cause=cause, regions=regions
+    )
 
 
-def unsolved(summary: Summary) -> list[str]:
-    """Say of every solver without a result in some cells how many, of which status, and the most frequent reason."""
-    found = []
+def describe_unsolved(summary: Summary) -> list[str]:
+    """Say for each solver in how many cells it has no result, by status, with the most frequent reason."""
+    sentences = []
     for name in (REFERENCE, *summary.solvers):
-        some = summary.reasons[summary.reasons.solver == name]
-        if len(some):
-            numbers = some.groupby("status", sort=False).n.sum()
-            counts = ", ".join(f"{n} {status}" for status, n in numbers.items())
-            found.append(
-                f"{begun(named(name))} has no result in {some.n.sum()} of {summary.n_cells} {unit_of(summary)} "
-                f"({counts}), most often: {some.reason.iloc[0]}"
-            )
-    return found
+        reasons = summary.reasons[summary.reasons.solver == name]
+        if reasons.empty:
+            continue
+        numbers = reasons.groupby("status", sort=False).n.sum()
+        counts = ", ".join(f"{n} {status}" for status, n in numbers.items())
+        cells = f"{reasons.n.sum()} of {summary.n_cells} {row_unit(summary)}"
+        sentences.append(
+            f"{capitalise_first(display_name(name))} has no result in {cells} ({counts}), most often: "
+            f"{reasons.reason.iloc[0]}"
+        )
+    return sentences
 
 
-def counted(summary: Summary) -> str:
-    """Say which cells statistics are over: one sentence for run, ladder and findings."""
-    beyond = "".join(f", {n} more of {named(name)}" for name, n in summary.marked_beyond.items())
+def describe_counted_cells(summary: Summary) -> str:
+    """Say which cells the statistics are taken over."""
+    beyond = "".join(f", {n} more of {display_name(name)}" for name, n in summary.marked_beyond.items())
     said = (
-        f"Statistics are over the {unit_of(summary)} that both the solver and the model solved and that are "
+        f"Statistics are over the {row_unit(summary)} that both the solver and the model solved and that are "
         f"not marked. Marked, beside a jump of the outcome, are {summary.n_marked} of {summary.n_cells} in "
         f"the model{beyond}."
     )
@@ -225,26 +246,26 @@ def counted(summary: Summary) -> str:
     return said
 
 
-def along_axis(summary: Summary, axis: str) -> Table:
-    """Tabulate D along an axis, a row a value."""
+def axis_table(summary: Summary, axis: str) -> Table:
+    """Tabulate D along an axis, one row per value."""
     levels, label = summary.levels[axis], (AXES | CHAIN_AXES)[axis]
-    shown = spread(levels.values)
+    values = thin_out(levels.values)
 
     def cell(name: str, value: Any) -> str:
         row = summary.get(name, D, axis, value)
         return " / ".join(number(row[cut], 2) for cut in CUTS) if row["n"] else "-"
 
     caption = f"D by {label}: median / 95th percentile / maximum over the other axes"
-    if len(shown) < len(levels.values):
-        caption += f" ({len(shown)} of {len(levels.values)} values; all are in summary.csv)"
+    if len(values) < len(levels.values):
+        caption += f" ({len(values)} of {len(levels.values)} values; all are in summary.csv)"
     if levels.edges is not None:
         caption += f" (in bins of {label}, named by their middle)"
-    rows = [(written(value), *(cell(name, value) for name in summary.solvers)) for value in shown]
-    return Table([label, *map(named, summary.solvers)], rows, caption)
+    rows = [(format_axis_value(value), *(cell(name, value) for name in summary.solvers)) for value in values]
+    return Table([label, *map(display_name, summary.solvers)], rows, caption)
 
 
 def region_table(ladder: LadderSummary, called: Callable[[str], str] = str) -> Table:
-    """Tabulate what the mean D of each engine consists of, by region, with the range over the orders of the causes."""
+    """Tabulate the shares of the causes in the mean D of each engine, by region, with their range over the orders."""
     rows = []
     for solver in ladder.solvers:
         for label, place in {"all": ("all", math.nan), **ladder.regions}.items():
@@ -268,33 +289,33 @@ def _share_text(region: Any, name: str) -> str:
 
 
 def overall_table(summary: Summary) -> Table:
-    """Tabulate how far each solver is from the model, a row a solver, for one screen."""
+    """Tabulate the distance of each solver from the model, one row per solver, for one screen."""
     last = {"same path": lambda name: percent(summary.get(name, "states_equal")["mean"])}
     if summary.config.chain is not None:
         last = {
             f"N = {n:g}": lambda name, n=n: number(summary.get(name, D, "balls", n)["median"])
-            for n in spread(summary.levels["balls"].values)
+            for n in thin_out(summary.levels["balls"].values)
         }
     rows = []
     for name in summary.solvers:
         row = summary.get(name, D)
         apart = summary.n_cells - row["n"] - summary.get(name, D, cells="marked")["n"]
-        known = (int(row["n"]), *(number(row[cut]) for cut in CUTS), *(each(name) for each in last.values()))
+        known = (int(row["n"]), *(number(row[cut]) for cut in CUTS), *(cell(name) for cell in last.values()))
         rows.append((stated_law(name) or "-", name, *known, int(apart)))
-    header = ["law", "solver", unit_of(summary), "median D", "95 %", "max", *last, "not compared"]
-    caption = f"Divergence D from the model, by the law asked for. {one_vote(compared(summary))}"
+    header = ["law", "solver", row_unit(summary), "median D", "95 %", "max", *last, "not compared"]
+    caption = f"Divergence D from the model, by the law asked for. {describe_shared_laws(compared_solvers(summary))}"
     return Table(header, rows, caption.strip(), text=2)
 
 
-def brief(summary: Summary) -> list[Block]:
-    """Say on one screen of a terminal what a run found."""
+def summary_blocks(summary: Summary) -> list[Block]:
+    """Return the findings of a run for one screen of a terminal."""
     blocks: list[Block] = [overall_table(summary)]
-    if not compared(summary):
+    if not compared_solvers(summary):
         blocks.append("Nothing could be compared.")
     places: dict[str, list[str]] = {}
-    for name in compared(summary):
-        places.setdefault(where(summary, worst_of(summary, name)), []).append(name)
+    for name in compared_solvers(summary):
+        places.setdefault(describe_row(summary, row_of_largest_d(summary, name)), []).append(name)
     blocks += [f"D is largest at {place}: {', '.join(names)}." for place, names in places.items()]
-    blocks += as_asked(summary)
-    blocks += [causes(summary, name, 3) for name in summary.ladder.solvers]
-    return [*blocks, *unsolved(summary), counted(summary), LAWS_WITH_LAWS]
+    blocks += describe_distances_from_own_laws(summary)
+    blocks += [describe_causes(summary, name, 3) for name in summary.ladder.solvers]
+    return [*blocks, *describe_unsolved(summary), describe_counted_cells(summary), LAWS_WITH_LAWS]

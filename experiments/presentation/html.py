@@ -1,4 +1,4 @@
-"""A document as one self-contained page for a browser: contents, figures, tables; it asks for nothing."""
+"""A document as one self-contained page for a browser, which loads nothing else."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from impact_xval.experiments.presentation.document import Block, Piece, Section, Value
-from impact_xval.experiments.presentation.words import named
+from impact_xval.experiments.presentation.words import display_name
 from impact_xval.experiments.tables.numbers import listed, number
 
 _ENVIRONMENT = Environment(
@@ -24,11 +24,11 @@ _ENVIRONMENT = Environment(
 _ENVIRONMENT.policies["json.dumps_kwargs"] = {}  # in the order in which they were written
 _ENVIRONMENT.globals["Value"] = Value
 _ENVIRONMENT.filters |= {"kind": lambda block: type(block).__name__}
-_ENVIRONMENT.filters |= {"number": number, "listed": listed, "named": named}
+_ENVIRONMENT.filters |= {"number": number, "listed": listed, "named": display_name}
 
 
-def page_of(title: str, blocks: Sequence[Block], folder: Path | None = None) -> str:
-    """Write a page, of which figures of a folder become part; contents stand before the first of its sections."""
+def render_page(title: str, blocks: Sequence[Block], folder: Path | None = None) -> str:
+    """Return a document as a page that contains the figures of `folder`; a table of contents precedes the sections."""
 
     def picture(name: str) -> str:
         assert folder is not None
@@ -36,15 +36,15 @@ def page_of(title: str, blocks: Sequence[Block], folder: Path | None = None) -> 
         return f"data:image/svg+xml;base64,{data}"
 
     sections = [block for block in blocks if isinstance(block, Section)]
-    return render("page.html.j2", title=title, blocks=blocks, sections=sections, picture=picture)
+    return render_template("page.html.j2", title=title, blocks=blocks, sections=sections, picture=picture)
 
 
-def fragment(blocks: Sequence[Block]) -> Markup:
-    """Write blocks as a piece of a page; figures of a folder are for a page alone."""
+def render_blocks(blocks: Sequence[Block]) -> Markup:
+    """Return blocks as a piece of HTML; they may have no figures of a folder."""
     module: Any = _ENVIRONMENT.get_template("blocks.html.j2").make_module({"picture": None})
     return Markup("").join(map(module.show, blocks))
 
 
-def render(name: str, /, **facts: Any) -> Piece:
-    """Fill a template of HTML, which escapes what it is given."""
+def render_template(name: str, /, **facts: Any) -> Piece:
+    """Fill an HTML template, which escapes the values."""
     return Piece(_ENVIRONMENT.get_template(name).render(facts))

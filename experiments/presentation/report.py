@@ -1,4 +1,4 @@
-"""What people look at after a run: tables of its statistics, figures, and one self-contained HTML page."""
+"""The report of a run: tables of its statistics, figures, and one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import pandas as pd
 
 from impact_xval.experiments.measures.summary import Summary, csv_rows, summarise
 from impact_xval.experiments.presentation.findings import overall_table
-from impact_xval.experiments.presentation.html import page_of
-from impact_xval.experiments.presentation.page.page import blocks_of, cells_that_open
+from impact_xval.experiments.presentation.html import render_page
+from impact_xval.experiments.presentation.page.page import pack_opening_cells, run_blocks
 from impact_xval.experiments.presentation.pictures.figures import write_figures
 from impact_xval.experiments.presentation.style import CAPTIONS
 from impact_xval.experiments.sweep.process import FaultError
@@ -21,15 +21,15 @@ from impact_xval.experiments.tables.folder import RunFolder, write_text
 from impact_xval.experiments.tables.parquet import replacing
 
 
-def present(folder: RunFolder, apart: Apart) -> Summary:
-    """Write all that people look at of a finished run; what cells show that open is collected by a process apart."""
-    collected = apart(cells_that_open, folder)
+def present_run(folder: RunFolder, apart: Apart) -> Summary:
+    """Write tables, figures and page of a finished run; another process collects the cells that open on the page."""
+    collected = apart(pack_opening_cells, folder)
 
     def cells() -> str:
         try:
             return collected.result()
         except FaultError:  # the process was killed
-            return cells_that_open(None, folder)
+            return pack_opening_cells(None, folder)
 
     summary = summarise(folder)
     write_tables(folder, summary)
@@ -47,7 +47,7 @@ def write_tables(folder: RunFolder, summary: Summary) -> None:
 
 
 def write_latex(folder: RunFolder, summary: Summary) -> Path:
-    """Write the table of divergence by solver as ``summary.tex``, to be read into a document."""
+    """Write the table of divergence by solver as ``summary.tex``, for a LaTeX document."""
     table, path = overall_table(summary), folder.root / "summary.tex"
     frame = pd.DataFrame(table.rows, columns=list(table.header))
     aligned = "l" * table.text + "r" * (len(table.header) - table.text)
@@ -56,16 +56,16 @@ def write_latex(folder: RunFolder, summary: Summary) -> Path:
 
 
 def write_report(folder: RunFolder, summary: Summary, cells: Callable[[], str] | None = None) -> Path:
-    """Write ``report.html`` of a finished run, and return its path; figures are drawn if they are not there.
+    """Write ``report.html`` of a finished run and return its path; missing figures are drawn.
 
-    What the cells show that open is asked for where any does (`cells_that_open`).
+    `cells` returns the cells that open on the page; by default `pack_opening_cells`, called if there are any.
     """
     figures = folder.root / "figures"
     known = figures / CAPTIONS
     captions: dict[str, str] = json.loads(known.read_text(encoding="utf-8")) if known.is_file() else {}
     if not captions or not all((figures / f"{name}.svg").is_file() for name in captions):
         captions = write_figures(folder, summary)
-    blocks = blocks_of(folder, summary, captions, cells or partial(cells_that_open, None, folder))
+    blocks = run_blocks(folder, summary, captions, cells or partial(pack_opening_cells, None, folder))
     path = folder.root / "report.html"
-    write_text(path, page_of(f"impact-xval: {summary.config.name}", blocks, figures))
+    write_text(path, render_page(f"impact-xval: {summary.config.name}", blocks, figures))
     return path

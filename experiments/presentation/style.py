@@ -1,4 +1,4 @@
-"""How figures look, and how they are saved."""
+"""The style of figures, and functions that save them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from impact_xval.experiments.presentation.words import written
+from impact_xval.experiments.presentation.words import format_axis_value
 from impact_xval.experiments.tables.folder import write_json
 from impact_xval.experiments.tables.parquet import replacing
 
@@ -21,10 +21,10 @@ CAPTIONS = "captions.json"
 #: Name, figure and caption.
 Drawn = tuple[str, Figure, str]
 
-#: Of a legend to the right of its axes.
+#: Keywords of a legend to the right of its axes.
 BESIDE: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.01, 0.5)}
 
-#: Of figures that leave marked cells out.
+#: Sentence in the captions of figures without marked cells.
 LEFT_OUT = "Marked cells (beside a jump) are left out."
 
 _PARAMETERS: dict[Any, Any] = {
@@ -43,26 +43,26 @@ _PARAMETERS: dict[Any, Any] = {
 
 
 @contextmanager
-def drawing(width: float, height: float) -> Iterator[Figure]:
-    """Give an empty figure of a size in inches, in the style of the project; no state is left behind."""
+def styled_figure(width: float, height: float) -> Iterator[Figure]:
+    """Yield an empty figure of a size in inches, with the style of the project set for the block only."""
     with mpl.rc_context(_PARAMETERS):
         yield Figure(figsize=(width, height), layout="constrained")
 
 
-def label_places(axis: Any, values: Sequence[Any], most: int) -> None:
-    """Label at most so many of the places 0, 1, ... of an axis with the values that stand there."""
+def label_axis_values(axis: Any, values: Sequence[Any], most: int) -> None:
+    """Label the places 0, 1, ... of an axis with their values, `most` places at most."""
     step = max(1, -(-len(values) // most))
-    axis.set_ticks(range(0, len(values), step), [written(value, 2) for value in values[::step]])
+    axis.set_ticks(range(0, len(values), step), [format_axis_value(value, 2) for value in values[::step]])
 
 
 def _apart(low: float, high: float) -> tuple[float, float]:
-    """Keep the limits of an axis apart, where its values differ by rounding: it has no ticks there."""
+    """Widen the limits of an axis if they differ by rounding only, because such an axis has no ticks."""
     reach = 1e-9 * max(abs(low), abs(high))
     return (low, high) if abs(high - low) > reach else (low - reach, high + reach)
 
 
-def save(figure: Figure, folder: Path, name: str) -> None:
-    """Write a figure as ``NAME.svg`` and ``NAME.pdf``: a figure that is drawn again gives the same files."""
+def save_figure(figure: Figure, folder: Path, name: str) -> None:
+    """Write a figure as ``NAME.svg`` and ``NAME.pdf``; the same figure gives the same bytes."""
     for ax in figure.axes:
         ax.minorticks_off()  # layout takes half its time for their labels, which nobody sees
         ax.set_xlim(_apart(*ax.get_xlim()), auto=None)
@@ -76,18 +76,18 @@ def save(figure: Figure, folder: Path, name: str) -> None:
         FigureCanvasPdf(figure).print_pdf(temporary, metadata={"CreationDate": None})
 
 
-def save_all(figures: Iterable[Drawn], folder: Path) -> dict[str, str]:
-    """Write figures, and their captions by name, which are returned, as ``captions.json``."""
+def save_figures(figures: Iterable[Drawn], folder: Path) -> dict[str, str]:
+    """Write figures, and their captions by name as ``captions.json``; return the captions."""
     captions = {}
     for name, figure, caption in figures:
-        save(figure, folder, name)
+        save_figure(figure, folder, name)
         captions[name] = caption
     write_json(folder / CAPTIONS, captions)
     return captions
 
 
-def save_as(figure: Figure, path: Path) -> None:
-    """Write a figure as its suffix says: .png, .svg or .pdf; one that is drawn again gives the same file."""
+def save_picture(figure: Figure, path: Path) -> None:
+    """Write a figure in the format of the suffix, .png, .svg or .pdf; the same figure gives the same bytes."""
     dates = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
     with mpl.rc_context(_PARAMETERS), replacing(path) as temporary:
         figure.savefig(temporary, format=path.suffix[1:], dpi=200, metadata=dates.get(path.suffix))

@@ -1,4 +1,4 @@
-"""How the commands print: progress, tables and lines, on a terminal or in a log."""
+"""Output of the commands on a terminal or in a log: progress, tables and lines."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ from impact_xval.compliant_baselines.answers import visible
 from impact_xval.compliant_baselines.registry import solver_names
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.presentation.document import Block, Table
-from impact_xval.experiments.presentation.words import look
+from impact_xval.experiments.presentation.words import look_of
 
-#: What is said before kernels are compiled.
+#: Message before kernels are compiled.
 COMPILING = "compiling the kernels, once for each installation: half a minute or more"
 
-#: Columns of a page that is not a terminal.
+#: Width in letters of output that is not a terminal.
 _WIDTH = 150
-#: Seconds of work after which standard error has a line.
+#: Seconds between two messages on standard error while a command works.
 _SAY = 20.0
-#: What an error of a console calls it.
+#: Name of standard output in an error message.
 _STDOUT = "standard output"
 
 
-def show(console: Console, blocks: Iterable[Block]) -> None:
-    """Print a line a paragraph, and tables with their captions between empty lines; the rest is for pages."""
+def print_blocks(console: Console, blocks: Iterable[Block]) -> None:
+    """Print paragraphs as lines, and tables with their captions between empty lines."""
     last = None
     for block in blocks:
         if isinstance(block, Table) and not block.rows:
@@ -58,7 +58,7 @@ def show(console: Console, blocks: Iterable[Block]) -> None:
 
 
 def _table(block: Table) -> RichTable:
-    """Lay out a table; a solver has the colour that it has in figures, the model, black there, none."""
+    """Lay out a table; solvers have their colours of figures, but the model, which is black there, has none."""
     table, known = RichTable(box=None, pad_edge=False), {*solver_names(on_request=True)} - {REFERENCE}
     for place, title in enumerate(block.header):
         table.add_column(Text(visible(str(title))), justify="left" if place < block.text else "right")
@@ -66,7 +66,7 @@ def _table(block: Table) -> RichTable:
         cells = [Text(visible(str(cell))) for cell in row]
         for title, cell in zip(block.header, cells, strict=True):
             if title == "solver" and cell.plain in known:
-                cell.stylize(look(cell.plain).color)
+                cell.stylize(look_of(cell.plain).color)
         table.add_row(*cells)
     return table
 
@@ -75,7 +75,7 @@ def _table(block: Table) -> RichTable:
 def show_progress(console: Console) -> Iterator[Callable[[int, int, str], None]]:
     """Show progress: a bar on a terminal, otherwise a line for the first report and for every tenth.
 
-    Yields what is to be given how many are done, of how many, and a line worth saying; from any thread.
+    Yields a function that any thread may call with the number of cells done, the total, and a line to print.
     """
     live = console.is_terminal and not console.is_dumb_terminal
     counts = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
@@ -104,10 +104,10 @@ def show_progress(console: Console) -> Iterator[Callable[[int, int, str], None]]
 
 
 class _Console(Console):
-    """A console that cannot be written to as any other file: an `OSError` that names it."""
+    """A console whose failures to write are an `OSError` that names standard output."""
 
     def print(self, *objects: Any, **options: Any) -> None:
-        """Print; rich ends the process where nobody reads any more."""
+        """Print; raise `BrokenPipeError` when nobody reads, where rich would end the process."""
         try:
             super().print(*objects, **options)
         except SystemExit:
@@ -118,13 +118,13 @@ class _Console(Console):
 
 
 @contextmanager
-def at_work(what: str) -> Iterator[None]:
-    """Say every `_SAY` s on standard error what is waited for."""
+def report_waiting(activity: str) -> Iterator[None]:
+    """Say on standard error every `_SAY` s how long the block has taken."""
     start, ended = time.perf_counter(), threading.Event()
 
     def say() -> None:
         while not ended.wait(_SAY):
-            error_line(f"{what} has taken {time.perf_counter() - start:.0f} s")
+            error_line(f"{activity} has taken {time.perf_counter() - start:.0f} s")
 
     saying = threading.Thread(target=say, daemon=True)
     saying.start()
@@ -142,7 +142,7 @@ def make_console() -> Console:
 
 
 def print_line(console: Console, text: str) -> None:
-    """Print a line as it is, but for what a terminal would obey; in a log it is never broken."""
+    """Print a line without control characters; in a log it is not wrapped."""
     console.print(visible(text), markup=False, highlight=False, soft_wrap=not console.is_terminal)
 
 
@@ -152,5 +152,5 @@ def error_line(text: str) -> None:
 
 
 def say_waiting(line: str) -> None:
-    """Say what is waited for, on standard error; kernels that are compiled have the empty line."""
+    """Print on standard error what is waited for; an empty line stands for the compilation of kernels."""
     error_line(line or COMPILING)

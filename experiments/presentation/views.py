@@ -1,4 +1,4 @@
-"""What the commands show of a run on a terminal: what it found, its progress."""
+"""Views of a run on a terminal: its progress, its findings, one cell, and its changes from another run."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from rich.console import Console
 from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.measures.ladder import CAUSES, CONTRIBUTIONS, between, cancelling
+from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, cancelling_pair, format_range
 from impact_xval.experiments.measures.summary import Summary
 from impact_xval.experiments.presentation.document import Block, Table
-from impact_xval.experiments.presentation.findings import brief, region_table
-from impact_xval.experiments.presentation.terminal import print_line, show
+from impact_xval.experiments.presentation.findings import region_table, summary_blocks
+from impact_xval.experiments.presentation.terminal import print_blocks, print_line
 from impact_xval.experiments.presentation.words import (
     NO_RESULT,
     WHAT_NO_RESULT_IS,
-    by_axes,
-    in_si_units,
-    told,
+    describe_cell,
+    describe_si_values,
+    name_solver_in,
 )
 from impact_xval.experiments.sweep.status import RunStatus
 from impact_xval.experiments.tables.comparison import Comparison
@@ -31,22 +31,22 @@ from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.numbers import number, percent
 from impact_xval.model.status import RESULT_STATUSES
 
-#: Columns of the whole difference that a ladder splits.
+#: Columns of the difference that a ladder splits into contributions.
 _DIFFERENCE = re.compile(r"velocity_divergence|dv\d+")
 #: Reasons that `show_status` prints.
 _REASONS = 12
-#: Balls whose velocities have room beside one another.
+#: Most balls whose velocities fit in one row.
 _SHOWN = 8
 
 
 def show_summary(console: Console, summary: Summary) -> None:
-    """Print what a run found, and why its engines diverge."""
-    show(console, [*brief(summary), region_table(summary.ladder)])
+    """Print the findings of a run, and the causes of divergence by region."""
+    print_blocks(console, [*summary_blocks(summary), region_table(summary.ladder)])
 
 
 def show_end(console: Console, summary: Summary, seconds: float, root: str) -> None:
-    """Print what a run found, and where it is."""
-    show(console, brief(summary))
+    """Print the findings of a run, and where its files are."""
+    print_blocks(console, summary_blocks(summary))
     print_line(console, f"{seconds:.0f} s; report.html is the page to read; everything is in {root}")
 
 
@@ -67,11 +67,11 @@ def show_status(console: Console, root: str, status: RunStatus) -> None:
         blocks.append(f"and {len(status.reasons) - _REASONS} more reasons")
     if status.state == "stopped":
         blocks.append(f"to continue: {shlex.join(['impact-xval', 'run', '--out', root])}")
-    show(console, blocks)
+    print_blocks(console, blocks)
 
 
 def rows_of_cell(folder: RunFolder, cell: int) -> list[dict[str, Any]]:
-    """Read what a finished run holds of a cell: a row a solver, with its measures and what its D consists of."""
+    """Read a cell of a finished run: one row per solver, with its outcome, measures and contributions."""
     paths = (folder.table_path(f"{name}.parquet") for name in ("cells", "divergence", "ladder"))
     rows, measures, ladder = (
         pq.read_table(path, filters=[("cell", "==", cell)]).to_pandas() for path in paths
@@ -104,9 +104,9 @@ def show_cell(console: Console, cell: int, rows: list[dict[str, Any]]) -> None:
         for row in rows
     ]
     header = ["solver", "status", *(f"v{i}/|v0|" for i in balls), "D", "states"]
-    setup = by_axes(rows[0], axes)
+    setup = describe_cell(rows[0], axes)
     if axes is AXES:
-        setup += f"; {in_si_units(rows[0])}"
+        setup += f"; {describe_si_values(rows[0])}"
     blocks: list[Block] = [f"cell {cell}: {setup}", Table(header, outcomes, text=2)]
     if any(NO_RESULT in "".join(outcome) for outcome in outcomes):
         blocks.append(WHAT_NO_RESULT_IS)
@@ -115,25 +115,27 @@ def show_cell(console: Console, cell: int, rows: list[dict[str, Any]]) -> None:
     causes = ["cause", *(f"dv{i}/|v0|" for i in balls), "kinetic norm", "share", "by order"]
     for row in rows:
         if row.get("sentence"):
-            blocks.append(Table(causes, _contributions(row, balls), told(row["solver"], row["sentence"])))
-    show(console, blocks)
+            blocks.append(
+                Table(causes, _contributions(row, balls), name_solver_in(row["solver"], row["sentence"]))
+            )
+    print_blocks(console, blocks)
 
 
 def _velocity(row: dict[str, Any], name: str, speed: float) -> str:
-    """Write a velocity per |v0|: marked if the row has no result, a dash where there is no number."""
+    """Write a velocity per |v0|, marked if the row has no result, or a dash if there is no number."""
     if row[name] is None:
         return "-"
     return f"{row[name] / speed:.6f}" + (NO_RESULT if row["status"] not in RESULT_STATUSES else "")
 
 
 def _contributions(row: dict[str, Any], balls: range) -> list[tuple[str, ...]]:
-    """Rows of the table of a cell and engine; empty where the engine has no ladder."""
-    there = [c for c in CONTRIBUTIONS if row.get(f"{c.name}_norm") is not None]
-    pair = cancelling([row[f"{c.name}_share"] for c in there]) or ()
+    """Return the rows of the table of contributions of a cell and engine; empty without a ladder."""
+    contributions = [c for c in CONTRIBUTIONS if row.get(f"{c.name}_norm") is not None]
+    pair = cancelling_pair([row[f"{c.name}_share"] for c in contributions]) or ()
     lines = []
-    for i, c in enumerate(there):
+    for i, c in enumerate(contributions):
         name = f"{c.name}_share"
-        by_order = between(row[f"{name}_low"], row[f"{name}_high"]) if c in CAUSES else ""
+        by_order = format_range(row[f"{name}_low"], row[f"{name}_high"]) if c.is_cause else ""
         shown = ("cancels", "") if i in pair else (percent(row[name]), by_order)
         changes = (f"{row[f'{c.name}_dv{j}']:.3e}" for j in balls)
         lines.append((c.label, *changes, f"{row[f'{c.name}_norm']:.3e}", *shown))
@@ -143,7 +145,7 @@ def _contributions(row: dict[str, Any], balls: range) -> list[tuple[str, ...]]:
     )
 
 
-def show_changes(console: Console, a: str, b: str, found: Comparison) -> None:
+def show_changes(console: Console, a: str, b: str, comparison: Comparison) -> None:
     """Print what moved between two runs."""
 
     def shown(change: float) -> str:
@@ -151,41 +153,45 @@ def show_changes(console: Console, a: str, b: str, found: Comparison) -> None:
 
     counts = ("compared", "moved", "statuses")
     solvers = [
-        (name, *(each[key] for key in counts), *(number(each[key], 2) for key in ("velocity", "divergence")))
-        for name, each in found.solvers.items()
+        (
+            name,
+            *(changes[key] for key in counts),
+            *(number(changes[key], 2) for key in ("velocity", "divergence")),
+        )
+        for name, changes in comparison.solvers.items()
     ]
     worst = [
         (row.cell, row.solver, row.status_a, row.status_b, shown(row.velocity), shown(row.divergence))
-        for row in found.worst
+        for row in comparison.worst
     ]
-    limit = number(found.tolerance)
-    moved = f"{found.moved} rows moved by more than {limit}, or have another status."
-    blocks: list[Block] = [moved if found.moved else f"Nothing moved by more than {limit}."]
-    for name, (before, after) in [*found.versions.items(), *found.settings.items()]:
+    limit = number(comparison.tolerance)
+    moved = f"{comparison.moved} rows moved by more than {limit}, or have another status."
+    blocks: list[Block] = [moved if comparison.moved else f"Nothing moved by more than {limit}."]
+    for name, (before, after) in [*comparison.versions.items(), *comparison.settings.items()]:
         blocks.append(f"{name} is {before} in the first run, {after} in the second.")
-    if found.alone:
-        blocks.append(f"Not compared, since only one run has them: {', '.join(found.alone)}.")
-    if cells := found.cells_alone:
+    if comparison.alone:
+        blocks.append(f"Not compared, since only one run has them: {', '.join(comparison.alone)}.")
+    if cells := comparison.cells_alone:
         blocks.append(f"Not compared, since only one run has them: {len(cells)} cells, the first {cells[0]}.")
     by_solver = ("solver", "cells", "moved", "other status", "largest dv/|v0|", "largest dD")
     blocks.append(Table(by_solver, solvers, f"Changes from {a} to {b}"))
     by_row = ("cell", "solver", "first status", "second status", "dv/|v0|", "dD")
     caption = 'The largest changes; "one only": only one run has a number'
-    show(console, [*blocks, Table(by_row, worst, caption, text=4)])
+    print_blocks(console, [*blocks, Table(by_row, worst, caption, text=4)])
 
 
-def changes_object(found: Comparison) -> dict[str, Any]:
-    """Return what moved between two runs, for JSON; a change is infinite where one run alone has a number."""
+def changes_to_json(comparison: Comparison) -> dict[str, Any]:
+    """Return the changes between two runs for JSON; a change is infinite if only one run has a number."""
     return {
-        "tolerance": found.tolerance,
-        "moved": found.moved,
-        "solvers": found.solvers,
+        "tolerance": comparison.tolerance,
+        "moved": comparison.moved,
+        "solvers": comparison.solvers,
         "worst": [
             {"cell": cell, "solver": solver, "statuses": statuses, "velocity": dv, "divergence": dd}
-            for cell, solver, *statuses, dv, dd in found.worst
+            for cell, solver, *statuses, dv, dd in comparison.worst
         ],
-        "not_compared": found.alone,
-        "cells_not_compared": found.cells_alone,
-        "settings": found.settings,
-        "versions": found.versions,
+        "not_compared": comparison.alone,
+        "cells_not_compared": comparison.cells_alone,
+        "settings": comparison.settings,
+        "versions": comparison.versions,
     }

@@ -1,4 +1,4 @@
-"""Sentences that several pages and commands share, and how solvers are named and drawn: each stands here once."""
+"""Sentences that several pages and commands share, and the names and looks of solvers."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from impact_xval.compliant_baselines.registry import group_by_law, solver_names, title_of
+from impact_xval.compliant_baselines.registry import group_by_law, solver_names
 from impact_xval.experiments.config.arrangements import ChainSetup
 from impact_xval.experiments.config.axes import AXES, SI_AXES
 from impact_xval.experiments.config.experiment import REFERENCE
@@ -25,7 +25,32 @@ LAWS_WITH_LAWS = (
     "number says which law is nearer to a real collision."
 )
 
-#: Colour, marker and dash of the solvers of most runs, safe for the colour-blind: by Okabe and Ito's palette.
+#: Names of solvers for readers; a solver without an entry is called by its identifier.
+_NAMES = {
+    "state-transition": "the model",
+    "liu-zhao-brogliato": "Liu-Zhao-Brogliato",
+    "mujoco": "MuJoCo",
+    "mujoco-naive": "MuJoCo (naive mapping)",
+    "mujoco:documented": "MuJoCo (as documented)",
+    "mujoco:default": "MuJoCo (as it ships)",
+    "pybullet": "PyBullet",
+    "pybullet-naive": "PyBullet (naive mapping)",
+    "pybullet:default": "PyBullet (as it ships)",
+    "pybullet-restitution": "PyBullet (restitution)",
+    "pymunk": "Pymunk",
+    "dart": "DART",
+    "rapier": "Rapier",
+    "sapien": "PhysX 5 (SAPIEN)",
+    "drake": "Drake",
+    "drake-hunt-crossley": "Drake, Hunt-Crossley",
+    "newton": "Newton (SemiImplicit)",
+    "kelvin-voigt": "exact Kelvin-Voigt",
+    "hunt-crossley": "exact Hunt-Crossley",
+    "compression-dashpot": "exact dashpots of compression",
+    "bistiffness": "exact bistiffness",
+}
+
+#: Colour, marker and dash of the solvers of most runs, by the palette of Okabe and Ito, safe for the colour-blind.
 _LOOKS = {
     "state-transition": ("#000000", "", "solid"),
     "mujoco": ("#0072B2", "o", "solid"),
@@ -38,11 +63,11 @@ _LOOKS = {
     "liu-zhao-brogliato": ("#5D3A9B", "*", (0, (3, 1))),
     "drake": ("#E69F00", "v", (0, (5, 1, 1, 1, 1, 1))),
 }
-#: Of the others, in the order in which solvers are listed: other colours, by Tol's muted palette.
+#: Colours and markers of all other solvers, in the order of the list of solvers, by the muted palette of Tol.
 _COLORS = ("#882255", "#44AA99", "#999933", "#332288", "#661100", "#AA4499", "#117733", "#DDCC77")
 _MARKERS = ("P", "X", "h", ">", "p")
 
-#: What a cause of divergence is, for readers who have not read the paper; by the name of its contribution.
+#: Explanations of the causes of divergence, by the name of the contribution, for readers new to the paper.
 MEANINGS = {
     "frozen_positions": "the model keeps all bodies in place during the collision; in an engine they move",
     "dissipation_law": "a dashpot takes energy out at another time and in another amount than the model's restitution",
@@ -51,14 +76,14 @@ MEANINGS = {
     "discretisation": "the engine's step is not zero",
 }
 
-#: What follows a number of a row whose status is not that of a result, and what a table of such rows says below.
+#: Mark after the numbers of a row without a result, and the note below a table with such rows.
 NO_RESULT = "*"
 WHAT_NO_RESULT_IS = (
     f"{NO_RESULT}: what the solver came to, but no result; the status and the reason say why. Such a row has no D, and "
     "counts in no statistic."
 )
 
-#: Engines in which the restitution of a contact is the product of those of its two bodies, as their makers spell them.
+#: Engines that multiply the restitutions of two bodies, and their names as their makers spell them.
 _MULTIPLYING = {"pybullet": "PyBullet", "dart": "DART", "pymunk": "Pymunk"}
 
 _COUNTS = ("none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
@@ -66,55 +91,56 @@ _COUNTS = ("none", "one", "two", "three", "four", "five", "six", "seven", "eight
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """How one solver is drawn."""
+    """Colour, marker and dash of one solver."""
 
     color: str
     marker: str
     dash: str | tuple[int, tuple[int, ...]]  # matplotlib and Bokeh have the same words
 
 
-def look(solver: str) -> Look:
+def look_of(solver: str) -> Look:
     """Return the look of a solver, the same in every figure."""
     if solver in _LOOKS:
         return Look(*_LOOKS[solver])
-    others = [name for name in solver_names(on_request=True) if name not in _LOOKS]
-    place = others.index(solver) if solver in others else 0
+    names = [name for name in solver_names(on_request=True) if name not in _LOOKS]
+    place = names.index(solver) if solver in names else 0
     return Look(_COLORS[place % len(_COLORS)], _MARKERS[place % len(_MARKERS)], "dashed")
 
 
-def named(solver: str) -> str:
-    """Name a solver as a reader knows it."""
-    return title_of(solver)
+def display_name(solver: str) -> str:
+    """Return the name of a solver for readers."""
+    engine, at, step = solver.partition(":step-")
+    return f"{display_name(engine)} (step {step})" if at else _NAMES.get(solver, solver)
 
 
-def told(solver: str, text: str) -> str:
-    """Give what a ladder's row says of an engine, which begins with an identifier, with the name in its place."""
+def name_solver_in(solver: str, text: str) -> str:
+    """Replace the identifier of a solver at the beginning of a ladder's sentence by the solver's name."""
     identifier = next(filter(text.startswith, (solver, REFERENCE)), "")
-    return named(identifier) + text.removeprefix(identifier)
+    return display_name(identifier) + text.removeprefix(identifier)
 
 
-def begun(sentence: str) -> str:
-    """Begin a sentence that may begin with a name."""
+def capitalise_first(sentence: str) -> str:
+    """Return a sentence with its first letter capitalised."""
     return sentence[:1].upper() + sentence[1:]
 
 
-def written(value: Any, digits: int = 3) -> str:
+def format_axis_value(value: Any, digits: int = 3) -> str:
     """Write a value of an axis: a word, or a number."""
     return value if isinstance(value, str) else number(value, digits)
 
 
-def by_axes(cell: Mapping[str, Any], axes: Mapping[str, str] = AXES, digits: int = 3) -> str:
-    """Name a cell by the axes on which it has a value."""
+def describe_cell(cell: Mapping[str, Any], axes: Mapping[str, str] = AXES, digits: int = 3) -> str:
+    """Describe a cell by the axes on which it has a value."""
     known = ((label, cell[axis]) for axis, label in axes.items() if cell[axis] is not None)
-    return ", ".join(f"{label} = {written(value, digits)}" for label, value in known)
+    return ", ".join(f"{label} = {format_axis_value(value, digits)}" for label, value in known)
 
 
-def in_si_units(cell: Mapping[str, Any], quantities: Iterable[str] = SI_AXES) -> str:
-    """Name masses and stiffnesses of a cell of two balls with their units."""
+def describe_si_values(cell: Mapping[str, Any], quantities: Iterable[str] = SI_AXES) -> str:
+    """Write masses and stiffnesses of a cell of two balls with their units."""
     return ", ".join(f"{name} = {number(cell[name], 6)} {SI_AXES[name]}" for name in quantities)
 
 
-def arranged(chain: ChainSetup) -> str:
+def describe_chain(chain: ChainSetup) -> str:
     """Say in words how a chain is arranged."""
     words = f"a {chain.arrangement} of {chain.balls} balls"
     words += f", {chain.striking} striking" if chain.arrangement == "cradle" else ""
@@ -125,8 +151,8 @@ def arranged(chain: ChainSetup) -> str:
     return words + (f", gaps of {number(chain.gap, 6)} m" if chain.gap else "")
 
 
-def restitution_of_two(solvers: Iterable[str], e: float = 0.9) -> str:
-    """Say of engines that multiply the restitutions of two bodies what to write for e; empty where none does."""
+def describe_restitution_product(solvers: Iterable[str], e: float = 0.9) -> str:
+    """Say what to write for e in engines that multiply the restitutions of two bodies; empty without such engines."""
     engines = [re.split("[-:]", name)[0] for name in solvers]
     titles = [title for engine, title in _MULTIPLYING.items() if engine in engines]
     if not titles:
@@ -138,11 +164,13 @@ def restitution_of_two(solvers: Iterable[str], e: float = 0.9) -> str:
     )
 
 
-def one_vote(solvers: Iterable[str]) -> str:
-    """Say which solvers were asked for one law: together they are one vote on it; empty where none were."""
+def describe_shared_laws(solvers: Iterable[str]) -> str:
+    """Say which solvers were asked for the same law, and are one vote on it; empty if there are none."""
     said = []
     for group in group_by_law(solvers).values():
         if len(group) > 1:
             count = _COUNTS[len(group)] if len(group) < len(_COUNTS) else len(group)
-            said.append(f"{begun(listed(map(named, group)))} were asked for one law: one vote, not {count}.")
+            said.append(
+                f"{capitalise_first(listed(map(display_name, group)))} were asked for one law: one vote, not {count}."
+            )
     return " ".join(said)

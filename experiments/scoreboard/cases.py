@@ -1,4 +1,4 @@
-"""The collisions of the scoreboard, and what a solver answers to each of them.
+"""The collisions of the scoreboard, and the answers of a solver to them.
 
 A process of another interpreter imports this module, in an environment that holds an engine and little else
 (`environments`): NumPy, SciPy, Numba and pydantic, no pandas.
@@ -46,22 +46,22 @@ CASES = {
 
 #: The arrangement that is compared with the laws: bodies touch, those of a rigid engine overlap by 2^-16 radii.
 USUAL = "as it is"
-#: Mirrored, so that ball N comes first.
+#: The arrangement in which bodies are made in the opposite order, ball N first.
 MIRRORED = "made in the other order"
 #: Gaps, in radii, by which touching bodies are apart, or overlap.
 _GAPS = {"apart by 1e-4": 1e-4, "apart by 1e-6": 1e-6}
 _GAPS |= {"overlapping by 1e-6": -1e-6, "overlapping by 1e-4": -1e-4}
-#: Steps over the usual one.
+#: Time steps of arrangements, over the usual step.
 STEPS = {"half the step": 0.5, "twice the step": 2.0}
 
 #: Steps after which an impact is given up: ten times those of the longest.
 SETTINGS = Settings(max_steps=200_000)
 
 
-def prepare(_: object, name: str) -> float | None:
-    """Compile and import what a solver needs; microseconds a step of an engine, while balls touch."""
+def prepare_solver(_: object, name: str) -> float | None:
+    """Compile and import a solver's code; return the microseconds of an engine's step while balls touch, else None."""
     solver, collision, n = get_solver(name), CASES["pile, k2/k1 = 1", 0.9], 500
-    scenes = arrangements(solver, collision)
+    scenes = arrange_scenes(solver, collision)
     if not isinstance(solver, Engine) or not scenes:
         answer(solver, [collision], SETTINGS)
         return None
@@ -73,11 +73,11 @@ def prepare(_: object, name: str) -> float | None:
         return None
 
 
-def answers_to(_: object, name: str, *case: Any) -> list[tuple[str, str, str, Sequence[float]]]:
-    """Answer a case, an engine in every arrangement: which, status, reason and velocities."""
-    solver, collision, found = get_solver(name), CASES[case], []
+def answer_case(_: object, name: str, *case: Any) -> list[tuple[str, str, str, Sequence[float]]]:
+    """Answer a case, an engine in every arrangement; return arrangement, status, reason and velocities."""
+    solver, collision, answers = get_solver(name), CASES[case], []
     try:
-        scenes = arrangements(solver, collision)
+        scenes = arrange_scenes(solver, collision)
         if not isinstance(solver, Engine) or not scenes:
             (o,) = answer(solver, [collision], SETTINGS)
             return [(USUAL, o.status, o.reason, o.velocities)]
@@ -88,13 +88,15 @@ def answers_to(_: object, name: str, *case: Any) -> list[tuple[str, str, str, Se
         reason = run.problem() or run.too_much_energy()
         # A run given up in a long flight, after which balls that hardly approach would meet, has the velocities of it.
         v = run.reported if run.over or run.end == RunEnd.IN_FLIGHT else ()
-        v = tuple(-each for each in v[::-1]) if arrangement == MIRRORED else v  # numbered as in the others
-        found.append((arrangement, "unconverged" if run.over and reason else run.status, reason, v))
-    return found
+        v = (
+            tuple(-velocity for velocity in v[::-1]) if arrangement == MIRRORED else v
+        )  # numbered as in the others
+        answers.append((arrangement, "unconverged" if run.over and reason else run.status, reason, v))
+    return answers
 
 
-def arrangements(solver: Solver, collision: Collision) -> dict[str, Scene]:
-    """Arrange a collision in every way for an engine; in none for another solver, or an engine that cannot take it.
+def arrange_scenes(solver: Solver, collision: Collision) -> dict[str, Scene]:
+    """Return the scenes of a collision by arrangement; none unless the solver is an engine that takes the collision.
 
     Every gap is changed at once. Without a table a chain is also moved along its line, and mirrored.
     """
@@ -111,9 +113,9 @@ def arrangements(solver: Solver, collision: Collision) -> dict[str, Scene]:
     def moved(by: Any) -> Scene:
         return replace(usual, heights=tuple((heights + by * radius).tolist()))
 
-    found = {USUAL: usual} | {name: moved(gap * below) for name, gap in _GAPS.items()}
-    found |= {name: replace(usual, step=usual.step * share) for name, share in STEPS.items()}
+    scenes = {USUAL: usual} | {name: moved(gap * below) for name, gap in _GAPS.items()}
+    scenes |= {name: replace(usual, step=usual.step * share) for name, share in STEPS.items()}
     if not usual.table:
         mirrored = replace(Scene.of(collision.reversed(), settings), step=usual.step)
-        found |= {"moved by 0.37 radii": moved(0.37), MIRRORED: mirrored}
-    return found
+        scenes |= {"moved by 0.37 radii": moved(0.37), MIRRORED: mirrored}
+    return scenes

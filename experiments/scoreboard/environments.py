@@ -1,4 +1,4 @@
-"""Environments of their own for versions of engines: what is asked for, and how it is installed.
+"""Environments that hold a version of an engine each: their requirements, and how they are installed.
 
 An environment holds an engine and what the side that answers imports (`cases`); the code of this project is imported
 from where it runs. It is made once, in the user's cache folder, and named by the requirement, the version of Python and
@@ -30,7 +30,7 @@ from impact_xval.compliant_baselines.registry import get_solver, is_engine, is_o
 from impact_xval.experiments.config.errors import UserError, hint, short
 from impact_xval.experiments.tables.folder import write_json
 
-#: Dependencies of this project that `cases`, and what it imports, needs; no other is installed beside an engine.
+#: Dependencies of `cases` and of the modules that it imports. Nothing else is installed beside an engine.
 NEEDED = ("numpy", "scipy", "numba", "pydantic")
 #: Engines whose older wheels need a requirement that they do not state: the requirement, and the first version that
 #: does without it. The wheels are built for NumPy 1; they import pkg_resources, which newer setuptools have not.
@@ -39,7 +39,7 @@ UNSTATED = {"pybullet": ("numpy<2", "3.2.7"), "sapien": ("setuptools<81", "3.0.3
 _COMPLETE = "environment.json"
 #: Prints the version of a distribution.
 _STATE = "import importlib.metadata as m, sys; print(m.version(sys.argv[1]))"
-#: Most letters of what an installer says that are shown.
+#: Most letters that are shown of an installer's message.
 _LONGEST_REASON = 300
 
 
@@ -64,12 +64,12 @@ class NotInstalledError(UserError):
 
 def solvers_by_distribution() -> Mapping[str, Sequence[str]]:
     """Name the engines of this project by the distribution that each needs."""
-    found: dict[str, list[str]] = {}
+    solvers: dict[str, list[str]] = {}
     for name in filter(is_engine, filter(is_ours, solver_names(on_request=True))):
         solver = get_solver(name)
         if isinstance(solver, Engine):
-            found.setdefault(solver.distribution, []).append(name)
-    return found
+            solvers.setdefault(solver.distribution, []).append(name)
+    return solvers
 
 
 def read_requirement(text: str) -> Requirement:
@@ -115,9 +115,9 @@ def make_environment(requirement: Requirement) -> Environment:
         if not (folder / _COMPLETE).exists():
             shutil.rmtree(folder, ignore_errors=True)
             try:
-                create, install = _installing(folder, python, [str(requirement), *needed])
+                create, install = _install_commands(folder, python)
                 _run(create, requirement)
-                _run(install, requirement)
+                _run([*install, str(requirement), *needed], requirement)
                 version = _run([str(python), "-I", "-c", _STATE, requirement.name], requirement).strip()
                 unstated, first_without = UNSTATED.get(requirement.name, ("", "0"))
                 if Version(version) < Version(first_without):
@@ -130,37 +130,38 @@ def make_environment(requirement: Requirement) -> Environment:
     return Environment(str(requirement), requirement.name, version, python)
 
 
-def _installing(folder: Path, python: Path, requirements: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Return the command that makes an environment, and the one that installs: of uv if it is there, else of pip.
+def _install_commands(folder: Path, python: Path) -> tuple[list[str], list[str]]:
+    """Return the command that makes an environment, and the one that installs the requirements that are added to it.
 
-    Wheels alone are installed: an engine is compiled for longer than anyone waits, and mostly in vain.
+    They are of uv if it is installed, else of venv and pip. Wheels alone are installed: an engine is compiled for
+    longer than anyone waits, and mostly in vain.
     """
-    wanted = ["--only-binary", ":all:", *requirements]
+    wheels_alone = ["--only-binary", ":all:"]
     uv = shutil.which("uv") or shutil.which("uv", path=str(Path(sys.executable).parent))
     if uv:
         return (
             [uv, "venv", "--quiet", "--python", sys.executable, str(folder)],
-            [uv, "pip", "install", "--quiet", "--python", str(python), *wanted],
+            [uv, "pip", "install", "--quiet", "--python", str(python), *wheels_alone],
         )
     # Isolated: pip takes what PYTHONPATH leads to for installed.
     return (
         [sys.executable, "-I", "-m", "venv", str(folder)],
-        [str(python), "-I", "-m", "pip", "install", "--quiet", "--no-input", *wanted],
+        [str(python), "-I", "-m", "pip", "install", "--quiet", "--no-input", *wheels_alone],
     )
 
 
 def _run(command: Sequence[str], requirement: Requirement) -> str:
-    """Run a command of an installer and return what it prints; if it fails, that is the reason."""
+    """Run a command of an installer and return its output; if it fails, raise its output as the reason."""
     done = subprocess.run(
         command, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace", check=False
     )
     if done.returncode:
-        raise NotInstalledError(requirement, reason_in(done.stdout + done.stderr))
+        raise NotInstalledError(requirement, find_reason(done.stdout + done.stderr))
     return done.stdout
 
 
-def reason_in(printed: str) -> str:
-    """Find in what an installer printed why it failed, in a line."""
+def find_reason(printed: str) -> str:
+    """Find the line of an installer's output that says why it failed."""
     first = re.search(r"^ERROR: (.*)", printed, re.M)  # of pip; those that follow say less
     text = first[1] if first else re.sub(r"[│╰─▶├×]", " ", printed)
     text = text.replace("(from versions: none)", "(no version at all: is there a network?)")

@@ -8,11 +8,11 @@ from pathlib import Path
 from impact_xval.compliant_baselines.registry import has_fixed_mapping, is_engine, law_of
 from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.presentation.document import Block, Figure, Section, Table
-from impact_xval.experiments.presentation.html import page_of
-from impact_xval.experiments.presentation.style import drawing, save
-from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, named
+from impact_xval.experiments.presentation.html import render_page
+from impact_xval.experiments.presentation.style import save_figure, styled_figure
+from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, display_name
 from impact_xval.experiments.scoreboard.cases import CASE_SETUPS, CASES, RESTITUTIONS
-from impact_xval.experiments.scoreboard.judging import FROM_LAWS, MODEL, judge, laws
+from impact_xval.experiments.scoreboard.judging import FROM_LAWS, MODEL, find_nearest_laws, judge_answers
 from impact_xval.experiments.tables.folder import write_text
 from impact_xval.experiments.tables.numbers import listed, number
 from impact_xval.experiments.tables.parquet import replacing
@@ -23,7 +23,8 @@ ANSWERS = "answers.parquet"
 TITLE = "What physics engines do when several bodies meet at once"
 PICTURED = "cradle 1 on 4"
 
-#: D up to which a law explains an answer, above which an answer hangs on the placement, up to which two laws are tied.
+#: Thresholds of D: a law explains an answer up to `EXPLAINED`; an answer whose spread exceeds `SENSITIVE` depends on
+#: the placement; two laws whose distances differ by less than `TIED` are tied.
 EXPLAINED, SENSITIVE, TIED = 0.05, 0.1, 1e-9
 
 #: Exact laws as a reader knows them.
@@ -81,72 +82,78 @@ CRADLE = (
 )
 
 
-def write_all(answers: Frame, root: Path, more: Sequence[Section] = ()) -> list[Block]:
-    """Judge answers and write everything into the folder of a scoreboard; give what is to be said of it in brief.
+def write_scoreboard(answers: Frame, root: Path, more: Sequence[Section] = ()) -> list[Block]:
+    """Judge answers, write the files of a scoreboard, and return its summary for the terminal.
 
-    The page has `more` sections after those of the board.
+    The page has the sections `more` after those of the board.
     """
-    judged = judge(answers)
-    followed = laws(judged)
-    words = answers_in_words(followed)
+    judged = judge_answers(answers)
+    followed = find_nearest_laws(judged)
+    words = describe_engines(followed)
     with replacing(root / ANSWERS) as temporary:
         answers.to_parquet(temporary, index=False, compression="zstd")
     write_text(root / "board.csv", judged.to_csv(index=False, lineterminator="\n"))
     draw_cradle(judged, root)
     shown = judged.drop(columns={*FROM_LAWS} - {f"D_{MODEL}"})
-    every = table_of(shown, f"In the usual arrangement; {ANSWERS} holds the others.", 5)
+    every = frame_table(shown, f"In the usual arrangement; {ANSWERS} holds the others.", 5)
     blocks: list[Block] = [
         *LEAD,
         *words,
-        Section("The board", [board_of(judged, followed)]),
+        Section("The board", [board_table(judged, followed)]),
         Section("One ball strikes four", [Figure("cradle", CRADLE)]),
-        Section("At worst", [worst_of(followed)]),
+        Section("At worst", [worst_case_table(followed)]),
         *more,
         Section("All answers", [every], folded=True),
     ]
-    write_text(root / "report.html", page_of(TITLE, blocks, root))
+    write_text(root / "report.html", render_page(TITLE, blocks, root))
     brief = followed[["law", "farthest", "next", "next_farthest", "spread", "microseconds"]]
-    return [worst_of(brief), *words]
+    return [worst_case_table(brief), *words]
 
 
 def draw_cradle(judged: Frame, folder: Path) -> None:
-    """Draw how the balls of a cradle leave, a row a solver."""
+    """Draw the final velocities of the balls of a cradle, one row per solver."""
     v = -judged.query("case == @PICTURED and e == 1").set_index("solver").filter(regex=r"^v\d$").dropna()
     colors = ["#0b5cad" if is_engine(name) else "#1a1a1a" for name in v.index]
-    with drawing(9.5, 0.8 + 0.26 * len(v)) as figure:
+    with styled_figure(9.5, 0.8 + 0.26 * len(v)) as figure:
         axes = figure.subplots(1, 5, sharey=True)
         for ball, ax in enumerate(axes, 1):
-            ax.barh(list(map(called, v.index)), v[f"v{ball}"], height=0.7, color=colors)
+            ax.barh(list(map(display_engine, v.index)), v[f"v{ball}"], height=0.7, color=colors)
             ax.axvline(1.0 if ball == 1 else 0.0, color="0.6", linewidth=3, zorder=0)
             ax.set(xlim=(-0.7, 1.1), title=f"ball {ball}", xlabel="v/v0 (-)")
         axes[0].invert_yaxis()
-    save(figure, folder, "cradle")
+    save_figure(figure, folder, "cradle")
 
 
-def called(solver: str) -> str:
-    """Name a solver; an engine of compliant contacts that was set up for a law says so."""
+def display_engine(solver: str) -> str:
+    """Name a solver for a reader; an engine whose contacts are mapped to a law has ``(mapped)`` after its name."""
     mapped = is_engine(solver) and law_of(solver) and ":" not in solver and not has_fixed_mapping(solver)
-    return f"{named(solver)} (mapped)" if mapped else named(solver)
+    return f"{display_name(solver)} (mapped)" if mapped else display_name(solver)
 
 
-def how(row: Frame) -> str:
-    """Say how an engine answers, by its row of `judging.laws`, and after a semicolon which law does so as well."""
+def describe_law(row: Frame) -> str:
+    """Say by which law an engine answers, from its row of `judging.find_nearest_laws`.
+
+    A second law that is as near follows after a semicolon.
+    """
     if row.farthest > EXPLAINED:
         return "as no exact law"
     tied = row.next_farthest - row.farthest < TIED
     return LAW_WORDS[row.law] + (f"; {row.next} says the same here" if tied else "")
 
 
-def answers_in_words(followed: Frame) -> list[Block]:
-    """Say which engines answer by which law, and whose answers hang on what no one means."""
+def describe_engines(followed: Frame) -> list[Block]:
+    """Say by which law each engine answers, and which engines' answers depend on the placement."""
     if followed.empty:
         return []
-    by_law = followed.groupby(followed.apply(how, axis=1), sort=False)
-    said = [f"{listed(map(called, own.index))} answer{'s' * (len(own) == 1)} {law}." for law, own in by_law]
+    by_law = followed.groupby(followed.apply(describe_law, axis=1), sort=False)
+    said = [
+        f"{listed(map(display_engine, own.index))} answer{'s' * (len(own) == 1)} {law}."
+        for law, own in by_law
+    ]
     least = number(followed[f"D_{MODEL}"].min(), 2)
     said.append(f"From the state-transition model each ends D = {least} or more in some case.")
     sensitive = followed[followed.spread > SENSITIVE].sort_values("spread", kind="stable").itertuples()
-    moved = [f"{called(row.Index)} ({row.spread_of}: {number(row.spread, 2)})" for row in sensitive]
+    moved = [f"{display_engine(row.Index)} ({row.spread_of}: {number(row.spread, 2)})" for row in sensitive]
     chance = (
         "Each case is answered again with gaps and overlaps of 1e-4 and 1e-6 radii, and, without a table, moved along "
         f"its line and made in the other order. That moves by more than D = {SENSITIVE} the answers of "
@@ -155,8 +162,8 @@ def answers_in_words(followed: Frame) -> list[Block]:
     return [" ".join(said), *([chance] if moved else [])]
 
 
-def board_of(judged: Frame, followed: Frame) -> Table:
-    """Lay out the board: an engine a row, a case a column."""
+def board_table(judged: Frame, followed: Frame) -> Table:
+    """Lay out the board: one row per engine, one column per case."""
     rows, worst = [], judged.groupby(["solver", "case"]).max(numeric_only=True)
     for law in followed.itertuples():
         its = worst.loc[law.Index].reindex(list(CASE_SETUPS))
@@ -164,17 +171,17 @@ def board_of(judged: Frame, followed: Frame) -> Table:
             ("< 1e-4" if D < 1e-4 else number(D, 2)) + (" *" if spread > SENSITIVE else "")
             for D, spread in zip(its[f"D_{law.law}"], its.spread, strict=True)
         ]
-        rows.append((called(law.Index), how(law).partition(";")[0], *cells))
+        rows.append((display_engine(law.Index), describe_law(law).partition(";")[0], *cells))
     return Table(("engine", "answers", *CASE_SETUPS), rows, BOARD, text=2)
 
 
-def worst_of(followed: Frame) -> Table:
-    """Lay out what is worst of each engine."""
-    own = followed.rename(called).reset_index(names="engine")
-    return table_of(own.rename(columns={"law": "nearest law", "next": "next law"}), WORST, 2)
+def worst_case_table(followed: Frame) -> Table:
+    """Lay out the worst values of each engine."""
+    own = followed.rename(display_engine).reset_index(names="engine")
+    return frame_table(own.rename(columns={"law": "nearest law", "next": "next law"}), WORST, 2)
 
 
-def table_of(frame: Frame, caption: str, text: int) -> Table:
-    """Lay out a frame, its numbers in three digits."""
+def frame_table(frame: Frame, caption: str, text: int) -> Table:
+    """Lay out a frame as a table, with numbers in three digits."""
     rows = [[number(x) if isinstance(x, float) else x for x in row] for row in frame.to_numpy(object)]
     return Table([name.replace("_", " ") for name in frame], rows, caption, text)

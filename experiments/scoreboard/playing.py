@@ -1,4 +1,4 @@
-"""What every solver is asked, and what it answers in a process apart: one that dies or hangs costs those answers."""
+"""Answers of all solvers, each from a process of its own: one that dies or hangs costs its answers only."""
 
 from __future__ import annotations
 
@@ -16,34 +16,41 @@ import pandas as pd
 
 from impact_xval.compliant_baselines.registry import engine_free_names, get_solver, is_engine, solver_names
 from impact_xval.experiments.config.errors import InterruptedRunError
-from impact_xval.experiments.scoreboard.cases import CASE_SETUPS, CASES, SETTINGS, USUAL, answers_to, prepare
+from impact_xval.experiments.scoreboard.cases import (
+    CASE_SETUPS,
+    CASES,
+    SETTINGS,
+    USUAL,
+    answer_case,
+    prepare_solver,
+)
 from impact_xval.experiments.scoreboard.environments import Environment
 from impact_xval.experiments.sweep.pool import TO_PREPARE, Slot, open_pool
 from impact_xval.experiments.sweep.process import FaultError
 from impact_xval.experiments.tables.folder import new_folder, write_text
 
-#: Columns of answers, as `play` describes them.
+#: Columns of answers, as `collect_answers` describes them.
 _COLUMNS = ["solver", "version", "microseconds", "case", "e", "arrangement", "status", "reason"]
 _COLUMNS += [f"v{ball}" for ball in range(1, 6)]
-#: Seconds that one case may take in all arrangements.
+#: Seconds that a solver has for all arrangements of one case.
 _LONGEST = 120.0
 
 
-def entrants(names: Sequence[str] = ()) -> list[str]:
-    """Name the exact laws, and the engines that are given, or all that are installed."""
+def list_entrants(names: Sequence[str] = ()) -> list[str]:
+    """List the exact laws, and the given engines; without any, all installed engines."""
     engines = filter(is_engine, solver_names(on_request=True))
     installed = (name for name in engines if get_solver(name).unavailable() is None)
     return list(dict.fromkeys([*engine_free_names(), *(names or installed)]))
 
 
-def play(
+def collect_answers(
     names: Sequence[str],
     root: Path,
     workers: int,
     progress: Callable[..., None],
     elsewhere: Sequence[tuple[str, Environment]] = (),
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Have solvers answer every case; what each has answered is kept in a folder, for a board that is stopped.
+    """Have solvers answer every case; answers are kept in a folder, so that a board that was stopped continues.
 
     Parameters
     ----------
@@ -65,13 +72,16 @@ def play(
         (root / "answers").mkdir()
     try:
         with open_pool(None, workers, interpreters=interpreters) as pool:
-            asked = [pool.submit(_answered, name, root / "answers", where) for name, where in in_environments]
-            for done, future in enumerate(as_completed(asked), 1):
+            futures = [
+                pool.submit(_answer_all_cases, name, root / "answers", where)
+                for name, where in in_environments
+            ]
+            for done, future in enumerate(as_completed(futures), 1):
                 future.result()  # an error ends all at once
-                progress(done * len(CASES), len(asked) * len(CASES), "")
+                progress(done * len(CASES), len(futures) * len(CASES), "")
     except KeyboardInterrupt:
         raise InterruptedRunError("interrupted; answers are kept; the same command continues") from None
-    answers = [future.result() for future in asked]
+    answers = [future.result() for future in futures]
     here, there = (
         pd.DataFrame([row for rows in part for row in rows], columns=_COLUMNS)
         for part in (answers[: len(names)], answers[len(names) :])
@@ -79,39 +89,41 @@ def play(
     return here, there
 
 
-def _answered(slot: Slot, name: str, folder: Path, where: Environment | None = None) -> list[dict[str, Any]]:
-    """Have a solver answer every case, unless its file, named by versions and cases, has the answers.
+def _answer_all_cases(
+    slot: Slot, name: str, folder: Path, where: Environment | None = None
+) -> list[dict[str, Any]]:
+    """Return the answers of a solver to every case, from its file or else from its process.
 
-    It is asked in another environment, if one is given, by a process that ends with the last case.
+    With an environment the solver runs there, in a process that ends after the last case.
     """
     if where is None:
-        return _kept_answers(partial(slot.call, name), name, folder, get_solver(name).version())
+        return _answer_or_read(partial(slot.call, name), name, folder, get_solver(name).version())
     worker = slot.worker_of(where.python)
     try:
-        return _kept_answers(worker.call, name, folder, where.version, where.python.parents[1].name)
+        return _answer_or_read(worker.call, name, folder, where.version, where.python.parents[1].name)
     finally:
         worker.end()
 
 
-def _kept_answers(
+def _answer_or_read(
     call: Callable[..., Any], name: str, folder: Path, installed: str, *environment: str
 ) -> list[dict[str, Any]]:
-    """Have a solver answer every case by `call`, which is that of its process, and keep the answers in a file."""
+    """Return the answers of a solver from its file, named by versions and cases; without it, call its process."""
     facts: dict[str, Any] = {"solver": name, "version": installed, "microseconds": None}
-    asked = version("impact-xval"), installed, CASE_SETUPS, list(CASES), str(SETTINGS), *environment
-    identity = sha256(json.dumps(asked).encode()).hexdigest()[:12]
+    identifying = version("impact-xval"), installed, CASE_SETUPS, list(CASES), str(SETTINGS), *environment
+    identity = sha256(json.dumps(identifying).encode()).hexdigest()[:12]
     path, rows = folder / f"{name.replace(':', '-')}-{identity}.json", []
     if path.exists():
         return json.loads(path.read_text(encoding="utf-8"))
     with contextlib.suppress(FaultError):  # then each case says so
-        facts["microseconds"] = call(prepare, name, timeout=TO_PREPARE)
+        facts["microseconds"] = call(prepare_solver, name, timeout=TO_PREPARE)
     for case, e in CASES:
         try:
-            answers = call(answers_to, name, case, e, timeout=_LONGEST)
+            answers = call(answer_case, name, case, e, timeout=_LONGEST)
         except FaultError as fault:
             answers = [(USUAL, fault.status, fault.reason, ())]
         for arrangement, status, reason, v in answers:
             row = {"case": case, "e": e, "arrangement": arrangement, "status": status, "reason": reason}
-            rows.append(facts | row | {f"v{i}": each for i, each in enumerate(v, 1)})
+            rows.append(facts | row | {f"v{i}": velocity for i, velocity in enumerate(v, 1)})
     write_text(path, json.dumps(rows, indent=1))
     return rows

@@ -1,4 +1,4 @@
-"""What an engine's releases changed: each version's answers against those of the version before."""
+"""Changes between releases of an engine: the answers of each version against those of the version before."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.presentation.document import Block, Section, Table
 from impact_xval.experiments.scoreboard.cases import CASE_SETUPS
 from impact_xval.experiments.scoreboard.environments import NotInstalledError, solvers_by_distribution
-from impact_xval.experiments.scoreboard.judging import moved
-from impact_xval.experiments.scoreboard.page import called
+from impact_xval.experiments.scoreboard.judging import list_moved_answers
+from impact_xval.experiments.scoreboard.page import display_engine
 from impact_xval.experiments.tables.folder import write_text
 from impact_xval.experiments.tables.numbers import listed, number
 from impact_xval.experiments.tables.parquet import replacing
@@ -24,7 +24,7 @@ ANSWERS, MOVED = "releases.parquet", "releases.csv"
 
 TITLE = "What releases changed"
 
-#: Largest change of a velocity, over |v0|, that counts as none; as that of a baseline.
+#: Largest change of a velocity, over |v0|, that is ignored, as in the comparison with a baseline.
 TOLERANCE = 1e-6
 
 CAPTION = (
@@ -43,7 +43,7 @@ class Release:
     version: str
     #: The version before that has answers; None for the first.
     before: str | None = None
-    #: Answers that moved, as by `judging.moved`, and how many were compared.
+    #: Answers that moved (`judging.list_moved_answers`), and the number of compared answers.
     moved: Frame | None = None
     compared: int = 0
     #: Cases that this version answers for some e.
@@ -57,8 +57,8 @@ class Release:
         return self.moved is not None and len(self.moved) > 0
 
 
-def releases_in(here: Frame, elsewhere: Frame) -> list[Release]:
-    """Hold the versions of each engine against each other, in the order of their numbers.
+def compare_releases(here: Frame, elsewhere: Frame) -> list[Release]:
+    """Compare each version of an engine with the version before, in the order of version numbers.
 
     Parameters
     ----------
@@ -70,29 +70,29 @@ def releases_in(here: Frame, elsewhere: Frame) -> list[Release]:
     both = (elsewhere, here[here.solver.isin(elsewhere.solver) & (here.version != "")])
     answers = pd.concat([part.drop(columns="microseconds") for part in both], ignore_index=True)
     answers = answers.drop_duplicates(["solver", "version", "case", "e", "arrangement"])
-    found: list[Release] = []
-    for solver, own in answers.groupby("solver", sort=False):
-        by_version = {str(version): rows for version, rows in own.groupby("version")}
+    releases: list[Release] = []
+    for solver, of_solver in answers.groupby("solver", sort=False):
+        by_version = {str(version): rows for version, rows in of_solver.groupby("version")}
         before: str | None = None
         for version in sorted(by_version, key=Version):
             now = by_version[version]
             if now.v1.isna().all():
-                found.append(Release(str(solver), version, reason=now.reason.iloc[0]))
+                releases.append(Release(str(solver), version, reason=now.reason.iloc[0]))
                 continue
             if before is None:
-                found.append(Release(str(solver), version))
+                releases.append(Release(str(solver), version))
             else:
-                changes = moved(by_version[before], now, TOLERANCE)
+                changes = list_moved_answers(by_version[before], now, TOLERANCE)
                 answered = frozenset(now.case[now.v1.notna()])
-                found.append(Release(str(solver), version, before, changes, len(now), answered))
+                releases.append(Release(str(solver), version, before, changes, len(now), answered))
             before = version
-    return found
+    return releases
 
 
 def write_releases(
     releases: Sequence[Release], missing: Sequence[NotInstalledError], answers: Frame, root: Path
 ) -> Section:
-    """Write the files of the releases into the folder of a scoreboard; return the section of its page."""
+    """Write the tables of releases into the folder of a scoreboard; return the section for its page."""
     with replacing(root / ANSWERS) as temporary:
         answers.to_parquet(temporary, index=False, compression="zstd")
     changes = [
@@ -102,11 +102,11 @@ def write_releases(
     ]
     text = pd.concat(changes).to_csv(index=False, lineterminator="\n") if changes else ""
     write_text(root / MOVED, text)
-    return Section(TITLE, [*releases_in_words(releases), table_of_releases(releases, missing)])
+    return Section(TITLE, [*describe_releases(releases), release_table(releases, missing)])
 
 
-def releases_in_words(releases: Sequence[Release]) -> list[Block]:
-    """Say which versions of each engine answer otherwise than the version before."""
+def describe_releases(releases: Sequence[Release]) -> list[Block]:
+    """Say which versions of each engine answer differently from the version before."""
     sentences: list[str] = []
     for distribution, names in solvers_by_distribution().items():
         same: list[str] = []
@@ -115,9 +115,9 @@ def releases_in_words(releases: Sequence[Release]) -> list[Block]:
             own = [release for release in of_engine if release.solver == name]
             changes = [_change_in_words(release) for release in own if release.differs]
             if changes:
-                sentences.append(f"{called(name)}: {'; '.join(changes)}.")
+                sentences.append(f"{display_engine(name)}: {'; '.join(changes)}.")
             elif len(own) > 1:
-                same.append(called(name))
+                same.append(display_engine(name))
         if same:
             versions = listed(dict.fromkeys(release.version for release in of_engine))
             sentences.append(
@@ -137,29 +137,34 @@ def _change_in_words(release: Release) -> str:
     )
 
 
-def table_of_releases(releases: Sequence[Release], missing: Sequence[NotInstalledError]) -> Table:
-    """Lay out a row a version and a column a case; a version without answers has its reason."""
+def release_table(releases: Sequence[Release], missing: Sequence[NotInstalledError]) -> Table:
+    """Lay out one row per version and one column per case; a version without answers has its reason."""
     rows: list[tuple[str, ...]] = []
     nothing = ["-"] * len(CASE_SETUPS)
     for distribution, names in solvers_by_distribution().items():
         for release in (release for release in releases if release.solver in names):
             if release.reason:
                 rows.append(
-                    (called(release.solver), release.version, f"no answer: {release.reason}", *nothing)
+                    (
+                        display_engine(release.solver),
+                        release.version,
+                        f"no answer: {release.reason}",
+                        *nothing,
+                    )
                 )
             elif release.moved is None:
-                rows.append((called(release.solver), release.version, "the first", *nothing))
+                rows.append((display_engine(release.solver), release.version, "the first", *nothing))
             else:
                 count = f"{len(release.moved)} of {release.compared}"
                 version = f"{release.version} *" if release.differs else release.version
-                rows.append((called(release.solver), version, count, *_cells(release)))
+                rows.append((display_engine(release.solver), version, count, *_cells(release)))
         for error in (error for error in missing if error.distribution == distribution):
             rows.append((distribution, error.requirement, f"not installed: {error.reason}", *nothing))
     return Table(("engine", "version", "moved", *CASE_SETUPS), rows, CAPTION, text=3)
 
 
 def _cells(release: Release) -> list[str]:
-    """Write what moved, a cell a case."""
+    """Write the largest change of each case."""
     assert release.moved is not None
     cells: list[str] = []
     for case in CASE_SETUPS:

@@ -11,11 +11,10 @@ import contextlib
 import gc
 import time
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from importlib.metadata import version
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -26,18 +25,22 @@ from impact_xval.compliant_baselines.answers import answer, one_line, stated_ver
 from impact_xval.compliant_baselines.engines.scanner import scan
 from impact_xval.compliant_baselines.registry import is_engine, is_ours
 from impact_xval.experiments.config.cells import Block, experiment_cells
-from impact_xval.experiments.config.experiment import REFERENCE, Config, parse_config
+from impact_xval.experiments.config.experiment import REFERENCE, parse_config
+from impact_xval.experiments.measures.divergence import Comparison, SolverResults
 from impact_xval.experiments.measures.hausdorff import distances
 from impact_xval.experiments.sweep.pool import TO_STATE, Slot, in_flight
-from impact_xval.experiments.sweep.process import FaultError, WorkerError, in_halves
+from impact_xval.experiments.sweep.process import FaultError, WorkerError, in_halves, retry_once
 from impact_xval.experiments.sweep.rows import (
     Experiment,
-    Lost,
     Resolve,
-    completed,
+    compare_failure,
+    complete_rows,
+    model_as_comparison,
+    results_without_outcome,
+    rows_without_ladders,
     settings_of,
-    solve_by,
-    without_ladder,
+    solve_and_compare,
+    solve_by_model,
 )
 from impact_xval.experiments.tables.folder import part_bytes
 from impact_xval.model.chain.kernel import follow_chains
@@ -50,6 +53,8 @@ _KERNELS: tuple[Any, ...] = (collide_all, distances, follow_chains, scan)
 #: Seconds for what follows the solvers of a chunk, or the cells of a run; not their limit, for these are references in
 #: closed form, and tables must not depend on how busy a machine is.
 TO_COMPLETE = 600.0
+
+_Answer = TypeVar("_Answer")
 
 Versions = dict[str, str]
 #: In the place of a version; why not follows.
@@ -76,7 +81,9 @@ def warm(_: object, resolve: Resolve, name: str, pair: bool) -> bool:
     experiment, blocks = _usual(resolve, pair)
     with event.install_recorder("numba:compile") as compiled, _compiling(*kernels_of(name, pair=pair)):
         for block in blocks:
-            solve_by(experiment, name, block, {})
+            model = solve_by_model(experiment, block)
+            if name != REFERENCE:
+                solve_and_compare(experiment, name, block, model)
     return bool(compiled.buffer)
 
 
@@ -153,78 +160,97 @@ def solve_chunks(pool: Any, chunks: Iterable[tuple[int, Block]]) -> Iterator[Rep
 
 
 def solve_chunk(slot: Slot, number: int, block: Block) -> Report:
-    """Solve a chunk of cells by each solver of the experiment, whatever they do."""
-    names = slot.context.config.solvers
+    """Solve a chunk of cells by each solver of the experiment, whatever the solvers do."""
+    experiment: Experiment = slot.context
     chunk = Chunk(slot, block)
-    rows = pa.concat_tables([part for name in names for part in chunk.solved_by(name)])
-    by_cell = np.arange(len(rows)).reshape(len(names), -1).T.ravel()
-    rows = pa.concat_tables(chunk.completed(rows.take(by_cell)))
+    model = chunk.solve_by_model()
+    comparisons = {REFERENCE: model_as_comparison(model)}
+    for name in experiment.others:
+        comparisons[name] = chunk.solve_and_compare(name, model)
+    rows = chunk.rows(comparisons)
     return Report(number, part_bytes(rows), dict(chunk.seconds), solver_versions(slot), chunk.faults)
 
 
 class Chunk:
-    """Cells that are solved by the processes of a slot, and what was lost of them."""
+    """Cells that are solved by the processes of a slot."""
 
     def __init__(self, slot: Slot, block: Block) -> None:
         self._slot, self._cells = slot, block
-        self._config: Config = slot.context.config
-        self._lost: Lost = {}
+        self._experiment: Experiment = slot.context
+        #: Wall time by solver.
         self.seconds: dict[str, float] = defaultdict(float)
+        #: Number of processes of solvers that died or were ended.
         self.faults = 0
 
-    def solved_by(self, name: str) -> list[pa.Table]:
-        """Rows of a solver, in pieces: where it dies, without an answer."""
-        said = solver_versions(self._slot)[name]
-        if said.startswith(UNAVAILABLE):
-            fault = FaultError("unavailable", said.removeprefix(UNAVAILABLE))
-            return [self._failed(name, slice(None), fault)]
-        return in_halves(partial(self._rows, name), len(self._cells), partial(self._failed, name))
+    def solve_by_model(self) -> SolverResults:
+        """Solve the cells by the model; where its process dies, results say so."""
 
-    def _rows(self, name: str, place: slice) -> pa.Table:
-        experiment: Experiment = self._slot.context
+        def solve(place: slice) -> SolverResults:
+            return self._call_solver(REFERENCE, solve_by_model, self._cells[place])
+
+        def failure(place: slice, fault: FaultError) -> SolverResults:
+            cells = self._cells[place]
+            return self._call_ours(results_without_outcome, REFERENCE, cells, fault.status, fault.reason)
+
+        return SolverResults.concatenate(in_halves(solve, len(self._cells), failure))
+
+    def solve_and_compare(self, name: str, model: SolverResults) -> Comparison:
+        """Solve the cells by a solver and compare it with the model; where its process dies, results say so."""
+
+        def solve(place: slice) -> Comparison:
+            return self._call_solver(name, solve_and_compare, name, self._cells[place], model[place])
+
+        def failure(place: slice, fault: FaultError) -> Comparison:
+            cells = self._cells[place]
+            return self._call_ours(compare_failure, name, cells, model[place], fault.status, fault.reason)
+
+        stated = solver_versions(self._slot)[name]
+        if stated.startswith(UNAVAILABLE):
+            reason = stated.removeprefix(UNAVAILABLE)
+            return failure(slice(None), FaultError("unavailable", reason))
+        return Comparison.concatenate(in_halves(solve, len(self._cells), failure))
+
+    def rows(self, comparisons: Mapping[str, Comparison]) -> pa.Table:
+        """Return the rows of the cells, by cell, then by solver; a cell whose ladders fail has none."""
+
+        def of(place: slice) -> dict[str, Comparison]:
+            return {name: comparison[place] for name, comparison in comparisons.items()}
+
+        def complete(place: slice) -> pa.Table:
+            try:
+                return self._slot.call(
+                    None, complete_rows, self._cells[place], of(place), timeout=TO_COMPLETE
+                )
+            except WorkerError as error:
+                last_line = str(error).strip().rpartition("\n")[2]
+                raise FaultError("crashed", one_line(last_line)) from None
+
+        def failure(place: slice, fault: FaultError) -> pa.Table:
+            cells = self._cells[place]
+            return rows_without_ladders(self._experiment, cells, of(place), fault.status, fault.reason)
+
+        return pa.concat_tables(in_halves(complete, len(self._cells), failure))
+
+    def _call_solver(self, name: str, function: Callable[..., _Answer], *arguments: Any) -> _Answer:
+        """Call a function in the process of a solver, within the limit of a cell."""
+        experiment = self._experiment
         self._slot.prepare(name, warm, experiment.resolve, name, experiment.layout.pair)
-        start, limit = time.perf_counter(), self._config.cell_timeout
+        start, limit = time.perf_counter(), experiment.config.cell_timeout
         try:
-            return self._slot.call(name, solve_by, name, self._cells[place], self._lost, timeout=limit)
+            return self._slot.call(name, function, *arguments, timeout=limit)
         except FaultError:
             self.faults += 1
             raise
         finally:
             self.seconds[name] += time.perf_counter() - start
 
-    def _failed(self, name: str, place: slice, fault: FaultError) -> pa.Table:
-        """Rows of cells that are lost to a solver, by our process: it asks that solver nothing."""
-        cells = self._cells[place]
-        self._lost |= dict.fromkeys(
-            ((name, cell) for cell in cells.index.tolist()), (fault.status, fault.reason)
-        )
+    def _call_ours(self, function: Callable[..., _Answer], *arguments: Any) -> _Answer:
+        """Call a function that calls no solver in the process of ours, once more where it dies."""
 
-        def call(_: slice) -> pa.Table:
-            return self._slot.call(None, solve_by, name, cells, self._lost, timeout=TO_COMPLETE)
-
-        def give_up(_: slice, fault: FaultError) -> pa.Table:
+        def give_up(fault: FaultError) -> _Answer:
             raise fault
 
-        return in_halves(call, 1, give_up)[0]
-
-    def completed(self, rows: pa.Table) -> list[pa.Table]:
-        """Add to rows, by cell, what needs several solvers; a cell for which that fails has no ladder."""
-        each = len(self._config.solvers)
-
-        def of(place: slice) -> pa.Table:
-            return rows.slice(place.start * each, (place.stop - place.start) * each)
-
-        def call(place: slice) -> pa.Table:
-            try:
-                return self._slot.call(None, completed, self._cells[place], of(place), timeout=TO_COMPLETE)
-            except WorkerError as error:
-                last = str(error).strip().rpartition("\n")[2]
-                raise FaultError("crashed", one_line(last)) from None
-
-        def failed(place: slice, fault: FaultError) -> pa.Table:
-            return without_ladder(self._slot.context, of(place), fault.status, f"ladder: {fault.reason}")
-
-        return in_halves(call, len(self._cells), failed)
+        return retry_once(lambda: self._slot.call(None, function, *arguments, timeout=TO_COMPLETE), give_up)
 
 
 def solver_versions(slot: Slot) -> Versions:
@@ -232,21 +258,20 @@ def solver_versions(slot: Slot) -> Versions:
     if not slot.versions:
         found = {"impact-xval": version("impact-xval")}
         for name in slot.context.config.solvers:
-            said, reason = stated(slot, slot.context.resolve, name)
+            said, reason = ask_version(slot, slot.context.resolve, name)
             found[name] = said if reason is None else UNAVAILABLE + reason
         slot.versions = found
     return slot.versions
 
 
-def stated(slot: Slot, resolve: Resolve, name: str) -> tuple[str, str | None]:
+def ask_version(slot: Slot, resolve: Resolve, name: str) -> tuple[str, str | None]:
     """Ask a solver for its version, and why it cannot run; both in its own process."""
-    return in_halves(
-        lambda _: slot.call(name, _stated, resolve, name, timeout=TO_STATE),
-        1,
-        lambda _, fault: ("", f"asked what it is, it gave no answer: {fault.reason}"),
-    )[0]
+    return retry_once(
+        lambda: slot.call(name, _version_and_reason, resolve, name, timeout=TO_STATE),
+        lambda fault: ("", f"asked what it is, it gave no answer: {fault.reason}"),
+    )
 
 
-def _stated(_: object, resolve: Resolve, name: str) -> tuple[str, str | None]:
+def _version_and_reason(_: object, resolve: Resolve, name: str) -> tuple[str, str | None]:
     solver = resolve(name)
     return stated_version(solver), why_unavailable(solver)

@@ -18,11 +18,11 @@ from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.measures.hausdorff import LARGEST
 from impact_xval.experiments.sweep.chunk import warm
 from impact_xval.experiments.sweep.pool import Slot
-from impact_xval.experiments.sweep.process import FaultError, in_halves
+from impact_xval.experiments.sweep.process import FaultError, retry_once
 from impact_xval.experiments.sweep.rows import Experiment, settings_of
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.parquet import replacing
-from impact_xval.experiments.tables.schema import WHO, columns, schema
+from impact_xval.experiments.tables.schema import SOLVER_AND_STATUS, Column, arrow_schema, pick
 from impact_xval.model.status import RESULT_STATUSES
 
 CURVES = "curves.parquet"
@@ -30,39 +30,42 @@ CURVES = "curves.parquet"
 #: How far a force may be from the straight lines it is drawn by, over the largest one: less than a pen is wide.
 _STRAIGHT = 1e-3
 
-#: A row a solver.
-CURVES_SCHEMA = schema(
-    {name: WHO[name] for name in ("solver", "status", "reason")}
-    | columns(
-        """
-        velocities  floats  -  final velocities per |v0|, ball 1 first
-        impulses    lists   -  of each contact so far, per m1 |v0|; of two balls
-        time        floats  -  of forces since first touch, in its unit, (m1/k1 |v0|^(1 - p))^(1/(p + 1))
-        forces      lists   -  of each contact, per m1 |v0| and that time; of chains of N balls
-        """
+#: Schema of the table of curves: one row per solver.
+CURVES_SCHEMA = arrow_schema(
+    (
+        *pick(SOLVER_AND_STATUS, ("solver", "status", "reason")),
+        Column("velocities", "floats", "-", "final velocities per |v0|, ball 1 first"),
+        Column("impulses", "lists", "-", "of each contact so far, per m1 |v0|; of two balls"),
+        Column(
+            "time",
+            "floats",
+            "-",
+            "of forces since first touch, in its unit, (m1/k1 |v0|^(1 - p))^(1/(p + 1))",
+        ),
+        Column("forces", "lists", "-", "of each contact, per m1 |v0| and that time; of chains of N balls"),
     )
 )
 
 
 def write_curves(config: Config, folder: RunFolder, pool: Any) -> None:
     """Solve the cell, or the chain, of the figures by every solver, and keep its curves."""
-    calls = [pool.submit(_solved, name, config.cell_timeout) for name in config.solvers]
+    calls = [pool.submit(_solve_curves, name, config.cell_timeout) for name in config.solvers]
     curves = pa.Table.from_pylist([call.result() for call in calls], CURVES_SCHEMA)
     with replacing(folder.root / CURVES) as temporary:
         pq.write_table(curves, temporary, compression="zstd")
 
 
-def _solved(slot: Slot, name: str, timeout: float) -> dict[str, Any]:
+def _solve_curves(slot: Slot, name: str, timeout: float) -> dict[str, Any]:
     """Have the curves of a solver computed in its process; the row of one that fails says so."""
 
-    def call(_: slice) -> dict[str, Any]:
+    def call() -> dict[str, Any]:
         slot.prepare(name, warm, slot.context.resolve, name, slot.context.layout.pair)
         return slot.call(name, _curves, name, timeout=timeout)
 
-    def lost(_: slice, fault: FaultError) -> dict[str, Any]:
+    def row_of_failure(fault: FaultError) -> dict[str, Any]:
         return {"solver": name, "status": fault.status, "reason": fault.reason}
 
-    return in_halves(call, 1, lost)[0]
+    return retry_once(call, row_of_failure)
 
 
 def _curves(experiment: Experiment, name: str) -> dict[str, Any]:
@@ -80,13 +83,13 @@ def _curves(experiment: Experiment, name: str) -> dict[str, Any]:
         # Where one is larger, the curve has no measure either.
         row["impulses"] = impulses.tolist() if np.abs(impulses).max() <= LARGEST else None
     elif path is not None:
-        kept = needed(path.time, path.forces)
+        kept = points_to_keep(path.time, path.forces)
         row["time"] = (path.time[kept] / time).tolist()
         row["forces"] = (path.forces[kept].T / (impulse / time)).tolist()
     return row
 
 
-def needed(time: np.ndarray, forces: np.ndarray) -> np.ndarray:
+def points_to_keep(time: np.ndarray, forces: np.ndarray) -> np.ndarray:
     """Pick points between which straight lines are forces, within `_STRAIGHT` of the largest; peaks among them.
 
     Ramer, Douglas and Peucker: the point farthest from a line is kept, until none is far.

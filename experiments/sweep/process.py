@@ -27,6 +27,7 @@ if TYPE_CHECKING:  # whose room imports numpy
     from impact_xval.model.status import Status
 
 _Piece = TypeVar("_Piece")
+_Answer = TypeVar("_Answer")
 
 _THREADS = (
     "NUMBA_NUM_THREADS",
@@ -93,7 +94,7 @@ class Worker:
             if self._closed:
                 raise ClosedError
             if self._running is None:
-                self._running = _started(self._log, self._python)
+                self._running = _start_process(self._log, self._python)
                 with contextlib.suppress(OSError):  # it is gone: noticed by who calls it
                     self._running[1].send(self.context)
             return self._running
@@ -112,7 +113,7 @@ class Worker:
         except (EOFError, OSError):
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(_TO_EXIT)
-            fault = FaultError("crashed", f"its process died: {_cause(_ended(process))}")
+            fault = FaultError("crashed", f"its process died: {_cause(_end_process(process))}")
         self.end()
         raise ClosedError if self._closed else fault
 
@@ -120,7 +121,7 @@ class Worker:
         """End the process, for whoever works with it: the next call starts another."""
         if self._running is not None:
             process, pipe = self._running
-            _ended(process)
+            _end_process(process)
             pipe.close()
             self.ready.clear()
             self._running = None
@@ -130,7 +131,7 @@ class Worker:
         with self._lock:
             self._closed = True
             if self._running is not None:
-                _ended(self._running[0])
+                _end_process(self._running[0])
 
 
 def in_halves(
@@ -138,25 +139,41 @@ def in_halves(
 ) -> list[_Piece]:
     """Call for n cells at once, in halves where their process dies or hangs, and so on down to single cells.
 
-    After one crash alone a cell is tried again: it may have been a full memory, or an operator. After two, or where it
-    hangs alone, `failure` gives what stands for its answer. The answers are in the order of the cells.
+    A cell that is left alone is called as by `retry_once`; `failure` returns what stands for its answer. The answers
+    are in the order of the cells.
     """
 
-    def pieces(start: int, stop: int, again: bool) -> list[_Piece]:
-        place, middle = slice(start, stop), (start + stop) // 2
+    def pieces(start: int, stop: int) -> list[_Piece]:
+        place = slice(start, stop)
+        if stop - start <= 1:
+            return [retry_once(lambda: call(place), lambda fault: failure(place, fault))]
         try:
             return [call(place)]
-        except FaultError as fault:
-            if stop - start > 1:
-                return [*pieces(start, middle, False), *pieces(middle, stop, False)]
-            if again or fault.status == "timeout":
-                return [failure(place, fault)]
-        return pieces(start, stop, True)
+        except FaultError:
+            middle = (start + stop) // 2
+            return [*pieces(start, middle), *pieces(middle, stop)]
 
-    return pieces(0, n, False)
+    return pieces(0, n)
 
 
-def _started(log: Path | None, python: Path | None) -> tuple[subprocess.Popen[bytes], Connection]:
+def retry_once(call: Callable[[], _Answer], on_failure: Callable[[FaultError], _Answer]) -> _Answer:
+    """Return the answer of a call, which is tried again after a crash.
+
+    A first crash may come from a full memory, or from an operator. After a second fault, or a first timeout,
+    `on_failure` returns what stands for the answer.
+    """
+    try:
+        return call()
+    except FaultError as fault:
+        if fault.status == "timeout":
+            return on_failure(fault)
+    try:
+        return call()
+    except FaultError as fault:
+        return on_failure(fault)
+
+
+def _start_process(log: Path | None, python: Path | None) -> tuple[subprocess.Popen[bytes], Connection]:
     """Start a process that serves, and give our end of its sockets."""
     ours, theirs = Pipe()
     serving = f"from {__name__} import serve; serve({theirs.fileno()}, {os.getpid()})"
@@ -182,7 +199,7 @@ def _started(log: Path | None, python: Path | None) -> tuple[subprocess.Popen[by
     return process, ours
 
 
-def _ended(process: subprocess.Popen[bytes]) -> int:
+def _end_process(process: subprocess.Popen[bytes]) -> int:
     """Kill a process and what it forked, if it has not ended; its exit code."""
     if process.poll() is None:
         with contextlib.suppress(OSError):  # it has ended meanwhile

@@ -1,11 +1,15 @@
-"""Cells by a solver, as the rows of a part: of two balls and of N, all of a chunk at once."""
+"""Cells as rows of a part: cells are solved, outcomes compared with the model's, comparisons written as rows.
+
+All three steps work on arrays of all cells of a chunk. The first two are functions of one solver, which its process
+calls; the third needs all solvers.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -18,16 +22,17 @@ from impact_xval.compliant_baselines.solver import Convergence, Settings, Solver
 from impact_xval.experiments.config.cells import Block
 from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.measures.divergence import (
+    Comparison,
     Floats,
-    Results,
+    SolverResults,
     divergence,
     masses_and_starts,
     results_of,
     retained_energy,
     retained_momentum,
 )
-from impact_xval.experiments.measures.ladder import ladders, of_balls, scatter
-from impact_xval.experiments.measures.layout import laddered, layout_of
+from impact_xval.experiments.measures.ladder import ladders
+from impact_xval.experiments.measures.layout import LADDER_PREFIX, engines_with_ladders, layout_of
 from impact_xval.experiments.tables.schema import Layout, to_table
 from impact_xval.model.collisions import Collisions
 from impact_xval.model.outcome import Outcome
@@ -36,187 +41,267 @@ from impact_xval.model.status import Status
 #: Finds a solver by its name; a function at the top level of a module, so that worker processes can find it.
 Resolve = Callable[[str], Solver]
 
-#: Status and reason of what is lost: of a solver (by name) at a cell (by its number).
-Lost = dict[tuple[str, int], tuple[Status, str]]
+#: Columns of a table by name, shape (n,).
+Columns = dict[str, NDArray[Any]]
+
+_Piece = TypeVar("_Piece")
 
 #: Largest D and change of energy; the square of a larger number leaves double precision.
 _LARGEST = 1e150
 
 
-@dataclass
+@dataclass(frozen=True)
 class Experiment:
     """What every process of a run is given once: the experiment, and what finds a solver by its name."""
 
     config: Config
     resolve: Resolve = get_solver
-    _models: tuple[Any, Any] = field(default=(None, None), init=False, repr=False)
 
     @cached_property
     def layout(self) -> Layout:
         """Layout of the rows."""
         return layout_of(self.config)
 
-    def results(self, name: str, block: Block, lost: Lost) -> Results:
-        """Solve cells by a solver; those that are lost to it are failures, and it is not asked for them."""
-        layout, why = self.layout, [lost.get((name, cell)) for cell in block.index.tolist()]
-        settings = settings_of(self.config, paths=layout.pair)
-        if not any(why):
-            outcomes = answer(self.resolve(name), block.collisions, settings)
-        else:
-            cells = list(zip(block.collisions, why, strict=True))
-            left = [c for c, failed in cells if not failed]
-            solved = iter(answer(self.resolve(name), left, settings) if left else [])
-            outcomes = [Outcome.failure(name, c, *failed) if failed else next(solved) for c, failed in cells]
-        paths = layout.pair and self.config.measures == "all"
-        shortest = self.config.shortest_state * shortest_periods(block) if paths else None
-        speed = np.abs(block.parameters["v0"])
-        return results_of(outcomes, speed, layout.balls, layout.contacts, shortest)
-
-    def models(self, block: Block, lost: Lost) -> Results:
-        """Solve cells by the reference; kept for the next solver of the same cells."""
-        asked = block.index.tolist(), {key: why for key, why in lost.items() if key[0] == REFERENCE}
-        if self._models[0] != asked:
-            self._models = asked, self.results(REFERENCE, block, lost)
-        return self._models[1]
+    @property
+    def others(self) -> list[str]:
+        """Names of the solvers that are compared with the model."""
+        return [name for name in self.config.solvers if name != REFERENCE]
 
 
 def solve_all(experiment: Experiment, block: Block) -> pa.Table:
-    """Solve cells by every solver; the rows by solver, then by cell."""
-    return pa.concat_tables([solve_by(experiment, name, block, {}) for name in experiment.config.solvers])
+    """Solve cells by every solver in this process; return the rows of a part, by cell, then by solver."""
+    model = solve_by_model(experiment, block)
+    comparisons = {name: solve_and_compare(experiment, name, block, model) for name in experiment.others}
+    return complete_rows(experiment, block, {REFERENCE: model_as_comparison(model)} | comparisons)
 
 
-def solve_by(experiment: Experiment, name: str, block: Block, lost: Lost) -> pa.Table:
-    """Solve cells by one solver and compare it with the reference: a row for each cell, with the columns of a part.
+def solve_by_model(experiment: Experiment, block: Block) -> SolverResults:
+    """Solve cells by the model; a cell of whose outcome no arrays can be made costs its own result."""
+    return SolverResults.concatenate(
+        _isolate_errors(
+            lambda place: _solve(experiment, REFERENCE, block[place]),
+            len(block),
+            lambda place, reason: results_without_outcome(
+                experiment, REFERENCE, block[place], "crashed", reason
+            ),
+        )
+    )
 
-    Solvers are not called for cells that are lost to them.
+
+def solve_and_compare(experiment: Experiment, name: str, block: Block, model: SolverResults) -> Comparison:
+    """Solve cells by a solver and compare its results with the model's in the same cells.
+
+    A cell of whose outcome no measure can be made costs its own result.
     """
-    try:
-        model = experiment.models(block, lost)
-        found = model if name == REFERENCE else experiment.results(name, block, lost)
-        return to_table(_columns(experiment, name, block, model, found), len(block), experiment.layout.rows)
-    except Exception as error:  # an outcome of which no measure can be made costs its own row
-        cell = name, int(block.index[0])
-        if len(block) > 1:
-            halves = block[: len(block) // 2], block[len(block) // 2 :]
-            return pa.concat_tables([solve_by(experiment, name, half, lost) for half in halves])
-        if cell in lost:
-            raise
-        why: Lost = {cell: ("crashed", f"measuring its outcome: {describe_exception(error)}")}
-        return solve_by(experiment, name, block, lost | why)
+
+    def attempt(place: slice) -> Comparison:
+        cells = block[place]
+        return _compare(experiment, name, cells, model[place], _solve(experiment, name, cells))
+
+    def failure(place: slice, reason: str) -> Comparison:
+        return compare_failure(experiment, name, block[place], model[place], "crashed", reason)
+
+    return Comparison.concatenate(_isolate_errors(attempt, len(block), failure))
+
+
+def compare_failure(
+    experiment: Experiment, name: str, block: Block, model: SolverResults, status: Status, reason: str
+) -> Comparison:
+    """Compare a solver that has no result in any of these cells; the solver is not called."""
+    results = results_without_outcome(experiment, name, block, status, reason)
+    return _compare(experiment, name, block, model, results)
+
+
+def results_without_outcome(
+    experiment: Experiment, name: str, block: Block, status: Status, reason: str
+) -> SolverResults:
+    """Return results that say for every cell why the solver has no outcome; the solver is not called."""
+    outcomes = [Outcome.failure(name, collision, status, reason) for collision in block.collisions]
+    return _to_results(experiment, block, outcomes)
+
+
+def model_as_comparison(model: SolverResults) -> Comparison:
+    """Return the model's results as those of a solver beside others: without measures, for there is no divergence."""
+    return Comparison(replace(model, curves=None), marked=_name_marks(REFERENCE, model.mark), measures={})
+
+
+def _isolate_errors(
+    attempt: Callable[[slice], _Piece], n: int, failure: Callable[[slice, str], _Piece]
+) -> list[_Piece]:
+    """Attempt n cells at once, in halves where that raises, down to single cells, for which `failure` answers."""
+
+    def pieces(start: int, stop: int) -> list[_Piece]:
+        try:
+            return [attempt(slice(start, stop))]
+        except Exception as error:
+            if stop - start <= 1:
+                return [failure(slice(start, stop), f"measuring its outcome: {describe_exception(error)}")]
+        middle = (start + stop) // 2
+        return [*pieces(start, middle), *pieces(middle, stop)]
+
+    return pieces(0, n)
+
+
+def _solve(experiment: Experiment, name: str, block: Block) -> SolverResults:
+    """Call a solver for cells."""
+    settings = settings_of(experiment.config, paths=experiment.layout.pair)
+    return _to_results(experiment, block, answer(experiment.resolve(name), block.collisions, settings))
+
+
+def _to_results(experiment: Experiment, block: Block, outcomes: Any) -> SolverResults:
+    """Make arrays of the outcomes of cells."""
+    config, layout = experiment.config, experiment.layout
+    has_paths = layout.pair and config.measures == "all"
+    shortest = config.shortest_state * shortest_periods(block) if has_paths else None
+    return results_of(outcomes, np.abs(block.parameters["v0"]), layout.balls, layout.contacts, shortest)
+
+
+def _compare(
+    experiment: Experiment, name: str, block: Block, model: SolverResults, results: SolverResults
+) -> Comparison:
+    """Compare results with the model's; an ArithmeticError where a measure leaves double precision."""
+    masses, starts = masses_and_starts(block.collisions, experiment.layout.balls)
+    measures = divergence(masses, starts, np.abs(block.parameters["v0"]), model, results)
+    both = model.has_result & results.has_result
+    for key in ("velocity_divergence", "dretained_energy"):
+        sizes = np.abs(measures[key][both])
+        if not np.all(sizes <= _LARGEST):
+            raise ArithmeticError(f"{key} = {float(sizes.max())!r}; legal: at most {_LARGEST:g}")
+    marked = _join_marks(_name_marks(REFERENCE, model.mark), _name_marks(name, results.mark))
+    return Comparison(replace(results, curves=None), marked, measures)
+
+
+def complete_rows(experiment: Experiment, block: Block, comparisons: Mapping[str, Comparison]) -> pa.Table:
+    """Return the rows of cells, by cell, then by solver, with all that needs several solvers: limits, ladders."""
+    model = comparisons[REFERENCE]
+    engines = {name: comparisons[name] for name in engines_with_ladders(experiment.config)}
+    return _rows(
+        experiment,
+        block,
+        comparisons,
+        limit_distances=_limit_distances(experiment, block, comparisons),
+        ladder_columns=ladders(experiment.config, block, model, engines),
+    )
+
+
+def rows_without_ladders(
+    experiment: Experiment,
+    block: Block,
+    comparisons: Mapping[str, Comparison],
+    status: Status,
+    reason: str,
+) -> pa.Table:
+    """Return the rows of cells, by cell, then by solver; those of engines say why they have no ladder."""
+    ladder_columns = {
+        name: {
+            "status": np.full(len(block), status, dtype=object),
+            "reason": np.full(len(block), f"ladder: {reason}", dtype=object),
+            "marked": comparisons[name].marked,
+            "limit_error": comparisons[name].results.diagnostic("limit_error"),
+        }
+        for name in engines_with_ladders(experiment.config)
+    }
+    return _rows(experiment, block, comparisons, limit_distances={}, ladder_columns=ladder_columns)
+
+
+def _rows(
+    experiment: Experiment,
+    block: Block,
+    comparisons: Mapping[str, Comparison],
+    limit_distances: Mapping[str, Floats],
+    ladder_columns: Mapping[str, Columns],
+) -> pa.Table:
+    """Return the rows of cells, by cell, then by solver."""
+    names = experiment.config.solvers
+    tables = []
+    for name in names:
+        columns = _columns(experiment, name, block, comparisons[REFERENCE], comparisons[name])
+        columns["limit_distance"] = limit_distances.get(name, np.full(len(block), np.nan))
+        for key, values in ladder_columns.get(name, {}).items():
+            columns[LADDER_PREFIX + key] = values
+        tables.append(to_table(columns, len(block), experiment.layout.rows))
+    by_cell = np.arange(len(names) * len(block)).reshape(len(names), len(block)).T.ravel()
+    return pa.concat_tables(tables).take(by_cell)
 
 
 def _columns(
-    experiment: Experiment, name: str, block: Block, model: Results, found: Results
-) -> dict[str, Any]:
-    """Columns of the rows of a solver."""
-    config, layout = experiment.config, experiment.layout
-    masses, starts = masses_and_starts(block.collisions, layout.balls)
-    speed = np.abs(block.parameters["v0"])
-    # A result that is not converged keeps the numbers it came to, but is no measure of anything.
-    withheld = (found.status == "unconverged") | (found.status == "timeout")
-    numbers = (found.there | withheld) & ~np.isnan(found.velocities[:, 0])
+    experiment: Experiment, name: str, block: Block, model: Comparison, comparison: Comparison
+) -> Columns:
+    """Return the columns of the rows of a solver, but for what needs several solvers."""
+    results = comparison.results
+    masses, starts = masses_and_starts(block.collisions, experiment.layout.balls)
 
-    def kept(values: Any) -> Floats:
-        return np.where(numbers, values, np.nan)
+    def where_reported(values: NDArray[Any]) -> Floats:
+        return np.where(results.has_numbers, values, np.nan)
 
-    columns: dict[str, Any] = {
-        **found.diagnostics,  # those of which there is a column
+    def texts_where_reported(texts: list[str]) -> NDArray[np.object_]:
+        return np.where(results.has_numbers, np.array(texts, dtype=object), "")
+
+    columns: Columns = {
+        **results.diagnostics,  # those that are columns of the table
         "cell": block.index,
         **block.parameters,
         "solver": np.full(len(block), name, dtype=object),
-        "status": found.status,
-        "marked": _marked(name, model, found),
-        "reason": found.reason,
-        "differences": found.differences,
-        **{f"v{i}": kept(v) for i, v in enumerate(found.velocities.T, 1)},
-        **{f"impulse{i}": kept(v) for i, v in enumerate(found.impulses.T, 1)},
-        "states": np.where(numbers, np.array(found.states, dtype=object), ""),
-        "states_compared": np.where(numbers, np.array(found.compared, dtype=object), ""),
-        "n_states": kept(found.n_states),
-        "n_events": kept(found.n_events),
-        "grazing_margin": found.margin,
-        "retained_energy": kept(retained_energy(masses, starts, found)),
-        "retained_momentum": kept(retained_momentum(masses, starts, found)),
-        "model_states": model.states,
-        "model_states_compared": model.compared,
-        "model_status": model.status,
-        "model_grazing_margin": model.margin,
+        "status": results.status,
+        "marked": comparison.marked,
+        "reason": results.reason,
+        "differences": results.differences,
+        **{f"v{i}": where_reported(v) for i, v in enumerate(results.velocities.T, 1)},
+        **{f"impulse{i}": where_reported(v) for i, v in enumerate(results.impulses.T, 1)},
+        "states": texts_where_reported(results.states),
+        "states_compared": texts_where_reported(results.compared),
+        "n_states": where_reported(results.n_states),
+        "n_events": where_reported(results.n_events),
+        "grazing_margin": results.margin,
+        "retained_energy": where_reported(retained_energy(masses, starts, results)),
+        "retained_momentum": where_reported(retained_momentum(masses, starts, results)),
+        "model_states": np.array(model.results.states, dtype=object),
+        "model_states_compared": np.array(model.results.compared, dtype=object),
+        "model_status": model.results.status,
+        "model_grazing_margin": model.results.margin,
     }
-    if layout.pair:
-        columns["gravity_number"] = config.gravity_number(
-            *(block.parameters[name] for name in ("m2", "m1", "k1"))
-        )
-    if name != REFERENCE:  # the model's divergence from itself is in no table
-        measured = divergence(masses, starts, speed, model, found)
-        for key in ("velocity_divergence", "dretained_energy"):
-            worst = measured[key][model.there & found.there]
-            if not np.all(np.abs(worst) <= _LARGEST):
-                raise ArithmeticError(f"{key} = {float(np.abs(worst).max())!r}; legal: at most {_LARGEST:g}")
-        columns |= measured
-    return columns
-
-
-def completed(experiment: Experiment, block: Block, rows: pa.Table) -> pa.Table:
-    """Fill in what needs the rows of several solvers, by cell, then by solver: distances of limits, and ladders."""
-    names = experiment.config.solvers
-    per_cell = {name: np.arange(i, len(rows), len(names)) for i, name in enumerate(names)}
-    columns: dict[str, Any] = {"limit_distance": _limit_distances(experiment, block, rows, per_cell)}
-    model = rows.take(per_cell[REFERENCE])
-    engines = {name: rows.take(per_cell[name]) for name in laddered(experiment.config)}
-    for name, found in ladders(experiment.config, block, model, engines).items():
-        for key, values in found.items():
-            scatter(columns, f"ladder_{key}", values, per_cell[name], len(rows))
-    return _with(rows, columns)
-
-
-def without_ladder(experiment: Experiment, rows: pa.Table, status: str, reason: str) -> pa.Table:
-    """Say of the rows of engines why they have no ladder."""
-    engines = np.isin(rows["solver"].to_pylist(), laddered(experiment.config))
-    said = {"status": status, "reason": reason}
-    said |= {key: np.array(rows[key].to_pylist(), dtype=object) for key in ("marked", "limit_error")}
-    return _with(rows, {f"ladder_{key}": np.where(engines, x, np.array(None)) for key, x in said.items()})
-
-
-def _with(rows: pa.Table, columns: dict[str, Any]) -> pa.Table:
-    """Replace columns."""
-    made = to_table(columns, len(rows), pa.schema([rows.schema.field(name) for name in columns]))
-    for name in columns:
-        rows = rows.set_column(rows.schema.get_field_index(name), rows.schema.field(name), made[name])
-    return rows
+    if experiment.layout.pair:
+        scales = (block.parameters[key] for key in ("m2", "m1", "k1"))
+        columns["gravity_number"] = experiment.config.gravity_number(*scales)
+    return columns | comparison.measures
 
 
 def _limit_distances(
-    experiment: Experiment, block: Block, rows: pa.Table, per_cell: dict[str, NDArray[np.intp]]
-) -> Floats:
-    """Distance per abs(v0) of each limit dt -> 0 from the exact solver of its law; NaN without either."""
-    balls, found = range(1, 1 + experiment.layout.balls), np.full(len(rows), np.nan)
-    for name, places in per_cell.items():
+    experiment: Experiment, block: Block, comparisons: Mapping[str, Comparison]
+) -> dict[str, Floats]:
+    """Return by solver the distance per abs(v0) of its limit dt -> 0 from the exact solver of its law.
+
+    The distance is NaN in a cell without either; a solver without an exact solver in the run has none.
+    """
+    speed = np.abs(block.parameters["v0"])[:, None]
+    distances = {}
+    for name, comparison in comparisons.items():
         law = exact_solver_for(name, experiment.config.mapping)
-        if law in per_cell and law != name:
-            exact = of_balls(rows.take(per_cell[law]), "v{}", balls) / np.abs(block.parameters["v0"])[:, None]
-            away = np.abs(of_balls(rows.take(places), "v{}_limit", balls) - exact)
-            both = ~np.isnan(away[:, 0])
-            found[places[both]] = np.nanmax(away[both], axis=1, initial=0.0)
-    return found
+        if law in comparisons and law != name:
+            exact = comparisons[law].results.velocities_of() / speed
+            of_balls = np.abs(comparison.results.limits() - exact)
+            both = ~np.isnan(of_balls[:, 0])
+            distance = np.full(len(block), np.nan)
+            distance[both] = np.nanmax(of_balls[both], axis=1, initial=0.0)
+            distances[name] = distance
+    return distances
 
 
-def _marked(name: str, model: Results, found: Results) -> NDArray[np.object_]:
-    """Say what a comparison of results with the model's lies beside: a jump of either, or a cut-off."""
-    own = _named(name, found.mark)
-    if found is model:
-        return own
-    models = _named(REFERENCE, model.mark)
-    return models + np.where((models != "") & (own != ""), "; ", "").astype(object) + own
+def _join_marks(first: NDArray[np.object_], second: NDArray[np.object_]) -> NDArray[np.object_]:
+    """Join two texts of every cell by a semicolon where there are both."""
+    between = np.where((first != "") & (second != ""), "; ", "").astype(object)
+    return first + between + second
 
 
-def _named(name: str, marks: NDArray[np.object_]) -> NDArray[np.object_]:
+def _name_marks(name: str, marks: NDArray[np.object_]) -> NDArray[np.object_]:
+    """Put the name of its solver before every mark; an empty text stays empty."""
     return np.array([f"{name}: {mark}" if mark else "" for mark in marks], dtype=object)
 
 
 def shortest_periods(block: Block) -> Floats:
-    """Shorter contact period of two balls on a table, in s: 0 of a rigid contact, infinite without stiffness."""
-    some = Collisions.of(block.collisions)
-    m, k = some.masses, some.stiffnesses
+    """Return the shorter contact period of pairs in s: 0 of a rigid contact, infinite without stiffness."""
+    pairs = Collisions.of(block.collisions)
+    m, k = pairs.masses, pairs.stiffnesses
     with np.errstate(divide="ignore", over="ignore"):
         rates = k / np.column_stack([1 / (1 / m[:, 0] + 1 / m[:, 1]), m[:, 1]])
         return 2 * np.pi / np.sqrt(rates.max(axis=1))
@@ -224,7 +309,7 @@ def shortest_periods(block: Block) -> Floats:
 
 def settings_of(config: Config, *, paths: bool = True) -> Settings:
     """Return the settings of every solver of an experiment; outcomes carry their paths, if asked for."""
-    how, full = config.convergence, config.measures == "all"
-    alike = config.model_dump(include={each.name for each in fields(Settings)} - {"convergence"})
-    limit = Convergence(how.tolerance, how.halvings) if how.enabled else None
-    return Settings(**alike, record_path=paths and full, mark=full, convergence=limit)
+    convergence, full = config.convergence, config.measures == "all"
+    shared = config.model_dump(include={field.name for field in fields(Settings)} - {"convergence"})
+    limit = Convergence(convergence.tolerance, convergence.halvings) if convergence.enabled else None
+    return Settings(**shared, record_path=paths and full, mark=full, convergence=limit)

@@ -11,10 +11,11 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.config.cells import Cells, experiment_cells
@@ -32,13 +33,35 @@ from impact_xval.experiments.sweep.curves import write_curves
 from impact_xval.experiments.sweep.pool import Slot, available_cores, cluster, open_pool
 from impact_xval.experiments.sweep.process import ClosedError
 from impact_xval.experiments.sweep.rows import Experiment, Resolve
-from impact_xval.experiments.tables.folder import RunFolder, read_part, statuses_of, tables_lock, writing
+from impact_xval.experiments.tables.folder import (
+    COMPLETE,
+    FINISHED,
+    RUNNING,
+    TABLES,
+    RunFolder,
+    presenting_lock,
+    read_part,
+    statuses_of,
+    tables_lock,
+    writing,
+)
 
 #: Given how many cells are done, of how many, and a line worth saying ("" if none).
 Progress = Callable[[int, int, str], None]
 
 #: Has ``function(_, *arguments)`` called by a process of this machine, while the caller goes on.
 Apart = Callable[..., Future[Any]]
+
+_Presented = TypeVar("_Presented")
+
+
+@dataclass(frozen=True, slots=True)
+class SweepResult:
+    """What a session of a run leaves behind."""
+
+    folder: RunFolder
+    #: Whether the finished tables are there; False while other shards have parts to compute.
+    tables_complete: bool
 
 
 def run_sweep(
@@ -51,9 +74,9 @@ def run_sweep(
     isolate: bool = True,
     progress: Progress = lambda done, total, line: None,
     resolve: Resolve = get_solver,
-    present: Callable[[RunFolder, Apart], None] = lambda folder, apart: None,
-) -> RunFolder:
-    """Run an experiment into a folder: parts, then the finished tables, the curves and the manifest.
+    to_be_presented: bool = False,
+) -> SweepResult:
+    """Run an experiment into a folder: parts, then the curves, the finished tables and the manifest.
 
     Parameters
     ----------
@@ -65,17 +88,22 @@ def run_sweep(
     scheduler : str, optional
         Address of a Dask scheduler.
     shard : tuple of int and int
-        Its number, from 1, and how many there are. It computes its parts alone; whichever finds all parts at its end
-        writes the tables.
+        Number of the shard, from 1, and how many shards there are. A shard computes only its own parts; the shard that
+        finds all parts at its end writes the tables.
     isolate : bool
         False runs the solvers in this process: one that crashes ends the run.
     progress : callable
         Called after every chunk.
     resolve : callable
         Finds a solver by its name; at the top level of a module.
-    present : callable
-        Given the folder once its tables are complete, and what calls functions in a process that has nothing to do any
-        more; the run is complete when it returns.
+    to_be_presented : bool
+        Whether the caller presents the tables by `present_once`; the run is complete only then. By default the run is
+        complete with its tables.
+
+    Returns
+    -------
+    SweepResult
+        The folder, and whether its tables are complete.
 
     Raises
     ------
@@ -93,10 +121,49 @@ def run_sweep(
             run.begin(pool.here(solver_versions).result(), continued)
             begin_compiling(pool, experiment)
             run.solve(pool)
-            apart = functools.partial(pool.here, functools.partial(Slot.call, timeout=TO_COMPLETE), None)
-            by = {"where": scheduler or "this machine", "workers": workers}
-            run.finish(pool, by, lambda: present(folder, apart))
-    return folder
+            computed_by = {"where": scheduler or "this machine", "workers": workers}
+            tables_complete = run.finish(pool, computed_by, TABLES if to_be_presented else COMPLETE)
+    return SweepResult(folder, tables_complete)
+
+
+def present_once(
+    result: SweepResult, present: Callable[[RunFolder, Apart], _Presented], *, isolate: bool = True
+) -> _Presented | None:
+    """Present the tables of a run, and write that the run is complete; return what `present` returns.
+
+    Nothing is presented, and None returned, where tables are missing or another session has presented them. Sessions
+    that finish at once wait for each other here: the second one finds the run complete, or, where the first one was
+    killed, presents it. The lock of the tables is free meanwhile. A session that begins meanwhile turns the state of
+    the run back; that state is kept, and the new session presents the run once more.
+
+    Parameters
+    ----------
+    result : SweepResult
+    present : callable
+        Called with the folder, and with a function of type `Apart`.
+    isolate : bool
+        False calls in this process what `present` has called apart.
+
+    Raises
+    ------
+    InterruptedRunError
+        On Ctrl-C or a full disk; the same command presents the run.
+    """
+    folder = result.folder
+    if not result.tables_complete:
+        return None
+    with _one_line(folder.root), presenting_lock(folder):
+        identity = folder.manifest()["identity"]
+        if folder.manifest()["state"] != TABLES:
+            return None
+        with open_pool(None, 1, isolate=isolate, log=folder.root / "solvers.log") as pool:
+            call = functools.partial(Slot.call, timeout=TO_COMPLETE)
+            presented = present(folder, functools.partial(pool.submit, call, None))
+        with tables_lock(folder):
+            manifest = folder.manifest()
+            if manifest["state"] == TABLES and manifest["identity"] == identity:
+                folder.write_manifest(manifest | {"state": COMPLETE})
+    return presented
 
 
 @contextlib.contextmanager
@@ -141,7 +208,7 @@ class _Run:
         self._identity = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
         self._versions = versions
         with tables_lock(folder):
-            folder.write_manifest(self._manifest("running"))
+            folder.write_manifest(self._manifest(RUNNING))
         there = set()
         for number, path in folder.named_parts(self._mine, self._identity).items():
             try:
@@ -174,8 +241,11 @@ class _Run:
             self._progress(self._done, self._total, "")
         self._stage("solve")
 
-    def finish(self, pool: Any, by: dict[str, Any], present: Callable[[], None]) -> None:
-        """Write curves and tables and have them presented, once all parts are there; `by` is who computed the parts."""
+    def finish(self, pool: Any, computed_by: dict[str, Any], state_with_tables: str) -> bool:
+        """Write curves and tables, if all parts are there, and the manifest; return whether the tables are complete.
+
+        `computed_by` says for the manifest where the parts of this session were computed.
+        """
         config, folder, chunks = self._experiment.config, self._folder, self._cells.chunks()
         parts = folder.named_parts(range(chunks), self._identity)  # of all shards
         whole = len(parts) == chunks
@@ -183,28 +253,26 @@ class _Run:
             write_curves(config, folder, pool)
             self._stage("curves")
         with tables_lock(folder):
-            state = folder.manifest()["state"]  # complete where another shard has been faster
-            if whole and state == "running":
+            state = folder.manifest()["state"]  # finished where another shard has been faster
+            if whole and state == RUNNING:
                 folder.remove_leftovers()
                 folder.assemble(parts, self._experiment.layout, len(self._cells) * len(config.solvers))
                 self._stage("tables")
-                state = "tables"
-            manifest = self._manifest(state, self._session(by))
-            if state == "running":
+                state = state_with_tables
+            manifest = self._manifest(state, self._session(computed_by))
+            if state == RUNNING:
                 line = f"{len(parts)} of {chunks} parts are there; the shard that finds all writes the tables"
                 self._progress(self._done, self._total, line)
             else:
                 manifest["statuses"] = statuses_of(folder.tally())
             folder.write_manifest(manifest)
-            if state == "tables":
-                present()
-                folder.write_manifest(manifest | {"state": "complete"})
+        return state in FINISHED
 
-    def _session(self, by: dict[str, Any]) -> dict[str, Any]:
+    def _session(self, computed_by: dict[str, Any]) -> dict[str, Any]:
         return {
             "finished": datetime.now(UTC).isoformat(timespec="seconds"),
             "shard": "{} of {}".format(*self._shard),
-            **by,
+            **computed_by,
             "parts_reused": self._reused,
             "parts_computed": len(self._mine),
             "processes_lost": self._faults,

@@ -31,8 +31,10 @@ from impact_xval.experiments.tables.parquet import GROUP, blocks, column, replac
 from impact_xval.experiments.tables.schema import Layout
 
 FORMAT = "impact-xval run, format 4"
-#: States of a run whose tables are written; "complete" is one with its report.
-FINISHED = ("tables", "complete")
+#: States of a run, in its manifest: parts are missing; the tables are finished; they are presented too.
+RUNNING, TABLES, COMPLETE = "running", "tables", "complete"
+#: States of a run whose tables are finished.
+FINISHED = (TABLES, COMPLETE)
 MANIFEST, CONFIGURATION = "manifest.json", "experiment.toml"
 #: Every name in a folder that a lock, or a file half-written, begins with.
 _LOCK, _TEMPORARY = ".lock", ".tmp-"
@@ -113,7 +115,7 @@ class RunFolder:
         write_json(self.root / MANIFEST, {"format": FORMAT} | value)
 
     def write_part(self, number: int, identity: str, data: bytes) -> None:
-        """Write a part; one that a power cut emptied is told by its checksums."""
+        """Write a part; its checksums tell where a power cut has emptied it."""
         with replacing(self._part(number, identity), sync=False) as temporary:
             temporary.write_bytes(data)
 
@@ -135,18 +137,19 @@ class RunFolder:
     def assemble(self, parts: dict[int, Path], layout: Layout, rows: int) -> None:
         """Write the finished tables from the parts, in the order of the cells, in one pass; `rows` are in them all."""
         with contextlib.ExitStack() as stack:
-            adds = [
-                (cut, stack.enter_context(table_writer(self.root / f"{name}.parquet", cut.schema)))
-                for name, cut in layout.tables.items()
+            writers = [
+                (table, stack.enter_context(table_writer(self.root / f"{name}.parquet", table.schema)))
+                for name, table in layout.tables.items()
             ]
-            for piece in _pieces((parts[number] for number in sorted(parts)), layout):
-                for cut, add in adds:
-                    if len(some := cut.of(piece)):
-                        add(some)
-        for name, cut in layout.tables.items():
-            if cut.text and rows <= _CSV:
-                with replacing(self.root / f"{name}.csv") as text:
-                    pacsv.write_csv(self.read_table(f"{name}.parquet"), text)
+            for group in _row_groups((parts[number] for number in sorted(parts)), layout):
+                for table, write in writers:
+                    selected = table.select(group)
+                    if len(selected):
+                        write(selected)
+        for name, table in layout.tables.items():
+            if table.csv and rows <= _CSV:
+                with replacing(self.root / f"{name}.csv") as path:
+                    pacsv.write_csv(self.read_table(f"{name}.parquet"), path)
 
     def tally(self) -> Tally:
         """Count the rows of the finished table of cells by what became of them."""
@@ -204,8 +207,8 @@ def statuses_of(outcomes: Tally) -> dict[str, dict[str, int]]:
     return {solver: dict(found) for solver, found in counts.items()}
 
 
-def _pieces(parts: Iterable[Path], layout: Layout) -> Iterator[pa.Table]:
-    """Read parts, as many at a time as make a row group."""
+def _row_groups(parts: Iterable[Path], layout: Layout) -> Iterator[pa.Table]:
+    """Read parts, as many at a time as make a row group of the tables."""
     tables: list[pa.Table] = []
     for part in parts:
         tables.append(read_part(part, layout))
@@ -218,17 +221,16 @@ def _pieces(parts: Iterable[Path], layout: Layout) -> Iterator[pa.Table]:
 
 @contextlib.contextmanager
 def writing(root: Path, config: Config, shard: tuple[int, int] = (1, 1)) -> Iterator[tuple[RunFolder, bool]]:
-    """Keep a folder to this process as the one that computes a run, or a shard of it; and say whether a run was there.
+    """Lock the folder of a run, or of a shard; yield it and whether it already holds a run of the experiment.
 
-    The lock is the operating system's, which lets go of it the moment its process is gone, however it went. The
-    experiment is written before anything that a run leaves behind, so that whatever ends a run, the folder is known as
-    one of it.
+    The lock is the operating system's, which frees it as soon as its process is gone. The experiment is written before
+    anything else that a run leaves behind: whatever ends the run, its folder is recognised.
     """
     folder = RunFolder(root)
     lock = root / (_LOCK if shard == (1, 1) else f"{_LOCK}-{shard[0]}-of-{shard[1]}")
     with contextlib.ExitStack() as held:
         with _usable(root, "--out "):
-            continued = _looked_at(folder, config)
+            continued = _holds_same_run(folder, config)
             folder.parts.mkdir(parents=True, exist_ok=True)
             check_writable(root, "--out ")
             try:
@@ -258,8 +260,8 @@ def _entries(root: Path) -> list[str]:
     return sorted(name for name in there if not name.startswith(_TEMPORARY))
 
 
-def _looked_at(folder: RunFolder, config: Config) -> bool:
-    """Whether a run of an experiment is in a folder; a `UserError` where anything else is. Nothing is written."""
+def _holds_same_run(folder: RunFolder, config: Config) -> bool:
+    """Return whether a folder holds a run of this experiment; a `UserError` where it holds anything else."""
     root, entries = folder.root, _entries(folder.root)
     if CONFIGURATION in entries:
         check_continues(root)
@@ -293,8 +295,13 @@ def _check_same(folder: RunFolder, config: Config) -> None:
 
 
 def tables_lock(folder: RunFolder) -> FileLock:
-    """Return the lock of whoever writes the manifest or the tables; it is waited for."""
+    """Return the lock for writing the manifest or the tables; it is waited for."""
     return FileLock(folder.root / f"{_LOCK}-tables")
+
+
+def presenting_lock(folder: RunFolder) -> FileLock:
+    """Return the lock for presenting the tables of a run; it is waited for."""
+    return FileLock(folder.root / f"{_LOCK}-presenting")
 
 
 def running(root: Path) -> bool:

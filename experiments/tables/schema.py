@@ -1,151 +1,282 @@
-"""Columns of the tables a run writes, with their units: a row is a cell and a solver, of two balls or of N."""
+"""Columns of the tables that a run writes, with their units: a row is a cell and a solver, of a pair or of a chain."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-_TYPES = {"int": pa.int64(), "float": pa.float64(), "text": pa.string(), "bool": pa.bool_()}
-_TYPES |= {"floats": pa.list_(pa.float64()), "lists": pa.list_(pa.list_(pa.float64()))}
+#: Type of the values of a column.
+ColumnType = Literal["int", "float", "text", "bool", "floats", "lists"]
 
-#: Type, unit ("-" is dimensionless) and meaning of a column.
-Column = tuple[str, str, str]
+_ARROW_TYPES: dict[ColumnType, pa.DataType] = {
+    "int": pa.int64(),
+    "float": pa.float64(),
+    "text": pa.string(),
+    "bool": pa.bool_(),
+    "floats": pa.list_(pa.float64()),
+    "lists": pa.list_(pa.list_(pa.float64())),
+}
+
+#: Stands for the number of a ball or contact in the name and meaning of a column by ball or by contact.
+_NUMBER = "{i}"
 
 
-def columns(text: str) -> dict[str, Column]:
-    """Read a list of columns: name, type, unit and meaning, two spaces between them."""
-    lines = (line.strip() for line in text.splitlines() if line.strip())
-    rows = (re.split(r"\s{2,}", line, maxsplit=3) for line in lines)
-    return {name: (kind, unit, " ".join(meaning.split())) for name, kind, unit, meaning in rows}
+@dataclass(frozen=True, slots=True)
+class Column:
+    """Column of a table.
+
+    A column by ball or by contact stands for as many columns as a cell has balls or contacts: `expanded` gives them.
+    """
+
+    #: Name in the table; of a column by ball or by contact with ``{i}`` in place of the number.
+    name: str
+    type: ColumnType
+    #: Unit of the values; "-" is dimensionless.
+    unit: str
+    #: Sentence for a reader; with ``{i}`` as in the name.
+    meaning: str
+    #: Whether the table has the column once, or once for every ball or contact.
+    per: Literal["row", "ball", "contact"] = "row"
+    #: Whether only tables of pairs have the column.
+    pairs_only: bool = False
+
+    def expanded(self, balls: int, contacts: int) -> tuple[Column, ...]:
+        """Return the columns that this one stands for, numbered from 1, in cells of so many balls and contacts."""
+        if self.per == "row":
+            return (self,)
+        count = balls if self.per == "ball" else contacts
+        return tuple(self._numbered(i) for i in range(1, 1 + count))
+
+    def _numbered(self, i: int) -> Column:
+        return replace(
+            self,
+            name=self.name.replace(_NUMBER, str(i)),
+            meaning=self.meaning.replace(_NUMBER, str(i)),
+            per="row",
+        )
+
+    def field(self) -> pa.Field:
+        """Return the field of an Arrow schema; unit and meaning are its metadata."""
+        metadata: dict[str | bytes, str | bytes] = {"unit": self.unit, "meaning": self.meaning}
+        return pa.field(self.name, _ARROW_TYPES[self.type], metadata=metadata)
 
 
-#: Of cells of two balls on a table.
-PAIR = columns(
-    """
-    cell             int    -    number of the cell in the grid, from 0
-    stiffness_ratio  float  -    k2/k1
-    mass_ratio       float  -    m2/m1
-    e1               float  -    restitution, ball on ball
-    e2               float  -    restitution, ball on table
-    m1               float  kg   mass of the upper ball B1
-    m2               float  kg   mass of the lower ball B2
-    k1               float  N/m  stiffness, ball on ball
-    k2               float  N/m  stiffness, ball on table
-    v0               float  m/s  velocity of B1 at first touch; up is positive
-    """
+Columns = tuple[Column, ...]
+
+#: Parameters of a pair.
+PAIR_PARAMETERS: Columns = (
+    Column("cell", "int", "-", "number of the cell in the grid, from 0"),
+    Column("stiffness_ratio", "float", "-", "k2/k1"),
+    Column("mass_ratio", "float", "-", "m2/m1"),
+    Column("e1", "float", "-", "restitution, ball on ball"),
+    Column("e2", "float", "-", "restitution, ball on table"),
+    Column("m1", "float", "kg", "mass of the upper ball B1"),
+    Column("m2", "float", "kg", "mass of the lower ball B2"),
+    Column("k1", "float", "N/m", "stiffness, ball on ball"),
+    Column("k2", "float", "N/m", "stiffness, ball on table"),
+    Column("v0", "float", "m/s", "velocity of B1 at first touch; up is positive"),
 )
-#: Of chains of N balls.
-LINE = columns(
-    """
-    cell             int    -      number of the chain in the experiment, from 0
-    arrangement      text   -      row, cradle, pile or stack
-    balls            int    -      number of balls, N
-    strike           int    -      number of balls that strike the others; of a cradle only
-    exponent         float  -      p of the contacts, F = k delta^p
-    mass_taper       float  -      mass of every next ball over that of the last one
-    stiffness_taper  float  -      stiffness of every next contact over that of the last one
-    gap              float  m      of every contact but the struck one at first
-    e                float  -      restitution of every contact
-    m1               float  kg     mass of ball 1, at the top
-    k1               float  N/m^p  stiffness of contact 1
-    v0               float  m/s    velocity of what strikes at first touch; up is positive
-    """
+#: Parameters of a chain.
+CHAIN_PARAMETERS: Columns = (
+    Column("cell", "int", "-", "number of the chain in the experiment, from 0"),
+    Column("arrangement", "text", "-", "row, cradle, pile or stack"),
+    Column("balls", "int", "-", "number of balls, N"),
+    Column("strike", "int", "-", "number of balls that strike the others; of a cradle only"),
+    Column("exponent", "float", "-", "p of the contacts, F = k delta^p"),
+    Column("mass_taper", "float", "-", "mass of every next ball over that of the last one"),
+    Column("stiffness_taper", "float", "-", "stiffness of every next contact over that of the last one"),
+    Column("gap", "float", "m", "of every contact but the struck one at first"),
+    Column("e", "float", "-", "restitution of every contact"),
+    Column("m1", "float", "kg", "mass of ball 1, at the top"),
+    Column("k1", "float", "N/m^p", "stiffness of contact 1"),
+    Column("v0", "float", "m/s", "velocity of what strikes at first touch; up is positive"),
 )
-WHO = columns(
-    """
-    solver       text  -  name of the solver
-    status       text  -  ok, limit, or why there is no result
-    marked       text  -  which jump of the solver's exact law or of the model is so near, or which \
-                          cut-off, that the row counts in no statistic; null if none
-    reason       text  -  one sentence where the status is not ok
-    differences  text  -  what an engine says it uses instead of what it was asked for; null if nothing
-    """
+#: Solver of a row, and whether it has a result.
+SOLVER_AND_STATUS: Columns = (
+    Column("solver", "text", "-", "name of the solver"),
+    Column("status", "text", "-", "ok, limit, or why there is no result"),
+    Column(
+        "marked",
+        "text",
+        "-",
+        "which jump of the solver's exact law or of the model is so near, or which cut-off, that the row "
+        "counts in no statistic; null if none",
+    ),
+    Column("reason", "text", "-", "one sentence where the status is not ok"),
+    Column(
+        "differences",
+        "text",
+        "-",
+        "what an engine says it uses instead of what it was asked for; null if nothing",
+    ),
 )
-#: A column whose name ends in # is one of every ball, in @ of every contact.
-OUTCOME = columns(
-    """
-    v#                 float  m/s  velocity of ball # when the collision is over
-    impulse@           float  N s  total impulse of contact @
-    states             text   -    state sequence, separated by spaces; an engine's without states held too \
-                                   briefly
-    states_compared    text   -    state sequence without states held too briefly, for any solver
-    n_states           int    -    length of the state sequence
-    n_events           int    -    number of events
-    grazing_margin     float  -    smallest compression rate at a turning point, per amplitude of that rate, up \
-                                   to 0.05; a jump of the model is at 0; infinite: none is near
-    retained_energy    float  -    kinetic energy after over before
-    retained_momentum  float  -    sum of m_i v_i after over that before, up is positive: negative if falling \
-                                   balls leave a table upwards (before: m1 v0 < 0); 1 without a table
-    step               float  s    time step
-    n_steps            int    -    number of time steps
-    duration           float  s    from first touch to the end of the collision
-    velocity_error     float  -    error of a reference's velocities, per |v0|, as it states it; null if exact
-    gravity_number     float  -    g/(|v0| omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)); 0 without gravity
-    """
+#: Outcome of the collision.
+OUTCOME: Columns = (
+    Column("v{i}", "float", "m/s", "velocity of ball {i} when the collision is over", per="ball"),
+    Column("impulse{i}", "float", "N s", "total impulse of contact {i}", per="contact"),
+    Column(
+        "states",
+        "text",
+        "-",
+        "state sequence, separated by spaces; an engine's without states held too briefly",
+        pairs_only=True,
+    ),
+    Column(
+        "states_compared",
+        "text",
+        "-",
+        "state sequence without states held too briefly, for any solver",
+        pairs_only=True,
+    ),
+    Column("n_states", "int", "-", "length of the state sequence"),
+    Column("n_events", "int", "-", "number of events"),
+    Column(
+        "grazing_margin",
+        "float",
+        "-",
+        "smallest compression rate at a turning point, per amplitude of that rate, up to 0.05; a jump of "
+        "the model is at 0; infinite: none is near",
+    ),
+    Column("retained_energy", "float", "-", "kinetic energy after over before"),
+    Column(
+        "retained_momentum",
+        "float",
+        "-",
+        "sum of m_i v_i after over that before, up is positive: negative if falling balls leave a table "
+        "upwards (before: m1 v0 < 0); 1 without a table",
+    ),
+    Column("step", "float", "s", "time step"),
+    Column("n_steps", "int", "-", "number of time steps"),
+    Column("duration", "float", "s", "from first touch to the end of the collision"),
+    Column(
+        "velocity_error",
+        "float",
+        "-",
+        "error of a reference's velocities, per |v0|, as it states it; null if exact",
+    ),
+    Column(
+        "gravity_number",
+        "float",
+        "-",
+        "g/(|v0| omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)); 0 without gravity",
+        pairs_only=True,
+    ),
 )
-CERTIFICATE = columns(
-    """
-    v#_limit        float  -  velocity of ball # per |v0|, extrapolated to a step of 0; engines only
-    limit_error     float  -  estimated error of these velocities as those of the contacts asked for (naive \
-                              mapping: of its own)
-    limit_distance  float  -  their largest distance from the exact solver of the law the engine was asked \
-                              for; null without that solver, and with the naive mapping
-    regularisation  float  -  the part of limit_error that no step removes: the engine's own doing
-    order           float  -  order in the step with which the velocities approach the limit, fitted
-    finest_step     float  s  the shortest time step that went into the limit
-    """
+#: Limit of an engine's velocities at a time step of zero, and its error.
+LIMIT: Columns = (
+    Column(
+        "v{i}_limit",
+        "float",
+        "-",
+        "velocity of ball {i} per |v0|, extrapolated to a step of 0; engines only",
+        per="ball",
+    ),
+    Column(
+        "limit_error",
+        "float",
+        "-",
+        "estimated error of these velocities as those of the contacts asked for (naive mapping: of its own)",
+    ),
+    Column(
+        "limit_distance",
+        "float",
+        "-",
+        "their largest distance from the exact solver of the law the engine was asked for; null without "
+        "that solver, and with the naive mapping",
+    ),
+    Column(
+        "regularisation",
+        "float",
+        "-",
+        "the part of limit_error that no step removes: the engine's own doing",
+    ),
+    Column("order", "float", "-", "order in the step with which the velocities approach the limit, fitted"),
+    Column("finest_step", "float", "s", "the shortest time step that went into the limit"),
 )
-MEASURES = columns(
-    """
-    velocity_divergence   float  -  D = sqrt(sum m_i dv_i^2/sum m_i v_i0^2)
-    dv#                   float  -  solver minus model, per |v0|
-    dimpulse@             float  -  solver minus model, per m1 |v0|
-    largest_dv            float  -  largest |dv_i|
-    dretained_energy      float  -  difference of the retained energy fractions, solver minus model
-    states_equal          bool   -  whether states_compared and model_states_compared are equal
-    states_differ_at      int    -  position, from 1, of the first state that differs; null if equal
-    states_edit_distance  int    -  insertions, deletions and substitutions between the two
-    impulse_curve_distance  float  -  symmetric Hausdorff distance of the impulse curves, per m1 |v0|
-    """
+#: Measures of the divergence of a solver from the model.
+MEASURES: Columns = (
+    Column("velocity_divergence", "float", "-", "D = sqrt(sum m_i dv_i^2/sum m_i v_i0^2)"),
+    Column("dv{i}", "float", "-", "solver minus model, per |v0|", per="ball"),
+    Column("dimpulse{i}", "float", "-", "solver minus model, per m1 |v0|", per="contact"),
+    Column("largest_dv", "float", "-", "largest |dv_i|"),
+    Column(
+        "dretained_energy",
+        "float",
+        "-",
+        "difference of the retained energy fractions, solver minus model",
+    ),
+    Column(
+        "states_equal",
+        "bool",
+        "-",
+        "whether states_compared and model_states_compared are equal",
+        pairs_only=True,
+    ),
+    Column(
+        "states_differ_at",
+        "int",
+        "-",
+        "position, from 1, of the first state that differs; null if equal",
+        pairs_only=True,
+    ),
+    Column(
+        "states_edit_distance",
+        "int",
+        "-",
+        "insertions, deletions and substitutions between the two",
+        pairs_only=True,
+    ),
+    Column(
+        "impulse_curve_distance",
+        "float",
+        "-",
+        "symmetric Hausdorff distance of the impulse curves, per m1 |v0|",
+        pairs_only=True,
+    ),
 )
-MODEL = columns(
-    """
-    model_states           text   -  state sequence of the state-transition model
-    model_states_compared  text   -  states_compared of the state-transition model
-    model_status           text   -  status of the state-transition model
-    model_grazing_margin   float  -  grazing margin of the state-transition model
-    """
+#: Results of the model in the same cell.
+MODEL: Columns = (
+    Column("model_states", "text", "-", "state sequence of the state-transition model", pairs_only=True),
+    Column(
+        "model_states_compared",
+        "text",
+        "-",
+        "states_compared of the state-transition model",
+        pairs_only=True,
+    ),
+    Column("model_status", "text", "-", "status of the state-transition model"),
+    Column("model_grazing_margin", "float", "-", "grazing margin of the state-transition model"),
 )
-#: Measured of two balls on a table alone.
-OF_TWO = re.compile(r"(model_)?states(_\w+)?|impulse_curve_distance|gravity_number")
 
 
 @dataclass(frozen=True, eq=False)
-class Cut:
-    """A table of a run, made of its parts: some columns, by their names there, of the rows that are kept.
+class TableSpec:
+    """A table of a run: its columns, and which columns and rows of the parts it is made of."""
 
-    With `text` it is written as CSV too.
-    """
-
-    columns: dict[str, Column]
+    columns: Columns
+    #: For each column the name of the column of a part that holds its values.
     source: tuple[str, ...]
+    #: Condition for the rows of a part that the table has; None: all of them.
     keep: pc.Expression | None = None
-    text: bool = True
+    #: Whether the table is written as CSV too.
+    csv: bool = True
 
     @cached_property
     def schema(self) -> pa.Schema:
-        """Of the table."""
-        return schema(self.columns)
+        """Arrow schema of the table."""
+        return arrow_schema(self.columns)
 
-    def of(self, rows: pa.Table) -> pa.Table:
-        """Cut the table of some rows of parts; a run without engines has no columns of ladders."""
+    def select(self, rows: pa.Table) -> pa.Table:
+        """Select the rows of the table from rows of parts.
+
+        The table is empty where parts lack a column of it: in a run without engines they have no ladders.
+        """
         if not set(self.source) <= set(rows.column_names):
             return self.schema.empty_table()
         kept = rows if self.keep is None else rows.filter(self.keep)
@@ -154,48 +285,61 @@ class Cut:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layout:
-    """What the parts and tables of an experiment hold."""
+    """Columns of the parts and tables of an experiment."""
 
-    #: Whether cells are two balls on a table.
+    #: Whether cells are pairs.
     pair: bool
-    #: Most of a cell.
+    #: Largest number of balls of a cell.
     balls: int
+    #: Largest number of contacts of a cell.
     contacts: int
-    #: Of a part: everything known of one cell and solver.
+    #: Schema of a part: everything known of one cell and solver.
     rows: pa.Schema
-    #: By name, without suffix.
-    tables: dict[str, Cut]
+    #: Tables by their names, without suffix.
+    tables: dict[str, TableSpec]
 
 
-def expanded(columns: Mapping[str, Column], balls: int, contacts: int) -> dict[str, Column]:
-    """Give columns of every ball and contact their numbers."""
-    found = {}
-    for name, (kind, unit, meaning) in columns.items():
-        count = balls if "#" in name else contacts
-        numbers = map(str, range(1, 1 + count)) if re.search("[#@]", name) else ("",)
-        for i in numbers:
-            found[re.sub("[#@]", i, name)] = kind, unit, re.sub("[#@]", i, meaning)
-    return found
+def expand(columns: Iterable[Column], balls: int, contacts: int) -> Columns:
+    """Return columns with each column by ball or by contact replaced by the columns that it stands for."""
+    return tuple(single for column in columns for single in column.expanded(balls, contacts))
 
 
-def schema(columns: Mapping[str, Column]) -> pa.Schema:
-    """Arrow schema of a table; unit and meaning of each column are in its metadata."""
-    return pa.schema(
-        [
-            pa.field(name, _TYPES[kind], metadata={"unit": unit, "meaning": meaning})
-            for name, (kind, unit, meaning) in columns.items()
-        ]
-    )
+def names_of(columns: Iterable[Column]) -> tuple[str, ...]:
+    """Return the names of columns."""
+    return tuple(column.name for column in columns)
+
+
+def pick(columns: Iterable[Column], names: Iterable[str]) -> Columns:
+    """Return the columns of these names, in the order of the names."""
+    by_name = {column.name: column for column in columns}
+    return tuple(by_name[name] for name in names)
+
+
+def union(*groups: Iterable[Column]) -> Columns:
+    """Return the columns of several groups, each name once, where it comes first."""
+    by_name: dict[str, Column] = {}
+    for group in groups:
+        for column in group:
+            by_name.setdefault(column.name, column)
+    return tuple(by_name.values())
+
+
+def arrow_schema(columns: Iterable[Column]) -> pa.Schema:
+    """Return the Arrow schema of a table of these columns."""
+    return pa.schema([column.field() for column in columns])
 
 
 def to_table(columns: Mapping[str, Any], n: int, schema: pa.Schema) -> pa.Table:
-    """Make a table of arrays, shape (n,): NaN, None and an empty text are nulls, and so is a missing column."""
-    return pa.table([_array(columns.get(field.name), n, field.type) for field in schema], schema=schema)
+    """Make a table from arrays by name, shape (n,).
+
+    NaN, None and an empty text become nulls; a column without an array holds nulls only.
+    """
+    return pa.table([_to_arrow(columns.get(field.name), n, field.type) for field in schema], schema=schema)
 
 
-def _array(values: Any, n: int, kind: pa.DataType) -> pa.Array:
+def _to_arrow(values: Any, n: int, type_: pa.DataType) -> pa.Array:
     if values is None:
-        return pa.nulls(n, kind)
-    if pa.types.is_string(kind):
-        return pa.array([text or None for text in values], kind)
-    return pa.array(np.asarray(values), kind, from_pandas=True)
+        return pa.nulls(n, type_)
+    if pa.types.is_string(type_):
+        return pa.array([text or None for text in values], type_)
+    return pa.array(np.asarray(values), type_, from_pandas=True)

@@ -11,7 +11,7 @@ from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.registry import one_solver_per_law, origins
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.config.experiment import parse_config
-from impact_xval.experiments.measures.layout import laddered
+from impact_xval.experiments.measures.layout import engines_with_ladders
 from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.presentation.findings import overall_table
 from impact_xval.experiments.sweep.run import run_sweep
@@ -100,7 +100,7 @@ def test_a_run_writes_its_version_and_asks_it_for_no_law(site):
     _install_toy(site)
     grid = {"stiffness_ratio": [1.0, 2.0], "mass_ratio": [1.0], "e1": [0.9], "e2": [0.7]}
     config = parse_config({"solvers": ["kelvin-voigt", "toy"], "scenario": "impact", "grid": grid})
-    folder = run_sweep(config, site / "run", isolate=False)
+    folder = run_sweep(config, site / "run", isolate=False).folder
     assert folder.manifest()["versions"]["toy"] == "1.0"
     assert folder.read_table("ladder.parquet").num_rows == 0
     table = overall_table(summarise(folder))
@@ -135,7 +135,7 @@ def test_a_plug_in_states_its_kind_and_law(site):
         assert (registry.kind_of(name), registry.law_of(name)) == ("compliant", "kelvin-voigt")
     assert one_solver_per_law(["toy", "gone", "kelvin-voigt"]) == ["toy", "kelvin-voigt"]
     config = parse_config({"solvers": ["toy", "gone", "kelvin-voigt"]})
-    assert laddered(config) == ["gone"]  # the others have no ladder
+    assert engines_with_ladders(config) == ["gone"]  # the others have no ladder
 
 
 def test_broken_ones_are_unavailable_with_the_reason_and_break_no_command(site, command):

@@ -10,7 +10,7 @@ from impact_xval.compliant_baselines.mapping import KelvinVoigtContact, contact_
 from impact_xval.compliant_baselines.paste import paste
 from impact_xval.compliant_baselines.pasted_drops import drop_in_mujoco, mujoco_scene
 from impact_xval.compliant_baselines.single_contact import Pair, find_extremes, find_largest_step, scenes_of
-from impact_xval.experiments.presentation.contacts import rounded_outward
+from impact_xval.experiments.presentation.contacts import round_outward
 from tests.compliant_baselines import hand_scenes
 from tests.compliant_baselines.conftest import installed
 from tests.compliant_baselines.test_mapping import integrated_contact
@@ -79,7 +79,7 @@ LET_GO = [
 
 def assert_eight_drops_are_inside(engine, pair, found):
     """Paste into a scene written by hand; the touch falls on eight places in a step, and just after its start."""
-    low, high = map(float, rounded_outward(*found.restitution).split(" to "))
+    low, high = map(float, round_outward(*found.restitution).split(" to "))
     for place in (*np.arange(8) / 8, 1e-5):
         e, duration = measured(engine, pair, found.step, place)
         assert low <= e <= high, (pair, place)

@@ -4,8 +4,8 @@ from pathlib import Path
 import pytest
 
 from impact_xval.experiments.config.experiment import parse_config
-from impact_xval.experiments.presentation.report import present
-from impact_xval.experiments.sweep.run import run_sweep
+from impact_xval.experiments.presentation.report import present_run
+from impact_xval.experiments.sweep.run import present_once, run_sweep
 from tests.experiments import fakes
 from tests.model.conftest import compiled_kernels  # noqa: F401
 
@@ -36,14 +36,16 @@ def tables_of(root):
 def swept(root, resolve=fakes.shifted, **changes):
     """Run `SMALL`, or what is changed of it (None leaves a key out), in this process."""
     data = {key: value for key, value in (SMALL | changes).items() if value is not None}
-    return run_sweep(parse_config(data), root, isolate=False, resolve=resolve)
+    return run_sweep(parse_config(data), root, isolate=False, resolve=resolve).folder
 
 
-def resumed(root, config=None, **how):
+def resumed(root, config=None, present=None, **how):
     """Continue a run in this process, of `SMALL` with `fakes.shifted` unless told otherwise; what it said."""
     said, config = [], config or parse_config(SMALL)
-    how = {"resolve": fakes.shifted} | how
-    run_sweep(config, root, isolate=False, progress=lambda done, total, line: said.append(line), **how)
+    how = {"resolve": fakes.shifted, "progress": lambda done, total, line: said.append(line)} | how
+    result = run_sweep(config, root, isolate=False, to_be_presented=present is not None, **how)
+    if present is not None:
+        present_once(result, present, isolate=False)
     return said
 
 
@@ -53,7 +55,7 @@ def engine_run(tmp_path_factory):
     root = tmp_path_factory.mktemp("engines") / "a run"
     solvers = ["kelvin-voigt", "bistiffness", "mujoco"]
     settings = {"solvers": solvers, "scenario": "drop", "v0": -2.0, "name": HOSTILE}
-    run_sweep(parse_config(SMALL | settings), root, present=present)
+    present_once(run_sweep(parse_config(SMALL | settings), root, to_be_presented=True), present_run)
     return root
 
 
@@ -61,7 +63,8 @@ def engine_run(tmp_path_factory):
 def chain_run(tmp_path_factory):
     """A small run of chains, half of which no engine represents, with its page; no test changes it."""
     root = tmp_path_factory.mktemp("chains") / "run"
-    run_sweep(parse_config(CHAINS), root, isolate=False, present=present)
+    result = run_sweep(parse_config(CHAINS), root, isolate=False, to_be_presented=True)
+    present_once(result, present_run, isolate=False)
     return root
 
 

@@ -20,7 +20,7 @@ from impact_xval.compliant_baselines import get_solver, references
 from impact_xval.compliant_baselines.solver import Convergence, Settings
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.hypothesis.config import HypothesisConfig
-from impact_xval.experiments.hypothesis.run import results, stages
+from impact_xval.experiments.hypothesis.run import judge_runs, prepare_runs
 from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.model import Collision, Collisions
@@ -129,7 +129,9 @@ def tables(spec, folder):
         config |= {"cells": str(folder / "cells.csv"), "scenario": "drop", "gravity": spec["gravity"]}
     else:
         config |= {"chain": spec}
-    run = run_sweep(parse_config(config | {"chunk_size": 10}), folder / "run", workers=1, isolate=False)
+    run = run_sweep(
+        parse_config(config | {"chunk_size": 10}), folder / "run", workers=1, isolate=False
+    ).folder
     names = ("cells", "divergence", "ladder")
     found = {name: _columns(pq.read_table(run.root / f"{name}.parquet").to_pydict()) for name in names}
     summary = summarise(run)
@@ -142,9 +144,9 @@ def tables(spec, folder):
 def hypothesis(spec, folder):
     """Tables of a test of the hypothesis by exact solvers, those that `spec` names."""
     config = HypothesisConfig(**{name: value for name, value in spec.items() if name != "tables"})
-    for _, solve in stages(config, folder):
+    for _, solve in prepare_runs(config, folder):
         solve(workers=1, isolate=False)
-    found = results(config, folder)
+    found = judge_runs(config, folder)
     frames = {"limits": found.verdicts, "points": found.points, "chains": found.chains}
     return {name: _columns(frames[name].to_dict("list")) for name in spec["tables"]}
 

@@ -30,25 +30,31 @@ from markupsafe import Markup
 from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
-from impact_xval.experiments.measures.aggregates import Compared, Frame, levels_of
-from impact_xval.experiments.presentation.html import render
-from impact_xval.experiments.presentation.words import NO_RESULT, WHAT_NO_RESULT_IS, look, named, written
+from impact_xval.experiments.measures.aggregates import DivergenceTable, Frame, levels_of
+from impact_xval.experiments.presentation.html import render_template
+from impact_xval.experiments.presentation.words import (
+    NO_RESULT,
+    WHAT_NO_RESULT_IS,
+    display_name,
+    format_axis_value,
+    look_of,
+)
 from impact_xval.experiments.tables.numbers import listed
 from impact_xval.experiments.tables.parquet import column
 
-#: Tiles of a map at most: what a browser draws at once, and a page has room for.
+#: Most tiles of a map: a browser draws these at once, and a page has room for them.
 TILES = 1000
 
-#: An axis with more levels than this is put into bins, where the map has no room for them.
+#: An axis with more levels is put into bins if the map has no room for it.
 _FEW = 24
 
-#: How a reader knows an axis.
+#: Labels of axes for readers.
 LABELS = AXES | CHAIN_AXES
 
-#: D below this has the colour of this: about the rounding of the solvers.
+#: Least D with a colour of its own: about the rounding of the solvers.
 _FLOOR = 1e-4
 
-#: Labels of an axis at most.
+#: Most labels of an axis.
 _LABELS = 60
 
 
@@ -67,7 +73,7 @@ class Tiles:
     medians: Frame
 
 
-def tiles_of(table: Compared) -> Tiles:
+def make_tiles(table: DivergenceTable) -> Tiles:
     """Lay the compared cells of a run out as a map.
 
     As many axes as there is room for stand up the side, in the order of the tables: with all of them a tile is one
@@ -76,8 +82,8 @@ def tiles_of(table: Compared) -> Tiles:
     rows = table.rows.assign(d=table.measure("velocity_divergence"))
     rows["cell"] = column(table.path, "cell").astype(np.int64)
     rows["rank"] = rows.d.where(table.regular, -1.0)  # those that are kept apart come last
-    for axis, each in table.levels.items():
-        rows[axis] = rows[axis].cat.reorder_categories(sorted(each.values))
+    for axis, levels in table.levels.items():
+        rows[axis] = rows[axis].cat.reorder_categories(sorted(levels.values))
     along, *up = table.levels
 
     def count(*axes: str) -> int:
@@ -96,26 +102,26 @@ def tiles_of(table: Compared) -> Tiles:
     rows["tile"] = rows.groupby(axes, observed=True).ngroup()  # numbered in the order of the axes
     largest = rows.sort_values(["tile", "rank"], ascending=[True, False], kind="stable")
     places = largest.drop_duplicates("tile").reset_index(drop=True)
-    said: Frame = places[axes].map(written)
-    shown = pd.DataFrame(
+    labels: Frame = places[axes].map(format_axis_value)
+    tiles = pd.DataFrame(
         {
             "across": places[along].cat.codes,
             "above": places.groupby(up, observed=True).ngroup(),
-            "column": said[along],
-            "row": [" · ".join(row) for row in said[up].to_numpy()],
+            "column": labels[along],
+            "row": [" · ".join(row) for row in labels[up].to_numpy()],
             "cell": places.cell,
         }
     )
     medians = rows[table.regular].groupby(["tile", "solver"], observed=True).d.median().unstack()
-    return Tiles(along, tuple(up), shown, medians.reindex(shown.index))
+    return Tiles(along, tuple(up), tiles, medians.reindex(tiles.index))
 
 
 def cells_piece(tiles: Tiles, n_cells: int, packed: str, solvers: Sequence[str]) -> Markup:
-    """Lay out the map of a run in which a solver was compared, and the cell that is open (`opened.packed_cells`)."""
+    """Lay out the map of a run in which a solver was compared, and the cell that is open (`opened.pack_cells`)."""
     plots = {"map": _map(tiles)} | ({"curves": curves_chart(solvers)} if tiles.along in AXES else {})
-    return render(
+    return render_template(
         "cells.html.j2",
-        compared=[(name, named(name)) for name in tiles.medians],
+        compared=[(name, display_name(name)) for name in tiles.medians],
         shown=len(tiles.places),
         n_cells=n_cells,
         rows=listed(LABELS[axis] for axis in tiles.up),
@@ -130,12 +136,12 @@ def cells_piece(tiles: Tiles, n_cells: int, packed: str, solvers: Sequence[str])
 
 
 def bokeh_script() -> Markup:
-    """Return the script of Bokeh: a page that has it asks for nothing."""
+    """Return the script of Bokeh; a page that contains it loads nothing."""
     return Markup(Resources(mode="inline", components=["bokeh"], log_level="error").render_js())
 
 
 def _map(tiles: Tiles) -> Any:
-    """Draw one tile a cell, or the median of several, coloured by the D of one solver."""
+    """Draw one tile per cell or per group of cells, coloured by the (median) D of one solver."""
     places, floored = tiles.places, tiles.medians.clip(lower=_FLOOR)
     medians = floored.add_prefix("d ").to_dict("list")
     shown = {"shown": [*medians.values()][-1]}
@@ -213,15 +219,23 @@ def _chart(name: str, across: str, up: str) -> Any:
 
 
 def _with_solvers(plot: Any, solvers: Sequence[str], lines: str, points: str) -> Any:
-    """Add a line and points for each solver; their sources have these names, with that of the solver."""
+    """Add a line and points for each solver, with sources named by `lines` and `points` and the solver."""
     for name in solvers:
-        style = look(name)
+        style = look_of(name)
         dash = style.dash if isinstance(style.dash, str) else list(style.dash[1])
         sources = {
-            each: ColumnDataSource({"x": [], "y": []}, name=f"{each} {name}") for each in (lines, points)
+            kind: ColumnDataSource({"x": [], "y": []}, name=f"{kind} {name}") for kind in (lines, points)
         }
-        how = {"color": style.color, "legend_label": named(name)}
+        color, label = style.color, display_name(name)
         width = 3 if name == REFERENCE else 2
-        plot.line("x", "y", source=sources[lines], line_dash=dash, line_width=width, **how)
-        plot.scatter("x", "y", source=sources[points], size=9, **how)
+        plot.line(
+            "x",
+            "y",
+            source=sources[lines],
+            line_dash=dash,
+            line_width=width,
+            color=color,
+            legend_label=label,
+        )
+        plot.scatter("x", "y", source=sources[points], size=9, color=color, legend_label=label)
     return plot

@@ -1,4 +1,4 @@
-"""What the page shows of a cell that is opened: results, impulse curves, causes, commands, and its scene."""
+"""Contents of a cell that opens on the page: results, impulse curves, causes, commands, and scene."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from impact_xval.compliant_baselines.registry import engine_free_names, get_solv
 from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES, RATIO_OF, SI_AXES
 from impact_xval.experiments.config.experiment import Config
-from impact_xval.experiments.presentation.words import named, told, written
-from impact_xval.experiments.sweep.curves import needed
+from impact_xval.experiments.presentation.words import display_name, format_axis_value, name_solver_in
+from impact_xval.experiments.sweep.curves import points_to_keep
 from impact_xval.experiments.sweep.rows import settings_of
 from impact_xval.experiments.tables.folder import RunFolder, cells_of_run
 from impact_xval.experiments.tables.parquet import selected
@@ -32,18 +32,18 @@ from impact_xval.model.collision import Collision
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.status import RESULT_STATUSES
 
-#: Digits of an impulse of a curve: a tenth of what a screen tells apart.
+#: Digits of the impulses of a curve: ten times finer than a screen shows.
 _DIGITS = 4
 
 
-def packed_cells(folder: RunFolder, cells: Sequence[int]) -> str:
-    """Collect what is shown of some cells of a run, as JSON, compressed, in letters (base64)."""
-    text = json.dumps(opened_cells(folder, cells), separators=(",", ":"), allow_nan=False)
+def pack_cells(folder: RunFolder, cells: Sequence[int]) -> str:
+    """Collect the contents of some cells of a run as compressed JSON in base64."""
+    text = json.dumps(collect_cells(folder, cells), separators=(",", ":"), allow_nan=False)
     return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode("ascii")
 
 
-def opened_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str, Any]]:
-    """Collect what is shown of some cells of a run, by number.
+def collect_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str, Any]]:
+    """Collect the contents of some cells of a run, by number.
 
     That is ``at`` (values of the axes by label), ``results``, ``causes``, ``commands``, and of two balls ``scene``
     (MJCF; None where MuJoCo is not in the run) and ``curves``, those of the exact solvers, solved again: of the others
@@ -54,29 +54,35 @@ def opened_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str,
     shown: dict[int, dict[str, Any]] = {cell: {"results": [], "causes": []} for cell in cells}
 
     def rows(table: str, *columns: str) -> list[dict[str, Any]]:
-        some = pc.field("cell").isin(list(cells))
-        return selected(folder.table_path(f"{table}.parquet"), ["cell", "solver", *columns], some).to_pylist()
+        is_shown = pc.field("cell").isin(list(cells))
+        return selected(
+            folder.table_path(f"{table}.parquet"), ["cell", "solver", *columns], is_shown
+        ).to_pylist()
 
     divergence = rows("divergence", "velocity_divergence")
     ds = {(row["cell"], row["solver"]): row["velocity_divergence"] for row in divergence}
     names = pq.read_schema(folder.table_path("cells.parquet")).names
     balls = [name for name in names if re.fullmatch(r"v[1-9]\d*", name)]
     ends, paths = (["impulse1", "impulse2"], ["states_compared"]) if pair else ([], [])
-    known = ("status", "marked", "reason")
+    columns_of_status = ("status", "marked", "reason")
     scales = ("m1", "m2", "k1", "k2") if pair else ("m1", "k1")
-    for row in rows("cells", *axes, *known, *scales, "v0", *balls, *ends, *paths):
+    for row in rows("cells", *axes, *columns_of_status, *scales, "v0", *balls, *ends, *paths):
         cell, speed = shown[row["cell"]], abs(row["v0"])
         velocities = [row[name] for name in balls[: row.get("balls", 2)]]
         impulses = [row[name] for name in ends if row[name] is not None]
-        cell["at"] = {label: written(row[axis], 6) for axis, label in axes.items() if row[axis] is not None}
+        cell["at"] = {
+            label: format_axis_value(row[axis], 6) for axis, label in axes.items() if row[axis] is not None
+        }
         cell["at"] |= {
-            f"{name} in {SI_AXES[name]}": written(row[name], 6) for name in config.grid.in_si if pair
+            f"{name} in {SI_AXES[name]}": format_axis_value(row[name], 6)
+            for name in config.grid.in_si
+            if pair
         }
         cell["commands"] = _commands(folder.root, config, row)
         cell["results"].append(
             {
-                "name": named(row["solver"]),
-                **{name: row[name] for name in ("solver", *known)},
+                "name": display_name(row["solver"]),
+                **{name: row[name] for name in ("solver", *columns_of_status)},
                 "result": row["status"] in RESULT_STATUSES,
                 "velocities": [None if v is None else v / speed for v in velocities],
                 "d": ds.get((row["cell"], row["solver"])),
@@ -85,7 +91,9 @@ def opened_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str,
             }
         )
     for row in rows("ladder", "sentence", "reason"):
-        shown[row["cell"]]["causes"].append(told(row["solver"], row["sentence"] or row["reason"] or ""))
+        shown[row["cell"]]["causes"].append(
+            name_solver_in(row["solver"], row["sentence"] or row["reason"] or "")
+        )
     if pair:
         index = cells_of_run(folder, config)
         collisions = [index[cell] for cell in cells]
@@ -96,7 +104,7 @@ def opened_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str,
 
 
 def _commands(root: Path, config: Config, row: dict[str, Any]) -> list[list[str]]:
-    """Write what opens a cell on a terminal, from where the run was begun."""
+    """Return the commands that show a cell on a terminal, each with its description."""
     run, cell = shlex.quote(str(root)), row["cell"]
     show = ["every cause, in every order", f"impact-xval show {run} --cell {cell}"]
     axes, ours = (CHAIN_AXES, []) if config.chain is not None else (AXES, ["scenario"])
@@ -123,22 +131,26 @@ def _curves(config: Config, collisions: Sequence[Collision]) -> list[dict[str, l
     exact = [name for name in config.solvers if name in engine_free_names()]
     solved = {name: get_solver(name).solve_many(collisions, settings) for name in exact}
     return [
-        {name: curve for name, each in solved.items() if (curve := curve_of(collision, each[i])) is not None}
+        {
+            name: curve
+            for name, outcomes in solved.items()
+            if (curve := impulse_curve(collision, outcomes[i])) is not None
+        }
         for i, collision in enumerate(collisions)
     ]
 
 
-def curve_of(collision: Collision, outcome: Outcome) -> list[list[float]] | None:
+def impulse_curve(collision: Collision, outcome: Outcome) -> list[list[float]] | None:
     """Return I1 and I2 per m1 |v0| along an impulse curve, as few points as a line needs; None without a path."""
     path = outcome.path
     if outcome.status not in RESULT_STATUSES or path is None:
         return None
     points = np.column_stack([path.impulse1, path.impulse2]) / (collision.m1 * abs(collision.v0))
-    return points[needed(points.sum(axis=1), points)].T.round(_DIGITS).tolist()
+    return points[points_to_keep(points.sum(axis=1), points)].T.round(_DIGITS).tolist()
 
 
 def _scenes(config: Config, collisions: Sequence[Collision]) -> list[str | None]:
-    """Write the MJCF of every collision that MuJoCo represents, where it is in the run."""
+    """Return the MJCF of each collision; None if MuJoCo is not in the run or cannot represent the collision."""
     if "mujoco" not in config.solvers or get_solver("mujoco").unavailable() is not None:
         return [None] * len(collisions)
     solver, settings = get_solver("mujoco"), settings_of(config)

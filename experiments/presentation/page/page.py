@@ -14,7 +14,7 @@ from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.aggregates import FULL_PATHS, OWN_LAW
-from impact_xval.experiments.measures.ladder import cancelling
+from impact_xval.experiments.measures.ladder import cancelling_pair
 from impact_xval.experiments.measures.summary import HONEST, Summary, load_divergence
 from impact_xval.experiments.presentation import findings, words
 from impact_xval.experiments.presentation.document import (
@@ -24,20 +24,27 @@ from impact_xval.experiments.presentation.document import (
     Section,
     Table,
     Value,
-    say,
+    fill_sentence,
 )
-from impact_xval.experiments.presentation.findings import CUTS, D, compared, subjects, unit_of, value_of
-from impact_xval.experiments.presentation.html import render
-from impact_xval.experiments.presentation.page.charts import LABELS, cells_piece, tiles_of
-from impact_xval.experiments.presentation.page.opened import packed_cells
-from impact_xval.experiments.presentation.pictures.figures import ACCEPTED, recommended
+from impact_xval.experiments.presentation.findings import (
+    CUTS,
+    D,
+    compared_solvers,
+    row_unit,
+    statistic_value,
+    subjects,
+)
+from impact_xval.experiments.presentation.html import render_template
+from impact_xval.experiments.presentation.page.charts import LABELS, cells_piece, make_tiles
+from impact_xval.experiments.presentation.page.opened import pack_cells
+from impact_xval.experiments.presentation.pictures.figures import ACCEPTED, recommended_steps
 from impact_xval.experiments.presentation.words import (
     MEANINGS,
-    begun,
-    named,
-    one_vote,
-    restitution_of_two,
-    written,
+    capitalise_first,
+    describe_restitution_product,
+    describe_shared_laws,
+    display_name,
+    format_axis_value,
 )
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.numbers import number, percent
@@ -55,7 +62,7 @@ _HYPOTHESIS = Markup(
     "<code>impact-xval hypothesis</code> solves them, and writes a page with a verdict for every limit and solver."
 )
 
-#: What the laws are that stand beside the model in most runs.
+#: Explanations of the laws that are in most runs.
 _LAWS = {
     "kelvin-voigt": "exact Kelvin-Voigt is what engines are set to, springs with dashpots",
     "bistiffness": "exact bistiffness is the model's own restitution in bodies that move",
@@ -79,26 +86,28 @@ GLOSSARY = (
 )
 
 
-def cells_that_open(_: object, folder: RunFolder) -> str:
-    """Collect what the page of a finished run shows of the cells that open on it (`packed_cells`)."""
-    return packed_cells(folder, tiles_of(load_divergence(folder, folder.config())).places.cell.tolist())
+def pack_opening_cells(_: object, folder: RunFolder) -> str:
+    """Collect the contents of the cells that open on the page of a finished run (`pack_cells`)."""
+    return pack_cells(folder, make_tiles(load_divergence(folder, folder.config())).places.cell.tolist())
 
 
-def blocks_of(
+def run_blocks(
     folder: RunFolder, summary: Summary, captions: Captions, cells: Callable[[], str]
 ) -> list[Block]:
-    """Return the page of a finished run; `cells` gives what the cells show that open, and is asked where any does."""
-    pair, unit = summary.config.chain is None, unit_of(summary)[:-1]
-    there = compared(summary)
-    found = _found(summary, captions) if there else [f"No {unit} could be compared."]
-    along = [findings.along_axis(summary, axis) for axis in summary.axes]
+    """Return the blocks of the page of a finished run; `cells` returns the cells that open, and is called if any do."""
+    pair, unit = summary.config.chain is None, row_unit(summary)[:-1]
+    compared_names = compared_solvers(summary)
+    answers = _answer_questions(summary, captions) if compared_names else [f"No {unit} could be compared."]
+    along = [findings.axis_table(summary, axis) for axis in summary.axes]
     blocks: list[Block | None] = [
         _opening(summary),
         _advice(summary, captions) if pair and summary.ladder.solvers else None,
-        Section("What was found", found),
-        Section(f"{unit} by {unit}".capitalize(), _cells(folder, summary, cells())) if there else None,
+        Section("What was found", answers),
+        Section(f"{unit} by {unit}".capitalize(), _cells(folder, summary, cells()))
+        if compared_names
+        else None,
         Section("Divergence by solver", [findings.overall_table(summary)]) if not pair else None,
-        Section("All against all", [_matrix(summary)]) if pair and there else None,
+        Section("All against all", [_matrix(summary)]) if pair and compared_names else None,
         _causes(summary, captions),
         _sureness(summary),
         Section("Hypothesis", [_HYPOTHESIS]) if pair else None,
@@ -113,18 +122,18 @@ def blocks_of(
 
 
 def _figures(captions: Captions, *names: str) -> list[Block]:
-    """Return those of some figures that were drawn."""
+    """Return the figures of these names that were drawn."""
     return [Figure(name, captions[name]) for name in names if name in captions]
 
 
 def _opening(summary: Summary) -> Piece:
-    """Say what was compared, and what to remember of it."""
+    """Return the opening: what was compared, and the numbers to remember."""
     spans = {AXES[axis]: x for axis, x in summary.axes.items() if axis in AXES}
-    return render(
+    return render_template(
         "opening.html.j2",
         s=summary,
         spans=[f"{label} from {number(min(x))} to {number(max(x))}" for label, x in spans.items()],
-        laws=begun("; ".join(said for name, said in _LAWS.items() if name in summary.solvers)),
+        laws=capitalise_first("; ".join(said for name, said in _LAWS.items() if name in summary.solvers)),
         weightless=[name for name in summary.config.solvers if kind_of(name) == "model"],
         engines=any(map(is_engine, summary.solvers)),
         words=words,
@@ -133,34 +142,37 @@ def _opening(summary: Summary) -> Piece:
 
 
 def _numbers(summary: Summary) -> Iterator[tuple[Value | str, str]]:
-    """Give up to three numbers to remember: how far, how near to what was asked for, and why."""
+    """Yield up to three numbers to remember: D from the model, D from the law asked for, and the largest cause."""
     for name in subjects(summary)[:1]:
-        n = int(value_of(summary, name, "n").value)
+        n = int(statistic_value(summary, name, "n").value)
         yield (
-            value_of(summary, name),
-            f"is the median D of {named(name)} from the model, of {n} {unit_of(summary)}",
+            statistic_value(summary, name),
+            f"is the median D of {display_name(name)} from the model, of {n} {row_unit(summary)}",
         )
-    for name, law, median, _ in list(findings.asked(summary))[:1]:
-        what = "D" if summary.config.chain is None else "distance of the limit dt -> 0, per |v0|,"
-        yield median, f"is the median {what} of {named(name)} from {named(law)}, the law it was set to"
+    for name, law, median, _ in list(findings.distances_from_own_laws(summary))[:1]:
+        measure = "D" if summary.config.chain is None else "distance of the limit dt -> 0, per |v0|,"
+        yield (
+            median,
+            f"is the median {measure} of {display_name(name)} from {display_name(law)}, the law it was set to",
+        )
     for name in summary.ladder.solvers[:1]:
-        causes = findings.shares(summary.ladder, name)
-        if causes and cancelling(summary.ladder.region(name).share) is None:
+        causes = findings.cause_shares(summary.ladder, name)
+        if causes and cancelling_pair(summary.ladder.region(name).share) is None:
             cause, share = next(iter(causes.items()))
             label = findings.LABELS[cause]
-            yield share, f"of {named(name)}'s mean D is due to {label}; by region it differs"
+            yield share, f"of {display_name(name)}'s mean D is due to {label}; by region it differs"
 
 
 def _advice(summary: Summary, captions: Captions) -> Section:
-    """Say what a reader should do with an engine."""
-    engines, steps = recommended(summary), 1 / summary.config.step_fraction
-    said = render("advice.html.j2", engines=engines, steps=steps, accepted=ACCEPTED)
+    """Return the section with advice on engines."""
+    engines, steps = recommended_steps(summary), 1 / summary.config.step_fraction
+    said = render_template("advice.html.j2", engines=engines, steps=steps, accepted=ACCEPTED)
     return Section("What to do with your engine", [said, *_figures(captions, "error-by-step")], beside=True)
 
 
-def _found(summary: Summary, captions: Captions) -> list[Block]:
-    """Return the findings: questions, the sentences that answer them, each with its picture."""
-    pair, there, engines = summary.config.chain is None, subjects(summary), summary.ladder.solvers
+def _answer_questions(summary: Summary, captions: Captions) -> list[Block]:
+    """Return the findings as questions, each with its answer and picture."""
+    pair, names, engines = summary.config.chain is None, subjects(summary), summary.ladder.solvers
     axis, over = ("stiffness_ratio", "stiffness") if pair else ("balls", "balls")
     sections: list[Block] = []
 
@@ -169,31 +181,31 @@ def _found(summary: Summary, captions: Captions) -> list[Block]:
         if said or figure:
             sections.append(Section(question, [*said, *figure], beside=bool(said and figure)))
 
-    far = [findings.how_far(summary), one_vote(summary.solvers)]
+    far = [findings.describe_distances(summary), describe_shared_laws(summary.solvers)]
     answer("How far are they from the model?", far, f"divergence-by-{over}")
-    asked = findings.as_asked(summary)
-    answer("Do engines do what they were asked for?", asked, "impulse-curves" if pair else "wave")
-    why = [findings.causes(summary, name, explain=name == engines[0]) for name in engines]
+    own_law = findings.describe_distances_from_own_laws(summary)
+    answer("Do engines do what they were asked for?", own_law, "impulse-curves" if pair else "wave")
+    why = [findings.describe_causes(summary, name, explain=name == engines[0]) for name in engines]
     answer("Then why do they diverge?", why, f"ladder-by-{over}")
-    extremes = [_extremes(summary, name, axis) for name in there]
+    extremes = [_extremes(summary, name, axis) for name in names]
     answer("Where does it matter?", extremes, "trust-map" if pair else "velocities")
     if pair:
-        orders = [_order(summary, name) for name in there]
+        orders = [_order(summary, name) for name in names]
         answer("Do contacts open and close in the same order?", orders, "state-paths")
     return sections
 
 
 def _extremes(summary: Summary, name: str, axis: str) -> str:
     """Say where along an axis the median D is largest and smallest."""
-    values = [(at, value_of(summary, name, axis=axis, at=at)) for at in summary.levels[axis].values]
+    values = [(at, statistic_value(summary, name, axis=axis, at=at)) for at in summary.levels[axis].values]
     known = sorted((each for each in values if not math.isnan(each[1].value)), key=lambda each: each[1].value)
     (low, least), (high, most) = known[0], known[-1]
     if least.value == most.value:
         return ""
-    return say(
+    return fill_sentence(
         "By {axis} the median D of {solver} is largest, {most}, at {high}, and smallest, {least}, at {low}.",
         axis=LABELS[axis],
-        solver=named(name),
+        solver=display_name(name),
         most=most,
         high=number(high),
         least=least,
@@ -203,32 +215,34 @@ def _extremes(summary: Summary, name: str, axis: str) -> str:
 
 def _order(summary: Summary, name: str) -> Markup:
     """Say how often a solver passes through the states of the model, and of its own law."""
-    said = say(
+    sentence = fill_sentence(
         "{solver} passes through the contact states of the model in {equal} of the {n} cells in which the "
         "model needed no limiting case",
-        solver=named(name),
-        equal=value_of(summary, name, "mean", FULL_PATHS),
-        n=value_of(summary, name, "n", FULL_PATHS),
+        solver=display_name(name),
+        equal=statistic_value(summary, name, "mean", FULL_PATHS),
+        n=statistic_value(summary, name, "n", FULL_PATHS),
     )
-    own = value_of(summary, name, "mean", OWN_LAW)
-    if not math.isnan(own.value):
-        said += say(", and through those of the exact law it was asked for in {own}", own=own)
-    return said + "."
+    own_law = statistic_value(summary, name, "mean", OWN_LAW)
+    if not math.isnan(own_law.value):
+        sentence += fill_sentence(
+            ", and through those of the exact law it was asked for in {own}", own=own_law
+        )
+    return sentence + "."
 
 
 def _cells(folder: RunFolder, summary: Summary, packed: str) -> list[Block]:
-    """Lay out the map whose cells open, and the cells with the largest D."""
-    tiles = tiles_of(load_divergence(folder, summary.config))
-    opens, unit = set(tiles.places.cell), unit_of(summary)
+    """Lay out the map of cells that open, and the table of the cells with the largest D."""
+    tiles = make_tiles(load_divergence(folder, summary.config))
+    opens, unit = set(tiles.places.cell), row_unit(summary)
     piece = cells_piece(tiles, summary.n_cells, packed, summary.config.solvers)
     button = Markup('<button type="button" data-cell="{0}">{0}</button>')
     axes = AXES if summary.config.chain is None else CHAIN_AXES
     order = summary.worst.solver.map(summary.solvers.index).sort_values(kind="stable").index
     rows = [
         (
-            named(row["solver"]),
+            display_name(row["solver"]),
             button.format(row["cell"]) if row["cell"] in opens else row["cell"],
-            *(written(row[axis]) for axis in axes),
+            *(format_axis_value(row[axis]) for axis in axes),
             number(row[D]),
         )
         for row in summary.worst.loc[order].to_dict("records")
@@ -251,18 +265,18 @@ def _matrix(summary: Summary) -> Table:
         if row is None or not row["n"]:
             return "-"
         median, most = (Value(row[cut], f"{a} from {b} {cut}") for cut in ("median", "max"))
-        return say("{median} ({most})", median=median, most=most)
+        return fill_sentence("{median} ({most})", median=median, most=most)
 
     rows = [
-        (named(a), *[""] * place, *(cell(a, b) for b in names[place + 1 :]))
+        (display_name(a), *[""] * place, *(cell(a, b) for b in names[place + 1 :]))
         for place, a in enumerate(names[:-1])
     ]
     caption = "Median D (largest D) between every two solvers, over the cells that both solved, marked ones left out"
-    return Table(["", *map(named, names[1:])], rows, caption)
+    return Table(["", *map(display_name, names[1:])], rows, caption)
 
 
 def _causes(summary: Summary, captions: Captions) -> Section:
-    """Say what divergences consist of."""
+    """Return the section on the causes of divergence."""
     ladder = summary.ladder
     if not ladder.solvers:
         return Section("Causes", ["No engine has a result: there is nothing to split."])
@@ -278,18 +292,18 @@ def _causes(summary: Summary, captions: Captions) -> Section:
     rows = [(c.label, c.before, c.after, MEANINGS.get(c.name, "")) for c in ladder.present]
     figures = _figures(captions, "ladder-by-restitution", "ladder-by-chain")
     details = Section("Causes in detail", [Table(header, rows, text=4), *figures], folded=True)
-    return Section("Causes", [said, findings.region_table(ladder, named), details])
+    return Section("Causes", [said, findings.region_table(ladder, display_name), details])
 
 
 def _sureness(summary: Summary) -> Section:
-    """Say how well results are known: limits of steps, statuses, and which cells count."""
+    """Return the section on the accuracy of results: limits dt -> 0, statuses, and the cells that count."""
     limits = summary.statuses.loc[REFERENCE].get("closed-form", 0)
     said = [
         "Nothing is random: the same run gives the same numbers. Every collision of an engine is run at "
         "several steps, and extrapolated to a step of zero with an estimate of the error.",
-        *(f"{each}." for each in findings.unsolved(summary)),
+        *(f"{each}." for each in findings.describe_unsolved(summary)),
         *([f"In {limits} cells the model is a limiting case in closed form."] if limits else []),
-        findings.counted(summary),
+        findings.describe_counted_cells(summary),
     ]
     header = ["solver", "asked for", "converged", "error order", "step error", "estimated error of the limit"]
     header += [
@@ -299,8 +313,8 @@ def _sureness(summary: Summary) -> Section:
     ]
     rows = [
         (
-            named(row["solver"]),
-            named(row["asked"] or "-"),
+            display_name(row["solver"]),
+            display_name(row["asked"] or "-"),
             f"{row['converged']} of {row['n']}",
             number(row["order"], 2),
             *(
@@ -320,26 +334,26 @@ def _sureness(summary: Summary) -> Section:
 
 
 def _effective(folder: RunFolder) -> Section:
-    """Say which solvers use other numbers than they were asked for."""
+    """Return the section on solvers whose effective parameters differ from the requested ones."""
     rows = pd.read_parquet(folder.table_path("cells.parquet"), columns=["solver", "differences"]).dropna()
-    found: list[Block] = [
-        f"{named(str(name))} uses other numbers than it was asked for in {len(each)} cells, in the first: "
-        f"{each.iloc[0]}."
-        for name, each in rows.groupby("solver").differences
+    sentences: list[Block] = [
+        f"{display_name(str(name))} uses other numbers than it was asked for in {len(differences)} cells, "
+        f"in the first: {differences.iloc[0]}."
+        for name, differences in rows.groupby("solver").differences
     ]
     said = "Stiffness, damping, restitution and step of an engine are read back after they were set."
     none = "All are as requested, to the engines' own precision."
-    product = restitution_of_two(folder.config().solvers)
-    return Section("Requested and effective", [said, *(found or [none]), *([product] if product else [])])
+    product = describe_restitution_product(folder.config().solvers)
+    return Section("Requested and effective", [said, *(sentences or [none]), *([product] if product else [])])
 
 
 def _unsolved(summary: Summary) -> Section:
-    """Count results by status, and say why there are none and which are kept apart."""
-    statuses, unit, more = summary.statuses, unit_of(summary), len(summary.reasons) - _REASONS
-    counts = [(named(name), *row) for name, *row in statuses.itertuples()]
-    reasons = [(named(name), *rest) for name, *rest in summary.reasons.head(_REASONS).to_numpy()]
+    """Return the section that counts results by status, with the reasons for missing ones, and D in marked cells."""
+    statuses, unit, more = summary.statuses, row_unit(summary), len(summary.reasons) - _REASONS
+    counts = [(display_name(name), *row) for name, *row in statuses.itertuples()]
+    reasons = [(display_name(name), *rest) for name, *rest in summary.reasons.head(_REASONS).to_numpy()]
     marked = [
-        (named(name), int(row["n"]), *(number(row[cut]) for cut in CUTS))
+        (display_name(name), int(row["n"]), *(number(row[cut]) for cut in CUTS))
         for name in summary.solvers
         if (row := summary.get(name, D, cells="marked"))["n"]
     ]
@@ -353,20 +367,22 @@ def _unsolved(summary: Summary) -> Section:
 
 
 def _method(folder: RunFolder, summary: Summary) -> Section:
-    """Say how the numbers came about, and what they do not show."""
+    """Return the section on the method and its limitations."""
     span: list[str] = []
     if summary.config.scenario == "drop":
         values = column(folder.table_path("cells.parquet"), "gravity_number")
         span = [number(value, 2) for value in (values.min(), values.max())]
-    said = render("method.html.j2", c=summary.config, gravity_number=" to ".join(dict.fromkeys(span)))
+    said = render_template(
+        "method.html.j2", c=summary.config, gravity_number=" to ".join(dict.fromkeys(span))
+    )
     return Section("Method", [said], folded=True)
 
 
 def _glossary(summary: Summary) -> Section:
-    """Say what words mean, and what solvers are called in tables and commands."""
+    """Return the glossary, and the identifiers of solvers in tables and commands."""
     pair = summary.config.chain is None
     rows = [(word, f"{meaning}.") for word, meaning in GLOSSARY if pair or not word.startswith("S1")]
-    names = [(named(name), name) for name in summary.config.solvers]
+    names = [(display_name(name), name) for name in summary.config.solvers]
     tables = [
         Table(["word", "meaning"], rows, text=2),
         Table(["solver", "in tables and commands"], names, text=2),
@@ -375,17 +391,17 @@ def _glossary(summary: Summary) -> Section:
 
 
 def _provenance(folder: RunFolder) -> Section:
-    """Say with what a run was computed: all that its manifest holds."""
+    """Return the section with all entries of the manifest of a run."""
     rows = [*_flat({key: value for key, value in folder.manifest().items() if key != "statuses"})]
     return Section("Provenance", [Table(["what", "value"], rows, text=2)], folded=True)
 
 
 def _flat(value: Any, *names: str) -> Iterator[tuple[str, Any]]:
-    """Give what nested tables and lists hold, by the names that lead to it."""
+    """Yield the values of nested tables and lists, each with the names that lead to it."""
     if isinstance(value, list):
-        value = {str(place): each for place, each in enumerate(value, 1)}
+        value = {str(place): item for place, item in enumerate(value, 1)}
     if not isinstance(value, dict):
         yield " ".join(names), value
         return
-    for name, each in value.items():
-        yield from _flat(each, *names, name)
+    for name, item in value.items():
+        yield from _flat(item, *names, name)

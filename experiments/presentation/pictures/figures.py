@@ -12,24 +12,24 @@ from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.measures.aggregates import FULL_PATHS, Frame
 from impact_xval.experiments.measures.summary import Summary, load_divergence
 from impact_xval.experiments.presentation.pictures.curves import draw_cell_curves, draw_chain
-from impact_xval.experiments.presentation.pictures.ladders import draw_ladders, draw_trust, trust_of
+from impact_xval.experiments.presentation.pictures.ladders import draw_ladders, draw_trust, make_trust_maps
 from impact_xval.experiments.presentation.style import (
     BESIDE,
     LEFT_OUT,
     Drawn,
-    drawing,
-    label_places,
-    save_all,
+    label_axis_values,
+    save_figures,
+    styled_figure,
 )
-from impact_xval.experiments.presentation.words import look, named, one_vote
+from impact_xval.experiments.presentation.words import describe_shared_laws, display_name, look_of
 from impact_xval.experiments.sweep.curves import CURVES
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.numbers import number
 
-#: D below this is drawn at this height on logarithmic axes: about the rounding of the solvers.
+#: Least D on logarithmic axes, about the rounding of the solvers; smaller D are drawn there.
 _FLOOR = 1e-6
 
-#: The error, per |v0|, that steps are recommended for.
+#: Error of a velocity, per |v0|, that a recommended step may have.
 ACCEPTED = 0.01
 
 _D = "velocity_divergence"
@@ -40,7 +40,7 @@ _LABELS = {
 _SIDE = "solvers stand side by side."
 _MEDIANS = f"Markers: medians over all other axes; bars: 5th to 95th percentile; {_SIDE}"
 
-#: Captions of what is drawn over k2/k1, or of chains over the number of balls.
+#: Captions of the figures over k2/k1, or for chains over the number of balls.
 _CAPTIONS = {
     _D: "Velocity divergence D of each solver from the model over {over}. "
     f"{_MEDIANS} D = sqrt(sum m_i dv_i^2/sum m_i v_i0^2), dimensionless; values below {number(_FLOOR)} are drawn "
@@ -52,14 +52,14 @@ _CAPTIONS = {
 
 
 def write_figures(folder: RunFolder, summary: Summary) -> dict[str, str]:
-    """Draw every figure of a finished run into ``figures/``: their captions by name, which ``captions.json`` holds."""
+    """Draw every figure of a finished run into ``figures/``; return their captions by name, as in ``captions.json``."""
     target = folder.root / "figures"
     target.mkdir(exist_ok=True)
-    return save_all(_figures(folder, summary), target)
+    return save_figures(_figures(folder, summary), target)
 
 
 def _figures(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
-    """Draw the figures of a run; those with nothing to show are left out."""
+    """Draw the figures of a run that have something to show."""
     config, pair = summary.config, summary.config.chain is None
     curves = folder.read_table(CURVES).to_pandas()  # of a damaged folder nothing is drawn
     if pair:
@@ -77,33 +77,36 @@ def _figures(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
     solvers = [name for name in summary.solvers if name in set(rows.solver)]
     for measure, name in measures.items() if solvers else ():
         figure = _over(panels, solvers, axis, measure)
-        yield name, figure, _CAPTIONS[measure].format(over=over, votes=one_vote(solvers)).strip()
-    yield from draw_trust(trust_of(folder, config) if pair else None)
+        yield name, figure, _CAPTIONS[measure].format(over=over, votes=describe_shared_laws(solvers)).strip()
+    yield from draw_trust(make_trust_maps(folder, config) if pair else None)
     yield from draw_ladders(summary.ladder)
     yield from draw_steps(summary)
     yield from (draw_cell_curves if pair else draw_chain)(curves, config)
 
 
 def _over(panels: Mapping[str, tuple[Frame, Any]], solvers: Sequence[str], axis: str, measure: str) -> Figure:
-    """Draw the median of a measure over an axis, and its 5 to 95 %, or a share; of each panel its rows and values."""
-    with drawing(2.6 * len(panels) + 3.6, 3.2) as figure:
+    """Draw the median of a measure over an axis with its 5th to 95th percentile, or a share.
+
+    `panels` has by title the rows of a panel, and the values of the axis.
+    """
+    with styled_figure(2.6 * len(panels) + 3.6, 3.2) as figure:
         axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
         for ax, (title, (rows, values)) in zip(axes, panels.items(), strict=True):
-            label_places(ax.xaxis, values, 8)
+            label_axis_values(ax.xaxis, values, 8)
             xlabel = "number of balls N" if axis == "balls" else "stiffness ratio k2/k1 (-)"
             ax.set(xlabel=xlabel, title=title)
             for position, solver in enumerate(solvers):
-                style = look(solver)
+                style = look_of(solver)
                 at = np.arange(len(values)) + 0.6 * ((position + 0.5) / len(solvers) - 0.5)
                 grouped = rows[rows.solver == solver].groupby(axis)[measure]
                 if measure == FULL_PATHS:
-                    shown = grouped.mean().reindex(values)
+                    middle = grouped.mean().reindex(values)
                 else:
                     ends = (grouped.quantile(q).reindex(values) for q in (0.05, 0.5, 0.95))
-                    low, shown, high = (each.clip(lower=_FLOOR) for each in ends)
+                    low, middle, high = (quantiles.clip(lower=_FLOOR) for quantiles in ends)
                     ax.vlines(at, low, high, color=style.color, linewidth=1.4, alpha=0.5)
                 line = {"marker": style.marker, "linestyle": style.dash, "color": style.color}
-                ax.plot(at, shown, linewidth=1, label=named(solver), **line)
+                ax.plot(at, middle, linewidth=1, label=display_name(solver), **line)
         axes[0].set_ylabel(_LABELS[measure])
         if measure == _D:
             axes[0].set_yscale("log")  # shared
@@ -113,10 +116,10 @@ def _over(panels: Mapping[str, tuple[Frame, Any]], solvers: Sequence[str], axis:
     return figure
 
 
-def recommended(summary: Summary) -> list[dict[str, Any]]:
-    """Return the estimates of engines, and as `enough` the step with an error of `ACCEPTED` in 95 % of the cells.
+def recommended_steps(summary: Summary) -> list[dict[str, Any]]:
+    """Return the estimates of engines, and as `enough` the step with an error of `ACCEPTED` in 95 % of cells.
 
-    It is over the faster contact period, extrapolated from the step of the run by the order that was measured.
+    The step is over the faster contact period, and extrapolated from the step of the run by the measured order.
     """
     rows = summary.estimates.to_dict("records") if summary.config.chain is None else []
     return [
@@ -127,15 +130,15 @@ def recommended(summary: Summary) -> list[dict[str, Any]]:
 
 
 def draw_steps(summary: Summary) -> Iterator[Drawn]:
-    """Draw the error over the step; nothing where no engine has a limit."""
-    engines, f = recommended(summary), summary.config.step_fraction
+    """Draw the error over the step; nothing if no engine has a limit."""
+    engines, f = recommended_steps(summary), summary.config.step_fraction
     if not engines:
         return
-    with drawing(6.2, 3.2) as figure:
+    with styled_figure(6.2, 3.2) as figure:
         ax = figure.subplots()
         for row in engines:
-            style, h = look(row["solver"]), np.geomspace(f, max(4 * f, min(0.1, 1.5 * row["enough"])), 20)
-            for cut, width, label in (("median", 0.9, None), ("p95", 1.8, named(row["solver"]))):
+            style, h = look_of(row["solver"]), np.geomspace(f, max(4 * f, min(0.1, 1.5 * row["enough"])), 20)
+            for cut, width, label in (("median", 0.9, None), ("p95", 1.8, display_name(row["solver"]))):
                 error = row[f"step_{cut}"]
                 ax.plot(f, error, color=style.color, marker=style.marker)
                 line = {"color": style.color, "linestyle": "--", "linewidth": width, "label": label}

@@ -24,7 +24,7 @@ from impact_xval.model.arrays import Floats
 from impact_xval.model.collision import Collision
 from impact_xval.model.path import Path
 
-#: Share of the impulses that may pass after what is shown: balls may meet again long after.
+#: Share of the impulses that may pass after the time shown: balls may meet again much later.
 TAIL = 1e-3
 
 
@@ -54,13 +54,13 @@ class History:
 
     @property
     def compressions(self) -> Floats:
-        """Of the springs of the contacts, shape (n, C); negative where a contact is open."""
+        """Compressions of the springs of the contacts, shape (n, C); negative where a contact is open."""
         contacts = self.impulses.shape[1]
         table = np.zeros((len(self.time), 1))
         return np.hstack([self.heights, table])[:, 1 : 1 + contacts] - self.heights[:, :contacts]
 
     def at(self, instants: Floats) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
-        """Heights and velocities of the balls at instants, forces of the contacts, and which of them act.
+        """Return heights and velocities of the balls at instants, forces of the contacts, and which are active.
 
         After the last one bodies fly on as they do then, and no contact acts.
         """
@@ -69,22 +69,22 @@ class History:
             return np.column_stack([np.interp(instants, known, column) for column in values.T])
 
         after = np.maximum(instants - self.time[-1], 0)[:, None]
-        here = np.searchsorted(self.time, instants, side="right") - 1
+        interval = np.searchsorted(self.time, instants, side="right") - 1
         return (
             of(self.time, self.heights) + after * self.velocities[-1],
             of(self.time, self.velocities),
             np.where(after > 0, 0.0, of(self.between, self.forces)),
-            self.acting[here] & (instants < self.time[-1])[:, None],
+            self.acting[interval] & (instants < self.time[-1])[:, None],
         )
 
 
-def passed_at(time: Floats, passed: Floats) -> float:
-    """When all but `TAIL` of an impulse has passed."""
+def instant_of_tail(time: Floats, passed: Floats) -> float:
+    """Return the instant at which all but `TAIL` of an impulse has passed."""
     return float(time[np.searchsorted(passed, (1 - TAIL) * passed[-1])])
 
 
-def history_of(collision: Collision, path: Path, gravity: float = 0.0) -> History | None:
-    """Make a history of a path in the units of its collision; None where it has no finite clock.
+def make_history(collision: Collision, path: Path, gravity: float = 0.0) -> History | None:
+    """Make the history of a path in the units of its collision; None if the path has no finite times.
 
     With gravity (m/s^2) the lower one of two balls begins in static equilibrium on its support.
     """

@@ -24,13 +24,13 @@ from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.measures.aggregates import Frame, axis_levels
 from impact_xval.experiments.measures.ladder import CAUSES, CONTRIBUTIONS, Contribution
 from impact_xval.experiments.measures.summary import LadderSummary
-from impact_xval.experiments.presentation.style import LEFT_OUT, Drawn, drawing, label_places
-from impact_xval.experiments.presentation.words import named
+from impact_xval.experiments.presentation.style import LEFT_OUT, Drawn, label_axis_values, styled_figure
+from impact_xval.experiments.presentation.words import display_name
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.numbers import number, percent
 from impact_xval.experiments.tables.parquet import column, selected
 
-#: What is drawn over which axes, of two balls and of chains; and how an axis is labelled.
+#: Figures and the axes that they are drawn over, for two balls and for chains; labels of the axes.
 _STACKS = {
     "ladder-by-stiffness": ("stiffness_ratio",),
     "ladder-by-restitution": ("e1", "e2"),
@@ -46,29 +46,29 @@ _LABELS = {
     "e": "e of every contact (-)",
 }
 
-#: Where in a bar the whisker of each cause stands: side by side, those of neighbours would lie on each other.
+#: Position of the whisker of each cause in a bar, side by side so that they do not overlap.
 _WHISKERS = (-0.24, -0.08, 0.08, 0.24)
 
-#: D that is trusted, from the strictest on.
+#: Levels of D that count as trusted, the strictest first.
 LEVELS = (0.01, 0.05, 0.2)
 
-#: Of the fields of every level, and of those beyond the last: told apart by those who see no red or no green.
+#: Colours of the fields of each level and of fields beyond the last, safe for the colour-blind.
 _COLORS = ("#08519C", "#6BAED6", "#FEE391", "#A63603")
 
-#: Of fields with no cell beyond the lowest level.
+#: Colour of fields without a cell beyond the lowest level.
 _WITHIN = "0.9"
 
-#: Sides of the plane: up, and across.
+#: Axes of the plane: vertical, horizontal.
 _PLANE = ["mass_ratio", "stiffness_ratio"]
 
 
 def draw_ladders(ladder: LadderSummary) -> Iterator[Drawn]:
-    """Draw every figure of the ladders; none where no engine has a result."""
+    """Draw every figure of the ladders; none if no engine has a result."""
     for name, axes in _STACKS.items():
-        there = [axis for axis in axes if axis in ladder.axes]
-        if there:
-            over = " and ".join(_LABELS[axis] for axis in there)
-            yield name, _panels(ladder, there), _caption(over, ladder)
+        known_axes = [axis for axis in axes if axis in ladder.axes]
+        if known_axes:
+            over = " and ".join(_LABELS[axis] for axis in known_axes)
+            yield name, _panels(ladder, known_axes), _caption(over, ladder)
 
 
 def _caption(over: str, ladder: LadderSummary) -> str:
@@ -86,19 +86,19 @@ def _caption(over: str, ladder: LadderSummary) -> str:
 
 
 def _panels(ladder: LadderSummary, axes: Sequence[str]) -> Figure:
-    """Draw a panel an axis and engine."""
+    """Draw one panel per axis and engine."""
     solvers = ladder.solvers
-    with drawing(max(6.4, 3.6 * len(solvers)), 0.9 + 2.6 * len(axes)) as figure:
+    with styled_figure(max(6.4, 3.6 * len(solvers)), 0.9 + 2.6 * len(axes)) as figure:
         panels = figure.subplots(len(axes), len(solvers), sharey=True, squeeze=False)
         for row, axis in zip(panels, axes, strict=True):
             for ax, solver in zip(row, solvers, strict=True):
                 table = ladder.statistics
-                some = table[(table.solver == solver) & (table.axis == axis)]
-                wide = some.pivot(index="value", columns="contribution")
-                label_places(ax.xaxis, wide.index.tolist(), 8)
+                rows = table[(table.solver == solver) & (table.axis == axis)]
+                wide = rows.pivot(index="value", columns="contribution")
+                label_axis_values(ax.xaxis, wide.index.tolist(), 8)
                 ax.tick_params(axis="x", labelsize=8)
                 _stack(ax, ladder, wide)
-                ax.set(xlabel=_LABELS[axis], title=named(solver))
+                ax.set(xlabel=_LABELS[axis], title=display_name(solver))
             row[0].set_ylabel("component of mean D (-)")
         handles = _patches(ladder.present)
         figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
@@ -106,7 +106,7 @@ def _panels(ladder: LadderSummary, axes: Sequence[str]) -> Figure:
 
 
 def _stack(ax: Any, ladder: LadderSummary, wide: Frame) -> None:
-    """Draw the bars of one engine, those of positive shares above zero, and the mean D."""
+    """Draw the mean D of one engine and the bars of its contributions, positive ones above zero."""
     total = wide.total.max(axis=1).to_numpy()
     x, above, below = np.arange(len(wide)), np.zeros(len(wide)), np.zeros(len(wide))
     for c in ladder.present:
@@ -115,7 +115,7 @@ def _stack(ax: Any, ladder: LadderSummary, wide: Frame) -> None:
         part = total * wide.share[c.name].fillna(0).to_numpy()
         bottom = np.where(part >= 0, above, below)
         ax.bar(x, part, 0.8, bottom=bottom, color=c.color, edgecolor="white", linewidth=0.4)
-        if c in CAUSES:
+        if c.is_cause:
             ends = [bottom + total * end[c.name] for end in (wide.low, wide.high)]
             beside = x + _WHISKERS[CAUSES.index(c)]
             ax.vlines(beside, *ends, color="black", linewidth=2.4)
@@ -127,7 +127,7 @@ def _stack(ax: Any, ladder: LadderSummary, wide: Frame) -> None:
     ax.axhline(0, color="0.3", linewidth=0.8)
 
 
-def trust_of(folder: RunFolder, config: Config) -> Frame | None:
+def make_trust_maps(folder: RunFolder, config: Config) -> Frame | None:
     """Compute the trust in the engines of a run of two balls over its plane, from its ladders.
 
     None without a plane or a result of an engine; else a row a field that has a cell, by engine, mass ratio and
@@ -157,7 +157,7 @@ def trust_of(folder: RunFolder, config: Config) -> Frame | None:
 
 
 def draw_trust(trust: Frame | None) -> Iterator[Drawn]:
-    """Draw a trust map; nothing where there is none."""
+    """Draw a trust map; nothing without one."""
     if trust is not None:
         engines = sort_by_law(trust.index.unique("solver"))
         yield "trust-map", _trust_map(trust, engines), _trust_caption(trust, engines)
@@ -168,7 +168,8 @@ def _trust_caption(trust: Frame, engines: Sequence[str]) -> str:
     said = ""
     for name in engines:
         fields = trust.loc[name]
-        said += f" {named(name)}: the median cell is within {second} % in {percent((fields.typical <= 1).mean())} "
+        within = percent((fields.typical <= 1).mean())
+        said += f" {display_name(name)}: the median cell is within {second} % in {within} "
         labels = [c.label for c in CONTRIBUTIONS if c.name in set(fields.blamed.mode())]
         said += (
             f"of the fields; the largest cause is most often: {labels[0]}." if labels else "of the fields."
@@ -183,12 +184,12 @@ def _trust_caption(trust: Frame, engines: Sequence[str]) -> str:
 
 
 def _trust_map(trust: Frame, engines: Sequence[str]) -> Figure:
-    """Draw two panels of levels and one of causes, a row an engine."""
+    """Draw two panels of levels and one of causes, one row per engine."""
     shown = [c for c in CONTRIBUTIONS if (trust.blamed == c.name).any()]
     places = {c.name: place for place, c in enumerate(shown, start=1)}
     up, across = (sorted(trust.index.unique(axis)) for axis in _PLANE)
     titles = ("median cell is within", "every cell is within", f"largest cause beyond {100 * LEVELS[0]:g} %")
-    with drawing(7.4, 1.4 + 1.45 * len(engines)) as figure:
+    with styled_figure(7.4, 1.4 + 1.45 * len(engines)) as figure:
         axes = figure.subplots(len(engines), 3, sharex=True, sharey=True, squeeze=False)
         for ax, title in zip(axes[0], titles, strict=True):
             ax.set_title(title, fontsize=8.5)
@@ -198,13 +199,19 @@ def _trust_map(trust: Frame, engines: Sequence[str]) -> Figure:
             panels = ((fields.typical, _COLORS), (fields.strict, _COLORS), (blamed, causes))
             for ax, (values, colors) in zip(row, panels, strict=True):
                 image = values.unstack().reindex(index=up, columns=across).to_numpy(float)
-                limits = {"vmin": -0.5, "vmax": len(colors) - 0.5}
-                how = {"origin": "lower", "aspect": "auto", "interpolation": "nearest"}
-                ax.imshow(image, cmap=ListedColormap(colors), **limits, **how)
+                ax.imshow(
+                    image,
+                    cmap=ListedColormap(colors),
+                    vmin=-0.5,
+                    vmax=len(colors) - 0.5,
+                    origin="lower",
+                    aspect="auto",
+                    interpolation="nearest",
+                )
                 ax.grid(False)
-            row[0].set_ylabel(f"{named(name)}\nm2/m1 (-)")
-        label_places(axes[0, 0].xaxis, across, 5)
-        label_places(axes[0, 0].yaxis, up, 6)
+            row[0].set_ylabel(f"{display_name(name)}\nm2/m1 (-)")
+        label_axis_values(axes[0, 0].xaxis, across, 5)
+        label_axis_values(axes[0, 0].yaxis, up, 6)
         for ax in axes[-1]:
             ax.set_xlabel("k2/k1 (-)")
         names = [*(f"D up to {100 * level:g} %" for level in LEVELS), f"D above {100 * LEVELS[-1]:g} %"]

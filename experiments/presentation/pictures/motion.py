@@ -27,11 +27,16 @@ from PIL import Image
 from impact_xval.compliant_baselines.registry import kind_of
 from impact_xval.experiments.config.arrangements import ChainSetup
 from impact_xval.experiments.config.experiment import REFERENCE, Config
-from impact_xval.experiments.presentation.html import page_of, render
-from impact_xval.experiments.presentation.pictures.curves import by_ratios
-from impact_xval.experiments.presentation.pictures.history import Floats, History, history_of, passed_at
-from impact_xval.experiments.presentation.style import drawing
-from impact_xval.experiments.presentation.words import arranged, named
+from impact_xval.experiments.presentation.html import render_page, render_template
+from impact_xval.experiments.presentation.pictures.curves import describe_ratios
+from impact_xval.experiments.presentation.pictures.history import (
+    Floats,
+    History,
+    instant_of_tail,
+    make_history,
+)
+from impact_xval.experiments.presentation.style import styled_figure
+from impact_xval.experiments.presentation.words import describe_chain, display_name
 from impact_xval.experiments.tables.numbers import listed, number
 from impact_xval.experiments.tables.parquet import replacing
 from impact_xval.model.collision import Collision
@@ -42,22 +47,22 @@ Pixels = NDArray[np.uint8]
 
 _STATES = ("S1: both contacts act", "S2: ball on table", "S3: ball on ball", "S4: no contact acts")
 
-#: Solvers that are shown beside the model at most.
+#: Most solvers that are shown beside the model.
 MOST = 6
 
 _CLOCK = "The model has no time: its clock is how long its forces take to pass on its impulses."
 
-#: Pictures of a collision, and pictures a second.
+#: Number of frames of a collision, and frames per second.
 FRAMES, RATE = 100, 10
 _DPI = 100
-#: Colours of a picture.
+#: Number of colours of a frame.
 _COLORS = 128
 
 #: Colours of contacts 1 and 2 of two balls, those of the states in which they act alone.
 CONTACT_COLORS = ("#D55E00", "#0072B2")
 _BALLS, _IDLE = ("#B0B0B0", "#D0D0D0"), "0.75"
 
-#: Of a scene: natural length of a spring, and how much of it the largest compression takes.
+#: Natural length of a spring in a scene, and the share of it that the largest compression takes.
 _SPRING, _COMPRESSED = 0.6, 0.8
 #: Largest and smallest radius of a ball; room to rise, and to fall where there is no table.
 _RADIUS, _SMALL, _RISE, _FALL = 0.45, 0.16, 0.7, 1.4
@@ -72,9 +77,9 @@ _ZIGZAG = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """What is animated: a collision, which it is in words, and its histories by solver, the model first.
+    """An animation: a collision, its description `what`, and its histories by solver, the model first.
 
-    `left_out` says of solvers that were asked for, and are not shown, why not.
+    `left_out` has the reason for each solver that was asked for and is not shown.
     """
 
     collision: Collision
@@ -91,30 +96,34 @@ class Motion:
         The configuration says how they solved it, and `chain` what the collision is, if a chain. A ValueError says
         that no solver but the model has a path in finite time.
         """
-        drop, shown, left_out = config.scenario == "drop", {}, {}
+        drop, histories, left_out = config.scenario == "drop", {}, {}
         for name in sorted(outcomes, key=lambda name: name != REFERENCE):
             outcome = outcomes[name]
             weight = config.gravity if drop and name != REFERENCE else 0.0
             if outcome.status not in RESULT_STATUSES:
                 left_out[name] = outcome.status
                 continue
-            history = None if outcome.path is None else history_of(collision, outcome.path, weight)
+            history = None if outcome.path is None else make_history(collision, outcome.path, weight)
             if history is None:
                 left_out[name] = "no path in finite time"
-            elif len(shown.keys() - {REFERENCE}) == MOST:
+            elif len(histories.keys() - {REFERENCE}) == MOST:
                 left_out[name] = f"{MOST} at most"
             else:
-                shown[name] = history
-        if not shown.keys() - {REFERENCE}:
+                histories[name] = history
+        if not histories.keys() - {REFERENCE}:
             reasons = ", ".join(f"{name}: {reason}" for name, reason in left_out.items())
             raise ValueError(
                 "needs a solver beside the model with a path in finite time"
                 + (f" ({reasons})" if reasons else "")
                 + "; legal: such a collision, or FILE.png"
             )
-        what = arranged(chain) if chain is not None else f"{by_ratios(collision)}, scenario {config.scenario}"
-        what += ", in which the model has no gravity" if drop and REFERENCE in shown else ""
-        return cls(collision, what, shown, left_out)
+        what = (
+            describe_chain(chain)
+            if chain is not None
+            else f"{describe_ratios(collision)}, scenario {config.scenario}"
+        )
+        what += ", in which the model has no gravity" if drop and REFERENCE in histories else ""
+        return cls(collision, what, histories, left_out)
 
     @property
     def lies(self) -> bool:
@@ -123,35 +132,37 @@ class Motion:
 
     @property
     def rigid(self) -> list[str]:
-        """Solvers whose contacts are rigid, beside others: their forces, a step long, exceed every scale."""
+        """Solvers with rigid contacts, if others are shown too: their forces last one step and exceed the scale."""
         rigid = [name for name in self.histories if kind_of(name) == "rigid"]
         return rigid if len(rigid) < len(self.histories) else []
 
     @property
     def clock(self) -> str:
-        """What the clock of the model is; empty where the model is not shown."""
+        """Sentence on the clock of the model; empty if the model is not shown."""
         return _CLOCK if REFERENCE in self.histories else ""
 
     @property
     def instants(self) -> Floats:
-        """Instants of the pictures: a little beyond the last one that matters to a solver."""
-        ends = (passed_at(each.time, each.impulses.sum(axis=1)) for each in self.histories.values())
+        """Instants of the frames, until a little after all solvers have passed all but a tail of their impulses."""
+        ends = (
+            instant_of_tail(history.time, history.impulses.sum(axis=1)) for history in self.histories.values()
+        )
         return np.linspace(0.0, 1.12 * max(ends), FRAMES)
 
     @property
     def colors(self) -> list[Any]:
         """Colours of the contacts."""
         count = len(self.collision.stiffnesses)
-        return [
-            *(CONTACT_COLORS[:count] if count <= 2 else colormaps["viridis"](np.linspace(0, 0.92, count)))
-        ]
+        if count <= 2:
+            return list(CONTACT_COLORS[:count])
+        return list(colormaps["viridis"](np.linspace(0, 0.92, count)))
 
     def title(self) -> str:
-        """Say who is shown."""
-        return f"One collision in slow motion: {listed(map(named, self.histories))}"
+        """Return the title, which names the solvers."""
+        return f"One collision in slow motion: {listed(map(display_name, self.histories))}"
 
     def caption(self) -> str:
-        """Say what is shown, and what the clock is."""
+        """Return the caption, which explains the animation and the clock."""
         seconds = self.instants[-1] * self.collision.units.time
         c, slower = self.collision, number(FRAMES / RATE / seconds, 2)
         unit = "N/m" if c.exponent == 1 else f"N/m^{number(c.exponent)}"
@@ -160,11 +171,11 @@ class Motion:
             "has ended, its assumption of frozen positions shows."
         )
         cut = (
-            f" Forces of {listed(map(named, self.rigid))}, which last a step, are cut off."
+            f" Forces of {listed(map(display_name, self.rigid))}, which last a step, are cut off."
             if self.rigid
             else ""
         )
-        missing = listed(f"{named(name)} ({why})" for name, why in self.left_out.items())
+        missing = listed(f"{display_name(name)} ({why})" for name, why in self.left_out.items())
         heights, first = ("places", "on the left") if self.lies else ("heights", "on top")
         return (
             f"{self.title()}: {self.what}; {slower} times slower than at m1 = {number(c.masses[0])} kg, k1 = "
@@ -176,18 +187,19 @@ class Motion:
 
 
 def _at_rest(c: Collision) -> tuple[Floats, Floats]:
-    """Radii of the balls in a picture, and heights of their middles where all springs are unloaded and touch."""
+    """Return radii of the balls in a scene, and heights of their middles when all springs are unloaded and touch."""
     masses = np.array(c.masses)
     radii = np.maximum(_RADIUS * (masses / masses.max()) ** (1 / 3), _SMALL)
     springs = np.full(len(masses), _SPRING)
-    springs[-1] *= c.table
+    if not c.table:  # the last ball has no contact below it
+        springs[-1] = 0.0
     return radii, np.cumsum((springs + 2 * radii)[::-1])[::-1] - radii
 
 
 def _moving(
     motion: Motion, scale: float, strongest: float, letters: float, now: tuple[Any, ...]
 ) -> Iterator[Artist]:
-    """Give what moves in the picture of a solver: springs, balls, bars of force, arrows of velocity, the state.
+    """Yield the moving artists of a solver's scene: springs, balls, bars of force, arrows of velocity, the state.
 
     The names of balls are `letters` points high.
     """
@@ -199,7 +211,7 @@ def _moving(
     contacts = list(zip(ends, motion.colors, acting, forces, strict=False))  # the last ball may have none
 
     def place(across: Any, up: Any) -> tuple[Any, Any]:
-        """Where a point is drawn: what is on top lies on the left."""
+        """Return where a point is drawn; in a lying scene the top is on the left."""
         return (np.negative(up), across) if motion.lies else (across, up)
 
     for (low, high), color, acts, _ in contacts:
@@ -223,23 +235,27 @@ def _moving(
         yield Text(-1.25, top, state, fontsize=9.5, va="top", fontweight="bold", clip_on=False)
 
 
-def frames_of(motion: Motion) -> Iterator[Pixels]:
-    """Draw the pictures of a motion, shape (height, width, 3) each; all but what moves is drawn once.
+def draw_frames(motion: Motion) -> Iterator[Pixels]:
+    """Draw the frames of a motion, shape (height, width, 3) each; everything at rest is drawn once.
 
-    There is a scene a solver, and below or beside it the forces of the contacts over time.
+    Each solver has a scene, and below or beside it the forces of the contacts over time.
     """
     instants, histories = motion.instants, motion.histories.values()
-    shown = {name: (each, each.time <= instants[-1]) for name, each in motion.histories.items()}
-    largest = max(each.compressions[some].max() for each, some in shown.values())
+    visible = {name: (history, history.time <= instants[-1]) for name, history in motion.histories.items()}
+    largest = max(history.compressions[is_visible].max() for history, is_visible in visible.values())
     scale = _COMPRESSED * _SPRING / largest if largest > 0 else 1.0
-    soft = [each.forces[some[1:]] for name, (each, some) in shown.items() if name not in motion.rigid]
+    soft = [
+        history.forces[is_visible[1:]]
+        for name, (history, is_visible) in visible.items()
+        if name not in motion.rigid
+    ]
     forces = np.concatenate(soft)
     strongest, least = float(forces.max()), min(0.0, float(forces.min()))
     width, height = _size(motion)
-    with drawing(width, height) as figure:
+    with styled_figure(width, height) as figure:
         figure.dpi = _DPI
         panels = _set_up(figure, motion, 1.08 * least, 1.08 * strongest)
-        moving = [zip(*each.at(instants), strict=True) for each in histories]
+        moving = [zip(*history.at(instants), strict=True) for history in histories]
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
         unit = panels[0][0].transData.transform([(0, 0), (1, 0)])[:, 0]
@@ -256,7 +272,7 @@ def frames_of(motion: Motion) -> Iterator[Pixels]:
 
 
 def _draw(ax: Any, *artists: Artist) -> None:
-    """Draw artists into axes, which do not keep them."""
+    """Draw artists into axes without adding them for good."""
     for artist in artists:
         ax.add_artist(artist)
         ax.draw_artist(artist)
@@ -264,7 +280,7 @@ def _draw(ax: Any, *artists: Artist) -> None:
 
 
 def _size(motion: Motion) -> tuple[float, float]:
-    """Width and height of a picture in inches."""
+    """Return width and height of a frame in inches."""
     balls, solvers = min(len(motion.collision.masses), 20), len(motion.histories)
     if motion.lies:
         return 8.5 + 0.35 * balls, 1.6 + 1.7 * solvers
@@ -272,7 +288,10 @@ def _size(motion: Motion) -> tuple[float, float]:
 
 
 def _set_up(figure: Figure, motion: Motion, least: float, most: float) -> Sequence[tuple[Any, ...]]:
-    """Draw all that does not move; by solver the axes of its scene, and of its forces, which have these limits."""
+    """Draw everything at rest; return for each solver the axes of its scene and of its forces.
+
+    The axes of forces reach from `least` to `most`.
+    """
     c, last = motion.collision, motion.instants[-1]
     figure.set_layout_engine("none")
     high, count = figure.get_figheight(), len(motion.histories)
@@ -290,7 +309,7 @@ def _set_up(figure: Figure, motion: Motion, least: float, most: float) -> Sequen
     for number_of, ((scene, below), (name, history)) in enumerate(
         zip(panels, motion.histories.items(), strict=True)
     ):
-        scene.set_title(named(name), pad=8 if count <= 3 else 4, fontsize=None if count <= 3 else 9)
+        scene.set_title(display_name(name), pad=8 if count <= 3 else 4, fontsize=None if count <= 3 else 9)
         _set_scene(scene, motion)
         for i, color in enumerate(motion.colors, 1):
             label = f"contact {i}, with the table" if i == len(c.masses) else f"contact {i}"
@@ -311,13 +330,13 @@ def _set_up(figure: Figure, motion: Motion, least: float, most: float) -> Sequen
     figure.suptitle(motion.what, fontsize=10)
     remarks = [motion.clock, "Compressions are enlarged."]
     if motion.left_out:
-        remarks.append(f"Not shown: {listed(map(named, motion.left_out))}.")
+        remarks.append(f"Not shown: {listed(map(display_name, motion.left_out))}.")
     figure.text(0.01, 0.07 / high, " ".join(filter(None, remarks)), fontsize=7, color="0.3")
     return panels
 
 
 def _set_scene(scene: Any, motion: Motion) -> None:
-    """Give the axes of a scene their limits, and the table where there is one."""
+    """Set the limits of the axes of a scene, and draw the table if there is one."""
     radii, at_rest = _at_rest(motion.collision)
     top = at_rest[0] + radii[0] + _RISE
     if motion.lies:
@@ -329,21 +348,21 @@ def _set_scene(scene: Any, motion: Motion) -> None:
 
 
 def write_animation(motion: Motion, path: Path) -> None:
-    """Write an animation as GIF or a page that needs nothing else, as the suffix of the file says."""
-    pictures = list(frames_of(motion))
+    """Write an animation as a GIF or as a self-contained page, by the suffix of the file."""
+    pictures = list(draw_frames(motion))
     # One palette, that of the first and the middle one: in these are all colours.
     both = np.vstack([pictures[0], pictures[len(pictures) // 2]])
     palette = Image.fromarray(both).quantize(_COLORS, Image.Quantize.MAXCOVERAGE)  # white stays white
-    first, *others = (
-        Image.fromarray(each).quantize(palette=palette, dither=Image.Dither.NONE) for each in pictures
+    first, *rest = (
+        Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in pictures
     )
     with replacing(path) as temporary:
         if path.suffix == ".gif":
-            first.save(temporary, "GIF", save_all=True, append_images=others, duration=1000 / RATE, loop=0)
+            first.save(temporary, "GIF", save_all=True, append_images=rest, duration=1000 / RATE, loop=0)
             return
-        shown = []
-        for picture in (first, *others):
+        encoded = []
+        for picture in (first, *rest):
             picture.save(file := BytesIO(), "PNG", optimize=True)
-            shown.append(base64.b64encode(file.getvalue()).decode("ascii"))
-        player = render("player.html.j2", title=motion.title(), pictures=shown, pause=1000 // RATE)
-        temporary.write_text(page_of(motion.title(), [player, motion.caption()]), encoding="utf-8")
+            encoded.append(base64.b64encode(file.getvalue()).decode("ascii"))
+        player = render_template("player.html.j2", title=motion.title(), pictures=encoded, pause=1000 // RATE)
+        temporary.write_text(render_page(motion.title(), [player, motion.caption()]), encoding="utf-8")

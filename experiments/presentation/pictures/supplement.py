@@ -1,4 +1,4 @@
-"""The six panels of the supplement's figures: exact impulse curves beside the numbers that are printed there.
+"""The six panels of the supplement's figures: exact impulse curves beside the numbers printed there.
 
 The supplement of Jia, Mason and Erdmann (IJRR 32(1), 2013) draws I2 over I1 with the compression lines l1 and l2, per
 m1 abs(v0). Its parameters (44), and what its printed digits can bear, are in docs/errata.md.
@@ -15,25 +15,25 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from impact_xval.experiments.presentation.pictures.curves import (
-    compression_lines,
-    enlarge,
-    impulse_labels,
+    draw_compression_lines,
+    label_impulse_axes,
+    zoom_in,
 )
-from impact_xval.experiments.presentation.style import Drawn, drawing
+from impact_xval.experiments.presentation.style import Drawn, styled_figure
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.model import Collision, Outcome, solve
 
-#: Colours of the states along a curve; S4 has no extent. Colour of what is printed: that of no state.
+#: Colours of the states along a curve (S4 has no extent), and the colour of printed numbers.
 _STATES = {1: "#000000", 2: "#0072B2", 3: "#D55E00"}
 _PRINTED = "#AA3377"
 
-#: By figure, the section of the supplement, and how far what it prints is from the exact velocities.
+#: By figure: the section of the supplement, and the distance of its printed velocities from the exact ones.
 _FIGURES = {"1": ("3.1", "6e-4"), "2": ("3.2", "5e-3"), "3": ("3.4", "")}
 
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """One panel of the supplement's figures: its stiffness ratio, final velocities and states as they are printed.
+    """One panel of the supplement's figures, with the printed stiffness ratio, final velocities and states.
 
     `corners` are points (I1, I2) on the way that the text states; `detail` is half the width of the window that shows
     where the curve ends, 0 without one.
@@ -107,7 +107,7 @@ def _caption(row: str, section: str, apart: str, panels: list[Panel]) -> str:
 
 
 def _figure(panels: list[Panel]) -> Figure:
-    with drawing(7.2, 4.9) as figure:
+    with styled_figure(7.2, 4.9) as figure:
         upper, lower = figure.subplots(2, len(panels), height_ratios=(6, 1))
         for ax, below, panel in zip(upper, lower, panels, strict=True):
             outcome = solve(panel.collision, path=True)
@@ -118,7 +118,7 @@ def _figure(panels: list[Panel]) -> Figure:
 
 
 def _draw(ax: Any, panel: Panel, outcome: Outcome) -> None:
-    """Draw the exact curve, coloured by state, and the printed points."""
+    """Draw the exact curve, with one colour per state, and the printed points."""
     path = outcome.path
     assert path is not None
     i1, i2, end = path.impulse1, path.impulse2, panel.printed_end()
@@ -128,24 +128,30 @@ def _draw(ax: Any, panel: Panel, outcome: Outcome) -> None:
     if panel.detail:
         window = ax.inset_axes((0.56, 0.07, 0.4, 0.4))
         middle = np.mean([(outcome.impulse1, outcome.impulse2), *end], axis=0)
-        enlarge(window, middle, panel.detail)
+        zoom_in(window, middle, panel.detail)
         window.tick_params(labelsize=6, length=2)
         window.locator_params(nbins=3)
         ax.indicate_inset_zoom(window, edgecolor="0.4")
         axes.append(window)
-    for each in axes:
+    for window_or_whole in axes:
         for state, color in _STATES.items():
-            here = path.state == state
-            if here.any():
-                here[1:] |= here[:-1]  # to where the next state begins
-                each.plot(*(np.where(here, i, np.nan) for i in (i1, i2)), color=color, label=f"S{state}")
-        each.plot(outcome.impulse1, outcome.impulse2, "o", color="black", markersize=4, label="exact end")
+            is_state = path.state == state
+            if is_state.any():
+                is_state[1:] |= is_state[:-1]  # to where the next state begins
+                window_or_whole.plot(
+                    *(np.where(is_state, i, np.nan) for i in (i1, i2)), color=color, label=f"S{state}"
+                )
+        window_or_whole.plot(
+            outcome.impulse1, outcome.impulse2, "o", color="black", markersize=4, label="exact end"
+        )
         if printed:
             marks = {"marker": "o", "markersize": 9, "markeredgewidth": 1.3, "fillstyle": "none"}
-            each.plot(*np.transpose(printed), linestyle="none", color=_PRINTED, label="printed", **marks)
-        compression_lines(each, panel.collision.mass_ratio, reach)
+            window_or_whole.plot(
+                *np.transpose(printed), linestyle="none", color=_PRINTED, label="printed", **marks
+            )
+        draw_compression_lines(window_or_whole, panel.collision.mass_ratio, reach)
     ax.set(xlim=(-0.04 * reach, reach), ylim=(-0.04 * reach, reach))
-    impulse_labels(ax)
+    label_impulse_axes(ax)
     ax.set_title(f"({panel.name[1]}) k2/k1 = {panel.ratio}")
     ax.legend(loc="upper left", fontsize=8)
 

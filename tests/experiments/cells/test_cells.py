@@ -15,8 +15,8 @@ import pytest
 from markupsafe import escape
 
 from impact_xval import Collision, compare, solve
-from impact_xval.experiments.cells.compared import Compared
-from impact_xval.experiments.cells.explorer import Cells
+from impact_xval.experiments.cells.compared import SolverComparison
+from impact_xval.experiments.cells.explorer import ExplorerCells
 from impact_xval.model import Outcome
 from tests.browser import opened, violations
 
@@ -48,7 +48,9 @@ def test_the_model_is_added_and_d_is_what_a_hand_computation_gives(problem):
 def test_hostile_names_and_reasons_stay_text_and_without_a_path_there_is_no_picture():
     failed = Outcome.failure(HOSTILE, PLAIN, "crashed", HOSTILE)
     answered = Outcome(HOSTILE + "2", (0.5, 0.25), (1.5, 1.75), ("S1", "S4"))
-    compared = Compared(PLAIN, {"state-transition": solve(PLAIN), HOSTILE: failed, answered.solver: answered})
+    compared = SolverComparison(
+        PLAIN, {"state-transition": solve(PLAIN), HOSTILE: failed, answered.solver: answered}
+    )
     assert np.isnan(compared.divergences[HOSTILE])
     shown = compared._repr_html_()
     assert not {"script", "strong", "img"} & {*re.findall(r"<([a-z]+)", shown)}
@@ -61,7 +63,7 @@ def test_hostile_names_and_reasons_stay_text_and_without_a_path_there_is_no_pict
 
 def test_versions_of_engines_are_said():
     plain = solve(PLAIN)
-    compared = Compared(
+    compared = SolverComparison(
         PLAIN,
         {"state-transition": plain, "mujoco": plain},
         versions={"state-transition": "1", "mujoco": "3.2.7"},
@@ -70,7 +72,7 @@ def test_versions_of_engines_are_said():
         str(compared).rstrip().endswith(f"Versions: impact-xval {version('impact-xval')} and mujoco 3.2.7.")
     )
     assert [each["version"] for each in compared.objects()] == ["1", "3.2.7"]
-    assert "Versions" not in str(Compared(PLAIN, {"state-transition": plain}))
+    assert "Versions" not in str(SolverComparison(PLAIN, {"state-transition": plain}))
 
 
 def test_d_between_every_two_solvers_is_what_a_hand_computation_gives():
@@ -78,7 +80,7 @@ def test_d_between_every_two_solvers_is_what_a_hand_computation_gives():
     outcomes = {name: Outcome(name, v, (1.5, 1.75), ("S1", "S4")) for name, v in velocities.items()}
     heavy = Collision.two_balls(m1=1.0, m2=3.0, k1=1e8, k2=1e8, e1=0.9, e2=0.7, v0=-2.0)
     lost = {"drake": Outcome.failure("drake", heavy, "unavailable", "not here")}
-    compared = Compared(heavy, outcomes | lost)
+    compared = SolverComparison(heavy, outcomes | lost)
     # sqrt((0.25^2 + 3 0.25^2)/(1 2^2)) = 0.25, and twice as much
     expected = {("mujoco", "pybullet"): 0.25, ("mujoco", "state-transition"): 0.25}
     assert compared.between == expected | {("pybullet", "state-transition"): 0.5}
@@ -91,7 +93,7 @@ def test_d_between_every_two_solvers_is_what_a_hand_computation_gives():
     known = {row["solver"]: row["D_from"] for row in compared.objects()}
     assert known["pybullet"] == {"mujoco": 0.25, "state-transition": 0.5}
     assert known["drake"] == {}
-    two = Compared(heavy, {name: outcomes[name] for name in ("mujoco", "state-transition")})
+    two = SolverComparison(heavy, {name: outcomes[name] for name in ("mujoco", "state-transition")})
     assert "D between" not in str(two)  # the table has it
 
 
@@ -104,7 +106,7 @@ def test_what_is_illegal_is_named():
 @pytest.fixture(scope="module")
 def cells():
     with ExitStack() as ending:
-        yield Cells(ending)
+        yield ExplorerCells(ending)
 
 
 @contextmanager

@@ -8,11 +8,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.commands import solvers
 from impact_xval.experiments.config.experiment import parse_config
-from impact_xval.experiments.presentation.contacts import rounded_outward
-from impact_xval.experiments.presentation.words import restitution_of_two
+from impact_xval.experiments.presentation.contacts import round_outward
+from impact_xval.experiments.presentation.words import describe_restitution_product
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.model import Collision
 from tests.compliant_baselines.test_paste import ENGINES, run_alone
@@ -45,8 +44,8 @@ def test_what_is_said_of_the_restitutions_of_two_bodies_is_what_the_engine_does(
     if reason := solver.unavailable():
         pytest.skip(reason)
     pair = Collision((1.0, 1.0), (1e4,), (0.9,), (-1.0, 0.0), table=False)
-    v1, v2 = solver.solve(pair, Settings(partner_restitution=0.9)).velocities
-    gives = float(re.search(r"0.9 on both gives (\S+)\.", restitution_of_two([engine]))[1])
+    v1, v2 = solver.solve(pair).velocities
+    gives = float(re.search(r"0.9 on both gives (\S+)\.", describe_restitution_product([engine]))[1])
     # They meet with 1 m/s; DART softens its constraints by some 1e-5. The mean would be 0.9.
     assert v1 - v2 == pytest.approx(gives, abs=1e-3)
 
@@ -61,7 +60,9 @@ def test_restitutions_that_multiply_are_said_where_one_goes_in(command):
         "contact --engine mujoco --masses 1 inf --restitution 0.7 --stiffness 1e6"
     )
     assert "multiply those of the two bodies" in " ".join(command("contact --help").split())
-    assert restitution_of_two(["pymunk", "dart", "mujoco"]).startswith("DART and Pymunk multiply the ")
+    assert describe_restitution_product(["pymunk", "dart", "mujoco"]).startswith(
+        "DART and Pymunk multiply the "
+    )
 
 
 def test_a_material_and_a_radius_are_a_contact(command):
@@ -86,7 +87,7 @@ def test_a_material_and_a_radius_are_a_contact(command):
     ],
 )
 def test_an_interval_is_rounded_outward_by_a_ten_thousandth_of_its_width(low, high):
-    shown = [float(number) for number in rounded_outward(low, high).split(" to ")]
+    shown = [float(number) for number in round_outward(low, high).split(" to ")]
     slack = 1e-4 * (high - low) + 1e-12 * high
     assert low - slack <= shown[0] <= low * (1 + 1e-15)
     assert high * (1 - 1e-15) <= shown[1] <= high + slack

@@ -12,7 +12,7 @@ from PIL import Image
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.arrangements import ChainSetup
 from impact_xval.experiments.config.experiment import parse_config
-from impact_xval.experiments.presentation.pictures.motion import FRAMES, RATE, Motion, frames_of
+from impact_xval.experiments.presentation.pictures.motion import FRAMES, RATE, Motion, draw_frames
 from impact_xval.model import Outcome, solve
 
 BESIDE = "solve --stiffness-ratio 1 --mass-ratio 1.1547 --e1 0.9 --e2 0.7 --solver kelvin-voigt"
@@ -101,7 +101,7 @@ def test_a_solver_moves_where_the_model_has_no_positions():
 def test_a_cradle_lies_and_a_stack_stands(arrangement):
     """Balls 1 and 3 of the first solver are grey, beside one another or above one another."""
     motion = _of(ChainSetup(arrangement=arrangement, balls=3), ["state-transition", "bistiffness"])
-    picture = next(frames_of(motion))
+    picture = next(draw_frames(motion))
     high, wide, _ = picture.shape
     stands = arrangement == "stack"
     # The scene of the first solver: the forces of its contacts, with a grey grid, are below or to the right.

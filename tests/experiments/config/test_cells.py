@@ -11,7 +11,7 @@ from scipy.stats import qmc
 from impact_xval.experiments.config.arrangements import ChainSetup
 from impact_xval.experiments.config.axes import AXES, Sample
 from impact_xval.experiments.config.cells import collision_of, draw, experiment_cells, read_cells
-from impact_xval.experiments.config.collision_options import asked
+from impact_xval.experiments.config.collision_options import parse_collision
 from impact_xval.experiments.config.experiment import REFERENCE, Config, load_config, parse_config
 from impact_xval.model import Collision
 from tests.experiments.conftest import resumed
@@ -175,8 +175,10 @@ def test_the_reference_leads_whatever_is_listed():
 
 def test_si_units_and_ratios_are_one_collision():
     cell = {"e1": "0.9", "e2": "0.7", "v0": "-3"}
-    plain, _, _ = asked(cell | {"stiffness_ratio": "40", "mass_ratio": str(2 / math.sqrt(3))})
-    scaled, _, _ = asked(cell | {"m1": "0.5", "m2": str(1 / math.sqrt(3)), "k1": "1e6", "k2": "4e7"})
+    plain, _, _ = parse_collision(cell | {"stiffness_ratio": "40", "mass_ratio": str(2 / math.sqrt(3))})
+    scaled, _, _ = parse_collision(
+        cell | {"m1": "0.5", "m2": str(1 / math.sqrt(3)), "k1": "1e6", "k2": "4e7"}
+    )
     assert scaled.masses == pytest.approx((0.5, 1 / math.sqrt(3)))
     assert scaled.stiffnesses == pytest.approx((1e6, 4e7))
     for same in ("stiffness_ratio", "mass_ratio", "restitutions", "velocities"):

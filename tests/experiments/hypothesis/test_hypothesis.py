@@ -18,11 +18,16 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.mapping import damping_ratio, restitution
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.hypothesis.chains import draw, of_each_ball, stiffened, welded
-from impact_xval.experiments.hypothesis.judging import distance
-from impact_xval.experiments.hypothesis.page import over_places, span
-from impact_xval.experiments.hypothesis.run import CASES, MARGIN, design
-from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, named
+from impact_xval.experiments.hypothesis.chains import (
+    draw_chains,
+    stiffen_contact,
+    velocities_of_balls,
+    weld_contact,
+)
+from impact_xval.experiments.hypothesis.judging import kinetic_distance
+from impact_xval.experiments.hypothesis.page import count_chains, format_range
+from impact_xval.experiments.hypothesis.run import LIMIT_CASES, MARGIN, draw_design
+from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, display_name
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.model import Collision, solve
 from tests.browser import opened
@@ -59,7 +64,7 @@ def test_every_name_that_heads_a_column_or_a_row_is_defined_on_the_page(made):
     heads = {html.unescape(head) for head in re.findall(r"<th scope=\"col\"[^>]*>([^<]+)</th>", page)}
     assert len(heads) > 15
     assert not heads - names
-    assert {named(solver) for solver in SOLVERS} <= names
+    assert {display_name(solver) for solver in SOLVERS} <= names
 
 
 def test_the_tables_of_the_docs_are_those_of_the_built_in_test():
@@ -67,10 +72,10 @@ def test_the_tables_of_the_docs_are_those_of_the_built_in_test():
     rows = {}
     for row in wholes(GOLDEN.format("limits")).query("solver in @SOLVERS").itertuples():
         n = getattr(row, f"n_{row.verdict}", row.n_undecided)
-        far = f", {span((row.offset_least, row.offset_largest))}" if row.verdict == "refuted" else ""
+        far = f", {format_range((row.offset_least, row.offset_largest))}" if row.verdict == "refuted" else ""
         rows.setdefault(row.case, []).append(f"{row.verdict}{'' if n == row.points == 24 else f', {n}'}{far}")
     chains = SimpleNamespace(chains=wholes(GOLDEN.format("chains")))
-    for solver, place, *counts, rates, away in over_places(chains):
+    for solver, place, *counts, rates, away in count_chains(chains):
         assert all(count.endswith(" of 24" if place == "meet" else " of 48") for count in counts)
         said = (f"{n.split()[0]}, {far}" for n, far in zip(counts, (rates, away), strict=True) if far != "-")
         rows.setdefault(solver, []).append("; ".join(said))
@@ -78,8 +83,8 @@ def test_the_tables_of_the_docs_are_those_of_the_built_in_test():
 
 
 def test_points_are_of_their_regime_and_closed_forms_are_those_of_the_supplement():
-    drawn = design(24, 9)
-    assert not {*drawn.mass_ratio} & {*design(24, 10).mass_ratio}
+    drawn = draw_design(24, 9)
+    assert not {*drawn.mass_ratio} & {*draw_design(24, 10).mass_ratio}
     for row in drawn.itertuples():
         found = (row.closed_form_v1, row.closed_form_v2)
         if row.case.startswith("zero"):
@@ -90,7 +95,7 @@ def test_points_are_of_their_regime_and_closed_forms_are_those_of_the_supplement
             assert found == pytest.approx((v1, v2), abs=1e-13)
         elif row.case == "infinity":
             pair = Collision((1.0, row.mass_ratio), (1.0, 1.0), (row.e1, row.e2), (-1.0, 0.0), table=True)
-            as_one = of_each_ball(solve(welded(pair, 1)).velocities, 1)
+            as_one = velocities_of_balls(solve(weld_contact(pair, 1)).velocities, 1)
             assert (*found, *as_one) == pytest.approx((row.e1, 0) * 2, abs=1e-14)
 
 
@@ -101,15 +106,17 @@ def remapped(e, mapped, mass):
 
 def test_a_dashpot_law_goes_where_its_own_dashpots_lead_and_not_where_it_is_mapped_anew():
     """The welded chain is given the dashpots as they were, by the restitutions with which they are mapped to it."""
-    for chain, contact in draw(("pile", "middle"), 2, (4, 5), 2):
-        anew = welded(chain, contact)
+    for chain, contact in draw_chains(("pile", "middle"), 2, (4, 5), 2):
+        anew = weld_contact(chain, contact)
         over = (1 / np.array((*one.masses, math.inf)) for one in (chain, anew))
         mapped, reduced = (1 / (each[1:] + each[:-1]) for each in over)
         kept = tuple(map(remapped, anew.restitutions, np.delete(mapped, contact), reduced))
-        asked = [stiffened(chain, contact, 1e6), anew, dataclasses.replace(anew, restitutions=kept)]
+        asked = [stiffen_contact(chain, contact, 1e6), anew, dataclasses.replace(anew, restitutions=kept)]
         stiff, *forms = get_solver("kelvin-voigt").solve_many(asked, Settings())
-        ends = [of_each_ball(form.velocities, contact) for form in forms]
-        away = distance(np.divide(chain.masses, chain.masses[0]), np.subtract(ends, [stiff.velocities]))
+        ends = [velocities_of_balls(form.velocities, contact) for form in forms]
+        away = kinetic_distance(
+            np.divide(chain.masses, chain.masses[0]), np.subtract(ends, [stiff.velocities])
+        )
         assert away[0] > 1e-3 > 1e-5 > away[1]
 
 
@@ -131,12 +138,12 @@ def predicted(case, solver, mu, e1, e2):
 
 def test_verdicts_and_that_refuted_limits_are_those_predicted_without_a_simulation(made):
     verdicts, tried = wholes(made[0] / "verdicts.csv").set_index(["case", "solver"]).verdict, set()
-    for limit in (case.key for case in CASES):
+    for limit in (case.key for case in LIMIT_CASES):
         assert [*verdicts[limit][SOLVERS]] == [cell.split(",")[0] for cell in TABLES[limit].split(" | ")]
     for row in pd.read_csv(made[0] / "points.csv").query("verdict == 'refuted'").itertuples():
         form = predicted(row.case, row.solver, row.mass_ratio, row.e1, row.e2)
         if form is not None:
-            missed = distance((1, row.mass_ratio), np.subtract((row.limit_v1, row.limit_v2), form))
+            missed = kinetic_distance((1, row.mass_ratio), np.subtract((row.limit_v1, row.limit_v2), form))
             assert missed < min(2e-3, 0.2 * row.offset), row
             tried.add((row.case, row.solver))
     assert len(tried) == 5
@@ -181,7 +188,7 @@ def test_the_page_and_the_command_show_the_verdicts_of_the_tables(made):
     cells = [re.findall(r"<td[^>]*>(.*?)</td>", row, re.DOTALL) for row in table.split("<tr>")]
     shown = {row[0]: row[1:] for row in cells if row}
     for solver, found in wholes(root / "verdicts.csv").groupby("solver"):
-        for row, cell in zip(found.itertuples(), shown[named(solver)], strict=True):
+        for row, cell in zip(found.itertuples(), shown[display_name(solver)], strict=True):
             close = "never" if pd.isna(row.close_from) else f"≥{number(row.close_from, 1)}"
             more = {"supported": f"r {row.rate:.2f}", "refuted": f"D {row.offset_least:.2g}"}
             verdict = f"{row.verdict} {getattr(row, f'n_{row.verdict}', row.n_undecided)}/{row.points}"
@@ -201,7 +208,7 @@ def test_chains_that_move_as_one_are_counted_on_the_page_and_in_the_terminal(mad
     for row in found.itertuples():
         count = f"{row.n_supported} of {row.points}"
         assert f">{count}</td>" in (made[0] / "report.html").read_text()
-        assert f"{named(row.Index)} {count}" in " ".join(made[1].split())
+        assert f"{display_name(row.Index)} {count}" in " ".join(made[1].split())
 
 
 @pytest.mark.slow

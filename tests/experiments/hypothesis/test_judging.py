@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from numpy.random import default_rng
 
-from impact_xval.experiments.hypothesis.judging import judged, verdicts
+from impact_xval.experiments.hypothesis.judging import judge_classes, judge_points
 
 CONTRAST = np.logspace(1, 8, 57)
 FORM = (0.3, -0.1)
@@ -21,8 +21,8 @@ def planted(departure, contrast=CONTRAST, **how):
         lists = {"velocities": [(FORM[0] + x, FORM[1]) for x in off], "class": CLASSES[i % 3]}
         lists |= {"closed_form": [FORM] * len(off), "weights": [(1.0, 1.0)] * len(off)}
         series.append(pd.DataFrame(one | lists | usual | how))
-    found = judged(pd.concat(series), ["solver", "point", "class"])
-    return found, verdicts(found, ["solver"]).set_index("class")
+    found = judge_points(pd.concat(series), ["solver", "point", "class"])
+    return found, judge_classes(found, ["solver"]).set_index("class")
 
 
 #: What an engine is judged by: two decades, and an error of its own.

@@ -7,7 +7,7 @@ import pytest
 
 from impact_xval import Collision, solve
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.hypothesis.own import load_own, own_blocks, own_pair
+from impact_xval.experiments.hypothesis.own import judge_own_pair, load_own_collision, own_pair_blocks
 
 PAIR = "hypothesis --mass-ratio 2 --e1 0.8 --e2 0.6"
 
@@ -19,7 +19,7 @@ def _laws(own):
 def test_a_stiff_table_is_joined_by_the_model_and_d_is_that_of_a_hand_computation():
     """Welded to the table, ball 1 rebounds with e1 |v0|, and the lower ball rests."""
     collision = Collision.two_balls(m1=1.0, m2=2.0, k1=1e6, k2=1e9, e1=0.8, e2=0.6, v0=-3.0)
-    own = own_pair(collision)
+    own = judge_own_pair(collision)
     assert (own.contact, own.contrast, own.meets, own.bodies) == (1, 1e3, False, "ball 2 and the table")
     at_hand = solve(collision, stiffness_ratio_cutoff=math.inf)
     by_hand = math.hypot(at_hand.v1 - 0.8 * 3, math.sqrt(2) * at_hand.v2) / 3
@@ -36,7 +36,7 @@ def test_bodies_that_meet_first_keep_energy_that_welding_removes():
     Of equal masses ball 1 stops, ball 2 goes on, is thrown back elastically, and they exchange velocities again: then v
     = (1, 0). Welded, both go back with half the momentum: v = (1/2, 1/2), D = sqrt(1/4 + 1/4).
     """
-    own = own_pair(Collision.two_balls(m1=1.0, m2=1.0, k1=1e9, k2=1e6, e1=1.0, e2=1.0, v0=-1.0))
+    own = judge_own_pair(Collision.two_balls(m1=1.0, m2=1.0, k1=1e9, k2=1e6, e1=1.0, e2=1.0, v0=-1.0))
     assert (own.contact, own.contrast, own.meets, own.bodies) == (0, 1e3, True, "ball 1 and ball 2")
     for solver in ("bistiffness", "kelvin-voigt"):  # springs alone, where e = 1
         law = _laws(own)[solver]
@@ -66,7 +66,7 @@ def test_a_file_of_masses_and_stiffnesses_is_the_same_collision_as_options(tmp_p
     file.write_text("masses = [2.0, 4.0]\nstiffnesses = [1e5, 4e6]\nrestitutions = [0.8, 0.6]\n")
     assert command(["hypothesis", file]) == command(f"{PAIR} --stiffness-ratio 40 --m1 2 --k1 1e5")
     file.write_text("masses = [1.0, 2.0, 0.5]\nstiffnesses = [1e6, 1e8, 2e6]\nvelocities = [-1.0, -1.0, 0.0]")
-    collision, stiff = load_own(file)
+    collision, stiff = load_own_collision(file)
     assert collision == Collision((1.0, 2.0, 0.5), (1e6, 1e8, 2e6), (0.9,) * 3, (-1.0, -1.0, 0.0), table=True)
     assert stiff is None
     assert "between ball 2 and ball 3, is 50 times as stiff" in command(["hypothesis", file])
@@ -107,21 +107,21 @@ def test_what_does_not_go_together_is_one_line(tmp_path, refused):
     refused(
         ["hypothesis", file, "--e1", "0.9"], "h.toml and --e1 are given", "a file, or a collision by options"
     )
-    assert load_own(file) is None
+    assert load_own_collision(file) is None
 
 
 def test_a_longer_chain_is_solved_by_the_laws_for_any_number_of_balls():
-    own = own_pair(
+    own = judge_own_pair(
         Collision((1.0, 2.0, 1.0, 3.0), (1e6, 5e8, 2e6), (0.9,) * 3, (-1.0, 0.0, 0.0, 0.0), table=False)
     )
     assert (own.contact, own.contrast, own.meets) == (1, 250.0, False)
     assert len(own.laws) == 4
     assert all(np.isfinite(law.distances).all() for law in own.laws)
     assert _laws(own)["bistiffness"].as_one == "yes"
-    assert "Welded, they are one body of 3 kg" in next(iter(own_blocks(own)))
+    assert "Welded, they are one body of 3 kg" in next(iter(own_pair_blocks(own)))
 
 
 def test_a_contact_that_is_named_is_the_one_in_question():
     pair = Collision.two_balls(m1=1.0, m2=1.0, k1=1e6, k2=1e8, e1=0.9, e2=0.9, v0=-1.0)
     with pytest.raises(UserError, match=r"contact 1: .* is 0\.01; legal"):
-        own_pair(pair, 0)
+        judge_own_pair(pair, 0)

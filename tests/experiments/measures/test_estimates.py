@@ -9,11 +9,10 @@ import pytest
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.measures.summary import convergence_estimates, summarise
 from impact_xval.experiments.tables.folder import RunFolder
-from impact_xval.experiments.tables.schema import CERTIFICATE as OF_LIMITS
-from impact_xval.experiments.tables.schema import expanded
+from impact_xval.experiments.tables.schema import LIMIT, expand, names_of
 from tests.experiments.conftest import swept
 
-CERTIFICATE = list(expanded(OF_LIMITS, 2, 2))
+LIMIT_COLUMNS = list(names_of(expand(LIMIT, 2, 2)))
 
 
 def run(tmp_path, **changes) -> Any:  # with a data frame; its annotations are too wide to check code against
@@ -24,7 +23,7 @@ def run(tmp_path, **changes) -> Any:  # with a data frame; its annotations are t
 def test_both_results_are_kept(engine_run):
     rows: Any = pd.read_parquet(engine_run / "cells.parquet").set_index("cell")
     exact, engine = (rows[rows.solver == name] for name in ("kelvin-voigt", "mujoco"))
-    assert rows[rows.solver != "mujoco"][CERTIFICATE].isna().all(axis=None)
+    assert rows[rows.solver != "mujoco"][LIMIT_COLUMNS].isna().all(axis=None)
     assert set(engine.status) == {"ok"}
     for ball in ("v1", "v2"):  # per |v0|, while v1 and v2 are in m/s
         limit = engine[f"{ball}_limit"]
@@ -37,7 +36,7 @@ def test_both_results_are_kept(engine_run):
 
 def test_estimates_can_be_left_out(tmp_path):
     folder, rows = run(tmp_path, convergence={"enabled": False})
-    assert rows[CERTIFICATE].isna().all(axis=None)
+    assert rows[LIMIT_COLUMNS].isna().all(axis=None)
     assert not len(summarise(folder).estimates)
 
 

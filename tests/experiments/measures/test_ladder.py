@@ -11,12 +11,17 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.config.arrangements import ChainSetup
 from impact_xval.experiments.config.cells import experiment_cells
-from impact_xval.experiments.config.experiment import REFERENCE, parse_config
+from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures import corners as of_corners
 from impact_xval.experiments.measures.corners import Corners, corner_names
 from impact_xval.experiments.measures.ladder import NO_LIMIT, Part, ladders, sentence, split
 from impact_xval.experiments.measures.summary import BAND, summarise_ladder
-from impact_xval.experiments.sweep.rows import Experiment, solve_by
+from impact_xval.experiments.sweep.rows import (
+    Experiment,
+    model_as_comparison,
+    solve_and_compare,
+    solve_by_model,
+)
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.model import solve, solve_batch
 from impact_xval.model.collisions import Collisions
@@ -74,8 +79,9 @@ def test_each_cause_is_the_shapley_value_of_the_solvers_at_the_corners(scenario,
     }
     config = parse_config({"scenario": scenario, "k1": 1e6, "solvers": ["mujoco"], "grid": grid})
     experiment, block = Experiment(config, fakes.shifted), experiment_cells(config).block(range(36))
-    model, shifted = (solve_by(experiment, name, block, {}) for name in (REFERENCE, "mujoco"))
-    rows = ladders(config, block, model, {engine: shifted})[engine]
+    model = solve_by_model(experiment, block)
+    shifted = solve_and_compare(experiment, "mujoco", block, model)
+    rows = ladders(config, block, model_as_comparison(model), {engine: shifted})[engine]
     for cell, c in enumerate(block.collisions):
 
         def row(pattern, cell=cell):
@@ -150,7 +156,7 @@ def test_a_cell_in_which_the_order_matters(limit, last):
     np.testing.assert_allclose(6.5 * low[:3, 0], [1, 1, 0], atol=1e-14)
     np.testing.assert_allclose(6.5 * high[:3, 0], [5, 3, 2], atol=1e-14)
     assert ladder.contributions[ladder.dominant()[0]].name == "frozen_positions"
-    assert not ladder.agreed()[0]  # positions first: 1 to 3 of the law, last
+    assert not ladder.same_by_every_order()[0]  # positions first: 1 to 3 of the law, last
 
 
 def test_only_the_last_contribution_depends_on_the_step_and_it_goes_away_with_it(tmp_path):

@@ -8,7 +8,7 @@ import pytest
 
 from impact_xval.compliant_baselines.registry import sort_by_law
 from impact_xval.experiments.config.experiment import parse_config
-from impact_xval.experiments.measures.summary import between, summarise
+from impact_xval.experiments.measures.summary import pairwise_divergence, summarise
 from impact_xval.experiments.tables.folder import RunFolder
 from tests.experiments import fakes
 from tests.experiments.conftest import swept
@@ -58,5 +58,5 @@ def test_marked_rows_are_in_no_comparison_of_two_solvers(tmp_path):
     cells["cell"] = cells.index // 3
     cells.to_parquet(tmp_path / "cells.parquet")
     config = parse_config({"solvers": ["kelvin-voigt", "mujoco"]})
-    (row,) = between(tmp_path / "cells.parquet", config).itertuples()
+    (row,) = pairwise_divergence(tmp_path / "cells.parquet", config).itertuples()
     assert (row.n, row.max) == (1, pytest.approx(0.01))

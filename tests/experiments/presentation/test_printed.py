@@ -48,7 +48,7 @@ def test_medians_and_shares_of_the_default_run(tmp_path):
         first: [as_printed(cell, 0.0 if same else NEW_VERSION) for cell in cells.split(" | ")]
         for first, cells in re.findall(r"^\| (.*?) \| (.*) \|$", LADDER, re.M)
     }
-    folder = run_sweep(parse_config({}), tmp_path / "run")
+    folder = run_sweep(parse_config({}), tmp_path / "run").folder
     write_tables(folder, summarise(folder))
     summary = pd.read_csv(tmp_path / "run/summary.csv").query("cells == 'regular'")
     for label, name in ROWS.items():

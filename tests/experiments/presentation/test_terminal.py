@@ -9,9 +9,9 @@ import pytest
 from rich.console import Console
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.experiments.config.collision_options import asked
+from impact_xval.experiments.config.collision_options import parse_collision
 from impact_xval.experiments.measures.summary import summarise
-from impact_xval.experiments.presentation.page.opened import opened_cells
+from impact_xval.experiments.presentation.page.opened import collect_cells
 from impact_xval.experiments.presentation.terminal import show_progress
 from impact_xval.experiments.presentation.views import show_end
 from tests.experiments import fakes
@@ -67,11 +67,11 @@ def test_a_cell_of_a_grid_in_si_units_is_named_and_opened_again_in_them(tmp_path
     folder = swept(tmp_path / "run", fakes.shifted, grid=grid, solvers=["mujoco"], v0=-3.0)
     shown = command(["show", folder.root, "--cell", "1"])
     assert "m1 = 2 kg, m2 = 0.3 kg, k1 = 100000 N/m, k2 = 700000 N/m" in shown
-    cell = opened_cells(folder, [1])[1]
+    cell = collect_cells(folder, [1])[1]
     assert (cell["at"]["m2/m1"], cell["at"]["m1 in kg"], cell["at"]["k2 in N/m"]) == ("0.15", "2", "700000")
     (again,) = (line for what, line in cell["commands"] if what.startswith("once more"))
     options = dict(zip(*[iter(shlex.split(again)[2:])] * 2, strict=True))
-    collision, _, _ = asked({name[2:].replace("-", "_"): value for name, value in options.items()})
+    collision, _, _ = parse_collision({name[2:].replace("-", "_"): value for name, value in options.items()})
     assert collision.masses == (2.0, 0.3)
     assert collision.stiffnesses == pytest.approx((1e5, 7e5), rel=1e-15)
 

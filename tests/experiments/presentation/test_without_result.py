@@ -10,8 +10,8 @@ from rich.console import Console
 
 from impact_xval import Collision, solve
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.experiments.cells.compared import Compared
-from impact_xval.experiments.presentation.page.opened import opened_cells
+from impact_xval.experiments.cells.compared import SolverComparison
+from impact_xval.experiments.presentation.page.opened import collect_cells
 from impact_xval.experiments.presentation.views import show_status
 from impact_xval.experiments.sweep.status import status_of
 from impact_xval.experiments.tables.folder import RunFolder
@@ -39,7 +39,7 @@ def test_a_comparison_shows_numbers_without_a_result_marked_and_compares_none(pr
     model = solve(problem)
     velocities = tuple(v + 0.01 for v in model.velocities)
     withheld = dataclasses.replace(model, velocities=velocities, status=status, reason="too slow", path=None)
-    compared = Compared(problem, {"state-transition": model, "mujoco": withheld})
+    compared = SolverComparison(problem, {"state-transition": model, "mujoco": withheld})
     marked = [f"{v:.6f}*" for v in velocities]
     for shown in (str(compared), compared._repr_html_()):
         assert all(each in shown for each in marked)
@@ -47,7 +47,7 @@ def test_a_comparison_shows_numbers_without_a_result_marked_and_compares_none(pr
         assert "*: what the solver came to, but no result" in shown
         assert f"mujoco: {status}: too slow" in shown
     assert list(compared.scaled) == ["state-transition"]
-    assert "*" not in str(Compared(problem, {"state-transition": model}))
+    assert "*" not in str(SolverComparison(problem, {"state-transition": model}))
 
 
 @pytest.mark.parametrize("status", ["timeout", "unconverged"])
@@ -65,7 +65,7 @@ def test_a_cell_of_a_run_shows_numbers_without_a_result_marked(status, tmp_path,
         if row["solver"] == "mujoco"
     )
     assert (found["v1"], found["velocity_divergence"]) == (pytest.approx(model.v1 + 0.01), None)
-    results = {row["solver"]: row for row in opened_cells(RunFolder(root), [0])[0]["results"]}
+    results = {row["solver"]: row for row in collect_cells(RunFolder(root), [0])[0]["results"]}
     assert [row["result"] for row in results.values()] == [True, False]
     assert results["mujoco"]["velocities"] == pytest.approx([model.v1 + 0.01, model.v2])
 

@@ -14,12 +14,12 @@ from impact_xval.experiments.scoreboard import environments, playing
 from impact_xval.experiments.scoreboard.cases import CASE_SETUPS, USUAL
 from impact_xval.experiments.scoreboard.environments import (
     NotInstalledError,
+    find_reason,
     make_environment,
     read_requirement,
-    reason_in,
     solvers_by_distribution,
 )
-from impact_xval.experiments.scoreboard.releases import releases_in, releases_in_words, table_of_releases
+from impact_xval.experiments.scoreboard.releases import compare_releases, describe_releases, release_table
 
 #: Stands for uv: an environment sees what is installed here, and states the version that is asked for. Pymunk 7.8 dies
 #: where it is to work, Pymunk 7.9 iterates once, whatever is set; no 99 exists.
@@ -77,7 +77,7 @@ def test_versions_come_in_the_order_of_their_numbers_and_the_one_that_differs_is
     versions = {"3.10.0": OTHER, "3.9.0": SAME, "3.8.1": SAME, "4.0.0": OTHER}
     elsewhere = pd.concat([answers_of(version, v) for version, v in versions.items()])
     here = pd.concat([answers_of("4.1.0", OTHER), answers_of("9", SAME, solver="pymunk")])
-    found = releases_in(here, elsewhere)
+    found = compare_releases(here, elsewhere)
     assert [(each.version, each.before, each.differs) for each in found] == [
         ("3.8.1", None, False),
         ("3.9.0", "3.8.1", False),
@@ -85,7 +85,7 @@ def test_versions_come_in_the_order_of_their_numbers_and_the_one_that_differs_is
         ("4.0.0", "3.10.0", False),
         ("4.1.0", "4.0.0", False),
     ]
-    rows = {version: (count, cells) for _, version, count, *cells in table_of_releases(found, []).rows}
+    rows = {version: (count, cells) for _, version, count, *cells in release_table(found, []).rows}
     assert list(rows) == ["3.8.1", "3.9.0", "3.10.0 *", "4.0.0", "4.1.0"]
     assert rows["3.8.1"] == ("the first", ["-"] * len(CASE_SETUPS))
     asked = ["=" if case in ("cradle 1 on 2", "stack of 3") else "-" for case in CASE_SETUPS]
@@ -93,7 +93,7 @@ def test_versions_come_in_the_order_of_their_numbers_and_the_one_that_differs_is
     count, cells = rows["3.10.0 *"]
     assert (count, cells[list(CASE_SETUPS).index("cradle 1 on 2")]) == ("1 of 2", "0.05")
     assert set(cells) == {"0.05", "=", "-"}
-    (sentence,) = releases_in_words(found)
+    (sentence,) = describe_releases(found)
     assert (
         "3.10.0 moved 1 of 2 answers of 3.9.0, the farthest by 0.05 |v0| (cradle 1 on 2, e = 0.9" in sentence
     )
@@ -106,7 +106,7 @@ def test_a_version_without_an_answer_is_a_row_with_its_reason_and_the_next_is_he
     lost = answers_of("3.4.0", (np.nan,) * 3, status="timeout", reason="too long")
     lost.loc[1, "status"] = "ok"
     elsewhere = pd.concat([broken, answers_of("3.3.0", SAME), lost, answers_of("3.1.0", SAME)])
-    found = releases_in(elsewhere.head(0), elsewhere)
+    found = compare_releases(elsewhere.head(0), elsewhere)
     assert [(each.version, each.before, each.reason) for each in found] == [
         ("3.1.0", None, ""),
         ("3.2.0", None, "it is too old"),
@@ -114,7 +114,7 @@ def test_a_version_without_an_answer_is_a_row_with_its_reason_and_the_next_is_he
         ("3.4.0", "3.3.0", ""),
     ]
     error = NotInstalledError(Requirement("mujoco==99"), "there is none")
-    *_, changed, missing = table_of_releases(found, [error]).rows
+    *_, changed, missing = release_table(found, [error]).rows
     assert changed[3 + list(CASE_SETUPS).index("cradle 1 on 2")] == "!"
     assert missing[:3] == ("mujoco", "mujoco==99", "not installed: there is none")
 
@@ -122,7 +122,7 @@ def test_a_version_without_an_answer_is_a_row_with_its_reason_and_the_next_is_he
 def test_an_engine_that_is_not_installed_here_is_no_version():
     here = answers_of("", (np.nan,) * 3, status="unavailable", reason="it is not installed").assign(v1=np.nan)
     elsewhere = pd.concat([answers_of("1", SAME), answers_of("2", OTHER)])
-    assert [(each.version, each.differs) for each in releases_in(here, elsewhere)] == [
+    assert [(each.version, each.differs) for each in compare_releases(here, elsewhere)] == [
         ("1", False),
         ("2", True),
     ]
@@ -130,7 +130,7 @@ def test_an_engine_that_is_not_installed_here_is_no_version():
 
 def test_engines_that_answer_the_same_are_said_together():
     elsewhere = [answers_of(version, SAME, solver) for solver in ("dart", "mujoco") for version in ("1", "2")]
-    said = releases_in_words(releases_in(elsewhere[0].head(0), pd.concat(elsewhere)))
+    said = describe_releases(compare_releases(elsewhere[0].head(0), pd.concat(elsewhere)))
     assert said == [
         "MuJoCo (mapped) answers the same in mujoco 1 and 2.",
         "DART answers the same in dartpy 1 and 2.",
@@ -177,7 +177,7 @@ def test_every_engine_has_a_distribution():
     ],
 )
 def test_the_reason_is_what_the_installer_says(printed, reason):
-    assert reason_in(printed) == reason
+    assert find_reason(printed) == reason
 
 
 def test_where_nothing_can_be_installed_that_is_all_that_is_said(refused, uv, tmp_path):

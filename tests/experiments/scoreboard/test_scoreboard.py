@@ -14,9 +14,14 @@ from markupsafe import escape
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.rigid.laws import follow
 from impact_xval.experiments.scoreboard import cases, playing
-from impact_xval.experiments.scoreboard.cases import CASE_SETUPS, CASES, MIRRORED, USUAL, arrangements
-from impact_xval.experiments.scoreboard.judging import judge, laws, moved
-from impact_xval.experiments.scoreboard.page import board_of, how, worst_of, write_all
+from impact_xval.experiments.scoreboard.cases import CASE_SETUPS, CASES, MIRRORED, USUAL, arrange_scenes
+from impact_xval.experiments.scoreboard.judging import find_nearest_laws, judge_answers, list_moved_answers
+from impact_xval.experiments.scoreboard.page import (
+    board_table,
+    describe_law,
+    worst_case_table,
+    write_scoreboard,
+)
 from impact_xval.experiments.sweep.pool import Slot
 from impact_xval.experiments.tables.numbers import number
 
@@ -42,7 +47,7 @@ def test_distances_energy_and_spread_are_those_of_their_definitions():
         answer("engine", BASIC, (1.0, 0.2), "half the step"),
         answer("engine", BASIC, (np.nan, np.nan), "apart by 1e-4", status="timeout"),
     ]
-    found = judge(pd.DataFrame(rows)).set_index("solver").loc["engine"]
+    found = judge_answers(pd.DataFrame(rows)).set_index("solver").loc["engine"]
     assert found["D_newton-restitution"] == found.D_nearest == pytest.approx(np.sqrt(2 * 0.1**2), rel=1e-12)
     assert found.nearest == "newton-restitution, poisson-restitution"
     assert found.spread == pytest.approx(np.sqrt((2 / 9) ** 2 + 2 * (4 / 9 - 0.1) ** 2), rel=1e-12)
@@ -50,7 +55,9 @@ def test_distances_energy_and_spread_are_those_of_their_definitions():
     assert found.step_spread == pytest.approx(np.sqrt(2 * 0.1**2), rel=1e-12)
     assert np.isnan(found.momentum_error)
     # Momentum is that of a line without a table.
-    found = judge(pd.DataFrame([answer("engine", ("cradle 1 on 2", 0.5), (-0.1, -0.2, -0.6))])).iloc[0]
+    found = judge_answers(pd.DataFrame([answer("engine", ("cradle 1 on 2", 0.5), (-0.1, -0.2, -0.6))])).iloc[
+        0
+    ]
     assert (found.momentum_error, found.energy_gained) == (pytest.approx(0.1, rel=1e-12), 0)
 
 
@@ -58,21 +65,21 @@ def test_of_placements_that_move_an_answer_alike_to_rounding_the_last_is_named()
     moved = {USUAL: 0.0, "apart by 1e-6": 0.3, "apart by 1e-4": np.nextafter(0.3, 0)}
     size = {case: len(chain.masses) for case, chain in CASES.items()}
     rows = [answer("engine", case, [v] * n, name) for name, v in moved.items() for case, n in size.items()]
-    assert set(judge(pd.DataFrame(rows)).spread_of) == {"apart by 1e-4"}
+    assert set(judge_answers(pd.DataFrame(rows)).spread_of) == {"apart by 1e-4"}
 
 
 def test_the_law_of_an_engine_is_the_one_that_is_near_to_all_it_answers():
     every = [case for case in CASES if case[1] in (1.0, 0.5) and "apart" not in case[0]]
     rows = [row for case in every for row in of_laws(case)]
     rows += [answer("engine", case, follow(CASES[case], "sequential-top").v + 1e-4) for case in every]
-    found = laws(judge(pd.DataFrame(rows))).loc["engine"]
+    found = find_nearest_laws(judge_answers(pd.DataFrame(rows))).loc["engine"]
     assert (found.law, found.cases) == ("sequential-top", len(every))
     assert 1e-4 < found.farthest < 1e-3 < found.next_farthest
 
 
 def test_rigid_engines_end_elsewhere_where_bodies_do_not_quite_touch():
     pytest.importorskip("pymunk")
-    found = {arrangement: v for arrangement, *_, v in cases.answers_to(None, "pymunk", *BASIC)}
+    found = {arrangement: v for arrangement, *_, v in cases.answer_case(None, "pymunk", *BASIC)}
     for name in (USUAL, "overlapping by 1e-6", "overlapping by 1e-4", "half the step", "twice the step"):
         assert found[name] == pytest.approx((1.0, 0.0), abs=1e-12), name  # at once
     for name in ("apart by 1e-6", "apart by 1e-4"):
@@ -81,13 +88,13 @@ def test_rigid_engines_end_elsewhere_where_bodies_do_not_quite_touch():
 
 def test_gaps_are_those_that_are_said_and_a_mirrored_line_is_numbered_as_the_others():
     engine, case = get_solver("mujoco"), ("cradle 2 on 3", 0.9)
-    scenes = arrangements(engine, CASES[case])
+    scenes = arrange_scenes(engine, CASES[case])
     usual, radius = scenes[USUAL], 2.0**-11  # four depths, sqrt(m/k) |v0| and less: the next power of two
     for name, gap in (("apart by 1e-4", 1e-4), ("overlapping by 1e-6", -1e-6)):
         change = np.diff(scenes[name].heights) - np.diff(usual.heights)
         assert change == pytest.approx([-gap * radius] * 4, rel=1e-9)
     assert np.ptp(np.subtract(scenes["moved by 0.37 radii"].heights, usual.heights)) == 0
-    found = {arrangement: v for arrangement, *_, v in cases.answers_to(None, "mujoco", *case)}
+    found = {arrangement: v for arrangement, *_, v in cases.answer_case(None, "mujoco", *case)}
     assert found[MIRRORED] == pytest.approx(found[USUAL], abs=1e-7)
 
 
@@ -119,12 +126,12 @@ def test_a_baseline_catches_an_answer_that_moved_and_an_engine_that_is_gone(
 
 def test_what_moved_is_a_status_an_answer_or_a_velocity():
     before = pd.DataFrame(of_laws(BASIC))
-    assert moved(before, before.copy(), 0.0).empty
+    assert list_moved_answers(before, before.copy(), 0.0).empty
     slower = before.assign(v1=before.v1 * (1 - 1e-6))
-    assert len(moved(before, slower, 1e-7)) == 3
-    assert moved(before, slower, 1e-5).empty
-    assert len(moved(before, before.assign(status="timeout"), 1.0)) == 3
-    assert len(moved(before, before.assign(v1=np.nan), 1.0)) == 3
+    assert len(list_moved_answers(before, slower, 1e-7)) == 3
+    assert list_moved_answers(before, slower, 1e-5).empty
+    assert len(list_moved_answers(before, before.assign(status="timeout"), 1.0)) == 3
+    assert len(list_moved_answers(before, before.assign(v1=np.nan), 1.0)) == 3
 
 
 def dies(_, name, case, e):
@@ -135,9 +142,9 @@ def dies(_, name, case, e):
 
 @pytest.mark.nightly
 def test_an_engine_that_dies_costs_the_answers_it_does_not_give(monkeypatch, tmp_path):
-    monkeypatch.setattr(playing, "answers_to", dies)
+    monkeypatch.setattr(playing, "answer_case", dies)
     with contextlib.closing(Slot()) as slot:
-        found = pd.DataFrame(playing._answered(slot, "newton-restitution", tmp_path))
+        found = pd.DataFrame(playing._answer_all_cases(slot, "newton-restitution", tmp_path))
     said = {*zip(found.case == "stack of 3", found.status, found.reason, strict=True)}
     assert said == {(True, "crashed", "its process died: exit code 7"), (False, "ok", "")}
 
@@ -155,33 +162,33 @@ def test_the_page_shows_the_numbers_of_the_board_and_text_stays_text(tmp_path):
     rows = [row for case in every for row in of_laws(case)]
     rows += [answer("dart", case, follow(CASES[case], "newton-restitution").v + 0.003) for case in every]
     rows[-1] |= {"status": "timeout", "reason": "<script>alert(1)</script>", "v1": np.nan}
-    said_of = write_all(pd.DataFrame(rows), tmp_path)
+    said_of = write_scoreboard(pd.DataFrame(rows), tmp_path)
     page = page_in(tmp_path)
     assert "<script>alert" not in page
-    judged = judge(pd.DataFrame(rows))
-    found = laws(judged)
-    ((name, said, *cells),) = board_of(judged, found).rows
+    judged = judge_answers(pd.DataFrame(rows))
+    found = find_nearest_laws(judged)
+    ((name, said, *cells),) = board_table(judged, found).rows
     farthest = number(judged[judged.solver == "dart"]["D_newton-restitution"].max(), 2)
     newton = "by Newton's restitution, all contacts at once"
     assert (name, said) == ("DART", newton)
-    assert how(found.loc["dart"]) == f"{newton}; poisson-restitution says the same here"
+    assert describe_law(found.loc["dart"]) == f"{newton}; poisson-restitution says the same here"
     assert said_of[1].startswith(f"DART answers {newton}; poisson")
     assert cells == [farthest if case == "cradle 1 on 4" else "-" for case in CASE_SETUPS]
     assert (found.version["dart"], found.cases["dart"]) == ("1", 3)
-    for table in (board_of(judged, found), worst_of(found)):
+    for table in (board_table(judged, found), worst_case_table(found)):
         assert rows_of(table)[0] in page
 
 
 def test_the_published_board_is_what_its_page_and_docs_say():
     folder = Path(__file__).parents[3] / "docs" / "scoreboard"
-    judged = judge(pd.read_parquet(folder / "answers.parquet"))
-    found = laws(judged)
+    judged = judge_answers(pd.read_parquet(folder / "answers.parquet"))
+    found = find_nearest_laws(judged)
     text, page = (folder.parent / "scoreboard.md").read_text(), page_in(folder)
-    shown = rows_of(board_of(judged, found))
+    shown = rows_of(board_table(judged, found))
     assert len(shown) == 21
     for row, (name, its) in zip(shown, found.iterrows(), strict=True):
         assert row in page
-        says = how(its) + f" (nearest: {its.law})" * (how(its) == "as no exact law")
+        says = describe_law(its) + f" (nearest: {its.law})" * (describe_law(its) == "as no exact law")
         (line,) = (line for line in text.splitlines() if line.startswith(f"| {says} |"))
         cell = f"`{name}`: {number(its.farthest, 2)}, {number(its.spread, 2)}"
         assert cell in line.removesuffix(" |").split(" | ")[1].split("; ")

@@ -17,7 +17,7 @@ def test_neither_an_interrupt_nor_a_worker_that_dies_changes_a_byte(tmp_path):
     distributed = pytest.importorskip("distributed")
     cells = {"sample": {"n": 80, "seed": 1}, "chunk_size": 3}
     config = parse_config({"solvers": ["kelvin-voigt", "mujoco"], "step_fraction": 0.01} | cells)
-    undisturbed = tables_of(run_sweep(config, tmp_path / "undisturbed", workers=1).root)
+    undisturbed = tables_of(run_sweep(config, tmp_path / "undisturbed", workers=1).folder.root)
 
     def workers():
         return [psutil.Process(each.pid) for each in cluster.workers.values() if each.pid is not None]

@@ -14,7 +14,7 @@ from impact_xval.experiments.measures.hausdorff import distances
 from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.sweep.chunk import warm
 from impact_xval.experiments.sweep.process import Worker
-from impact_xval.experiments.sweep.rows import Experiment, solve_by
+from impact_xval.experiments.sweep.rows import Experiment, solve_all
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.model.chain.kernel import follow_chains
 from impact_xval.model.pair.kernel import collide_all
@@ -58,7 +58,7 @@ def test_every_failure_of_a_plug_in_is_found_named_and_costs_its_cell(tmp_path, 
     monkeypatch.syspath_prepend(str(tmp_path / "site"))
     e1 = [fakes.SEGFAULT, fakes.RAISE, fakes.SHORT, *[0.9] * 9, fakes.HANG]
     config = _config(tmp_path, e1, solvers=["bad", "lost", "kelvin-voigt"], chunk_size=2)
-    folder = run_sweep(config, tmp_path / "a", workers=2)
+    folder = run_sweep(config, tmp_path / "a", workers=2).folder
     failed = _failed(_rows(tmp_path / "a"))
     lost = {failed.pop((cell, "lost")) for cell in range(13)}
     assert failed == {(cell, "bad"): SAID[each] for cell, each in enumerate(e1) if each != 0.9}
@@ -95,7 +95,7 @@ def test_processes_that_are_killed_cost_nothing_but_time(tmp_path):
     # Each new process is made ready first: else the five seconds of that were beyond the limit of a cell.
     run_sweep(config, tmp_path / "a", workers=2, resolve=fakes.slow_to_start, progress=kill)
     assert killed
-    whole = run_sweep(config, tmp_path / "b", isolate=False, resolve=fakes.shifted)
+    whole = run_sweep(config, tmp_path / "b", isolate=False, resolve=fakes.shifted).folder
     assert tables_of(tmp_path / "a") == tables_of(whole.root)
 
 
@@ -117,6 +117,5 @@ def _compiled(experiment):
     before = [kernel.signatures for kernel in kernels]
     block = experiment_cells(experiment.config).block(range(12))
     for some in (block, block[:3], block[1:2], block[::2], pickle.loads(pickle.dumps(block))):
-        for name in names:
-            solve_by(experiment, name, some, {})
+        solve_all(experiment, some)
     return before, [kernel.signatures for kernel in kernels]

@@ -7,6 +7,8 @@ import os
 import signal
 import subprocess
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import psutil
@@ -14,13 +16,13 @@ import pytest
 from filelock import FileLock
 
 from impact_xval.experiments.config.errors import InterruptedRunError
-from impact_xval.experiments.config.experiment import load_config
+from impact_xval.experiments.config.experiment import load_config, parse_config
 from impact_xval.experiments.sweep import run as sweep
-from impact_xval.experiments.sweep.run import run_sweep
+from impact_xval.experiments.sweep.run import present_once, run_sweep
 from impact_xval.experiments.sweep.status import status_of
-from impact_xval.experiments.tables.folder import new_folder, write_text
+from impact_xval.experiments.tables.folder import new_folder, tables_lock, write_text
 from tests.experiments import fakes
-from tests.experiments.conftest import resumed, swept, tables_of
+from tests.experiments.conftest import SMALL, resumed, swept, tables_of
 from tests.waiting import gone, wait_until
 
 ROOT = Path(__file__).parents[3]
@@ -130,6 +132,58 @@ def test_a_run_that_is_interrupted_at_any_step_goes_on_by_the_same_command(
         ended_at(patched, root, name, after, interrupt)
     resumed(root)
     assert tables_of(root) == tables_of(fake_run.root)
+
+
+def test_two_shards_that_finish_at_once_present_once_and_hold_no_lock_of_tables(tmp_path):
+    results = [run_shard(tmp_path / "a", shard) for shard in ((1, 2), (2, 2), (1, 2))]
+    assert [result.tables_complete for result in results] == [False, True, True]
+    seen, both_there = [], threading.Barrier(2)
+
+    def present(folder, _apart):
+        with tables_lock(folder).acquire(timeout=0):
+            seen.append(folder.manifest()["state"])
+        return "presented"
+
+    def present_with_the_other():
+        both_there.wait()
+        return present_once(results[-1], present, isolate=False)
+
+    with ThreadPoolExecutor(2) as threads:
+        calls = [threads.submit(present_with_the_other) for _ in range(2)]
+    assert seen == ["tables"]
+    assert {call.result() for call in calls} == {"presented", None}
+    assert status_of(tmp_path / "a").state == "complete"
+    assert len(results[0].folder.manifest()["sessions"]) == 3
+
+
+def test_where_a_shard_is_stopped_while_it_presents_the_other_one_does(tmp_path):
+    run_shard(tmp_path / "a", (1, 2))
+    result = run_shard(tmp_path / "a", (2, 2))
+
+    def stopped(folder, _apart):
+        raise KeyboardInterrupt
+
+    with pytest.raises(InterruptedRunError, match=r"^interrupted$"):
+        present_once(result, stopped, isolate=False)
+    assert status_of(tmp_path / "a").state == "stopped"
+    assert present_once(result, lambda folder, _apart: folder.root.name, isolate=False) == "a"
+    assert status_of(tmp_path / "a").state == "complete"
+
+
+def test_a_session_that_begins_while_a_page_is_drawn_is_not_called_complete(tmp_path):
+    result = run_shard(tmp_path / "a", (1, 1))
+
+    def present(folder, _apart):
+        folder.write_manifest(folder.manifest() | {"state": "running"})
+
+    present_once(result, present, isolate=False)
+    assert result.folder.manifest()["state"] == "running"
+
+
+def run_shard(root, shard):
+    """Run a shard of `SMALL` in this process, up to its tables."""
+    how = {"isolate": False, "resolve": fakes.shifted, "to_be_presented": True}
+    return run_sweep(parse_config(SMALL), root, shard=shard, **how)
 
 
 @pytest.fixture(scope="module")
@@ -332,4 +386,4 @@ def test_kills_change_no_byte(tmp_path, kills, preloaded):
     said = resumed(root, config, resolve=fakes.slow)
     assert any(" of 6 parts are there and whole" in line for line in said)
     assert not list(root.rglob(".tmp-*"))
-    assert tables_of(root) == tables_of(left_alone.root)
+    assert tables_of(root) == tables_of(left_alone.folder.root)

@@ -9,11 +9,18 @@ import pytest
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.config.cells import experiment_cells
-from impact_xval.experiments.config.experiment import parse_config
+from impact_xval.experiments.config.experiment import REFERENCE, parse_config
 from impact_xval.experiments.measures.divergence import results_of
 from impact_xval.experiments.sweep.chunk import Chunk
 from impact_xval.experiments.sweep.process import FaultError
-from impact_xval.experiments.sweep.rows import Experiment, completed, solve_all, solve_by
+from impact_xval.experiments.sweep.rows import (
+    Experiment,
+    complete_rows,
+    model_as_comparison,
+    solve_all,
+    solve_and_compare,
+    solve_by_model,
+)
 from impact_xval.model.path import Path
 from tests.experiments import fakes
 
@@ -30,10 +37,9 @@ def test_order_and_company_change_no_bit(chain):
     config = parse_config({"solvers": EXACT, "chain": axes}) if chain else config_of()
     experiment, cells = Experiment(config), experiment_cells(config)
     whole = solve_all(experiment, cells.block(range(len(cells))))
-    for name in EXACT:
-        rows = whole.filter([each == name for each in whole["solver"].to_pylist()])
-        for start, stop in ((0, 1), (5, 12)):
-            assert solve_by(experiment, name, cells.block(range(start, stop)), {}).equals(rows[start:stop])
+    for start, stop in ((0, 1), (5, 12)):
+        rows = solve_all(experiment, cells.block(range(start, stop)))
+        assert rows.equals(whole[start * len(EXACT) : stop * len(EXACT)])
 
 
 def test_rows_of_velocities_alone_are_the_same_velocities_without_curves_and_marks():
@@ -56,7 +62,7 @@ def test_arrays_say_what_outcomes_say_one_by_one():
                 getattr(arrays, field), getattr(single, field), err_msg=f"{name} {field}"
             )
         assert (arrays.states, arrays.compared) == (single.states, single.compared)
-        np.testing.assert_array_equal(arrays.paths.impulses, single.paths.impulses)
+        np.testing.assert_array_equal(arrays.curves.impulses, single.curves.impulses)
 
 
 class _Nonsense(fakes.Shifted):
@@ -74,7 +80,7 @@ def test_an_outcome_of_which_no_measure_can_be_made_costs_its_own_row():
     config = config_of(solvers=["mujoco"], sample={"n": 16, "seed": 1, "e1": {"linear": [0.5, 1.0]}})
     experiment = Experiment(config, _Nonsense.resolve)
     block = experiment_cells(config).block(range(16))
-    rows = solve_by(experiment, "mujoco", block, {}).to_pylist()
+    rows = [row for row in solve_all(experiment, block).to_pylist() if row["solver"] == "mujoco"]
     for row in rows:
         assert (row["status"] == "crashed") == (row["e1"] > 0.9), row
         assert row["status"] != "crashed" or row["reason"].startswith("measuring its outcome: ")
@@ -85,17 +91,21 @@ def test_a_ladder_that_fails_costs_its_own_cell():
     config = config_of(solvers=["mujoco"], sample={"n": 8, "seed": 2})
     experiment = Experiment(config, fakes.Shifted.resolve)
     block = experiment_cells(config).block(range(8))
-    rows = solve_all(experiment, block).take(np.arange(16).reshape(2, 8).T.ravel())
-    whole = completed(experiment, block, rows)
+    model = solve_by_model(experiment, block)
+    comparisons = {
+        REFERENCE: model_as_comparison(model),
+        "mujoco": solve_and_compare(experiment, "mujoco", block, model),
+    }
+    whole = complete_rows(experiment, block, comparisons)
 
-    def call(solver, function, block, rows, timeout):
+    def call(solver, function, block, comparisons, timeout):
         if {3, 7} & set(block.index.tolist()):
             raise FaultError("crashed", "its process died: SIGSEGV")
-        return function(experiment, block, rows)
+        return function(experiment, block, comparisons)
 
     chunk = Chunk(SimpleNamespace(context=experiment, call=call), block)
-    found = [row for piece in chunk.completed(rows) for row in piece.to_pylist()]
-    for row, other in zip(found, whole.to_pylist(), strict=True):
+    rows = chunk.rows(comparisons).to_pylist()
+    for row, other in zip(rows, whole.to_pylist(), strict=True):
         if row["solver"] == "mujoco" and row["cell"] in (3, 7):
             assert (row["ladder_status"], row["ladder_dv1"]) == ("crashed", None)
             assert row["ladder_reason"] == "ladder: its process died: SIGSEGV"

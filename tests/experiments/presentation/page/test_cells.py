@@ -9,9 +9,9 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from impact_xval.experiments.presentation.page.opened import opened_cells
-from impact_xval.experiments.presentation.page.page import cells_that_open
-from impact_xval.experiments.presentation.report import present
+from impact_xval.experiments.presentation.page.opened import collect_cells
+from impact_xval.experiments.presentation.page.page import pack_opening_cells
+from impact_xval.experiments.presentation.report import present_run
 from impact_xval.experiments.sweep.process import FaultError
 from impact_xval.experiments.tables.folder import RunFolder
 
@@ -20,7 +20,7 @@ CELLS = [0, 7, 11]
 
 @pytest.fixture(scope="module")
 def cells(engine_run):
-    return opened_cells(RunFolder(engine_run), CELLS)
+    return collect_cells(RunFolder(engine_run), CELLS)
 
 
 def test_it_shows_the_tables(engine_run, cells):
@@ -39,7 +39,7 @@ def test_it_shows_the_tables(engine_run, cells):
 
 
 def test_a_chain_without_a_result_says_why(chain_run):
-    cell = opened_cells(RunFolder(chain_run), [2])[2]
+    cell = collect_cells(RunFolder(chain_run), [2])[2]
     assert cell["causes"][0].startswith("MuJoCo: exponent = 1.5: ")
     assert [row["velocities"] for row in cell["results"] if row["solver"] == "mujoco"] == [[None, None]]
 
@@ -61,7 +61,7 @@ def test_curves_end_where_the_tables_do_and_the_scene_is_one(cells):
 )
 def test_its_commands_can_be_pasted(run, cell, count, request, monkeypatch, command):
     root = request.getfixturevalue(run)
-    opened = opened_cells(RunFolder(root), [cell])[cell]
+    opened = collect_cells(RunFolder(root), [cell])[cell]
     *others, solve, film = commands = [shlex.split(line)[1:] for _, line in opened["commands"]]
     assert len(commands) == count
     monkeypatch.chdir(root.parent)
@@ -77,5 +77,5 @@ def test_its_commands_can_be_pasted(run, cell, count, request, monkeypatch, comm
 def test_a_process_that_is_killed_while_it_collects_them_costs_nothing(engine_run, tmp_path):
     root, killed = Path(shutil.copytree(engine_run, tmp_path / engine_run.name)), Future()
     killed.set_exception(FaultError("crashed", "its process died: SIGKILL"))
-    present(RunFolder(root), lambda *_: killed)
-    assert cells_that_open(None, RunFolder(root)) in (root / "report.html").read_text(encoding="utf-8")
+    present_run(RunFolder(root), lambda *_: killed)
+    assert pack_opening_cells(None, RunFolder(root)) in (root / "report.html").read_text(encoding="utf-8")

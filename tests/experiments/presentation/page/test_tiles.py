@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 
 from impact_xval.experiments.measures.summary import load_divergence
-from impact_xval.experiments.presentation.page.charts import TILES, tiles_of
+from impact_xval.experiments.presentation.page.charts import TILES, make_tiles
 from impact_xval.experiments.tables.folder import finished
 from tests.experiments.conftest import swept
 
@@ -14,7 +14,7 @@ def tiles(root, **config):
     if config:
         swept(root, solvers=["kelvin-voigt", "bistiffness"], chunk_size=None, **config)
     folder = finished(root)
-    return tiles_of(load_divergence(folder, folder.config())), pd.read_parquet(root / "divergence.parquet")
+    return make_tiles(load_divergence(folder, folder.config())), pd.read_parquet(root / "divergence.parquet")
 
 
 def test_a_tile_of_a_grid_is_a_cell(engine_run):

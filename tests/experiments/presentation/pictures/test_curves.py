@@ -10,8 +10,8 @@ import pytest
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.presentation.pictures.curves import draw_collision, drawn_paths
-from impact_xval.experiments.presentation.pictures.history import history_of
+from impact_xval.experiments.presentation.pictures.curves import draw_collision, drawable_paths
+from impact_xval.experiments.presentation.pictures.history import make_history
 from impact_xval.experiments.presentation.pictures.supplement import draw_supplement_figures
 from impact_xval.model import Collision, Outcome, solve
 from tests.model.oracle import solve_oracle
@@ -88,7 +88,7 @@ def test_curves_of_one_collision_end_at_the_printed_numbers_whatever_the_units()
         "kelvin-voigt": get_solver("kelvin-voigt").solve(collision, Settings(record_path=True)),
         "mujoco": Outcome.failure("mujoco", collision, "timeout", "too long"),
     }
-    figure = draw_collision(collision, drawn_paths(collision, outcomes))
+    figure = draw_collision(collision, drawable_paths(collision, outcomes))
     curve, *velocities = (drawn(ax, "the model") for ax in figure.axes)
     ends = impulses(*EXACT_1B)
     assert curve[-1] == pytest.approx(ends, abs=1e-11)
@@ -112,7 +112,7 @@ ELASTIC = Collision.two_balls(m1=2.0, m2=3.0, k1=1e6, k2=3e6, e1=1.0, e2=1.0, v0
 
 def of(name, **settings):
     outcome = get_solver(name).solve(ELASTIC, Settings(record_path=True, **settings))
-    return outcome, history_of(ELASTIC, outcome.path, settings.get("gravity", 0.0))
+    return outcome, make_history(ELASTIC, outcome.path, settings.get("gravity", 0.0))
 
 
 @pytest.mark.parametrize("name", ["kelvin-voigt", "mujoco"])
@@ -144,4 +144,4 @@ def test_a_drop_begins_where_the_table_carries_b2():
 
 def test_without_a_finite_clock_there_is_no_history():
     collision = Collision.from_ratios(0.0, 1.0, 0.9, 0.7)
-    assert history_of(collision, solve(collision, path=True).path) is None
+    assert make_history(collision, solve(collision, path=True).path) is None

@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 
 from impact_xval.experiments.measures.ladder import CONTRIBUTIONS
-from impact_xval.experiments.presentation.pictures.ladders import draw_trust, trust_of
+from impact_xval.experiments.presentation.pictures.ladders import draw_trust, make_trust_maps
 from tests.experiments import fakes
 from tests.experiments.conftest import SMALL, swept
 
@@ -13,7 +13,7 @@ def trusted(root, **fields):
     """Run an experiment; its trust, and the ladders of its engine."""
     folder = swept(root, fakes.shifted if "sample" in fields else fakes.graded, **fields)
     table = pd.read_parquet(folder.root / "ladder.parquet")
-    return trust_of(folder, folder.config()), table[table.solver == "mujoco"]
+    return make_trust_maps(folder, folder.config()), table[table.solver == "mujoco"]
 
 
 @pytest.fixture(scope="module")

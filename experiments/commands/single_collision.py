@@ -15,33 +15,34 @@ from impact_xval.experiments.commands.options import (
     argument,
     flag,
     known_solvers,
-    of_one_collision,
-    one_of,
     option,
-    path,
+    parse_path,
     print_json,
-    whole,
+    whole_number_parser,
+    with_collision_options,
+    word_parser,
 )
-from impact_xval.experiments.config.collision_options import OF_CHAIN, asked
+from impact_xval.experiments.config.collision_options import OF_CHAIN, parse_collision
 from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
     from impact_xval.compliant_baselines import Settings
-    from impact_xval.experiments.cells.compared import Compared
+    from impact_xval.experiments.cells.compared import SolverComparison
+    from impact_xval.experiments.config.arrangements import ChainSetup
     from impact_xval.experiments.config.experiment import Config
     from impact_xval.model import Collision
 
-#: What is drawn, and what moves, by the suffix of the file.
+#: Suffixes of pictures, and of files that show motion.
 _PICTURES, _FILMS = (".png", ".svg", ".pdf"), (".gif", ".html")
-#: Points of the path of a chain that moves: of many balls it is large to be sent.
+#: Most points of the path of a chain that is shown in motion: a path of many balls is large to send.
 _POINTS = 4000
 #: Engines whose scenes can be written.
 _EXPORTED = ("mujoco", "pybullet")
 
 
 def _drawable(text: str) -> Path:
-    """Read the path of a picture or film, which is known to be legal before anything is computed."""
-    file = path(text)
+    """Read the path of a picture or film, and check before anything is computed that it can be written."""
+    file = parse_path(text)
     if file.suffix not in (*_PICTURES, *_FILMS) or file.is_dir():
         legal = f"a file that ends in {', '.join((*_PICTURES, *_FILMS))}"
         raise typer.BadParameter(f"{text!r:.60}; legal: {legal}")
@@ -53,8 +54,8 @@ def _drawable(text: str) -> Path:
     return file
 
 
-@of_one_collision()
-def solve(
+@with_collision_options()
+def solve_command(
     *,
     solver: Solvers = None,
     plot: Path | None = option(
@@ -73,7 +74,12 @@ def solve(
 
     Example: impact-xval solve --stiffness-ratio 40 --mass-ratio 1.15 --e1 0.9 --e2 0.7
     """
-    from impact_xval.experiments.presentation.terminal import error_line, make_console, say_waiting, show
+    from impact_xval.experiments.presentation.terminal import (
+        error_line,
+        make_console,
+        print_blocks,
+        say_waiting,
+    )
     from impact_xval.experiments.sweep.one import solvers_apart
 
     film = plot is not None and plot.suffix in _FILMS
@@ -81,46 +87,53 @@ def solve(
     with solvers_apart(solver or (), chains=chains) as apart:
         from impact_xval.compliant_baselines.registry import get_solver
 
-        collision, arranged, config = asked(typed)
-        points = None if arranged is None else _POINTS * film
+        collision, chain, config = parse_collision(typed)
+        points = _points_of_path(chain, film=film)
         outcomes = apart.solve(
             collision, config, known_solvers(solver), get_solver, say_waiting, points=points
         )
-    from impact_xval.experiments.cells.compared import Compared
+    from impact_xval.experiments.cells.compared import SolverComparison
 
-    compared = Compared(collision, outcomes, arranged, apart.versions)
+    compared = SolverComparison(collision, outcomes, chain, apart.versions)
     if json:
         print_json(compared.objects())
     else:
-        show(make_console(), compared.blocks())
+        print_blocks(make_console(), compared.blocks())
     if plot is not None:
-        error_line(f"{plot}: {_drawn(plot, compared, config)}")
+        error_line(f"{plot}: {_draw_into(plot, compared, config)}")
 
 
-def _drawn(file: Path, compared: Compared, config: Config) -> str:
-    """Draw a collision into a file, a picture or, beside the model, slow motion; its caption."""
-    from impact_xval.experiments.presentation.pictures.curves import caption, drawn_paths
+def _points_of_path(chain: ChainSetup | None, *, film: bool) -> int | None:
+    """Return how many points the path of a collision has: all for two balls, and of a chain none unless it moves."""
+    if chain is None:
+        return None
+    return _POINTS if film else 0
+
+
+def _draw_into(file: Path, compared: SolverComparison, config: Config) -> str:
+    """Draw a collision into a file, as a picture or in slow motion; return its caption."""
+    from impact_xval.experiments.presentation.pictures.curves import collision_caption, drawable_paths
     from impact_xval.experiments.presentation.pictures.motion import Motion, write_animation
-    from impact_xval.experiments.presentation.style import save_as
-    from impact_xval.experiments.presentation.terminal import at_work
+    from impact_xval.experiments.presentation.style import save_picture
+    from impact_xval.experiments.presentation.terminal import report_waiting
 
     problem, outcomes, film = compared.problem, compared.outcomes, file.suffix in _FILMS
     try:
-        drawn = Motion.of(problem, outcomes, config, compared.arranged) if film else compared.plot()
+        picture = Motion.of(problem, outcomes, config, compared.chain) if film else compared.plot()
     except ValueError as error:
         raise UserError(f"--plot {file}: {error}") from None
-    if isinstance(drawn, Motion):
-        with at_work("drawing the motion"):
-            write_animation(drawn, file)
-        return drawn.caption()
-    save_as(drawn, file)
+    if isinstance(picture, Motion):
+        with report_waiting("drawing the motion"):
+            write_animation(picture, file)
+        return picture.caption()
+    save_picture(picture, file)
     if compared.is_chain:
         return f"final velocities per |v0|, up is positive: {compared.setup}"
-    return caption(problem, drawn_paths(problem, outcomes), config.scenario)
+    return collision_caption(problem, drawable_paths(problem, outcomes), config.scenario)
 
 
-def explore(
-    port: int = option("N", "Port to listen at; 0: any free one.", whole(0, 65535), 5006),
+def explore_command(
+    port: int = option("N", "Port to listen at; 0: any free one.", whole_number_parser(0, 65535), 5006),
     no_browser: bool = flag("--no-browser", "Print the address, and open nothing."),
 ) -> None:
     """Move one collision by sliders in a browser.
@@ -141,13 +154,17 @@ def explore(
     explorer.explore(port, opened)
 
 
-@of_one_collision("arrangement", *OF_CHAIN, "cell_timeout")
-def scene(
-    folder: Path | None = argument("[DIR]", "Folder of a finished run, or a collision as solve.", path, None),
-    cell: int | None = argument("[N]", "Number of a cell of that run.", whole(0, 10**7), None),
+@with_collision_options("arrangement", *OF_CHAIN, "cell_timeout")
+def scene_command(
+    folder: Path | None = argument(
+        "[DIR]", "Folder of a finished run, or a collision as solve.", parse_path, None
+    ),
+    cell: int | None = argument("[N]", "Number of a cell of that run.", whole_number_parser(0, 10**7), None),
     *,
-    solver: list[str] | None = option("NAME", "'mujoco' or 'pybullet'; by default both.", one_of(*_EXPORTED)),
-    out: Path | None = option("DIR", "Folder to write; by default in scenes/.", path),
+    solver: list[str] | None = option(
+        "NAME", "'mujoco' or 'pybullet'; by default both.", word_parser(*_EXPORTED)
+    ),
+    out: Path | None = option("DIR", "Folder to write; by default in scenes/.", parse_path),
     **typed: str | None,
 ) -> None:
     """Write one cell as files for an engine alone.
@@ -163,7 +180,7 @@ def scene(
     from impact_xval.experiments.tables.folder import cells_of_run, finished_collisions
 
     if folder is None:
-        collision, _, config = asked(typed)
+        collision, _, config = parse_collision(typed)
         table, where = {}, "collision"
     else:
         if cell is None or any(typed.values()):
@@ -182,10 +199,13 @@ def scene(
 def _write_scenes(
     collision: Collision, settings: Settings, names: list[str], out: Path, table: dict[str, dict[str, Any]]
 ) -> None:
-    """Run a collision by every engine named, and only then write a folder for each; rows of a table are by solver."""
+    """Run a collision by every named engine, and only then write one folder per engine.
+
+    `table` has the rows of a run for this collision, by solver; the outcomes are shown beside them.
+    """
     from impact_xval.compliant_baselines import SolverError
     from impact_xval.compliant_baselines.paste import export_scene
-    from impact_xval.experiments.presentation.terminal import make_console, show
+    from impact_xval.experiments.presentation.terminal import make_console, print_blocks
     from impact_xval.experiments.tables.folder import write_text
 
     texts: dict[Path, str] = {}
@@ -210,4 +230,4 @@ def _write_scenes(
         except OSError as error:
             raise UserError(f"--out {out}: cannot be written to: {error.strerror}") from None
         write_text(file, text)
-    show(make_console(), [*lines, *(f"to check: python {out / name / 'run.py'}" for name in names)])
+    print_blocks(make_console(), [*lines, *(f"to check: python {out / name / 'run.py'}" for name in names)])
