@@ -2,7 +2,7 @@
 
 Run as ``python -m benchmarks.chains``. The chains are random: without a table, and piles and stacks on one;
 masses log-uniform over a decade, stiffnesses over two, restitutions uniform in [0.5, 1]. The slow way is scipy's
-solve_ivp with events on the first of the same chains (tests/model/column_reference.py), at rtol 1e-12 and 0.1 rad a
+solve_ivp with events on the first of the same chains (tests/model/chain_reference.py), at rtol 1e-12 and 0.1 rad a
 step, which is what it needs to miss few events. With ``--independent COUNT`` the model is compared with it on so many
 chains, N from 2 to 10, and nothing is timed. Times are the best of several repetitions; what was compiled is compiled
 before.
@@ -22,7 +22,7 @@ from benchmarks.state_transition import best_time, machine
 from impact_xval.compliant_baselines import Settings, get_solver
 from impact_xval.model import Collision, solve
 from impact_xval.model.solving import LAWS
-from tests.model.column_reference import integrate
+from tests.model.chain_reference import integrate
 
 #: Solvers by law.
 SOLVERS = dict(zip(LAWS, ("state-transition", "liu-zhao-brogliato"), strict=True))

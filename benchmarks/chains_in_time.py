@@ -1,7 +1,7 @@
 """References and engines for N balls: how well they hold, and how fast they are.
 
 ``python -m benchmarks.chains_in_time references`` compares the references with an independent integration in time
-(tests/model/column_reference.py) on random chains, N from 2 to 10, half of them with gaps, and counts
+(tests/model/chain_reference.py) on random chains, N from 2 to 10, half of them with gaps, and counts
 chains a second. ``... engines`` compares those of ``--engine`` at their limit dt -> 0 with the exact solver of their
 law, N from 3 to 10: how far the limit is off, and in how many chains by more than once and three times the error that
 was estimated; without gaps unless ``--with-gaps``. ``... gaps`` shows a cradle of steel balls whose gaps grow.
@@ -26,7 +26,7 @@ from impact_xval.compliant_baselines.registry import law_of
 from impact_xval.compliant_baselines.solver import Convergence
 from impact_xval.model import Collision
 from tests.compliant_baselines.reference_cells import coefficients_of, in_time
-from tests.model.column_reference import integrate
+from tests.model.chain_reference import integrate
 
 #: Laws and exponents that are compared, and the largest N: the integration has to be kept short of rigid contacts.
 CASES = (

@@ -3,7 +3,7 @@
 Run as ``python -m benchmarks.state_transition``. On the same random cells (k2/k1 log-uniform in [1e-2, 1e2], m2/m1
 log-uniform in [0.1, 10], e1 and e2 uniform in [0.3, 1]) it times `solve_batch` with one thread and with two, `solve`,
 and on the first cells the integration with events by scipy's DOP853 that the tests hold the model against
-(tests/model/column_reference.py). Times are the best of several repetitions; what was compiled is compiled before.
+(tests/model/chain_reference.py). Times are the best of several repetitions; what was compiled is compiled before.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.table import Table
 
 from impact_xval.model import Collision, solve, solve_batch
-from tests.model.column_reference import JME, integrate
+from tests.model.chain_reference import JME, integrate
 
 
 def random_cells(n: int, seed: int) -> np.ndarray:

@@ -100,7 +100,7 @@ CHAIN_PARAMETERS: Columns = (
 #: Solver of a row, and whether it has a result.
 SOLVER_AND_STATUS: Columns = (
     Column("solver", "text", "-", "name of the solver"),
-    Column("status", "text", "-", "ok, limit, or why there is no result"),
+    Column("status", "text", "-", "ok, closed-form, or why there is no result"),
     Column(
         "marked",
         "text",

@@ -66,7 +66,7 @@ def random_gravity(n, seed):
     return 10 ** np.random.default_rng(seed).uniform(-3, -0.5, n)
 
 
-def chain(*velocities, e=1.0, masses=None, gap=0.0, table=False):
+def make_chain(*velocities, e=1.0, masses=None, gap=0.0, table=False):
     """Balls that are alike but for what is said."""
     n = len(velocities)
     k, e, gaps = ((value,) * (n - 1 + table) for value in (1.0, e, gap))

@@ -71,7 +71,7 @@ def test_an_illegal_line_of_balls_is_refused_by_field_value_and_range():
 
 
 def test_an_illegal_way_to_solve_is_refused_by_name():
-    refuses("a column on a table has no reverse", Collision.from_ratios(1, 1, 1, 1).reversed)
+    refuses("a chain on a table has no reverse", Collision.from_ratios(1, 1, 1, 1).reversed)
     says = "law = 'newton'; legal: jia-mason-erdmann, liu-zhao-brogliato"
     refuses(says, solve, collision=Collision(**LINE), law="newton")
     refuses(says, solve_batch, **RATIOS, law="newton")

@@ -10,7 +10,7 @@ from impact_xval.model.inputs import GRAZING_THRESHOLD
 from impact_xval.model.pair.grazing import CUTOFF, CUTOFF_THRESHOLD, GRAZING
 from impact_xval.model.pair.limits import BOUND
 from tests.compliant_baselines.reference_cells import random_cells
-from tests.model.column_reference import LZB, integrate
+from tests.model.chain_reference import LZB, integrate
 from tests.model.oracle import solve_oracle
 
 #: The supplement's cut-off changes the outcome of this cell by 0.19: a ringing ball-ball contact takes v2 through zero

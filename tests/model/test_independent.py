@@ -1,4 +1,4 @@
-"""Two balls against two independent integrations: in time (column_reference) and in impulse space (oracle)."""
+"""Two balls against two independent integrations: in time (chain_reference) and in impulse space (oracle)."""
 
 import math
 from itertools import product
@@ -8,8 +8,8 @@ import pytest
 
 from impact_xval.model import SUPPLEMENT_CUTOFF, Collision, solve, solve_batch
 from tests.compliant_baselines.reference_cells import random_cells
-from tests.model.column_reference import LZB, integrate
-from tests.model.columns import assert_integrated
+from tests.model.chain_reference import LZB, integrate
+from tests.model.chains import assert_integrated
 from tests.model.oracle import solve_oracle
 
 #: Cells whose compression rate turned around this near zero are told apart: beside a jump, rounding decides.

@@ -22,7 +22,7 @@ expand_product, window_length = from_python(series.expand_product), from_python(
 settled = from_python(drop.settles)
 
 
-def chain(state, mu, k1, k2, c1, c2, g=0.0, law=Law.KELVIN_VOIGT):
+def make_chain(state, mu, k1, k2, c1, c2, g=0.0, law=Law.KELVIN_VOIGT):
     """Two balls on a table in a state (p1, d1, q2, v2), m1 = 1; a contact without a stiffness does not act."""
     stiffnesses = np.array([k1 or 1.0, k2 or 1.0])
     rates, dampings = np.array([1.0, 0.0]), np.array([c1, c2])
@@ -77,18 +77,18 @@ def test_over_a_window_the_series_is_the_motion():
     for _ in range(60):
         mu, k1, k2, c1, c2 = 10 ** rng.uniform([-1, -2, -2, -2, -2], [1, 2, 2, 1, 1])
         on1, on2 = rng.integers(0, 2, 2)
-        column, state = (mu, k1 * on1, k2 * on2, c1 * on1, c2 * on2, 0.7), rng.uniform(-1, 1, 4)
-        c = chain(state, *column)
+        chain, state = (mu, k1 * on1, k2 * on2, c1 * on1, c2 * on2, 0.7), rng.uniform(-1, 1, 4)
+        c = make_chain(state, *chain)
         h = min(window_length(c, 2, new_workspace(2)), 10.0)
         for x in (0.0, 0.25, 0.7, 1.0):
-            exact = linear_motion(state, x * h, *column)
+            exact = linear_motion(state, x * h, *chain)
             size = np.abs(exact).max() + np.abs(state).max() * (1 + h)
             np.testing.assert_allclose(moved(c, h, x), exact, rtol=0, atol=2e-14 * size)
 
 
 @pytest.mark.parametrize("law", MOTIONS)
 def test_the_remainder_falls_with_the_power_of_the_step_after_its_degree(law):
-    c = chain(STATE, *COLUMN, law)
+    c = make_chain(STATE, *COLUMN, law)
     steps = 0.4 / 2.0 ** np.arange(4)
     exact = [MOTIONS[law](STATE, h, *COLUMN) for h in steps]
     for degree in (3, 4, 6):
@@ -99,7 +99,7 @@ def test_the_remainder_falls_with_the_power_of_the_step_after_its_degree(law):
 
 
 def test_the_product_law_holds_as_far_as_it_is_trusted():
-    c, work = chain(STATE, *COLUMN, Law.HUNT_CROSSLEY), new_workspace(2)
+    c, work = make_chain(STATE, *COLUMN, Law.HUNT_CROSSLEY), new_workspace(2)
     for h in (0.2, 1.0, 4.0):
         short = expand_product(c, 2, h, work)
         assert 0 < short <= h
@@ -113,23 +113,23 @@ G = 0.3
 
 def largest(away, mu, k, c1, c2):
     """Largest force beyond the weight, over that weight, of both contacts along 1500 short steps from equilibrium."""
-    column, dt, states = (mu, 1.0, k, c1, c2), 0.05 / np.sqrt(max(1, k, 1 / mu)), [away]
-    step = np.transpose([linear_motion(unit, dt, *column) for unit in np.eye(4)])
+    chain, dt, states = (mu, 1.0, k, c1, c2), 0.05 / np.sqrt(max(1, k, 1 / mu)), [away]
+    step = np.transpose([linear_motion(unit, dt, *chain) for unit in np.eye(4)])
     for _ in range(1500):
         states.append(step @ states[-1])
     p1, d1, q2, v2 = np.transpose(states[:-1])
     return max(np.abs(p1 + c1 * d1).max(), np.abs(k * q2 - c2 * v2).max() / (1 + mu)) / G
 
 
-def test_a_settled_column_never_lets_go_and_one_that_does_is_not_settled():
+def test_a_settled_chain_never_lets_go_and_one_that_does_is_not_settled():
     rng, (kappa, mu, e1, e2), sharp = np.random.default_rng(1), random_cells(60, 1), []
     for m2, k, c1, c2 in zip(mu, kappa, *dampings("kelvin-voigt", kappa, mu, e1, e2), strict=True):
         x1, x2, v1, v2 = rng.normal(size=4)
         away = np.array([x2 - x1, v2 - v1, -x2, v2])
         away /= largest(away, m2, k, c1, c2)  # the largest force just unloads its contact
 
-        def settles(scale, away=away, column=(m2, 1.0, k, c1, c2, G)):
-            balls = chain(np.array([G, 0, G / column[2], 0]) + scale * away, *column)
+        def settles(scale, away=away, chain=(m2, 1.0, k, c1, c2, G)):
+            balls = make_chain(np.array([G, 0, G / chain[2], 0]) + scale * away, *chain)
             return settled(balls[0], balls[1])
 
         assert not settles(1.01)
@@ -137,7 +137,7 @@ def test_a_settled_column_never_lets_go_and_one_that_does_is_not_settled():
     assert np.median(sharp) >= 0.7
 
 
-def test_columns_that_ring_for_ever_are_stuck_at_once():
+def test_chains_that_ring_for_ever_are_stuck_at_once():
     # e2 = 1 on a soft table: of the slow motion next to nothing reaches the damped contact. Two million segments did
     # not end these, cells of the default grid at k1 = 1e6 and 1e5 N/m.
     for ratio, mass, e1, k1 in ((1e-3, 2.0, 0.5, 1e6), (10**-2.5, 2.0, 0.5, 1e6), (1e-2, 2.0, 0.5, 1e5)):

@@ -12,19 +12,19 @@ import numpy as np
 import pytest
 
 from impact_xval.model import Collision, solve
-from tests.compliant_baselines.reference_cells import chain, in_time
+from tests.compliant_baselines.reference_cells import in_time, make_chain
 
 STACKS = [json.loads(row) for row in Path(__file__).with_name("stiff_stacks.jsonl").read_text().splitlines()]
-SOLVERS = {"model": solve, "bistiffness": lambda column: in_time(column, "bistiffness")}
+SOLVERS = {"model": solve, "bistiffness": lambda chain: in_time(chain, "bistiffness")}
 
 
 @pytest.mark.parametrize("law", SOLVERS)
 def test_a_stiff_contact_ahead_of_the_wave_changes_no_digit(law):
     for stack in STACKS:
-        column = Collision(
+        chain = Collision(
             *(stack[name] for name in ("masses", "stiffnesses", "restitutions", "velocities")), table=True
         )
-        outcome = SOLVERS[law](column)
+        outcome = SOLVERS[law](chain)
         assert outcome.velocities == pytest.approx([float(v) for v in stack[law]], abs=1e-12)
         assert outcome.n_events < 10 * stack[f"events_{law}"]
 
@@ -32,11 +32,11 @@ def test_a_stiff_contact_ahead_of_the_wave_changes_no_digit(law):
 @pytest.mark.parametrize("balls", [22, 60])
 @pytest.mark.parametrize("table", [True, False])
 def test_a_tall_elastic_pile_ends_and_keeps_its_energy(balls, table):
-    column = chain(-1.0, *[-1.0 if table else 0.0] * (balls - 1), table=table)
+    chain = make_chain(-1.0, *[-1.0 if table else 0.0] * (balls - 1), table=table)
     for law in SOLVERS:
-        outcome = SOLVERS[law](column)
+        outcome = SOLVERS[law](chain)
         assert outcome.status == "ok"
-        assert outcome.retained_energy(column) == pytest.approx(1, abs=1e-12)
+        assert outcome.retained_energy(chain) == pytest.approx(1, abs=1e-12)
         assert np.all(np.diff(outcome.velocities) <= 1e-12)
 
 
@@ -48,5 +48,5 @@ def test_a_tall_elastic_pile_ends_and_keeps_its_energy(balls, table):
     ],
 )
 def test_bodies_that_ring_are_not_one_before_another_arrives(masses, stiffnesses, gap, expected):
-    column = Collision(masses, stiffnesses, (0.8, 0.3, 0.9), (-2, -1, -1), table=True, gaps=(gap, 0, 0))
-    assert in_time(column, "bistiffness").velocities == pytest.approx(expected, abs=1e-12)
+    chain = Collision(masses, stiffnesses, (0.8, 0.3, 0.9), (-2, -1, -1), table=True, gaps=(gap, 0, 0))
+    assert in_time(chain, "bistiffness").velocities == pytest.approx(expected, abs=1e-12)

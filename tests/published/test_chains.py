@@ -12,9 +12,9 @@ from scipy.integrate import solve_ivp
 
 from impact_xval.compliant_baselines import Settings, get_solver
 from impact_xval.model import Collision, solve
-from tests.compliant_baselines.reference_cells import chain
-from tests.model.column_reference import JME, LZB
-from tests.model.columns import solved
+from tests.compliant_baselines.reference_cells import make_chain
+from tests.model.chain_reference import JME, LZB
+from tests.model.chains import solved
 
 SICONOS = json.loads(Path(__file__).with_name("siconos_chains.json").read_text(encoding="utf-8"))
 
@@ -57,7 +57,7 @@ def test_where_no_compression_is_repeated_the_two_laws_are_one():
     ],
 )
 def test_elastic_hertz_chains(balls, struck, velocities, bears):
-    outcome = solved(chain(*struck * [-1], *(balls - struck) * [0]), exponent=1.5)
+    outcome = solved(make_chain(*struck * [-1], *(balls - struck) * [0]), exponent=1.5)
     assert np.nanmax(np.abs(np.subtract(outcome.velocities, velocities))) < bears
 
 
@@ -70,7 +70,7 @@ OVERALL = {
 
 def overall_time(balls, exponent, solver="bistiffness"):
     """Time in s from the first touch to the last of an elastic cradle, m = k = 1, one ball striking at 1 m/s."""
-    collision = replace(chain(-1, *(balls - 1) * [0]), exponent=exponent)
+    collision = replace(make_chain(-1, *(balls - 1) * [0]), exponent=exponent)
     (outcome,) = get_solver(solver).solve_many([collision], Settings(scenario="impact"))
     assert outcome.status == "ok"
     return outcome.diagnostics["duration"]

@@ -141,36 +141,36 @@ def limits(outcome):
     return [outcome.diagnostics[f"v{i}_limit"] for i in range(1, len(outcome.velocities) + 1)]
 
 
-@pytest.mark.parametrize("column", [CHAIN, FOUR, DROP], ids=["three", "four", "drop"])
+@pytest.mark.parametrize("chain", [CHAIN, FOUR, DROP], ids=["three", "four", "drop"])
 @pytest.mark.parametrize("engine", ["mujoco", "pybullet", "drake"], indirect=True)
-def test_a_column_has_the_limit_of_kelvin_voigt(engine, column):
-    exact = get_solver("kelvin-voigt").solve(column)
-    outcome = engine.solve(column, Settings(convergence=Convergence()))
+def test_a_chain_has_the_limit_of_kelvin_voigt(engine, chain):
+    exact = get_solver("kelvin-voigt").solve(chain)
+    outcome = engine.solve(chain, Settings(convergence=Convergence()))
     off = np.abs(np.subtract(limits(outcome), exact.velocities)).max()
     assert off < outcome.diagnostics["limit_error"] < 1e-3
     assert off < 2e-4
     assert engine.name != "drake" or outcome.diagnostics["order"] == pytest.approx(1, abs=0.05)
     assert outcome.states == exact.states
-    lost = np.dot(column.masses, np.subtract(outcome.velocities, column.velocities))
-    assert lost == pytest.approx(outcome.impulses[-1] if column.table else 0, abs=1e-12)
+    lost = np.dot(chain.masses, np.subtract(outcome.velocities, chain.velocities))
+    assert lost == pytest.approx(outcome.impulses[-1] if chain.table else 0, abs=1e-12)
 
 
 def test_gaps_and_speeds_beyond_a_hundred(engine):
     """Balls that are apart meet one after the other; PyBullet's multibodies are capped at 100 m/s by default."""
-    column = Collision((1, 1, 1), (1e4, 1e4), (1, 0.8), (-500, 0, 0), gaps=(0, 40.0))
-    exact = get_solver("kelvin-voigt").solve(column)
-    outcome = engine.solve(column, SETTINGS)
+    chain = Collision((1, 1, 1), (1e4, 1e4), (1, 0.8), (-500, 0, 0), gaps=(0, 40.0))
+    exact = get_solver("kelvin-voigt").solve(chain)
+    outcome = engine.solve(chain, SETTINGS)
     assert exact.velocities == pytest.approx([0, -50, -450], abs=1e-9)
     assert outcome.states == exact.states == ("1", "-", "2", "-")
     assert limits(outcome) == pytest.approx(exact.velocities, abs=3 * outcome.diagnostics["limit_error"])
 
 
 def test_a_path_ends_with_the_outcome_and_its_forces_are_those_of_kelvin_voigt(engine):
-    column = replace(CHAIN, restitutions=(0.8, 0.9))
-    exact = get_solver("kelvin-voigt").solve(column, Settings(record_path=True)).path
+    chain = replace(CHAIN, restitutions=(0.8, 0.9))
+    exact = get_solver("kelvin-voigt").solve(chain, Settings(record_path=True)).path
     errors = []
     for fraction in (4e-3, 2e-3, 1e-3):
-        outcome = engine.solve(column, Settings(step_fraction=fraction, record_path=True))
+        outcome = engine.solve(chain, Settings(step_fraction=fraction, record_path=True))
         path, step = outcome.path, outcome.diagnostics["step"]
         assert path.velocities[-1] == pytest.approx(outcome.velocities, abs=0)
         assert path.acting[0].all()

@@ -70,12 +70,12 @@ def test_the_naive_mapping_is_that_of_two_balls_in_discrete_time():
             get_solver(name).solve(FOUR, naive)
 
 
-@pytest.mark.parametrize("column", [FOUR, replace(DROP, velocities=(-1, 0, -3, 0))], ids=["chain", "drop"])
-def test_four_balls_in_continuous_time_are_those_of_hunt_crossley(column):
+@pytest.mark.parametrize("chain", [FOUR, replace(DROP, velocities=(-1, 0, -3, 0))], ids=["chain", "drop"])
+def test_four_balls_in_continuous_time_are_those_of_hunt_crossley(chain):
     """The coefficient goes with the largest rate of compression at first touch, here 1 and 3 m/s."""
-    exact = get_solver("hunt-crossley").solve(column)
-    outcome = get_solver("drake-hunt-crossley").solve(column, Settings(step_fraction=5e-3))
-    assert outcome.velocities == pytest.approx(exact.velocities, abs=2e-9 * max(np.abs(column.velocities)))
+    exact = get_solver("hunt-crossley").solve(chain)
+    outcome = get_solver("drake-hunt-crossley").solve(chain, Settings(step_fraction=5e-3))
+    assert outcome.velocities == pytest.approx(exact.velocities, abs=2e-9 * max(np.abs(chain.velocities)))
 
 
 def test_a_step_too_short_is_refused_and_not_run():

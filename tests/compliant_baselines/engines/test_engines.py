@@ -19,7 +19,7 @@ from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.model.collision import Collision
 from tests.compliant_baselines.conftest import installed
 from tests.compliant_baselines.reference_cells import random_collisions
-from tests.model.test_columns import random_columns
+from tests.model.test_chains import random_chains
 
 COARSE = Settings(step_fraction=5e-3)
 
@@ -234,8 +234,8 @@ def everything(run):
 
 def test_many_steps_a_call_are_single_steps_to_the_bit(monkeypatch):
     engine = installed("pybullet")
-    columns = random_columns(5, 6, table=True)
-    lines = [Scene.of(column, Settings(step_fraction=2e-3)) for column in columns]
+    chains = random_chains(5, 6, table=True)
+    lines = [Scene.of(chain, Settings(step_fraction=2e-3)) for chain in chains]
     for some in (*(scenes(*scene, n=5, seed=11) for scene in SCENES), lines):
         found = []
         for record_path, shortest in ((False, 10**9), (False, 8), (True, 8)):

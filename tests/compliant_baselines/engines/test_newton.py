@@ -11,23 +11,23 @@ from impact_xval.compliant_baselines import Settings, get_solver
 from impact_xval.compliant_baselines.conformance import checks
 from impact_xval.compliant_baselines.engines.engine import version_of
 from impact_xval.model import Collision
-from tests.compliant_baselines.reference_cells import chain, in_time
-from tests.compliant_baselines.references.test_columns import by_force_alone, with_gaps
-from tests.model.test_columns import random_column
+from tests.compliant_baselines.reference_cells import in_time, make_chain
+from tests.compliant_baselines.references.test_chains import by_force_alone, with_gaps
+from tests.model.test_chains import random_chain
 
 LAW = "compression-dashpot"
 
 installed = pytest.mark.skipif(not version_of("newton"), reason="newton is not installed")
 
 
-def dashpots(column, exponent):
+def dashpots(chain, exponent):
     """c of each contact: a damped oscillation turns at exp(-zeta t), sin(w t) = w, of the depth without damping."""
-    inverse = 1 / np.array([*column.masses, *([np.inf] if column.table else [])])
+    inverse = 1 / np.array([*chain.masses, *([np.inf] if chain.table else [])])
     ratios = [
         brentq(lambda z, e=e: np.exp(-z * np.arccos(z) / np.sqrt(1 - z * z)) - e, 0, 0.999)
-        for e in column.restitutions
+        for e in chain.restitutions
     ]
-    k = np.array(column.stiffnesses)
+    k = np.array(chain.stiffnesses)
     return 2 * np.array(ratios) * np.sqrt(0.5 * (exponent + 1) * k / (inverse[1:] + inverse[:-1]))
 
 
@@ -35,12 +35,12 @@ def dashpots(column, exponent):
 def test_the_exact_law_ends_as_its_forces_alone_do(exponent):
     rng = np.random.default_rng(8)
     for balls in (2, 3, 5):
-        column = with_gaps(rng, random_column(rng, balls, least=0.4))
-        ours = in_time(column, LAW, exponent=exponent)
+        chain = with_gaps(rng, random_chain(rng, balls, least=0.4))
+        ours = in_time(chain, LAW, exponent=exponent)
         duration = 1.01 * ours.diagnostics["duration"] + 0.1
-        theirs = by_force_alone(column, LAW, exponent, dashpots(column, exponent), duration)
-        assert ours.velocities == pytest.approx(theirs, abs=1e-7), column
-        assert np.abs(np.subtract(theirs, in_time(column, exponent=exponent).velocities)).max() > 1e-3
+        theirs = by_force_alone(chain, LAW, exponent, dashpots(chain, exponent), duration)
+        assert ours.velocities == pytest.approx(theirs, abs=1e-7), chain
+        assert np.abs(np.subtract(theirs, in_time(chain, exponent=exponent).velocities)).max() > 1e-3
 
 
 @installed
@@ -50,8 +50,8 @@ def test_the_exact_law_ends_as_its_forces_alone_do(exponent):
         ("impact", Collision.two_balls(1, 2, 1e6, 1e6, 1, 1), (0.72412, 0.48767), 2e-5),
         ("impact", Collision.two_balls(1, 2, 1e6, 1e4, 1, 1), (0.77732, 0.44485), 2e-5),
         ("impact", Collision.two_balls(1, 2, 1e6, 1e8, 1, 1), (0.99998, 0.00448), 2e-5),
-        ("impact", chain(-1, 0, 0), (0.13026, -0.15023, -0.98003), 2e-5),
-        ("impact", chain(-1, 0, 0, gap=1e-3, e=0.6), (0.01543, -0.30804, -0.70739), 5e-4),
+        ("impact", make_chain(-1, 0, 0), (0.13026, -0.15023, -0.98003), 2e-5),
+        ("impact", make_chain(-1, 0, 0, gap=1e-3, e=0.6), (0.01543, -0.30804, -0.70739), 5e-4),
         ("impact", Collision.two_balls(1, 2, 1e6, 1e6, 0.7, 0.7), (0.42411, 0.36326), 5e-4),
         ("drop", Collision.two_balls(1, 2, 1e6, 1e6, 0.7, 0.7), (0.43427, 0.34709), 5e-4),
     ],

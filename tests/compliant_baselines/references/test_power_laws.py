@@ -77,11 +77,11 @@ def lossy_chain(rng):
 def test_random_lossy_chains_with_gaps_are_over(count):
     rng = np.random.default_rng(101)
     for i in range(count):
-        column = replace(lossy_chain(rng), exponent=(1.5, 2.0, 2.5, 3.0)[i % 4])
-        outcome = in_time(column, "bistiffness", exponent=column.exponent, max_steps=50_000)
-        assert outcome.status in RESULT_STATUSES, (column, outcome.reason)
-        masses, v = np.array(column.masses), np.array(outcome.velocities)
-        assert (np.diff(v) <= 1e-11).all(), column
-        assert masses @ v**2 <= masses @ np.square(column.velocities) * (1 + 1e-12), column
-        if not column.table:
-            assert masses @ v == pytest.approx(masses @ column.velocities, abs=1e-11 * masses.sum()), column
+        chain = replace(lossy_chain(rng), exponent=(1.5, 2.0, 2.5, 3.0)[i % 4])
+        outcome = in_time(chain, "bistiffness", exponent=chain.exponent, max_steps=50_000)
+        assert outcome.status in RESULT_STATUSES, (chain, outcome.reason)
+        masses, v = np.array(chain.masses), np.array(outcome.velocities)
+        assert (np.diff(v) <= 1e-11).all(), chain
+        assert masses @ v**2 <= masses @ np.square(chain.velocities) * (1 + 1e-12), chain
+        if not chain.table:
+            assert masses @ v == pytest.approx(masses @ chain.velocities, abs=1e-11 * masses.sum()), chain

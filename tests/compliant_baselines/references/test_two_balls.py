@@ -1,4 +1,4 @@
-"""Two balls by the references: an integration (`column_reference`), closed forms, known numbers, invariances."""
+"""Two balls by the references: an integration (`chain_reference`), closed forms, known numbers, invariances."""
 
 import itertools
 import math
@@ -13,7 +13,7 @@ from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.model import Collision
 from tests.compliant_baselines.reference_cells import BATCHES, dampings, end_of, random_cells, random_gravity
 from tests.compliant_baselines.test_mapping import theory_restitution
-from tests.model.column_reference import integrate
+from tests.model.chain_reference import integrate
 
 #: Segments beyond which a cell is left to the other tests: the integration would take minutes.
 LONGEST = 1500
@@ -36,11 +36,11 @@ def compare(law, cells, number, frozen=False):
         if batch.diagnostics["n_steps"][i] > LONGEST and not frozen:
             left_out += 1
             continue
-        column = Collision.from_ratios(*cell)
+        chain = Collision.from_ratios(*cell)
         # The integration can step over a pair of events where a force grazes zero. What remains at steps 25 times
         # shorter is a difference.
         for resolution in (0.15,) if frozen else (0.15, 0.006):
-            answer = integrate(column, law, dashpots[i], gravity=g[i], frozen=frozen, resolution=resolution)
+            answer = integrate(chain, law, dashpots[i], gravity=g[i], frozen=frozen, resolution=resolution)
             off = np.abs(np.subtract(answer.velocities, (batch.v1[i], batch.v2[i]))).max()
             if off < 1e-9:
                 break

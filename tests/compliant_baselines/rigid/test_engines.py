@@ -10,11 +10,11 @@ from impact_xval.compliant_baselines.rigid.laws import follow
 from impact_xval.compliant_baselines.solver import Convergence, Settings
 from impact_xval.model.collision import Collision
 from tests.compliant_baselines.conftest import installed
-from tests.compliant_baselines.reference_cells import chain
+from tests.compliant_baselines.reference_cells import make_chain
 
 NEWTON, PLASTIC = "newton-restitution", "plastic-then-restitution"
 
-#: The law that an engine follows; D from it of columns of up to five balls, and e on one contact, to these accuracies.
+#: The law that an engine follows; D from it of chains of up to five balls, and e on one contact, to these accuracies.
 ENGINES = {
     "pymunk": (NEWTON, 1e-11, 1e-15),
     "dart": (NEWTON, 2e-3, 2.1e-5),
@@ -38,7 +38,7 @@ def test_one_contact_returns_its_restitution(name, engine, e, fraction):
     for v in (1e-3, 0.3, 1.0, 50.0, 1000.0):
         for masses in ((1.0, 1.0), (1.0, 100.0), (100.0, 1.0), (1.0,)):
             table = len(masses) == 1
-            c = chain(*(-v, 0.0)[: len(masses)], e=e, masses=masses, table=table)
+            c = make_chain(*(-v, 0.0)[: len(masses)], e=e, masses=masses, table=table)
             if name == "dart" and e and not SLOWEST < e * v <= FASTEST:
                 with pytest.raises(SolverError, match=r"unrepresentable: contact 1 would rebound at .* DART"):
                     engine.solve(c, Settings(step_fraction=fraction))
@@ -52,16 +52,16 @@ def test_one_contact_returns_its_restitution(name, engine, e, fraction):
 def test_thresholds_are_where_the_adapter_says(name, engine, monkeypatch):
     if name != "dart":
         # It has none: 1e-3 m/s above.
-        assert engine.solve(chain(-1.0, 0.0)).effective.get("threshold", (0.0,)) == (0.0,)
+        assert engine.solve(make_chain(-1.0, 0.0)).effective.get("threshold", (0.0,)) == (0.0,)
         return
     monkeypatch.setattr(type(engine), "refusal", lambda self, scene: None)
     for rebound, got in ((0.999 * SLOWEST, 0.0), (1.001 * SLOWEST, 1.001 * SLOWEST), (2 * FASTEST, FASTEST)):
-        outcome = engine.solve(chain(-2 * rebound, e=0.5, table=True))
+        outcome = engine.solve(make_chain(-2 * rebound, e=0.5, table=True))
         assert outcome.velocities == pytest.approx((got,), rel=1e-4)
         assert f"threshold is {SLOWEST:.6g}, 0 was asked for" in outcome.differences
 
 
-def test_columns_are_those_of_the_law(name, engine):
+def test_chains_are_those_of_the_law(name, engine):
     law, near, _ = ENGINES[name]
     rng = np.random.default_rng(3)
     for _ in range(60):
@@ -79,15 +79,15 @@ def test_columns_are_those_of_the_law(name, engine):
 
 
 def test_targets_that_are_apart_are_struck_one_after_the_other(name, engine):
-    # By 1e-3 radii of 4 m; where they touch the striker reverses, as in the columns above (Donahue's two signs).
-    v = engine.solve(chain(-1.0, 0.0, 0.0, gap=4e-3), Settings(step_fraction=1e-3)).velocities
+    # By 1e-3 radii of 4 m; where they touch the striker reverses, as in the chains above (Donahue's two signs).
+    v = engine.solve(make_chain(-1.0, 0.0, 0.0, gap=4e-3), Settings(step_fraction=1e-3)).velocities
     assert v == pytest.approx([0, 0, -1], abs=3e-5)
 
 
 @pytest.mark.parametrize("e", [1.0, 0.7])
 def test_impacts_across_gaps_are_whole_at_any_step(name, engine, e):
     """Two balls and a wall: an impulse is all in its first step, wherever within it a contact is met."""
-    wall = chain(-20.0, 0.0, e=e, gap=30.0, table=True)  # so fast that DART drops no restitution
+    wall = make_chain(-20.0, 0.0, e=e, gap=30.0, table=True)  # so fast that DART drops no restitution
     exact = follow(wall, "sequential-top").v
     assert e < 1 or exact.tolist() == [20, 0]
     outcome = engine.solve(wall, Settings(convergence=Convergence()))
@@ -99,7 +99,7 @@ def test_impacts_across_gaps_are_whole_at_any_step(name, engine, e):
 
 def test_restitution_that_is_dropped_in_a_later_impact_is_an_error_of_the_limit(name, engine):
     # The light ball rebounds at 0.5 m/s from the heavy one, which would rebound at 0.07 m/s from the table.
-    wall = chain(-1.0, 0.0, e=0.5, masses=(1.0, 10.0), gap=0.3, table=True)
+    wall = make_chain(-1.0, 0.0, e=0.5, masses=(1.0, 10.0), gap=0.3, table=True)
     outcome = engine.solve_many([wall], Settings(convergence=Convergence()))[0]
     limit = [outcome.diagnostics[f"v{i}_limit"] for i in (1, 2)]
     off = np.abs(limit - follow(wall, "sequential-top").v).max()
@@ -131,7 +131,7 @@ def test_contract(name, engine, capfd):
 
 def test_numbers_beyond_single_precision_are_refused_or_told(name, engine):
     with pytest.raises(SolverError, match="unrepresentable: masses, velocities or a step beyond 1e"):
-        engine.solve(chain(-1.0, 0.0, masses=(1e-40, 1.0)))
+        engine.solve(make_chain(-1.0, 0.0, masses=(1e-40, 1.0)))
     if name == "rapier":  # it stops bodies of a size of some km without a word
         with pytest.raises(SolverError, match=r"crashed: .*quarantine"):
-            engine.solve(chain(-1e6, 0.0))
+            engine.solve(make_chain(-1e6, 0.0))

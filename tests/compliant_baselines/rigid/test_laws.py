@@ -13,7 +13,7 @@ from impact_xval.compliant_baselines.conformance import problems
 from impact_xval.compliant_baselines.rigid.laws import LAWS, TooManyImpactsError, follow
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.model.collision import Collision
-from tests.compliant_baselines.reference_cells import chain
+from tests.compliant_baselines.reference_cells import make_chain
 from tests.compliant_baselines.rigid.rational import Balls, single_impacts
 
 SINGLE = ("sequential-top", "sequential-bottom", "generalised-reflection")
@@ -28,17 +28,17 @@ def velocities(law, collision):
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("e", [0.0, 0.3, 1.0])
 def test_one_contact_returns_its_restitution(law, e):
-    v = velocities(law, chain(-1.0, 0.5, e=e, masses=(1.0, 3.0)))
+    v = velocities(law, make_chain(-1.0, 0.5, e=e, masses=(1.0, 3.0)))
     mean = (-1.0 + 1.5) / 4
     # Textbook: v = mean -+ e m_other/(m1 + m2) (v1 - v2).
     assert v == pytest.approx([mean + e * 0.75 * 1.5, mean - e * 0.25 * 1.5], abs=1e-15)
-    assert velocities(law, chain(-2.0, e=e, table=True)) == pytest.approx([2 * e], abs=1e-15)
+    assert velocities(law, make_chain(-2.0, e=e, table=True)) == pytest.approx([2 * e], abs=1e-15)
 
 
 @pytest.mark.parametrize("gap", [0.0, 1e-3])
 @pytest.mark.parametrize("law", LAWS)
 def test_newtons_cradle(law, gap):
-    v = velocities(law, chain(-1.0, 0.0, 0.0, 0.0, 0.0, gap=gap))
+    v = velocities(law, make_chain(-1.0, 0.0, 0.0, 0.0, 0.0, gap=gap))
     if law == PLASTIC and not gap:
         # 3/5 N s of the plastic impact are kept at the second contact: 2 P1 - 1 - 3/5 = 1, P1 = 13/10. Ball 2 then has
         # 1/2 m/s more than the three below it, and so from ball to ball.
@@ -49,13 +49,13 @@ def test_newtons_cradle(law, gap):
     else:
         assert v == pytest.approx([0, 0, 0, 0, -1], abs=1e-15)
     # Two fall, two leave, where contacts are apart or impacts are single.
-    two = velocities(law, chain(-1.0, -1.0, 0.0, 0.0, 0.0, gap=gap))
+    two = velocities(law, make_chain(-1.0, -1.0, 0.0, 0.0, 0.0, gap=gap))
     if gap or law in SINGLE:
         assert two == pytest.approx([0, 0, 0, -1, -1], abs=1e-15)
 
 
 @st.composite
-def columns(draw):
+def chains(draw):
     table = draw(st.booleans())
     n = draw(st.integers(2 - table, 4))
 
@@ -70,7 +70,7 @@ def columns(draw):
     return c, masses, e, v
 
 
-@given(columns())
+@given(chains())
 @settings(max_examples=150, deadline=None)
 def test_laws_in_rational_numbers_that_try_every_set_of_contacts(drawn):
     c, masses, e, v = drawn
@@ -90,7 +90,7 @@ def test_laws_in_rational_numbers_that_try_every_set_of_contacts(drawn):
         assert velocities(law, asked) == pytest.approx([float(x) for x in exact.v], abs=abs_), law
 
 
-@given(columns())
+@given(chains())
 @settings(max_examples=150, deadline=None)
 def test_invariances(drawn):
     c, _, e, _ = drawn

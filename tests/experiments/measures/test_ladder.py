@@ -28,7 +28,7 @@ from impact_xval.model.collisions import Collisions
 from tests.compliant_baselines.reference_cells import BATCHES, coefficients_of
 from tests.experiments import fakes
 from tests.experiments.conftest import swept
-from tests.model.column_reference import integrate
+from tests.model.chain_reference import integrate
 
 MU = 2 / math.sqrt(3)
 CAUSES = "frozen_positions", "dissipation_law", "gravity"

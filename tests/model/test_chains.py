@@ -1,4 +1,4 @@
-"""Columns of N balls: two balls, an integration in time, invariances, limits, the path, what has no outcome."""
+"""Chains of N balls: two balls, an integration in time, invariances, limits, the path, what has no outcome."""
 
 from dataclasses import replace
 from itertools import product
@@ -11,13 +11,13 @@ from impact_xval.model import Collision, Collisions, solve, solve_batch
 from impact_xval.model.chain.following import Problem, closed_forms
 from impact_xval.model.solving import LAWS
 from tests.compliant_baselines.reference_cells import random_cells
-from tests.model.columns import assert_integrated, solved
+from tests.model.chains import assert_integrated, solved
 
 JME, LZB = LAWS
 GRAZING = 1e-5
 
 
-def random_column(rng, balls=None, table=None, least=0.5):
+def random_chain(rng, balls=None, table=None, least=0.5):
     """Draw a chain, a drop or a stack of 2 to 10 balls."""
     n = int(rng.integers(2, 11)) if balls is None else balls
     table = bool(rng.integers(2)) if table is None else table
@@ -33,9 +33,9 @@ def random_column(rng, balls=None, table=None, least=0.5):
     )
 
 
-def random_columns(seed, count, **given):
+def random_chains(seed, count, **given):
     rng = np.random.default_rng(seed)
-    return [random_column(rng, **given) for _ in range(count)]
+    return [random_chain(rng, **given) for _ in range(count)]
 
 
 def apart(one, other):
@@ -69,54 +69,54 @@ def test_two_balls_by_the_kernel_of_chains_are_those_by_their_own(count):
         pytest.param(LZB, 1.5, 22, 40, 3, marks=pytest.mark.nightly),
     ],
 )
-def test_random_columns_are_those_of_the_integration(law, exponent, seed, count, balls):
+def test_random_chains_are_those_of_the_integration(law, exponent, seed, count, balls):
     left_out = 0
-    for column in random_columns(seed, count, balls=balls):
-        column = replace(column, exponent=exponent)
-        ours = solve(column, law=law)
+    for chain in random_chains(seed, count, balls=balls):
+        chain = replace(chain, exponent=exponent)
+        ours = solve(chain, law=law)
         if ours.grazing_margin < GRAZING or "infinitely many" in ours.reason:
             left_out += 1
         else:
-            assert_integrated(ours, column, law)
+            assert_integrated(ours, chain, law)
     assert left_out <= 2
 
 
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("exponent", [1.0, 1.5])
 def test_momentum_energy_and_the_order_of_balls(exponent, law):
-    for column in random_columns(4, 120 if exponent == 1 else 12):
-        outcome = solved(column, law=law, exponent=exponent)
-        m, before, after = (np.array(x) for x in (column.masses, column.velocities, outcome.velocities))
-        drift = 0.0 if column.table else np.average(column.velocities, weights=column.masses)
+    for chain in random_chains(4, 120 if exponent == 1 else 12):
+        outcome = solved(chain, law=law, exponent=exponent)
+        m, before, after = (np.array(x) for x in (chain.masses, chain.velocities, outcome.velocities))
+        drift = 0.0 if chain.table else np.average(chain.velocities, weights=chain.masses)
         assert outcome.status in ("ok", "closed-form")
-        assert np.all(np.diff([*after, 0.0] if column.table else after) <= 0)
+        assert np.all(np.diff([*after, 0.0] if chain.table else after) <= 0)
         assert m @ (after - drift) ** 2 <= m @ (before - drift) ** 2
         assert abs(outcome.diagnostics["energy_residual"]) < (1e-13 if exponent == 1 else 1e-10)
         assert all(impulse >= 0 for impulse in outcome.impulses)
-        upward = outcome.impulses[-1] if column.table else 0.0
+        upward = outcome.impulses[-1] if chain.table else 0.0
         assert m @ (after - before) == pytest.approx(upward, abs=1e-12)
 
 
 @pytest.mark.parametrize(("exponent", "count", "bound"), [(1.0, 30, 1e-11), (1.5, 6, 1e-9)])
 def test_theorem_5(exponent, count, bound):
     """Only ratios of masses and stiffnesses matter, and velocities scale."""
-    for column in random_columns(6, count):
+    for chain in random_chains(6, count):
         scales = {"masses": 3, "stiffnesses": 700, "velocities": 0.01}
-        scaled = {name: tuple(s * x for x in getattr(column, name)) for name, s in scales.items()}
-        here, there = (solved(c, exponent=exponent) for c in (column, replace(column, **scaled)))
+        scaled = {name: tuple(s * x for x in getattr(chain, name)) for name, s in scales.items()}
+        here, there = (solved(c, exponent=exponent) for c in (chain, replace(chain, **scaled)))
         if here.grazing_margin > GRAZING:
             assert 100 * np.array(there.velocities) == pytest.approx(here.velocities, abs=bound)
             assert here.status == "closed-form" or here.states == there.states
 
 
 def test_reversal_and_a_moving_observer():
-    for column in random_columns(7, 40, table=False):
-        here, there = solved(column), solved(column.reversed())
-        moving = solved(replace(column, velocities=tuple(v + 5 for v in column.velocities)))
+    for chain in random_chains(7, 40, table=False):
+        here, there = solved(chain), solved(chain.reversed())
+        moving = solved(replace(chain, velocities=tuple(v + 5 for v in chain.velocities)))
         assert -np.array(there.velocities[::-1]) == pytest.approx(here.velocities, abs=1e-11)
         assert np.subtract(moving.velocities, 5) == pytest.approx(here.velocities, abs=1e-11)
         if here.status == "ok":
-            n, sets = len(column.masses), [s.split("+") for s in there.states]
+            n, sets = len(chain.masses), [s.split("+") for s in there.states]
             mirrored = ("+".join("-" if i == "-" else str(n - int(i)) for i in reversed(s)) for s in sets)
             assert tuple(mirrored) == here.states
 
@@ -152,18 +152,18 @@ EXTREME = [
 ]
 
 
-def test_no_column_is_endless():
-    for law, column in product(LAWS, EXTREME):
-        outcome = solved(column, law=law, max_events=20_000)
-        assert outcome.status in ("ok", "closed-form", "unconverged"), (law, column)
+def test_no_chain_is_endless():
+    for law, chain in product(LAWS, EXTREME):
+        outcome = solved(chain, law=law, max_events=20_000)
+        assert outcome.status in ("ok", "closed-form", "unconverged"), (law, chain)
         assert (outcome.status == "ok") == (outcome.reason == "")
         if outcome.status != "unconverged":
-            assert np.all(np.diff(outcome.velocities) <= 0), (law, column)
+            assert np.all(np.diff(outcome.velocities) <= 0), (law, chain)
 
 
 def test_an_endless_cycle_below_a_ball_that_has_left_ends_at_rest():
-    column = Collision((5, 1, 0.165), (3, 1, 0.775), (1, 0.4, 0.33), (9, -1, 0), table=True)
-    outcome = solved(column, law=LZB)
+    chain = Collision((5, 1, 0.165), (3, 1, 0.775), (1, 0.4, 0.33), (9, -1, 0), table=True)
+    outcome = solved(chain, law=LZB)
     assert outcome.velocities == pytest.approx((9, 0, 0), abs=1e-12)
     assert outcome.status == "closed-form"
     assert "infinitely many events" in outcome.reason
@@ -172,11 +172,11 @@ def test_an_endless_cycle_below_a_ball_that_has_left_ends_at_rest():
 @pytest.mark.parametrize("exponent", [1.0, 1.5])
 def test_ratios_beyond_double_precision_are_refused_by_name(exponent):
     far = ((1e300, 1e-300), (1,)), ((1, 1, 1), (1e300, 1e-300)), ((1, 1, 1), (1e-320, 1e300))
-    columns = [Collision(m, k, (0.9,) * len(k), (-1,) + (0,) * (len(m) - 1)) for m, k in far]
-    columns += [Collision.from_ratios(40.0, ratio, 0.9, 0.7) for ratio in (1e-151, 1e151, 1e308)]
-    for column in columns:
-        outcome = solved(column, exponent=exponent)
-        assert outcome.status == "unrepresentable", column
+    chains = [Collision(m, k, (0.9,) * len(k), (-1,) + (0,) * (len(m) - 1)) for m, k in far]
+    chains += [Collision.from_ratios(40.0, ratio, 0.9, 0.7) for ratio in (1e-151, 1e151, 1e308)]
+    for chain in chains:
+        outcome = solved(chain, exponent=exponent)
+        assert outcome.status == "unrepresentable", chain
         assert "where one mass or stiffness exceeds 1e+150 times another" in outcome.reason
         assert np.isnan(outcome.velocities).all()
 
@@ -187,15 +187,15 @@ def test_what_ends_with_more_energy_than_it_had_is_no_outcome():
     four = Collision(
         (1e19, 1e-10, 1e-11, 1e-26), (1e5, 1e7, 1e-21, 1e-9), (1,) * 4, (-1, 0, 0, 0), table=True
     )
-    for column, exponent in ((three, 3.0), (three, 1.5), (four, 1.0)):
-        outcome = solved(column, exponent=exponent)
+    for chain, exponent in ((three, 3.0), (three, 1.5), (four, 1.0)):
+        outcome = solved(chain, exponent=exponent)
         assert outcome.status == "unrepresentable"
         assert "energy was made" in outcome.reason
         assert np.isnan(outcome.velocities).all()
 
 
 def test_a_jump_has_a_margin_that_vanishes():
-    """Between two columns of either side of a jump, found by bisection of one stiffness."""
+    """Between two chains of either side of a jump, found by bisection of one stiffness."""
 
     def at(k):
         return solved(Collision((1,) * 3, (1, 1, k), (0.9,) * 3, (-1,) * 3, table=True))
@@ -211,10 +211,10 @@ def test_a_jump_has_a_margin_that_vanishes():
 
 @pytest.mark.parametrize("exponent", [1.0, 1.5])
 def test_a_path_ends_in_the_outcome_and_its_forces_are_the_rates_of_its_impulses(exponent):
-    column = random_column(np.random.default_rng(10), balls=4, table=True)
-    outcome = solved(column, exponent=exponent, path=True)
+    chain = random_chain(np.random.default_rng(10), balls=4, table=True)
+    outcome = solved(chain, exponent=exponent, path=True)
     path = outcome.path
-    assert (*path.velocities[0], *path.velocities[-1]) == (*column.velocities, *outcome.velocities)
+    assert (*path.velocities[0], *path.velocities[-1]) == (*chain.velocities, *outcome.velocities)
     rounding = 1e-9 if exponent == 1 else 1e-6  # of the quintics between the ends of a step
     assert path.forces.min() > -rounding
     assert np.all(np.abs(path.forces[~path.acting]) < rounding)

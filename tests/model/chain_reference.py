@@ -1,4 +1,4 @@
-"""An independent solution of columns by any law: plain event-driven integration in time with scipy.
+"""An independent solution of chains by any law: plain event-driven integration in time with scipy.
 
 Shares nothing with the package but the parameters. The unknowns are velocities of balls and deformations of contacts,
 each from its contact's present surface: of a contact that a hundred ends of compression made 1e9 times as stiff, a
@@ -30,25 +30,25 @@ class Answer(NamedTuple):
 
 
 class _Run:
-    """A column under way: bodies (groups of balls, the table as one of infinite mass) and contacts between them.
+    """A chain under way: bodies (groups of balls, the table as one of infinite mass) and contacts between them.
 
     Where positions are frozen a contact without force begins anew, from no depth, where its bodies approach.
     """
 
-    def __init__(self, column, law, b, gravity, frozen):
-        self.law, self.p, self.g, self.t = law, column.exponent, gravity, 0.0
+    def __init__(self, chain, law, b, gravity, frozen):
+        self.law, self.p, self.g, self.t = law, chain.exponent, gravity, 0.0
         self.frozen = frozen or law in (JME, LZB)
         self.dashpots = law in ("kelvin-voigt", "hunt-crossley")
-        self.inverse = [1 / m for m in column.masses] + [0.0] * column.table
-        self.v = [*column.velocities] + [0.0] * column.table
-        self.k, self.k0 = list(column.stiffnesses), list(column.stiffnesses)
-        self.e = list(column.restitutions)
+        self.inverse = [1 / m for m in chain.masses] + [0.0] * chain.table
+        self.v = [*chain.velocities] + [0.0] * chain.table
+        self.k, self.k0 = list(chain.stiffnesses), list(chain.stiffnesses)
+        self.e = list(chain.restitutions)
         self.b = list(b if self.dashpots else [0.0] * len(self.k))
-        self.delta = [-gap for gap in column.gaps]
+        self.delta = [-gap for gap in chain.gaps]
         if gravity:  # the lower ball has settled
-            self.delta[-1] = column.masses[-1] * gravity / self.k[-1]
+            self.delta[-1] = chain.masses[-1] * gravity / self.k[-1]
         self.number = list(range(1, len(self.k) + 1))
-        self.body = list(range(len(column.masses)))
+        self.body = list(range(len(chain.masses)))
         self.rigid = set()
         self.phase = [OPEN] * len(self.k)
         self.begins = LOADED if self.dashpots else COMPRESSION
@@ -215,13 +215,13 @@ class _Run:
 
 
 def integrate(
-    column, law=JME, b=(), *, gravity=0.0, frozen=False, resolution=0.1, rtol=1e-12, most=5000, least=0.0
+    chain, law=JME, b=(), *, gravity=0.0, frozen=False, resolution=0.1, rtol=1e-12, most=5000, least=0.0
 ):
-    """Follow a column whose rates are about 1 to its end, or until all are below `least`.
+    """Follow a chain whose rates are about 1 to its end, or until all are below `least`.
 
     `b` holds c or a of each contact, in SI units. Gravity is for two balls on a table, in units m1 = k1 = |v0| = 1.
     """
-    run = _Run(column, law, b, gravity, frozen)
+    run = _Run(chain, law, b, gravity, frozen)
     states, limit = [run.acting()], False
     for _ in range(most):
         end = run.over()

@@ -10,16 +10,16 @@ from scipy.integrate import solve_ivp
 from impact_xval.compliant_baselines import Settings, SolverError, get_solver
 from impact_xval.compliant_baselines.references import LAWS
 from impact_xval.model import Collision, solve
-from tests.compliant_baselines.reference_cells import chain, coefficients_of, in_time
-from tests.model.column_reference import integrate
-from tests.model.test_columns import random_column
+from tests.compliant_baselines.reference_cells import coefficients_of, in_time, make_chain
+from tests.model.chain_reference import integrate
+from tests.model.test_chains import random_chain
 
 COLUMN_LAWS = [law for law in LAWS if law != "kelvin-voigt-anchored"]
 
 
-def with_gaps(rng, column):
-    contacts = len(column.stiffnesses)
-    return replace(column, gaps=tuple(10 ** rng.uniform(-4, 0, contacts) * rng.integers(2, size=contacts)))
+def with_gaps(rng, chain):
+    contacts = len(chain.stiffnesses)
+    return replace(chain, gaps=tuple(10 ** rng.uniform(-4, 0, contacts) * rng.integers(2, size=contacts)))
 
 
 @pytest.mark.parametrize(
@@ -42,15 +42,15 @@ def test_an_integration_in_time_agrees(law, exponent, count, most, frozen):
     rng = np.random.default_rng(2)
     compared = 0
     while compared < count:
-        column = random_column(rng, int(rng.integers(2, most + 1)), least=0.6)
-        column = with_gaps(rng, column) if not frozen and rng.integers(2) else column
-        ours = in_time(column, law, exponent=exponent, frozen=frozen)
+        chain = random_chain(rng, int(rng.integers(2, most + 1)), least=0.6)
+        chain = with_gaps(rng, chain) if not frozen and rng.integers(2) else chain
+        ours = in_time(chain, law, exponent=exponent, frozen=frozen)
         if (ours.grazing_margin or 1) < 1e-3:
             continue  # beside a jump
         compared += 1
-        b = coefficients_of(column, law, exponent)
-        theirs = integrate(replace(column, exponent=exponent), law, b, frozen=frozen)
-        assert ours.velocities == pytest.approx(theirs.velocities, abs=1e-8, rel=0), column
+        b = coefficients_of(chain, law, exponent)
+        theirs = integrate(replace(chain, exponent=exponent), law, b, frozen=frozen)
+        assert ours.velocities == pytest.approx(theirs.velocities, abs=1e-8, rel=0), chain
         assert ours.diagnostics.get("velocity_error", 0) < 1e-8
 
 
@@ -58,18 +58,18 @@ def test_an_integration_in_time_agrees(law, exponent, count, most, frozen):
 def test_momentum_energy_order_reversal_and_a_moving_observer(law):
     rng = np.random.default_rng(4)
     for exponent in [1] * 4 + [1.5] * 4:
-        column = with_gaps(rng, random_column(rng, 4))
-        outcome = in_time(column, law, exponent=exponent)
-        masses, v = np.array(column.masses), np.array(outcome.velocities)
+        chain = with_gaps(rng, random_chain(rng, 4))
+        outcome = in_time(chain, law, exponent=exponent)
+        masses, v = np.array(chain.masses), np.array(outcome.velocities)
         assert (np.diff(v) <= 1e-12).all()
-        assert masses @ v**2 <= masses @ np.square(column.velocities) * (1 + 1e-12)
-        if column.table:
+        assert masses @ v**2 <= masses @ np.square(chain.velocities) * (1 + 1e-12)
+        if chain.table:
             assert v[-1] >= -1e-12
             continue
-        assert masses @ v == pytest.approx(masses @ column.velocities, abs=1e-12)
-        back = in_time(column.reversed(), law, exponent=exponent)
+        assert masses @ v == pytest.approx(masses @ chain.velocities, abs=1e-12)
+        back = in_time(chain.reversed(), law, exponent=exponent)
         assert back.velocities == pytest.approx(-v[::-1], abs=1e-9)
-        moving = in_time(replace(column, velocities=np.array(column.velocities) + 3), law, exponent=exponent)
+        moving = in_time(replace(chain, velocities=np.array(chain.velocities) + 3), law, exponent=exponent)
         assert moving.velocities == pytest.approx(v + 3, abs=1e-9)
 
 
@@ -86,25 +86,27 @@ def test_gaps_make_another_collision():
     mass, stiffness, diameter = 0.0638, 1.2165e10, 0.025  # Hertz contacts of steel balls of this diameter
     velocities = []
     for gap in (0, 1e-5 * diameter, 1e-2 * diameter):
-        column = Collision((mass,) * 5, (stiffness,) * 4, (1,) * 4, (-1, 0, 0, 0, 0), gaps=(gap,) * 4)
-        velocities.append(in_time(column, exponent=1.5).velocities)
+        chain = Collision((mass,) * 5, (stiffness,) * 4, (1,) * 4, (-1, 0, 0, 0, 0), gaps=(gap,) * 4)
+        velocities.append(in_time(chain, exponent=1.5).velocities)
     touching, close, apart = np.array(velocities)
     assert np.abs(touching - close).max() > 3e-3
     assert apart == pytest.approx([0, 0, 0, 0, -1], abs=1e-9)
     outcomes = [
-        in_time(chain(-1, *n * [0], gap=gap), "bistiffness") for n in range(2, 8) for gap in (0.1, 10.0, 1e3)
+        in_time(make_chain(-1, *n * [0], gap=gap), "bistiffness")
+        for n in range(2, 8)
+        for gap in (0.1, 10.0, 1e3)
     ]
     # What rounding leaves elastic bodies of motion is no collapse.
     assert {o.status for o in outcomes} == {"ok"}
 
 
-def by_force_alone(column, law, exponent, b, duration):
+def by_force_alone(chain, law, exponent, b, duration):
     """Final velocities, of forces that follow from positions and rates without memory: no event is watched."""
-    n, table = len(column.masses), [0.0] if column.table else []
-    inverse, k = 1 / np.array(column.masses), np.array(column.stiffnesses)
+    n, table = len(chain.masses), [0.0] if chain.table else []
+    inverse, k = 1 / np.array(chain.masses), np.array(chain.stiffnesses)
 
     def motion(_time, state):
-        depth = np.diff([*state[:n], *table]) - column.gaps
+        depth = np.diff([*state[:n], *table]) - chain.gaps
         rate, over = np.diff([*state[n:], *table]), np.maximum(depth, 0)
         if law == "compression-dashpot":
             rate = np.maximum(rate, 0)
@@ -112,7 +114,7 @@ def by_force_alone(column, law, exponent, b, duration):
         force = np.maximum(k * over**exponent + b * rate * dashpot, 0) * (depth > 0)
         return np.concatenate([state[n:], inverse * np.diff([0, *force, 0])[:n]])
 
-    start = np.concatenate([np.zeros(n), column.velocities])
+    start = np.concatenate([np.zeros(n), chain.velocities])
     done = solve_ivp(motion, (0, duration), start, method="DOP853", rtol=1e-12, atol=1e-14, max_step=0.1)
     assert done.success
     return done.y[n:, -1]
@@ -127,12 +129,12 @@ def test_a_row_of_hertz_contacts_ends_as_in_time_without_events():
         ("kelvin-voigt-textbook", 20, 0.95),
         ("hunt-crossley", 18, 0.95),
     ):
-        column = chain(-1, *(balls - 1) * [0], e=e)
-        outcome = in_time(column, law, exponent=1.5, max_steps=5000)
+        chain = make_chain(-1, *(balls - 1) * [0], e=e)
+        outcome = in_time(chain, law, exponent=1.5, max_steps=5000)
         assert outcome.status == "ok"
         assert outcome.diagnostics["velocity_error"] < 1e-9
         duration = outcome.diagnostics["duration"] + 1
-        expected = by_force_alone(column, law, 1.5, coefficients_of(column, law, 1.5), duration)
+        expected = by_force_alone(chain, law, 1.5, coefficients_of(chain, law, 1.5), duration)
         assert outcome.velocities == pytest.approx(expected, abs=1e-9, rel=0), (law, balls, e)
 
 
@@ -142,7 +144,9 @@ def test_long_rows_end_at_every_exponent(law):
     for exponent, (balls, e) in product((1.5, 2, 3), ((24, 0.95), (18, 0.05))):
         if law == "bistiffness":
             e = 1.0  # no contact becomes rigid
-        outcome = in_time(chain(-1, -1, *(balls - 2) * [0], e=e), law, exponent=exponent, max_steps=20_000)
+        outcome = in_time(
+            make_chain(-1, -1, *(balls - 2) * [0], e=e), law, exponent=exponent, max_steps=20_000
+        )
         assert outcome.status == "ok", (exponent, balls)
         v = np.array(outcome.velocities)
         assert v.sum() == pytest.approx(-2, abs=1e-11)
@@ -166,16 +170,16 @@ def test_ratios_beyond_double_precision_end_with_a_status():
 
 
 def test_what_is_refused():
-    column = chain(-1, 0, 0)
+    chain = make_chain(-1, 0, 0)
     with pytest.raises(ValueError, match=r"law = 'hertz'; legal: bistiffness, kelvin-voigt"):
-        in_time(column, "hertz")
+        in_time(chain, "hertz")
     with pytest.raises(ValueError, match=r"gaps of up to 0\.1 m: the model has no positions; legal: 0"):
-        solve(chain(-1, 0, 0, gap=0.1))
+        solve(make_chain(-1, 0, 0, gap=0.1))
     with pytest.raises(ValueError, match=r"gaps: 0\.1; legal where positions are frozen: none"):
-        in_time(chain(-1, 0, 0, gap=0.1), frozen=True)
-    plastic = in_time(replace(column, restitutions=(1, 0)))
+        in_time(make_chain(-1, 0, 0, gap=0.1), frozen=True)
+    plastic = in_time(replace(chain, restitutions=(1, 0)))
     assert (plastic.status, plastic.reason[:24]) == ("unrepresentable", "a restitution is 0: no f")
-    assert in_time(column, max_steps=1).status == "timeout"
+    assert in_time(chain, max_steps=1).status == "timeout"
 
 
 def test_a_solver_refuses_by_name_what_it_cannot_represent():
@@ -185,7 +189,7 @@ def test_a_solver_refuses_by_name_what_it_cannot_represent():
         ("mujoco", Settings(), 1.5, "exponent = 1.5: the contacts of an engine are linear"),
     ):
         with pytest.raises(SolverError, match=says):
-            get_solver(solver).solve(replace(chain(-1, 0, 0), exponent=exponent), settings)
+            get_solver(solver).solve(replace(make_chain(-1, 0, 0), exponent=exponent), settings)
 
 
 #: All of 8 balls fall together, elastic: 585 events. By Taylor series in 40 and in 60 digits, which agree in these ten.
