@@ -4,6 +4,7 @@ import pytest
 
 from impact_xval import plugins
 from impact_xval.compliant_baselines import registry
+from impact_xval.compliant_baselines.rigid.lines import RigidWorld
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.model.collision import Collision
 from tests.compliant_baselines.conftest import installed
@@ -37,3 +38,10 @@ def test_the_restitution_of_the_body_below_is_a_setting_of_one_call(name):
 def test_a_restitution_of_the_body_below_above_one_is_refused():
     with pytest.raises(ValueError, match=r"partner_restitution = 1.5; legal: from 0 to 1"):
         Settings(partner_restitution=1.5)
+
+
+def test_the_class_attribute_of_0_4_is_refused_and_not_ignored(monkeypatch):
+    solver = installed("pymunk")
+    monkeypatch.setattr(RigidWorld, "partner", 0.5, raising=False)
+    with pytest.raises(TypeError, match=r"Settings\(partner_restitution=\.\.\.\) now"):
+        solver.solve(Collision((1, 1), (1e4,), (0.8,), (-1, 0)))
