@@ -143,17 +143,16 @@ def inspect_command(
         raise UserError(findings_or_reason)
     contacts, findings = findings_or_reason
     if json:
-        # JSON knows no infinity.
-        rows = [
-            row._asdict() | {"masses": [m if m < math.inf else "inf" for m in row.masses]} for row in contacts
+        rows = []
+        for contact in contacts:
+            row = contact._asdict()
+            where = row.pop("names")
+            masses = [mass if mass < math.inf else "inf" for mass in contact.masses]  # JSON knows no infinity
+            rows.append({"where": where, **row, "masses": masses})
+        traps = [
+            {"trap": finding.trap, "where": finding.contacts, "says": finding.message} for finding in findings
         ]
-        print_json(
-            {
-                "version": engine.version(),
-                "contacts": rows,
-                "traps": [finding._asdict() for finding in findings],
-            }
-        )
+        print_json({"version": engine.version(), "contacts": rows, "traps": traps})
     else:
         from impact_xval.experiments.presentation.contacts import scene_blocks
 

@@ -115,9 +115,9 @@ def make_environment(requirement: Requirement) -> Environment:
         if not (folder / _COMPLETE).exists():
             shutil.rmtree(folder, ignore_errors=True)
             try:
-                create, install = _install_commands(folder, python)
+                create, install = _install_commands(folder, python, [str(requirement), *needed])
                 _run(create, requirement)
-                _run([*install, str(requirement), *needed], requirement)
+                _run(install, requirement)
                 version = _run([str(python), "-I", "-c", _STATE, requirement.name], requirement).strip()
                 unstated, first_without = UNSTATED.get(requirement.name, ("", "0"))
                 if Version(version) < Version(first_without):
@@ -130,23 +130,23 @@ def make_environment(requirement: Requirement) -> Environment:
     return Environment(str(requirement), requirement.name, version, python)
 
 
-def _install_commands(folder: Path, python: Path) -> tuple[list[str], list[str]]:
-    """Return the command that makes an environment, and the one that installs the requirements that are added to it.
+def _install_commands(folder: Path, python: Path, requirements: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return the command that makes an environment, and the one that installs requirements in it.
 
     They are of uv if it is installed, else of venv and pip. Wheels alone are installed: an engine is compiled for
     longer than anyone waits, and mostly in vain.
     """
-    wheels_alone = ["--only-binary", ":all:"]
+    wheels = ["--only-binary", ":all:", *requirements]
     uv = shutil.which("uv") or shutil.which("uv", path=str(Path(sys.executable).parent))
     if uv:
         return (
             [uv, "venv", "--quiet", "--python", sys.executable, str(folder)],
-            [uv, "pip", "install", "--quiet", "--python", str(python), *wheels_alone],
+            [uv, "pip", "install", "--quiet", "--python", str(python), *wheels],
         )
     # Isolated: pip takes what PYTHONPATH leads to for installed.
     return (
         [sys.executable, "-I", "-m", "venv", str(folder)],
-        [str(python), "-I", "-m", "pip", "install", "--quiet", "--no-input", *wheels_alone],
+        [str(python), "-I", "-m", "pip", "install", "--quiet", "--no-input", *wheels],
     )
 
 

@@ -1,4 +1,4 @@
-"""Chains: N balls in a line under any contact law, in time and event by event (docs/columns.md).
+"""Chains: N balls in a line under any contact law, in time and event by event (docs/chains.md).
 
 - `following`: chains as arrays, through the kernel and back in SI units. `kernel`: follows one chain to its end.
 - `record`: types that cross modules: endings, inputs, logs, the record of a result.

@@ -10,7 +10,7 @@ decay. Over a window, a time h of `ANGLE`/(omega + gamma), the remainder of the 
 
 The series costs O(N) per window, where finding the modes costs O(N^3). It loses no digits where stiffnesses differ by
 many orders, or next to critical damping, where modes are nearly parallel. And a contact at rest that is loaded by its
-neighbours at a high order (docs/columns.md, section 1) has exactly zero coefficients below that order.
+neighbours at a high order (docs/chains.md, section 1) has exactly zero coefficients below that order.
 
 Hunt-Crossley's force k delta (1 + b delta') is a Cauchy product of series. Its remainder has no bound that is known
 beforehand (`trusted_share`).
