@@ -223,7 +223,7 @@ class Collision:
     def reversed(self) -> Collision:
         """Return a collision without a table as seen from below: the order of balls and all velocities reversed."""
         if self.table:
-            raise ValueError("table = True: a column on a table has no reverse; legal: False")
+            raise ValueError("table = True: a chain on a table has no reverse; legal: False")
         return replace(
             self,
             masses=self.masses[::-1],

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from impact_xval.compliant_baselines import references
-from impact_xval.model import Collision, Collisions
+from impact_xval.model import Collision, Collisions, GridOutcomes
 
 
 def solve_batch(law, stiffness_ratio, mass_ratio, e1, e2, gravity_number=0.0, **how):
@@ -14,7 +14,8 @@ def solve_batch(law, stiffness_ratio, mass_ratio, e1, e2, gravity_number=0.0, **
     cells = np.broadcast_arrays(stiffness_ratio, mass_ratio, e1, e2, gravity_number)
     *ratios, number = (np.ravel(np.asarray(each, float)) for each in cells)
     how = {"gravity": number * np.sqrt(1 + 1 / ratios[1]), "states": False} | how
-    return references.solve(Collisions.from_ratios(*ratios), law, **how).reshape(cells[0].shape)
+    outcomes = references.solve(Collisions.from_ratios(*ratios), law, **how)
+    return GridOutcomes(outcomes, cells[0].shape)
 
 
 #: Two balls on a table in bulk, by law.

@@ -56,7 +56,7 @@ def test_two_balls_by_the_kernel_of_chains_are_those_by_their_own(count):
         ends = np.any([ending.condition for ending in closed_forms(slow.records)], axis=0)
         assert np.array_equal(ends[clear], (fast.statuses == "closed-form")[clear])
         for i in np.flatnonzero(clear & ~ends)[:200]:
-            assert slow.states.names(i, True) == fast.states.names(i, True)
+            assert slow.states.names(i, True) == fast.flat.states.names(i, True)
 
 
 @pytest.mark.parametrize(

@@ -35,7 +35,7 @@ def compare(cells, cutoffs, *comparisons):
     """Assert agreement wherever the margin promises it; how many cells are beside a jump, and how many are limits."""
     grazing = limits = 0
     batch = solve_batch(*cells, stiffness_ratio_cutoff=cutoffs[0], states=True)
-    for cell, ours in zip(cells.T.tolist(), batch, strict=True):
+    for cell, ours in zip(cells.T.tolist(), batch.flat, strict=True):
         if ours.grazing_margin < GRAZING:
             grazing += 1
             continue
