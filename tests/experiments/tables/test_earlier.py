@@ -1,16 +1,14 @@
 """Folders, files and options of version 0.4 go on being read: `runs_of_0.4` was written by that version."""
 
 import shutil
-import tomllib
 from pathlib import Path
 
 import pandas as pd
-import pyarrow.parquet as pq
 import pytest
 
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import load_config, parse_config
-from impact_xval.experiments.config.renamed import CASES, STATUSES, rename_keys
+from impact_xval.experiments.config.renamed import CASES, STATUSES
 from impact_xval.experiments.hypothesis.config import HypothesisConfig
 from impact_xval.experiments.measures.layout import layout_of
 from impact_xval.experiments.scoreboard.cases import CASE_SETUPS
@@ -18,6 +16,7 @@ from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.comparison import compare
 from impact_xval.experiments.tables.folder import run_folder
 from impact_xval.model.status import STATUSES as STATUSES_NOW
+from tests.conftest import ended
 from tests.experiments.conftest import tables_of
 
 RUNS = Path(__file__).with_name("runs_of_0.4")
@@ -105,11 +104,9 @@ def test_old_names_beside_new_ones_are_refused():
 
 
 def test_an_option_is_read_with_a_warning(capsys, command):
-    command("solve --arrangement row --balls 3 --solver state-transition")
-    ours = command("solve --arrangement row --balls 3 --solver state-transition")
-    from impact_xval.experiments.commands.cli import main
-
-    assert main(["solve", "--arrangement", "chain", "--balls", "3", "--solver", "state-transition"]) == 0
+    words = "solve --arrangement {} --balls 3 --solver state-transition"
+    ours = command(words.format("row"))
+    assert ended(words.format("chain")) == 0
     out, err = capsys.readouterr()
     assert out == ours
     assert err == (
@@ -127,10 +124,3 @@ def test_cases_of_a_scoreboard_are_found_again():
     assert set(CASES.values()) <= {*CASE_SETUPS}
     answers = pd.DataFrame({"case": [*CASES], "status": "limit"}).replace({"case": CASES, "status": STATUSES})
     assert answers.case.tolist() == [*CASES.values()]
-
-
-def test_nothing_but_a_table_is_renamed():
-    assert rename_keys(3, {"column": "chain"}, warn=True) == 3
-    data = tomllib.loads("name = 'x'")
-    assert rename_keys(data, {"column": "chain"}, warn=True) == data
-    assert pq.read_schema(RUNS / "chains" / "cells.parquet").names[0] == "cell"
