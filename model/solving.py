@@ -304,7 +304,7 @@ def _pair_paths(collisions: Collisions, options: Options) -> Paths:
         velocities=velocities,
         impulses=impulses,
         forces=_times_unit(forces, force_unit[:, None]),
-        acting=active,
+        active=active,
     )
 
 
