@@ -41,7 +41,7 @@ def _answer_batch(solver: Solver, collisions: Sequence[Collision], settings: Set
             raise RuntimeError(f"{len(outcomes)} outcomes for {n} collisions")
         if isinstance(outcomes, Outcomes):
             return outcomes
-        return [_cleaned(solver.name, o, c) for o, c in zip(outcomes, collisions, strict=True)]
+        return [_clean(solver.name, o, c) for o, c in zip(outcomes, collisions, strict=True)]
     except Exception as error:
         if n == 1:
             return [Outcome.failure(solver.name, collisions[0], "crashed", describe_exception(error))]
@@ -49,7 +49,7 @@ def _answer_batch(solver: Solver, collisions: Sequence[Collision], settings: Set
     return [outcome for half in halves for outcome in _answer_batch(solver, half, settings)]
 
 
-def _cleaned(name: str, outcome: Outcome, collision: Collision) -> Outcome:
+def _clean(name: str, outcome: Outcome, collision: Collision) -> Outcome:
     """Return an outcome with printable texts; ``crashed`` if it has the wrong number of balls or contacts."""
     given = len(outcome.velocities), len(outcome.impulses)
     legal = len(collision.masses), len(collision.stiffnesses)

@@ -206,9 +206,8 @@ def find_jumps(
     itself (`_plan_screening`), and screens that change all parameters at once (`_SCREENS`). Their thresholds are
     measured: `benchmarks/limits.py screens` counts the marks that are lost.
     """
-    has_result = (
-        exact.has_result
-    )  # a collision that was given up may have taken a second, and would at every change
+    # A collision that was given up may have taken a second, and would take it again at every change.
+    has_result = exact.has_result
     plan = _plan_screening(collisions, exact, gravity)
     full = has_result & (plan.full | everywhere)
     for screened, changes in ((plan.first_pair, _FIRST_SCREENS), (plan.all_patterns, _OTHER_SCREENS)):

@@ -38,8 +38,8 @@ from impact_xval.model.outcome import Outcome
 TEXTS = {
     "mujoco": """\
 <!-- A and B: names of the two geoms. Free bodies and slides: the numbers hold for a sum of the bodies' inverse
-     weights (body_invweight0[b, 0]) of {inverse} 1/kg. The default tolerance is an absolute number, which the heaviest
-     bodies of a scene decide: it lets go of the forces of light ones. -->
+     weights (body_invweight0[b, 0]) of {inverse} 1/kg. The default tolerance is a cost over the inertia of
+     all bodies solved together: beside heavy bodies it lets go of the forces of light ones. -->
 <option timestep="{step}" integrator="Euler" solver="Newton" tolerance="0"/>
 <contact>
   <pair geom1="A" geom2="B" condim="1" margin="0" gap="0"
@@ -230,7 +230,7 @@ class _Recorder(pybullet.Client):
     def __getattr__(self, name: str) -> Any:
         value = super().__getattr__(name)
         if type(value) is int:
-            return _named(value, f"pybullet.{name}")
+            return _name_number(value, f"pybullet.{name}")
         if not name.startswith(("create", "set", "reset", "change", "step")):
             return value
 
@@ -244,7 +244,7 @@ class _Recorder(pybullet.Client):
             if name.startswith("create"):
                 kind = "body" if name == "createMultiBody" else "shape"
                 number = 1 + sum(call.startswith(kind) for call in self.calls)
-                result = _named(result, f"{kind}{number}")
+                result = _name_number(result, f"{kind}{number}")
                 text = f"{result!r} = {text}"
             self.calls.append(text)
             return result
@@ -252,7 +252,7 @@ class _Recorder(pybullet.Client):
         return call
 
 
-def _named(value: int, name: str) -> int:
+def _name_number(value: int, name: str) -> int:
     """Return a number that a script has under a name."""
 
     class Named(int):

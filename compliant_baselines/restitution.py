@@ -51,15 +51,15 @@ def restitution(zeta: float) -> float:
 
 def damping_ratio(e: float) -> float:
     """Return the damping ratio that gives the restitution e, to rounding; a ValueError for e outside (0, 1]."""
-    return _damping_ratio(_checked(e))
+    return _damping_ratio(_require_legal(e))
 
 
 def textbook_damping_ratio(e: float) -> float:
     """Return the damping ratio that gives the restitution e to a contact that may pull; a ValueError outside (0, 1]."""
-    return float(textbook_damping_ratios(np.array(_checked(e))))
+    return float(textbook_damping_ratios(np.array(_require_legal(e))))
 
 
-def _checked(e: float) -> float:
+def _require_legal(e: float) -> float:
     """Return a restitution that a dashpot can have; a ValueError names the legal range."""
     if not 0 < e <= 1:
         raise ValueError(f"e = {e!r}; legal: greater than 0, at most 1 (no finite damping gives e = 0)")

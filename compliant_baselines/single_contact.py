@@ -23,13 +23,14 @@ from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.scanner import RunEnd
 from impact_xval.compliant_baselines.engines.scene import Scene, radius_of
 from impact_xval.compliant_baselines.engines.stepping import Run
-from impact_xval.compliant_baselines.mapping import KelvinVoigtContact, contact_time, damping_ratio
+from impact_xval.compliant_baselines.mapping import KelvinVoigtContact
 from impact_xval.compliant_baselines.paste import paste
 from impact_xval.compliant_baselines.pasted_drops import (
     drop_in_mujoco,
     drop_in_pybullet,
     drop_on_flat_in_pybullet,
 )
+from impact_xval.compliant_baselines.restitution import contact_time, damping_ratio
 from impact_xval.compliant_baselines.solver import SolverError
 from impact_xval.model.inputs import Legal
 from impact_xval.model.materials import MaterialContact
@@ -344,9 +345,8 @@ def measure_largest_step(engine: Engine, pair: Pair) -> tuple[Drops, Drops]:
 
 def _good_drops(engine: Engine, pair: Pair, step: float, places: Sequence[float]) -> Drops:
     """Drop a pair at places of a step; a SolverError if a result is outside the tolerance."""
-    _check_tolerance(
-        engine, pair, drop_at_places(engine, pair, step, places[:1])
-    )  # where a bad step mostly shows
+    # A bad step mostly shows at the first place.
+    _check_tolerance(engine, pair, drop_at_places(engine, pair, step, places[:1]))
     return _check_tolerance(engine, pair, drop_at_places(engine, pair, step, places))
 
 

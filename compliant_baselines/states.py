@@ -144,7 +144,7 @@ def comparable_states(paths: Paths, shortest: NDArray[np.float64]) -> list[str]:
 
     A state must be held for the time `shortest` in s to count, shape (n,). Without a path the text is empty.
     """
-    states, n_points = paths.acting @ _EACH_CONTACT, np.diff(paths.offsets)
+    states, n_points = paths.active @ _EACH_CONTACT, np.diff(paths.offsets)
     path = np.repeat(np.arange(len(paths)), n_points)
     raw = ManyRuns(path, paths.time, states).join_equal()
     ends, has_path = np.zeros(len(paths)), n_points > 0

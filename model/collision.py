@@ -190,7 +190,7 @@ class Collision:
 
     @property
     def falls_on_resting(self) -> bool:
-        """Whether this is the problem of the paper: B1 falls on B2, which rests on a table, with linear contacts."""
+        """True for the problem of the paper: B1 falls on B2, which rests on a table, with linear contacts."""
         first, *below = self.velocities
         is_linear_and_closed = self.exponent == 1 and not any(self.gaps)
         return is_linear_and_closed and self.table and below == [0.0] and first < 0
@@ -244,9 +244,9 @@ def _numbers(legal: Any, values: Any) -> tuple[float, ...]:
 def _check_ratios(m1: float, m2: float, k1: float, k2: float) -> None:
     """Raise a ValueError if k2/k1 is undefined or m2/m1 leaves double precision."""
     if k1 == k2 and (k1 == 0 or math.isinf(k1)):
-        both = f"k2 = {k2!r} over k1 = {k1!r}"
         raise ValueError(
-            f"stiffness ratio: {both} is undefined; legal: k2/k1 from 0 to inf, not 0/0 or inf/inf"
+            f"stiffness ratio: k2 = {k2!r} over k1 = {k1!r} is undefined; "
+            "legal: k2/k1 from 0 to inf, not 0/0 or inf/inf"
         )
     if not 0 < m2 / m1 < math.inf:
         raise ValueError(

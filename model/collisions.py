@@ -132,7 +132,7 @@ class Collisions(Sequence[Collision]):
 
     @property
     def falls_on_resting(self) -> Booleans:
-        """Where B1 falls on B2, which rests on a table, with linear contacts; shape (n,)."""
+        """True where B1 falls on B2, which rests on a table, with linear contacts; shape (n,)."""
         if self.masses.shape[1] != 2 or not self.table or self.exponent != 1:
             return np.zeros(len(self), bool)
         return (self.velocities[:, 0] < 0) & (self.velocities[:, 1] == 0) & ~self.gaps.any(axis=1)

@@ -1,4 +1,4 @@
-"""What is legal: the parameters of a collision, the ratios that decide it (Theorem 5), and the cut-off.
+"""Legal values of a collision's parameters, of the ratios that decide it (Theorem 5), and of the cut-off.
 
 `Legal` is a legal range with its text; the constants are the ranges of all parameters; `checked_array` checks arrays,
 `legal_cutoff` a cut-off. Used by `model.collision`, by `model.solving` and by the experiments' configuration.

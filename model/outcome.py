@@ -1,6 +1,7 @@
 """The result of one collision by any solver: `Outcome`.
 
-Needs `model.status` and `model.path`. Every solver returns it; `model.outcomes` has many outcomes as arrays.
+Needs `model.collision`, `model.status` and `model.path`. Every solver returns it; `model.outcomes` has
+many outcomes as arrays.
 """
 
 from __future__ import annotations
@@ -91,7 +92,7 @@ class Outcome:
 
     @property
     def marked(self) -> bool:
-        """Whether the outcome is marked; `mark` says why."""
+        """True if the outcome is marked; `mark` says why."""
         return bool(self.mark)
 
     v1 = property(lambda self: self.velocities[0], doc="Velocity of ball 1, in m/s.")
@@ -105,10 +106,10 @@ class Outcome:
         phrases: list[str] = []
         for name in sorted(self.requested.keys() & self.effective.keys()):
             requested, effective = self.requested[name], self.effective[name]
-            for i, (asked, used) in enumerate(zip(requested, effective, strict=True), 1):
-                if not math.isclose(asked, used, rel_tol=1e-9):
+            for i, (value, used) in enumerate(zip(requested, effective, strict=True), 1):
+                if not math.isclose(value, used, rel_tol=1e-9):
                     parameter = f"{name} {i}" if len(requested) > 1 else name
-                    phrases.append(f"{parameter} is {used:.6g}, {asked:.6g} was asked for")
+                    phrases.append(f"{parameter} is {used:.6g}, {value:.6g} was asked for")
         return "; ".join(phrases)
 
     def retained_energy(self, collision: Collision) -> float:

@@ -87,7 +87,7 @@ class Outcomes(Sequence[Outcome]):
 
     @property
     def marked(self) -> Booleans:
-        """Whether each outcome is marked; `marks` say why."""
+        """True where an outcome is marked; `marks` say why."""
         return self.mark > 0
 
     @property
@@ -97,7 +97,7 @@ class Outcomes(Sequence[Outcome]):
 
     @property
     def has_result(self) -> Booleans:
-        """Whether the numbers of each outcome are a result."""
+        """True where the numbers of an outcome are a result."""
         return IS_RESULT[self.status]
 
     @classmethod
@@ -112,12 +112,14 @@ class Outcomes(Sequence[Outcome]):
         n_states: ArrayLike = 0,
         n_events: ArrayLike = 0,
         grazing_margin: ArrayLike = math.nan,
-        **more: Any,
+        states: States | None = None,
+        diagnostics: dict[str, Floats] | None = None,
+        paths: Paths | None = None,
     ) -> Outcomes:
         """Build outcomes, none marked, from final velocities in m/s and the endings that collisions may have.
 
         The first ending whose condition holds counts (`first_endings`). `fallen` is the speed that gravity has added
-        (`total_impulses`). Further fields are passed on.
+        (`total_impulses`).
         """
         n = len(collisions)
         status, reason = first_endings(endings, n)
@@ -133,7 +135,9 @@ class Outcomes(Sequence[Outcome]):
             n_states=np.broadcast_to(n_states, n).astype(np.int64),
             n_events=np.broadcast_to(n_events, n).astype(np.int64),
             grazing_margin=np.array(np.broadcast_to(grazing_margin, n), float),
-            **more,
+            states=states,
+            diagnostics=diagnostics or {},
+            paths=paths,
         )
 
     @classmethod
@@ -223,12 +227,12 @@ class GridOutcomes:
 
     @property
     def has_result(self) -> Booleans:
-        """Whether the numbers of each outcome are a result."""
+        """True where the numbers of an outcome are a result."""
         return self.flat.has_result.reshape(self.shape)
 
     @property
     def marked(self) -> Booleans:
-        """Whether each outcome is marked; `marks` say why."""
+        """True where an outcome is marked; `marks` say why."""
         return self.flat.marked.reshape(self.shape)
 
     @property

@@ -29,15 +29,15 @@ class Path:
         Accumulated impulses in N s, and forces in N. A rigid contact has the force that it passes on. Forces of an
         engine are means since the point before. Where the model completes the impact of a stiff contact by a closed
         form, the soft contact stands still meanwhile, and its force does not change velocities (supplement, 3.4).
-    acting : ndarray of bool, shape (p, C)
-        Whether each contact is active from this point on. A rigid contact is active while another contact is.
+    active : ndarray of bool, shape (p, C)
+        The contacts that are active from each point on. A rigid contact is active while another contact is.
     """
 
     time: Floats
     velocities: Floats
     impulses: Floats
     forces: Floats
-    acting: Booleans
+    active: Booleans
 
     v1 = property(lambda self: self.velocities[:, 0], doc="Velocity of ball 1, in m/s.")
     v2 = property(lambda self: self.velocities[:, 1], doc="Velocity of ball 2, in m/s.")
@@ -47,7 +47,7 @@ class Path:
     @property
     def state(self) -> Integers:
         """State of two balls on a table at each point: 1 to 4 for S1 to S4; shape (p,)."""
-        return 4 - self.acting @ np.array([1, 2])
+        return 4 - self.active @ np.array([1, 2])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +63,7 @@ class Paths(Sequence[Path | None]):
     velocities: Floats
     impulses: Floats
     forces: Floats
-    acting: Booleans
+    active: Booleans
 
     @classmethod
     def of(cls, paths: Iterable[Path | None], balls: int, contacts: int) -> Paths:

@@ -200,7 +200,7 @@ def _solve_chains(
     no_damping, no_gravity = np.zeros_like(collisions.stiffnesses), np.zeros(len(collisions))
     problem = Problem(collisions, law, no_damping, True, no_gravity, max_windows=max_windows)
     result = problem.follow(states=states)
-    too_long = f"not over within {max_windows} pieces of segments"
+    too_long = f"not over within {problem.most_windows} windows"
     return problem.outcomes(
         NAME,
         result,
@@ -215,8 +215,9 @@ def _solve_pairs(collisions: Collisions, options: Options, *, states: bool, path
     """Solve collisions of two balls on a table."""
     scaled = _solve_cells(_cells_of(collisions), options, states=states)
     velocities = scaled.velocities * collisions.units[1][:, None]
-    has_path, recorded = ~np.isnan(velocities[:, 0]), None
+    recorded = None
     if paths:
+        has_path = ~np.isnan(velocities[:, 0])
         recorded = _pair_paths(collisions[has_path], options).scatter(has_path)
     impulses = total_impulses(collisions, velocities)
     return replace(scaled, velocities=velocities, impulses=impulses, paths=recorded)
@@ -271,7 +272,8 @@ def _solve_cells(cells: Cells, options: Options, *, states: bool) -> Outcomes:
 
 def _cutoff_effect(cells: Cells, options: Options, velocities: Floats, ending: NDArray[np.int64]) -> Floats:
     """Return the change of velocities by a cut-off, in the kinetic norm per sqrt(m1) abs(v0); shape (n,)."""
-    cut_off, effect = np.flatnonzero(ending == PairEnding.CLOSED_FORM), np.zeros(len(ending))
+    effect = np.zeros(len(ending))
+    cut_off = np.flatnonzero(ending == PairEnding.CLOSED_FORM)
     cells = cells.take(cut_off)
     change = follow(cells, options._replace(cutoff=EXACT)).velocities - velocities[cut_off]
     effect[cut_off] = np.hypot(change[:, 0], np.sqrt(cells.mu) * change[:, 1])
@@ -280,15 +282,16 @@ def _cutoff_effect(cells: Cells, options: Options, velocities: Floats, ending: N
 
 def _pair_paths(collisions: Collisions, options: Options) -> Paths:
     """Return paths of two balls on a table in SI units."""
-    c, k = collisions, collisions.stiffnesses.copy()
+    k = collisions.stiffnesses.copy()
     # With an infinite k1 the unit of time would be 0. A ratio of 1e60 is infinite to rounding.
     infinite = np.isinf(k[:, 0])
     k[infinite, 0] = 1e60 * k[infinite, 1]
-    c = replace(c, stiffnesses=k)
+    c = replace(collisions, stiffnesses=k)
+    time_unit, speed = c.units
     result, points = follow_with_paths(_cells_of(c), options)
     lengths = result.records["n_points"]
     row = np.repeat(np.arange(len(c)), lengths)  # the collision of each point
-    offsets, (time_unit, speed) = np.append(0, np.cumsum(lengths)), c.units
+    offsets = np.append(0, np.cumsum(lengths))
     time = points["time"].copy()
     for i, j in pairwise(offsets.tolist()):  # rounding may end a segment before its start
         np.maximum.accumulate(time[i:j], out=time[i:j])
@@ -304,7 +307,7 @@ def _pair_paths(collisions: Collisions, options: Options) -> Paths:
         velocities=velocities,
         impulses=impulses,
         forces=_times_unit(forces, force_unit[:, None]),
-        acting=active,
+        active=active,
     )
 
 
@@ -316,7 +319,8 @@ def _times_unit(values: Floats, unit: Floats) -> Floats:
 
 def _pair_endings(cells: Cells, ending: NDArray[np.int64], options: Options) -> list[Ending]:
     """Return the ways in which two balls may end that were not followed to S4."""
-    kappa, cutoff, e1, e2 = cells.kappa, options.cutoff, cells.e1, cells.e2
+    kappa, e1, e2 = cells.kappa, cells.e1, cells.e2
+    cutoff = options.cutoff
     is_exact = cutoff == EXACT
     beyond_cutoff = False if is_exact else (kappa > cutoff) | (kappa < 1 / cutoff)
     ratio = "the running stiffness ratio left"

@@ -112,7 +112,7 @@ def read_contacts(model: Any) -> dict[Bodies, list[str]]:
         pair = tuple((name, tuple(value.tolist())) for name, value in values)
         bodies = Bodies(
             masses=(masses[light], masses[heavy]),
-            weights=(_rounded(model.body_invweight0[light]), _rounded(model.body_invweight0[heavy])),
+            weights=(_round(model.body_invweight0[light]), _round(model.body_invweight0[heavy])),
             pair=pair,
             inertia=_inertia(near, data, light, heavy),
             losses=(losses[light], losses[heavy]),
@@ -166,9 +166,9 @@ def _mass_and_losses(model: Any, data: Any, body: int) -> tuple[float, Losses]:
     losses = Losses()
     if friction.any() or (rates * model.dof_damping).any():
         joint = int(friction.argmax())
-        damping, dry = _rounded([rates**2 @ model.dof_damping, friction.sum()])
-        losses = Losses(damping, dry, _rounded(model.dof_solref[joint]), _rounded(model.dof_solimp[joint]))
-    return _rounded(1 / largest)[0], losses
+        damping, dry = _round([rates**2 @ model.dof_damping, friction.sum()])
+        losses = Losses(damping, dry, _round(model.dof_solref[joint]), _round(model.dof_solimp[joint]))
+    return _round(1 / largest)[0], losses
 
 
 def _inertia(model: Any, data: Any, *bodies: int) -> float:
@@ -186,7 +186,7 @@ def _inertia(model: Any, data: Any, *bodies: int) -> float:
     for dof in dofs.tolist():
         mujoco.mj_mulM(model, data, row, unit_vectors[dof])
         diagonal.append(float(row[dof]))
-    return _rounded(sum(diagonal))[0]
+    return _round(sum(diagonal))[0]
 
 
 def _has_islands(option: Any) -> bool:
@@ -201,6 +201,6 @@ def flag(kind: str, name: str) -> int:
     return int(getattr(getattr(mujoco, kind), name, 0))
 
 
-def _rounded(values: Any) -> tuple[float, ...]:
+def _round(values: Any) -> tuple[float, ...]:
     """Round to twelve digits, which are the same for bodies that are alike."""
     return tuple(float(f"{value:.12g}") for value in np.ravel(values))

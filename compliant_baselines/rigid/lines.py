@@ -44,9 +44,8 @@ class RigidWorld(World):
     accuracy = DOUBLE
 
     def __init__(self, scene: Scene, radius: float) -> None:
-        if hasattr(
-            RigidWorld, "partner"
-        ):  # a script of 0.4 sets it, and would get other numbers without a word
+        # A script of 0.4 sets this attribute, and would get other numbers without a word.
+        if hasattr(RigidWorld, "partner"):
             raise TypeError("RigidWorld.partner is Settings(partner_restitution=...) now")
         super().__init__(scene, radius)
         self._table, self._tiny = scene.table, self.resolution * scene.fastest

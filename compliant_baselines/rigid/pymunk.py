@@ -29,9 +29,8 @@ class PymunkWorld(RigidWorld):
         if scene.table:
             width = 100 * half
             upper.append(pymunk.Segment(space.static_body, (-width, -half), (width, -half), half))
-        for shape, e in zip(
-            lower, scene.restitutions, strict=False
-        ):  # the lowest ball may have nothing below
+        # The lowest ball may have nothing below.
+        for shape, e in zip(lower, scene.restitutions, strict=False):
             shape.elasticity = e
         for shape in upper:
             shape.elasticity = scene.partner_restitution

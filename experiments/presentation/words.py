@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from impact_xval.compliant_baselines.registry import group_by_law, solver_names
+from impact_xval.compliant_baselines.registry import group_by_law, solver_names, title_of
 from impact_xval.experiments.config.arrangements import ChainSetup
 from impact_xval.experiments.config.axes import AXES, SI_AXES
 from impact_xval.experiments.config.experiment import REFERENCE
@@ -24,31 +24,6 @@ LAWS_WITH_LAWS = (
     "Laws of contact are compared with one another; no laboratory measurement is in the comparison, and no "
     "number says which law is nearer to a real collision."
 )
-
-#: Names of solvers for readers; a solver without an entry is called by its identifier.
-_NAMES = {
-    "state-transition": "the model",
-    "liu-zhao-brogliato": "Liu-Zhao-Brogliato",
-    "mujoco": "MuJoCo",
-    "mujoco-naive": "MuJoCo (naive mapping)",
-    "mujoco:documented": "MuJoCo (as documented)",
-    "mujoco:default": "MuJoCo (as it ships)",
-    "pybullet": "PyBullet",
-    "pybullet-naive": "PyBullet (naive mapping)",
-    "pybullet:default": "PyBullet (as it ships)",
-    "pybullet-restitution": "PyBullet (restitution)",
-    "pymunk": "Pymunk",
-    "dart": "DART",
-    "rapier": "Rapier",
-    "sapien": "PhysX 5 (SAPIEN)",
-    "drake": "Drake",
-    "drake-hunt-crossley": "Drake, Hunt-Crossley",
-    "newton": "Newton (SemiImplicit)",
-    "kelvin-voigt": "exact Kelvin-Voigt",
-    "hunt-crossley": "exact Hunt-Crossley",
-    "compression-dashpot": "exact dashpots of compression",
-    "bistiffness": "exact bistiffness",
-}
 
 #: Colour, marker and dash of the solvers of most runs, by the palette of Okabe and Ito, safe for the colour-blind.
 _LOOKS = {
@@ -109,8 +84,7 @@ def look_of(solver: str) -> Look:
 
 def display_name(solver: str) -> str:
     """Return the name of a solver for readers."""
-    engine, at, step = solver.partition(":step-")
-    return f"{display_name(engine)} (step {step})" if at else _NAMES.get(solver, solver)
+    return title_of(solver)
 
 
 def name_solver_in(solver: str, text: str) -> str:

@@ -29,7 +29,7 @@ from impact_xval.model.chain.series import place
 from impact_xval.model.compiled import kernel_helper
 from impact_xval.model.pair.law import Phase
 
-#: Windows without an event after which `settles` is asked once.
+#: Number of windows without an event after which `settles` is asked, and again after as many more.
 QUIET = 6
 
 #: Share of a bound that rounding may make.

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_xval.model.arrays import Booleans, Floats
-from impact_xval.model.chain.kernel import follow_chains
+from impact_xval.model.chain.kernel import MOST_WORK, follow_chains
 from impact_xval.model.chain.laws import Law
 from impact_xval.model.chain.power_law import TOLERANCE, new_workspace
 from impact_xval.model.chain.record import RESULT, ChainEnding, Chains, Logs, Options
@@ -65,17 +65,17 @@ class ChainResult(NamedTuple):
 
     @property
     def given_up(self) -> Booleans:
-        """Whether each collision was given up before its end."""
+        """True where a collision was given up before its end."""
         return self.records["ending"] == ChainEnding.UNFINISHED
 
     @property
     def skipped(self) -> Booleans:
-        """Whether each collision was not followed."""
+        """True where a collision was not followed."""
         return self.records["ending"] == ChainEnding.SKIPPED
 
     @property
     def gained_energy(self) -> Booleans:
-        """Whether each collision ended with more energy than it had, by rounding."""
+        """True where a collision ended with more energy than it had, by rounding."""
         return self.records["ending"] == ChainEnding.GAINED_ENERGY
 
 
@@ -95,6 +95,12 @@ class Problem:
     tolerance: float = TOLERANCE
     #: Windows after which a collision is given up.
     max_windows: int = MAX_WINDOWS
+
+    @property
+    def most_windows(self) -> int:
+        """Windows after which the kernel gives a collision up: `max_windows`, or fewer where contacts are many."""
+        other_contacts = self.collisions.stiffnesses.shape[1] - 1
+        return min(self.max_windows, -(-MOST_WORK // other_contacts)) if other_contacts else self.max_windows
 
     def follow(self, *, states: bool = True) -> ChainResult:
         """Follow all collisions to their ends, with or without a record of their states."""
@@ -179,7 +185,8 @@ class Problem:
 
     def paths(self, n_windows: NDArray[np.int64]) -> Paths:
         """Follow all collisions once more, and return their paths; `n_windows` is as `follow` has counted."""
-        c, (time_unit, speed), g = self.collisions, self.collisions.units, self.gravity
+        c, g = self.collisions, self.gravity
+        time_unit, speed = c.units
         (n, balls), contacts = c.masses.shape, c.stiffnesses.shape[1]
         width = 1 + 2 * balls + contacts
         points = np.clip(LOG_NUMBERS // (n_windows * width + 1), 1, POINTS).astype(np.int64)
@@ -206,14 +213,15 @@ class Problem:
             return Paths(offsets, log[:, 0] * time_unit[row], velocities, impulses, forces, active)
 
     def _rows(self, rows: Booleans) -> Problem:
-        """Return the problem of some of the collisions."""
+        """Return the problem of the collisions that `rows`, shape (n,), marks."""
         return replace(
             self, collisions=self.collisions[rows], dampings=self.dampings[rows], gravity=self.gravity[rows]
         )
 
     def _scaled(self, points: NDArray[np.int64]) -> Chains:
         """Return the collisions in their units, as the kernel takes them."""
-        c, (time_unit, speed) = self.collisions, self.collisions.units
+        c = self.collisions
+        time_unit, speed = c.units
         with np.errstate(over="ignore", under="ignore", invalid="ignore", divide="ignore"):
             masses, stiffnesses = c.masses / c.masses[:, :1], c.stiffnesses / c.stiffnesses[:, :1]
             drifts = np.zeros(len(c))

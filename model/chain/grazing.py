@@ -169,9 +169,9 @@ def diagonalise(first, last, work):
                 high += 1
             if high == low:
                 break
-            here, beside = work[low].watched[DIAGONAL], work[low].watched[BESIDE]
-            g = (work[low + 1].watched[DIAGONAL] - here) / (2 * beside)
-            g = work[high].watched[DIAGONAL] - here + beside / (g + copysign(hypot(g, 1.0), g))
+            diagonal, beside = work[low].watched[DIAGONAL], work[low].watched[BESIDE]
+            g = (work[low + 1].watched[DIAGONAL] - diagonal) / (2 * beside)
+            g = work[high].watched[DIAGONAL] - diagonal + beside / (g + copysign(hypot(g, 1.0), g))
             s, t, p, j = 1.0, 1.0, 0.0, high - 1
             while j >= low:
                 table, after = work[j].watched, work[j + 1].watched

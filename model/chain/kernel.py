@@ -64,7 +64,7 @@ FIRST_STEP = 1e-3
 
 
 class Action(IntEnum):
-    """What a chain does next."""
+    """Next action of a chain."""
 
     END = 0  # nothing: it is over
     FLY = 1  # fly without forces until a gap closes
@@ -90,16 +90,16 @@ def next_action(c, n):
 
     A contact that is active at rest carries no force.
     """
-    first, which = inf, -1
+    first, first_contact = inf, -1
     for i in range(n):
         contact = c[i]
         if is_active(contact) and (contact.delta > 0 or contact.w != 0):
             return Action.FOLLOW, -1, 0.0
         if not contact.frozen and contact.w > 0 and max(0.0, -contact.delta / contact.w) < first:
-            first, which = max(0.0, -contact.delta / contact.w), i
-    if which < 0:
-        return Action.END, which, 0.0
-    return Action.FLY, which, first
+            first, first_contact = max(0.0, -contact.delta / contact.w), i
+    if first_contact < 0:
+        return Action.END, first_contact, 0.0
+    return Action.FLY, first_contact, first
 
 
 @kernel_helper
@@ -228,12 +228,16 @@ def collide(c, work, setup, options, logs, first_row, first_set, result):
     Returned are the number of contacts that are left and the energy that was lost. The fields of `result` are filled in
     (`chain.record.RESULT`), but for `energy_share`. Points are logged from `first_row` on, sets from `first_set` on.
     """
-    n, frozen, dashpot, law = work.size, c[0].frozen, has_dashpot(c[0]), c[0].law
+    n = work.size
+    frozen, dashpot, law = c[0].frozen, has_dashpot(c[0]), c[0].law
     takes_steps = not has_series(c[0])
     degree = ORDER_OF_STEP if takes_steps else ORDER
     gravity, energy = setup.gravity, setup.energy
-    ending, events, windows, quiet = ChainEnding.UNFINISHED, 0, 0, 0
-    margin, loss, time, fall, next_step = inf, 0.0, 0.0, inf, FIRST_STEP
+    ending = ChainEnding.UNFINISHED
+    events, windows, quiet = 0, 0, 0
+    margin, loss = inf, 0.0
+    time, fall = 0.0, inf
+    next_step = FIRST_STEP
     row, set_row = first_row, first_set
     while True:
         if law <= Law.LIU_ZHAO_BROGLIATO and 0 < energy_left(c, n) <= COLLAPSED * energy:
@@ -241,14 +245,14 @@ def collide(c, work, setup, options, logs, first_row, first_set, result):
             loss += dropped
             if is_lossy:
                 result.collapse = True
-        action, which, h = Action.FOLLOW, -1, 0.0
+        action, event_contact, h = Action.FOLLOW, -1, 0.0
         if gravity > 0:
             ending = drop_ending(c, n, quiet > 0 and quiet % QUIET == 0)
             if ending == ChainEnding.UNFINISHED and in_flight(c, n):
                 end_gravity(c, n)
                 gravity, fall = 0.0, time
         if gravity == 0:
-            action, which, h = next_action(c, n)
+            action, event_contact, h = next_action(c, n)
             ending = ChainEnding.FREE if action == Action.END else ChainEnding.UNFINISHED
         if ending != ChainEnding.UNFINISHED:
             break
@@ -261,7 +265,8 @@ def collide(c, work, setup, options, logs, first_row, first_set, result):
             watched = Watched.RATE if frozen else Watched.GAP
         else:
             window = follow(c, n, next_step, options.tolerance, work)
-            h, x, which, watched = window.h, window.x, window.contact, window.watched
+            h, x = window.h, window.x
+            event_contact, watched = window.contact, window.watched
             next_step, last_power = window.next_step, degree
             if x < 0:
                 break
@@ -273,14 +278,14 @@ def collide(c, work, setup, options, logs, first_row, first_set, result):
             set_row = log_set(c, n, work, logs.sets, first_set, set_row)
             row = log_points(c, n, work, last_power, x, h, time, setup, setup.points, logs.path, row)
         time += x * h
-        if which >= 0:
-            was_active = is_active(c[which])
-            n, lost = apply_event(c, n, which, watched, energy, result)
+        if event_contact >= 0:
+            was_active = is_active(c[event_contact])
+            n, lost = apply_event(c, n, event_contact, watched, energy, result)
             loss += lost
             if dashpot:
-                work[which].force_is_zero = watched == Watched.FORCE
+                work[event_contact].force_is_zero = watched == Watched.FORCE
             # If bodies part that overlapped without force, nothing changes.
-            changes_forces = not dashpot or is_active(c[which]) != was_active
+            changes_forces = not dashpot or is_active(c[event_contact]) != was_active
             if watched != Watched.TURN and changes_forces:
                 events, quiet = events + 1, 0
         still_rounding(c, n, energy)
@@ -293,9 +298,11 @@ def collide(c, work, setup, options, logs, first_row, first_set, result):
     for i in range(n):
         work[i].rates[0] = c[i].w
     row = log_points(c, n, work, ZERO, 0.0, 1.0, time, setup, ONE, logs.path, row)  # the end
-    result.ending, result.n_events, result.n_windows = ending, events, windows
+    result.ending = ending
+    result.n_events, result.n_windows = events, windows
     result.n_points, result.n_states = row - first_row, set_row - first_set
-    result.margin, result.time, result.fall = margin, time, min(fall, time)
+    result.margin = margin
+    result.time, result.fall = time, min(fall, time)
     return n, loss
 
 
@@ -337,16 +344,16 @@ def follow_chains(c, work, chains, options, logs, velocities, results):
             gravity,
         )
         energy = write_velocities(c, work.size, chains.masses, drift, velocities, i)
-        most = (1 + GAIN) * kinetic_energy(c, work.size)
+        most_energy = (1 + GAIN) * kinetic_energy(c, work.size)
         for j in range(work.size):
             contact = c[j]
             contact.length = (energy * (contact.p + 1) / contact.k) ** (1 / (contact.p + 1))
             work[j].force_is_zero = False
         setup = Setup(energy, drift, gravity, chains.points[i])
         n, loss = collide(c, work, setup, options, logs, row, set_row, result)
-        left = write_velocities(c, n, chains.masses, drift, velocities, i)
-        result.energy_share = (loss + left) / energy
-        if result.ending == ChainEnding.FREE and gravity == 0 and not kinetic_energy(c, n) <= most:
+        energy_after = write_velocities(c, n, chains.masses, drift, velocities, i)
+        result.energy_share = (loss + energy_after) / energy
+        if result.ending == ChainEnding.FREE and gravity == 0 and not kinetic_energy(c, n) <= most_energy:
             result.ending = ChainEnding.GAINED_ENERGY
         row += result.n_points
         set_row += result.n_states

@@ -1,4 +1,4 @@
-"""What the kernel of chains logs: points of paths, and sets of active contacts. Used by `chain.kernel`."""
+"""Logs of the kernel of chains: points of paths, and sets of active contacts. Used by `chain.kernel`."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ def log_points(c, n, work, degree, x, h, time, setup, points, log, row):
     balls = (log.shape[1] - c.size) // 2
     for point in range(points):
         if row < log.shape[0]:
-            here = x * point / points
-            log[row, 0] = time + here * h
+            instant = x * point / points
+            log[row, 0] = time + instant * h
             for i in range(n):
-                work[i].value = value(work[i].rates, degree, here)
+                work[i].value = value(work[i].rates, degree, instant)
             write_ball_values(c, n, work.value, setup.drift, log, row, _ONE)
             for i in range(n):
-                work[i].value = slope(work[i].rates, degree, here) / h
+                work[i].value = slope(work[i].rates, degree, instant) / h
             write_ball_values(c, n, work.value, 0.0, log, row, _ONE + balls)
             for i in range(work.size):
                 log[row, 1 + 2 * balls + i] = 1.0 if work[i].active else 0.0

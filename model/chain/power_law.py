@@ -121,10 +121,10 @@ def error_of_step(c, n, h, work):
             length *= (contact.original / contact.k) ** (1 / (contact.p + 1))
         fifth += w5 * w5 + (d5 / length) ** 2
         third += w3 * w3 + (d3 / length) ** 2
-    both = (fifth + 0.01 * third) * 2 * n
-    if not both < inf:
+    weighted = (fifth + 0.01 * third) * 2 * n
+    if not weighted < inf:
         return inf  # a stage is beyond double precision: the step is far too long
-    return h * fifth / sqrt(both) if fifth > 0 else 0.0
+    return h * fifth / sqrt(weighted) if fifth > 0 else 0.0
 
 
 @kernel_helper
@@ -140,9 +140,9 @@ def step(c, n, h, work):
 def jerk(c, i):
     """Return w'' of contact i, without dashpots."""
     above = tangent(c[i - 1]) * c[i - 1].w if is_active(c[i - 1]) else 0.0
-    here = tangent(c[i]) * c[i].w if is_active(c[i]) else 0.0
+    middle = tangent(c[i]) * c[i].w if is_active(c[i]) else 0.0
     below = tangent(c[i + 1]) * c[i + 1].w if is_active(c[i + 1]) else 0.0
-    return c[i].a * (above - here) + c[i + 1].a * (below - here)
+    return c[i].a * (above - middle) + c[i + 1].a * (below - middle)
 
 
 @kernel_helper
@@ -228,7 +228,8 @@ def refine_event(c, n, h, x, i, watched, sign, work):
     function changes its sign, and halves that part where it would leave it: the force of a weak dashpot bends so
     sharply next to its end that Newton's step from beyond that end is of no use.
     """
-    contact, scratch, low, high = c[i], work[i], 0.0, 1.0
+    contact, scratch = c[i], work[i]
+    low, high = 0.0, 1.0
     value, _ = value_and_slope_at_end(contact, scratch, watched)
     changes_sign, refinements = sign * value <= 0, 0
     while True:
@@ -245,8 +246,8 @@ def refine_event(c, n, h, x, i, watched, sign, work):
             after = x + change
         else:
             after = 0.5 * (low + high)
-        most = MOST_REFINEMENTS if changes_sign else REFINEMENTS
-        if abs(after - x) <= CONVERGED or refinements == most:
+        most_refinements = MOST_REFINEMENTS if changes_sign else REFINEMENTS
+        if abs(after - x) <= CONVERGED or refinements == most_refinements:
             # A function that only leaves zero has no event there.
             is_past_zero = sign * value < 0 or (value == 0 and sign * rise <= 0)
             is_falling_to_zero = sign * rise < 0 and abs(change) <= RESOLVED

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 
 class ChainEnding(IntEnum):
-    """How a chain ended.
+    """End of a chain.
 
     Its numbers differ from all of `pair.record.PairEnding`, so that a code of one kernel means nothing to the other.
     """
@@ -46,7 +46,7 @@ class Chains(NamedTuple):
     points: NDArray[np.int64]
 
     def take(self, rows: slice) -> Chains:
-        """Return some of the chains."""
+        """Return the chains of a slice."""
         return Chains(
             masses=self.masses[rows],
             stiffnesses=self.stiffnesses[rows],
@@ -61,7 +61,7 @@ class Chains(NamedTuple):
 
 
 class Options(NamedTuple):
-    """How the kernel of chains follows them."""
+    """Accuracy and limit of the kernel of chains."""
 
     #: Error of a step, where steps are taken.
     tolerance: float

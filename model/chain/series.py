@@ -38,7 +38,7 @@ INVERSE = np.append(0.0, 1 / np.arange(1.0, ORDER + 1))
 @kernel_helper
 def largest_eigenvalue(c, n, stiffnesses):
     """Bound the largest eigenvalue of the active contacts, with given stiffnesses, by row sums (Gershgorin)."""
-    most = 0.0
+    largest_row = 0.0
     for i in range(n):
         if not is_active(c[i]):
             continue
@@ -47,8 +47,8 @@ def largest_eigenvalue(c, n, stiffnesses):
             row += c[i].a * stiffnesses[i - 1]
         if is_active(c[i + 1]):
             row += c[i + 1].a * stiffnesses[i + 1]
-        most = max(most, row)
-    return most
+        largest_row = max(largest_row, row)
+    return largest_row
 
 
 @kernel_helper

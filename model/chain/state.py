@@ -110,8 +110,8 @@ def activate_resting(contact, gap, neighbour):
 def acceleration(c, i):
     """Return w' of contact i: the effect of its own force, of its neighbours' forces, and of gravity at the table."""
     above, below = c[i].a, c[i + 1].a
-    own = (above + below) * force(c[i])
-    return above * force(c[i - 1]) + below * force(c[i + 1]) - own + c[i].g
+    by_itself = (above + below) * force(c[i])
+    return above * force(c[i - 1]) + below * force(c[i + 1]) - by_itself + c[i].g
 
 
 @kernel_helper
@@ -182,11 +182,11 @@ def rounding_energy(contact, energy):
 @kernel_helper
 def still_rounding(c, n, energy):
     """Bring to rest the contacts in compression that have no energy but that of rounding."""
-    above, here, below = 0.0, 0.0, 0.0
+    above, middle, below = 0.0, 0.0, 0.0
     for i in range(-1, n):
-        above, here, below = here, below, oscillation(c, i + 1) if i + 1 < n else 0.0
+        above, middle, below = middle, below, oscillation(c, i + 1) if i + 1 < n else 0.0
         if i >= 0:
-            c[i].reach = max(max(c[i].reach, above), max(here, below))
+            c[i].reach = max(max(c[i].reach, above), max(middle, below))
     for i in range(n):
         contact = c[i]
         if contact.phase == Phase.COMPRESSION and oscillation(c, i) <= rounding_energy(contact, energy):

@@ -138,6 +138,18 @@ def bounds_of(c, radius, omega):
 
 
 @force_inlined
+def bounds_of_all(segment, radius):
+    """Return the bounds of the four watched functions of a segment."""
+    modes = segment.modes
+    return Four(
+        bounds_of(modes.delta, radius, modes.omega),
+        bounds_of(modes.phi2, radius, modes.omega),
+        bounds_of(modes.force1, radius, modes.omega),
+        bounds_of(modes.force2, radius, modes.omega),
+    )
+
+
+@force_inlined
 def jets_of(motion, segment):
     """Return the jets of the four watched functions: both rates with their signs, and both forces."""
     sign1, sign2 = segment.signs
@@ -188,6 +200,66 @@ def evaluate(q, r, segment, chased):
         0.0 if chased == Function.FORCE2 else motion.F2,
     )
     return motion, jets_of(motion, segment)
+
+
+@force_inlined
+def any_of(four):
+    """Return whether any of four flags is set; without a branch."""
+    return four.rate1 | four.rate2 | four.force1 | four.force2
+
+
+@force_inlined
+def noise_at(segment, bounds, time):
+    """Return the rounding of the four watched functions at a time of the segment: their phases are rounded too."""
+    growth = 1 + segment.modes.omega[1] * time
+    return Four(
+        growth * bounds.rate1.noise,
+        growth * bounds.rate2.noise,
+        growth * bounds.force1.noise,
+        growth * bounds.force2.noise,
+    )
+
+
+@force_inlined
+def below_zero(segment, end, noise, leaves1, leaves2):
+    """Return which watched functions are below zero, beyond rounding, at the end of a window.
+
+    `leaves1` and `leaves2` tell which rate leaves zero in this window, and so is positive at its end.
+    """
+    return Four(
+        (end.rate1.value < -noise.rate1) & ~leaves1,
+        (end.rate2.value < -noise.rate2) & ~leaves2,
+        (end.force1.value < -noise.force1) & segment.watches_force[0],
+        (end.force2.value < -noise.force2) & segment.watches_force[1],
+    )
+
+
+@force_inlined
+def certify(segment, bounds, before, end, h, leaves1, leaves2):
+    """Return which functions are certain to be positive inside a window of length h, or are not watched."""
+    return Four(
+        leaves1 | positive_between(before.rate1, end.rate1, h, bounds.rate1.sixth),
+        leaves2 | positive_between(before.rate2, end.rate2, h, bounds.rate2.sixth),
+        positive_between(before.force1, end.force1, h, bounds.force1.sixth) | ~segment.watches_force[0],
+        positive_between(before.force2, end.force2, h, bounds.force2.sixth) | ~segment.watches_force[1],
+    )
+
+
+@force_inlined
+def zero_at_end(segment, end, noise, certified, leaves1, leaves2):
+    """Return which watched functions are zero at the end of a window that is passed: these have their events there."""
+    return Four(
+        ~leaves1 & is_zero(end.rate1, noise.rate1, certified.rate1),
+        ~leaves2 & is_zero(end.rate2, noise.rate2, certified.rate2),
+        segment.watches_force[0] & is_zero(end.force1, noise.force1, certified.force1),
+        segment.watches_force[1] & is_zero(end.force2, noise.force2, certified.force2),
+    )
+
+
+@force_inlined
+def is_zero(jet, noise, certified):
+    """Return whether a function is zero within rounding, where it could not be certified within four times rounding."""
+    return jet.value <= (noise if certified else 4 * noise)
 
 
 @force_inlined
@@ -286,12 +358,6 @@ def margin_after(segment, bounds, before, end, t, h, margin):
 
 
 @force_inlined
-def is_zero(jet, noise, certified):
-    """Return whether a function is zero within rounding, where it could not be certified within four times rounding."""
-    return jet.value <= (noise if certified else 4 * noise)
-
-
-@force_inlined
 def clear_until(segment, radius, t):
     """Return a time from t on up to which the envelopes of all watched functions stay clear of zero."""
     modes, omega, a, b = segment.modes, segment.modes.omega, segment.a, segment.b
@@ -313,12 +379,7 @@ def first_event(segment, start, margin):
     modes, omega, a, b = segment.modes, segment.modes.omega, segment.a, segment.b
     w0, w1 = omega
     radius = (sqrt(a[0] * a[0] + b[0] * b[0]), sqrt(a[1] * a[1] + b[1] * b[1]))
-    bounds = Four(
-        bounds_of(modes.delta, radius, omega),
-        bounds_of(modes.phi2, radius, omega),
-        bounds_of(modes.force1, radius, omega),
-        bounds_of(modes.force2, radius, omega),
-    )
+    bounds = bounds_of_all(segment, radius)
     before = jets_of(start, segment)
     fresh1, fresh2 = start.d1 == 0, start.v2 == 0
     past1, past2 = is_past(before.rate1, fresh1), is_past(before.rate2, fresh2)
@@ -340,34 +401,18 @@ def first_event(segment, start, margin):
     while True:
         windows += 1
         motion, end = evaluate(q, r, segment, chased)
-        late = 1 + w1 * (t + h)  # the phases are rounded too
-        noise = Four(
-            late * bounds.rate1.noise,
-            late * bounds.rate2.noise,
-            late * bounds.force1.noise,
-            late * bounds.force2.noise,
-        )
+        noise = noise_at(segment, bounds, t + h)
         leaves1 = fresh1 & leaves_zero(h, before.rate1, bounds.rate1.second, w1)
         leaves2 = fresh2 & leaves_zero(h, before.rate2, bounds.rate2.second, w1)
-        below = Four(
-            (end.rate1.value < -noise.rate1) & ~leaves1,
-            (end.rate2.value < -noise.rate2) & ~leaves2,
-            (end.force1.value < -noise.force1) & segment.watches_force[0],
-            (end.force2.value < -noise.force2) & segment.watches_force[1],
-        )
-        if below.rate1 | below.rate2 | below.force1 | below.force2:
+        below = below_zero(segment, end, noise, leaves1, leaves2)
+        if any_of(below):
             negative_at = h
             chased, h, q, r = chase_root(segment, bounds, below, before, end, noise, fresh1, fresh2, t, h)
             continue
 
         leaves1 |= fresh1 & (end.rate1.value <= noise.rate1) & (end.rate1.slope >= 0)
         leaves2 |= fresh2 & (end.rate2.value <= noise.rate2) & (end.rate2.slope >= 0)
-        certified = Four(
-            leaves1 | positive_between(before.rate1, end.rate1, h, bounds.rate1.sixth),
-            leaves2 | positive_between(before.rate2, end.rate2, h, bounds.rate2.sixth),
-            positive_between(before.force1, end.force1, h, bounds.force1.sixth) | ~segment.watches_force[0],
-            positive_between(before.force2, end.force2, h, bounds.force2.sixth) | ~segment.watches_force[1],
-        )
+        certified = certify(segment, bounds, before, end, h, leaves1, leaves2)
         all_certified = certified.rate1 & certified.rate2 & certified.force1 & certified.force2
         if not all_certified and h * w1 > SHORTEST_WINDOW:
             h, chased = 0.5 * h, Function.NONE
@@ -376,13 +421,8 @@ def first_event(segment, start, margin):
 
         margin = margin_after(segment, bounds, before, end, t, h, margin)
         t += h
-        fired = Four(
-            ~leaves1 & is_zero(end.rate1, noise.rate1, certified.rate1),
-            ~leaves2 & is_zero(end.rate2, noise.rate2, certified.rate2),
-            segment.watches_force[0] & is_zero(end.force1, noise.force1, certified.force1),
-            segment.watches_force[1] & is_zero(end.force2, noise.force2, certified.force2),
-        )
-        if fired.rate1 | fired.rate2 | fired.force1 | fired.force2:
+        fired = zero_at_end(segment, end, noise, certified, leaves1, leaves2)
+        if any_of(fired):
             return Event(t, fired, motion, margin, windows)
 
         before = end

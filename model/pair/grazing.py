@@ -56,8 +56,8 @@ def turns_far(slow, fast, slow2, fast2):
     sin y. Hence abs(sin x) is at most fast w_fast/(slow w_slow), and the sum at least slow abs(cos x) - fast. The same
     holds with both sinusoids exchanged.
     """
-    near = NEAR * (slow + fast)
-    slow_bound, fast_bound = fast + near, slow + near
+    threshold = NEAR * (slow + fast)
+    slow_bound, fast_bound = fast + threshold, slow + threshold
     by_slow = slow2 * (slow * slow - slow_bound * slow_bound) > fast2 * fast * fast
     by_fast = fast2 * (fast * fast - fast_bound * fast_bound) > slow2 * slow * slow
     return by_slow | by_fast
@@ -110,12 +110,14 @@ def nearest_turn(c, force, least_square, t, h, omega, a, b):
     """
     w0, w1 = omega
     # The slope is sum g_j r_j. As r_j lags a quarter turn behind q_j, it starts as u_j.
-    g, u, v = (c[0] * w0, c[1] * w1), b, (-a[0], -a[1])
+    g = (c[0] * w0, c[1] * w1)
+    u, v = b, (-a[0], -a[1])
     slow = abs(g[0]) * sqrt(a[0] * a[0] + b[0] * b[0])
     fast = abs(g[1]) * sqrt(a[1] * a[1] + b[1] * b[1])
     C = (slow * (w0 * w0 * w0) ** 2 + fast * (w1 * w1 * w1) ** 2) / 28800
     noise = 4 * EPSILON * (1 + w1 * (t + h)) * (slow + fast)
-    least, passed, step = inf, 0.0, h
+    least = inf
+    passed, step = 0.0, h
     r, minus_q = modal_coordinates(t, omega, u, v)
     start = jet_of(g, omega, r, minus_q)
     leading = start.value if start.value != 0 else (start.slope if start.slope != 0 else start.bend)

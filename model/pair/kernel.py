@@ -41,17 +41,17 @@ PRECISION_RATIO = 1e30
 @force_inlined
 def segment_of(pair, mu, modes):
     """Return the segment of S1 that begins now."""
-    one, two = pair.contact1, pair.contact2
-    a, b = amplitudes(pair.d1, pair.v2, one.F / one.k, two.F / two.k, modes)
+    contact1, contact2 = pair.contact1, pair.contact2
+    a, b = amplitudes(pair.d1, pair.v2, contact1.F / contact1.k, contact2.F / contact2.k, modes)
     return Segment(
         mu=mu,
         modes=modes,
         signs=(
-            1.0 if one.phase == Phase.COMPRESSION else -1.0,
-            -1.0 if two.phase == Phase.COMPRESSION else 1.0,
+            1.0 if contact1.phase == Phase.COMPRESSION else -1.0,
+            -1.0 if contact2.phase == Phase.COMPRESSION else 1.0,
         ),
-        watches_force=(one.phase == Phase.RESTITUTION, two.phase == Phase.RESTITUTION),
-        losses=(1 - one.e * one.e, 1 - two.e * two.e),
+        watches_force=(contact1.phase == Phase.RESTITUTION, contact2.phase == Phase.RESTITUTION),
+        losses=(1 - contact1.e * contact1.e, 1 - contact2.e * contact2.e),
         a=a,
         b=b,
     )
@@ -76,9 +76,9 @@ def follow_both_contacts(segment, pair, options, margin):
         rate1, rate2 = event.fired.rate1, event.fired.rate2
         force1, force2 = event.fired.force1, event.fired.force2
     d1, v2 = (0.0 if rate1 else at_event.d1), (0.0 if rate2 else at_event.v2)
-    one, loss = after_event(options.stiffens, pair.contact1, at_event.F1, rate1, force1, pair.loss)
-    two, loss = after_event(options.stiffens, pair.contact2, at_event.F2, rate2, force2, loss)
-    return Pair(d1, v2, one, two, loss), rate1, rate2, duration, margin, windows
+    contact1, loss = after_event(options.stiffens, pair.contact1, at_event.F1, rate1, force1, pair.loss)
+    contact2, loss = after_event(options.stiffens, pair.contact2, at_event.F2, rate2, force2, loss)
+    return Pair(d1, v2, contact1, contact2, loss), rate1, rate2, duration, margin, windows
 
 
 @force_inlined
@@ -103,18 +103,21 @@ def collide(kappa, mu, e1, e2, options, logs, first_point, first_set, result):
     The fields of `result` (`pair.record.RESULT`) are filled in, but for the residual: in its place is the energy that
     was lost. Points of the path are written from `first_point` on, sets of active contacts from `first_set` on.
     """
-    one = Contact(Phase.COMPRESSION, 1.0, 0.0, 0.0, e1, 1.0)
-    two = Contact(Phase.COMPRESSION, kappa, 0.0, 0.0, e2, kappa)
-    pair, state, logged = Pair(1.0, 0.0, one, two, 0.0), State.S1, State.S4
+    contact1 = Contact(Phase.COMPRESSION, 1.0, 0.0, 0.0, e1, 1.0)
+    contact2 = Contact(Phase.COMPRESSION, kappa, 0.0, 0.0, e2, kappa)
+    pair = Pair(1.0, 0.0, contact1, contact2, 0.0)
+    state, logged = State.S1, State.S4
     rigid, plastic = Rigid.NONE, False  # a plastic contact's bodies are one for good, in every state
-    ending, n_states, n_events, windows = PairEnding.FINISHED, 0, 0, 0
-    margin, time, row = inf, 0.0, first_point
+    ending = PairEnding.FINISHED
+    n_states, n_events, windows = 0, 0, 0
+    margin = inf
+    time, row = 0.0, first_point
     M = mu / (1 + mu)
     highest = PRECISION_RATIO if options.cutoff == EXACT else min(options.cutoff, PRECISION_RATIO)
     logs_path = logs.path.shape[0] > 0
     modes = modes_of(mu, 1.0, kappa)
     while True:
-        if n_states == 0 or state != logged:
+        if state != logged:
             if first_set + n_states < logs.sets.shape[0]:
                 logs.sets[first_set + n_states, 0] = State.S4 - state
             logged, n_states = state, n_states + 1
@@ -161,8 +164,9 @@ def collide(kappa, mu, e1, e2, options, logs, first_point, first_set, result):
         state = state_of(pair)
     v1, v2 = pair.v2 - pair.d1, pair.v2
     row = write_point(logs.path, row, state, time, v1, v2, 0.0, 0.0)
-    result.ending, result.n_states, result.n_events = ending, n_states, n_events
-    result.n_points, result.margin, result.energy_residual = row - first_point, margin, pair.loss
+    result.ending = ending
+    result.n_states, result.n_events, result.n_points = n_states, n_events, row - first_point
+    result.margin, result.energy_residual = margin, pair.loss
     return v1, v2
 
 
@@ -194,7 +198,8 @@ def collide_all(cells, options, logs, velocities, results):
             result.energy_residual = 0.5 - result.energy_residual - 0.5 * (v1 * v1 + mu * v2 * v2)
         else:
             v1 = v2 = nan
-            result.ending, result.n_states, result.n_events = PairEnding.UNREPRESENTABLE, 0, 0
-            result.n_points, result.margin, result.energy_residual = 0, nan, nan
+            result.ending = PairEnding.UNREPRESENTABLE
+            result.n_states, result.n_events, result.n_points = 0, 0, 0
+            result.margin, result.energy_residual = nan, nan
         point, entry = point + result.n_points, entry + result.n_states
         velocities[i, 0], velocities[i, 1] = v1, v2

@@ -74,10 +74,9 @@ class View(NamedTuple):
 @force_inlined
 def view_from(stiff_is_1, pair, mu, M):
     """Return the view from contact 1 or from contact 2, at mass ratio mu and reduced mass M."""
-    one, two, d1, v2 = pair.contact1, pair.contact2, pair.d1, pair.v2
     if stiff_is_1:
-        return View(one, two, M, d1, 1 + mu, -v2, 1 / (1 + mu))
-    return View(two, one, mu, -v2, 1.0, d1, 1.0)
+        return View(pair.contact1, pair.contact2, M, pair.d1, 1 + mu, -pair.v2, 1 / (1 + mu))
+    return View(pair.contact2, pair.contact1, mu, -pair.v2, 1.0, pair.d1, 1.0)
 
 
 @force_inlined
@@ -103,8 +102,8 @@ def rigid_contact(pair, mu, M, options, highest):
         return Rigid.NONE, PairEnding.FINISHED, pair
     loss = pair.loss + (stiff.E - gain)
     stiff, soft = with_energy(stiff, 0.0), with_energy(soft, soft.E + gain)
-    one, two = (stiff, soft) if stiff_is_1 else (soft, stiff)
-    return rigid, PairEnding.CLOSED_FORM, Pair(pair.d1, pair.v2, one, two, loss)
+    contact1, contact2 = (stiff, soft) if stiff_is_1 else (soft, stiff)
+    return rigid, PairEnding.CLOSED_FORM, Pair(pair.d1, pair.v2, contact1, contact2, loss)
 
 
 @force_inlined

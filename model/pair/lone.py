@@ -71,34 +71,36 @@ def after_lone_contact(pair, lone, leaving, mu, state, stiffens, rigid):
     if leaving.compression_ended:
         at_maximum = with_energy(c, c.E + 0.5 * lone.mass * lone.rate * lone.rate)
         c, loss = end_of_compression(at_maximum, loss)
-    other = pair.contact2 if lone.is_ball_ball else pair.contact1
+    other_contact = pair.contact2 if lone.is_ball_ball else pair.contact1
     if leaving.returns:
         E = leaving.energy
         c = Contact(c.phase, c.k, E, sqrt(2 * c.k * E), c.e, c.original)
-        d1, v2, other = after_return(pair, lone, leaving, other, stiffens)
+        d1, v2, other_contact = after_return(pair, lone, leaving, other_contact, stiffens)
     elif lone.united:
         # The united bodies rest on each other, or on the table, and stay together.
-        c, other = end_of_restitution(c), end_of_restitution(other)
+        c, other_contact = end_of_restitution(c), end_of_restitution(other_contact)
         d1 = leaving.rate if lone.is_ball_ball else 0.0
         v2 = 0.0 if lone.is_ball_ball else -leaving.rate
     else:
         c = end_of_restitution(c)
-        d1, v2, other, loss = after_parting(pair, lone, leaving, other, mu, state, stiffens, rigid, loss)
-    one, two = (c, other) if lone.is_ball_ball else (other, c)
-    return Pair(d1, v2, one, two, loss)
+        d1, v2, other_contact, loss = after_parting(
+            pair, lone, leaving, other_contact, mu, state, stiffens, rigid, loss
+        )
+    contact1, contact2 = (c, other_contact) if lone.is_ball_ball else (other_contact, c)
+    return Pair(d1, v2, contact1, contact2, loss)
 
 
 @force_inlined
-def after_return(pair, lone, leaving, other, stiffens):
+def after_return(pair, lone, leaving, other_contact, stiffens):
     """Return d1, v2 and the other contact, which returns in compression: its compression rate is zero."""
-    other = reactivate(stiffens, other)
+    other_contact = reactivate(stiffens, other_contact)
     if lone.is_ball_ball:
-        return leaving.rate, 0.0, other
-    return 0.0, pair.v2 - pair.d1, other  # v1 has not changed, and v2 has reached it
+        return leaving.rate, 0.0, other_contact
+    return 0.0, pair.v2 - pair.d1, other_contact  # v1 has not changed, and v2 has reached it
 
 
 @force_inlined
-def after_parting(pair, lone, leaving, other, mu, state, stiffens, rigid, loss):
+def after_parting(pair, lone, leaving, other_contact, mu, state, stiffens, rigid, loss):
     """Return d1, v2, the other contact and the loss, after the active contact ended restitution.
 
     Where the active contact is rigid, it has completed its impact while the other one stood still under load. If that
@@ -111,6 +113,6 @@ def after_parting(pair, lone, leaving, other, mu, state, stiffens, rigid, loss):
     else:
         d1, v2 = pair.d1 - (pair.v2 + leaving.rate), -leaving.rate
         compresses = d1 > 0
-    if rigid != Rigid.NONE and other.phase == Phase.RESTITUTION and compresses:
-        other, loss = restart(stiffens, other, loss)
-    return d1, v2, other, loss
+    if rigid != Rigid.NONE and other_contact.phase == Phase.RESTITUTION and compresses:
+        other_contact, loss = restart(stiffens, other_contact, loss)
+    return d1, v2, other_contact, loss

@@ -22,7 +22,7 @@ class State(IntEnum):
 
 
 class PairEnding(IntEnum):
-    """How the kernel of two balls ended a collision.
+    """End of a collision in the kernel of two balls.
 
     Its numbers differ from all of `chain.record.ChainEnding`, so that a code of one kernel means nothing to the other.
     """
@@ -47,15 +47,15 @@ class Cells(NamedTuple):
     e2: NDArray[np.float64]
 
     def take(self, rows: NDArray[np.int64] | slice) -> Cells:
-        """Return some of the cells."""
+        """Return the cells of a slice, or of given rows."""
         return Cells(self.kappa[rows], self.mu[rows], self.e1[rows], self.e2[rows])
 
 
 class Options(NamedTuple):
-    """How the kernel of two balls follows collisions."""
+    """Rules and limits of the kernel of two balls."""
 
-    #: Running stiffness ratio above which, and below whose inverse, a contact counts as rigid; `kernel.EXACT` for the
-    #: outcome without a cut-off.
+    #: Running stiffness ratio above which, and below whose inverse, a contact counts as rigid; `pair.limits.EXACT` for
+    #: the outcome without a cut-off.
     cutoff: float
     #: Number of events after which a collision is given up.
     max_events: int

@@ -107,7 +107,7 @@ def _sampled(path):
     fractions of its duration.
     """
     time, impulses = path.time, path.impulses
-    first = np.append(True, (path.acting[1:] != path.acting[:-1]).any(axis=1))
+    first = np.append(True, (path.active[1:] != path.active[:-1]).any(axis=1))
     rows = [*np.flatnonzero(first)[:_LONGEST], len(time) - 1]
     at, places = np.unique(time, return_index=True)
     between = PchipInterpolator(at, impulses[places])(_FRACTIONS * at[-1])

@@ -9,6 +9,8 @@ from scipy.optimize import brentq
 
 from impact_xval.model import Collision, Collisions, solve, solve_batch
 from impact_xval.model.chain.following import Problem, closed_forms
+from impact_xval.model.chain.record import ChainEnding
+from impact_xval.model.pair.record import PairEnding
 from impact_xval.model.solving import LAWS
 from tests.compliant_baselines.reference_cells import random_cells
 from tests.model.chains import assert_integrated, solved
@@ -18,7 +20,7 @@ GRAZING = 1e-5
 
 
 def random_chain(rng, balls=None, table=None, least=0.5):
-    """Draw a chain, a drop or a stack of 2 to 10 balls."""
+    """Draw a row, a pile or a stack of 2 to 10 balls."""
     n = int(rng.integers(2, 11)) if balls is None else balls
     table = bool(rng.integers(2)) if table is None else table
     contacts = n - 1 + table
@@ -57,6 +59,11 @@ def test_two_balls_by_the_kernel_of_chains_are_those_by_their_own(count):
         assert np.array_equal(ends[clear], (fast.statuses == "closed-form")[clear])
         for i in np.flatnonzero(clear & ~ends)[:200]:
             assert slow.states.names(i, True) == fast.flat.states.names(i, True)
+
+
+def test_an_ending_of_one_kernel_is_none_of_the_other():
+    """Both are written into records as plain numbers, and IntEnums of one number are equal."""
+    assert {ending.value for ending in PairEnding}.isdisjoint(ending.value for ending in ChainEnding)
 
 
 @pytest.mark.parametrize(
@@ -161,6 +168,14 @@ def test_no_chain_is_endless():
             assert np.all(np.diff(outcome.velocities) <= 0), (law, chain)
 
 
+def test_a_chain_that_is_given_up_says_after_how_many_windows():
+    """The fast contact of 1e8 oscillations is followed to `max_events`, or to a million over the contacts less one."""
+    chain = Collision((1,) * 3, (1e16, 1, 1), (1,) * 3, (-1, 0, 0), table=True)
+    for given, windows in ((20, 20), (None, 500_000)):
+        outcome = solved(chain, max_events=given)
+        assert (outcome.status, outcome.reason) == ("unconverged", f"not over within {windows} windows")
+
+
 def test_an_endless_cycle_below_a_ball_that_has_left_ends_at_rest():
     chain = Collision((5, 1, 0.165), (3, 1, 0.775), (1, 0.4, 0.33), (9, -1, 0), table=True)
     outcome = solved(chain, law=LZB)
@@ -217,6 +232,6 @@ def test_a_path_ends_in_the_outcome_and_its_forces_are_the_rates_of_its_impulses
     assert (*path.velocities[0], *path.velocities[-1]) == (*chain.velocities, *outcome.velocities)
     rounding = 1e-9 if exponent == 1 else 1e-6  # of the quintics between the ends of a step
     assert path.forces.min() > -rounding
-    assert np.all(np.abs(path.forces[~path.acting]) < rounding)
+    assert np.all(np.abs(path.forces[~path.active]) < rounding)
     grown = np.trapezoid(path.forces, path.time, axis=0)
     assert grown == pytest.approx(outcome.impulses, rel=0.02)

@@ -41,9 +41,9 @@ def test_elastic_collisions_keep_their_energy(kappa, mu):
 
 
 def path_of(kappa, mu, e1, e2, points):
-    """Rows of a path in the kernel's units, as chains, and stiffnesses in them; where smooth pieces begin; its end.
+    """Rows of a path in the kernel's units, as arrays, and stiffnesses in them; where smooth pieces begin; its end.
 
-    A contact that acts ends compression where its rate ceases to be positive, and is stiffer by 1/e^2 from there on.
+    An active contact ends compression where its rate ceases to be positive, and is stiffer by 1/e^2 from there on.
     """
     cells = Cells(*(np.array([x], dtype=float) for x in (kappa, mu, e1, e2)))
     options = Options(cutoff=math.inf, max_events=10_000, stiffens=True, points=points)

@@ -68,7 +68,7 @@ def product_motion(state, h, mu, k1, k2, a1, a2, g):
 
 
 MOTIONS = {Law.KELVIN_VOIGT: linear_motion, Law.HUNT_CROSSLEY: product_motion}
-COLUMN = (1.3, 1.0, 4.0, 0.4, 0.3, 0.1)
+CHAIN = (1.3, 1.0, 4.0, 0.4, 0.3, 0.1)
 STATE = np.array([0.4, 0.8, 0.3, -0.5])
 
 
@@ -88,9 +88,9 @@ def test_over_a_window_the_series_is_the_motion():
 
 @pytest.mark.parametrize("law", MOTIONS)
 def test_the_remainder_falls_with_the_power_of_the_step_after_its_degree(law):
-    c = make_chain(STATE, *COLUMN, law)
+    c = make_chain(STATE, *CHAIN, law)
     steps = 0.4 / 2.0 ** np.arange(4)
-    exact = [MOTIONS[law](STATE, h, *COLUMN) for h in steps]
+    exact = [MOTIONS[law](STATE, h, *CHAIN) for h in steps]
     for degree in (3, 4, 6):
         errors = [np.abs(moved(c, h, degree=degree) - y).max() for h, y in zip(steps, exact, strict=True)]
         assert errors[-1] > 1e-12  # else the fit would be one of rounding
@@ -99,12 +99,12 @@ def test_the_remainder_falls_with_the_power_of_the_step_after_its_degree(law):
 
 
 def test_the_product_law_holds_as_far_as_it_is_trusted():
-    c, work = make_chain(STATE, *COLUMN, Law.HUNT_CROSSLEY), new_workspace(2)
+    c, work = make_chain(STATE, *CHAIN, Law.HUNT_CROSSLEY), new_workspace(2)
     for h in (0.2, 1.0, 4.0):
         short = expand_product(c, 2, h, work)
         assert 0 < short <= h
         assert (short == h) == (h == 0.2)
-        exact = product_motion(STATE, short, *COLUMN)
+        exact = product_motion(STATE, short, *CHAIN)
         np.testing.assert_allclose(moved(c, short), exact, rtol=0, atol=2e-13)
 
 

@@ -103,4 +103,4 @@ def make_history(collision: Collision, path: Path, gravity: float = 0.0) -> Hist
     heights = np.vstack([np.zeros(len(start)), np.cumsum(steps, axis=0)]) + start / (
         unit.velocity * unit.time
     )
-    return History(time, velocities, heights, path.impulses[kept] / unit.impulse, path.acting[kept])
+    return History(time, velocities, heights, path.impulses[kept] / unit.impulse, path.active[kept])

@@ -173,7 +173,7 @@ def test_a_path_ends_with_the_outcome_and_its_forces_are_those_of_kelvin_voigt(e
         outcome = engine.solve(chain, Settings(step_fraction=fraction, record_path=True))
         path, step = outcome.path, outcome.diagnostics["step"]
         assert path.velocities[-1] == pytest.approx(outcome.velocities, abs=0)
-        assert path.acting[0].all()
+        assert path.active[0].all()
         once = np.append(True, np.diff(path.time) > 0)  # a border between states is given twice
         time, forces = path.time[once], path.forces[once]
         assert len(time) == outcome.diagnostics["n_steps"] + 1
