@@ -37,7 +37,7 @@ from impact_xval.experiments.presentation.words import (
     describe_shared_laws,
 )
 from impact_xval.experiments.sweep.one import solvers_apart
-from impact_xval.experiments.tables.numbers import listed, number
+from impact_xval.experiments.tables.numbers import join_words, number
 from impact_xval.model.collision import Collision
 from impact_xval.model.kinetic import kinetic_norm
 from impact_xval.model.outcome import Outcome
@@ -251,7 +251,7 @@ class SolverComparison:
         others = [name for name in self.outcomes if is_engine(name) or not is_ours(name)]
         said = [f"{name} {self.versions[name]}" for name in others if self.versions.get(name)]
         ours = f"impact-xval {version('impact-xval')}"
-        return f"Versions: {listed([ours, *said])}." if said else ""
+        return f"Versions: {join_words([ours, *said])}." if said else ""
 
     def _written(self, name: str, value: float) -> str:
         """Write a number of a solver, with its mark."""

@@ -209,13 +209,13 @@ def compare_command(
     """
     from impact_xval.experiments.presentation import views
     from impact_xval.experiments.presentation.terminal import make_console, report_waiting
-    from impact_xval.experiments.tables.comparison import compare as compared
+    from impact_xval.experiments.tables.comparison import compare_runs
     from impact_xval.experiments.tables.folder import finished
 
     if not 0 <= tolerance < math.inf:
         raise UserError(f"--tolerance = {tolerance!r}; legal: a finite number >= 0 (of |v0|)")
     with report_waiting("comparing the runs"):
-        comparison = compared(finished(run_a), finished(run_b), tolerance)
+        comparison = compare_runs(finished(run_a), finished(run_b), tolerance)
     if json:
         print_json(views.changes_to_json(comparison))
     else:

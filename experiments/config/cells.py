@@ -119,17 +119,17 @@ def experiment_cells(config: Config) -> Cells:
             config, [{"arrangement": [name]} | table.axes(name) for name in table.arrangement]
         )
     if config.sample is not None:
-        return listed(config, draw(config.sample))
+        return cells_from_ratios(config, draw(config.sample))
     if config.cells is not None:
         values = read_cells(Path(config.cells))
         found = config.beyond_precision(*values.T[:2])
         if found:
             raise UserError(f"{config.cells}: row {found[0] + 1}: {found[1]}")
-        return listed(config, values)
+        return cells_from_ratios(config, values)
     return _cells_of_grids(config, [config.grid.varied()])
 
 
-def listed(config: Config, values: NDArray[np.float64]) -> Cells:
+def cells_from_ratios(config: Config, values: NDArray[np.float64]) -> Cells:
     """Return cells in any order; `values` are their ratios in the order of `AXES`, shape (n, 4)."""
 
     def of(indices: range) -> dict[str, NDArray[Any]]:

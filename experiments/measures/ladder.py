@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import permutations
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +50,8 @@ _MENTIONED = 0.02
 #: Array that holds no text; `numpy.where` makes objects of it.
 _NONE = np.array(None, dtype=object)
 
-Columns = dict[str, np.ndarray]
+#: Values of columns of a table by name, shape (n,).
+ColumnArrays = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,12 +250,12 @@ def _norm(weights: Floats, differences: Floats) -> Floats:
 
 def ladders(
     config: Config, block: Block, model: Comparison, engines: Mapping[str, Comparison]
-) -> dict[str, Columns]:
+) -> dict[str, ColumnArrays]:
     """Make the ladders of engines in cells: by engine the columns of the table ``ladder``, shape (n,).
 
     A column holds NaN or None where there is no ladder.
     """
-    columns: dict[str, Columns] = {name: {} for name in engines}
+    columns: dict[str, ColumnArrays] = {name: {} for name in engines}
     if not engines:
         return columns
     pair = config.chain is None
@@ -281,7 +282,7 @@ def ladders(
     return columns
 
 
-def _scatter(columns: Columns, key: str, values: np.ndarray, places: np.ndarray, n: int) -> None:
+def _scatter(columns: ColumnArrays, key: str, values: np.ndarray, places: np.ndarray, n: int) -> None:
     """Put values in their places of a column of length n, which holds NaN or None elsewhere."""
     nothing = np.nan if values.dtype.kind == "f" else None
     columns.setdefault(key, np.full(n, nothing, values.dtype))[places] = values
@@ -294,7 +295,7 @@ def _status_columns(
     places: NDArray[np.intp],
     here: Corners,
     ladder: Split,
-) -> Columns:
+) -> ColumnArrays:
     """Return the columns that a row has with or without a ladder: the first outcome that is missing, marks, errors."""
     status, reason = engine.results.status[places], engine.results.reason[places]
     of_model = model.results.status[places]
@@ -318,7 +319,7 @@ def _status_columns(
     }
 
 
-def _split_columns(name: str, here: Corners, ladder: Split, ok: NDArray[np.bool_]) -> Columns:
+def _split_columns(name: str, here: Corners, ladder: Split, ok: NDArray[np.bool_]) -> ColumnArrays:
     """Return the columns of corners and contributions, and of the largest contribution; nothing where not `ok`."""
     low, high = ladder.ranges
     numbers = {"velocity_divergence": ladder.divergence} | _by_ball("dv", ladder.total)
@@ -363,7 +364,7 @@ def _parts_of_row(ladder: Split, row: int) -> list[Part]:
     ]
 
 
-def _by_ball(name: str, velocities: Floats) -> Columns:
+def _by_ball(name: str, velocities: Floats) -> ColumnArrays:
     return {f"{name}{i}": x for i, x in enumerate(velocities.T, 1)}
 
 
@@ -381,11 +382,13 @@ class Part(NamedTuple):
         """The share, with its range where that can be seen."""
         text = f"{100 * self.share:.3g} %"
         return (
-            f"{text}, by order {format_range(self.low, self.high)}" if self.high - self.low >= _WIDE else text
+            f"{text}, by order {format_share_range(self.low, self.high)}"
+            if self.high - self.low >= _WIDE
+            else text
         )
 
 
-def format_range(low: float, high: float) -> str:
+def format_share_range(low: float, high: float) -> str:
     """Write a range of shares in per cent."""
     return f"{100 * low:.3g} to {100 * high:.3g} %"
 

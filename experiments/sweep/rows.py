@@ -31,7 +31,7 @@ from impact_xval.experiments.measures.divergence import (
     retained_energy,
     retained_momentum,
 )
-from impact_xval.experiments.measures.ladder import ladders
+from impact_xval.experiments.measures.ladder import ColumnArrays, ladders
 from impact_xval.experiments.measures.layout import LADDER_PREFIX, engines_with_ladders, layout_of
 from impact_xval.experiments.tables.schema import Layout, to_table
 from impact_xval.model.collisions import Collisions
@@ -40,9 +40,6 @@ from impact_xval.model.status import Status
 
 #: Finds a solver by its name; a function at the top level of a module, so that worker processes can find it.
 Resolve = Callable[[str], Solver]
-
-#: Columns of a table by name, shape (n,).
-Columns = dict[str, NDArray[Any]]
 
 _Piece = TypeVar("_Piece")
 
@@ -209,7 +206,7 @@ def _rows(
     block: Block,
     comparisons: Mapping[str, Comparison],
     limit_distances: Mapping[str, Floats],
-    ladder_columns: Mapping[str, Columns],
+    ladder_columns: Mapping[str, ColumnArrays],
 ) -> pa.Table:
     """Return the rows of cells, by cell, then by solver."""
     names = experiment.config.solvers
@@ -226,7 +223,7 @@ def _rows(
 
 def _columns(
     experiment: Experiment, name: str, block: Block, model: Comparison, comparison: Comparison
-) -> Columns:
+) -> ColumnArrays:
     """Return the columns of the rows of a solver, but for what needs several solvers."""
     results = comparison.results
     masses, starts = masses_and_starts(block.collisions, experiment.layout.balls)
@@ -237,7 +234,7 @@ def _columns(
     def texts_where_reported(texts: list[str]) -> NDArray[np.object_]:
         return np.where(results.has_numbers, np.array(texts, dtype=object), "")
 
-    columns: Columns = {
+    columns: ColumnArrays = {
         **results.diagnostics,  # those that are columns of the table
         "cell": block.index,
         **block.parameters,

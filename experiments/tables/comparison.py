@@ -22,7 +22,7 @@ Frame = Any
 
 
 @dataclass(slots=True)
-class Comparison:
+class RunComparison:
     """What moved between two runs by more than a tolerance."""
 
     tolerance: float
@@ -45,7 +45,7 @@ class Comparison:
         return sum(each["moved"] for each in self.solvers.values())
 
 
-def compare(a: RunFolder, b: RunFolder, tolerance: float) -> Comparison:
+def compare_runs(a: RunFolder, b: RunFolder, tolerance: float) -> RunComparison:
     """Compare two finished runs; a `UserError` says where a cell is not the same in both, or a table is damaged."""
     here, there = a.config(), b.config()
     kinds = ["collisions" if each.chain is None else "chains of N balls" for each in (here, there)]
@@ -79,7 +79,7 @@ def compare(a: RunFolder, b: RunFolder, tolerance: float) -> Comparison:
     )
     shown = ["cell", "solver", "status_a", "status_b", "velocity", "divergence"]
     settings = ({k: v for k, v in c.canonical().items() if k not in _ELSEWHERE} for c in (here, there))
-    return Comparison(
+    return RunComparison(
         tolerance,
         changes.loc[both].to_dict("index"),
         worst=list(worst[shown].head(10).itertuples(index=False)),

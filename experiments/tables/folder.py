@@ -23,7 +23,7 @@ import pyarrow.parquet as pq
 from filelock import FileLock, Timeout
 
 from impact_xval.experiments.config.axes import AXES, KEPT
-from impact_xval.experiments.config.cells import Cells, experiment_cells, listed
+from impact_xval.experiments.config.cells import Cells, cells_from_ratios, experiment_cells
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import COSMETIC, Config, load_config
 from impact_xval.experiments.tables.earlier import EARLIER_FORMAT, renamed_tables
@@ -369,4 +369,6 @@ def cells_of_run(folder: RunFolder, config: Config) -> Cells:
     if config.cells is None:
         return experiment_cells(config)
     path = folder.table_path("cells.parquet")
-    return listed(config, np.column_stack([column(path, name)[:: len(config.solvers)] for name in AXES]))
+    return cells_from_ratios(
+        config, np.column_stack([column(path, name)[:: len(config.solvers)] for name in AXES])
+    )
