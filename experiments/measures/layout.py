@@ -131,7 +131,9 @@ def _contribution_columns(contribution: Contribution, orders: str) -> Iterator[C
         difference = f"{contribution.label}, {mean}: {before} -> {after}"
     else:
         difference = f"{contribution.label}: {after} minus {before}"
-    yield Column(f"{name}_dv{{i}}", "float", "-", f"{difference}; velocity of ball {{i}} per |v0|", "ball")
+    yield Column(
+        f"{name}_dv{{i}}", "float", "-", f"{difference}; velocity of ball {{i}} per |v0|", per="ball"
+    )
     yield Column(f"{name}_norm", "float", "-", f"kinetic norm of {name}'s difference of velocities")
     yield Column(
         f"{name}_share",
@@ -149,7 +151,7 @@ def _corner_columns(name: str) -> Iterator[Column]:
     """Yield the columns of a corner."""
     corner = name.replace("_", ", ")
     yield Column(
-        f"{name}_v{{i}}", "float", "-", f"corner {corner}: final velocity of ball {{i}} per |v0|", "ball"
+        f"{name}_v{{i}}", "float", "-", f"corner {corner}: final velocity of ball {{i}} per |v0|", per="ball"
     )
     yield Column(
         f"{name}_along",

@@ -49,7 +49,7 @@ _LARGEST = 1e150
 
 @dataclass(frozen=True)
 class Experiment:
-    """What every process of a run is given once: the experiment, and what finds a solver by its name."""
+    """An experiment, and the function that finds a solver by its name; every process of a run is given it once."""
 
     config: Config
     resolve: Resolve = get_solver
@@ -226,13 +226,14 @@ def _columns(
 ) -> ColumnArrays:
     """Return the columns of the rows of a solver, but for what needs several solvers."""
     results = comparison.results
+    is_reported = results.has_numbers
     masses, starts = masses_and_starts(block.collisions, experiment.layout.balls)
 
     def where_reported(values: NDArray[Any]) -> Floats:
-        return np.where(results.has_numbers, values, np.nan)
+        return np.where(is_reported, values, np.nan)
 
     def texts_where_reported(texts: list[str]) -> NDArray[np.object_]:
-        return np.where(results.has_numbers, np.array(texts, dtype=object), "")
+        return np.where(is_reported, np.array(texts, dtype=object), "")
 
     columns: ColumnArrays = {
         **results.diagnostics,  # those that are columns of the table
