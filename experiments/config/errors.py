@@ -31,7 +31,7 @@ class _OneLineError(ImpactXvalError):
 
 
 class UserError(_OneLineError, ValueError):
-    """What the user asked for cannot be done; the command line prints the line and ends with exit code 2."""
+    """A wrong request of the user; the command line prints the message in one line and ends with exit code 2."""
 
 
 class InterruptedRunError(_OneLineError):

@@ -138,7 +138,7 @@ def split_restitution(values: dict[str, Any]) -> dict[str, Any]:
 
 
 class ConvergenceTable(Strict):
-    """How far engines are followed towards a step of zero, cell by cell."""
+    """Settings of the runs of an engine at shorter steps, from which its limit is extrapolated, cell by cell."""
 
     enabled: bool = Field(True, description="true or false")
     tolerance: float = at_most(1e-3, 1, "of |v0|")

@@ -1,4 +1,4 @@
-"""How numbers and lists are written for a reader."""
+"""Functions that write numbers and lists for a reader."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What moves on the page, by Bokeh: the map whose tiles open, and the impulse curves of the cell that is open.
+"""Interactive charts of the page, by Bokeh: the map whose tiles open, and the impulse curves of the open cell.
 
 The map is of k2/k1, or the number of balls, by other axes; its tiles are bounded in number.
 """
