@@ -52,7 +52,9 @@ def layout_of(config: Config) -> Layout:
         ),
     }
     part = schema.union(cells, divergence, ladder_in_part if engines_with_ladders(config) else ())
-    return Layout(pair, balls, contacts, schema.arrow_schema(part), tables)
+    return Layout(
+        pair=pair, balls=balls, contacts=contacts, part_schema=schema.arrow_schema(part), tables=tables
+    )
 
 
 def _largest_counts(config: Config) -> tuple[int, int]:

@@ -139,7 +139,7 @@ def kernels_of(name: str, *, pair: bool) -> list[Any]:
 
 
 def are_compiled(name: str, *, pair: bool) -> bool:
-    """Whether the kernels that rows of a solver need are in the cache."""
+    """Return whether the kernels that rows of a solver need are in the cache."""
     return all(map(is_compiled, kernels_of(name, pair=pair)))
 
 

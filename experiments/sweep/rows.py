@@ -216,7 +216,7 @@ def _rows(
         columns["limit_distance"] = limit_distances.get(name, np.full(len(block), np.nan))
         for key, values in ladder_columns.get(name, {}).items():
             columns[LADDER_PREFIX + key] = values
-        tables.append(to_table(columns, len(block), experiment.layout.rows))
+        tables.append(to_table(columns, len(block), experiment.layout.part_schema))
     by_cell = np.arange(len(names) * len(block)).reshape(len(names), len(block)).T.ravel()
     return pa.concat_tables(tables).take(by_cell)
 

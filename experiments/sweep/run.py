@@ -206,7 +206,7 @@ class _Run:
         """Find the parts that are there, and write what the run is of; `continued` if a session has begun it before."""
         config, cells, folder = self._experiment.config, self._cells, self._folder
         # All that the content of a part depends on, but for its number.
-        content = [config.identity(), versions, self._experiment.layout.rows.names, cells.digest]
+        content = [config.identity(), versions, self._experiment.layout.part_schema.names, cells.digest]
         self._identity = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
         self._versions = versions
         with tables_lock(folder):

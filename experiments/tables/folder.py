@@ -192,7 +192,7 @@ def read_part(path: Path, layout: Layout) -> pa.Table:
     """Read the rows of a part; a `UserError` where it is damaged."""
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
-            return file.read(use_threads=False).cast(layout.rows)
+            return file.read(use_threads=False).cast(layout.part_schema)
     except (pa.ArrowException, OSError, ValueError):
         raise UserError(f"{path}: damaged; the same command computes it again") from None
 
