@@ -37,7 +37,7 @@ from impact_xval.experiments.presentation.words import (
     describe_shared_laws,
 )
 from impact_xval.experiments.sweep.one import solvers_apart
-from impact_xval.experiments.tables.numbers import listed, number
+from impact_xval.experiments.tables.numbers import join_words, number
 from impact_xval.model.collision import Collision
 from impact_xval.model.kinetic import kinetic_norm
 from impact_xval.model.outcome import Outcome
@@ -84,7 +84,7 @@ class SolverComparison:
     @property
     def divergences(self) -> dict[str, float]:
         """Velocity divergence D from the model, by solver; NaN if the solver or the model has no result."""
-        return {name: each["velocity_divergence"] for name, each in self._measures.items()}
+        return {name: measures["velocity_divergence"] for name, measures in self._measures.items()}
 
     @property
     def scaled(self) -> dict[str, list[float]]:
@@ -120,8 +120,8 @@ class SolverComparison:
         masses, length = self.problem.masses, kinetic_norm(self.problem.masses, self.problem.velocities)
         results = {name: np.array(self.outcomes[name].velocities) for name in self.scaled}
         return {
-            (one, other): float(kinetic_norm(masses, results[other] - results[one]) / length)
-            for one, other in itertools.combinations(results, 2)
+            (first, second): float(kinetic_norm(masses, results[second] - results[first]) / length)
+            for first, second in itertools.combinations(results, 2)
         }
 
     def objects(self) -> list[dict[str, Any]]:
@@ -129,29 +129,29 @@ class SolverComparison:
 
         Missing numbers are NaN, and a grazing margin without an end is infinite; JSON has null for both.
         """
-        measures, speed = self._measures, self._speed
+        measures, between, speed = self._measures, self.between, self._speed
         return [
             {
                 "solver": name,
                 "version": self.versions.get(name, ""),
-                "velocities": [v / speed for v in each.velocities],
-                **{f"v{i}": v / speed for i, v in enumerate(each.velocities, 1)},
-                "impulses": [i / (self.problem.masses[0] * speed) for i in each.impulses],
+                "velocities": [v / speed for v in outcome.velocities],
+                **{f"v{i}": v / speed for i, v in enumerate(outcome.velocities, 1)},
+                "impulses": [i / (self.problem.masses[0] * speed) for i in outcome.impulses],
                 **{
-                    key: getattr(each, key)
+                    key: getattr(outcome, key)
                     for key in ("states", "status", "reason", "grazing_margin", "marked", "mark")
                 },
                 "D": measures[name]["velocity_divergence"],
                 "D_from": {
-                    other: away
-                    for pair, away in self.between.items()
-                    if name in pair
-                    for other in pair
-                    if other != name
+                    partner: d
+                    for solvers, d in between.items()
+                    if name in solvers
+                    for partner in solvers
+                    if partner != name
                 },
-                "diagnostics": {key: measures[name][key] for key in each.diagnostics},
+                "diagnostics": {key: measures[name][key] for key in outcome.diagnostics},
             }
-            for name, each in self.outcomes.items()
+            for name, outcome in self.outcomes.items()
         ]
 
     def plot(self) -> Figure:
@@ -169,7 +169,7 @@ class SolverComparison:
             return draw_velocities(self.scaled)
         if not self.is_chain and (paths := drawable_paths(self.problem, self.outcomes)):
             return draw_collision(self.problem, paths)
-        statuses = {name: each.status for name, each in self.outcomes.items()}
+        statuses = {name: outcome.status for name, outcome in self.outcomes.items()}
         raise ValueError(f"no solver has a path to draw ({statuses}); legal: a collision that one solves")
 
     def blocks(self) -> list[Block]:
@@ -178,9 +178,17 @@ class SolverComparison:
         setup = capitalise_first(f"{self.setup}.") if self.setup else ""
         note = _CHAIN_NOTE if self.is_chain and table.rows else ""
         withheld = WHAT_NO_RESULT_IS if any(map(self._mark, self._known)) else ""
-        reasons = [f"{n}: {each.status}: {each.reason}" for n, each in self.outcomes.items() if each.reason]
-        marks = [f"{name}: marked: {each.mark}" for name, each in self.outcomes.items() if each.marked]
-        other = [f"{name}: {each.differences}" for name, each in self.outcomes.items() if each.differences]
+        reasons = [
+            f"{n}: {outcome.status}: {outcome.reason}"
+            for n, outcome in self.outcomes.items()
+            if outcome.reason
+        ]
+        marks = [
+            f"{name}: marked: {outcome.mark}" for name, outcome in self.outcomes.items() if outcome.marked
+        ]
+        differences = [
+            f"{name}: {outcome.differences}" for name, outcome in self.outcomes.items() if outcome.differences
+        ]
         return [
             *filter(
                 None,
@@ -193,7 +201,7 @@ class SolverComparison:
                     describe_shared_laws(self.outcomes),
                     *reasons,
                     *marks,
-                    *other,
+                    *differences,
                     self._versions(),
                 ],
             )
@@ -223,12 +231,13 @@ class SolverComparison:
     __repr__ = __str__
 
     def _collision_table(self) -> Table:
-        divergences, known, unit, rows = self.divergences, self._known, self.problem.units.impulse, []
+        divergences, velocities, unit = self.divergences, self._known, self.problem.units.impulse
+        rows = []
         for name in sort_by_law(self.outcomes):
             outcome, cells = self.outcomes[name], ["-"] * 6
-            if name in known:
-                numbers = [*known[name], *(impulse / unit for impulse in outcome.impulses)]
-                cells = [self._written(name, each) for each in numbers]
+            if name in velocities:
+                numbers = [*velocities[name], *(impulse / unit for impulse in outcome.impulses)]
+                cells = [self._format_number(name, value) for value in numbers]
                 cells += [number(divergences[name]), " ".join(outcome.states)]
             rows.append((stated_law(name) or name, name, outcome.status, *cells))
         header = "law solver status v1/|v0| v2/|v0| I1/(m1|v0|) I2/(m1|v0|) D states"
@@ -240,20 +249,20 @@ class SolverComparison:
         if len(names) < 3:
             return None
         rows = [
-            (other, *(number(between[one, other], 2) for one in names[:place]))
-            for place, other in enumerate(names)
+            (second, *(number(between[first, second], 2) for first in names[:place]))
+            for place, second in enumerate(names)
         ]
         filled = [(*row, *[""] * (len(names) - len(row))) for row in rows[1:]]
         return Table(["solver", *names[:-1]], filled, "D between every two solvers")
 
     def _versions(self) -> str:
         """Name the versions of the project and of the engines and plug-ins that solved this."""
-        others = [name for name in self.outcomes if is_engine(name) or not is_ours(name)]
-        said = [f"{name} {self.versions[name]}" for name in others if self.versions.get(name)]
+        foreign = [name for name in self.outcomes if is_engine(name) or not is_ours(name)]
+        of_foreign = [f"{name} {self.versions[name]}" for name in foreign if self.versions.get(name)]
         ours = f"impact-xval {version('impact-xval')}"
-        return f"Versions: {listed([ours, *said])}." if said else ""
+        return f"Versions: {join_words([ours, *of_foreign])}." if of_foreign else ""
 
-    def _written(self, name: str, value: float) -> str:
+    def _format_number(self, name: str, value: float) -> str:
         """Write a number of a solver, with its mark."""
         return "-" if np.isnan(value) else f"{value:.6f}{self._mark(name)}"
 
@@ -265,15 +274,19 @@ class SolverComparison:
             facts[name] = {
                 "law": law_of(name) or "-",
                 "status": outcome.status,
-                **{f"v{i}": self._written(name, round(v, 6) + 0.0) for i, v in enumerate(velocities, 1)},
+                **{
+                    f"v{i}": self._format_number(name, round(v, 6) + 0.0) for i, v in enumerate(velocities, 1)
+                },
                 "D": number(measured["velocity_divergence"], 2),
                 "limit": number(measured["limit_distance"], 2),
                 "error": number(measured["limit_error"], 2),
-                "E/E0": self._written(name, measured["retained_energy"]),
-                "p/p0": self._written(name, measured["retained_momentum"]),
+                "E/E0": self._format_number(name, measured["retained_energy"]),
+                "p/p0": self._format_number(name, measured["retained_momentum"]),
                 "states": str(len(outcome.states)),
             }
-        rows = [(fact, *(each[fact] for each in facts.values())) for fact in next(iter(facts.values()), ())]
+        rows = [
+            (fact, *(values[fact] for values in facts.values())) for fact in next(iter(facts.values()), ())
+        ]
         return Table(["solver", *facts], rows)
 
 

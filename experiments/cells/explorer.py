@@ -55,7 +55,7 @@ class ExplorerCells:
         That is ``problem``, one line; or ``results``, HTML, and ``data`` of the charts.
         """
         given = parse_qsl(query, keep_blank_values=True)
-        typed = (("cell_timeout", "60"), *(pair for pair in given if pair[0] != "solver"))
+        typed = (("cell_timeout", "60"), *((key, value) for key, value in given if key != "solver"))
         try:
             collision, chain, _ = parse_collision(dict(typed))
         except ValueError as error:
@@ -64,11 +64,13 @@ class ExplorerCells:
         for key, name in given:
             if key == "solver" and name in ENGINES:
                 outcomes |= self._engine(typed, (name,))
-        versions = {name: pair for apart in self._apart.values() for name, pair in apart.versions.items()}
+        versions = {
+            name: version for apart in self._apart.values() for name, version in apart.versions.items()
+        }
         compared = SolverComparison(collision, outcomes, chain, versions)
         blocks = compared.blocks()
         if compared.is_chain:  # its table counts states
-            rows = [(name, " ".join(pair.states)) for name, pair in outcomes.items() if pair.states]
+            rows = [(name, " ".join(outcome.states)) for name, outcome in outcomes.items() if outcome.states]
             blocks.append(Table(["solver", "contacts that act"], rows, text=2))
         return {"results": render_blocks(blocks), "data": _data(compared)}
 

@@ -122,17 +122,17 @@ def with_collision_options(*without: str) -> Callable[[Callable[..., None]], Cal
 
     def add(command: Callable[..., None]) -> Callable[..., None]:
         signature = inspect.signature(command, eval_str=True)
-        own = [each for each in signature.parameters.values() if each.kind != each.VAR_KEYWORD]
+        of_command = [p for p in signature.parameters.values() if p.kind != p.VAR_KEYWORD]
         shared = {
-            name: Annotated[str | None, typer.Option(metavar=metavar, help=what)]
-            for name, (metavar, what) in PARAMETERS.items()
+            name: Annotated[str | None, typer.Option(metavar=metavar, help=help_text)]
+            for name, (metavar, help_text) in PARAMETERS.items()
             if name not in without
         }
         typed = [
             inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
             for name, annotation in shared.items()
         ]
-        parameters = sorted([*typed, *own], key=lambda each: each.kind)  # arguments come before options
+        parameters = sorted([*typed, *of_command], key=lambda p: p.kind)  # arguments come before options
         command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
         command.__annotations__ |= shared
         return command

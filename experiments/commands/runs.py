@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import math
 import re
 import shlex
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -69,22 +70,19 @@ def run_command(
     words += ["--shard", shard] if part != (1, 1) else []
     console = make_console()
 
-    def writer() -> Callable[[RunFolder, Apart], Summary]:
+    def present(folder: RunFolder, apart: Apart) -> Summary:
         from impact_xval.experiments.presentation.report import present_run
 
-        return present_run
+        return present_run(folder, apart)
 
-    def write_page(folder: RunFolder, apart: Apart) -> Summary:
-        return writer()(folder, apart)
-
-    def imported_ahead() -> None:
+    def import_ahead() -> None:
         # A failure here is ignored: the import is repeated where it is needed, and fails there with its message.
         with contextlib.suppress(Exception):
-            writer()
+            importlib.import_module("impact_xval.experiments.presentation.report")
 
     with writing_folder(words, console, experiment.size()) as progress:
         # Imported in a thread while cells are solved, because matplotlib takes a second.
-        threading.Thread(target=imported_ahead).start()
+        threading.Thread(target=import_ahead).start()
         result = run_sweep(
             experiment,
             root,
@@ -94,7 +92,7 @@ def run_command(
             progress=progress,
             to_be_presented=True,
         )
-        summary = present_once(result, write_page)
+        summary = present_once(result, present)
     if summary is not None:  # else parts are left to other shards, or another shard has written the page
         from impact_xval.experiments.presentation.terminal import error_line
         from impact_xval.experiments.presentation.views import show_end
@@ -209,13 +207,13 @@ def compare_command(
     """
     from impact_xval.experiments.presentation import views
     from impact_xval.experiments.presentation.terminal import make_console, report_waiting
-    from impact_xval.experiments.tables.comparison import compare as compared
+    from impact_xval.experiments.tables.comparison import compare_runs
     from impact_xval.experiments.tables.folder import finished
 
     if not 0 <= tolerance < math.inf:
         raise UserError(f"--tolerance = {tolerance!r}; legal: a finite number >= 0 (of |v0|)")
     with report_waiting("comparing the runs"):
-        comparison = compared(finished(run_a), finished(run_b), tolerance)
+        comparison = compare_runs(finished(run_a), finished(run_b), tolerance)
     if json:
         print_json(views.changes_to_json(comparison))
     else:
@@ -253,8 +251,8 @@ def check_holds_something(file: Path, command: str) -> None:
     from impact_xval.experiments.config.errors import read_toml
 
     if not read_toml(file):
-        says = f"what is built in needs no file: impact-xval {command}"
-        raise UserError(f"{file}: empty; legal: a TOML file with a key or more; {says}")
+        without = f"what is built in needs no file: impact-xval {command}"
+        raise UserError(f"{file}: empty; legal: a TOML file with a key or more; {without}")
 
 
 @contextlib.contextmanager

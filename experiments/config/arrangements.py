@@ -24,7 +24,7 @@ from impact_xval.experiments.config.axes import (
     parameter,
     positive,
 )
-from impact_xval.experiments.config.errors import short
+from impact_xval.experiments.config.errors import shorten
 from impact_xval.experiments.config.renamed import rename_arrangement
 from impact_xval.model.collision import MAX_BALLS, Collision
 from impact_xval.model.inputs import V0
@@ -140,13 +140,13 @@ class ChainGrid(Axes):
             rename_arrangement(name, warn=warn) for name in (value if isinstance(value, list) else [value])
         ]
         if not names or any(name not in get_args(Arrangement) or names.count(name) > 1 for name in names):
-            raise ValueError(f"{short(value)}; legal: {_NAMES}, or a list of them, each once")
+            raise ValueError(f"{shorten(value)}; legal: {_NAMES}, or a list of them, each once")
         return names
 
     @model_validator(mode="after")
     def _of_a_cradle(self) -> ChainGrid:
         if self.strike is not None and "cradle" not in self.arrangement:
-            raise ValueError(f"strike = {short(self.strike)}; legal: none without a cradle")
+            raise ValueError(f"strike = {shorten(self.strike)}; legal: none without a cradle")
         return self
 
     def count(self) -> int:

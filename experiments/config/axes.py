@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 
-from impact_xval.experiments.config.errors import short
+from impact_xval.experiments.config.errors import shorten
 from impact_xval.model.collision import MAX_BALLS
 from impact_xval.model.inputs import E1, E2, EXPONENT, MASS_RATIO, STIFFNESS_RATIO, Legal
 
@@ -64,18 +64,18 @@ _RANGE = "a number, {log = [lo, hi]} or {linear = [lo, hi]}"
 def _check(legal: Legal, values: list[Any]) -> None:
     for value in values:
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise ValueError(f"{short(value)} is not a number; legal: {legal.text}")
+            raise ValueError(f"{shorten(value)} is not a number; legal: {legal.text}")
         if not legal.includes(value) or (legal.name in _WHOLE and value != int(value)):
-            raise ValueError(f"{short(value)}; legal: {legal.text}")
+            raise ValueError(f"{shorten(value)}; legal: {legal.text}")
 
 
 def _check_ends(legal: Legal, spacing: dict[str, Any], lo: Any, hi: Any) -> None:
     _check(legal, [lo, hi])
     if not lo < hi < math.inf:
-        raise ValueError(f"{short(spacing)}: lo = {lo!r}, hi = {hi!r}; legal: lo < hi, both finite")
+        raise ValueError(f"{shorten(spacing)}: lo = {lo!r}, hi = {hi!r}; legal: lo < hi, both finite")
     if "log" in spacing and not (lo > 0 and math.isfinite(hi / lo)):
         ends = "lo > 0 and hi/lo finite on a logarithmic axis"
-        raise ValueError(f"{short(spacing)}: lo = {lo!r}; legal: {ends}")
+        raise ValueError(f"{shorten(spacing)}: lo = {lo!r}; legal: {ends}")
 
 
 def _legal_axis(value: Any, info: ValidationInfo) -> Any:
@@ -84,9 +84,9 @@ def _legal_axis(value: Any, info: ValidationInfo) -> Any:
         case {"log": [lo, hi, n]} | {"linear": [lo, hi, n]} if len(value) == 1:
             _check_ends(legal, value, lo, hi)
             if type(n) is not int or not 2 <= n <= _MAX_VALUES:
-                raise ValueError(f"{short(value)}: n = {short(n)}; legal: whole, from 2 to {_MAX_VALUES}")
+                raise ValueError(f"{shorten(value)}: n = {shorten(n)}; legal: whole, from 2 to {_MAX_VALUES}")
         case dict() | []:
-            raise ValueError(f"{short(value)}; legal: {_AXIS}")
+            raise ValueError(f"{shorten(value)}; legal: {_AXIS}")
         case list():
             pass
         case _:
@@ -95,7 +95,7 @@ def _legal_axis(value: Any, info: ValidationInfo) -> Any:
     _check(legal, values)
     if len(set(values)) < len(values):
         twice = next(each for each in values if values.count(each) > 1)
-        raise ValueError(f"{short(value)} holds {twice!r} more than once; legal: each value once")
+        raise ValueError(f"{shorten(value)} holds {twice!r} more than once; legal: each value once")
     return value
 
 
@@ -107,7 +107,7 @@ def _legal_range(value: Any, info: ValidationInfo) -> Any:
         case int() | float():
             _check(legal, [value])
         case _:
-            raise ValueError(f"{short(value)}; legal: {_RANGE}")
+            raise ValueError(f"{shorten(value)}; legal: {_RANGE}")
     return value
 
 

@@ -69,22 +69,22 @@ class Cells:
         return self.count
 
     def block(self, indices: range) -> Block:
-        """Make some cells."""
-        config, found = self.config, self.values(indices)
+        """Make the cells of a range of indices."""
+        config, parameters = self.config, self.values(indices)
         for name in ("m1", "k1", "v0"):
-            found.setdefault(name, np.full(len(indices), getattr(config, name)))
+            parameters.setdefault(name, np.full(len(indices), getattr(config, name)))
         if config.chain is None:
-            found = split_restitution(found)
+            parameters = split_restitution(parameters)
             for ratio, (quantity, unit) in RATIO_OF.items():
-                if quantity in found:
-                    found[ratio] = found[quantity] / found[unit]
+                if quantity in parameters:
+                    parameters[ratio] = parameters[quantity] / parameters[unit]
                 else:
-                    found[quantity] = found[unit] * found[ratio]
-            collisions = _two_balls(found)
+                    parameters[quantity] = parameters[unit] * parameters[ratio]
+            collisions = _two_balls(parameters)
         else:
-            collisions = _chains(found)
-            found["balls"] = found["balls"].astype(int)
-        return Block(np.arange(indices.start, indices.stop), found, collisions)
+            collisions = _chains(parameters)
+            parameters["balls"] = parameters["balls"].astype(int)
+        return Block(np.arange(indices.start, indices.stop), parameters, collisions)
 
     def __getitem__(self, index: int) -> Collision:
         if not 0 <= index < len(self):
@@ -119,17 +119,17 @@ def experiment_cells(config: Config) -> Cells:
             config, [{"arrangement": [name]} | table.axes(name) for name in table.arrangement]
         )
     if config.sample is not None:
-        return listed(config, draw(config.sample))
+        return cells_from_ratios(config, draw(config.sample))
     if config.cells is not None:
         values = read_cells(Path(config.cells))
-        found = config.beyond_precision(*values.T[:2])
-        if found:
-            raise UserError(f"{config.cells}: row {found[0] + 1}: {found[1]}")
-        return listed(config, values)
+        problem = config.beyond_precision(*values.T[:2])
+        if problem:
+            raise UserError(f"{config.cells}: row {problem[0] + 1}: {problem[1]}")
+        return cells_from_ratios(config, values)
     return _cells_of_grids(config, [config.grid.varied()])
 
 
-def listed(config: Config, values: NDArray[np.float64]) -> Cells:
+def cells_from_ratios(config: Config, values: NDArray[np.float64]) -> Cells:
     """Return cells in any order; `values` are their ratios in the order of `AXES`, shape (n, 4)."""
 
     def of(indices: range) -> dict[str, NDArray[Any]]:
@@ -176,10 +176,10 @@ def _two_balls(cells: dict[str, NDArray[Any]]) -> Collisions:
 def _chains(cells: dict[str, NDArray[Any]]) -> Sequence[Collision]:
     names = [{"m1": "m", "k1": "k"}.get(name, name) for name in cells]
     rows = zip(*(values.tolist() for values in cells.values()), strict=True)
-    given = (chain_setup_values(dict(zip(names, row, strict=True))) for row in rows)
+    setups = (chain_setup_values(dict(zip(names, row, strict=True))) for row in rows)
     # The corners of the table have been validated, and no other chain is illegal where they are legal.
-    chains = [ChainSetup.model_construct(None, **each).collision() for each in given]
-    kinds = {(len(each.masses), each.table, each.exponent) for each in chains}
+    chains = [ChainSetup.model_construct(None, **setup).collision() for setup in setups]
+    kinds = {(len(chain.masses), chain.table, chain.exponent) for chain in chains}
     return Collisions.of(chains) if len(kinds) == 1 else chains
 
 

@@ -60,13 +60,13 @@ def parse_collision(parameters: Mapping[str, Any]) -> tuple[Collision, ChainSetu
     for key in given:
         if key not in PARAMETERS:
             raise UserError(f"{key!r:.60} is no parameter; legal: {', '.join(PARAMETERS)}")
-    chain = next((key for key in ("arrangement", "balls") if key in given), None)
-    for key in _OF_TWO if chain else OF_CHAIN:
+    chain_key = next((key for key in ("arrangement", "balls") if key in given), None)
+    for key in _OF_TWO if chain_key else OF_CHAIN:
         if key in given:
-            legal = f"none beside {_option(chain)}" if chain else "with --arrangement, of N balls"
+            legal = f"none beside {_option(chain_key)}" if chain_key else "with --arrangement, of N balls"
             raise UserError(f"{_option(key)} = {given[key]!r:.60}; legal: {legal}")
     plain = {key: _number_or_text(value) for key, value in given.items()}
-    return _chain(plain) if chain else _two_balls(plain)
+    return _chain(plain) if chain_key else _two_balls(plain)
 
 
 def _two_balls(plain: dict[str, Any]) -> tuple[Collision, None, Config]:

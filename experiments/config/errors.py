@@ -31,7 +31,7 @@ class _OneLineError(ImpactXvalError):
 
 
 class UserError(_OneLineError, ValueError):
-    """What the user asked for cannot be done; the command line prints the line and ends with exit code 2."""
+    """A wrong request of the user; the command line prints the message in one line and ends with exit code 2."""
 
 
 class InterruptedRunError(_OneLineError):
@@ -75,7 +75,7 @@ def validated(
 
 def _one_line(problem: Any, model: type[BaseModel], name: FieldName) -> str:
     """Turn one of pydantic's findings into ``field = value; legal: range``."""
-    location, field, value = problem["loc"], name(problem["loc"]), short(problem["input"])
+    location, field, value = problem["loc"], name(problem["loc"]), shorten(problem["input"])
     legal, inside = "", model.model_fields
     for key in location:
         if key in inside:
@@ -110,7 +110,7 @@ def hint(word: str, known: Sequence[str]) -> str:
     return f" (did you mean {close[0]!r}?)" if close else ""
 
 
-def short(value: object, limit: int = 60) -> str:
+def shorten(value: object, limit: int = 60) -> str:
     """Write a value as Python does, cut at a length."""
     text = repr(value)
     return text if len(text) <= limit else text[: limit - 3] + "..."

@@ -33,7 +33,7 @@ from impact_xval.experiments.config.axes import (
     table,
     whole,
 )
-from impact_xval.experiments.config.errors import UserError, hint, read_toml, short, validated
+from impact_xval.experiments.config.errors import UserError, hint, read_toml, shorten, validated
 from impact_xval.experiments.config.renamed import EXPERIMENT_KEYS, rename_keys
 from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, V0, Cutoff, legal_cutoff
 
@@ -138,7 +138,7 @@ def split_restitution(values: dict[str, Any]) -> dict[str, Any]:
 
 
 class ConvergenceTable(Strict):
-    """How far engines are followed towards a step of zero, cell by cell."""
+    """Settings of the runs of an engine at shorter steps, from which its limit is extrapolated, cell by cell."""
 
     enabled: bool = Field(True, description="true or false")
     tolerance: float = at_most(1e-3, 1, "of |v0|")
@@ -190,7 +190,7 @@ class Config(Strict):
     @classmethod
     def _printable(cls, value: str) -> str:
         if not value.isprintable() or not value.strip() or len(value) > 100:
-            raise ValueError(f"{short(value)}; legal: {_NAME}")
+            raise ValueError(f"{shorten(value)}; legal: {_NAME}")
         return value
 
     @field_validator("stiffness_ratio_cutoff", mode="before")
@@ -198,7 +198,7 @@ class Config(Strict):
     def _cutoff(cls, value: Any) -> Any:
         # Before the union's own validation, which would tell one mistake twice, once for each type.
         if not legal_cutoff(value):
-            raise ValueError(f"{short(value)}; legal: {LEGAL_CUTOFF}")
+            raise ValueError(f"{shorten(value)}; legal: {LEGAL_CUTOFF}")
         return value
 
     @field_validator("solvers")

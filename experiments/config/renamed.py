@@ -1,8 +1,8 @@
 """Names that version 0.4 had for things that have another name now.
 
-The tables say what was renamed. The functions translate what a user wrote for 0.4: a TOML file or an option. They are
-called by the classes that validate a configuration, and by `tables.earlier`, which translates the folder of a run. All
-of this is kept for one release.
+The tables say what was renamed. The functions translate what a user wrote for 0.4, a TOML file or an option; they are
+called by the classes that validate a configuration. `tables.earlier` translates the tables of a run by the tables here,
+and the command ``scoreboard`` translates the answers of a baseline. All of this is kept for one release.
 """
 
 from __future__ import annotations

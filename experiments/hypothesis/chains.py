@@ -124,23 +124,24 @@ def solve_chains(config: HypothesisConfig) -> Frame:
 
 
 def _solve_at_contrasts(
-    contrasts: Sequence[float], known: dict[str, Any], chain: Collision, contact: int
+    contrasts: Sequence[float], keys: dict[str, Any], chain: Collision, contact: int
 ) -> Iterator[dict[str, Any]]:
     """Yield the outcomes of a chain at rising contrasts of a contact; the closed form is that of the welded chain.
 
-    Velocities are in m/s, the incoming ones being 1; `weights` are the masses per twice the kinetic energy at first.
+    `keys` tell the chain and its solver in every row. Velocities are in m/s, the incoming ones being 1; `weights` are
+    the masses per twice the kinetic energy at first.
     """
     chains = [*(stiffen_contact(chain, contact, x) for x in contrasts), weld_contact(chain, contact)]
-    *outcomes, as_one = get_solver(known["solver"]).solve_many(chains, Settings(mark=False))
+    *outcomes, as_one = get_solver(keys["solver"]).solve_many(chains, Settings(mark=False))
     weights = np.array(chain.masses) / np.dot(chain.masses, np.square(chain.velocities))
     form = velocities_of_balls(as_one.velocities, contact)
-    known = known | {name: getattr(chain, name) for name in ("masses", "stiffnesses", "restitutions")}
-    known |= {"incoming": chain.velocities, "weights": weights, "closed_form": form}
-    known |= {"meets": chain.compression_rates[contact] > 0}
-    known |= {"class": "elastic" if min(chain.restitutions) == 1 else "lossy"}
+    shared = keys | {name: getattr(chain, name) for name in ("masses", "stiffnesses", "restitutions")}
+    shared |= {"incoming": chain.velocities, "weights": weights, "closed_form": form}
+    shared |= {"meets": chain.compression_rates[contact] > 0}
+    shared |= {"class": "elastic" if min(chain.restitutions) == 1 else "lossy"}
     for x, outcome in zip(contrasts, outcomes, strict=True):
-        found = {
+        of_outcome = {
             name: getattr(outcome, name) for name in ("velocities", "status", "reason", "grazing_margin")
         }
-        away = kinetic_distance(weights, np.subtract(outcome.velocities, form))
-        yield known | found | {"contrast": x, "distance": away}
+        distance = kinetic_distance(weights, np.subtract(outcome.velocities, form))
+        yield shared | of_outcome | {"contrast": x, "distance": distance}

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from impact_xval.experiments.config.axes import Strict, at_most, table, whole
-from impact_xval.experiments.config.errors import read_toml, short, validated
+from impact_xval.experiments.config.errors import read_toml, shorten, validated
 from impact_xval.experiments.config.experiment import Config, Solvers
 from impact_xval.experiments.config.renamed import HYPOTHESIS_KEYS, rename_keys
 
@@ -22,7 +22,7 @@ def _in_order(value: tuple[float, float], info: ValidationInfo) -> tuple[float, 
     """Check a range of contrasts; beyond its largest legal end double precision does not suffice."""
     most = "1e16" if info.field_name == "plastic_contrast" else "1e10"
     if not 1 < value[0] < value[1] <= float(most):
-        raise ValueError(f"{short(list(value))}; legal: [lo, hi] with 1 < lo < hi <= {most}")
+        raise ValueError(f"{shorten(list(value))}; legal: [lo, hi] with 1 < lo < hi <= {most}")
     return value
 
 

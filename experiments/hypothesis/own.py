@@ -40,7 +40,7 @@ from impact_xval.experiments.hypothesis.judging import (
 )
 from impact_xval.experiments.presentation.document import Block, Table
 from impact_xval.experiments.presentation.words import display_name
-from impact_xval.experiments.tables.numbers import listed, number
+from impact_xval.experiments.tables.numbers import join_words, number
 from impact_xval.model.arrays import Floats
 from impact_xval.model.collision import MAX_BALLS, Collision
 from impact_xval.model.outcome import Outcome
@@ -283,7 +283,7 @@ def own_pair_blocks(own: OwnPair) -> Iterator[Block]:
     for answer in ("yes", "no"):
         laws = [law for law in own.laws if law.as_one == answer]
         if laws:
-            by = listed(f"{display_name(law.solver)} (D = {number(law.distances[0], 2)})" for law in laws)
+            by = join_words(f"{display_name(law.solver)} (D = {number(law.distances[0], 2)})" for law in laws)
             yield f"As one body, by D from the welded pair at your contrast: {answer} by {by}."
     if own.meets:
         yield (

@@ -25,7 +25,7 @@ from impact_xval.experiments.presentation.words import (
     look_of,
 )
 from impact_xval.experiments.tables.folder import write_text
-from impact_xval.experiments.tables.numbers import listed, percent, short
+from impact_xval.experiments.tables.numbers import compact_number, join_words, percent
 from impact_xval.experiments.tables.parquet import replacing
 from impact_xval.model.status import RESULT_STATUSES
 
@@ -188,7 +188,7 @@ def _cell(row: Any) -> str:
         more = f"r {row.rate:.2f}" + (f" ({low}–{high})" if low != high else "")
     elif row.verdict == "refuted":
         more = f"D {format_range((row.offset_least, row.offset_largest))}"
-    close = f"≥{short(row.close_from, 1)}" if row.close_from < float("inf") else "never"
+    close = f"≥{compact_number(row.close_from, 1)}" if row.close_from < float("inf") else "never"
     return f"{_short(row)} {close}<br>{more}"
 
 
@@ -255,7 +255,7 @@ def _method(results: HypothesisResults) -> Section:
     caption = "The limits, m1 = 1 and |v0| = 1. 1/e^2: an end of compression multiplies a stiffness by that"
     limits = Table(("limit", "contrast", "regime"), [case[:3] for case in LIMIT_CASES], caption, text=3)
     lost = outcomes[~outcomes.status.isin(RESULT_STATUSES)].groupby(["solver", "status"], sort=False).size()
-    words = listed(f"{n} of {display_name(solver)} ({status})" for (solver, status), n in lost.items())
+    words = join_words(f"{n} of {display_name(solver)} ({status})" for (solver, status), n in lost.items())
     said = [
         f"The design is hypothesis.toml beside this page (seed {results.config.seed}); docs/hypothesis.md says how "
         "points are drawn, how verdicts are reached, and what is not shown.",
@@ -266,7 +266,7 @@ def _method(results: HypothesisResults) -> Section:
         away = outcomes[outcomes.solver == name].limit_distance
         said.append(
             f"{display_name(name)} {version}: in the limit dt -> 0 it differs from the exact solver of its law by "
-            f"{short(away.median(), 1)} |v0| in the median, by {short(away.max(), 1)} at most."
+            f"{compact_number(away.median(), 1)} |v0| in the median, by {compact_number(away.max(), 1)} at most."
             if name in results.solvers
             else f"{display_name(name)}: {version}"
         )
@@ -275,5 +275,7 @@ def _method(results: HypothesisResults) -> Section:
 
 def format_range(values: Sequence[float], digits: str = "") -> str:
     """Write the range of some numbers, in two digits or in the format `digits`."""
-    low, high = (format(end, digits) if digits else short(end, 2) for end in (min(values), max(values)))
+    low, high = (
+        format(end, digits) if digits else compact_number(end, 2) for end in (min(values), max(values))
+    )
     return low if low == high else f"{low} to {high}"

@@ -1,6 +1,6 @@
-"""The corners between the model and what an engine was asked for: every combination of three switches (docs/ladder.md).
+"""The corners between the model and the law of an engine: every combination of three switches (docs/ladder.md).
 
-They are positions, law and gravity. All off is the state-transition model, all on the law of the engine in its
+The switches are positions, law and gravity. All off is the state-transition model, all on the law of the engine in its
 scenario. Corners are computed by the references, without a time step, whether or not a run lists them as solvers; the
 model's is the run's own row. In an `impact` the corners of the third switch are two and two the same; chains of N
 balls know no gravity, and have two switches.
@@ -25,8 +25,9 @@ from impact_xval.model.outcomes import Outcomes
 
 Texts = NDArray[np.object_]
 
-#: A corner: which of its switches (positions, law, gravity) are on, 0 or 1; that of the model.
+#: A corner: the position of each of its switches (positions, law, gravity), 0 if off and 1 if on.
 Index = tuple[int, int, int]
+#: The corner of the model.
 MODEL: Index = (0, 0, 0)
 
 #: Pieces of segments after which a corner of N balls is given up, a second of ten balls.
@@ -36,12 +37,12 @@ _MAX_STEPS = 100_000
 class Corners(NamedTuple):
     """The corners of n cells of N balls."""
 
-    #: By position of each switch, per abs(v0), shape (2, 2, g, n, N); g is 1 of chains of N balls. NaN from the first
-    #: without a result on.
+    #: Final velocities by position of each switch, per abs(v0), shape (2, 2, g, n, N); g is 1 for chains. NaN from the
+    #: first corner without a result on.
     velocities: Floats
     #: Which corner, beside the model, is the first without a result, and its status; empty where all have one.
     reason: Texts
-    #: Which corner jumps beside the cell, or is decided by rounding: shares would be others; empty where none does.
+    #: Which corner jumps beside the cell, or is decided by rounding, so that shares are uncertain; empty where none.
     mark: Texts
 
     @property
@@ -86,33 +87,34 @@ def corners(
         index = free, asked, weight
         if index == MODEL or not len(left):
             continue
-        law, some, g = obeyed if asked else "bistiffness", collisions[left], gravity[left] * weight
+        law = obeyed if asked else "bistiffness"
+        remaining, g = collisions[left], gravity[left] * weight
         name = f"{'' if free else 'frozen '}{law}{' with gravity' if weight else ''}"
         solve = references.law_at(law, frozen=not free, max_steps=MAX_WINDOWS if pair else _MAX_STEPS)
-        found = solve(some, g)
-        velocities[index][left] = found.velocities / speed[left, None]
-        there = found.has_result
-        reason[left[~there]] = [f"{name}: {status}" for status in found.statuses[~there]]
-        says = _beside(solve, law, some, found, g, pair)
-        new = (mark[left] == "") & (says != "")  # the first that jumps is told
-        mark[left[new]] = f"ladder: {name}" + says[new]
-        left = left[there]
+        outcomes = solve(remaining, g)
+        velocities[index][left] = outcomes.velocities / speed[left, None]
+        solved = outcomes.has_result
+        reason[left[~solved]] = [f"{name}: {status}" for status in outcomes.statuses[~solved]]
+        jumps = _describe_jumps(solve, law, remaining, outcomes, g, pair)
+        new = (mark[left] == "") & (jumps != "")  # the first that jumps is told
+        mark[left[new]] = f"ladder: {name}" + jumps[new]
+        left = left[solved]
     mark[reason != ""] = ""
     if pair and not falls:
         velocities[:, :, 1] = velocities[:, :, 0]
     return Corners(velocities, reason, mark)
 
 
-def _beside(
-    solve: Law, law: str, collisions: Collisions, found: Outcomes, gravity: Floats, pair: bool
+def _describe_jumps(
+    solve: Law, law: str, collisions: Collisions, outcomes: Outcomes, gravity: Floats, pair: bool
 ) -> Texts:
-    """Say where a corner jumps; of N balls where it grazes, or is decided by rounding."""
+    """Say where a corner jumps; for chains, where it grazes or is decided by rounding. Empty elsewhere."""
     if pair:
-        excess = find_jumps(solve, collisions, found, gravity).excess
+        excess = find_jumps(solve, collisions, outcomes, gravity).excess
         text = f" jumps where a parameter changes by {max(JUMPS):g} or less"
         return np.where(excess > 1, text, "").astype(object)
-    marks, margins = marks_of(solve, law, collisions, found, gravity), found.grazing_margin
-    says = np.array([f": {mark}" if mark else "" for mark in marks], dtype=object)
-    grazes = found.has_result & (margins < GRAZING_THRESHOLD)
-    says[grazes] = [f" grazes by {margin:.2g}" for margin in margins[grazes]]
-    return says
+    marks, margins = marks_of(solve, law, collisions, outcomes, gravity), outcomes.grazing_margin
+    texts = np.array([f": {mark}" if mark else "" for mark in marks], dtype=object)
+    grazes = outcomes.has_result & (margins < GRAZING_THRESHOLD)
+    texts[grazes] = [f" grazes by {margin:.2g}" for margin in margins[grazes]]
+    return texts

@@ -295,33 +295,35 @@ def divergence(
     absent = ~both
     dv = np.where(both[:, None], other.velocities - model.velocities, np.nan)
     di = np.where(both[:, None], other.impulses - model.impulses, np.nan)
-    found: Measures = {
+    measures: Measures = {
         "velocity_divergence": np.where(absent, np.nan, norms(masses, dv, starts)),
         **{f"dv{i}": x / speed for i, x in enumerate(dv.T, 1)},
         **{f"dimpulse{i}": x / (masses[:, 0] * speed) for i, x in enumerate(di.T, 1)},
         "largest_dv": np.max(np.abs(dv), axis=1, where=~np.isnan(dv), initial=0.0) / speed,
         "dretained_energy": retained_energy(masses, starts, other) - retained_energy(masses, starts, model),
     }
-    found["largest_dv"][absent] = found["dretained_energy"][absent] = np.nan
+    measures["largest_dv"][absent] = measures["dretained_energy"][absent] = np.nan
     if model.curves is None or other.curves is None:
-        return found
+        return measures
     pairs = list(zip(model.compared, other.compared, strict=True))
     sequences = {texts: [text.split() for text in texts] for texts in set(pairs)}
-    known = {texts: (a == b, part_at(a, b), edit_distance(a, b)) for texts, (a, b) in sequences.items()}
-    states = [known[texts] if there else (None,) * 3 for texts, there in zip(pairs, both, strict=True)]
+    differences = {texts: (a == b, part_at(a, b), edit_distance(a, b)) for texts, (a, b) in sequences.items()}
+    states = [
+        differences[texts] if is_result else (None,) * 3 for texts, is_result in zip(pairs, both, strict=True)
+    ]
     names = "states_equal", "states_differ_at", "states_edit_distance"
 
-    def scaled(curves: ImpulseCurves) -> Floats:
+    def scale(curves: ImpulseCurves) -> Floats:
         units = np.repeat(masses[:, 0] * speed, np.diff(curves.offsets))
         # Contiguous: for any other layout the kernel would be compiled once more.
         return np.ascontiguousarray(curves.impulses / units[:, None])
 
-    # Here, for the import of numba takes longer than all else that one collision's D asks for.
+    # Imported here because the import of numba takes longer than the D of one collision.
     from impact_xval.experiments.measures.hausdorff import distances
 
-    apart = distances(scaled(model.curves), scaled(other.curves), model.curves.offsets, other.curves.offsets)
-    found |= zip(names, np.array(states, dtype=object).reshape(-1, 3).T, strict=True)
-    return found | {"impulse_curve_distance": np.where(both, apart, np.nan)}
+    apart = distances(scale(model.curves), scale(other.curves), model.curves.offsets, other.curves.offsets)
+    measures |= zip(names, np.array(states, dtype=object).reshape(-1, 3).T, strict=True)
+    return measures | {"impulse_curve_distance": np.where(both, apart, np.nan)}
 
 
 def retained_energy(masses: Floats, starts: Floats, results: SolverResults) -> Floats:
@@ -364,16 +366,18 @@ def measures_of(collision: Collision, outcomes: Mapping[str, Outcome]) -> dict[s
     balls, contacts = len(collision.masses), len(collision.stiffnesses)
     masses, starts = masses_and_starts([collision], balls)
     speed, measured = np.abs(starts).max(axis=1), {}
-    results = {name: results_of([each], speed, balls, contacts, None) for name, each in outcomes.items()}
-    for name, found in results.items():
+    results = {
+        name: results_of([outcome], speed, balls, contacts, None) for name, outcome in outcomes.items()
+    }
+    for name, result in results.items():
         model, exact = results.get(REFERENCE), results.get(exact_solver_for(name, "calibrated"))
-        measures = {"retained_energy": retained_energy(masses, starts, found)}
-        measures["retained_momentum"] = retained_momentum(masses, starts, found)
+        measures = {"retained_energy": retained_energy(masses, starts, result)}
+        measures["retained_momentum"] = retained_momentum(masses, starts, result)
         if model is not None:
-            measures |= divergence(masses, starts, speed, model, found)
+            measures |= divergence(masses, starts, speed, model, result)
         if exact is not None:
-            limit = [found.diagnostic(f"v{i}_limit") for i in range(1, 1 + balls)]
+            limit = [result.diagnostic(f"v{i}_limit") for i in range(1, 1 + balls)]
             measures["limit_distance"] = np.abs(np.transpose(limit) - exact.velocities / speed).max(axis=1)
-        known = {key: [np.nan] for key in ("velocity_divergence", "limit_distance", "limit_error")}
-        measured[name] = {key: float(x[0]) for key, x in (known | found.diagnostics | measures).items()}
+        absent = {key: [np.nan] for key in ("velocity_divergence", "limit_distance", "limit_error")}
+        measured[name] = {key: float(x[0]) for key, x in (absent | result.diagnostics | measures).items()}
     return measured

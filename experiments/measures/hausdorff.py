@@ -43,7 +43,7 @@ def distances(a, b, offsets_a, offsets_b):
 
 @strict_float_helper
 def _legal(one):
-    """Whether a polyline has vertices, none of them beyond `LARGEST`."""
+    """Return whether a polyline has vertices, none of them beyond `LARGEST`."""
     for i in range(len(one)):
         if not (abs(one[i, 0]) <= LARGEST and abs(one[i, 1]) <= LARGEST):
             return False

@@ -1,4 +1,4 @@
-"""Why an engine diverges from the model: the difference of final velocities, split into its causes (docs/ladder.md).
+"""The difference of final velocities between an engine and the model, split into its causes (docs/ladder.md).
 
 The three causes stand between the model and the law that the engine was asked for in its scenario: switches, all
 combinations of which (`corners`) are known without an engine. A cause is the mean of what its switch changes over the
@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import permutations
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,12 +50,13 @@ _MENTIONED = 0.02
 #: Array that holds no text; `numpy.where` makes objects of it.
 _NONE = np.array(None, dtype=object)
 
-Columns = dict[str, np.ndarray]
+#: Values of columns of a table by name, shape (n,).
+ColumnArrays = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True, slots=True)
 class Contribution:
-    """What one cause adds to a divergence."""
+    """Contribution of one cause, or of the engine, to a divergence."""
 
     name: str
     label: str
@@ -209,10 +210,10 @@ def split(weights: Floats, corners: Corners, limit: Floats, engine: Floats) -> S
     Weights are masses over that of what moves at first; `limit` and `engine` final velocities per abs(v0), in the limit
     dt -> 0 and at the engine's step, NaN where there are none. All are of shape (n, N).
     """
-    known = ~np.isnan(limit).any(axis=1, keepdims=True)  # whether there is a limit
-    mapping = np.where(known, limit - corners.engine_law, np.nan)
-    time_step = np.where(known, engine - limit, np.nan)
-    mapping_and_step = np.where(known, np.nan, engine - corners.engine_law)
+    has_limit = ~np.isnan(limit).any(axis=1, keepdims=True)
+    mapping = np.where(has_limit, limit - corners.engine_law, np.nan)
+    time_step = np.where(has_limit, engine - limit, np.nan)
+    mapping_and_step = np.where(has_limit, np.nan, engine - corners.engine_law)
     causes = changes_by_order(corners.velocities)
     total = engine - corners.model
     vectors = np.concatenate([causes.mean(axis=0), [mapping, time_step, mapping_and_step]])
@@ -249,12 +250,12 @@ def _norm(weights: Floats, differences: Floats) -> Floats:
 
 def ladders(
     config: Config, block: Block, model: Comparison, engines: Mapping[str, Comparison]
-) -> dict[str, Columns]:
+) -> dict[str, ColumnArrays]:
     """Make the ladders of engines in cells: by engine the columns of the table ``ladder``, shape (n,).
 
     A column holds NaN or None where there is no ladder.
     """
-    columns: dict[str, Columns] = {name: {} for name in engines}
+    columns: dict[str, ColumnArrays] = {name: {} for name in engines}
     if not engines:
         return columns
     pair = config.chain is None
@@ -270,18 +271,18 @@ def ladders(
             law: corners(of_model, collisions, gravity, law, pair=pair) for law in set(laws.values())
         }
         for name, engine in engines.items():
-            here = corners_of_law[laws[name]]
+            of_law = corners_of_law[laws[name]]
             velocities = engine.results.velocities_of((*RESULT_STATUSES, UNCONVERGED))[places, :balls] / speed
             limit = engine.results.limits()[places, :balls]  # none where the engine did not converge
-            ladder = split(collisions.masses / moving, here, limit, velocities)
-            always = _status_columns(name, model, engine, places, here, ladder)
+            ladder = split(collisions.masses / moving, of_law, limit, velocities)
+            always = _status_columns(name, model, engine, places, of_law, ladder)
             ok = ~np.isnan(ladder.divergence) & np.isin(always["status"].tolist(), ("ok", UNCONVERGED))
-            for key, values in (always | _split_columns(name, here, ladder, ok)).items():
+            for key, values in (always | _split_columns(name, of_law, ladder, ok)).items():
                 _scatter(columns[name], key, values, places, len(block))
     return columns
 
 
-def _scatter(columns: Columns, key: str, values: np.ndarray, places: np.ndarray, n: int) -> None:
+def _scatter(columns: ColumnArrays, key: str, values: np.ndarray, places: np.ndarray, n: int) -> None:
     """Put values in their places of a column of length n, which holds NaN or None elsewhere."""
     nothing = np.nan if values.dtype.kind == "f" else None
     columns.setdefault(key, np.full(n, nothing, values.dtype))[places] = values
@@ -292,23 +293,25 @@ def _status_columns(
     model: Comparison,
     engine: Comparison,
     places: NDArray[np.intp],
-    here: Corners,
+    corners: Corners,
     ladder: Split,
-) -> Columns:
+) -> ColumnArrays:
     """Return the columns that a row has with or without a ladder: the first outcome that is missing, marks, errors."""
     status, reason = engine.results.status[places], engine.results.reason[places]
     of_model = model.results.status[places]
-    of_engine = np.array([f"{name}: {why or x}" for why, x in zip(reason, status, strict=True)], dtype=object)
-    of_corner = np.array([why.rpartition(" ")[2] for why in here.reason], dtype=object)
+    of_engine = np.array(
+        [f"{name}: {text or word}" for text, word in zip(reason, status, strict=True)], dtype=object
+    )
+    of_corner = np.array([text.rpartition(" ")[2] for text in corners.reason], dtype=object)
     # In the order in which a missing outcome is told: of the engine, the model, a corner.
     missing = [
         ~np.isin(status.tolist(), RESULT_STATUSES),
         ~np.isin(of_model.tolist(), RESULT_STATUSES),
-        here.reason != "",
+        corners.reason != "",
     ]
     mapping_with_step = ~np.isnan(ladder.norms[-1])
-    reasons = [of_engine, f"{REFERENCE}: " + of_model, here.reason]
-    marks = zip(engine.marked[places], here.mark, strict=True)
+    reasons = [of_engine, f"{REFERENCE}: " + of_model, corners.reason]
+    marks = zip(engine.marked[places], corners.mark, strict=True)
     return {
         "status": np.select(missing, [status, of_model, of_corner], "ok"),
         "reason": np.select(missing, reasons, np.where(mapping_with_step, NO_LIMIT, _NONE)),
@@ -318,7 +321,7 @@ def _status_columns(
     }
 
 
-def _split_columns(name: str, here: Corners, ladder: Split, ok: NDArray[np.bool_]) -> Columns:
+def _split_columns(name: str, corners: Corners, ladder: Split, ok: NDArray[np.bool_]) -> ColumnArrays:
     """Return the columns of corners and contributions, and of the largest contribution; nothing where not `ok`."""
     low, high = ladder.ranges
     numbers = {"velocity_divergence": ladder.divergence} | _by_ball("dv", ladder.total)
@@ -330,8 +333,8 @@ def _split_columns(name: str, here: Corners, ladder: Split, ok: NDArray[np.bool_
         if contribution.is_cause:
             numbers[f"{prefix}_share_low"] = low[i]
             numbers[f"{prefix}_share_high"] = high[i]
-    for index, corner in corner_names(gravity=here.gravity).items():
-        numbers |= _by_ball(f"{corner}_v", here.velocities[index])
+    for index, corner in corner_names(gravity=corners.gravity).items():
+        numbers |= _by_ball(f"{corner}_v", corners.velocities[index])
         numbers[f"{corner}_along"] = np.where(ladder.divergence == 0, 0.0, ladder.corners[index])
     dominant = np.where(ok, ladder.dominant(), -1)
     agreed = ladder.same_by_every_order()
@@ -363,7 +366,7 @@ def _parts_of_row(ladder: Split, row: int) -> list[Part]:
     ]
 
 
-def _by_ball(name: str, velocities: Floats) -> Columns:
+def _by_ball(name: str, velocities: Floats) -> ColumnArrays:
     return {f"{name}{i}": x for i, x in enumerate(velocities.T, 1)}
 
 
@@ -381,11 +384,13 @@ class Part(NamedTuple):
         """The share, with its range where that can be seen."""
         text = f"{100 * self.share:.3g} %"
         return (
-            f"{text}, by order {format_range(self.low, self.high)}" if self.high - self.low >= _WIDE else text
+            f"{text}, by order {format_share_range(self.low, self.high)}"
+            if self.high - self.low >= _WIDE
+            else text
         )
 
 
-def format_range(low: float, high: float) -> str:
+def format_share_range(low: float, high: float) -> str:
     """Write a range of shares in per cent."""
     return f"{100 * low:.3g} to {100 * high:.3g} %"
 
@@ -396,9 +401,10 @@ def sentence(solver: str, divergence: float, parts: Sequence[Part], agreed: bool
         return f"{solver} ends where the model does (D = {divergence:.1g}): there is nothing to split."
     pair = cancelling_pair([part.share for part in parts])
     if pair is not None:
-        one, two = (f"{parts[i].phrase} (norm {parts[i].norm:.3g})" for i in pair)
-        return f"{solver} ends D = {divergence:.3g} from the model, where two large causes cancel: {one} and {two}."
-    first, *others = sorted(parts, key=lambda part: -part.share)
+        larger, smaller = (f"{parts[i].phrase} (norm {parts[i].norm:.3g})" for i in pair)
+        cancel = f"two large causes cancel: {larger} and {smaller}"
+        return f"{solver} ends D = {divergence:.3g} from the model, where {cancel}."
+    first, *rest = sorted(parts, key=lambda part: -part.share)
     sure = first.low if np.isfinite(first.low) else first.share
     how_much = "most of it" if sure > 0.5 else "the largest part of it"
     how_much += "" if agreed else " (another by another order)"
@@ -406,9 +412,9 @@ def sentence(solver: str, divergence: float, parts: Sequence[Part], agreed: bool
         f"{solver} ends D = {divergence:.3g} from the model, {how_much} by {first.phrase} "
         f"({first.percent}, norm {first.norm:.3g})"
     )
-    other = max(others, key=lambda part: abs(part.share))
-    if other.share <= -_MENTIONED:
-        return f"{text}, taken back in part by {other.phrase} ({other.percent}, norm {other.norm:.3g})."
-    if other.share >= _MENTIONED:
-        return f"{text}, then by {other.phrase} ({other.percent})."
+    second = max(rest, key=lambda part: abs(part.share))
+    if second.share <= -_MENTIONED:
+        return f"{text}, taken back in part by {second.phrase} ({second.percent}, norm {second.norm:.3g})."
+    if second.share >= _MENTIONED:
+        return f"{text}, then by {second.phrase} ({second.percent})."
     return f"{text}."

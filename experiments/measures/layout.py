@@ -52,7 +52,9 @@ def layout_of(config: Config) -> Layout:
         ),
     }
     part = schema.union(cells, divergence, ladder_in_part if engines_with_ladders(config) else ())
-    return Layout(pair, balls, contacts, schema.arrow_schema(part), tables)
+    return Layout(
+        pair=pair, balls=balls, contacts=contacts, part_schema=schema.arrow_schema(part), tables=tables
+    )
 
 
 def _largest_counts(config: Config) -> tuple[int, int]:
@@ -131,7 +133,9 @@ def _contribution_columns(contribution: Contribution, orders: str) -> Iterator[C
         difference = f"{contribution.label}, {mean}: {before} -> {after}"
     else:
         difference = f"{contribution.label}: {after} minus {before}"
-    yield Column(f"{name}_dv{{i}}", "float", "-", f"{difference}; velocity of ball {{i}} per |v0|", "ball")
+    yield Column(
+        f"{name}_dv{{i}}", "float", "-", f"{difference}; velocity of ball {{i}} per |v0|", per="ball"
+    )
     yield Column(f"{name}_norm", "float", "-", f"kinetic norm of {name}'s difference of velocities")
     yield Column(
         f"{name}_share",
@@ -149,7 +153,7 @@ def _corner_columns(name: str) -> Iterator[Column]:
     """Yield the columns of a corner."""
     corner = name.replace("_", ", ")
     yield Column(
-        f"{name}_v{{i}}", "float", "-", f"corner {corner}: final velocity of ball {{i}} per |v0|", "ball"
+        f"{name}_v{{i}}", "float", "-", f"corner {corner}: final velocity of ball {{i}} per |v0|", per="ball"
     )
     yield Column(
         f"{name}_along",

@@ -76,9 +76,9 @@ class Summary:
         self.axes = {axis: each.values for axis, each in self.levels.items() if len(each.values) > 1}
         #: `STATISTICS`: cells are "all", "regular" or "marked", an axis may be "all"; measures are taken by size, those
         #: of `_SHARES` have only a mean.
-        self.statistics = found = _statistics(table, pair=pair)
-        values = found.value.where(found.axis != "all", "")
-        keys = zip(found.solver, found.measure, found.axis, found.cells, values, strict=True)
+        self.statistics = rows = _statistics(table, pair=pair)
+        values = rows.value.where(rows.axis != "all", "")
+        keys = zip(rows.solver, rows.measure, rows.axis, rows.cells, values, strict=True)
         self._places = {key: place for place, key in enumerate(keys)}
         #: The regular cells with the largest D of every solver, as rows of the divergence table.
         self.worst = _worst_rows(table, 5 if pair else 3)

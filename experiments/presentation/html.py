@@ -12,7 +12,7 @@ from markupsafe import Markup
 
 from impact_xval.experiments.presentation.document import Block, Piece, Section, Value
 from impact_xval.experiments.presentation.words import display_name
-from impact_xval.experiments.tables.numbers import listed, number
+from impact_xval.experiments.tables.numbers import join_words, number
 
 _ENVIRONMENT = Environment(
     loader=PackageLoader("impact_xval.experiments.presentation"),
@@ -24,7 +24,7 @@ _ENVIRONMENT = Environment(
 _ENVIRONMENT.policies["json.dumps_kwargs"] = {}  # in the order in which they were written
 _ENVIRONMENT.globals["Value"] = Value
 _ENVIRONMENT.filters |= {"kind": lambda block: type(block).__name__}
-_ENVIRONMENT.filters |= {"number": number, "listed": listed, "named": display_name}
+_ENVIRONMENT.filters |= {"number": number, "join_words": join_words, "named": display_name}
 
 
 def render_page(title: str, blocks: Sequence[Block], folder: Path | None = None) -> str:

@@ -13,7 +13,7 @@ from rich.console import Console
 from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, cancelling_pair, format_range
+from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, cancelling_pair, format_share_range
 from impact_xval.experiments.measures.summary import Summary
 from impact_xval.experiments.presentation.document import Block, Table
 from impact_xval.experiments.presentation.findings import region_table, summary_blocks
@@ -26,7 +26,7 @@ from impact_xval.experiments.presentation.words import (
     name_solver_in,
 )
 from impact_xval.experiments.sweep.status import RunStatus
-from impact_xval.experiments.tables.comparison import Comparison
+from impact_xval.experiments.tables.comparison import RunComparison
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.numbers import number, percent
 from impact_xval.model.status import RESULT_STATUSES
@@ -135,7 +135,7 @@ def _contributions(row: dict[str, Any], balls: range) -> list[tuple[str, ...]]:
     lines = []
     for i, c in enumerate(contributions):
         name = f"{c.name}_share"
-        by_order = format_range(row[f"{name}_low"], row[f"{name}_high"]) if c.is_cause else ""
+        by_order = format_share_range(row[f"{name}_low"], row[f"{name}_high"]) if c.is_cause else ""
         shown = ("cancels", "") if i in pair else (percent(row[name]), by_order)
         changes = (f"{row[f'{c.name}_dv{j}']:.3e}" for j in balls)
         lines.append((c.label, *changes, f"{row[f'{c.name}_norm']:.3e}", *shown))
@@ -145,7 +145,7 @@ def _contributions(row: dict[str, Any], balls: range) -> list[tuple[str, ...]]:
     )
 
 
-def show_changes(console: Console, a: str, b: str, comparison: Comparison) -> None:
+def show_changes(console: Console, a: str, b: str, comparison: RunComparison) -> None:
     """Print what moved between two runs."""
 
     def shown(change: float) -> str:
@@ -180,7 +180,7 @@ def show_changes(console: Console, a: str, b: str, comparison: Comparison) -> No
     print_blocks(console, [*blocks, Table(by_row, worst, caption, text=4)])
 
 
-def changes_to_json(comparison: Comparison) -> dict[str, Any]:
+def changes_to_json(comparison: RunComparison) -> dict[str, Any]:
     """Return the changes between two runs for JSON; a change is infinite if only one run has a number."""
     return {
         "tolerance": comparison.tolerance,

@@ -11,7 +11,7 @@ from impact_xval.compliant_baselines.registry import group_by_law, solver_names,
 from impact_xval.experiments.config.arrangements import ChainSetup
 from impact_xval.experiments.config.axes import AXES, SI_AXES
 from impact_xval.experiments.config.experiment import REFERENCE
-from impact_xval.experiments.tables.numbers import listed, number
+from impact_xval.experiments.tables.numbers import join_words, number
 
 #: The measure of divergence, in words.
 WHAT_D_IS = (
@@ -133,7 +133,7 @@ def describe_restitution_product(solvers: Iterable[str], e: float = 0.9) -> str:
         return ""
     verb = "multiplies" if len(titles) == 1 else "multiply"
     return (
-        f"{listed(titles)} {verb} the restitutions of the two bodies of a contact: {number(e, 4)} on both gives "
+        f"{join_words(titles)} {verb} the restitutions of the two bodies of a contact: {number(e, 4)} on both gives "
         f"{number(e * e, 4)}. For e = {number(e, 4)} write {number(e, 4)} on one and 1 on the other."
     )
 
@@ -144,7 +144,6 @@ def describe_shared_laws(solvers: Iterable[str]) -> str:
     for group in group_by_law(solvers).values():
         if len(group) > 1:
             count = _COUNTS[len(group)] if len(group) < len(_COUNTS) else len(group)
-            said.append(
-                f"{capitalise_first(listed(map(display_name, group)))} were asked for one law: one vote, not {count}."
-            )
+            names = capitalise_first(join_words(map(display_name, group)))
+            said.append(f"{names} were asked for one law: one vote, not {count}.")
     return " ".join(said)

@@ -1,1 +1,1 @@
-"""What every engine answers when several bodies meet at once, and which exact law explains it."""
+"""Answers of every engine when several bodies meet at once, and the exact law that explains them."""

@@ -27,7 +27,7 @@ from packaging.version import Version
 
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.registry import get_solver, is_engine, is_ours, solver_names
-from impact_xval.experiments.config.errors import UserError, hint, short
+from impact_xval.experiments.config.errors import UserError, hint, shorten
 from impact_xval.experiments.tables.folder import write_json
 
 #: Dependencies of `cases` and of the modules that it imports. Nothing else is installed beside an engine.
@@ -77,12 +77,12 @@ def read_requirement(text: str) -> Requirement:
     try:
         requirement = Requirement(text)
     except InvalidRequirement:
-        raise UserError(f"--with {short(text)}: no requirement; legal: such as 'mujoco==3.3.7'") from None
+        raise UserError(f"--with {shorten(text)}: no requirement; legal: such as 'mujoco==3.3.7'") from None
     known = [*solvers_by_distribution()]
     requirement.name = canonicalize_name(requirement.name)
     if requirement.name not in known:
         raise UserError(
-            f"--with {short(text)}: no engine is distributed as {requirement.name!r}"
+            f"--with {shorten(text)}: no engine is distributed as {requirement.name!r}"
             f"{hint(requirement.name, known)}; legal: a version of {', '.join(known)}"
         )
     return requirement

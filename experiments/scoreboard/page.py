@@ -14,7 +14,7 @@ from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, display_n
 from impact_xval.experiments.scoreboard.cases import CASE_SETUPS, CASES, RESTITUTIONS
 from impact_xval.experiments.scoreboard.judging import FROM_LAWS, MODEL, find_nearest_laws, judge_answers
 from impact_xval.experiments.tables.folder import write_text
-from impact_xval.experiments.tables.numbers import listed, number
+from impact_xval.experiments.tables.numbers import join_words, number
 from impact_xval.experiments.tables.parquet import replacing
 
 #: File of all answers in the folder of a scoreboard.
@@ -47,9 +47,9 @@ LAW_WORDS = {
 
 LEAD = (
     f"Engines, as they are set up in several ways, are asked for {len(CASES)} collisions of balls in a line, "
-    f"{len(CASE_SETUPS)} arrangements with e = {listed(map(number, RESTITUTIONS))} at every contact, without gravity, "
-    "and held against exact laws: the state-transition model of Jia, Mason and Erdmann (2013), other laws of springs, "
-    f"and laws of rigid bodies. {LAWS_WITH_LAWS}",
+    f"{len(CASE_SETUPS)} arrangements with e = {join_words(map(number, RESTITUTIONS))} at every contact, without "
+    "gravity, and held against exact laws: the state-transition model of Jia, Mason and Erdmann (2013), other laws of "
+    f"springs, and laws of rigid bodies. {LAWS_WITH_LAWS}",
     "“Mapped” is an engine whose own springs and dashpots were set up here for the stiffness and e asked for, at a "
     "step of a thousandth of the shorter contact period: where it follows their law it does what it was asked for. "
     "Steps in brackets are other shares of that period. “Naive” writes k and damping into an engine's parameters as "
@@ -147,7 +147,7 @@ def describe_engines(followed: Frame) -> list[Block]:
         return []
     by_law = followed.groupby(followed.apply(describe_law, axis=1), sort=False)
     said = [
-        f"{listed(map(display_engine, own.index))} answer{'s' * (len(own) == 1)} {law}."
+        f"{join_words(map(display_engine, own.index))} answer{'s' * (len(own) == 1)} {law}."
         for law, own in by_law
     ]
     least = number(followed[f"D_{MODEL}"].min(), 2)
@@ -157,7 +157,7 @@ def describe_engines(followed: Frame) -> list[Block]:
     chance = (
         "Each case is answered again with gaps and overlaps of 1e-4 and 1e-6 radii, and, without a table, moved along "
         f"its line and made in the other order. That moves by more than D = {SENSITIVE} the answers of "
-        f"{listed(moved)}: in brackets what moves it most, and by which D."
+        f"{join_words(moved)}: in brackets what moves it most, and by which D."
     )
     return [" ".join(said), *([chance] if moved else [])]
 

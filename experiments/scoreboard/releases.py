@@ -16,7 +16,7 @@ from impact_xval.experiments.scoreboard.environments import NotInstalledError, s
 from impact_xval.experiments.scoreboard.judging import list_moved_answers
 from impact_xval.experiments.scoreboard.page import display_engine
 from impact_xval.experiments.tables.folder import write_text
-from impact_xval.experiments.tables.numbers import listed, number
+from impact_xval.experiments.tables.numbers import join_words, number
 from impact_xval.experiments.tables.parquet import replacing
 
 #: Files in the folder of a scoreboard: all answers of all versions, and those that moved.
@@ -119,9 +119,9 @@ def describe_releases(releases: Sequence[Release]) -> list[Block]:
             elif len(own) > 1:
                 same.append(display_engine(name))
         if same:
-            versions = listed(dict.fromkeys(release.version for release in of_engine))
+            versions = join_words(dict.fromkeys(release.version for release in of_engine))
             sentences.append(
-                f"{listed(same)} answer{'s' * (len(same) == 1)} the same in {distribution} {versions}."
+                f"{join_words(same)} answer{'s' * (len(same) == 1)} the same in {distribution} {versions}."
             )
     return [*sentences]
 

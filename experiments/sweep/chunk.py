@@ -57,7 +57,7 @@ TO_COMPLETE = 600.0
 _Answer = TypeVar("_Answer")
 
 Versions = dict[str, str]
-#: In the place of a version; why not follows.
+#: Beginning of the text that replaces the version of an unavailable solver; the reason follows.
 UNAVAILABLE = "unavailable: "
 
 
@@ -73,7 +73,7 @@ def begin_compiling(pool: Any, experiment: Experiment) -> None:
 
 
 def warm(_: object, resolve: Resolve, name: str, pair: bool) -> bool:
-    """Solve ordinary cells by a solver, of two balls or chains, so that all is imported and compiled; whether any was.
+    """Solve ordinary cells by a solver, so that all is imported and compiled; return whether anything was compiled.
 
     Such a process may differ in a last bit from those that read the kernels. The parts of a kernel are weak symbols of
     it: where they have just been compiled alone, these are linked, and they were optimised in other surroundings.
@@ -139,19 +139,23 @@ def kernels_of(name: str, *, pair: bool) -> list[Any]:
 
 
 def are_compiled(name: str, *, pair: bool) -> bool:
-    """Whether the kernels that rows of a solver need are in the cache."""
+    """Return whether the kernels that rows of a solver need are in the cache."""
     return all(map(is_compiled, kernels_of(name, pair=pair)))
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What came of a chunk."""
+    """Result of a chunk."""
 
     number: int
-    data: bytes  # the content of a part: rows by cell, then by solver
-    seconds: dict[str, float]  # wall time by solver
-    versions: Versions  # where it was computed
-    faults: int  # processes that died or were ended
+    #: Content of a part: rows by cell, then by solver.
+    data: bytes
+    #: Wall time by solver.
+    seconds: dict[str, float]
+    #: Versions of the solvers where the chunk was computed.
+    versions: Versions
+    #: Number of processes that died or were ended.
+    faults: int
 
 
 def solve_chunks(pool: Any, chunks: Iterable[tuple[int, Block]]) -> Iterator[Report]:

@@ -1,7 +1,4 @@
-"""Curves kept for the figures.
-
-Of two balls impulse curves of one cell by every solver; of N balls the forces of one chain over time.
-"""
+"""Curves kept for the figures: impulse curves of one pair by every solver, or the forces of one chain over time."""
 
 from __future__ import annotations
 
@@ -27,7 +24,7 @@ from impact_xval.model.status import RESULT_STATUSES
 
 CURVES = "curves.parquet"
 
-#: How far a force may be from the straight lines it is drawn by, over the largest one: less than a pen is wide.
+#: Largest distance of a force from the straight lines that draw it, over the largest force: less than a pen is wide.
 _STRAIGHT = 1e-3
 
 #: Schema of the table of curves: one row per solver.
@@ -69,18 +66,19 @@ def _solve_curves(slot: Slot, name: str, timeout: float) -> dict[str, Any]:
 
 
 def _curves(experiment: Experiment, name: str) -> dict[str, Any]:
-    """Solve the cell or the chain of the figures: its velocities and, of who has a path, impulses or forces."""
+    """Solve the cell or the chain of the figures: return velocities and, with a path, impulses or forces."""
     config, pair = experiment.config, experiment.layout.pair
     collision = collision_of(config, config.figure_cell) if pair else config.figure_chain.collision()
     outcome = answer(experiment.resolve(name), [collision], settings_of(config))[0]
     row: dict[str, Any] = {"solver": name, "status": outcome.status, "reason": outcome.reason or None}
     if outcome.status not in RESULT_STATUSES:
         return row
-    path, (time, speed, impulse) = outcome.path, collision.units
+    path = outcome.path
+    time, speed, impulse = collision.units
     row["velocities"] = [v / speed for v in outcome.velocities]
     if path is not None and pair:
         impulses = path.impulses.T / impulse
-        # Where one is larger, the curve has no measure either.
+        # A curve with a larger impulse has no measure either.
         row["impulses"] = impulses.tolist() if np.abs(impulses).max() <= LARGEST else None
     elif path is not None:
         kept = points_to_keep(path.time, path.forces)
@@ -90,9 +88,10 @@ def _curves(experiment: Experiment, name: str) -> dict[str, Any]:
 
 
 def points_to_keep(time: np.ndarray, forces: np.ndarray) -> np.ndarray:
-    """Pick points between which straight lines are forces, within `_STRAIGHT` of the largest; peaks among them.
+    """Pick points such that straight lines between them follow the forces within `_STRAIGHT` of the largest force.
 
-    Ramer, Douglas and Peucker: the point farthest from a line is kept, until none is far.
+    Peaks are among the points. By Ramer, Douglas and Peucker: the point farthest from a line is kept, until none is
+    far.
     """
     kept = np.zeros(len(time), bool)
     kept[[0, -1]] = True
@@ -107,7 +106,7 @@ def points_to_keep(time: np.ndarray, forces: np.ndarray) -> np.ndarray:
         line = forces[a] + share[:, None] * (forces[b] - forces[a])
         distance = np.abs(forces[a : b + 1] - line).max(axis=1)[1:-1]
         if distance.max() > far:
-            between = a + 1 + int(distance.argmax())
-            kept[between] = True
-            spans += [(a, between), (between, b)]
+            farthest = a + 1 + int(distance.argmax())
+            kept[farthest] = True
+            spans += [(a, farthest), (farthest, b)]
     return np.flatnonzero(kept)

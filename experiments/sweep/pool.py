@@ -1,4 +1,4 @@
-"""Where the work of a sweep is done: threads of this process, or of a Dask cluster, each with processes of its own.
+"""Pools that do the work of a sweep: threads of this process or of a Dask cluster, each with processes of its own.
 
 What is submitted is called as ``function(slot, *arguments)``, in a thread that has the slot to itself. No result
 depends on where that is, nor on how many there are.
@@ -174,7 +174,7 @@ class _Dask:
 
     @property
     def workers(self) -> int:
-        """How many there are now: a cluster may grow and shrink."""
+        """Number of worker threads now: a cluster may grow and shrink."""
         return sum(self._client.nthreads().values())
 
     def submit(self, function: Callable[..., _Answer], *arguments: Any) -> Future[_Answer]:

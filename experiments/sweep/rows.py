@@ -31,7 +31,7 @@ from impact_xval.experiments.measures.divergence import (
     retained_energy,
     retained_momentum,
 )
-from impact_xval.experiments.measures.ladder import ladders
+from impact_xval.experiments.measures.ladder import ColumnArrays, ladders
 from impact_xval.experiments.measures.layout import LADDER_PREFIX, engines_with_ladders, layout_of
 from impact_xval.experiments.tables.schema import Layout, to_table
 from impact_xval.model.collisions import Collisions
@@ -41,9 +41,6 @@ from impact_xval.model.status import Status
 #: Finds a solver by its name; a function at the top level of a module, so that worker processes can find it.
 Resolve = Callable[[str], Solver]
 
-#: Columns of a table by name, shape (n,).
-Columns = dict[str, NDArray[Any]]
-
 _Piece = TypeVar("_Piece")
 
 #: Largest D and change of energy; the square of a larger number leaves double precision.
@@ -52,7 +49,7 @@ _LARGEST = 1e150
 
 @dataclass(frozen=True)
 class Experiment:
-    """What every process of a run is given once: the experiment, and what finds a solver by its name."""
+    """An experiment, and the function that finds a solver by its name; every process of a run is given it once."""
 
     config: Config
     resolve: Resolve = get_solver
@@ -209,7 +206,7 @@ def _rows(
     block: Block,
     comparisons: Mapping[str, Comparison],
     limit_distances: Mapping[str, Floats],
-    ladder_columns: Mapping[str, Columns],
+    ladder_columns: Mapping[str, ColumnArrays],
 ) -> pa.Table:
     """Return the rows of cells, by cell, then by solver."""
     names = experiment.config.solvers
@@ -219,25 +216,26 @@ def _rows(
         columns["limit_distance"] = limit_distances.get(name, np.full(len(block), np.nan))
         for key, values in ladder_columns.get(name, {}).items():
             columns[LADDER_PREFIX + key] = values
-        tables.append(to_table(columns, len(block), experiment.layout.rows))
+        tables.append(to_table(columns, len(block), experiment.layout.part_schema))
     by_cell = np.arange(len(names) * len(block)).reshape(len(names), len(block)).T.ravel()
     return pa.concat_tables(tables).take(by_cell)
 
 
 def _columns(
     experiment: Experiment, name: str, block: Block, model: Comparison, comparison: Comparison
-) -> Columns:
+) -> ColumnArrays:
     """Return the columns of the rows of a solver, but for what needs several solvers."""
     results = comparison.results
+    is_reported = results.has_numbers
     masses, starts = masses_and_starts(block.collisions, experiment.layout.balls)
 
     def where_reported(values: NDArray[Any]) -> Floats:
-        return np.where(results.has_numbers, values, np.nan)
+        return np.where(is_reported, values, np.nan)
 
     def texts_where_reported(texts: list[str]) -> NDArray[np.object_]:
-        return np.where(results.has_numbers, np.array(texts, dtype=object), "")
+        return np.where(is_reported, np.array(texts, dtype=object), "")
 
-    columns: Columns = {
+    columns: ColumnArrays = {
         **results.diagnostics,  # those that are columns of the table
         "cell": block.index,
         **block.parameters,

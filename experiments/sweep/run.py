@@ -57,7 +57,7 @@ _Presented = TypeVar("_Presented")
 
 @dataclass(frozen=True, slots=True)
 class SweepResult:
-    """What a session of a run leaves behind."""
+    """Result of a session of a run."""
 
     folder: RunFolder
     #: Whether the finished tables are there; False while other shards have parts to compute.
@@ -113,11 +113,14 @@ def run_sweep(
         On Ctrl-C, a full disk or a lost cluster; finished parts are kept.
     """
     experiment, cells = Experiment(config, resolve), experiment_cells(config)
-    workers, say = workers or config.workers or available_cores(), functools.partial(progress, 0, 0)
+    workers = workers or config.workers or available_cores()
+    say = functools.partial(progress, 0, 0)
     with _one_line(root), cluster(scheduler) as client, writing(root, config, shard) as (folder, continued):
         run = _Run(experiment, cells, folder, shard, progress)
-        how = {"client": client, "isolate": isolate, "say": say, "log": folder.root / "solvers.log"}
-        with open_pool(experiment, min(workers, cells.chunks()), **how) as pool:
+        log = folder.root / "solvers.log"
+        with open_pool(
+            experiment, min(workers, cells.chunks()), client=client, isolate=isolate, say=say, log=log
+        ) as pool:
             run.begin(pool.here(solver_versions).result(), continued)
             begin_compiling(pool, experiment)
             run.solve(pool)
@@ -153,15 +156,15 @@ def present_once(
     if not result.tables_complete:
         return None
     with _one_line(folder.root), presenting_lock(folder):
-        identity = folder.manifest()["identity"]
-        if folder.manifest()["state"] != TABLES:
+        presenting = folder.manifest()
+        if presenting["state"] != TABLES:
             return None
         with open_pool(None, 1, isolate=isolate, log=folder.root / "solvers.log") as pool:
             call = functools.partial(Slot.call, timeout=TO_COMPLETE)
             presented = present(folder, functools.partial(pool.submit, call, None))
         with tables_lock(folder):
             manifest = folder.manifest()
-            if manifest["state"] == TABLES and manifest["identity"] == identity:
+            if manifest["state"] == TABLES and manifest["identity"] == presenting["identity"]:
                 folder.write_manifest(manifest | {"state": COMPLETE})
     return presented
 
@@ -176,8 +179,7 @@ def _one_line(root: Path) -> Iterator[None]:
     except OSError as error:
         if not root.is_dir():
             raise InterruptedRunError(f"{root}: the folder is gone") from None
-        what = error.strerror or str(error)
-        raise InterruptedRunError(f"{error.filename or root}: {what}") from None
+        raise InterruptedRunError(f"{error.filename or root}: {error.strerror or error}") from None
 
 
 class _Run:
@@ -204,22 +206,22 @@ class _Run:
         """Find the parts that are there, and write what the run is of; `continued` if a session has begun it before."""
         config, cells, folder = self._experiment.config, self._cells, self._folder
         # All that the content of a part depends on, but for its number.
-        content = [config.identity(), versions, self._experiment.layout.rows.names, cells.digest]
+        content = [config.identity(), versions, self._experiment.layout.part_schema.names, cells.digest]
         self._identity = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
         self._versions = versions
         with tables_lock(folder):
             folder.write_manifest(self._manifest(RUNNING))
-        there = set()
+        whole = set()
         for number, path in folder.named_parts(self._mine, self._identity).items():
             try:
                 read_part(path, self._experiment.layout)
-                there.add(number)
+                whole.add(number)
             except UserError:
                 self._progress(0, 0, f"part {number} is damaged: computed again")
-        self._mine = [number for number in self._mine if number not in there]
-        self._done, self._reused = sum(len(cells.chunk(number)) for number in there), len(there)
+        self._mine = [number for number in self._mine if number not in whole]
+        self._done, self._reused = sum(len(cells.chunk(number)) for number in whole), len(whole)
         if continued:
-            line = f"resumed: {len(there)} of {len(there) + len(self._mine)} parts are there and whole"
+            line = f"resumed: {len(whole)} of {len(whole) + len(self._mine)} parts are there and whole"
             self._progress(self._done, self._total, line)
         self._stage("start")
 
@@ -228,12 +230,13 @@ class _Run:
         cells, ours = self._cells, _comparable(self._versions)
         for report in solve_chunks(pool, ((n, cells.block(cells.chunk(n))) for n in self._mine)):
             if differing := sorted(name for name, _ in _comparable(report.versions) - ours):
-                there, here = (
+                theirs, own = (
                     ", ".join(f"{name} {versions[name]}" for name in differing)
                     for versions in (report.versions, self._versions)
                 )
-                says = f"a worker has {there}, this process {here}; legal: the same versions everywhere"
-                raise UserError(says)
+                raise UserError(
+                    f"a worker has {theirs}, this process {own}; legal: the same versions everywhere"
+                )
             self._folder.write_part(report.number, self._identity, report.data)
             self._seconds.update(report.seconds)
             self._faults += report.faults

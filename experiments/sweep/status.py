@@ -1,4 +1,4 @@
-"""What a run has done, and what failed and why: read from its folder, while it runs or after."""
+"""The state of a run, with its results and failures so far, read from its folder while it runs or after."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from impact_xval.experiments.measures.summary import reasons_of
-from impact_xval.experiments.tables.folder import Tally, run_folder, running, statuses_of, tally
+from impact_xval.experiments.tables.folder import COMPLETE, Tally, run_folder, running, statuses_of, tally
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,10 +34,20 @@ def status_of(root: Path) -> RunStatus:
     folder = run_folder(root)
     manifest, writing = folder.manifest(), running(root)
     cells, chunks = manifest["cells"], manifest["chunks"]
-    if manifest["state"] == "complete" and not writing:
-        outcomes, state, counts = folder.tally(), "complete", (cells, cells, chunks, chunks, 0)
-        return RunStatus(state, *counts, statuses_of(outcomes), reasons_of(outcomes))
-    outcomes, done, damaged = Tally(), 0, 0
+    if manifest["state"] == COMPLETE and not writing:
+        outcomes = folder.tally()
+        return RunStatus(
+            state="complete",
+            cells=cells,
+            cells_done=cells,
+            parts=chunks,
+            parts_done=chunks,
+            parts_damaged=0,
+            statuses=statuses_of(outcomes),
+            reasons=reasons_of(outcomes),
+        )
+    outcomes = Tally()
+    done = damaged = 0
     parts = folder.named_parts(range(chunks), manifest["identity"])
     for path in parts.values():
         try:
@@ -47,6 +57,13 @@ def status_of(root: Path) -> RunStatus:
             continue
         done += len(table.column("cell").unique())
         outcomes += tally([table])
-    counts = cells, done, chunks, len(parts) - damaged, damaged
-    state = "running" if writing else "stopped"
-    return RunStatus(state, *counts, statuses_of(outcomes), reasons_of(outcomes))
+    return RunStatus(
+        state="running" if writing else "stopped",
+        cells=cells,
+        cells_done=done,
+        parts=chunks,
+        parts_done=len(parts) - damaged,
+        parts_damaged=damaged,
+        statuses=statuses_of(outcomes),
+        reasons=reasons_of(outcomes),
+    )

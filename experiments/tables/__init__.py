@@ -1,1 +1,1 @@
-"""What is on disk: schema, Parquet, the folder of a run, its lock. Imports `config`."""
+"""Files of a run: schema, Parquet, the folder with its locks. Imports `config`."""

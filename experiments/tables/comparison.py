@@ -1,4 +1,4 @@
-"""What moved between two finished runs of the same cells, by solver and by cell.
+"""Comparison of two finished runs of the same cells: the rows that moved, by solver and by cell.
 
 A row is a cell and a solver. It moved where its status is another one, where a velocity per abs(v0) or D differs by
 more than a tolerance, or where one run has such a number and the other has none.
@@ -22,8 +22,8 @@ Frame = Any
 
 
 @dataclass(slots=True)
-class Comparison:
-    """What moved between two runs by more than a tolerance."""
+class RunComparison:
+    """Changes between two runs that are larger than a tolerance."""
 
     tolerance: float
     #: By solver, in the order of the first run: numbers of rows that were ``compared``, ``moved``, have other
@@ -35,25 +35,25 @@ class Comparison:
     #: Solvers, and numbers of cells, that one run alone has.
     alone: list[str]
     cells_alone: list[int]
-    #: Of configurations and solvers, what differs: both values by name.
+    #: Settings, and versions of solvers, that differ: both values by name.
     settings: dict[str, tuple[str, str]]
     versions: dict[str, tuple[str, str]]
 
     @property
     def moved(self) -> int:
         """Number of rows that moved."""
-        return sum(each["moved"] for each in self.solvers.values())
+        return sum(changes["moved"] for changes in self.solvers.values())
 
 
-def compare(a: RunFolder, b: RunFolder, tolerance: float) -> Comparison:
+def compare_runs(a: RunFolder, b: RunFolder, tolerance: float) -> RunComparison:
     """Compare two finished runs; a `UserError` says where a cell is not the same in both, or a table is damaged."""
-    here, there = a.config(), b.config()
-    kinds = ["collisions" if each.chain is None else "chains of N balls" for each in (here, there)]
+    config_a, config_b = a.config(), b.config()
+    kinds = ["collisions" if config.chain is None else "chains of N balls" for config in (config_a, config_b)]
     if kinds[0] != kinds[1]:
         raise UserError(
             f"{a.root}: a run of {kinds[0]}, {b.root}: of {kinds[1]}; legal: two runs of one kind"
         )
-    both = [name for name in here.solvers if name in there.solvers]
+    both = [name for name in config_a.solvers if name in config_b.solvers]
     of_a, of_b = _rows(a, both), _rows(b, both)
     rows = of_a.merge(of_b, on=["cell", "solver"], suffixes=("_a", "_b"))
     _check_same(a, b, rows)
@@ -78,12 +78,12 @@ def compare(a: RunFolder, b: RunFolder, tolerance: float) -> Comparison:
         ["other", "velocity", "divergence", "cell"], ascending=[False, False, False, True], kind="stable"
     )
     shown = ["cell", "solver", "status_a", "status_b", "velocity", "divergence"]
-    settings = ({k: v for k, v in c.canonical().items() if k not in _ELSEWHERE} for c in (here, there))
-    return Comparison(
+    settings = ({k: v for k, v in c.canonical().items() if k not in _ELSEWHERE} for c in (config_a, config_b))
+    return RunComparison(
         tolerance,
         changes.loc[both].to_dict("index"),
         worst=list(worst[shown].head(10).itertuples(index=False)),
-        alone=sorted({*here.solvers} ^ {*there.solvers}),
+        alone=sorted({*config_a.solvers} ^ {*config_b.solvers}),
         cells_alone=np.setxor1d(of_a.cell, of_b.cell).tolist(),
         settings=_differing(*settings),
         versions=_differing(a.manifest()["versions"], b.manifest()["versions"]),
@@ -119,9 +119,9 @@ def _check_same(a: RunFolder, b: RunFolder, rows: Frame) -> None:
     names = [name[:-2] for name in rows if name.endswith("_a")]
     for name in names[: names.index("status")]:
         x, y = rows[f"{name}_a"], rows[f"{name}_b"]
-        other = (x != y) & ~(x.isna() & y.isna())
-        if other.any():
-            i = other.idxmax()
+        differs = (x != y) & ~(x.isna() & y.isna())
+        if differs.any():
+            i = differs.idxmax()
             where = f"cell {rows.cell[i]}: {name} = {x[i]} in {a.root}, {y[i]} in {b.root}"
             raise UserError(f"{where}; legal: two runs of the same cells")
 

@@ -1,7 +1,7 @@
 """The tables of a run of version 0.4, under the names that their columns and values have now.
 
-`folder.run_folder` calls it for the folder of such a run, which is never changed: the renamed tables lie in a temporary
-folder of their own, which is removed when the process ends.
+`folder.run_folder` has them made for the folder of such a run, whose own tables are never changed: the renamed tables
+lie in a temporary folder, which is removed when the process ends.
 """
 
 from __future__ import annotations

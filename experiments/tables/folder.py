@@ -23,7 +23,7 @@ import pyarrow.parquet as pq
 from filelock import FileLock, Timeout
 
 from impact_xval.experiments.config.axes import AXES, KEPT
-from impact_xval.experiments.config.cells import Cells, experiment_cells, listed
+from impact_xval.experiments.config.cells import Cells, cells_from_ratios, experiment_cells
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import COSMETIC, Config, load_config
 from impact_xval.experiments.tables.earlier import EARLIER_FORMAT, renamed_tables
@@ -93,13 +93,15 @@ class RunFolder:
             raise UserError(f"{self.root}: no {MANIFEST}; legal: the folder of a run, or {again}")
         try:
             value = json.loads(path.read_text(encoding="utf-8"))
-            found = value["format"]
+            its_format = value["format"]
         except OSError as error:
             raise UserError(f"{path}: cannot be read: {error.strerror}") from None
         except (ValueError, TypeError, KeyError):
             raise UserError(f"{path}: damaged; {again}") from None
-        if found not in (FORMAT, EARLIER_FORMAT):
-            raise UserError(f"{path}: format = {found!r:.60}; legal: {FORMAT!r}, which this version writes")
+        if its_format not in (FORMAT, EARLIER_FORMAT):
+            raise UserError(
+                f"{path}: format = {its_format!r:.60}; legal: {FORMAT!r}, which this version writes"
+            )
         return value
 
     @property
@@ -121,9 +123,9 @@ class RunFolder:
 
     def named_parts(self, numbers: Iterable[int], identity: str) -> dict[int, Path]:
         """Find parts of a run by their names; path by number."""
-        there = {path.name for path in self.parts.iterdir()} if self.parts.is_dir() else set()
+        names = {path.name for path in self.parts.iterdir()} if self.parts.is_dir() else set()
         paths = {number: self._part(number, identity) for number in numbers}
-        return {number: path for number, path in paths.items() if path.name in there}
+        return {number: path for number, path in paths.items() if path.name in names}
 
     def _part(self, number: int, identity: str) -> Path:
         return self.parts / f"{number:06d}-{identity}.parquet"
@@ -175,8 +177,14 @@ def part_bytes(rows: pa.Table) -> bytes:
     """Return the rows of a chunk as the content of a part, without what is the same in every part."""
     bare = pa.schema([pa.field(field.name, field.type) for field in rows.schema])
     sink = pa.BufferOutputStream()
-    how: Any = {"compression": "zstd", "write_statistics": False, "store_schema": False}
-    pq.write_table(rows.combine_chunks().cast(bare), sink, write_page_checksum=True, **how)
+    pq.write_table(
+        rows.combine_chunks().cast(bare),
+        sink,
+        compression="zstd",
+        write_statistics=False,
+        store_schema=False,
+        write_page_checksum=True,
+    )
     return sink.getvalue().to_pybytes()
 
 
@@ -184,7 +192,7 @@ def read_part(path: Path, layout: Layout) -> pa.Table:
     """Read the rows of a part; a `UserError` where it is damaged."""
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
-            return file.read(use_threads=False).cast(layout.rows)
+            return file.read(use_threads=False).cast(layout.part_schema)
     except (pa.ArrowException, OSError, ValueError):
         raise UserError(f"{path}: damaged; the same command computes it again") from None
 
@@ -204,7 +212,7 @@ def statuses_of(outcomes: Tally) -> dict[str, dict[str, int]]:
     counts: dict[str, Counter[str]] = {}
     for (solver, status, _), n in outcomes.items():
         counts.setdefault(solver, Counter())[status] += n
-    return {solver: dict(found) for solver, found in counts.items()}
+    return {solver: dict(by_status) for solver, by_status in counts.items()}
 
 
 def _row_groups(parts: Iterable[Path], layout: Layout) -> Iterator[pa.Table]:
@@ -236,8 +244,9 @@ def writing(root: Path, config: Config, shard: tuple[int, int] = (1, 1)) -> Iter
             try:
                 held.enter_context(FileLock(lock, timeout=0))
             except Timeout:
-                says = f"--out {root}: another run writes there; legal: wait for it, or another folder"
-                raise UserError(says) from None
+                raise UserError(
+                    f"--out {root}: another run writes there; legal: wait for it, or another folder"
+                ) from None
             if not continued:
                 folder.write_config(config)
         yield folder, continued
@@ -256,8 +265,8 @@ def _usable(root: Path, option: str) -> Iterator[None]:
 
 def _entries(root: Path) -> list[str]:
     """List the names in a folder, if it is there, but for files half-written: a command that is killed leaves them."""
-    there = (entry.name for entry in root.iterdir()) if root.exists() else ()
-    return sorted(name for name in there if not name.startswith(_TEMPORARY))
+    names = (entry.name for entry in root.iterdir()) if root.exists() else ()
+    return sorted(name for name in names if not name.startswith(_TEMPORARY))
 
 
 def _holds_same_run(folder: RunFolder, config: Config) -> bool:
@@ -305,7 +314,7 @@ def presenting_lock(folder: RunFolder) -> FileLock:
 
 
 def running(root: Path) -> bool:
-    """Whether a process writes to a folder now; one that may not be written to is left alone."""
+    """Return whether a process writes to a folder now; locks that may not be opened are skipped."""
     for path in root.glob(f"{_LOCK}*"):
         try:
             with FileLock(path, timeout=0):
@@ -369,4 +378,6 @@ def cells_of_run(folder: RunFolder, config: Config) -> Cells:
     if config.cells is None:
         return experiment_cells(config)
     path = folder.table_path("cells.parquet")
-    return listed(config, np.column_stack([column(path, name)[:: len(config.solvers)] for name in AXES]))
+    return cells_from_ratios(
+        config, np.column_stack([column(path, name)[:: len(config.solvers)] for name in AXES])
+    )

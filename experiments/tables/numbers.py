@@ -1,4 +1,4 @@
-"""How numbers and lists are written for a reader."""
+"""Functions that write numbers and lists for a reader."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def number(value: float | None, digits: int = 3) -> str:
     return f"{float(f'{value:.{digits}g}'):g}"
 
 
-def short(value: float, digits: int = 3) -> str:
+def compact_number(value: float, digits: int = 3) -> str:
     """Write a number in few letters: large powers of ten as such, a dash for none, ``never`` for infinity."""
     if math.isinf(value):
         return "never"
@@ -27,7 +27,7 @@ def percent(share: float) -> str:
     return "-" if math.isnan(share) else f"{round(100 * share, 1) + 0.0:.1f} %"
 
 
-def listed(words: Iterable[str]) -> str:
+def join_words(words: Iterable[str]) -> str:
     """Join words as a list in a sentence."""
     words = list(words)
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)

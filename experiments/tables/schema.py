@@ -31,7 +31,7 @@ _NUMBER = "{i}"
 class Column:
     """Column of a table.
 
-    A column by ball or by contact stands for as many columns as a cell has balls or contacts: `expanded` gives them.
+    A column by ball or by contact stands for as many columns as a cell has balls or contacts: `expand` gives them.
     """
 
     #: Name in the table; of a column by ball or by contact with ``{i}`` in place of the number.
@@ -46,7 +46,7 @@ class Column:
     #: Whether only tables of pairs have the column.
     pairs_only: bool = False
 
-    def expanded(self, balls: int, contacts: int) -> tuple[Column, ...]:
+    def expand(self, balls: int, contacts: int) -> tuple[Column, ...]:
         """Return the columns that this one stands for, numbered from 1, in cells of so many balls and contacts."""
         if self.per == "row":
             return (self,)
@@ -293,15 +293,15 @@ class Layout:
     balls: int
     #: Largest number of contacts of a cell.
     contacts: int
-    #: Schema of a part: everything known of one cell and solver.
-    rows: pa.Schema
+    #: Schema of a part, with all columns of all tables: a row is a cell and a solver.
+    part_schema: pa.Schema
     #: Tables by their names, without suffix.
     tables: dict[str, TableSpec]
 
 
 def expand(columns: Iterable[Column], balls: int, contacts: int) -> Columns:
     """Return columns with each column by ball or by contact replaced by the columns that it stands for."""
-    return tuple(single for column in columns for single in column.expanded(balls, contacts))
+    return tuple(single for column in columns for single in column.expand(balls, contacts))
 
 
 def names_of(columns: Iterable[Column]) -> tuple[str, ...]:

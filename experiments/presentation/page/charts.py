@@ -1,4 +1,4 @@
-"""What moves on the page, by Bokeh: the map whose tiles open, and the impulse curves of the cell that is open.
+"""Interactive charts of the page, by Bokeh: the map whose tiles open, and the impulse curves of the open cell.
 
 The map is of k2/k1, or the number of balls, by other axes; its tiles are bounded in number.
 """
@@ -39,7 +39,7 @@ from impact_xval.experiments.presentation.words import (
     format_axis_value,
     look_of,
 )
-from impact_xval.experiments.tables.numbers import listed
+from impact_xval.experiments.tables.numbers import join_words
 from impact_xval.experiments.tables.parquet import column
 
 #: Most tiles of a map: a browser draws these at once, and a page has room for them.
@@ -124,7 +124,7 @@ def cells_piece(tiles: Tiles, n_cells: int, packed: str, solvers: Sequence[str])
         compared=[(name, display_name(name)) for name in tiles.medians],
         shown=len(tiles.places),
         n_cells=n_cells,
-        rows=listed(LABELS[axis] for axis in tiles.up),
+        rows=join_words(LABELS[axis] for axis in tiles.up),
         bokeh=bokeh_script(),
         first=tiles.places.cell[tiles.medians.iloc[:, -1].idxmax()],
         data=packed,

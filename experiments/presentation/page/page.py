@@ -297,12 +297,12 @@ def _causes(summary: Summary, captions: Captions) -> Section:
 
 def _sureness(summary: Summary) -> Section:
     """Return the section on the accuracy of results: limits dt -> 0, statuses, and the cells that count."""
-    limits = summary.statuses.loc[REFERENCE].get("closed-form", 0)
+    closed_forms = summary.statuses.loc[REFERENCE].get("closed-form", 0)
     said = [
         "Nothing is random: the same run gives the same numbers. Every collision of an engine is run at "
         "several steps, and extrapolated to a step of zero with an estimate of the error.",
         *(f"{each}." for each in findings.describe_unsolved(summary)),
-        *([f"In {limits} cells the model is a limiting case in closed form."] if limits else []),
+        *([f"In {closed_forms} cells the model is a limiting case in closed form."] if closed_forms else []),
         findings.describe_counted_cells(summary),
     ]
     header = ["solver", "asked for", "converged", "error order", "step error", "estimated error of the limit"]

@@ -43,7 +43,7 @@ class History:
     acting: NDArray[np.bool_]
 
     @property
-    def between(self) -> Floats:
+    def middles(self) -> Floats:
         """Middles of the intervals, shape (n - 1,): instants of `forces`."""
         return 0.5 * (self.time[1:] + self.time[:-1])
 
@@ -73,7 +73,7 @@ class History:
         return (
             of(self.time, self.heights) + after * self.velocities[-1],
             of(self.time, self.velocities),
-            np.where(after > 0, 0.0, of(self.between, self.forces)),
+            np.where(after > 0, 0.0, of(self.middles, self.forces)),
             self.acting[interval] & (instants < self.time[-1])[:, None],
         )
 

@@ -37,7 +37,7 @@ from impact_xval.experiments.presentation.pictures.history import (
 )
 from impact_xval.experiments.presentation.style import styled_figure
 from impact_xval.experiments.presentation.words import describe_chain, display_name
-from impact_xval.experiments.tables.numbers import listed, number
+from impact_xval.experiments.tables.numbers import join_words, number
 from impact_xval.experiments.tables.parquet import replacing
 from impact_xval.model.collision import Collision
 from impact_xval.model.outcome import Outcome
@@ -159,7 +159,7 @@ class Motion:
 
     def title(self) -> str:
         """Return the title, which names the solvers."""
-        return f"One collision in slow motion: {listed(map(display_name, self.histories))}"
+        return f"One collision in slow motion: {join_words(map(display_name, self.histories))}"
 
     def caption(self) -> str:
         """Return the caption, which explains the animation and the clock."""
@@ -171,11 +171,11 @@ class Motion:
             "has ended, its assumption of frozen positions shows."
         )
         cut = (
-            f" Forces of {listed(map(display_name, self.rigid))}, which last a step, are cut off."
+            f" Forces of {join_words(map(display_name, self.rigid))}, which last a step, are cut off."
             if self.rigid
             else ""
         )
-        missing = listed(f"{display_name(name)} ({why})" for name, why in self.left_out.items())
+        missing = join_words(f"{display_name(name)} ({why})" for name, why in self.left_out.items())
         heights, first = ("places", "on the left") if self.lies else ("heights", "on top")
         return (
             f"{self.title()}: {self.what}; {slower} times slower than at m1 = {number(c.masses[0])} kg, k1 = "
@@ -313,7 +313,7 @@ def _set_up(figure: Figure, motion: Motion, least: float, most: float) -> Sequen
         _set_scene(scene, motion)
         for i, color in enumerate(motion.colors, 1):
             label = f"contact {i}, with the table" if i == len(c.masses) else f"contact {i}"
-            below.plot(history.between, history.forces[:, i - 1], color=color, label=label, linewidth=1.3)
+            below.plot(history.middles, history.forces[:, i - 1], color=color, label=label, linewidth=1.3)
         below.set(xlim=(0, last), ylim=(least, most))
         if motion.lies:
             below.set_ylabel("force (-)")
@@ -330,7 +330,7 @@ def _set_up(figure: Figure, motion: Motion, least: float, most: float) -> Sequen
     figure.suptitle(motion.what, fontsize=10)
     remarks = [motion.clock, "Compressions are enlarged."]
     if motion.left_out:
-        remarks.append(f"Not shown: {listed(map(display_name, motion.left_out))}.")
+        remarks.append(f"Not shown: {join_words(map(display_name, motion.left_out))}.")
     figure.text(0.01, 0.07 / high, " ".join(filter(None, remarks)), fontsize=7, color="0.3")
     return panels
 

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from impact_xval.experiments.tables.comparison import compare
+from impact_xval.experiments.tables.comparison import compare_runs
 from tests.experiments import fakes
 from tests.experiments.conftest import SMALL, swept
 
@@ -47,7 +47,7 @@ def _merged(runs, name) -> Any:  # a data frame; its annotations are too wide to
 @pytest.mark.parametrize(("tolerance", "moved"), [(1e-9, 8), (0.0, 10), (1e-5, 6)])
 def test_the_changes_are_those_of_the_tables(runs, tolerance, moved):
     cells, away = _merged(runs, "cells.parquet"), _merged(runs, "divergence.parquet")
-    found = compare(*runs, tolerance)
+    found = compare_runs(*runs, tolerance)
     assert list(found.solvers) == SOLVERS
     mujoco = found.solvers["mujoco"]
     assert (found.moved, mujoco["moved"], mujoco["statuses"]) == (moved, moved, 6)
@@ -80,7 +80,7 @@ def test_the_command_ends_with_3_where_something_moved_and_with_0_where_nothing_
 
 def test_solvers_and_settings_that_differ_are_named(runs, tmp_path):
     other = _run(tmp_path / "c", solvers=["state-transition", "kelvin-voigt", "mujoco"], step_fraction=5e-4)
-    found = compare(runs[0], other, 1e-9)
+    found = compare_runs(runs[0], other, 1e-9)
     assert list(found.solvers) == ["state-transition", "mujoco"]
     assert found.alone == ["bistiffness", "kelvin-voigt"]
     assert found.settings == {"step_fraction": ("0.001", "0.0005")}
@@ -115,7 +115,7 @@ def test_chains_of_n_balls_are_compared_ball_by_ball(tmp_path, refused, runs):
     chain = {"arrangement": ["cradle", "stack"], "balls": [2, 3], "stiffness_taper": 1.0, "e": 0.9}
     a = _run(tmp_path / "a", chunk_size=1, grid=None, chain=chain)
     b = _run(tmp_path / "b", fakes.refusing, chunk_size=1, grid=None, chain=chain)
-    assert compare(a, a, 0).moved == 0
-    found = compare(a, b, 1e-9)
+    assert compare_runs(a, a, 0).moved == 0
+    found = compare_runs(a, b, 1e-9)
     assert [each["moved"] for each in found.solvers.values()] == [0, 0, 4]
     refused(["compare", a.root, runs[0].root], "a run of chains of N balls, ")

@@ -13,7 +13,7 @@ from impact_xval.experiments.hypothesis.config import HypothesisConfig
 from impact_xval.experiments.measures.layout import layout_of
 from impact_xval.experiments.scoreboard.cases import CASE_SETUPS
 from impact_xval.experiments.sweep.run import run_sweep
-from impact_xval.experiments.tables.comparison import compare
+from impact_xval.experiments.tables.comparison import compare_runs
 from impact_xval.experiments.tables.folder import run_folder
 from impact_xval.model.status import STATUSES as STATUSES_NOW
 from tests.conftest import ended
@@ -90,7 +90,7 @@ def test_an_experiment_file_runs_and_agrees_with_the_run_of_0_4(tmp_path):
         "the arrangement 'drop' is called 'pile'",
     }
     old = run_folder(RUNS / "chains")
-    found = compare(old, run_sweep(config, tmp_path / "run", isolate=False).folder, 1e-9)
+    found = compare_runs(old, run_sweep(config, tmp_path / "run", isolate=False).folder, 1e-9)
     assert {name: row["compared"] for name, row in found.solvers.items()} == {
         "state-transition": 12,
         "kelvin-voigt": 12,
