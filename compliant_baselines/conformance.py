@@ -13,7 +13,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import cast
 
 import numpy as np
 
@@ -84,7 +84,7 @@ def _results(solver: Solver, settings: Settings = _COARSE) -> list[tuple[Collisi
     return solved
 
 
-def _bits(outcomes: Sequence[Outcome]) -> list[tuple[Any, ...]]:
+def _bits(outcomes: Sequence[Outcome]) -> list[tuple[object, ...]]:
     """Return the parts of outcomes that must be the same to the bit."""
     return [(o.velocities, o.impulses, o.states, o.status) for o in outcomes]
 
@@ -92,9 +92,9 @@ def _bits(outcomes: Sequence[Outcome]) -> list[tuple[Any, ...]]:
 def names_itself(solver: Solver) -> None:
     """Demand a name, a version, whether the solver is available, and a constructor without arguments (rule 1)."""
     # What a solver gives may have any type, whatever its annotations say.
-    name: Any = solver.name
-    version: Any = solver.version()
-    reason: Any = solver.unavailable()
+    name = cast(object, solver.name)
+    version = cast(object, solver.version())
+    reason = cast(object, solver.unavailable())
     demand(
         isinstance(name, str) and name.isprintable() and name.strip(),
         f"name = {name!r}; legal: printable text",

@@ -67,7 +67,7 @@ _LIMITS = (
 )
 
 
-def solve(
+def solve_by_law(
     collisions: Collisions,
     law: str,
     *,
@@ -185,7 +185,9 @@ def law_at(law: str, *, frozen: bool = False, max_steps: int = MAX_WINDOWS) -> m
     """Return the function that solves collisions by a law for their marks."""
 
     def solve_without_states(collisions: Collisions, gravity: Floats) -> Outcomes:
-        return solve(collisions, law, frozen=frozen, gravity=gravity, states=False, max_steps=max_steps)
+        return solve_by_law(
+            collisions, law, frozen=frozen, gravity=gravity, states=False, max_steps=max_steps
+        )
 
     return solve_without_states
 
@@ -223,7 +225,7 @@ class ReferenceSolver(ExactSolver):
                 return Outcomes.failures(self.name, collisions, "unrepresentable", reason)
         gravity = np.full(len(collisions), settings.gravity if settings.scenario == "drop" else 0.0)
         paths, most = settings.record_path, settings.max_steps
-        outcomes = solve(collisions, self.name, gravity=gravity, paths=paths, max_steps=most)
+        outcomes = solve_by_law(collisions, self.name, gravity=gravity, paths=paths, max_steps=most)
         if not settings.mark:
             return outcomes
         law = law_at(self.name, max_steps=most)

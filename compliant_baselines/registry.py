@@ -17,7 +17,7 @@ from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from itertools import groupby
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from impact_xval.compliant_baselines.answers import describe_exception
 from impact_xval.compliant_baselines.solver import KELVIN_VOIGT, Kind, MappingName, Settings, Solver
@@ -40,7 +40,7 @@ class SolverSpec(NamedTuple):
     #: As `Solver.kind`.
     kind: Kind = "compliant"
     #: As `Engine.fixed_settings`.
-    fixed_settings: Mapping[str, Any] = MappingProxyType({})
+    fixed_settings: Mapping[str, object] = MappingProxyType({})
 
 
 #: Solvers that run unless others are asked for by name.

@@ -21,13 +21,16 @@ is short. A segment counts as held if it has no end, or begins after one that ha
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_xval.model.path import Paths
 from impact_xval.model.states import States, name_of_set
+
+#: Times, as numbers of steps or in s.
+Times = NDArray[np.int64 | np.float64]
 
 #: Default share of the shorter contact period for which a state must be held to count; see the module.
 SHORTEST_STATE = 2.5e-3
@@ -43,7 +46,7 @@ class Runs(NamedTuple):
     """A sequence of states, each held for some time; a run is a state with its time. Times are steps, or in s."""
 
     #: When each run begins; the first at 0.
-    start: NDArray[Any]
+    start: Times
     #: Sets of contacts, as bits.
     state: NDArray[np.int64]
     #: When the last run ends.
@@ -63,7 +66,7 @@ class ManyRuns(NamedTuple):
     #: Index of the sequence to which a run belongs, ascending.
     sequence: NDArray[np.intp]
     #: As of `Runs`.
-    start: NDArray[Any]
+    start: Times
     state: NDArray[np.int64]
 
     def take(self, kept: NDArray[np.bool_]) -> ManyRuns:
@@ -78,7 +81,7 @@ class ManyRuns(NamedTuple):
         """Join equal neighbours of one sequence."""
         return self.take(self.is_first() | (np.diff(self.state, prepend=-1) != 0))
 
-    def held_for(self, ends: NDArray[Any]) -> NDArray[Any]:
+    def held_for(self, ends: Times) -> Times:
         """Return how long each run is held; the last run of each sequence ends at one of `ends`."""
         until = np.append(self.start[1:], 0)
         is_last = np.diff(self.sequence, append=len(ends)) != 0
@@ -100,7 +103,7 @@ def merge_runs(raw: Runs, shortest: float, closed: int) -> Runs:
     return Runs(merged.start, merged.state, raw.end)
 
 
-def merge_many(raw: ManyRuns, ends: NDArray[Any], shortest: NDArray[np.float64], closed: int) -> ManyRuns:
+def merge_many(raw: ManyRuns, ends: Times, shortest: NDArray[np.float64], closed: int) -> ManyRuns:
     """Read state sequences off raw runs, by rules 1 and 2 of the module.
 
     Of each sequence `ends` is when its last run ends, and `shortest` the time for which a state must be held to count,

@@ -8,7 +8,7 @@ The solvers, and the compiler that they need, are imported when they are first u
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from impact_xval.model.collision import Collision
 from impact_xval.model.collisions import Collisions
@@ -35,7 +35,7 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.solving"), name)

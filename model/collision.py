@@ -7,10 +7,10 @@ here computes a collision.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -234,11 +234,12 @@ class Collision:
         )
 
 
-def _numbers(legal: Any, values: Any) -> tuple[float, ...]:
+def _numbers(legal: Legal, values: object) -> tuple[float, ...]:
     """Return the values of a field as floats; a ValueError names the first illegal one, counted from 1."""
-    if isinstance(values, str) or not hasattr(values, "__iter__"):
+    if isinstance(values, str) or not isinstance(values, Iterable):
         raise ValueError(f"{legal.name} = {values!r}: not a sequence of numbers; legal: {legal.text}")
-    return tuple(legal._replace(name=f"{legal.name}[{i}]").number(v) for i, v in enumerate(values, 1))
+    items = cast("Iterable[object]", values)
+    return tuple(legal._replace(name=f"{legal.name}[{i}]").number(item) for i, item in enumerate(items, 1))
 
 
 def _check_ratios(m1: float, m2: float, k1: float, k2: float) -> None:

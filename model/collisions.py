@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, overload
+from typing import overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from impact_xval.model.arrays import Booleans, Floats
+from impact_xval.model.arrays import Booleans, Floats, Rows
 from impact_xval.model.collision import Collision, legal_fields, scaling_units
 from impact_xval.model.inputs import LINE, RATIOS, checked_array
 
@@ -106,8 +106,8 @@ class Collisions(Sequence[Collision]):
     @overload
     def __getitem__(self, index: int) -> Collision: ...
     @overload
-    def __getitem__(self, index: slice | NDArray[Any]) -> Collisions: ...
-    def __getitem__(self, index: Any) -> Collision | Collisions:
+    def __getitem__(self, index: slice | Rows) -> Collisions: ...
+    def __getitem__(self, index: int | slice | Rows) -> Collision | Collisions:
         arrays = {legal.name: getattr(self, legal.name)[index] for legal in LINE}
         if arrays["masses"].ndim == 2:
             return replace(self, **arrays)

@@ -2,7 +2,7 @@
 
 Decorators: `kernel_entry` and `strict_float` for kernels that Python calls; `force_inlined`, `inlined_helper`,
 `kernel_helper` and `strict_float_helper` for functions that only other compiled code calls. `run_in_threads` calls a
-kernel on parts of its arrays. `cache_folder` and `is_compiled` look into numba's cache.
+kernel on parts of its arrays. `kernel_cache_folder` and `is_compiled` look into numba's cache.
 
 Needs numba. Used by every module with compiled code, in all three packages, and by the sweeps, which compile kernels
 before they start.
@@ -10,31 +10,38 @@ before they start.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numba import config, njit
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 
 #: A decorator of kernels. Numba infers the types of what it returns, so they cannot be stated here.
 Decorator = Callable[[Callable[..., Any]], Any]
 
+#: Type of the entries of a log.
+Entry = TypeVar("Entry", bound=np.generic)
+
 #: Options of every kernel. The compiler may fuse a product and a sum, and may multiply by a reciprocal instead of
 #: dividing; each changes a result by a rounding. It may not assume that numbers are finite, because zero and infinity
 #: are legal.
-_OPTIONS: dict[str, Any] = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "arcp", "nsz"}}
+_OPTIONS: Mapping[str, object] = {
+    "cache": True,
+    "error_model": "numpy",
+    "fastmath": {"contract", "arcp", "nsz"},
+}
 
 #: Options of helpers that only compiled code calls: no Python wrapper, no cache. The kernel's cache holds its helpers.
-_HELPER: dict[str, Any] = {"cache": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+_HELPER: Mapping[str, object] = {"cache": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
-def kernel_decorator(**options: Any) -> Decorator:
+def kernel_decorator(**options: object) -> Decorator:
     """Return numba's decorator with the options of every kernel, updated by further options."""
     compile_: Any = njit  # whose stubs lack some options
-    return compile_(**(_OPTIONS | options))
+    return compile_(**{**_OPTIONS, **options})
 
 
 #: Kernel that Python calls. It releases Python's lock, so that threads can work on parts of arrays, and counts no
@@ -61,14 +68,14 @@ STATE_ROWS = 32
 
 
 def run_in_threads(
-    follow: Callable[[slice, Any], int],
+    follow: Callable[[slice, NDArray[Entry]], int],
     n: int,
     *,
     share: int,
     log_rows: int,
     row_shape: tuple[int, ...],
-    log_type: DTypeLike,
-) -> NDArray[Any]:
+    log_type: np.dtype[Entry],
+) -> NDArray[Entry]:
     """Follow n collisions in threads, and return the rows that they logged, in the order of the collisions.
 
     A kernel that releases Python's lock is compiled once this way. Numba's own parallel loop takes four times as long
@@ -89,11 +96,11 @@ def run_in_threads(
         Shape of a row of the log, and type of its entries.
     """
 
-    def follow_share(start: int) -> NDArray[Any]:
+    def follow_share(start: int) -> NDArray[Entry]:
         part = slice(start, min(start + share, n))
         rows = log_rows * (part.stop - part.start)
         while True:
-            log: NDArray[Any] = np.zeros((rows, *row_shape), log_type)
+            log = np.zeros((rows, *row_shape), log_type)
             needed = follow(part, log)
             if needed <= rows:
                 return log[:needed]
@@ -107,7 +114,7 @@ def run_in_threads(
         return np.concatenate(list(pool.map(follow_share, starts)))
 
 
-def cache_folder(kernel: Any) -> Path:
+def kernel_cache_folder(kernel: Any) -> Path:
     """Return the folder in which numba keeps the machine code of a kernel between processes."""
     # Numba has no public name for it.
     return Path(kernel._cache.cache_path)

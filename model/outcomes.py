@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +18,7 @@ from impact_xval.model.collisions import Collisions
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.path import Paths
 from impact_xval.model.states import States
-from impact_xval.model.status import IS_RESULT, STATUSES, Ending, Status, first_endings, reasons_of
+from impact_xval.model.status import IS_RESULT, STATUSES, Ending, Status, first_endings, reason_texts_of
 
 
 def total_impulses(collisions: Collisions, velocities: Floats, fallen: ArrayLike = 0.0) -> Floats:
@@ -129,7 +129,7 @@ class Outcomes(Sequence[Outcome]):
             impulses=total_impulses(collisions, velocities, fallen),
             status=status,
             reason=reason,
-            reason_texts=reasons_of(endings),
+            reason_texts=reason_texts_of(endings),
             mark=np.zeros(n, np.int32),
             mark_texts=("",),
             n_states=np.broadcast_to(n_states, n).astype(np.int64),
@@ -155,7 +155,11 @@ class Outcomes(Sequence[Outcome]):
     def __len__(self) -> int:
         return len(self.velocities)
 
-    def __getitem__(self, index: int | slice) -> Any:
+    @overload
+    def __getitem__(self, index: int) -> Outcome: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Outcome]: ...
+    def __getitem__(self, index: int | slice) -> Outcome | list[Outcome]:
         if isinstance(index, slice):
             return [self[i] for i in range(len(self))[index]]
         i = range(len(self))[index]

@@ -32,14 +32,14 @@ from impact_xval.model.inputs import (
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.outcomes import GridOutcomes, Outcomes, total_impulses
 from impact_xval.model.pair.events import MOST_WINDOWS
-from impact_xval.model.pair.following import follow, follow_with_paths, follow_with_states
+from impact_xval.model.pair.following import follow_pairs, follow_with_paths, follow_with_states
 from impact_xval.model.pair.grazing import CUTOFF_THRESHOLD, MARKS
 from impact_xval.model.pair.limits import BOUND, EXACT
 from impact_xval.model.pair.path import POINTS
-from impact_xval.model.pair.record import Cells, Options, PairEnding
+from impact_xval.model.pair.record import PairEnding, PairOptions, PairRatios
 from impact_xval.model.path import Paths
 from impact_xval.model.states import States
-from impact_xval.model.status import Ending, first_endings, reasons_of
+from impact_xval.model.status import Ending, first_endings, reason_texts_of
 
 NAME = "state-transition"
 
@@ -168,9 +168,9 @@ def _checked_cutoff(law: str, stiffness_ratio_cutoff: Cutoff) -> float:
     return EXACT if stiffness_ratio_cutoff == "exact" else float(stiffness_ratio_cutoff)
 
 
-def _pair_options(law: str, cutoff: float, max_events: int | None) -> Options:
+def _pair_options(law: str, cutoff: float, max_events: int | None) -> PairOptions:
     """Return the options of the kernel of two balls."""
-    return Options(cutoff, max_events or MAX_EVENTS, LAWS[law] == Law.STATE_TRANSITION, POINTS)
+    return PairOptions(cutoff, max_events or MAX_EVENTS, LAWS[law] == Law.STATE_TRANSITION, POINTS)
 
 
 def _with_marks(outcomes: Outcomes, law: Law, grazing_threshold: float) -> Outcomes:
@@ -211,7 +211,7 @@ def _solve_chains(
     )
 
 
-def _solve_pairs(collisions: Collisions, options: Options, *, states: bool, paths: bool) -> Outcomes:
+def _solve_pairs(collisions: Collisions, options: PairOptions, *, states: bool, paths: bool) -> Outcomes:
     """Solve collisions of two balls on a table."""
     scaled = _solve_cells(_cells_of(collisions), options, states=states)
     velocities = scaled.velocities * collisions.units[1][:, None]
@@ -223,9 +223,9 @@ def _solve_pairs(collisions: Collisions, options: Options, *, states: bool, path
     return replace(scaled, velocities=velocities, impulses=impulses, paths=recorded)
 
 
-def _cells_of(c: Collisions) -> Cells:
+def _cells_of(c: Collisions) -> PairRatios:
     """Return the ratios of collisions of two balls, as contiguous arrays: the kernel is compiled for these."""
-    return Cells(
+    return PairRatios(
         np.array(c.stiffness_ratio),
         np.array(c.mass_ratio),
         np.array(c.restitutions[:, 0]),
@@ -233,14 +233,14 @@ def _cells_of(c: Collisions) -> Cells:
     )
 
 
-def _solve_cells(cells: Cells, options: Options, *, states: bool) -> Outcomes:
+def _solve_cells(cells: PairRatios, options: PairOptions, *, states: bool) -> Outcomes:
     """Solve two balls on a table with m1 = 1 kg, k1 = 1 N/m and v0 = -1 m/s."""
     n = len(cells.kappa)
     if states:
         result, sets = follow_with_states(cells, options)
         sequences = States.of(result.records.n_states, sets)
     else:
-        result, sequences = follow(cells, options), None
+        result, sequences = follow_pairs(cells, options), None
     velocities, records = result.velocities, result.records
     diagnostics: dict[str, Floats] = {"energy_residual": records["energy_residual"]}
     if 1 < options.cutoff < math.inf:
@@ -259,7 +259,7 @@ def _solve_cells(cells: Cells, options: Options, *, states: bool) -> Outcomes:
         impulses=impulses,
         status=status,
         reason=reason,
-        reason_texts=reasons_of(endings),
+        reason_texts=reason_texts_of(endings),
         mark=np.zeros(n, np.int32),
         mark_texts=MARKS,
         n_states=records["n_states"],
@@ -270,17 +270,19 @@ def _solve_cells(cells: Cells, options: Options, *, states: bool) -> Outcomes:
     )
 
 
-def _cutoff_effect(cells: Cells, options: Options, velocities: Floats, ending: NDArray[np.int64]) -> Floats:
+def _cutoff_effect(
+    cells: PairRatios, options: PairOptions, velocities: Floats, ending: NDArray[np.int64]
+) -> Floats:
     """Return the change of velocities by a cut-off, in the kinetic norm per sqrt(m1) abs(v0); shape (n,)."""
     effect = np.zeros(len(ending))
     cut_off = np.flatnonzero(ending == PairEnding.CLOSED_FORM)
     cells = cells.take(cut_off)
-    change = follow(cells, options._replace(cutoff=EXACT)).velocities - velocities[cut_off]
+    change = follow_pairs(cells, options._replace(cutoff=EXACT)).velocities - velocities[cut_off]
     effect[cut_off] = np.hypot(change[:, 0], np.sqrt(cells.mu) * change[:, 1])
     return effect
 
 
-def _pair_paths(collisions: Collisions, options: Options) -> Paths:
+def _pair_paths(collisions: Collisions, options: PairOptions) -> Paths:
     """Return paths of two balls on a table in SI units."""
     k = collisions.stiffnesses.copy()
     # With an infinite k1 the unit of time would be 0. A ratio of 1e60 is infinite to rounding.
@@ -317,7 +319,7 @@ def _times_unit(values: Floats, unit: Floats) -> Floats:
         return np.multiply(values, unit, out=np.zeros_like(values), where=values != 0)
 
 
-def _pair_endings(cells: Cells, ending: NDArray[np.int64], options: Options) -> list[Ending]:
+def _pair_endings(cells: PairRatios, ending: NDArray[np.int64], options: PairOptions) -> list[Ending]:
     """Return the ways in which two balls may end that were not followed to S4."""
     kappa, e1, e2 = cells.kappa, cells.e1, cells.e2
     cutoff = options.cutoff
@@ -387,6 +389,6 @@ def solve_batch(
         outcomes = _solve_pairs(Collisions.from_ratios(*ratios), options, states=states, paths=paths)
     else:
         # Contiguous arrays of the caller's are passed on as they are; the kernel only reads them.
-        cells = Cells(*(np.array(ratio, order="C").ravel() for ratio in ratios))
+        cells = PairRatios(*(np.array(ratio, order="C").ravel() for ratio in ratios))
         outcomes = _solve_cells(cells, options, states=states)
     return GridOutcomes(_with_marks(outcomes, LAWS[law], grazing_threshold), ratios[0].shape)

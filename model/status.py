@@ -46,6 +46,6 @@ def first_endings(endings: Sequence[Ending], n: int) -> tuple[NDArray[np.uint8],
     return np.array(statuses, np.uint8)[reason], reason
 
 
-def reasons_of(endings: Sequence[Ending]) -> tuple[str, ...]:
+def reason_texts_of(endings: Sequence[Ending]) -> tuple[str, ...]:
     """Return the texts that the reasons of `first_endings` are indices into."""
     return ("", *(ending.reason for ending in endings))

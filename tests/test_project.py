@@ -1,5 +1,6 @@
 """The project itself: that the README and the pages say what is so. Style and types are checked by `.ci/run`."""
 
+import ast
 import math
 import re
 import subprocess
@@ -113,3 +114,27 @@ def test_the_worked_example_of_the_mapping_page_is_what_the_mapping_gives():
             "textbook ζ, and the e it has": f"{textbook:.6g}, {restitution(textbook):.6g}",
         }
         assert {name: table[name][i] for name in expected} == expected
+
+
+def test_every_module_of_the_model_and_of_the_baselines_is_checked_strictly_but_those_with_kernels():
+    records_calls_of_engines = "paste.py"
+    package = Path(impact_xval.__file__).parent
+    tools = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]
+    strict = {
+        path
+        for pattern in tools["pyright"]["strict"]
+        for path in [*ROOT.glob(pattern), *package.glob(pattern)]
+    }
+
+    def is_strict(path):
+        return not strict.isdisjoint((path, *path.parents))
+
+    def has_kernels(path):
+        nodes = ast.walk(ast.parse(path.read_bytes()))
+        arguments = [a for node in nodes if isinstance(node, ast.FunctionDef) for a in node.args.args]
+        return any(a.annotation is None and a.arg not in ("self", "cls") for a in arguments)
+
+    for folder in ("", "model/**/", "compliant_baselines/**/"):
+        for path in package.glob(f"{folder}*.py"):
+            is_untyped = has_kernels(path) or path.name == records_calls_of_engines
+            assert is_strict(path) != is_untyped, path

@@ -162,7 +162,8 @@ def extrapolate(
     moves, order = np.abs(np.diff(velocities, axis=0)).max(axis=1), math.nan
     if np.all(moves > 0):
         steps = np.arange(len(moves), dtype=np.float64)
-        order = -float(np.polyfit(steps, np.log2(moves), 1)[0])
+        logs: Floats = np.log2(moves)
+        order = -float(np.polyfit(steps, logs, 1)[0])
     return Extrapolation(inside, error, order)
 
 

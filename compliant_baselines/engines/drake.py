@@ -20,7 +20,8 @@ from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from itertools import pairwise
-from typing import Any
+from types import ModuleType
+from typing import Protocol
 
 import numpy as np
 
@@ -38,6 +39,96 @@ LATEST_START = 0.02
 
 #: Target of the integration error in each step, over |v0|. Velocities at the end are 4 times as far off.
 ACCURACY = 1e-10
+
+
+class DrakeJoint(Protocol):
+    """What the adapter calls of a `PrismaticJoint`."""
+
+    def set_translation(self, context: object, translation: float) -> None:
+        """Set the position along the joint in m."""
+        ...
+
+    def set_translation_rate(self, context: object, translation_dot: float) -> None:
+        """Set the velocity along the joint in m/s."""
+        ...
+
+
+class DrakeBody(Protocol):
+    """What the adapter calls of a `RigidBody`."""
+
+    def body_frame(self) -> object:
+        """Return the frame of the body."""
+        ...
+
+
+class DrakeProperties(Protocol):
+    """What the adapter calls of `ProximityProperties`."""
+
+    def AddProperty(self, group_name: str, name: str, value: float) -> None:
+        """Set a property."""
+        ...
+
+    def GetPropertyOrDefault(self, group_name: str, name: str, default_value: float) -> float:
+        """Return a property, or the default where it is not set."""
+        ...
+
+
+class DrakePlant(Protocol):
+    """What the adapter calls of a `MultibodyPlant` to add bodies."""
+
+    def AddRigidBody(self, name: str, inertia: object, /) -> DrakeBody:
+        """Add a body with a `SpatialInertia`."""
+        ...
+
+    def AddJoint(self, joint: object, /) -> DrakeJoint:
+        """Add a `PrismaticJoint`, and return it as the plant has it."""
+        ...
+
+    def RegisterCollisionGeometry(
+        self, body: DrakeBody, pose: object, shape: object, name: str, properties: DrakeProperties, /
+    ) -> object:
+        """Add a shape that collides, and return its `GeometryId`."""
+        ...
+
+    def Finalize(self) -> None:
+        """Say that nothing more is added."""
+        ...
+
+    def world_body(self) -> DrakeBody:
+        """Return the body that does not move."""
+        ...
+
+    def world_frame(self) -> object:
+        """Return the frame of the body that does not move."""
+        ...
+
+
+class DrakeFilterManager(Protocol):
+    """What the adapter calls of a `CollisionFilterManager`."""
+
+    def Apply(self, declaration: object, /) -> None:
+        """Apply a `CollisionFilterDeclaration`."""
+        ...
+
+
+class DrakeInspector(Protocol):
+    """What the adapter calls of a `SceneGraphInspector`."""
+
+    def GetProximityProperties(self, geometry_id: object, /) -> DrakeProperties:
+        """Return the properties of a shape."""
+        ...
+
+
+class DrakeSceneGraph(Protocol):
+    """What the adapter calls of a `SceneGraph`."""
+
+    def collision_filter_manager(self) -> DrakeFilterManager:
+        """Return what filters collisions."""
+        ...
+
+    def model_inspector(self) -> DrakeInspector:
+        """Return what looks into the scene."""
+        ...
 
 
 class Drake(Engine):
@@ -128,13 +219,13 @@ class DrakeWorld(World):
         self._log, self._taken = output.FindMutableLog(root), 0
         self._simulator.Initialize()
 
-    def _add_bodies(self, plant: Any, graph: Any) -> list[Any]:
+    def _add_bodies(self, plant: DrakePlant, graph: DrakeSceneGraph) -> list[DrakeJoint]:
         """Add table and balls and finish the plant; return the joints of the balls, from the upper one down."""
         geometry, tree = _module("geometry"), _module("multibody.tree")
         identity = _module("math").RigidTransform()
         sphere, inertia = geometry.Sphere(self.radius), tree.UnitInertia.SolidSphere(self.radius)
-        joints: list[Any] = []
-        bodies: list[tuple[Any, Any]] = []
+        joints: list[DrakeJoint] = []
+        bodies: list[tuple[DrakeBody, object]] = []
         for i, mass in enumerate(self._scene.masses):
             body = plant.AddRigidBody(f"B{i + 1}", tree.SpatialInertia(mass, [0, 0, 0], inertia))
             frames = plant.world_frame(), body.body_frame()
@@ -143,7 +234,7 @@ class DrakeWorld(World):
             bodies.append((body, sphere))
         if self._scene.table:
             bodies.append((plant.world_body(), geometry.HalfSpace()))
-        shapes: list[list[Any]] = []
+        shapes: list[list[object]] = []
         for i, ((body, shape), body_sides) in enumerate(zip(bodies, self._sides, strict=True)):
             add = partial(plant.RegisterCollisionGeometry, body, identity, shape)
             shapes.append([add(f"{i}-{n}", self._material(side)) for n, side in enumerate(body_sides)])
@@ -157,7 +248,7 @@ class DrakeWorld(World):
         self._sides_read = [BodySides(*(_read_side(properties(shape)) for shape in both)) for both in shapes]
         return joints
 
-    def _material(self, side: Side) -> Any:
+    def _material(self, side: Side) -> DrakeProperties:
         """Make the frictionless proximity properties of a side."""
         geometry, frictionless = _module("geometry"), _module("multibody.plant").CoulombFriction(0.0, 0.0)
         properties = geometry.ProximityProperties()
@@ -187,12 +278,12 @@ class DrakeWorld(World):
         self._build(velocities.tolist(), heights)
 
 
-def _module(name: str) -> Any:
+def _module(name: str) -> ModuleType:
     """Import a module of `pydrake`."""
     return import_module(f"pydrake.{name}")
 
 
-def _read_side(properties: Any) -> Side:
+def _read_side(properties: DrakeProperties) -> Side:
     """Read the parameters of a side back from the engine; in continuous time there is no relaxation time."""
     names = "point_contact_stiffness", "relaxation_time"
     return Side(*(properties.GetPropertyOrDefault("material", name, 0.0) for name in names))

@@ -14,14 +14,13 @@ from importlib.metadata import PackageNotFoundError, version
 from math import inf
 from platform import python_version
 from threading import Lock
-from types import MappingProxyType
-from typing import Any
+from types import MappingProxyType, ModuleType
 
 import numpy as np
 
 from impact_xval.compliant_baselines.engines.convergence import Limit, estimate_limit
 from impact_xval.compliant_baselines.engines.scene import Scene, World, radius_of, reduced_masses
-from impact_xval.compliant_baselines.engines.stepping import Run, follow
+from impact_xval.compliant_baselines.engines.stepping import Run, follow_scene
 from impact_xval.compliant_baselines.marks import DropEnd, marks_of
 from impact_xval.compliant_baselines.references import law_at
 from impact_xval.compliant_baselines.solver import Settings, Solver, group_by_layout
@@ -39,7 +38,7 @@ BEYOND = (
 _importing = Lock()
 
 
-def import_quietly(module: str) -> Any:
+def import_quietly(module: str) -> ModuleType:
     """Import a module; the line "pybullet build time: ..." of PyBullet's C code is not written."""
     with _importing:
         if module in sys.modules or module != "pybullet":
@@ -110,7 +109,7 @@ class Engine(Solver):
     regularisation_probe: float | None = None
 
     #: Settings of this solver, whatever is configured (`registry`).
-    fixed_settings: Mapping[str, Any] = MappingProxyType({})
+    fixed_settings: Mapping[str, object] = MappingProxyType({})
 
     #: Step in s of the engine as it ships; only for engines that are run so.
     shipped_step: float
@@ -161,7 +160,7 @@ class Engine(Solver):
 
     def follow(self, scene: Scene, max_steps: int, record_path: bool = False) -> Run:
         """Run a scene; to be called while `running`."""
-        return follow(scene, self.world(scene), max_steps, record_path)
+        return follow_scene(scene, self.world(scene), max_steps, record_path)
 
     def scene_or_refusal(self, collision: Collision, settings: Settings) -> Scene | str:
         """Set a collision up as a scene that this engine takes, or say in one sentence why it takes none."""
@@ -230,7 +229,8 @@ class Engine(Solver):
         g = settings.gravity if settings.scenario == "drop" else 0.0
         solve = law_at(law, max_steps=settings.max_steps)
         for positions, group in group_by_layout([collisions[i] for i in has_numbers]):
-            rows = [has_numbers[position] for position in positions.tolist()]
+            places: list[int] = positions.tolist()
+            rows = [has_numbers[place] for place in places]
             gravity = np.full(len(group), g)
             ends = [_end_of(limits[i]) for i in rows] if g else []
             marks = marks_of(solve, law, group, solve(group, gravity), gravity, ends)

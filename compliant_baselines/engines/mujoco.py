@@ -14,7 +14,7 @@ from functools import lru_cache
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from impact_xval.compliant_baselines.mapping import (
     MujocoContact,
     mujoco_contact,
 )
+from impact_xval.model.arrays import Integers
 
 #: Largest position, velocity and acceleration the engine accepts, in SI units (mjMAXVAL of mjtype.h).
 LARGEST_VALUE = 1e10
@@ -66,6 +67,63 @@ def mjcf(balls: int, table: bool) -> str:
     return SCENE.format(bodies="".join(bodies), pairs="".join(pairs))
 
 
+class MjOption(Protocol):
+    """What the adapter reads and writes of `mujoco.MjOption`."""
+
+    timestep: float
+    tolerance: float
+    gravity: Floats
+
+
+class MjNamed(Protocol):
+    """What is read of a part of a model that is looked up by its name."""
+
+    id: int
+
+
+class MjModel(Protocol):
+    """What the adapter reads and writes of `mujoco.MjModel`."""
+
+    opt: MjOption
+    #: Number of positions.
+    nq: int
+    geom_size: Floats
+    geom_rbound: Floats
+    body_pos: Floats
+    body_mass: Floats
+    body_invweight0: Floats
+    pair_solref: Floats
+    pair_solimp: Floats
+
+    def body(self, name: str | None, /) -> MjNamed:
+        """Look a body up; no part has the name None, and the engine refuses it."""
+        ...
+
+    def geom(self, name: str | None, /) -> MjNamed:
+        """Look a geom up."""
+        ...
+
+    def pair(self, name: str | None, /) -> MjNamed:
+        """Look a contact pair up."""
+        ...
+
+
+class MjWarnings(Protocol):
+    """What the adapter reads of the warnings of a run."""
+
+    #: How often each warning was raised.
+    number: Integers
+
+
+class MjData(Protocol):
+    """What the adapter reads and writes of `mujoco.MjData`."""
+
+    qpos: Floats
+    qvel: Floats
+    qacc_warmstart: Floats
+    warning: MjWarnings
+
+
 class _Compiled:
     """A model of so many balls that MuJoCo has compiled; the numbers of a scene are still to be written.
 
@@ -80,9 +138,9 @@ class _Compiled:
     """
 
     def __init__(self, balls: int, table: bool) -> None:
-        mujoco: Any = import_module("mujoco")  # a type checker does not see the names of the compiled module
-        self.model = mujoco.MjModel.from_xml_string(mjcf(balls, table))
-        self.data = mujoco.MjData(self.model)
+        mujoco = import_module("mujoco")
+        self.model: MjModel = mujoco.MjModel.from_xml_string(mjcf(balls, table))
+        self.data: MjData = mujoco.MjData(self.model)
         self.pairs = [self.model.pair(str(i)).id for i in range(1, balls + table)]
 
 
@@ -100,13 +158,13 @@ def _clock() -> ctypes.c_void_p:
     return ctypes.c_void_p.in_dll(ctypes.CDLL(str(libraries[0])), "mjcb_time")
 
 
-def take_steps(model: Any, data: Any, n: int) -> tuple[Floats, Floats]:
+def take_steps(model: MjModel, data: MjData, n: int) -> tuple[Floats, Floats]:
     """Take n steps from the state of an `MjData` of bodies on slides, recorded in C++.
 
     Returns positions in m and velocities in m/s after each step, shape (n, bodies) each. A RuntimeError says that the
     engine broke.
     """
-    mujoco: Any = import_module("mujoco")
+    mujoco = import_module("mujoco")
     full = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
     state = np.empty(mujoco.mj_stateSize(model, full))
     mujoco.mj_getState(model, data, state, full)
@@ -157,7 +215,7 @@ class Mujoco(Engine):
 
         `MjData` still counts warnings.
         """
-        mujoco: Any = import_module("mujoco")
+        mujoco = import_module("mujoco")
         warn, clock = mujoco.get_mju_user_warning(), _clock()
         read_clock = clock.value
 
@@ -178,7 +236,7 @@ class MujocoWorld(World):
     """A scene in a compiled model, which the world made before does not use any more."""
 
     def __init__(self, scene: Scene, compiled: _Compiled) -> None:
-        mujoco: Any = import_module("mujoco")
+        mujoco = import_module("mujoco")
         model, contacts = compiled.model, compiled.pairs
         self.model, self._data = model, compiled.data
         balls = slice(1, 1 + len(scene.masses))  # body 0 is the table
@@ -211,7 +269,7 @@ class MujocoWorld(World):
         self.model.opt.gravity[2] = 0.0
 
 
-def _read_back(model: Any, contacts: list[int], bodies: int) -> dict[str, tuple[float, ...]]:
+def _read_back(model: MjModel, contacts: list[int], bodies: int) -> dict[str, tuple[float, ...]]:
     """Read back what the engine will use for each contact as a pair alone (docs/mapping.md); as `World.effective`."""
     # The engine's own inverse weights; the weight of the table, body 0, is 0.
     inverse = model.body_invweight0[[*range(1, bodies), 0], 0]

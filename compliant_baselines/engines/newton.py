@@ -12,12 +12,14 @@ serves all scenes of as many balls. Warp replays a recording in C++ at a hundred
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from importlib import import_module
 from threading import get_ident
-from typing import Any, NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.engines.engine import Engine, standard_error_without
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, periods
@@ -30,20 +32,47 @@ STEPS = 64
 RESOLVED = 2.0**-14
 
 
+class WarpArray(Protocol):
+    """An array of Warp, on the processor."""
+
+    def numpy(self) -> NDArray[np.float32]:
+        """Return the memory of the array."""
+        ...
+
+
+class NewtonModel(Protocol):
+    """What the adapter reads and writes of `newton.Model`."""
+
+    body_mass: WarpArray
+    body_inv_mass: WarpArray
+    gravity: WarpArray
+    #: Stiffness and damping of each shape.
+    shape_material_ke: WarpArray
+    shape_material_kd: WarpArray
+
+
+class NewtonState(Protocol):
+    """What the adapter writes of `newton.State`."""
+
+    #: Pose and velocity of every body.
+    body_q: WarpArray
+    body_qd: WarpArray
+
+
 class Recording(NamedTuple):
     """Steps that Warp has recorded, with the arrays that they read and write; all objects are the engine's."""
 
     #: Masses, gravity and shapes.
-    model: Any
+    model: NewtonModel
     #: Poses and velocities of the bodies, before and after the steps.
-    state: Any
+    state: NewtonState
     #: Pose and velocity of every body after each step, shape (STEPS, balls).
-    poses: Any
-    twists: Any
+    poses: WarpArray
+    twists: WarpArray
     #: The recorded steps.
-    graph: Any
+    graph: object
     #: The function that was recorded; it holds what the graph points to.
-    step: Any
+    step: Callable[[int], None]
 
 
 @lru_cache(maxsize=16)

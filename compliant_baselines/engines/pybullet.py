@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from itertools import pairwise
@@ -74,7 +74,7 @@ FREE = {**dict.fromkeys(ZERO, 0.0), "maxJointVelocity": 1e30}
 BASE, LINK = -1, 0
 
 
-class Part(NamedTuple):
+class BodyPart(NamedTuple):
     """A part of a body, as the engine's calls take it."""
 
     body: int
@@ -86,13 +86,13 @@ class BodyParts(NamedTuple):
     """The two parts of a body; one and the same if it has no link."""
 
     #: Meets the body above.
-    upper: Part
+    upper: BodyPart
     #: Meets the body below.
-    lower: Part
+    lower: BodyPart
 
 
 #: Arguments of `createMultiBody` that make a fixed, massless link.
-FIXED: dict[str, Any] = {
+FIXED: dict[str, object] = {
     "linkMasses": [0],
     "linkVisualShapeIndices": [-1],
     "linkParentIndices": [0],
@@ -121,7 +121,7 @@ def connected() -> Generator[Client]:
 
     A client that was kept would be client 0, which all other users of PyBullet share who name no client.
     """
-    p: Any = import_quietly("pybullet")
+    p = import_quietly("pybullet")
     client = Client(p.connect(p.DIRECT))
     if client.number < 0:
         raise RuntimeError("PyBullet gave no client: more than 1024 are connected in this process")
@@ -222,7 +222,7 @@ class PybulletWorld(World):
             "step": (p.getPhysicsEngineParameters()["fixedTimeStep"],),
         }
 
-    def _read_side(self, part: Part) -> Side:
+    def _read_side(self, part: BodyPart) -> Side:
         """Read back stiffness and damping of a part."""
         damping, stiffness = self._p.getDynamicsInfo(*part)[8:10]
         return Side(stiffness, damping)
@@ -234,15 +234,15 @@ class PybulletWorld(World):
         p.setPhysicsEngineParameter(contactBreakingThreshold=BREAKING_OVER_RADIUS * radius, **EXACT)
         plane = p.createCollisionShape(p.GEOM_PLANE)
         sphere = p.createCollisionShape(p.GEOM_SPHERE, radius)
-        coordinates: dict[str, Any] = {"useMaximalCoordinates": int(not linked)}
+        coordinates = {"useMaximalCoordinates": int(not linked)}
         table = p.createMultiBody(0, plane, **coordinates)
-        link: dict[str, Any] = coordinates
+        link: Mapping[str, object] = coordinates
         if linked:
             link = {**FIXED, "linkCollisionShapeIndices": [sphere], "linkJointTypes": [p.JOINT_FIXED]}
-        parts = [BodyParts(Part(table, BASE), Part(table, BASE))] if scene.table else []
+        parts = [BodyParts(BodyPart(table, BASE), BodyPart(table, BASE))] if scene.table else []
         for z in 10 * self.places[::-1]:
             ball = p.createMultiBody(1, sphere, basePosition=(0, 0, z), **link)
-            parts.insert(0, BodyParts(Part(ball, LINK if linked else BASE), Part(ball, BASE)))
+            parts.insert(0, BodyParts(BodyPart(ball, LINK if linked else BASE), BodyPart(ball, BASE)))
         for part in {part for both in parts for part in both}:
             p.changeDynamics(*part, activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING, **FREE)
             if linked:

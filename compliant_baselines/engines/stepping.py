@@ -446,7 +446,7 @@ def _new_memory(scene: Scene) -> NDArray[np.void]:
     return memory
 
 
-def follow(scene: Scene, world: World, max_steps: int, record_path: bool = False) -> Run:
+def follow_scene(scene: Scene, world: World, max_steps: int, record_path: bool = False) -> Run:
     """Run a scene until its collision is over or `max_steps` steps are taken; a RuntimeError of the engine ends it."""
     run = Run(scene, world, max_steps, record_path)
     window = SHORT_WINDOW if world.longest_leap else WINDOW

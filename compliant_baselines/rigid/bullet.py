@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from contextlib import contextmanager
-from typing import Any
 
 from impact_xval.compliant_baselines.engines.pybullet import (
     BASE,
@@ -42,7 +41,7 @@ class BulletWorld(RigidWorld):
         p.resetSimulation()
         exact = scene.mapping != "shipped"
         # The threshold is one for the whole process: another scene may have set it.
-        parameters: dict[str, Any] = {"contactBreakingThreshold": SHIPPED_BREAKING}
+        parameters: dict[str, float] = {"contactBreakingThreshold": SHIPPED_BREAKING}
         if exact:
             parameters["contactBreakingThreshold"] = 1e-4 * self.radius
             parameters |= {"numSolverIterations": self.sweeps, "erp": 0, "contactERP": 0, **EXACT}

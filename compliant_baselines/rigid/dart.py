@@ -13,7 +13,7 @@ contact that would rebound at `SLOWEST` or less does not rebound, and no contact
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 
@@ -28,6 +28,58 @@ SLOWEST = 0.1
 FASTEST = 100.0
 
 
+class DartJoint(Protocol):
+    """What the adapter reads of `dartpy.dynamics.PrismaticJoint` after a step."""
+
+    def getPosition(self, index: int) -> float:
+        """Return the position along the joint in m."""
+        ...
+
+    def getVelocity(self, index: int) -> float:
+        """Return the velocity along the joint in m/s."""
+        ...
+
+
+class DartMaterial(Protocol):
+    """What the adapter calls of `dartpy.dynamics.DynamicsAspect`."""
+
+    def setFrictionCoeff(self, value: float) -> None:
+        """Set the coefficient of friction of a shape."""
+        ...
+
+    def setRestitutionCoeff(self, value: float) -> None:
+        """Set the coefficient of restitution of a shape."""
+        ...
+
+    def getRestitutionCoeff(self) -> float:
+        """Return the coefficient of restitution of a shape."""
+        ...
+
+
+class DartShapeNode(Protocol):
+    """What the adapter calls of `dartpy.dynamics.ShapeNode`."""
+
+    def setRelativeTranslation(self, translation: list[float]) -> None:
+        """Place the shape in its body; in m."""
+        ...
+
+    def createCollisionAspect(self) -> object:
+        """Let the shape collide."""
+        ...
+
+    def createDynamicsAspect(self) -> DartMaterial:
+        """Give the shape a material."""
+        ...
+
+
+class DartBody(Protocol):
+    """What the adapter calls of `dartpy.dynamics.BodyNode`."""
+
+    def createShapeNode(self, shape: object) -> DartShapeNode:
+        """Add a shape to the body."""
+        ...
+
+
 class DartWorld(RigidWorld):
     """A world of its own."""
 
@@ -35,12 +87,12 @@ class DartWorld(RigidWorld):
 
     def __init__(self, scene: Scene, radius: float) -> None:
         super().__init__(scene, radius)
-        dart: Any = import_module("dartpy")
+        dart = import_module("dartpy")
         world, half = dart.simulation.World(), self.radius / 2
         self._world = world
-        self._joints: list[Any] = []
-        lower: list[Any] = []
-        upper: list[Any] = []
+        self._joints: list[DartJoint] = []
+        lower: list[DartMaterial] = []
+        upper: list[DartMaterial] = []
         world.setGravity([0, 0, 0])
         world.setTimeStep(scene.step)
         solver = world.getConstraintSolver()
@@ -53,7 +105,7 @@ class DartWorld(RigidWorld):
                 dart.constraint.PgsBoxedLcpSolverOption(10_000, 0.0, 1e-14)
             )
 
-        def add(body: Any, shape: Any, z: float, e: float) -> Any:
+        def add(body: DartBody, shape: object, z: float, e: float) -> DartMaterial:
             node = body.createShapeNode(shape)
             node.setRelativeTranslation([0, 0, z])
             node.createCollisionAspect()

@@ -313,7 +313,7 @@ LAWS: dict[str, Callable[[Line], None]] = {
 }
 
 
-def follow(collision: Collision, law: str, most: int = 100_000) -> Line:
+def follow_impacts(collision: Collision, law: str, most: int = 100_000) -> Line:
     """Follow balls by a rigid law until no contact approaches; stiffnesses play no part.
 
     Velocities and impulses at the end are exact to rounding.
@@ -362,7 +362,7 @@ class RigidLaw(OneByOne):
             reason = f"scenario = {settings.scenario!r}: rigid laws are without gravity; legal: 'impact'"
             return Outcome.failure(self.name, c, "unrepresentable", reason)
         try:
-            line = follow(c, self.name, min(settings.max_steps, 100_000))
+            line = follow_impacts(c, self.name, min(settings.max_steps, 100_000))
         except TooManyImpactsError as error:
             return Outcome.failure(self.name, c, "timeout", str(error))
         except ValueError as error:

@@ -8,10 +8,13 @@ from __future__ import annotations
 
 from importlib import import_module
 from math import inf
-from typing import Any
+from typing import TYPE_CHECKING
 
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.rigid.lines import RigidEngine, RigidWorld
+
+if TYPE_CHECKING:
+    from pymunk import Shape
 
 
 class PymunkWorld(RigidWorld):
@@ -19,13 +22,13 @@ class PymunkWorld(RigidWorld):
 
     def __init__(self, scene: Scene, radius: float) -> None:
         super().__init__(scene, radius)
-        pymunk: Any = import_module("pymunk")
+        pymunk = import_module("pymunk")
         space = self._space = pymunk.Space()
         space.iterations, space.collision_slop, space.collision_bias = self.sweeps, 0, 1
         half, self._h = self.radius / 2, scene.step
         self._balls = [pymunk.Body(mass, inf) for mass in scene.masses]
         lower = [pymunk.Circle(ball, half, (0, -half)) for ball in self._balls]
-        upper: list[Any] = [pymunk.Circle(ball, half, (0, half)) for ball in self._balls]
+        upper: list[Shape] = [pymunk.Circle(ball, half, (0, half)) for ball in self._balls]
         if scene.table:
             width = 100 * half
             upper.append(pymunk.Segment(space.static_body, (-width, -half), (width, -half), half))

@@ -8,10 +8,37 @@ lengths a second; here the cap is a million times the fastest ball.
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Protocol, Self
 
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.rigid.lines import SINGLE, RigidEngine, RigidWorld, nearest_float32
+
+if TYPE_CHECKING:
+    from rapier3d import ColliderHandle, RigidBodyHandle
+
+
+class RapierShape(Protocol):
+    """What the adapter calls of `rapier3d.ColliderBuilder`; every call returns the builder."""
+
+    def translation(self, v: tuple[float, float, float], /) -> Self:
+        """Place the shape in its body; in m."""
+        ...
+
+    def density(self, d: float, /) -> Self:
+        """Set the density in kg/m^3."""
+        ...
+
+    def friction(self, f: float, /) -> Self:
+        """Set the coefficient of friction."""
+        ...
+
+    def restitution(self, r: float, /) -> Self:
+        """Set the coefficient of restitution."""
+        ...
+
+    def restitution_combine_rule(self, rule: object, /) -> Self:
+        """Set how the coefficients of two shapes are combined."""
+        ...
 
 
 class RapierWorld(RigidWorld):
@@ -21,7 +48,7 @@ class RapierWorld(RigidWorld):
 
     def __init__(self, scene: Scene, radius: float) -> None:
         super().__init__(scene, radius)
-        rapier: Any = import_module("rapier3d")
+        rapier = import_module("rapier3d")
         world, half = rapier.PhysicsWorld(), self.radius / 2
         parameters = world.integration_parameters
         parameters.dt, parameters.length_unit = scene.step, self.radius
@@ -30,15 +57,17 @@ class RapierWorld(RigidWorld):
         parameters.num_internal_pgs_iterations = self.sweeps
         parameters.num_internal_stabilization_iterations = self.sweeps
 
-        def add(shape: Any, z: float, e: float, body: Any = None) -> Any:
+        def add(
+            shape: RapierShape, z: float, e: float, body: RigidBodyHandle | None = None
+        ) -> ColliderHandle:
             product = rapier.CoefficientCombineRule.MULTIPLY
             shape = shape.translation((0, 0, z)).density(0).friction(0)
             return world.add_collider(shape.restitution(e).restitution_combine_rule(product), body)
 
         e_below = (*scene.restitutions, 1.0)  # the lowest ball may have nothing below
-        lower: list[Any] = []
-        upper: list[Any] = []
-        bodies: list[Any] = []
+        lower: list[ColliderHandle] = []
+        upper: list[ColliderHandle] = []
+        bodies: list[RigidBodyHandle] = []
         for mass, z, v, e in zip(scene.masses, self.centres, scene.velocities, e_below, strict=False):
             body = (
                 rapier.RigidBodyBuilder(rapier.RigidBodyType.DYNAMIC).additional_mass(mass).can_sleep(False)

@@ -9,16 +9,48 @@ afterwards.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
-from typing import Any
+from typing import Protocol
 
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.rigid.lines import SINGLE, RigidEngine, RigidWorld, nearest_float32
 
 #: Position and velocity iterations: as many as PhysX allows. After four a single ball rebounds with 0.693, not 0.7.
 MAX_ITERATIONS = 255
+
+
+class SapienShape(Protocol):
+    """What the adapter writes of `sapien.physx.PhysxCollisionShape`; lengths in m."""
+
+    #: A `sapien.Pose`.
+    local_pose: object
+    contact_offset: float
+    rest_offset: float
+
+
+class SapienBody(Protocol):
+    """What the adapter calls of `sapien.physx.PhysxRigidBaseComponent`."""
+
+    def attach(self, shape: SapienShape) -> object:
+        """Attach a shape to the body."""
+        ...
+
+
+class SapienPose(Protocol):
+    """What the adapter reads of `sapien.Pose`."""
+
+    #: Position in m.
+    p: Sequence[float]
+
+
+class SapienDynamicBody(SapienBody, Protocol):
+    """What the adapter reads of `sapien.physx.PhysxRigidDynamicComponent` after a step."""
+
+    pose: SapienPose
+    #: In m/s.
+    linear_velocity: Sequence[float]
 
 
 class SapienWorld(RigidWorld):
@@ -28,25 +60,25 @@ class SapienWorld(RigidWorld):
 
     def __init__(self, scene: Scene, radius: float) -> None:
         super().__init__(scene, radius)
-        sapien: Any = import_module("sapien")
+        sapien = import_module("sapien")
         physx, half = sapien.physx, self.radius / 2
         system = self._system = physx.PhysxCpuSystem()
         self._scene = sapien.Scene([system])
         system.timestep = scene.step
 
-        def attach(body: Any, shape: Any, z: float) -> None:
+        def attach(body: SapienBody, shape: SapienShape, z: float) -> None:
             shape.local_pose = sapien.Pose([0, 0, z])
             shape.contact_offset, shape.rest_offset = 1e-3 * self.radius, 0.0
             body.attach(shape)
 
-        def add(body: Any, z: float) -> None:
+        def add(body: SapienBody, z: float) -> None:
             entity = sapien.Entity()
             entity.add_component(body)
             entity.pose = sapien.Pose([0, 0, z])
             self._scene.add_entity(entity)
 
         materials = [physx.PhysxMaterial(0, 0, e) for e in (*scene.restitutions, 0.0)]
-        self._bodies: list[Any] = []
+        self._bodies: list[SapienDynamicBody] = []
         above = physx.PhysxMaterial(0, 0, 0)
         for mass, z, v, below in zip(scene.masses, self.centres, scene.velocities, materials, strict=False):
             body = physx.PhysxRigidDynamicComponent()
@@ -97,7 +129,7 @@ class Sapien(RigidEngine):
     @contextmanager
     def running(self) -> Generator[None]:
         """Change the parameters that SAPIEN has for all scenes, and restore them."""
-        physx: Any = import_module("sapien").physx
+        physx = import_module("sapien").physx
         config = physx.get_scene_config()
         threshold = config.bounce_threshold
         physx.set_scene_config(gravity=[0, 0, 0], bounce_threshold=0.0, enable_tgs=True)

@@ -44,7 +44,7 @@ from impact_xval.experiments.sweep.rows import (
 )
 from impact_xval.experiments.tables.folder import part_bytes
 from impact_xval.model.chain.kernel import follow_chains
-from impact_xval.model.compiled import cache_folder, is_compiled
+from impact_xval.model.compiled import is_compiled, kernel_cache_folder
 from impact_xval.model.pair.kernel import collide_all
 
 #: In the order in which they are locked.
@@ -121,7 +121,7 @@ def _compiling(*kernels: Any) -> Iterator[None]:
     with contextlib.ExitStack() as held:
         for kernel in _KERNELS:
             if kernel in kernels and not is_compiled(kernel):
-                held.enter_context(FileLock(cache_folder(kernel) / "compiling.lock"))
+                held.enter_context(FileLock(kernel_cache_folder(kernel) / "compiling.lock"))
                 held.callback(gc.enable)
                 gc.disable()  # looking for garbage takes up to a tenth of the time of compiling
         yield

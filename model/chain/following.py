@@ -9,16 +9,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.model.arrays import Booleans, Floats
+from impact_xval.model.arrays import Booleans, Floats, Records, zero_records
 from impact_xval.model.chain.kernel import MOST_WORK, follow_chains
 from impact_xval.model.chain.laws import Law
 from impact_xval.model.chain.power_law import TOLERANCE, new_workspace
-from impact_xval.model.chain.record import RESULT, ChainEnding, Chains, Logs, Options
+from impact_xval.model.chain.record import RESULT, ChainEnding, ChainLogs, ChainOptions, Chains
 from impact_xval.model.chain.state import new_chain
 from impact_xval.model.collisions import Collisions
 from impact_xval.model.compiled import STATE_ROWS, run_in_threads
@@ -59,7 +59,7 @@ class ChainResult(NamedTuple):
     #: Final velocities in m/s, shape (n, N); NaN where a collision was skipped.
     velocities: Floats
     #: Records of `chain.record.RESULT`, shape (n,); `time` and `fall` in s.
-    records: NDArray[Any]
+    records: Records
     #: None where states were not recorded.
     states: States | None
 
@@ -108,12 +108,12 @@ class Problem:
         n, contacts = len(c), c.stiffnesses.shape[1]
         chains = self._scaled(np.ones(n, dtype=np.int64))
         velocities = np.full(c.velocities.shape, np.nan)
-        records: Any = np.zeros(n, RESULT).view(np.recarray)
+        records = zero_records(n, RESULT)
 
         def follow_share(share: slice, sets: NDArray[np.uint64]) -> int:
             records[share] = 0
             part = chains.take(share)
-            self._follow(part, Logs(_NO_PATH, sets), velocities[share], records[share])
+            self._follow(part, ChainLogs(_NO_PATH, sets), velocities[share], records[share])
             return int(records["n_states"][share].sum()) if states else 0
 
         sets = run_in_threads(
@@ -122,7 +122,7 @@ class Problem:
             share=SHARE,
             log_rows=STATE_ROWS if states else 0,
             row_shape=(max(1, -(-contacts // 64)),),
-            log_type=np.uint64,
+            log_type=np.dtype(np.uint64),
         )
         time_unit, speed = c.units
         with np.errstate(over="ignore", invalid="ignore"):  # no fall has an end where nothing falls
@@ -191,8 +191,8 @@ class Problem:
         width = 1 + 2 * balls + contacts
         points = np.clip(LOG_NUMBERS // (n_windows * width + 1), 1, POINTS).astype(np.int64)
         log = np.empty((int((n_windows * points + 1).sum()), width))
-        records: Any = np.zeros(n, RESULT).view(np.recarray)
-        logs = Logs(log, np.empty((0, 1), np.uint64))
+        records = zero_records(n, RESULT)
+        logs = ChainLogs(log, np.empty((0, 1), np.uint64))
         self._follow(self._scaled(points), logs, np.empty((n, balls)), records)
         lengths: NDArray[np.int64] = records["n_points"]
         time, fall = records["time"], records["fall"]
@@ -241,15 +241,17 @@ class Problem:
             points=points,
         )
 
-    def _follow(self, chains: Chains, logs: Logs, velocities: Floats, records: Any) -> None:
+    def _follow(
+        self, chains: Chains, logs: ChainLogs, velocities: Floats, records: NDArray[np.record]
+    ) -> None:
         """Call the kernel."""
         contacts = self.collisions.stiffnesses.shape[1]
         chain = new_chain(contacts, self.collisions.exponent, self.law, self.frozen)
-        options = Options(self.tolerance, self.max_windows)
+        options = ChainOptions(self.tolerance, self.max_windows)
         follow_chains(chain, new_workspace(contacts), chains, options, logs, velocities, records)
 
 
-def closed_forms(records: NDArray[Any]) -> list[Ending]:
+def closed_forms(records: Records) -> list[Ending]:
     """Return the endings of chains that closed forms finished, one for each combination of closed forms."""
     endings: list[Ending] = []
     for plastic, runaway, collapse in product((False, True), repeat=3):

@@ -317,8 +317,8 @@ def follow_chains(c, work, chains, options, logs, velocities, results):
     work : recarray of `chain.power_law.WORK`, shape (C,)
         Overwritten.
     chains : Chains
-    options : Options
-    logs : Logs
+    options : ChainOptions
+    logs : ChainLogs
         Filled in.
     velocities : ndarray, shape (n, N)
         Final velocities, filled in but for skipped chains.

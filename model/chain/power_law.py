@@ -13,10 +13,10 @@ Needs `chain.dop853` for the coefficients. Used by `chain.kernel` and `chain.eve
 from __future__ import annotations
 
 from math import inf, sqrt
-from typing import Any
 
 import numpy as np
 
+from impact_xval.model.arrays import Records, zero_records
 from impact_xval.model.chain.dop853 import E3, E5, STAGES, A, B
 from impact_xval.model.chain.laws import Watched, force, has_dashpot, is_active, uncut_force
 from impact_xval.model.chain.series import ORDER
@@ -69,9 +69,9 @@ WORK = np.dtype(
 )
 
 
-def new_workspace(contacts: int) -> Any:
+def new_workspace(contacts: int) -> Records:
     """Return the workspace of a chain, one record per contact."""
-    return np.zeros(contacts, WORK).view(np.recarray)
+    return zero_records(contacts, WORK)
 
 
 @kernel_helper

@@ -60,7 +60,7 @@ class Chains(NamedTuple):
         )
 
 
-class Options(NamedTuple):
+class ChainOptions(NamedTuple):
     """Accuracy and limit of the kernel of chains."""
 
     #: Error of a step, where steps are taken.
@@ -69,7 +69,7 @@ class Options(NamedTuple):
     max_windows: int
 
 
-class Logs(NamedTuple):
+class ChainLogs(NamedTuple):
     """Logs that the kernel of chains fills for all chains, one after another, as far as they fit."""
 
     #: Points of paths, shape (rows, 1 + 2 N + C): time, velocities, accelerations of balls, 1 for each active contact.

@@ -15,10 +15,9 @@ Needs `chain.laws`. Used by all modules of `chain` that follow.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
+from impact_xval.model.arrays import Records, zero_records
 from impact_xval.model.chain.laws import (
     Law,
     deactivate,
@@ -66,9 +65,9 @@ CONTACT = np.dtype(
 )
 
 
-def new_chain(contacts: int, p: float, law: Law, frozen: bool) -> Any:
+def new_chain(contacts: int, p: float, law: Law, frozen: bool) -> Records:
     """Return a chain for `begin` to fill in: one record per contact, and one for the last body."""
-    chain = np.zeros(contacts + 1, CONTACT).view(np.recarray)
+    chain = zero_records(contacts + 1, CONTACT)
     chain.p, chain.law, chain.frozen = p, law, frozen
     return chain
 

@@ -5,15 +5,15 @@ All are in units of m1, k1 and abs(v0). Needs `pair.kernel`. Used by `model.solv
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.model.arrays import Floats
+from impact_xval.model.arrays import Floats, Records
 from impact_xval.model.compiled import STATE_ROWS, run_in_threads
 from impact_xval.model.pair.kernel import collide_all
-from impact_xval.model.pair.record import PATH_POINT, RESULT, Cells, Logs, Options
+from impact_xval.model.pair.record import PATH_POINT, RESULT, PairLogs, PairOptions, PairRatios
 
 #: Collisions that a thread follows in one call.
 SHARE = 8192
@@ -31,49 +31,54 @@ class PairResult(NamedTuple):
     #: v1 and v2 per abs(v0), shape (n, 2); NaN where there is no result.
     velocities: Floats
     #: Records of `pair.record.RESULT`, shape (n,).
-    records: Any
+    records: Records
 
 
 def _empty_result(n: int) -> PairResult:
     return PairResult(np.empty((n, 2)), np.empty(n, RESULT).view(np.recarray))
 
 
-def follow(cells: Cells, options: Options) -> PairResult:
+def follow_pairs(cells: PairRatios, options: PairOptions) -> PairResult:
     """Follow collisions to their ends."""
     result = _empty_result(len(cells.kappa))
 
-    def follow_share(share: slice, _log: NDArray[Any]) -> int:
-        logs = Logs(_NO_PATH, _NO_STATES)
+    def follow_share(share: slice, _log: NDArray[np.uint64]) -> int:
+        logs = PairLogs(_NO_PATH, _NO_STATES)
         collide_all(cells.take(share), options, logs, result.velocities[share], result.records[share])
         return 0
 
     run_in_threads(
-        follow_share, len(cells.kappa), share=SHARE, log_rows=0, row_shape=(1,), log_type=np.uint64
+        follow_share, len(cells.kappa), share=SHARE, log_rows=0, row_shape=(1,), log_type=np.dtype(np.uint64)
     )
     return result
 
 
-def follow_with_states(cells: Cells, options: Options) -> tuple[PairResult, NDArray[np.uint64]]:
-    """Follow collisions, and return the sets of active contacts of all their states too, as `Logs` has them."""
+def follow_with_states(cells: PairRatios, options: PairOptions) -> tuple[PairResult, NDArray[np.uint64]]:
+    """Follow collisions, and return the sets of active contacts of all their states too, as `PairLogs` has them."""
     result = _empty_result(len(cells.kappa))
 
-    def follow_share(share: slice, log: NDArray[Any]) -> int:
-        logs = Logs(_NO_PATH, log)
+    def follow_share(share: slice, log: NDArray[np.uint64]) -> int:
+        logs = PairLogs(_NO_PATH, log)
         collide_all(cells.take(share), options, logs, result.velocities[share], result.records[share])
         return int(result.records.n_states[share].sum())
 
     sets = run_in_threads(
-        follow_share, len(cells.kappa), share=SHARE, log_rows=STATE_ROWS, row_shape=(1,), log_type=np.uint64
+        follow_share,
+        len(cells.kappa),
+        share=SHARE,
+        log_rows=STATE_ROWS,
+        row_shape=(1,),
+        log_type=np.dtype(np.uint64),
     )
     return result, sets
 
 
-def follow_with_paths(cells: Cells, options: Options) -> tuple[PairResult, Any]:
+def follow_with_paths(cells: PairRatios, options: PairOptions) -> tuple[PairResult, Records]:
     """Follow collisions, and return the points of all their paths too, as records of `PATH_POINT`."""
     result = _empty_result(len(cells.kappa))
 
-    def follow_share(share: slice, log: NDArray[Any]) -> int:
-        logs = Logs(log.view(np.recarray), _NO_STATES)
+    def follow_share(share: slice, log: NDArray[np.void]) -> int:
+        logs = PairLogs(log.view(np.recarray), _NO_STATES)
         collide_all(cells.take(share), options, logs, result.velocities[share], result.records[share])
         return int(result.records.n_points[share].sum())
 

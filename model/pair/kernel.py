@@ -176,10 +176,10 @@ def collide_all(cells, options, logs, velocities, results):
 
     Parameters
     ----------
-    cells : Cells
+    cells : PairRatios
         Ratios of n collisions.
-    options : Options
-    logs : Logs
+    options : PairOptions
+    logs : PairLogs
         Filled in for all collisions, one after another, as far as they fit.
     velocities : ndarray, shape (n, 2)
         Filled in: v1 and v2; NaN where a collision was given up or not followed.

@@ -35,7 +35,7 @@ class PairEnding(IntEnum):
     UNREPRESENTABLE = 105  # not followed: m2/m1 lies beyond `MASS_PRECISION`
 
 
-class Cells(NamedTuple):
+class PairRatios(NamedTuple):
     """Ratios that decide a collision of two balls on a table (Theorem 5), dimensionless; arrays of shape (n,)."""
 
     #: k2/k1, from 0 to infinity.
@@ -46,12 +46,12 @@ class Cells(NamedTuple):
     e1: NDArray[np.float64]
     e2: NDArray[np.float64]
 
-    def take(self, rows: NDArray[np.int64] | slice) -> Cells:
+    def take(self, rows: NDArray[np.int64] | slice) -> PairRatios:
         """Return the cells of a slice, or of given rows."""
-        return Cells(self.kappa[rows], self.mu[rows], self.e1[rows], self.e2[rows])
+        return PairRatios(self.kappa[rows], self.mu[rows], self.e1[rows], self.e2[rows])
 
 
-class Options(NamedTuple):
+class PairOptions(NamedTuple):
     """Rules and limits of the kernel of two balls."""
 
     #: Running stiffness ratio above which, and below whose inverse, a contact counts as rigid; `pair.limits.EXACT` for
@@ -65,7 +65,7 @@ class Options(NamedTuple):
     points: int
 
 
-class Logs(NamedTuple):
+class PairLogs(NamedTuple):
     """Logs that the kernel of two balls fills for all collisions, one after another, as far as they fit."""
 
     #: Points of paths, of type `PATH_POINT`, shape (entries,); without entries, paths are not logged.

@@ -14,7 +14,7 @@ def solve_batch(law, stiffness_ratio, mass_ratio, e1, e2, gravity_number=0.0, **
     cells = np.broadcast_arrays(stiffness_ratio, mass_ratio, e1, e2, gravity_number)
     *ratios, number = (np.ravel(np.asarray(each, float)) for each in cells)
     how = {"gravity": number * np.sqrt(1 + 1 / ratios[1]), "states": False} | how
-    outcomes = references.solve(Collisions.from_ratios(*ratios), law, **how)
+    outcomes = references.solve_by_law(Collisions.from_ratios(*ratios), law, **how)
     return GridOutcomes(outcomes, cells[0].shape)
 
 
@@ -24,7 +24,7 @@ BATCHES = {law: partial(solve_batch, law) for law in references.LAWS}
 
 def in_time(collision, law="kelvin-voigt", *, exponent=1.0, path=False, **how):
     some = Collisions.of([replace(collision, exponent=exponent)])
-    return references.solve(some, law, paths=path, **how)[0]
+    return references.solve_by_law(some, law, paths=path, **how)[0]
 
 
 def dampings(law, *cells):

@@ -50,7 +50,9 @@ def solve(problem, solver, *, path=False):
         return {"status": "unrepresentable"}  # it raises
     else:
         how = {"frozen": True, "gravity": problem["gravity"], "paths": path}
-        outcome = references.solve(Collisions.of([collision]), solver.removesuffix("-frozen"), **how)[0]
+        (outcome,) = references.solve_by_law(
+            Collisions.of([collision]), solver.removesuffix("-frozen"), **how
+        )
     if not np.isfinite(outcome.velocities).all():
         return {"status": outcome.status}
     states = [_STATES.get(state, state) for state in outcome.states]

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from impact_xval.model import Collision, solve
 from impact_xval.model.pair.following import follow_with_paths
 from impact_xval.model.pair.path import POINTS
-from impact_xval.model.pair.record import Cells, Options, PairEnding
+from impact_xval.model.pair.record import PairEnding, PairOptions, PairRatios
 
 pytestmark = pytest.mark.smoke
 
@@ -45,8 +45,8 @@ def path_of(kappa, mu, e1, e2, points):
 
     An active contact ends compression where its rate ceases to be positive, and is stiffer by 1/e^2 from there on.
     """
-    cells = Cells(*(np.array([x], dtype=float) for x in (kappa, mu, e1, e2)))
-    options = Options(cutoff=math.inf, max_events=10_000, stiffens=True, points=points)
+    cells = PairRatios(*(np.array([x], dtype=float) for x in (kappa, mu, e1, e2)))
+    options = PairOptions(cutoff=math.inf, max_events=10_000, stiffens=True, points=points)
     result, log = follow_with_paths(cells, options)
     state, time, v1, v2, forces = log.state, log.time, log.v1, log.v2, (log.F1, log.F2)
     middle = np.append(np.diff(time), 1.0) > 0  # not the last point of a piece

@@ -14,7 +14,7 @@ from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.engines.stepping import project_to_separated
 from impact_xval.compliant_baselines.mapping import MUJOCO_IMPEDANCE
 from impact_xval.compliant_baselines.marks import find_jumps
-from impact_xval.compliant_baselines.rigid.laws import follow
+from impact_xval.compliant_baselines.rigid.laws import follow_impacts
 from impact_xval.compliant_baselines.solver import Convergence, Settings
 from impact_xval.model.collision import Collision
 from impact_xval.model.collisions import Collisions
@@ -278,7 +278,7 @@ def test_a_meeting_that_is_left_brings_velocities_no_further_from_those_that_par
         velocities[0], gaps = -2.0, tuple(rng.uniform(0.1, 1, contacts).tolist())
         e = 1.0 if law == "newton-restitution" else float(rng.uniform(0.5, 1))
         numbers = tuple(masses.tolist()), (1.0,) * contacts, (e,) * contacts, tuple(velocities.tolist())
-        end = follow(Collision(*numbers, table, gaps), law).v
+        end = follow_impacts(Collision(*numbers, table, gaps), law).v
         apart = np.array(project_to_separated(velocities.tolist(), masses.tolist(), table))
         assert np.all(np.diff(apart) <= 0)
         assert masses @ (end - apart) ** 2 <= masses @ (velocities - apart) ** 2 * (1 + 1e-12)

@@ -6,7 +6,7 @@ import pytest
 from impact_xval.compliant_baselines import SolverError
 from impact_xval.compliant_baselines.conformance import problems
 from impact_xval.compliant_baselines.rigid.dart import FASTEST, SLOWEST
-from impact_xval.compliant_baselines.rigid.laws import follow
+from impact_xval.compliant_baselines.rigid.laws import follow_impacts
 from impact_xval.compliant_baselines.solver import Convergence, Settings
 from impact_xval.model.collision import Collision
 from tests.compliant_baselines.conftest import installed
@@ -74,7 +74,7 @@ def test_chains_are_those_of_the_law(name, engine):
         c = Collision(tuple(m.tolist()), (1.0,) * contacts, tuple(e.tolist()), v, table)
         (o,) = engine.solve_many([c], Settings())
         assert o.status in ("ok", "unconverged"), o.reason  # by Newton's law energy may be gained
-        off = o.velocities - follow(c, law).v
+        off = o.velocities - follow_impacts(c, law).v
         assert m @ off**2 <= near**2 * (m @ np.square(v)), c
 
 
@@ -88,7 +88,7 @@ def test_targets_that_are_apart_are_struck_one_after_the_other(name, engine):
 def test_impacts_across_gaps_are_whole_at_any_step(name, engine, e):
     """Two balls and a wall: an impulse is all in its first step, wherever within it a contact is met."""
     wall = make_chain(-20.0, 0.0, e=e, gap=30.0, table=True)  # so fast that DART drops no restitution
-    exact = follow(wall, "sequential-top").v
+    exact = follow_impacts(wall, "sequential-top").v
     assert e < 1 or exact.tolist() == [20, 0]
     outcome = engine.solve(wall, Settings(convergence=Convergence()))
     numbers = outcome.diagnostics
@@ -102,7 +102,7 @@ def test_restitution_that_is_dropped_in_a_later_impact_is_an_error_of_the_limit(
     wall = make_chain(-1.0, 0.0, e=0.5, masses=(1.0, 10.0), gap=0.3, table=True)
     outcome = engine.solve_many([wall], Settings(convergence=Convergence()))[0]
     limit = [outcome.diagnostics[f"v{i}_limit"] for i in (1, 2)]
-    off = np.abs(limit - follow(wall, "sequential-top").v).max()
+    off = np.abs(limit - follow_impacts(wall, "sequential-top").v).max()
     assert off < 3 * outcome.diagnostics["limit_error"]
     if name == "dart":
         assert off > 0.01
@@ -115,7 +115,7 @@ def test_impacts_that_fall_into_one_step_are_not_taken_for_known(name, engine):
     c = Collision((1, 2, 1), (1, 1), (0.5, 0.5), (-1, 0, 1), gaps=(3.0, 3.0 + 1e-6))
     (outcome,) = engine.solve_many([c], Settings(convergence=Convergence(halvings=1)))
     limit = [outcome.diagnostics[f"v{i}_limit"] for i in (1, 2, 3)]
-    off = np.abs(limit - follow(c, "sequential-top").v).max()
+    off = np.abs(limit - follow_impacts(c, "sequential-top").v).max()
     assert off > 0.01
     assert outcome.status == "unconverged"
     assert off < 3 * outcome.diagnostics["limit_error"]

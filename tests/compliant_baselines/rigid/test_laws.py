@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from impact_xval.compliant_baselines import SolverError, get_solver
 from impact_xval.compliant_baselines.conformance import problems
-from impact_xval.compliant_baselines.rigid.laws import LAWS, TooManyImpactsError, follow
+from impact_xval.compliant_baselines.rigid.laws import LAWS, TooManyImpactsError, follow_impacts
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.model.collision import Collision
 from tests.compliant_baselines.reference_cells import make_chain
@@ -22,7 +22,7 @@ PLASTIC = "plastic-then-restitution"
 
 
 def velocities(law, collision):
-    return follow(collision, law).v
+    return follow_impacts(collision, law).v
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -98,7 +98,7 @@ def test_invariances(drawn):
     m, before = np.array(c.masses), np.array(c.velocities)
     for law in LAWS:
         try:
-            after = follow(c, law, most=5_000).v
+            after = follow_impacts(c, law, most=5_000).v
         except TooManyImpactsError:  # heavy balls that come to rest on light ones, impact by impact
             assert law in SINGLE
             continue
@@ -203,7 +203,7 @@ def test_balls_with_gaps_against_single_impacts_in_decimals_of_eighty_digits():
         exact = single_impacts(c, most=2_000)
         for law in LAWS if exact else ():
             try:
-                line = follow(c, law, most=5_000)
+                line = follow_impacts(c, law, most=5_000)
             except TooManyImpactsError:
                 continue
             finally:
@@ -228,7 +228,7 @@ def test_balls_that_fall_together_leave_after_one_impact():
                 *([Fraction(x) for x in xs] for xs in (c.masses, c.restitutions, c.velocities)), True
             )
             solve(exact)
-            line = follow(c, law)
+            line = follow_impacts(c, law)
             assert (line.impacts, line.endless) == (1, False), (c, law)
             assert line.v == pytest.approx([float(x) for x in exact.v], abs=1e-12), (c, law)
 

@@ -12,7 +12,7 @@ import pytest
 from markupsafe import escape
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.rigid.laws import follow
+from impact_xval.compliant_baselines.rigid.laws import follow_impacts
 from impact_xval.experiments.scoreboard import cases, playing
 from impact_xval.experiments.scoreboard.cases import CASE_SETUPS, CASES, MIRRORED, USUAL, arrange_scenes
 from impact_xval.experiments.scoreboard.judging import find_nearest_laws, judge_answers, list_moved_answers
@@ -35,7 +35,7 @@ def answer(solver, case, v, arrangement=USUAL, status="ok", **other):
 
 
 def of_laws(case, names=("newton-restitution", "sequential-top", "poisson-restitution")):
-    return [answer(name, case, follow(CASES[case], name).v) for name in names]
+    return [answer(name, case, follow_impacts(CASES[case], name).v) for name in names]
 
 
 def test_distances_energy_and_spread_are_those_of_their_definitions():
@@ -71,7 +71,7 @@ def test_of_placements_that_move_an_answer_alike_to_rounding_the_last_is_named()
 def test_the_law_of_an_engine_is_the_one_that_is_near_to_all_it_answers():
     every = [case for case in CASES if case[1] in (1.0, 0.5) and "apart" not in case[0]]
     rows = [row for case in every for row in of_laws(case)]
-    rows += [answer("engine", case, follow(CASES[case], "sequential-top").v + 1e-4) for case in every]
+    rows += [answer("engine", case, follow_impacts(CASES[case], "sequential-top").v + 1e-4) for case in every]
     found = find_nearest_laws(judge_answers(pd.DataFrame(rows))).loc["engine"]
     assert (found.law, found.cases) == ("sequential-top", len(every))
     assert 1e-4 < found.farthest < 1e-3 < found.next_farthest
@@ -160,7 +160,9 @@ def rows_of(table):
 def test_the_page_shows_the_numbers_of_the_board_and_text_stays_text(tmp_path):
     every = [case for case in CASES if case[0] == "cradle 1 on 4"]
     rows = [row for case in every for row in of_laws(case)]
-    rows += [answer("dart", case, follow(CASES[case], "newton-restitution").v + 0.003) for case in every]
+    rows += [
+        answer("dart", case, follow_impacts(CASES[case], "newton-restitution").v + 0.003) for case in every
+    ]
     rows[-1] |= {"status": "timeout", "reason": "<script>alert(1)</script>", "v1": np.nan}
     said_of = write_scoreboard(pd.DataFrame(rows), tmp_path)
     page = page_in(tmp_path)
