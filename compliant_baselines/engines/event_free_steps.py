@@ -17,7 +17,7 @@ engine's own, and M_i is the reduced mass of the two bodies.
 3. Without gravity a collision is not over while a contact carries force or bodies approach. With gravity there are
    three cases. While no contact carries force it cannot become over: velocities only fall together. While B2 alone is
    carried, it can be over only by B2 settling; while both balls are carried, only by both settling. Balls settle
-   when an energy has fallen far enough (`b2_has_settled`, `both_have_settled`), which within s does not fall to a
+   when an energy has fallen far enough (`b2_has_settled`, `both_balls_have_settled`), which within s does not fall to a
    sixteenth.
 """
 
@@ -124,7 +124,7 @@ def b2_has_settled(v2, x2, masses, numbers, multiple):  # pragma: no cover (comp
 
 
 @strict_helper
-def both_have_settled(v1, v2, x1, x2, masses, numbers, multiple):  # pragma: no cover (compiled)
+def both_balls_have_settled(v1, v2, x1, x2, masses, numbers, multiple):  # pragma: no cover (compiled)
     """Tell whether the energy of both balls about equilibrium is at most a multiple of what unloads a contact."""
     m1, m2, g, k1, k2 = masses[0], masses[1], numbers.gravity, numbers.k1, numbers.k2
     energy = m1 * v1 * v1 + m2 * v2 * v2
@@ -136,7 +136,7 @@ def both_have_settled(v1, v2, x1, x2, masses, numbers, multiple):  # pragma: no 
 def _may_settle_soon(active, v, x, masses, numbers):  # pragma: no cover (compiled)
     """Tell whether a drop may end within the time s of the module, by settling (rule 3)."""
     if active == BALL_BALL | BALL_TABLE:
-        return both_have_settled(v[0], v[1], x[0], x[1], masses, numbers, SAFE_ENERGY)
+        return both_balls_have_settled(v[0], v[1], x[0], x[1], masses, numbers, SAFE_ENERGY)
     if not active & BALL_BALL:
         return b2_has_settled(v[1], x[1], masses, numbers, SAFE_ENERGY)
     return False

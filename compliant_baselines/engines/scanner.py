@@ -14,7 +14,7 @@ from impact_xval.compliant_baselines.engines.event_free_steps import (
     BALL_BALL,
     BALL_TABLE,
     b2_has_settled,
-    both_have_settled,
+    both_balls_have_settled,
     strict_helper,
     strict_kernel,
 )
@@ -205,7 +205,7 @@ def _end_of_drop(active, v, x, row, masses, numbers):  # pragma: no cover (compi
         return RunEnd.B2_SETTLED
     if active == 0 and x1 >= x2 >= 0:
         return RunEnd.FIRST_FLIGHT
-    if active == BALL_BALL | BALL_TABLE and both_have_settled(v1, v2, x1, x2, masses, numbers, 1.0):
+    if active == BALL_BALL | BALL_TABLE and both_balls_have_settled(v1, v2, x1, x2, masses, numbers, 1.0):
         return RunEnd.BOTH_SETTLED
     return RunEnd.GOING
 
