@@ -9,6 +9,10 @@ law disagree on whether gravity ends in a first flight, or on whether B2 comes t
 decide: two exact solvers of one law then differ by as much as two laws do. Where forces are linear, masses and
 stiffnesses are changed by a millionth. Velocities are not changed: balls that fall or strike together are equal by
 intent. Where forces are not linear, the solver states an error of its own.
+
+What counts as a jump is said by `JUMPS`, of N balls by `CHANGE_OF_MANY` and `MOVE_OF_MANY`; docs/theory.md repeats
+`JUMPS`. All other thresholds say which cells are examined at all. The tests are in `engines/test_limit.py` of
+tests/compliant_baselines, of N balls in `references/test_chains.py`; golden values hold where exact solvers are marked.
 """
 
 from __future__ import annotations
@@ -66,6 +70,8 @@ _PATTERNS = np.array([(1, 1, 1, 1, 1), (1, -1, 1, -1, 1), (1, 1, -1, -1, -1), (1
 #: Relative changes of the screens: each pattern, followed by its opposite; shape (8, 5).
 _SCREENS = max(JUMPS) * np.stack([_PATTERNS, -_PATTERNS], axis=1).reshape(-1, 5)
 _FIRST_SCREENS, _OTHER_SCREENS = _SCREENS[:2], _SCREENS[2:]
+
+# From here on thresholds only save time: they are to lose no mark (`benchmarks/limits.py screens`).
 
 #: Grazing margin below which a bistiffness cell is screened by the first pattern. The largest margin of a marked cell
 #: was 0.11 in 28 000 cells without gravity, k2/k1 from 1e-3 to 1e3, m2/m1 and e from 0.1.

@@ -81,6 +81,9 @@ class Convergence:
 class Settings:
     """The settings of a solver for one call; a solver ignores settings that do not concern it.
 
+    `experiments.config.experiment.Config` states defaults and legal ranges once more, for files of experiments. A
+    change belongs in both.
+
     Raises
     ------
     ValueError
@@ -91,7 +94,8 @@ class Settings:
     scenario: Scenario = "impact"
     #: g > 0 in m/s^2, used by ``drop`` only.
     gravity: float = 9.81
-    #: Time step over the period 2 pi sqrt(M_i/k_i) of the faster contact; in (0, 0.2].
+    #: Time step over the period 2 pi sqrt(M_i/k_i) of the faster contact; in (0, 0.2]. `SHORTEST_STATE` goes with the
+    #: default.
     step_fraction: float = 1e-3
     #: Steps after which a collision that is not over is given up (status ``timeout``).
     max_steps: int = 2_000_000

@@ -86,7 +86,7 @@ class Engine(Solver):
 
     * `unavailable`: the engine cannot be imported
     * `unrepresentable`: k_i = 0 or infinite, e_i = 0 of dashpots, or what the engine itself cannot take
-    * `timeout`: not over after `max_steps`
+    * `timeout`: not over after `max_steps` (`stepping.Run.status`; `Run.problem` says how far it came)
     * `crashed`: numbers that are not finite, or the engine's own complaint
     * `unconverged`: over, but with more energy than it began with, or with a limit dt -> 0 that is not known to the
       tolerance asked for; the outcome keeps its numbers
@@ -292,7 +292,10 @@ def outcome_of(solver: str, collision: Collision, run: Run, settings: Settings) 
 
 
 def _diagnostics_of(run: Run) -> dict[str, float]:
-    """Return the numbers of a run that an outcome lists (`outcome_of`)."""
+    """Return the numbers of a run that an outcome lists (`outcome_of`).
+
+    A number in m/s is listed in `experiments.measures.divergence` too (`_VELOCITY`): else it is not shown over abs(v0).
+    """
     c = run.scene
     diagnostics = {
         "step": c.step,

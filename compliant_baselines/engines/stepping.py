@@ -305,7 +305,11 @@ class Run:
 
     @property
     def status(self) -> Status:
-        """``ok`` if the collision came to its end; ``crashed`` if the engine broke; else ``timeout``."""
+        """``ok`` if the collision came to its end; ``crashed`` if the engine broke; else ``timeout``.
+
+        A status is a word of `model.status`. Which of them keep the numbers of a run that is not over is said by
+        `experiments.measures.divergence` (`has_numbers`).
+        """
         if self.over:
             return "ok"
         return "crashed" if self.end == RunEnd.BROKEN else "timeout"

@@ -302,7 +302,9 @@ def apply_lowest(line: Line) -> None:
     line.bounce(int(np.flatnonzero(line.approaching())[-1]))
 
 
-#: Applies the impact of all touching contacts, by the name of the law.
+#: Applies the impact of several touching contacts, by the name of the law. A contact that touches alone never comes
+#: here, but bounces by every law alike (`follow_impacts`): a law with other single impacts has to change that too.
+#: CONTRIBUTING.md says what else a law needs.
 LAWS: dict[str, Callable[[Line], None]] = {
     "newton-restitution": apply_newton,
     "poisson-restitution": apply_poisson,
@@ -331,6 +333,7 @@ def follow_impacts(collision: Collision, law: str, most: int = 100_000) -> Line:
     while going:
         while line.approaching().any():
             contact = line.only_contact()
+            # A single impact is the same by all laws.
             if contact is None:
                 LAWS[law](line)
             else:
