@@ -239,16 +239,16 @@ class ClusterClient(Protocol):
 class _Dask(Generic[_Context]):
     """The threads of a cluster's workers. None of them runs a solver, so that Dask never sees a crash."""
 
-    def __init__(
-        self, client: ClusterClient, make_slot: Callable[[], Slot[_Context]], say: Callable[[str], None]
-    ) -> None:
-        self._client, self._make_slot, self._run = client, make_slot, uuid.uuid4().hex
+    def __init__(self, client: ClusterClient, context: _Context, say: Callable[[str], None]) -> None:
+        self._client, self._run = client, uuid.uuid4().hex
+        #: No function within this one: it is sent to the workers.
+        self._make_slot: Callable[[], Slot[_Context]] = partial(Slot, context)
         address = client.scheduler.address
         say(f"Dask cluster at {address}: {self.workers} worker threads")
         if not self.workers:
             say(f"waiting for a worker; start some: dask worker {address} --nthreads 1")
         client.wait_for_workers(1)
-        self._executor, self._local = client.get_executor(pure=False), Pool(make_slot, 1)
+        self._executor, self._local = client.get_executor(pure=False), Pool(lambda: Slot(context), 1)
 
     @property
     def workers(self) -> int:
@@ -323,9 +323,7 @@ def open_pool(
 
         pool = Pool(make_slot, workers if isolate else 1)
     else:
-        # A function of this one could not be sent to a worker.
-        make_slot_there: Callable[[], Slot[_Context]] = partial(Slot, context)
-        pool = _Dask(client, make_slot_there, say)
+        pool = _Dask(client, context, say)
     try:
         yield pool
     except BaseException:

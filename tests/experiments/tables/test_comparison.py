@@ -50,16 +50,16 @@ def test_the_changes_are_those_of_the_tables(runs, tolerance, moved):
     found = compare_runs(*runs, tolerance)
     assert list(found.solvers) == SOLVERS
     mujoco = found.solvers["mujoco"]
-    assert (found.moved, mujoco["moved"], mujoco["statuses"]) == (moved, moved, 6)
+    assert (found.moved, mujoco.moved, mujoco.statuses) == (moved, moved, 6)
     for name, each in found.solvers.items():
         mine = cells[cells.solver == name]
-        assert each["compared"] == len(mine) == 12
+        assert each.compared == len(mine) == 12
         changes = np.abs(mine[["v1_a", "v2_a"]].to_numpy() - mine[["v1_b", "v2_b"]].to_numpy())
-        assert each["velocity"] == np.nanmax(changes / np.abs(mine[["v0_a"]].to_numpy()))
+        assert each.velocity == np.nanmax(changes / np.abs(mine[["v0_a"]].to_numpy()))
         d = away[away.solver == name]
         change = (d.velocity_divergence_a - d.velocity_divergence_b).abs().max()
-        assert each["divergence"] == (0 if name == "state-transition" else change)
-    assert mujoco["velocity"] == pytest.approx(1e-6, rel=1e-6)
+        assert each.divergence == (0 if name == "state-transition" else change)
+    assert mujoco.velocity == pytest.approx(1e-6, rel=1e-6)
     # The worst: those of another status, then the largest changes.
     ends = [(row.status_b, row.velocity == np.inf) for row in found.worst]
     assert ends == ([("crashed", True)] * 6 + [("ok", False)] * 4)[:moved]
