@@ -117,5 +117,5 @@ def test_chains_of_n_balls_are_compared_ball_by_ball(tmp_path, refused, runs):
     b = _run(tmp_path / "b", fakes.refusing, chunk_size=1, grid=None, chain=chain)
     assert compare_runs(a, a, 0).moved == 0
     found = compare_runs(a, b, 1e-9)
-    assert [each["moved"] for each in found.solvers.values()] == [0, 0, 4]
+    assert [each.moved for each in found.solvers.values()] == [0, 0, 4]
     refused(["compare", a.root, runs[0].root], "a run of chains of N balls, ")
