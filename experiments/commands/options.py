@@ -65,7 +65,7 @@ def parse_shard(text: str) -> tuple[int, int]:
     return int(parts[1]), int(parts[2])
 
 
-def print_json(value: Any) -> None:
+def print_json(value: object) -> None:
     """Print strict JSON, with null for infinity and NaN."""
     plain = json.loads(json.dumps(value), parse_constant=lambda _: None)
     typer.echo(json.dumps(plain, indent=2))
@@ -84,20 +84,20 @@ def known_solvers(solvers: list[str] | None) -> list[str]:
 
 
 def option(
-    metavar: str, help_text: str, parser: Callable[[str], Any] | None = None, default: Any = None
+    metavar: str, help_text: str, parser: Callable[[str], object] | None = None, default: object = None
 ) -> Any:
     """Return an option with a value; `...` as its default makes it required."""
     return typer.Option(default, metavar=metavar, help=help_text, parser=parser)
 
 
 def argument(
-    metavar: str, help_text: str, parser: Callable[[str], Any] | None = None, default: Any = ...
+    metavar: str, help_text: str, parser: Callable[[str], object] | None = None, default: object = ...
 ) -> Any:
     """Return an argument, required without a default."""
     return typer.Argument(default, metavar=metavar, help=help_text, parser=parser)
 
 
-def flag(name: str, help_text: str) -> Any:
+def flag_option(name: str, help_text: str) -> Any:
     """Return an option without a value."""
     return typer.Option(False, name, help=help_text)
 

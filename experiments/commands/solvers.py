@@ -44,8 +44,8 @@ def solvers_command(
     if name is not None:
         _check(name, law)
         return
-    rows = []
-    with contextlib.closing(Slot()) as slot:
+    rows: list[tuple[str, ...]] = []
+    with contextlib.closing(Slot(None)) as slot:
         for solver, origin in origins().items():
             with report_waiting(f"asking {solver} what it is"):
                 version, reason = ask_version(slot, get_solver, solver)
@@ -75,7 +75,7 @@ def _check(name: str, law: str) -> None:
     law = law or law_of(name) or "none"
     if law not in conformance.LAWS:
         raise UserError(f"--law = {law!r}; legal: {', '.join(conformance.LAWS)}")
-    with report_waiting(f"asking {name} what it is"), contextlib.closing(Slot()) as slot:
+    with report_waiting(f"asking {name} what it is"), contextlib.closing(Slot(None)) as slot:
         _, reason = ask_version(slot, get_solver, name)
     if reason is not None:
         raise UserError(f"{name}: unavailable: {reason}")
@@ -143,7 +143,7 @@ def inspect_command(
         raise UserError(findings_or_reason)
     contacts, findings = findings_or_reason
     if json:
-        rows = []
+        rows: list[dict[str, object]] = []
         for contact in contacts:
             row = contact._asdict()
             where = row.pop("names")
