@@ -14,6 +14,7 @@ Engines read the same words by different laws, and so the same restitution needs
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -40,6 +41,9 @@ Law = Literal["pushes", "pulls", "compression", "depth", "rigid"]
 
 #: Begins the part of a text for Newton that is read once the model is built.
 AFTER_FINALIZE = "# After model = builder.finalize():\n"
+
+#: A number that is none, as Python writes it; C++ has an f behind it.
+_NO_NUMBER = re.compile(r"(?<![a-z_])(inf|nan)f?\b")
 
 #: PyBullet's `contactBreakingThreshold` in the text, over the way in a step.
 BREAKING_OVER_STEP = 1e-3
@@ -112,6 +116,8 @@ class Target:
     sources: tuple[str, ...]
     #: What else decides the rebound, or is rewritten; full sentences.
     notes: tuple[str, ...] = ()
+    #: Speed of rebound in m/s up to which the engine gives none, whatever is written.
+    dropped_rebound: float = 0.0
     #: Solver of the registry whose adapter runs this contact; None if there is none.
     adapter: str | None = None
     #: Distributions on the package index that have to be installed to run the text; empty if it cannot be run from
@@ -150,7 +156,7 @@ class Target:
             If the engine cannot take the numbers.
         """
         text = self.write(request)
-        if any(word in text.split() for word in ("inf", "nan")) or "inf," in text:
+        if _NO_NUMBER.search(text):
             reason = f"a parameter of {request.contact} leaves double precision"
             raise SolverError(self.name, "unrepresentable", reason)
         return text
@@ -161,14 +167,14 @@ def _number(value: float) -> str:
     return repr(float(f"{value:.12g}"))
 
 
-def _kernel(engine: str) -> Callable[[ContactRequest], str]:
+def _pasted(engine: str) -> Callable[[ContactRequest], str]:
     """Return the writer of an engine whose text is in `paste`."""
     return lambda request: paste(engine, request.contact, request.step)
 
 
 def _newton(
-    config: Callable[[ContactRequest], dict[str, float]], solver: str, kinematic: str = ""
-) -> Callable:
+    config: Callable[[ContactRequest], dict[str, float]], solver: str
+) -> Callable[[ContactRequest], str]:
     """Return a writer for a solver of Newton, from the numbers of its shape configuration."""
 
     def write(request: ContactRequest) -> str:
@@ -176,7 +182,7 @@ def _newton(
         arguments = ", ".join(f"{name}={_number(value)}" for name, value in numbers.items())
         return (
             "# builder: a newton.ModelBuilder. Give this configuration to the shapes of both bodies.\n"
-            f"{kinematic}contact = newton.ModelBuilder.ShapeConfig({arguments})\n"
+            f"contact = newton.ModelBuilder.ShapeConfig({arguments})\n"
             f"{AFTER_FINALIZE}solver = {solver}\n"
             f"step = {_number(request.step)}  # for solver.step\n"
         )
@@ -400,9 +406,9 @@ _ALL = (
         "mujoco",
         "MuJoCo",
         "pushes",
-        _kernel("mujoco"),
+        _pasted("mujoco"),
         "`solref` = (-k/M, -c/M) of a `<pair>`, at a constant impedance",
-        "not at all",
+        "not at all: numbers of the pair",
         _NO_THRESHOLD,
         (
             "solref, solimp: XML reference, contact/pair; Computation, Constraint model",
@@ -415,7 +421,7 @@ _ALL = (
         "pybullet",
         "PyBullet",
         "pushes",
-        _kernel("pybullet"),
+        _pasted("pybullet"),
         "`contactStiffness` and `contactDamping` of a body",
         "stiffness in series, damping added",
         _NO_THRESHOLD,
@@ -430,7 +436,7 @@ _ALL = (
         "drake",
         "Drake, kSap",
         "pushes",
-        _kernel("drake"),
+        _pasted("drake"),
         "point stiffness and `relaxation_time` c/k of a geometry",
         "stiffness in series, times added",
         _NO_THRESHOLD,
@@ -592,7 +598,10 @@ _ALL = (
             "the wall: fix_wall_gran.rst",
             "timestep: timestep.rst",
         ),
-        ("gamma_n is per effective mass: the restitution is the same for all masses if K_n M is not.",),
+        (
+            "With the same K_n and gamma_n another effective mass M has another restitution: zeta = gamma_n "
+            "sqrt(M/K_n)/2.",
+        ),
         distributions=_LAMMPS,
     ),
     Target(
@@ -674,6 +683,7 @@ _ALL = (
             "combination: PxCombineMode in the same file",
         ),
         (
+            "The damping is that of a contact that pushes only; the sources do not say whether this one may pull.",
             "In USD (Isaac Sim): physxMaterial:compliantContactStiffness, compliantContactDamping, "
             "compliantContactAccelerationSpring of PhysxMaterialAPI.",
             "Of a force spring and an acceleration spring the latter decides alone.",
@@ -761,6 +771,7 @@ _ALL = (
             "The threshold is of the rebound, e v, not of the approach: for e = 0.8 approaches up to 0.125 m/s.",
             "No rebound is faster than 100 m/s.",
         ),
+        dropped_rebound=0.1,
         adapter="dart",
         distributions=("dartpy",),
     ),
