@@ -325,7 +325,7 @@ def _exudyn_restitution(request: ContactRequest) -> str:
 def _physx_compliant(request: ContactRequest) -> str:
     k, c, mass = request.contact.k, request.pushing_damping, request.contact.mass
     return (
-        "// For the shapes of one body; the material of the other keeps a restitution >= 0.\n"
+        "// The same material for the shapes of both bodies: the mean of the two stiffnesses and dampings counts.\n"
         "// A negative restitution is a stiffness in N/m; the damping is in N s/m.\n"
         f"PxMaterial* material = physics->createMaterial(0.0f, 0.0f, {_number(-k)}f);\n"
         f"material->setDamping({_number(c)}f);\n"
@@ -676,7 +676,7 @@ _ALL = (
         "pushes",
         _physx_compliant,
         "a negative restitution: a stiffness; `setDamping`",
-        "against a rigid material the compliant one's; of two compliant ones the mean",
+        "mean; beside a rigid material it depends on the version",
         _NO_THRESHOLD,
         (
             "restitution < 0, damping, eCOMPLIANT_ACCELERATION_SPRING: physx/include/PxMaterial.h",
@@ -687,8 +687,10 @@ _ALL = (
             "In USD (Isaac Sim): physxMaterial:compliantContactStiffness, compliantContactDamping, "
             "compliantContactAccelerationSpring of PhysxMaterialAPI.",
             "Of a force spring and an acceleration spring the latter decides alone.",
-            "SAPIEN takes a negative restitution, but has no damping: its compliant contacts are elastic (0.998 at 300 "
-            "steps in a contact).",
+            "Beside a rigid material (restitution 0) half of the stiffness acted in SAPIEN 3.0.3; newer headers "
+            "say all of it. So write it on both bodies.",
+            "SAPIEN has no setter for the damping. Its compliant contacts are elastic: 0.998 at 300 steps in a "
+            "contact, of the duration that k in N/m has.",
         ),
     ),
     Target(
