@@ -91,7 +91,7 @@ PER_DECADE = 40
 SHORTER_STEPS = (1.0, 0.8, 0.63, 0.5, 0.4)
 
 #: Most steps in a contact that are tried for a given step.
-MOST_STEPS_OF_STIFFEST = 20_000
+MOST_STEPS_OF_STIFFEST = 5_000
 
 #: Number of shorter steps that have to be good too, down to 0.4 of the step that is named.
 SHORTER = 4
@@ -151,6 +151,23 @@ class Pair:
         object.__setattr__(self, "contact", contact)
         object.__setattr__(self, "motion", motion)
 
+    @classmethod
+    def of(
+        cls, masses: tuple[float, float], asked: AskedContact, speed: float = 1.0, load: float | None = None
+    ) -> Pair:
+        """Make the pair of two masses in kg whose contact is asked for."""
+        return cls(
+            masses,
+            asked.restitution,
+            asked.stiffness,
+            asked.duration,
+            speed,
+            damping=asked.damping,
+            damping_ratio=asked.damping_ratio,
+            sink=asked.sink,
+            load=load,
+        )
+
     @property
     def fixed(self) -> bool:
         """Whether one of the bodies is fixed."""
@@ -195,6 +212,22 @@ def _require_legal_masses(masses: Sequence[float]) -> None:
             f"masses = {masses!r}: one is {heavy / light:.3g} times the other; "
             f"legal: at most {LARGEST_RATIO:g} times, or inf for a fixed body"
         )
+
+
+def bodies_of_contacts(masses: Sequence[float]) -> list[tuple[tuple[float, float], float | None]]:
+    """Return the masses in kg of each contact of two or three bodies in a line, and the mass in kg that it carries.
+
+    On a fixed third body the first two stand on each other. Elsewhere a contact carries the lighter body (None). A
+    ValueError names what is illegal.
+    """
+    if len(masses) == 2:
+        return [((masses[0], masses[1]), None)]
+    first, second, third = masses
+    if math.isinf(first) or math.isinf(second):
+        text = " ".join(f"{mass:g}" for mass in masses)
+        raise ValueError(f"masses = {text}: of three bodies only the last one may be fixed; legal: inf last")
+    loads = (first, first + second) if math.isinf(third) else (None, None)
+    return [((first, second), loads[0]), ((second, third), loads[1])]
 
 
 def make_pair(
@@ -381,16 +414,7 @@ def find_largest_step(engine: Engine, pair: Pair, tolerance: float = TOLERANCE) 
 
 
 def find_stiffest(
-    engine: Engine,
-    masses: tuple[float, float],
-    step: float,
-    tolerance: float = TOLERANCE,
-    *,
-    restitution: float | None = None,
-    damping: float | None = None,
-    damping_ratio: float | None = None,
-    speed: float = 1.0,
-    load: float | None = None,
+    engine: Engine, pair: Pair, step: float, tolerance: float = TOLERANCE
 ) -> tuple[Pair, Drops]:
     """Find the stiffest contact that a step carries, and drop it at all places of the touch within the step.
 
@@ -401,56 +425,38 @@ def find_stiffest(
     ----------
     engine
         The engine.
-    masses
-        In kg.
+    pair
+        Two bodies and what decides their damping. Its spring does not count.
     step
         Time step in s.
     tolerance
         Allowed relative error of restitution and duration.
-    restitution, damping, damping_ratio
-        One of the three, as of `Pair`.
-    speed, load
-        As of `Pair`.
 
     Raises
     ------
-    ValueError
-        If a number is illegal.
     SolverError
         If the engine is missing or refuses the contacts, or if none is found.
     """
-    for legal, value in ((LEGAL_STEP, step), (LEGAL_TOLERANCE, tolerance)):
-        if not legal.includes(value):
-            raise ValueError(f"{legal.name} = {value!r}; legal: {legal.text}")
     _require_available(engine)
 
     def pair_of(steps: float) -> Pair:
         """Return the contact of a duration in steps, with a rounded stiffness."""
-        lasting = Pair(
-            masses,
-            restitution,
-            duration=steps * step,
-            speed=speed,
-            damping=damping,
-            damping_ratio=damping_ratio,
-            load=load,
-        )
+        lasting = replace(pair, stiffness=None, sink=None, duration=steps * step)
         return replace(lasting, duration=None, stiffness=_round_down(lasting.contact.k))
 
     steps = [10 ** (i / PER_DECADE) / tolerance for i in range(round(PER_DECADE * math.log10(MOST_STEPS)))]
     why, longest = "", 0.0
     for n in (n for n in steps if n <= MOST_STEPS_OF_STIFFEST):
         try:
-            pair = pair_of(n)
-        except ValueError:
-            if not longest:
-                raise
-            break  # with a given damping a longer contact may be damped too much
-        longest = pair.motion.duration
+            tried = pair_of(n)
+        except ValueError as illegal:  # with a given damping a longer contact may be damped too much
+            why = str(illegal)
+            break
+        longest = tried.motion.duration
         try:
             for factor in SHORTER_STEPS:
-                _good_drops(engine, pair, step * factor, FEW_PLACES, tolerance)
-            return pair, _check_tolerance(engine, pair, find_extremes(engine, pair, step), tolerance)
+                _good_drops(engine, tried, step * factor, FEW_PLACES, tolerance)
+            return tried, _check_tolerance(engine, tried, find_extremes(engine, tried, step), tolerance)
         except SolverError as failed:
             if failed.status == "unrepresentable":
                 raise
@@ -471,8 +477,42 @@ def _round_down(value: float) -> float:
 
 def measure_largest_step(engine: Engine, pair: Pair, tolerance: float = TOLERANCE) -> tuple[Drops, Drops]:
     """Drop a pair at the largest good step, at all places of the touch, and once at a tenth of that step."""
-    largest = find_largest_step(engine, pair, tolerance)
-    return largest, drop_at_places(engine, pair, largest.step / 10, [END])
+    ((_, largest, fine),) = verify_contacts(engine, [pair], tolerance)
+    return largest, fine
+
+
+class VerifiedContact(NamedTuple):
+    """A contact, and the drops that verify it."""
+
+    pair: Pair
+    #: At the step that is named, at all places of the touch.
+    drops: Drops
+    #: At a tenth of that step, at one place.
+    fine: Drops
+
+
+def verify_contacts(
+    engine: Engine, pairs: Sequence[Pair], tolerance: float = TOLERANCE
+) -> list[VerifiedContact]:
+    """Find the largest step that is good for all pairs, and drop each of them at that step."""
+    found = [find_largest_step(engine, pair, tolerance) for pair in pairs]
+    step = min(drops.step for drops in found)
+    return [
+        _verified(engine, pair, drops if drops.step == step else find_extremes(engine, pair, step))
+        for pair, drops in zip(pairs, found, strict=True)
+    ]
+
+
+def verify_stiffest(
+    engine: Engine, pairs: Sequence[Pair], step: float, tolerance: float = TOLERANCE
+) -> list[VerifiedContact]:
+    """Find the stiffest contact of each pair that a step carries."""
+    return [_verified(engine, *find_stiffest(engine, pair, step, tolerance)) for pair in pairs]
+
+
+def _verified(engine: Engine, pair: Pair, drops: Drops) -> VerifiedContact:
+    """Add a drop at a tenth of the step."""
+    return VerifiedContact(pair, drops, drop_at_places(engine, pair, drops.step / 10, [END]))
 
 
 def _require_available(engine: Engine) -> None:

@@ -25,13 +25,17 @@ from impact_xval.compliant_baselines.single_contact import PLACES, Pair, extreme
 from impact_xval.compliant_baselines.solver import Settings, SolverError
 from impact_xval.model.collision import Collision
 
+#: The solver that is the model.
+MODEL = "state-transition"
+
 #: The text to paste for both contacts, by engine. Where parameters belong to bodies, A carries the contact with B, C
 #: carries the contact with B, and B is rigid and undamped.
 TEXTS = {
     "mujoco": """\
 <!-- A, B and C: names of the three geoms. Free bodies and slides: the numbers hold for sums of the bodies' inverse
-     weights (body_invweight0[b, 0]) of {inverse1} and {inverse2} 1/kg. The default tolerance is a cost over the inertia
-     of all bodies solved together: beside heavy bodies it lets go of the forces of light ones. -->
+     weights (body_invweight0[b, 0]) of {inverse1} and {inverse2} 1/kg. The default tolerance is a
+     cost over the inertia of all bodies solved together: beside heavy bodies it lets go of the forces of light
+     ones. -->
 <option timestep="{step}" integrator="Euler" solver="Newton" tolerance="0"/>
 <contact>
   <pair geom1="A" geom2="B" condim="1" margin="0" gap="0"
@@ -103,20 +107,6 @@ class Strike(NamedTuple):
     n: int
 
 
-def bodies_of_contacts(masses: Sequence[float]) -> list[tuple[tuple[float, float], float | None]]:
-    """Return the masses in kg of each contact of three bodies, and the mass that it carries at rest.
-
-    On a fixed third body the first two stand on each other. Between free bodies a contact carries the lighter one
-    (None). A ValueError names what is illegal.
-    """
-    first, second, third = masses
-    if math.isinf(first) or math.isinf(second):
-        text = " ".join(f"{mass:g}" for mass in masses)
-        raise ValueError(f"masses = {text}: of three bodies only the last one may be fixed; legal: inf last")
-    loads = (first, first + second) if math.isinf(third) else (None, None)
-    return [((first, second), loads[0]), ((second, third), loads[1])]
-
-
 def paste_both(engine: str, pairs: Sequence[Pair], step: float) -> str:
     """Return the text to paste for both contacts of three bodies, with the time step in s.
 
@@ -158,7 +148,7 @@ def solve_exactly(
     """Return the velocities in m/s by the model and by the exact solver of the engine's law, or why there are none."""
     collision = collision_of(masses, pairs)
     answers: dict[str, list[float] | str] = {}
-    for name in ("state-transition", law_of(engine)):
+    for name in (MODEL, law_of(engine)):
         if name is None:
             continue
         try:
