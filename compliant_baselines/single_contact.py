@@ -450,7 +450,7 @@ def find_stiffest(
         try:
             tried = pair_of(n)
         except ValueError as illegal:  # with a given damping a longer contact may be damped too much
-            why = str(illegal)
+            why = why or str(illegal)
             break
         longest = tried.motion.duration
         try:
