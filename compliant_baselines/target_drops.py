@@ -94,9 +94,15 @@ def drop_target(target: Target, request: ContactRequest, places: Sequence[float]
     else:
         n_steps, radius = RIGID_STEPS, 2.0 ** math.ceil(math.log2(max(0.5, 100 * way)))
     run = RUNS[target.name]
-    results = [
-        _measure(target, request, run(Drop(text, request, place * way, radius, n_steps))) for place in places
-    ]
+    results: list[tuple[float, float]] = []
+    for place in places:
+        try:
+            rates = run(Drop(text, request, place * way, radius, n_steps))
+        except SolverError:
+            raise
+        except Exception as error:  # a broken or partly installed engine can raise anything
+            raise SolverError(target.name, "crashed", f"{type(error).__name__}: {error}") from None
+        results.append(_measure(target, request, rates))
     restitution, duration = ((min(values), max(values)) for values in zip(*results, strict=True))
     return DropResult(restitution, duration)
 

@@ -512,7 +512,7 @@ _ALL = (
             "restitution is never read.",
             "The solref is positive: a time constant 2/B below two steps becomes two steps (refsafe).",
         ),
-        distributions=_NEWTON,
+        distributions=("newton", "mujoco-warp"),
     ),
     Target(
         "newton-xpbd",

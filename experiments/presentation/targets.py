@@ -115,7 +115,13 @@ def describe_targets(targets: Sequence[Target], pair: ContactOfTwo, step: float 
     SolverError
         If none of them can take the numbers.
     """
+    c = pair.contact
     blocks: list[Block] = []
+    if any(target.kind == "compliant" for target in targets):
+        blocks.append(
+            f"k = {c.k:.6g} N/m and e = {c.restitution:.6g} between bodies of reduced mass {c.mass:.6g} kg; a "
+            f"contact that pushes only has c = {c.c:.6g} N s/m and lasts {c.duration:.6g} s"
+        )
     refusals: list[SolverError] = []
     for target in targets:
         try:

@@ -17,6 +17,7 @@ from impact_xval.compliant_baselines.targets import (
     target_names,
     targets_for,
 )
+from impact_xval.experiments.commands.contact import ENGINES
 
 PAGE = Path(__file__).parents[2] / "docs" / "contacts-in-engines.md"
 FAST = ("mujoco", "pybullet", "bullet", "pymunk", "dart", "rapier")
@@ -193,6 +194,17 @@ def test_names_of_engines_stand_for_all_their_targets():
     assert {target for name in target_names() for target in targets_for(name)} == set(TARGETS.values())
     with pytest.raises(ValueError, match="engine = 'jolt'; legal: mujoco, pybullet, drake, newton, lammps"):
         targets_for("jolt")
+
+
+def test_the_command_knows_all_names():
+    assert target_names() == ENGINES
+
+
+def test_an_engine_that_raises_is_said_to_have_crashed():
+    target = runs(TARGETS["pymunk"])
+    broken = type(target)(**{**vars(target), "write": lambda _: "raise ImportError('no backend')"})
+    with pytest.raises(SolverError, match="crashed: ImportError: no backend"):
+        drop_target(broken, request())
 
 
 def test_what_leaves_double_precision_is_refused():
