@@ -210,7 +210,7 @@ def _newton_mujoco(request: ContactRequest) -> str:
         "newton.solvers.SolverMuJoCo.register_custom_attributes(builder)\n"
         f"contact = newton.ModelBuilder.ShapeConfig(ke={_number(request.contact.k)}, "
         f"kd={_number(request.pushing_damping)}, kf=0.0, mu=0.0)\n"
-        'attributes = {"mujoco:solref_mode": 1, '  # SOLREF_MODE_FORCE_SPACE
+        'attributes = {"mujoco:solref_mode": 0, "mujoco:condim": 1, '  # SOLREF_MODE_FORCE_SPACE
         f'"mujoco:geom_solimp": ({d!r}, {d!r}, 0.001, 0.5, 1.0)}}\n'
         f"{AFTER_FINALIZE}"
         "solver = newton.solvers.SolverMuJoCo(model, use_mujoco_contacts=False, tolerance=0.0)\n"
@@ -504,12 +504,14 @@ _ALL = (
             "geom_solimp: register_custom_attributes in solvers/mujoco/solver_mujoco.py",
         ),
         (
-            "Without solref_mode = 1 ke and kd are read in 1/s^2 and 1/s, as ke/M and kd/M of one mass; kd = 0 becomes "
-            "solref (0.02, 1), a damped contact.",
-            "With solref_mode = 1 and the default solimp the numbers hold for a body at rest; in motion only 1 - dmax, "
+            "By the default, solref_mode = 2, ke and kd are read in 1/s^2 and 1/s, as k/M and c/M of one mass; kd = 0 "
+            "becomes solref (0.02, 1), a damped contact.",
+            "With solref_mode = 0 and the default solimp the numbers hold for a body at rest; in motion only 1 - dmax, "
             "0.05 of them, acts. So solimp is written too.",
             "An authored <pair> is ignored when Newton makes the contacts (use_mujoco_contacts=False). A "
             "restitution is never read.",
+            "With solref_mode = 0 and pyramidal friction the gains are also scaled by mu^2 (1 + mu^2)/(condim - 1). "
+            "So the text writes condim 1, a contact without friction.",
             "The solref is positive: a time constant 2/B below two steps becomes two steps (refsafe).",
         ),
         distributions=("newton", "mujoco-warp"),
