@@ -24,7 +24,12 @@ from impact_xval.compliant_baselines.engines.engine import standard_error_withou
 from impact_xval.compliant_baselines.engines.scene import Floats, radius_of
 from impact_xval.compliant_baselines.pasted_drops import drop_in_mujoco, drop_in_pybullet
 from impact_xval.compliant_baselines.solver import SolverError
-from impact_xval.compliant_baselines.targets import AFTER_FINALIZE, ContactRequest, Target
+from impact_xval.compliant_baselines.targets import (
+    AFTER_FINALIZE,
+    BEFORE_FINALIZE,
+    ContactRequest,
+    Target,
+)
 
 #: Places of the touch within a step.
 PLACES = (0.01, 0.25, 0.5, 0.75, 0.99)
@@ -205,7 +210,8 @@ def _run_drake(drop: Drop) -> Floats:
 def _run_newton(drop: Drop) -> Floats:
     newton, warp = import_module("newton"), import_module("warp")
     request = drop.request
-    before, _, after = drop.text.partition(AFTER_FINALIZE)
+    first, _, after = drop.text.partition(AFTER_FINALIZE)
+    before, _, between = first.partition(BEFORE_FINALIZE)
     with standard_error_without(b"Warp CUDA warning"), warp.ScopedLogLevel(warp.LOG_WARNING):
         builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
         scope = {"newton": newton, "builder": builder}
@@ -225,6 +231,7 @@ def _run_newton(drop: Drop) -> Floats:
             builder.add_shape_plane(body=-1, width=0.0, length=0.0, cfg=contact, **more)
         else:
             add_ball(request.masses[1], -drop.radius)
+        exec(between, scope)
         model = builder.finalize(device="cpu")
         scope["model"] = model
         exec(after, scope)

@@ -39,7 +39,8 @@ Kind = Literal["compliant", "restitution"]
 #: none, the target takes a coefficient of restitution.
 Law = Literal["pushes", "pulls", "compression", "depth", "rigid"]
 
-#: Begins the part of a text for Newton that is read once the model is built.
+#: Begin the parts of a text for Newton that are read once bodies and shapes are added, and once the model is built.
+BEFORE_FINALIZE = "# Before builder.finalize(), once bodies and shapes are added:\n"
 AFTER_FINALIZE = "# After model = builder.finalize():\n"
 
 #: A number that is none, as Python writes it; C++ has an f behind it.
@@ -173,7 +174,7 @@ def _pasted(engine: str) -> Callable[[ContactRequest], str]:
 
 
 def _newton(
-    config: Callable[[ContactRequest], dict[str, float]], solver: str
+    config: Callable[[ContactRequest], dict[str, float]], solver: str, before_finalize: str = ""
 ) -> Callable[[ContactRequest], str]:
     """Return a writer for a solver of Newton, from the numbers of its shape configuration."""
 
@@ -183,7 +184,8 @@ def _newton(
         return (
             "# builder: a newton.ModelBuilder. Give this configuration to the shapes of both bodies.\n"
             f"contact = newton.ModelBuilder.ShapeConfig({arguments})\n"
-            f"{AFTER_FINALIZE}solver = {solver}\n"
+            + (f"{BEFORE_FINALIZE}{before_finalize}\n" if before_finalize else "")
+            + f"{AFTER_FINALIZE}solver = {solver}\n"
             f"step = {_number(request.step)}  # for solver.step\n"
         )
 
@@ -481,13 +483,17 @@ _ALL = (
         "newton-vbd",
         "Newton, VBD",
         "pushes",
-        _newton(_newton_pushing, "newton.solvers.SolverVBD(model)"),
+        _newton(_newton_pushing, "newton.solvers.SolverVBD(model)", "builder.color()"),
         "`ke` and `kd` of a shape; `restitution` is not read",
         "means",
         _NO_THRESHOLD,
         (
             "ke, kd: _average_contact_material in solvers/vbd/rigid_vbd_kernels.py",
             "the step: solver.step(..., dt)",
+        ),
+        notes=(
+            "Of its law nothing was measured here: the damping is that of a contact that pushes only.",
+            "Without builder.color() the solver refuses a model with bodies.",
         ),
         distributions=_NEWTON,
     ),
