@@ -64,6 +64,9 @@ def _versions() -> str:
     return "\n".join(lines)
 
 
+#: Classes of commands that read their words in a way of their own.
+_CLASSES = {"contact": contact.ContactCommand}
+
 # In the order of the help.
 for name, command in {
     "run": runs.run_command,
@@ -79,7 +82,7 @@ for name, command in {
     "solvers": solvers.solvers_command,
     "inspect": solvers.inspect_command,
 }.items():
-    app.command(name)(command)
+    app.command(name, cls=_CLASSES.get(name))(command)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -3,48 +3,197 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from impact_xval.compliant_baselines.asked_contact import GRAVITY
 from impact_xval.compliant_baselines.engines.engine import Engine
+from impact_xval.compliant_baselines.mapping import MujocoContact
 from impact_xval.compliant_baselines.paste import paste
-from impact_xval.compliant_baselines.single_contact import DROP, TOLERANCE, Drops, Pair
+from impact_xval.compliant_baselines.registry import title_of
+from impact_xval.compliant_baselines.single_contact import DROP, TOLERANCE, Pair, VerifiedContact
+from impact_xval.compliant_baselines.solref import is_linear
+from impact_xval.compliant_baselines.three_bodies import MODEL, Strike, paste_both
 from impact_xval.experiments.presentation.document import Block, Table
 from impact_xval.experiments.tables.numbers import number
+from impact_xval.model.kinetic import kinetic_norm
 from impact_xval.model.materials import MaterialContact
 
 if TYPE_CHECKING:  # it imports MuJoCo
     from impact_xval.compliant_baselines.inspect_mujoco import Finding, MeasuredContact
 
 
-def contact_blocks(
-    engine: Engine, pair: Pair, touch: MaterialContact | None, largest: Drops, fine: Drops
-) -> list[Block]:
-    """Lay out a contact, the lines to paste, and the results of drops at a step and at a tenth of it.
+#: Names of the bodies from the top down, as the text to paste calls them.
+_BODIES = "ABC"
 
-    `touch` is what the pair was made of, if of materials. A SolverError says why the engine does not take it.
+
+def contact_blocks(
+    engine: Engine,
+    verified: Sequence[VerifiedContact],
+    touch: MaterialContact | None = None,
+    tolerance: float = TOLERANCE,
+    given_step: float | None = None,
+) -> list[Block]:
+    """Lay out one contact, or two of three bodies: numbers, lines to paste, and the results of drops.
+
+    Parameters
+    ----------
+    engine
+        The engine.
+    verified
+        The contacts, all of them dropped at one step.
+    touch
+        What the pair was made of, if of materials.
+    tolerance
+        Allowed relative error of restitution and duration.
+    given_step
+        The time step in s, if it was given and the stiffness was looked for.
+
+    Raises
+    ------
+    SolverError
+        If the engine does not take a contact.
     """
-    c, name, rows = pair.contact, engine.name, []
-    for quantity, unit, request in (("restitution", "", pair.restitution), ("duration", " s", c.duration)):
-        at_tenth = f"{getattr(fine, quantity)[0]:.6g}{unit}"
-        rows.append(
-            (
-                quantity,
-                f"{request:.6g}{unit}",
-                f"{round_outward(*getattr(largest, quantity))}{unit}",
-                at_tenth,
-            )
-        )
-    where = "by the lines above alone" if name in DROP else "by the adapter's scene"
-    header = ("", "asked", f"at {largest.step:.6g} s", f"at {largest.step / 10:.6g} s")
+    pairs, step = [contact.pair for contact in verified], verified[0].drops.step
+    blocks: list[Block] = []
+    for i, pair in enumerate(pairs):
+        blocks += _describe_numbers(pair, f"{_name_of_contact(i)}: " if len(pairs) > 1 else "")
+    if touch is not None:
+        blocks.append(_describe_linearised(touch, pairs[0].speed))
+    if len(pairs) == 1:
+        text = paste(engine.name, pairs[0].contact, step, pairs[0].solref)
+    else:
+        text = paste_both(engine.name, pairs, step)
+    return [*blocks, f"\n{text.rstrip()}", *_drop_blocks(engine, verified, tolerance, given_step)]
+
+
+def _name_of_contact(i: int) -> str:
+    """Name contact i, from 0, by its bodies."""
+    return f"{_BODIES[i]} on {_BODIES[i + 1]}"
+
+
+def _describe_numbers(pair: Pair, prefix: str) -> list[str]:
+    """Say what contact a pair has, and how deep it goes."""
+    c, lines = pair.contact, []
+    if pair.solref is not None:
+        solref, solimp = (" ".join(f"{value:g}" for value in values) for values in pair.solref)
+        lines.append(f"solref {solref} with solimp {solimp}, as the engine reads it, is for these masses:")
     return [
-        f"k = {c.k:.6g} N/m, c = {c.c:.6g} N s/m (zeta = {c.zeta:.4g}) between bodies of reduced mass {c.mass:.6g} kg",
+        *lines,
+        f"{prefix}k = {c.k:.6g} N/m, c = {c.c:.6g} N s/m (zeta = {c.zeta:.4g}) between bodies of reduced mass "
+        f"{c.mass:.6g} kg",
+        *([] if pair.solref is None else _describe_solref(pair.solref, pair)),
         f"at {pair.speed:.6g} m/s the penetration is {pair.penetration:.3g} m: the bodies must be much larger",
-        *([] if touch is None else [_describe_linearised(touch, pair.speed)]),
-        f"\n{paste(name, c, largest.step).rstrip()}",
-        Table(header, rows, f"Drops in {name} {where}"),
-        f"{largest.step:.6g} s is the largest step tried (ten a decade) at which {name} {engine.version()} keeps both "
-        f"within {TOLERANCE:g} of the request, wherever within a step the bodies touch ({largest.n} drops), and at the "
-        f"four shorter steps too: {c.duration / largest.step:.0f} steps in a contact",
+        f"at rest it is {pair.depth_at_rest:.4g} m under the weight of {pair.carried:.6g} kg at {GRAVITY:g} m/s^2",
+    ]
+
+
+def _describe_solref(written: MujocoContact, pair: Pair) -> list[str]:
+    """Say what the numbers of a solref are not."""
+    lines: list[str] = []
+    if not is_linear(written):
+        lines.append(
+            f"This is the spring and dashpot of the same restitution and duration at {pair.speed:.6g} m/s. The "
+            "impedance changes with the depth: another speed makes another contact of it."
+        )
+    if written.solref[0] > 0:
+        lines.append(
+            f"The second number of solref is a damping ratio, not a restitution: {written.solref[1]:g} rebounds with "
+            f"{pair.motion.restitution:.4g}."
+        )
+    return lines
+
+
+def _drop_blocks(
+    engine: Engine, verified: Sequence[VerifiedContact], tolerance: float, given_step: float | None
+) -> list[Block]:
+    """Lay out what drops gave at a step and at a tenth of it, and what the step is."""
+    name, step = engine.name, verified[0].drops.step
+    rows: list[tuple[str, ...]] = []
+    for i, (pair, drops, fine) in enumerate(verified):
+        for quantity, unit in (("restitution", ""), ("duration", " s")):
+            label = quantity if len(verified) == 1 else f"{quantity}, {_name_of_contact(i)}"
+            rows.append(
+                (
+                    label,
+                    f"{getattr(pair.motion, quantity):.6g}{unit}",
+                    f"{round_outward(*getattr(drops, quantity))}{unit}",
+                    f"{getattr(fine, quantity)[0]:.6g}{unit}",
+                )
+            )
+    where = "by the lines above alone" if name in DROP else "by the adapter's scene"
+    is_asked = all(pair.restitution is not None for pair, _, _ in verified)
+    header = ("", "asked" if is_asked else "exact", f"at {step:.6g} s", f"at {step / 10:.6g} s")
+    caption = f"Drops in {name} {where}"
+    if len(verified) > 1:
+        caption += ", each contact alone"
+    counts = " and ".join(str(contact.drops.n) for contact in verified)
+    steps = " and ".join(f"{contact.pair.motion.duration / step:.0f}" for contact in verified)
+    kept = (
+        f"at which {name} {engine.version()} keeps both within {tolerance:g} of the request, wherever within a step "
+        f"the bodies touch ({counts} drops), and at the four shorter steps too: {steps} steps in a contact"
+    )
+    if given_step is None:
+        says = f"{step:.6g} s is the largest step tried (ten a decade) {kept}"
+    else:
+        stiffest = "this is the stiffest contact" if len(verified) == 1 else "these are the stiffest contacts"
+        says = (
+            f"{stiffest} tried (forty durations a decade) for {step:.6g} s {kept}; a larger --tolerance lets a stiffer "
+            "one pass"
+        )
+    return [Table(header, rows, caption), says]
+
+
+def impact_blocks(
+    engine: str,
+    masses: Sequence[float],
+    pairs: Sequence[Pair],
+    exact: Mapping[str, list[float] | str],
+    runs: Sequence[Strike | str],
+) -> list[Block]:
+    """Lay out the impact of three bodies at once.
+
+    `exact` has the velocities in m/s by solver, and `runs` those of the engine's runs, or else the reason why there are
+    none.
+    """
+    moving = [body for body, mass in zip(_BODIES, masses, strict=True) if not math.isinf(mass)]
+    weights = [mass for mass in masses if not math.isinf(mass)]
+    model = exact[MODEL]
+    rows: list[tuple[str, ...]] = []
+    notes: list[str] = []
+
+    def divergence(velocities: Sequence[float]) -> str:
+        if isinstance(model, str):
+            return "-"
+        difference = np.subtract(velocities, model)
+        start = [-pairs[0].speed, *[0.0] * (len(moving) - 1)]
+        return f"{kinetic_norm(weights, difference) / kinetic_norm(weights, start):.3f}"
+
+    for solver, velocities in exact.items():
+        label = f"{title_of(solver)} ({solver})"
+        if isinstance(velocities, str):
+            notes.append(f"{label}: {velocities}")
+            continue
+        rows.append((label, *(f"{velocity:.6f}" for velocity in velocities), divergence(velocities)))
+    for run in runs:
+        if isinstance(run, str):
+            notes.append(f"{engine}: {run}")
+            continue
+        ranges = (round_outward(*ends) if run.n > 1 else f"{ends[0]:.6f}" for ends in run.velocities)
+        middle = [0.5 * (low + high) for low, high in run.velocities]
+        rows.append((f"{engine}, the lines above at {run.step:.6g} s", *ranges, divergence(middle)))
+    floor = "is fixed" if len(moving) == 2 else "is at rest"
+    caption = (
+        f"The impact of all three: A strikes B at {pairs[0].speed:.6g} m/s while B touches C, which {floor}; no "
+        "gravity; velocities in m/s, positive away from C"
+    )
+    return [
+        Table(("", *(f"v of {body}" for body in moving), "D"), rows, caption),
+        *notes,
+        "D is the difference from the model (docs/theory.md, section 9). The restitution of a contact is not kept "
+        "where a third body pushes too.",
     ]
 
 
