@@ -24,8 +24,9 @@ from impact_xval.model.inputs import Legal
 #: In m/s^2: of the weight that a contact carries at rest.
 GRAVITY = 9.81
 
-#: Largest damping ratio. It leaves a restitution of 1e-8; what is less is lost in the rounding of a drop.
-LARGEST_DAMPING_RATIO = 5000.0
+#: Largest damping ratio; it leaves a restitution of 1e-4. Beyond it the force is lost in the rounding of velocities
+#: before it ends: at 200 a drop in MuJoCo shows a duration that is 4 % too short, at 1000 20 %.
+LARGEST_DAMPING_RATIO = 50.0
 
 #: Longest contact in s.
 LONGEST = 1e6
@@ -109,7 +110,7 @@ class AskedContact:
         if contact.zeta > LARGEST_DAMPING_RATIO * (1 + 1e-12):
             raise ValueError(
                 f"damping = {self.damping!r} beside {decisive.name} = {value!r}: a damping ratio of "
-                f"{contact.zeta:.3g}; legal: at most {LARGEST_DAMPING_RATIO:g}, which returns 1e-8 of the speed"
+                f"{contact.zeta:.3g}; legal: at most {LARGEST_DAMPING_RATIO:g}, which returns 1e-4 of the speed"
             )
         if contact.duration > LONGEST:
             raise ValueError(
@@ -160,14 +161,14 @@ def stiffness_from_duration(duration: float, zeta: float, mass: float) -> float:
 def stiffness_from_damping_and_duration(damping: float, duration: float, mass: float) -> float:
     """Return the stiffness in N/m of a contact of a damping in N s/m, a duration in s and a reduced mass in kg.
 
-    The restitution follows from the three alone (see the module). A ValueError says that it would be below 1e-8.
+    The restitution follows from the three alone (see the module). A ValueError says that it would be below 1e-4.
     """
     loss = damping * duration / (2 * mass)
     largest = LARGEST_DAMPING_RATIO * contact_time(LARGEST_DAMPING_RATIO)
     if loss > largest:
         raise ValueError(
             f"damping = {damping!r} beside duration = {duration!r}: a restitution of exp(-{loss:.3g}); legal: at most "
-            f"{largest * 2 * mass / duration:.6g} N s/m, which returns 1e-8 of the speed"
+            f"{largest * 2 * mass / duration:.6g} N s/m, which returns 1e-4 of the speed"
         )
     zeta = damping_ratio(math.exp(-loss))
     return stiffness_from_duration(duration, zeta, mass)

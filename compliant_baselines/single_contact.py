@@ -39,9 +39,6 @@ from impact_xval.model.materials import MaterialContact
 #: Allowed relative error of restitution and duration, unless another one is asked for.
 TOLERANCE = 0.01
 
-#: Restitution below which the allowed error is a share of this number, and not of the restitution itself.
-NO_REBOUND = 1e-4
-
 #: Rounding of such an error; 99 steps of 0.001 s for a duration of 0.1 s are on the edge.
 ROUNDING = 1e-9
 
@@ -275,9 +272,9 @@ class Drops(NamedTuple):
     def error(self, pair: Pair) -> float:
         """Return the greatest relative error of restitution and duration."""
         right = pair.motion
-        errors = [abs(e - right.restitution) / max(right.restitution, NO_REBOUND) for e in self.restitution]
-        errors += [abs(duration / right.duration - 1) for duration in self.duration]
-        return max(errors)
+        ratios = [e / right.restitution for e in self.restitution]
+        ratios += [duration / right.duration for duration in self.duration]
+        return max(abs(ratio - 1) for ratio in ratios)
 
 
 def drop_at_places(engine: Engine, pair: Pair, step: float, places: Sequence[float]) -> Drops:

@@ -19,20 +19,21 @@ from typing import NamedTuple
 import numpy as np
 from scipy.integrate import solve_ivp  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
+from impact_xval.compliant_baselines.asked_contact import LARGEST_DAMPING_RATIO
 from impact_xval.compliant_baselines.mapping import (
     MUJOCO_DEFAULT_SOLIMP,
     MUJOCO_IMPEDANCE,
     KelvinVoigtContact,
     MujocoContact,
 )
-from impact_xval.compliant_baselines.restitution import contact_time, damping_ratio
+from impact_xval.compliant_baselines.restitution import contact_time, damping_ratio, restitution
 from impact_xval.model.arrays import Floats
 
 #: Largest impedance, and least width, that the engine takes (mjMAXIMP and mjMINVAL).
 LARGEST_IMPEDANCE, LEAST_WIDTH = 0.9999, 1e-15
 
 #: Least restitution for which an equivalent spring and dashpot are named.
-LEAST_RESTITUTION = 1e-8
+LEAST_RESTITUTION = restitution(LARGEST_DAMPING_RATIO)
 
 #: Relative error of the integration.
 ACCURACY = 1e-9
@@ -103,10 +104,10 @@ def contact_of_solref(pair: MujocoContact, mass: float, speed: float) -> tuple[K
         zeta = damping_ratio(min(max(motion.restitution, LEAST_RESTITUTION), 1.0))
         k = mass * (contact_time(zeta) / motion.duration) ** 2
         contact = KelvinVoigtContact(k, 2 * zeta * math.sqrt(k * mass), mass)
-    if not motion.restitution >= LEAST_RESTITUTION:
+    if not motion.restitution >= LEAST_RESTITUTION * (1 - 1e-9):
         raise ValueError(
             f"solref = {pair.solref[0]:g} {pair.solref[1]:g}: the contact returns {motion.restitution:.1g} of the "
-            f"speed; legal: at least {LEAST_RESTITUTION:g}"
+            f"speed; legal: at least {LEAST_RESTITUTION:.1g}"
         )
     if not (0 < contact.k < math.inf and contact.c < math.inf):
         raise ValueError(f"solref = {pair.solref[0]:g} {pair.solref[1]:g}: beyond double precision")

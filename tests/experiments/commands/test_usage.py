@@ -66,15 +66,19 @@ WRONG = [
     (f"{ASK} --step 0", "--step = 0.0; legal: from 1e-12 to 1000 (s)"),
     (f"{ASK} --sink 1 --tolerance 0", "--tolerance = 0.0; legal: from 0.0001 to 0.3"),
     (f"{OF_TWO} --damping -1 --sink 1", "--damping = -1.0; legal: a finite number >= 0 (N s/m)"),
-    (f"{OF_TWO} --damping-ratio -1 --sink 1", "--damping-ratio = -1.0; legal: from 0 to 5000"),
+    (f"{OF_TWO} --damping-ratio -1 --sink 1", "--damping-ratio = -1.0; legal: from 0 to 50"),
     (
         f"{OF_TWO} --damping 1e9 --sink 1",
         "--damping = 1000000000.0 beside sink = 1.0: a damping ratio of",
-        "5000",
+        "legal: at most 50",
     ),
     (
         f"{OF_TWO} --damping 1e9 --duration 1",
         "--damping = 1000000000.0 beside duration = 1.0: a restitution of",
+    ),
+    (
+        f"{OF_TWO} --solref -1 -1e3",
+        "--solref = -1 -1000: the contact returns 1e-06 of the speed; legal: at least 0.0001",
     ),
     (f"{OF_TWO} --solref -1", "--solref = '-1'; legal: two numbers"),
     (
