@@ -34,7 +34,7 @@ _PARAMETERS = {
 _MASS_MATRIX = "makeM" if hasattr(mujoco, "mj_makeM") else "crb"
 
 #: Number of geoms from which on only some geoms of each kind are looked at.
-MOST_GEOMS = 120
+MOST_GEOMS = 60
 
 #: Geoms of a kind that are looked at in a larger scene: so many of the lightest bodies, and so many of the heaviest.
 GEOMS_PER_END = 2
@@ -127,8 +127,8 @@ def find_contacts(model: Any, selected: Iterable[int] | None = None) -> list[Sce
     """Find the contacts of a compiled model; <pair>s come first.
 
     The engine itself says which geoms can touch, and combines their parameters. In a copy of the scene all geoms are at
-    one place, and have a shape whose overlap the engine always finds. `selected` are the geoms that are looked at beside
-    those of <pair>s, by default those of `select_geoms`.
+    one place, and have a shape whose overlap the engine always finds. `selected` are the geoms that are looked at
+    beside those of <pair>s, by default those of `select_geoms`.
     """
     near = _everything_near(model)
     _make_others_pass(near, {*(select_geoms(model) if selected is None else selected)})
@@ -139,26 +139,29 @@ def find_contacts(model: Any, selected: Iterable[int] | None = None) -> list[Sce
     mujoco.mj_collision(near, data)
     # A geom of -1 is a flex.
     touching = {
-        tuple(sorted(contact.geom.tolist())): contact for contact in data.contact if contact.geom.min() >= 0
+        tuple(sorted(geoms)): n for n, geoms in enumerate(data.contact.geom.tolist()) if min(geoms) >= 0
     }
+    columns = [
+        (name, getattr(data.contact, field).reshape(len(data.contact), -1).tolist())
+        for name, field in _PARAMETERS.items()
+    ]
     pair_geoms = np.sort([model.pair_geom1, model.pair_geom2], axis=0).T.tolist()
     pairs = {tuple(geoms): i for i, geoms in enumerate(pair_geoms)}
-    of_bodies = _BodyNumbers(near, data)
+    of_bodies, rules, bodies_of_geoms = _BodyNumbers(near, data), _Rules(model), model.geom_bodyid.tolist()
     contacts: list[SceneContact] = []
     for geoms in sorted(touching, key=lambda geoms: (pairs.get(geoms, model.npair), geoms)):
-        light, heavy = sorted(model.geom_bodyid[[*geoms]].tolist(), key=of_bodies.mass)
+        light, heavy = sorted((bodies_of_geoms[geom] for geom in geoms), key=of_bodies.mass)
         if of_bodies.mass(light) == math.inf:
             continue
-        values = ((name, np.ravel(getattr(touching[geoms], field))) for name, field in _PARAMETERS.items())
-        pair = tuple((name, tuple(value.tolist())) for name, value in values)
-        rule = _rule_of(model, geoms, geoms in pairs)
+        pair = tuple((name, tuple(values[touching[geoms]])) for name, values in columns)
+        rule = rules.of(geoms, geoms in pairs)
         bodies = Bodies(
             masses=(of_bodies.mass(light), of_bodies.mass(heavy)),
             weights=(of_bodies.weights(light), of_bodies.weights(heavy)),
             pair=pair,
             inertia=of_bodies.inertia(light, heavy),
             losses=(of_bodies.losses(light), of_bodies.losses(heavy)),
-            mixed=_mixed_solrefs(model, geoms, rule, dict(pair)["solref"]),
+            mixed=rules.mixed_solrefs(geoms, rule, dict(pair)["solref"]),
             rule=rule,
         )
         contacts.append(SceneContact(_name_of(model, geoms, pairs.get(geoms)), geoms, bodies))
@@ -178,7 +181,18 @@ def select_geoms(model: Any) -> list[int]:
     geoms = list(range(model.ngeom))
     if model.ngeom <= MOST_GEOMS:
         return geoms
-    fields = ("solref", "solimp", "solmix", "priority", "condim", "friction", "margin", "gap", "contype", "conaffinity")
+    fields = (
+        "solref",
+        "solimp",
+        "solmix",
+        "priority",
+        "condim",
+        "friction",
+        "margin",
+        "gap",
+        "contype",
+        "conaffinity",
+    )
     is_fixed = model.body_weldid[model.geom_bodyid] == 0
     columns = [np.asarray(getattr(model, f"geom_{name}"), float).reshape(model.ngeom, -1) for name in fields]
     _, kinds = np.unique(np.column_stack([*columns, is_fixed]), axis=0, return_inverse=True)
@@ -217,24 +231,32 @@ def _everything_near(model: Any) -> Any:
     return near
 
 
-def _rule_of(model: Any, geoms: tuple[int, ...], is_pair: bool) -> str:
-    """Say where the parameters of a contact come from, one of `RULES`."""
-    if model.opt.enableflags & int(mujoco.mjtEnableBit.mjENBL_OVERRIDE):
-        return "override"
-    if is_pair:
-        return "pair"
-    if np.ptp(model.geom_priority[[*geoms]]) > 0:
-        return "priority"
-    numbers = (np.ptp(getattr(model, f"geom_{name}")[[*geoms]], axis=0) for name in ("solref", "solimp"))
-    return "mixed" if any(differences.any() for differences in numbers) else "same"
+class _Rules:
+    """How the engine combines the parameters of two geoms."""
 
+    def __init__(self, model: Any) -> None:
+        self._is_overridden = bool(model.opt.enableflags & int(mujoco.mjtEnableBit.mjENBL_OVERRIDE))
+        self._priorities = model.geom_priority.tolist()
+        self._solrefs, self._solimps = model.geom_solref.tolist(), model.geom_solimp.tolist()
 
-def _mixed_solrefs(model: Any, geoms: tuple[int, ...], rule: str, solref: Any) -> tuple[Any, ...] | None:
-    """Return the solrefs of two geoms if the engine has mixed them and the result is direct; else None."""
-    first, second = (tuple(model.geom_solref[geom].tolist()) for geom in geoms)
-    if rule != "mixed" or first == second or min(solref) > 0:
-        return None
-    return first, second
+    def of(self, geoms: tuple[int, ...], is_pair: bool) -> str:
+        """Say where the parameters of a contact come from, one of `RULES`."""
+        first, second = geoms
+        if self._is_overridden:
+            return "override"
+        if is_pair:
+            return "pair"
+        if self._priorities[first] != self._priorities[second]:
+            return "priority"
+        is_same = all(numbers[first] == numbers[second] for numbers in (self._solrefs, self._solimps))
+        return "same" if is_same else "mixed"
+
+    def mixed_solrefs(self, geoms: tuple[int, ...], rule: str, solref: Any) -> tuple[Any, ...] | None:
+        """Return the solrefs of two geoms if the engine has mixed them and the result is direct; else None."""
+        first, second = (tuple(self._solrefs[geom]) for geom in geoms)
+        if rule != "mixed" or first == second or min(solref) > 0:
+            return None
+        return first, second
 
 
 def _name_of(model: Any, geoms: tuple[int, ...], pair: int | None) -> str:
@@ -272,21 +294,25 @@ class _BodyNumbers:
     def __init__(self, model: Any, data: Any) -> None:
         self._model, self._data = model, data
         self._of_bodies: dict[int, tuple[float, Losses]] = {}
+        self._weights: dict[int, tuple[float, ...]] = {}
         self._inertias: dict[tuple[int, ...], float] = {}
-        self._diagonal = _mass_diagonal(model, data)
+        self._inertia_of_trees = np.bincount(model.dof_treeid, _mass_diagonal(model, data), minlength=1)
         self._has_islands = _has_islands(model.opt)
+        self._trees = model.body_treeid.tolist()
 
     def mass(self, body: int) -> float:
-        """Mass in kg, as of `_mass_and_losses`."""
+        """Return the mass in kg, as of `_mass_and_losses`."""
         return self._of_body(body)[0]
 
     def losses(self, body: int) -> Losses:
-        """Losses of the joints, as of `_mass_and_losses`."""
+        """Return the losses of the joints, as of `_mass_and_losses`."""
         return self._of_body(body)[1]
 
     def weights(self, body: int) -> tuple[float, ...]:
-        """The engine's `body_invweight0`."""
-        return _round(self._model.body_invweight0[body])
+        """Return the engine's `body_invweight0`."""
+        if body not in self._weights:
+            self._weights[body] = _round(self._model.body_invweight0[body])
+        return self._weights[body]
 
     def _of_body(self, body: int) -> tuple[float, Losses]:
         if body not in self._of_bodies:
@@ -294,15 +320,15 @@ class _BodyNumbers:
         return self._of_bodies[body]
 
     def inertia(self, *bodies: int) -> float:
-        """Sum of the mass matrix's diagonal, in kg and kg m^2, by which the solver divides its measures.
+        """Return the sum of the mass matrix's diagonal, in kg and kg m^2, by which the solver divides its measures.
 
         It runs over all degrees of freedom that are solved together: the trees of the two bodies, or the whole scene
         where it is not solved island by island.
         """
-        trees = tuple(sorted({*self._model.body_treeid[[*bodies]].tolist()} - {-1})) if self._has_islands else ()
+        trees = tuple(sorted({self._trees[body] for body in bodies} - {-1})) if self._has_islands else ()
         if trees not in self._inertias:
-            dofs = np.isin(self._model.dof_treeid, trees) if self._has_islands else slice(None)
-            self._inertias[trees] = _round(math.fsum(self._diagonal[dofs]))[0]
+            of_trees = self._inertia_of_trees[[*trees]] if self._has_islands else self._inertia_of_trees
+            self._inertias[trees] = _round(of_trees.sum())[0]
         return self._inertias[trees]
 
 
