@@ -118,8 +118,8 @@ def scene_blocks(
     if any(contact.keep or contact.newton_metre for group in shown for contact in group.examined):
         traps.insert(
             0,
-            'Write a reading as <pair geom1="A" geom2="B" ... solimp="0.0001 0.0001 0.001 0.5 1"/>, A and B two geoms; '
-            "or let --fix FILE --keep or --newton-metre write all" + _describe_creep(shown),
+            'Write these numbers in a <pair geom1="A" geom2="B" solimp="0.0001 0.0001 0.001 0.5 1" .../>, A and B two '
+            "geoms; --fix FILE with --keep or --newton-metre writes all" + _describe_creep(shown),
         )
     if len(groups) > len(shown):
         remarks.insert(0, f"{len(groups) - len(shown)} more groups: --all shows them")
@@ -337,7 +337,7 @@ def _describe_creep(groups: list[ExaminedGroup]) -> str:
     ]
     if all(reading.condim == 1 for reading in readings):
         return ""
-    return ". Its friction is a weak dashpot up to its limit: bodies creep on a slope"
+    return ". Friction is then a weak dashpot up to its limit: bodies creep on a slope"
 
 
 def _describe_reading(readings: list[tuple[ExaminedContact, Reading]]) -> str:
@@ -364,15 +364,15 @@ def _describe_reading(readings: list[tuple[ExaminedContact, Reading]]) -> str:
     if high:
         written += f" for {low}, {high}"
     if first.kind == "keep":
-        meant = f"as now, e = {e} in {duration} s"
         bodies = [member.bodies for member, _ in readings]
         is_free = all(math.isclose(each.mass, each.scale, rel_tol=1e-6) for each in bodies)
-        meant += ", in any mass" if is_free and len(solrefs) == 1 else ""
+        mass = ", in any mass," if is_free and len(solrefs) == 1 else ","
+        meant = f"to keep e = {e} in {duration} s{mass}"
     else:
         numbers = _format_values([reading.stiffness for _, reading in readings])
         dampings = _format_values([reading.damping for _, reading in readings])
-        meant = f"as {numbers} N/m and {dampings} N s/m, e = {e} in {duration} s"
-    return f"{meant}: {written}{tolerance}, step {step:g} s; {drops}"
+        meant = f"if {numbers} N/m and {dampings} N s/m were meant (e = {e} in {duration} s),"
+    return f"{meant} write {written}{tolerance} at a step of {step:g} s: {drops}"
 
 
 def _describe_traps(examination: Examination, scene: str, everything: bool) -> list[str]:

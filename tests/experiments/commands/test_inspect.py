@@ -42,8 +42,8 @@ def test_both_readings_are_on_the_screen(tmp_path, command):
     path = tmp_path / "golf.xml"
     path.write_text(field_scenes.golf())
     out = command(["inspect", path], ends=3)
-    assert re.search(r'^1  as now, e = 0\.79\d? in 0\.0076\d* s: condim="3" ', out, re.MULTILINE)
-    assert re.search(r"^1  as 200000 N/m and 70 N s/m, e = 0\.33\d? in ", out, re.MULTILINE)
+    assert re.search(r'^1  to keep e = 0\.79\d? in 0\.0076\d* s, write condim="3" ', out, re.MULTILINE)
+    assert re.search(r"^1  if 200000 N/m and 70 N s/m were meant \(e = 0\.33\d? in ", out, re.MULTILINE)
 
 
 def test_frictionless_contacts_are_said_to_be_and_stay_so(tmp_path, command):
