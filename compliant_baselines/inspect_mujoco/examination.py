@@ -109,7 +109,7 @@ def examine(speed: float, scene: Path) -> tuple[list[MeasuredContact], list[Find
     """Measure the contacts of a file, .mjb or MJCF, and look for traps; or say why MuJoCo does not take it."""
     try:
         return examine_model(load_scene(scene), speed)
-    except ValueError as error:
+    except Exception as error:  # the engine may raise anything on a scene that it does not expect
         return str(error)
 
 

@@ -132,7 +132,7 @@ def read_direct_numbers(
     """
     if bodies.solref[0] >= 0:
         return None, None
-    meant = meaning_in_newton_metre(bodies)
+    meant = meaning_in_newton_metre(bodies, option)
     assert measured.restitution_range is not None
     off = max(abs(e - meant.restitution) for e in measured.restitution_range)
     is_stiff_as_meant = measured.stiffness is not None and abs(measured.stiffness / meant.k - 1) <= NEAR_K
@@ -142,14 +142,14 @@ def read_direct_numbers(
     return keep, verify_reading("newton-metre", bodies, option, speed, meant)
 
 
-def meaning_in_newton_metre(bodies: Bodies) -> KelvinVoigtContact:
+def meaning_in_newton_metre(bodies: Bodies, option: Any) -> KelvinVoigtContact:
     """Return the contact whose numbers in N/m and N s/m are those of a direct solref.
 
-    At the level of forces the numbers are those over the mass by which the engine scales them.
+    At the level of forces the numbers are those over the mass and the cone's factor by which the engine scales them.
     """
     solref, solimp = bodies.solref, bodies.solimp
     is_at_force_level = solimp[0] <= FORCE_LEVEL and solref[1] <= 0
-    unit = bodies.scale if is_at_force_level else 1.0
+    unit = bodies.scale * _cone_factor(bodies, option) if is_at_force_level else 1.0
     return KelvinVoigtContact(abs(solref[0]) * unit, abs(solref[1]) * unit, bodies.mass)
 
 
@@ -163,18 +163,9 @@ def contact_of(measured: MeasuredContact, bodies: Bodies) -> KelvinVoigtContact:
 
 
 def write_reading(kind: Kind, bodies: Bodies, option: Any, meant: KelvinVoigtContact) -> Reading:
-    """Write a contact as a <pair> at the level of forces, with the geoms' own condim and friction; nothing is measured.
-
-    At a small impedance a pyramidal cone multiplies the force along the normal by (condim - 1)/(mu^2 (1 + mu^2)). It
-    has 2 (condim - 1) edges. The regularisation of an edge is 2 mu^2 that of the normal, and the inverse weight in it
-    is (1 + mu^2) that of the bodies (the engine's mj_diagApprox and mj_makeImpedance). The solref is divided by this
-    factor.
-    """
+    """Write a contact as a <pair> at the level of forces, with the geoms' own condim and friction; measure nothing."""
     pair = dict(bodies.pair)
-    condim, friction, factor = int(pair["dim"][0]), pair["friction"], 1.0
-    if condim > 1 and option.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL:
-        factor = (condim - 1) / (friction[0] ** 2 * (1 + friction[0] ** 2))
-    solref, solimp = mujoco_contact(meant._replace(mass=bodies.scale * factor))
+    solref, solimp = mujoco_contact(meant._replace(mass=bodies.scale * _cone_factor(bodies, option)))
     return Reading(
         kind=kind,
         stiffness=meant.k,
@@ -183,8 +174,8 @@ def write_reading(kind: Kind, bodies: Bodies, option: Any, meant: KelvinVoigtCon
         duration=meant.duration,
         solref=solref,
         solimp=solimp,
-        condim=condim,
-        friction=friction,
+        condim=int(pair["dim"][0]),
+        friction=pair["friction"],
         step=min(option.timestep, _round_down(meant.duration / _GOOD_STEPS)),
         zero_tolerance=False,
         measured_restitution=None,
@@ -193,6 +184,20 @@ def write_reading(kind: Kind, bodies: Bodies, option: Any, meant: KelvinVoigtCon
         is_kept=False,
         problem="was not measured",
     )
+
+
+def _cone_factor(bodies: Bodies, option: Any) -> float:
+    """Return the factor by which a cone multiplies the force along the normal at a small impedance.
+
+    The factor of a pyramidal cone is (condim - 1)/(mu^2 (1 + mu^2)): the cone has 2 (condim - 1) edges. The
+    regularisation of an edge is 2 mu^2 that of the normal, and the inverse weight in it is (1 + mu^2) that of the
+    bodies (the engine's mj_diagApprox and mj_makeImpedance).
+    """
+    pair = dict(bodies.pair)
+    condim, mu = int(pair["dim"][0]), pair["friction"][0]
+    if condim == 1 or option.cone != mujoco.mjtCone.mjCONE_PYRAMIDAL:
+        return 1.0
+    return (condim - 1) / (mu**2 * (1 + mu**2))
 
 
 def verify_reading(

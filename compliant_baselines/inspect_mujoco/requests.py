@@ -33,3 +33,5 @@ def answer_request(request: InspectionRequest, scene: Path) -> Examination | Fix
         return examine_groups(load_scene(scene), request.speed, every=request.every, geom=request.geom)
     except (ValueError, OSError) as error:
         return str(error)
+    except Exception as error:  # the engine may raise anything on a scene that it does not expect
+        return f"{scene}: cannot be examined: {error!r}"
