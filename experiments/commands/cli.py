@@ -19,7 +19,15 @@ from typing import Annotated, Any
 
 import typer
 
-from impact_xval.experiments.commands import contact, hypothesis, runs, scoreboard, single_collision, solvers
+from impact_xval.experiments.commands import (
+    contact,
+    hypothesis,
+    inspect_scene,
+    runs,
+    scoreboard,
+    single_collision,
+    solvers,
+)
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 
 PROGRAM = "impact-xval"
@@ -80,7 +88,7 @@ for name, command in {
     "contact": contact.contact_command,
     "scene": single_collision.scene_command,
     "solvers": solvers.solvers_command,
-    "inspect": solvers.inspect_command,
+    "inspect": inspect_scene.inspect_command,
 }.items():
     app.command(name, cls=_CLASSES.get(name))(command)
 

@@ -9,7 +9,7 @@ import pytest
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Settings
-from impact_xval.experiments.commands import solvers
+from impact_xval.experiments.commands import inspect_scene
 from impact_xval.experiments.commands.options import join_numbers
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.presentation.contacts import round_outward
@@ -180,13 +180,14 @@ def test_an_mjcf_file_and_its_names_as_they_are_written(tmp_path, command):
     path, name = tmp_path / "scene.xml", 'name="b&#x202e;&#x9b;ll"'
     path.write_text(SCENE.format(BALL.format(z=2, name='name="ball"', solref="0.05 1")))
     out = command(["inspect", path])
-    assert "geoms #0 and ball  4189 inf" in out  # of the density 1000 kg/m^3
+    assert re.search(r"^1 +geoms #0 and ball +1 +mixed by solmix +3 +0.035 1 ", out, re.MULTILINE)
+    assert "1      4189 on fixed" in out  # of the density 1000 kg/m^3
     assert out.endswith(f"\n{path}: no traps found\n")
     balls = [BALL.format(z=z, name=name * (z == 2), solref="-100 1") for z in (2, 5)]
     path.write_text(SCENE.format("".join(balls)))
     out = command(["inspect", path], ends=3)
-    # contacts that are alike are one line, and JSON names all of them
-    assert r"geoms #0 and b\u202e\x9bll and 1 more  4189 inf" in out
+    # contacts of the same parameters are one line, and JSON names all of them
+    assert re.search(r"^1 +geoms #0 and b\\u202e\\x9bll +2 ", out, re.MULTILINE)
     assert r"mixed-signs: geoms #0 and b\u202e\x9bll and 2 more: solref (-100, 1) is neither" in out
     found = json.loads(command(["inspect", path, "--json"], ends=3))
     ball = "b\u202e\x9bll"
@@ -196,8 +197,9 @@ def test_an_mjcf_file_and_its_names_as_they_are_written(tmp_path, command):
     row = found["contacts"][0]
     assert row["masses"] == [pytest.approx(4000 * math.pi / 3), "inf"]
     assert row["damping"] == pytest.approx(row["masses"][0] * 100, rel=0.1)  # 2 M/(0.02 s): the default
-    assert row["change"].startswith("for 100 N/m and 1 N s/m: <pair ")
-    assert row["change"].split(": ", 1)[1] in out
+    assert "; or for 100 N/m and 1 N s/m: <pair " in row["change"]
+    assert row["group"] == 1
+    assert f'solref="{row["newton_metre"]["solref"][0]:.6g} ' in out
 
 
 ENDLESS = '<replicate count="1000000000" offset="0 0 1"><geom size="1"/></replicate>'
@@ -211,7 +213,7 @@ ENDLESS = '<replicate count="1000000000" offset="0 0 1"><geom size="1"/></replic
     ],
 )
 def test_what_cannot_be_examined_costs_a_line(inside, seconds, says, tmp_path, refused, monkeypatch):
-    monkeypatch.setattr(solvers, "_TO_INSPECT", seconds)
+    monkeypatch.setattr(inspect_scene, "_TO_INSPECT", seconds)
     (tmp_path / "bad.xml").write_text(SCENE.format(inside))
     refused(["inspect", tmp_path / "bad.xml"], says)
 
