@@ -29,7 +29,7 @@ from rich.table import Table
 
 from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.experiment import parse_config
-from impact_xval.experiments.sweep.pool import in_flight
+from impact_xval.experiments.sweep.pool import answers_in_flight
 from impact_xval.experiments.sweep.rows import Experiment, solve_all
 from impact_xval.experiments.tables.folder import RunFolder, part_bytes
 
@@ -112,7 +112,7 @@ def run_real(client: Any, workers: int, times: Sequence[float], data: bytes) -> 
         folder = RunFolder(Path(name))
         folder.parts.mkdir()
         wall, core = time.perf_counter(), time.process_time()
-        answers = in_flight(
+        answers = answers_in_flight(
             lambda seconds: executor.submit(_nap, seconds, data), list(times), lambda: 2 * workers
         )
         for number, answer in enumerate(answers):

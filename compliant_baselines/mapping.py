@@ -105,24 +105,30 @@ class MujocoContact(NamedTuple):
         There stiffness r (d/dmax)^2 = (1 - d) acceleration, with the impedance d a function of r (the engine's
         "Computation" chapter, section "Constraint model").
         """
-        dmin, dmax, width, midpoint, power = self.solimp
+        dmin, dmax = self.solimp[:2]
         stiffness = -self.direct[0]
         if dmin == dmax:
             return (1 - dmin) * acceleration / stiffness
-        # As d >= dmin, the ball rests no deeper than on a contact of constant impedance dmin.
-        low, high = 0.0, 2 * (1 - dmin) * acceleration / (stiffness * (dmin / dmax) ** 2)
+        # With the least impedance at every depth the ball would rest at half of `high`.
+        least = min(dmin, dmax)
+        low, high = 0.0, 2 * (1 - least) * acceleration / (stiffness * (least / dmax) ** 2)
         while low < (r := 0.5 * (low + high)) < high:
-            x = min(1.0, r / width)
-            if x <= midpoint:
-                y = x**power / midpoint ** (power - 1)
-            else:
-                y = 1 - (1 - x) ** power / (1 - midpoint) ** (power - 1)
-            d = dmin + y * (dmax - dmin)
+            d = self.impedance(r)
             if stiffness * r * (d / dmax) ** 2 < (1 - d) * acceleration:
                 low = r
             else:
                 high = r
         return high
+
+    def impedance(self, depth: float) -> float:
+        """Return the impedance d at a depth in m (the engine's chapter "Solver parameters", "Impedance")."""
+        dmin, dmax, width, midpoint, power = self.solimp
+        x = min(1.0, max(0.0, depth) / width)
+        if x <= midpoint:
+            y = x**power / midpoint ** (power - 1)
+        else:
+            y = 1 - (1 - x) ** power / (1 - midpoint) ** (power - 1)
+        return dmin + y * (dmax - dmin)
 
 
 def mujoco_contact(

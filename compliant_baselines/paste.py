@@ -24,6 +24,7 @@ from impact_xval.compliant_baselines.engines.stepping import Run
 from impact_xval.compliant_baselines.mapping import (
     RIGID,
     KelvinVoigtContact,
+    MujocoContact,
     drake_side,
     mujoco_contact,
     pybullet_side,
@@ -112,8 +113,10 @@ for i, (v, there) in enumerate(zip({read}, TABLE), 1):
 '''
 
 
-def paste(engine: str, contact: KelvinVoigtContact, step: float) -> str:
+def paste(engine: str, contact: KelvinVoigtContact, step: float, written: MujocoContact | None = None) -> str:
     """Return the text to paste for a contact: MJCF or Python in SI units, with the time step in s.
+
+    `written` are numbers of MuJoCo that stand in the text as they are, in place of those of the contact.
 
     Raises
     ------
@@ -124,7 +127,10 @@ def paste(engine: str, contact: KelvinVoigtContact, step: float) -> str:
     """
     if engine not in ENGINES:
         raise ValueError(f"engine = {engine!r}; legal: {', '.join(ENGINES)}")
-    pair, side = mujoco_contact(contact), (drake_side if engine == "drake" else pybullet_side)(contact)
+    pair, side = (
+        written or mujoco_contact(contact),
+        (drake_side if engine == "drake" else pybullet_side)(contact),
+    )
     numbers = {"solref": pair.solref, "solimp": pair.solimp, "a": side, "b": RIGID}
     numbers |= {"step": (step,), "inverse": (1 / contact.mass,)}
     between = " " if engine == "mujoco" else ", "

@@ -12,30 +12,31 @@ have the numbers of the text.
 from __future__ import annotations
 
 import math
-import sys
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from impact_xval.compliant_baselines.asked_contact import DAMPERS, GRAVITY, SPRINGS, AskedContact
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.scanner import RunEnd
 from impact_xval.compliant_baselines.engines.scene import Scene, radius_of
 from impact_xval.compliant_baselines.engines.stepping import Run
-from impact_xval.compliant_baselines.mapping import KelvinVoigtContact
+from impact_xval.compliant_baselines.mapping import KelvinVoigtContact, MujocoContact
 from impact_xval.compliant_baselines.paste import paste
 from impact_xval.compliant_baselines.pasted_drops import (
     drop_in_mujoco,
     drop_in_pybullet,
     drop_on_flat_in_pybullet,
 )
-from impact_xval.compliant_baselines.restitution import contact_time, damping_ratio
+from impact_xval.compliant_baselines.solref import Motion, contact_of_solref
 from impact_xval.compliant_baselines.solver import SolverError
 from impact_xval.model.inputs import Legal
 from impact_xval.model.materials import MaterialContact
 
-#: Allowed relative error of restitution and duration.
+#: Allowed relative error of restitution and duration, unless another one is asked for.
 TOLERANCE = 0.01
 
 #: Rounding of such an error; 99 steps of 0.001 s for a duration of 0.1 s are on the edge.
@@ -65,22 +66,29 @@ STEPS = [float(f"{digits}e{power}") for power in range(3, -324, -1) for digits i
 
 #: Legal ranges. Beyond them positions or velocities of a drop are lost in rounding, or its end is never reached.
 _MASSES = Legal("masses", 1e-15, 1e15, "from 1e-15 to 1e+15 (kg), one of them inf for a fixed body")
-_RESTITUTION = Legal("restitution", 1e-4, 1.0, "from 0.0001 to 1")
 _SPEED = Legal("speed", 1e-9, 1e9, "from 1e-09 to 1e+09 (m/s)")
-_STIFFNESS, _DURATION = (
-    Legal(name, math.ulp(0.0), sys.float_info.max, f"a finite number > 0 ({unit})")
-    for name, unit in (("stiffness", "N/m"), ("duration", "s"))
-)
+
+#: Legal range of the allowed error: from what `MOST_STEPS` resolve to three steps in a contact.
+LEGAL_TOLERANCE = Legal("tolerance", 1e-4, 0.3, "from 0.0001 to 0.3")
 
 #: Largest ratio of two masses.
 LARGEST_RATIO = 1e12
 
-#: Longest contact in s.
-LONGEST = 1e6
-
 #: Functions that run the text to paste for an engine by itself. A step is looked for by the first function of an
 #: engine, and the intervals hold for all of them.
 DROP = {"mujoco": [drop_in_mujoco], "pybullet": [drop_in_pybullet, drop_on_flat_in_pybullet]}
+
+#: Legal time steps.
+LEGAL_STEP = Legal("step", 1e-12, 1e3, "from 1e-12 to 1000 (s)")
+
+#: Durations that are tried for a given step, a decade.
+PER_DECADE = 40
+
+#: A given step and the shorter ones that have to be good too, over the given one: as `STEPS` and `SHORTER`.
+SHORTER_STEPS = (1.0, 0.8, 0.63, 0.5, 0.4)
+
+#: Most steps in a contact that are tried for a given step.
+MOST_STEPS_OF_STIFFEST = 5_000
 
 #: Number of shorter steps that have to be good too, down to 0.4 of the step that is named.
 SHORTER = 4
@@ -88,7 +96,7 @@ SHORTER = 4
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """Two bodies and the contact asked for between them.
+    """Two bodies and the contact asked for between them, by the numbers of `AskedContact` or by MuJoCo's own.
 
     Raises
     ------
@@ -98,58 +106,64 @@ class Pair:
 
     #: In kg; one of them may be infinite, a fixed body.
     masses: tuple[float, float]
-    #: From 1e-4 to 1: no finite damping gives 0.
-    restitution: float
-    #: In N/m; None if the duration is given.
+    restitution: float | None = None
+    #: In N/m.
     stiffness: float | None = None
-    #: From touch to the end of the force, in s; None if the stiffness is given.
+    #: From touch to the end of the force, in s.
     duration: float | None = None
     #: Speed of approach in m/s; it decides how deep the bodies go, and whether an engine can take the contact.
     speed: float = 1.0
-    #: The contact asked for.
+    #: In N s/m.
+    damping: float | None = None
+    damping_ratio: float | None = None
+    #: Depth at rest in m.
+    sink: float | None = None
+    #: MuJoCo's own numbers, in place of all the others.
+    solref: MujocoContact | None = None
+    #: Mass in kg whose weight the contact carries at rest; None: the lighter body's.
+    load: float | None = None
+    #: The contact asked for; of `solref`, the one of its restitution and duration at this speed.
     contact: KelvinVoigtContact = field(init=False)
+    #: What the two bodies alone do, without gravity and in steps that go to zero.
+    motion: Motion = field(init=False)
 
     def __post_init__(self) -> None:
-        if len(self.masses) != 2:
-            raise ValueError(f"masses = {self.masses!r}; legal: two")
-        light, heavy = sorted(self.masses)
-        if light == math.inf:
-            raise ValueError("masses = inf inf: two fixed bodies do not collide; legal: at most one inf")
-        both = (_STIFFNESS, self.stiffness), (_DURATION, self.duration)
-        decisive = [(legal, value) for legal, value in both if value is not None]
-        if len(decisive) != 1:
-            given = "both" if decisive else "neither"
-            raise ValueError(
-                f"stiffness or duration: {given} given; legal: one of the two, which decides the other"
-            )
-        masses = [(_MASSES, mass) for mass in self.masses if mass != math.inf]
-        for legal, value in (*masses, (_RESTITUTION, self.restitution), (_SPEED, self.speed), *decisive):
-            if not legal.includes(value):
-                raise ValueError(f"{legal.name} = {value!r}; legal: {legal.text}")
-        if LARGEST_RATIO < heavy / light < math.inf:
-            raise ValueError(
-                f"masses = {self.masses!r}: one is {heavy / light:.3g} times the other; "
-                f"legal: at most {LARGEST_RATIO:g} times, or inf for a fixed body"
-            )
-        ((legal, value),) = decisive
-        k = value
-        if legal is _DURATION:
-            rate = contact_time(damping_ratio(self.restitution)) / value
-            k = self.mass * rate * rate
-        if 0 < k < math.inf:
-            contact = KelvinVoigtContact.from_restitution(k, self.restitution, self.mass)
+        _require_legal_masses(self.masses)
+        if not _SPEED.includes(self.speed):
+            raise ValueError(f"speed = {self.speed!r}; legal: {_SPEED.text}")
+        quantities = {legal.name: getattr(self, legal.name) for legal in (*DAMPERS, *SPRINGS)}
+        if self.solref is None:
+            asked = AskedContact(**quantities)
+            contact = asked.contact(self.mass, self.carried)
+            e = contact.restitution if self.restitution is None else self.restitution
+            # The depth is that after half the duration, decayed by sqrt(e) (docs/theory.md, section 7).
+            motion = Motion(e, contact.duration, self.speed * math.sqrt(e) / contact.omega)
         else:
-            contact = KelvinVoigtContact(k, math.nan if k == 0 else math.inf, self.mass)
-        if not (0 < contact.k < math.inf and 0 < contact.omega < math.inf and contact.c < math.inf):
-            raise ValueError(
-                f"{legal.name} = {value!r}: no stiffness within double precision gives it to a reduced "
-                f"mass of {self.mass:.6g} kg (k = {contact.k:.6g} N/m, c = {contact.c:.6g} N s/m)"
-            )
-        if contact.duration > LONGEST:
-            raise ValueError(
-                f"{legal.name} = {value!r}: a contact of {contact.duration:.3g} s; legal: at most {LONGEST:g} s"
-            )
+            for name, value in quantities.items():
+                if value is not None:
+                    raise ValueError(
+                        f"{name} = {value!r}: given beside solref, which decides it; legal: one of both"
+                    )
+            contact, motion = contact_of_solref(self.solref, self.mass, self.speed)
         object.__setattr__(self, "contact", contact)
+        object.__setattr__(self, "motion", motion)
+
+    @classmethod
+    def of(
+        cls, masses: tuple[float, float], asked: AskedContact, speed: float = 1.0, load: float | None = None
+    ) -> Pair:
+        """Make the pair of two masses in kg whose contact is asked for."""
+        return cls(
+            masses,
+            asked.restitution,
+            asked.stiffness,
+            asked.duration,
+            speed,
+            damping=asked.damping,
+            damping_ratio=asked.damping_ratio,
+            sink=asked.sink,
+            load=load,
+        )
 
     @property
     def fixed(self) -> bool:
@@ -163,9 +177,54 @@ class Pair:
         return small / (1 + small / large)
 
     @property
+    def carried(self) -> float:
+        """Mass in kg whose weight the contact carries at rest."""
+        return min(self.masses) if self.load is None else self.load
+
+    @property
     def penetration(self) -> float:
-        """Greatest penetration in m, at the speed of this pair: after half its duration, decayed by sqrt(e)."""
-        return self.speed * math.sqrt(self.restitution) / self.contact.omega
+        """Greatest penetration in m, at the speed of this pair."""
+        return self.motion.depth
+
+    @property
+    def depth_at_rest(self) -> float:
+        """Penetration in m under the weight that the contact carries, at `GRAVITY`."""
+        if self.solref is None:
+            return self.carried * GRAVITY / self.contact.k
+        return self.solref.equilibrium_depth(self.carried * GRAVITY / self.mass)
+
+
+def _require_legal_masses(masses: Sequence[float]) -> None:
+    """Raise a ValueError unless two masses in kg are legal, at most one of them infinite."""
+    if len(masses) != 2:
+        raise ValueError(f"masses = {masses!r}; legal: two")
+    light, heavy = sorted(masses)
+    if light == math.inf:
+        raise ValueError("masses = inf inf: two fixed bodies do not collide; legal: at most one inf")
+    for mass in masses:
+        if mass != math.inf and not _MASSES.includes(mass):
+            raise ValueError(f"masses = {mass!r}; legal: {_MASSES.text}")
+    if LARGEST_RATIO < heavy / light < math.inf:
+        raise ValueError(
+            f"masses = {masses!r}: one is {heavy / light:.3g} times the other; "
+            f"legal: at most {LARGEST_RATIO:g} times, or inf for a fixed body"
+        )
+
+
+def bodies_of_contacts(masses: Sequence[float]) -> list[tuple[tuple[float, float], float | None]]:
+    """Return the masses in kg of each contact of two or three bodies in a line, and the mass in kg that it carries.
+
+    On a fixed third body the first two stand on each other. Elsewhere a contact carries the lighter body (None). A
+    ValueError names what is illegal.
+    """
+    if len(masses) == 2:
+        return [((masses[0], masses[1]), None)]
+    first, second, third = masses
+    if math.isinf(first) or math.isinf(second):
+        text = " ".join(f"{mass:g}" for mass in masses)
+        raise ValueError(f"masses = {text}: of three bodies only the last one may be fixed; legal: inf last")
+    loads = (first, first + second) if math.isinf(third) else (None, None)
+    return [((first, second), loads[0]), ((second, third), loads[1])]
 
 
 def make_pair(
@@ -183,9 +242,8 @@ def make_pair(
     argument, the value and the legal range.
     """
     if not (materials or radii):
-        if masses is None or restitution is None:
-            missing = "masses" if masses is None else "restitution"
-            raise ValueError(f"{missing}: not given; legal: a value, or materials and radii")
+        if masses is None:
+            raise ValueError("masses: not given; legal: a value, or materials and radii")
         return Pair(masses, restitution, stiffness, duration, speed), None
     for name, given in (("masses", masses), ("stiffness", stiffness), ("duration", duration)):
         if given is not None:
@@ -193,6 +251,10 @@ def make_pair(
     touch = MaterialContact.of(materials, radii)
     e = touch.restitution if restitution is None else restitution
     return Pair((touch.upper.mass, touch.lower.mass), e, touch.linear(speed), speed=speed), touch
+
+
+#: The numbers that a drop gives.
+Numbers = TypeVar("Numbers", bound=tuple[float, ...])
 
 
 class Drops(NamedTuple):
@@ -209,8 +271,9 @@ class Drops(NamedTuple):
 
     def error(self, pair: Pair) -> float:
         """Return the greatest relative error of restitution and duration."""
-        ratios = [e / pair.restitution for e in self.restitution]
-        ratios += [duration / pair.contact.duration for duration in self.duration]
+        right = pair.motion
+        ratios = [e / right.restitution for e in self.restitution]
+        ratios += [duration / right.duration for duration in self.duration]
         return max(abs(ratio - 1) for ratio in ratios)
 
 
@@ -231,10 +294,11 @@ def measure_drops(
     refused = engine.refusal(adapted[0])
     if refused is not None:
         raise SolverError(engine.name, "unrepresentable", refused)
-    most = 10 * math.ceil(pair.contact.duration / step) + 100
+    most = 10 * math.ceil(pair.motion.duration / step) + 100
     if engine.name not in DROP:
         return [_result_of(engine.name, pair, run) for run in engine.run(adapted, most)]
-    text, gaps = paste(engine.name, pair.contact, step), [place * pair.speed * step for place in places]
+    text = paste(engine.name, pair.contact, step, pair.solref)
+    gaps = [place * pair.speed * step for place in places]
     light, heavy = sorted(pair.masses)
     drop, radius = DROP[engine.name][kind], radius_of(pair.penetration)
     results = drop(text, (light, heavy), radius, pair.speed, gaps, most)
@@ -243,24 +307,35 @@ def measure_drops(
 
 def find_extremes(engine: Engine, pair: Pair, step: float) -> Drops:
     """Drop at all `PLACES` by all functions of `DROP`, and close in on the least and the greatest restitution."""
-    kinds = range(len(DROP[engine.name])) if engine.name in DROP else range(1)
-    return _summarise(step, [drop for kind in kinds for drop in _extremes(engine, pair, step, kind)])
+    drops: list[tuple[float, float]] = []
+    for kind in range(len(DROP.get(engine.name, [None]))):
+        measure = partial(measure_drops, engine, pair, step, kind=kind)
+        drops += extremes_over_places(measure, components=[0])
+    return _summarise(step, drops)
 
 
-def _extremes(engine: Engine, pair: Pair, step: float, kind: int) -> list[tuple[float, float]]:
-    """Return the restitution and duration of all drops of one kind."""
-    results = dict(zip(PLACES, measure_drops(engine, pair, step, PLACES, kind), strict=True))
+def extremes_over_places(
+    measure: Callable[[Sequence[float]], Sequence[Numbers]], components: Sequence[int]
+) -> list[Numbers]:
+    """Measure at all `PLACES`, and close in on the places where a component is least and greatest.
+
+    `measure` returns one tuple of numbers for each place; `components` are the positions of those that count.
+    """
+    results = dict(zip(PLACES, measure(PLACES), strict=True))
     for _ in range(HALVINGS):
         places = sorted(results)
-        least, greatest = (pick(results, key=lambda place: results[place][0]) for pick in (min, max))
         closer: set[float] = set()
-        for i in (places.index(least), places.index(greatest)):
-            if 0 < i < len(places) - 1:
-                closer |= {0.5 * (places[i] + places[i - 1]), 0.5 * (places[i] + places[i + 1])}
+        for component in components:
+            least, greatest = (
+                pick(places, key=lambda place: results[place][component]) for pick in (min, max)
+            )
+            for i in (places.index(least), places.index(greatest)):
+                if 0 < i < len(places) - 1:
+                    closer |= {0.5 * (places[i] + places[i - 1]), 0.5 * (places[i] + places[i + 1])}
         if not closer:
             break
         added = sorted(closer)
-        results |= dict(zip(added, measure_drops(engine, pair, step, added, kind), strict=True))
+        results |= dict(zip(added, measure(added), strict=True))
     return list(results.values())
 
 
@@ -285,7 +360,7 @@ def scenes_of(pair: Pair, step: float, places: Sequence[float]) -> list[Scene]:
             velocities=(2 * speed, -speed) if pair.fixed else (speed, 2 * speed),
             heights=(far, gap) if pair.fixed else (far + gap, far),
             stiffnesses=(contact.k, contact.k),
-            restitutions=(pair.restitution, pair.restitution),
+            restitutions=(pair.motion.restitution, pair.motion.restitution),
             table=True,
             step=step,
         )
@@ -309,50 +384,151 @@ def _result_of(name: str, pair: Pair, run: Run) -> tuple[float, float]:
     return (lower if pair.fixed else upper - lower) / pair.speed, steps * run.scene.step
 
 
-def find_largest_step(engine: Engine, pair: Pair) -> Drops:
+def find_largest_step(engine: Engine, pair: Pair, tolerance: float = TOLERANCE) -> Drops:
     """Find the largest of `STEPS` at which a contact is the one asked for, at the next shorter ones too.
 
     A SolverError says that the engine is missing or refuses the contact, or that no step is good.
     """
-    reason = engine.unavailable()
-    if reason is not None:
-        raise SolverError(engine.name, "unavailable", reason)
+    _require_available(engine)
     # A count of whole steps is off by up to one step: a step longer than the tolerance could be good only by luck.
-    longest, shortest = pair.contact.duration * TOLERANCE, pair.contact.duration / MOST_STEPS
+    longest, shortest = pair.motion.duration * tolerance, pair.motion.duration / MOST_STEPS
     why = f"{MOST_STEPS} steps tell no duration as exactly as that"
     good: list[float] = []  # one after the other, the largest first
     for step in (step for step in STEPS if shortest <= step <= longest):
         try:
-            _good_drops(engine, pair, step, FEW_PLACES)
+            _good_drops(engine, pair, step, FEW_PLACES, tolerance)
             good.append(step)
             if len(good) > SHORTER:
-                return _check_tolerance(engine, pair, find_extremes(engine, pair, good.pop(0)))
+                return _check_tolerance(engine, pair, find_extremes(engine, pair, good.pop(0)), tolerance)
         except SolverError as failed:
             if failed.status == "unrepresentable":
                 raise
             why = failed.reason
             if step not in good:
                 good.clear()
-    reason = f"no step from {longest:.2g} s to {shortest:.2g} s gives restitution and duration within {TOLERANCE:g}"
+    reason = f"no step from {longest:.2g} s to {shortest:.2g} s gives restitution and duration within {tolerance:g}"
     raise SolverError(engine.name, "unconverged", f"{reason}: {why}")
 
 
-def measure_largest_step(engine: Engine, pair: Pair) -> tuple[Drops, Drops]:
+def find_stiffest(
+    engine: Engine, pair: Pair, step: float, tolerance: float = TOLERANCE
+) -> tuple[Pair, Drops]:
+    """Find the stiffest contact that a step carries, and drop it at all places of the touch within the step.
+
+    The contacts that are tried have ever longer durations (`PER_DECADE`), and stiffnesses of three digits. A contact is
+    found if it is good at this step and at shorter ones (`SHORTER_STEPS`).
+
+    Parameters
+    ----------
+    engine
+        The engine.
+    pair
+        Two bodies and what decides their damping. Its spring does not count.
+    step
+        Time step in s.
+    tolerance
+        Allowed relative error of restitution and duration.
+
+    Raises
+    ------
+    SolverError
+        If the engine is missing or refuses the contacts, or if none is found.
+    """
+    _require_available(engine)
+
+    def pair_of(steps: float) -> Pair:
+        """Return the contact of a duration in steps, with a rounded stiffness."""
+        lasting = replace(pair, stiffness=None, sink=None, duration=steps * step)
+        return replace(lasting, duration=None, stiffness=_round_down(lasting.contact.k))
+
+    steps = [10 ** (i / PER_DECADE) / tolerance for i in range(round(PER_DECADE * math.log10(MOST_STEPS)))]
+    why, longest = "", 0.0
+    for n in (n for n in steps if n <= MOST_STEPS_OF_STIFFEST):
+        try:
+            tried = pair_of(n)
+        except ValueError as illegal:  # with a given damping a longer contact may be damped too much
+            why = why or str(illegal)
+            break
+        longest = tried.motion.duration
+        try:
+            for factor in SHORTER_STEPS:
+                _good_drops(engine, tried, step * factor, FEW_PLACES, tolerance)
+            return tried, _check_tolerance(engine, tried, find_extremes(engine, tried, step), tolerance)
+        except SolverError as failed:
+            if failed.status == "unrepresentable":
+                raise
+            why = failed.reason
+    raise SolverError(
+        engine.name,
+        "unconverged",
+        f"no contact of {step / tolerance:.3g} s to {longest:.3g} s has restitution and duration within {tolerance:g} "
+        f"at a step of {step:g} s: {why}",
+    )
+
+
+def _round_down(value: float) -> float:
+    """Round a positive number down to three digits."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return float(f"{math.floor(value / unit * (1 + 1e-12)) * unit:.3g}")
+
+
+def measure_largest_step(engine: Engine, pair: Pair, tolerance: float = TOLERANCE) -> tuple[Drops, Drops]:
     """Drop a pair at the largest good step, at all places of the touch, and once at a tenth of that step."""
-    largest = find_largest_step(engine, pair)
-    return largest, drop_at_places(engine, pair, largest.step / 10, [END])
+    ((_, largest, fine),) = verify_contacts(engine, [pair], tolerance)
+    return largest, fine
 
 
-def _good_drops(engine: Engine, pair: Pair, step: float, places: Sequence[float]) -> Drops:
+class VerifiedContact(NamedTuple):
+    """A contact, and the drops that verify it."""
+
+    pair: Pair
+    #: At the step that is named, at all places of the touch.
+    drops: Drops
+    #: At a tenth of that step, at one place.
+    fine: Drops
+
+
+def verify_contacts(
+    engine: Engine, pairs: Sequence[Pair], tolerance: float = TOLERANCE
+) -> list[VerifiedContact]:
+    """Find the largest step that is good for all pairs, and drop each of them at that step."""
+    found = [find_largest_step(engine, pair, tolerance) for pair in pairs]
+    step = min(drops.step for drops in found)
+    return [
+        _verified(engine, pair, drops if drops.step == step else find_extremes(engine, pair, step))
+        for pair, drops in zip(pairs, found, strict=True)
+    ]
+
+
+def verify_stiffest(
+    engine: Engine, pairs: Sequence[Pair], step: float, tolerance: float = TOLERANCE
+) -> list[VerifiedContact]:
+    """Find the stiffest contact of each pair that a step carries."""
+    return [_verified(engine, *find_stiffest(engine, pair, step, tolerance)) for pair in pairs]
+
+
+def _verified(engine: Engine, pair: Pair, drops: Drops) -> VerifiedContact:
+    """Add a drop at a tenth of the step."""
+    return VerifiedContact(pair, drops, drop_at_places(engine, pair, drops.step / 10, [END]))
+
+
+def _require_available(engine: Engine) -> None:
+    """Raise a SolverError if an engine cannot run on this machine."""
+    reason = engine.unavailable()
+    if reason is not None:
+        raise SolverError(engine.name, "unavailable", reason)
+
+
+def _good_drops(engine: Engine, pair: Pair, step: float, places: Sequence[float], tolerance: float) -> Drops:
     """Drop a pair at places of a step; a SolverError if a result is outside the tolerance."""
     # A bad step mostly shows at the first place.
-    _check_tolerance(engine, pair, drop_at_places(engine, pair, step, places[:1]))
-    return _check_tolerance(engine, pair, drop_at_places(engine, pair, step, places))
+    _check_tolerance(engine, pair, drop_at_places(engine, pair, step, places[:1]), tolerance)
+    return _check_tolerance(engine, pair, drop_at_places(engine, pair, step, places), tolerance)
 
 
-def _check_tolerance(engine: Engine, pair: Pair, results: Drops) -> Drops:
+def _check_tolerance(engine: Engine, pair: Pair, results: Drops, tolerance: float) -> Drops:
     """Return drops that are within the tolerance; else raise a SolverError."""
-    if (error := results.error(pair)) > TOLERANCE - ROUNDING:
+    if (error := results.error(pair)) > tolerance - ROUNDING:
         raise SolverError(
             engine.name, "unconverged", f"at the last step tried one of them is off by {error:.2g}"
         )

@@ -6,15 +6,20 @@ measures its effect.
 * `scene_contacts` reads the contacts of a compiled scene and the bodies of each.
 * `drops` measures a contact in a scene of its own.
 * `traps` finds traps in parameters.
-* `proposals` says what to write for what was probably meant.
+* `groups` gathers contacts of the same parameters, and chooses those that are measured.
+* `readings` says what to write for what may have been meant.
 * `examination` puts them together.
 """
 
 from impact_xval.compliant_baselines.inspect_mujoco.drops import PLACES, MeasuredContact
 from impact_xval.compliant_baselines.inspect_mujoco.examination import (
     MOST_ROWS,
+    Examination,
+    ExaminedContact,
+    ExaminedGroup,
     abbreviate_names,
     examine,
+    examine_groups,
     examine_model,
     inspect_model,
     measure_model,
@@ -25,10 +30,14 @@ from impact_xval.compliant_baselines.inspect_mujoco.traps import Finding
 __all__ = [
     "MOST_ROWS",
     "PLACES",
+    "Examination",
+    "ExaminedContact",
+    "ExaminedGroup",
     "Finding",
     "MeasuredContact",
     "abbreviate_names",
     "examine",
+    "examine_groups",
     "examine_model",
     "inspect_model",
     "measure_model",

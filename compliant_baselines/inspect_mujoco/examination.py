@@ -2,17 +2,35 @@
 
 from __future__ import annotations
 
+import difflib
+import time
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from impact_xval.compliant_baselines.engines.mujoco import Mujoco
 from impact_xval.compliant_baselines.inspect_mujoco.drops import MeasuredContact, measure_contact
-from impact_xval.compliant_baselines.inspect_mujoco.proposals import propose_change
-from impact_xval.compliant_baselines.inspect_mujoco.scene_contacts import Bodies, read_contacts
+from impact_xval.compliant_baselines.inspect_mujoco.groups import ContactGroup, choose_members, group_contacts
+from impact_xval.compliant_baselines.inspect_mujoco.readings import (
+    NEAR_E,
+    NEAR_K,
+    RatioAdvice,
+    Reading,
+    advise_on_ratio,
+    describe_ratio,
+    read_direct_numbers,
+)
+from impact_xval.compliant_baselines.inspect_mujoco.scene_contacts import (
+    MOST_GEOMS,
+    Bodies,
+    find_contacts,
+    name_of_geom,
+    select_geoms,
+)
 from impact_xval.compliant_baselines.inspect_mujoco.traps import (
     Finding,
     Trap,
@@ -25,32 +43,88 @@ mujoco: Any = import_module("mujoco")  # the names of the compiled module are in
 #: Most combinations of parameters and masses that are measured.
 MOST_ROWS = 50
 
+#: Seconds after which no further contact is measured.
+MOST_SECONDS = 60.0
+
 #: How far restitution may exceed 1, or change with the solver's tolerance (and the duration relatively): at 30 steps
 #: in a contact an elastic one is up to 1.1e-3 off.
 NEGLIGIBLE = 1.5e-3
 
 
-def examine(speed: float, scene: Path) -> tuple[list[MeasuredContact], list[Finding]] | str:
-    """Measure the contacts of a file, .mjb or MJCF, and look for traps; or say why MuJoCo does not take it."""
+class ExaminedContact(NamedTuple):
+    """Contacts that are alike, measured, and what their numbers may have been meant to say."""
+
+    bodies: Bodies
+    row: MeasuredContact
+    keep: Reading | None = None
+    newton_metre: Reading | None = None
+    advice: RatioAdvice | None = None
+
+
+@dataclass(frozen=True)
+class ExaminedGroup:
+    """Contacts of the same parameters, and those of them that were measured."""
+
+    group: ContactGroup
+    examined: list[ExaminedContact]
+
+    @property
+    def restitution_range(self) -> tuple[float, float] | None:
+        """Least and greatest restitution of all drops; None if no contact was measured."""
+        ends = [e for contact in self.examined for e in contact.row.restitution_range or ()]
+        return (min(ends), max(ends)) if ends else None
+
+
+@dataclass(frozen=True)
+class Examination:
+    """What is known of the contacts of a scene."""
+
+    groups: list[ExaminedGroup]
+    findings: list[Finding]
+    #: Number of geoms in the scene, and how many of them were looked at.
+    geoms: int
+    geoms_looked_at: int
+    #: Time step in s, and name of the integrator.
+    step: float
+    integrator: str
+    #: What the drops leave out, in words.
+    omissions: list[str] = field(default_factory=list[str])
+
+    @property
+    def contacts(self) -> list[ExaminedContact]:
+        """All contacts that were measured, or that have a reason why not."""
+        return [contact for group in self.groups for contact in group.examined]
+
+
+def load_scene(scene: Path) -> Any:
+    """Load a file, .mjb or MJCF; a ValueError says in the engine's words why MuJoCo does not take it."""
     load = mujoco.MjModel.from_binary_path if scene.suffix == ".mjb" else mujoco.MjModel.from_xml_path
     try:
-        model = load(str(scene))
-        return examine_model(model, speed)
+        return load(str(scene))
     except Exception as error:  # the engine may raise anything on a scene that it does not expect
-        return f"{scene}: MuJoCo does not compile it: {error}"
+        raise ValueError(f"{scene}: MuJoCo does not compile it: {error}") from None
+
+
+def examine(speed: float, scene: Path) -> tuple[list[MeasuredContact], list[Finding]] | str:
+    """Measure the contacts of a file, .mjb or MJCF, and look for traps; or say why MuJoCo does not take it."""
+    try:
+        return examine_model(load_scene(scene), speed)
+    except Exception as error:  # the engine may raise anything on a scene that it does not expect
+        return str(error)
 
 
 def examine_model(model: Any, speed: float = 1.0) -> tuple[list[MeasuredContact], list[Finding]]:
     """Measure the contacts of a compiled mujoco.MjModel, and look for traps in parameters and in measurements."""
-    examined = _examine_contacts(model, speed)
-    measured_traps = gather_findings([(row.names, traps) for row, traps in examined])
-    return [row for row, _ in examined], [*inspect_model(model), *measured_traps]
+    examination = examine_groups(model, speed, every=True)
+    return [contact.row for contact in examination.contacts], examination.findings
 
 
 def inspect_model(model: Any) -> list[Finding]:
     """Look for traps in the parameters of a compiled mujoco.MjModel."""
-    contacts = read_contacts(model).items()
-    return gather_findings([(names, traps_in_parameters(model.opt, bodies)) for bodies, names in contacts])
+    groups = group_contacts(find_contacts(model))
+    return gather_findings(
+        [(group.names, traps_in_parameters(model.opt, list(group.members))) for group in groups]
+    )
 
 
 def measure_model(model: Any, speed: float = 1.0) -> list[MeasuredContact]:
@@ -58,7 +132,7 @@ def measure_model(model: Any, speed: float = 1.0) -> list[MeasuredContact]:
 
     The speed at which bodies meet, in m/s, matters to contacts whose impedance depends on the depth.
     """
-    return [row for row, _ in _examine_contacts(model, speed)]
+    return [contact.row for contact in examine_groups(model, speed, every=True).contacts]
 
 
 def abbreviate_names(names: list[str]) -> str:
@@ -66,22 +140,153 @@ def abbreviate_names(names: list[str]) -> str:
     return names[0] + (f" and {len(names) - 1} more" if len(names) > 1 else "")
 
 
-def _examine_contacts(model: Any, speed: float) -> list[tuple[MeasuredContact, list[Trap]]]:
-    """Measure the contacts of a model; give with each the traps that its measurement shows."""
-    examined: list[tuple[MeasuredContact, list[Trap]]] = []
-    gravity = float(np.linalg.norm(model.opt.gravity))
+def examine_groups(
+    model: Any, speed: float = 1.0, *, every: bool = False, geom: str | None = None
+) -> Examination:
+    """Measure contacts of each group of a compiled mujoco.MjModel, and look for traps.
+
+    Parameters
+    ----------
+    model, speed
+        The scene, and the speed in m/s at which bodies meet.
+    every
+        Whether every combination of parameters and masses is measured, up to `MOST_ROWS`, and not only the members of a
+        group that differ most.
+    geom
+        Name of a geom, or its number after a "#": only its contacts are examined.
+
+    Raises
+    ------
+    ValueError
+        If there is no such geom.
+    """
+    selected = select_geoms(model)
+    contacts = find_contacts(model, selected)
+    if geom is not None:
+        number = number_of_geom(model, geom)
+        if number not in selected:
+            selected = [*selected, number]
+            contacts = find_contacts(model, selected)
+        contacts = [contact for contact in contacts if number in contact.geoms]
+    groups = group_contacts(contacts)
+    deadline, rows_left = time.perf_counter() + MOST_SECONDS, MOST_ROWS
+    examined_groups: list[ExaminedGroup] = []
+    traps: list[tuple[list[str], list[Trap]]] = []
+    measured_traps: list[tuple[list[str], list[Trap]]] = []
     with Mujoco().running():  # without its warnings
-        for bodies, names in list(read_contacts(model).items())[:MOST_ROWS]:
-            row, unkept = MeasuredContact(names, bodies.masses, note=_note_on_joints(bodies)), ""
+        for group in groups:
+            members = list(group.members) if every else choose_members(group)
+            examined, of_rows = _examine_group(model, speed, group, members[:rows_left], deadline)
+            rows_left -= len(examined)
+            examined_groups.append(ExaminedGroup(group, examined))
+            measured_traps += of_rows
+            restitutions = examined_groups[-1].restitution_range
+            traps.append(
+                (group.names, list(traps_in_parameters(model.opt, list(group.members), restitutions)))
+            )
+    return Examination(
+        groups=examined_groups,
+        findings=[*gather_findings(traps), *gather_findings(measured_traps)],
+        geoms=int(model.ngeom),
+        geoms_looked_at=len(selected) if model.ngeom > MOST_GEOMS else int(model.ngeom),
+        step=float(model.opt.timestep),
+        integrator=mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_"),
+        omissions=list_omissions(model),
+    )
+
+
+def number_of_geom(model: Any, name: str) -> int:
+    """Return the number of a geom, given by its name or by its number after a "#"; a ValueError if there is none."""
+    names = [name_of_geom(model, geom) for geom in range(model.ngeom)]
+    if name in names:
+        return names.index(name)
+    if name.startswith("#") and name[1:].isdecimal() and int(name[1:]) < model.ngeom:
+        return int(name[1:])
+    near = difflib.get_close_matches(name, names) or names[:3]
+    raise ValueError(
+        f"--geom = {name!r}: the scene has no such geom; legal: a name such as {', '.join(near)}"
+    )
+
+
+def list_omissions(model: Any) -> list[str]:
+    """List what a scene has that the drops leave out."""
+    counts = [
+        (model.nflex, "the contacts of {} flex (soft body)", "the contacts of {} flexes (soft bodies)"),
+        (model.nu, "the force of {} actuator", "the forces of {} actuators"),
+        (np.count_nonzero(model.jnt_stiffness), "the spring of {} joint", "the springs of {} joints"),
+        (np.count_nonzero(model.jnt_limited), "the limits of {} joint", "the limits of {} joints"),
+        (model.ntendon, "{} tendon", "{} tendons"),
+        (model.neq, "{} equality constraint", "{} equality constraints"),
+    ]
+    return [(one if count == 1 else more).format(count) for count, one, more in counts if count]
+
+
+def _examine_group(
+    model: Any, speed: float, group: ContactGroup, members: list[Bodies], deadline: float
+) -> tuple[list[ExaminedContact], list[tuple[list[str], list[Trap]]]]:
+    """Measure members of a group; give with the names of each the traps that its measurement shows."""
+    gravity = float(np.linalg.norm(model.opt.gravity))
+    names = group.members
+    rows: list[tuple[Bodies, MeasuredContact]] = []
+    for bodies in members:
+        row = MeasuredContact(names[bodies], bodies.masses, note=_note_on_joints(bodies))
+        if time.perf_counter() > deadline:
+            reason = f"not measured: {MOST_SECONDS:g} s were over; see --geom"
+            rows.append((bodies, row._replace(reason=reason)))
+            continue
+        try:
+            measured = measure_contact(bodies, model.opt, model.opt.timestep, speed, gravity)
+            row = measured._replace(names=row.names, note=row.note)
+        except Exception as error:  # the engine may raise anything on numbers that it does not take
+            row = row._replace(reason=str(error))
+        rows.append((bodies, row))
+    common = _common_measurement([row for _, row in rows])
+    examined: list[ExaminedContact] = []
+    traps: list[tuple[list[str], list[Trap]]] = []
+    for number, (bodies, row) in enumerate(rows):
+        contact = ExaminedContact(bodies, row)
+        if not row.reason and time.perf_counter() < deadline:
             try:
-                measured = measure_contact(bodies, model.opt, model.opt.timestep, speed, gravity)
-                row = measured._replace(names=names, note=row.note)
-                change, unkept = propose_change(bodies, model.opt, speed, row)
-                row = row._replace(change=change)
-            except Exception as error:  # the engine may raise anything on numbers that it does not take
-                row = row._replace(reason=str(error))
-            examined.append((row, list(_traps_in_measurement(bodies, model.opt, speed, row, unkept))))
-    return examined
+                contact = _add_readings(contact, model.opt, speed, common or row, is_first=number == 0)
+            except Exception as error:  # as above
+                contact = contact._replace(row=row._replace(reason=str(error)))
+            traps.append((row.names, list(_traps_in_measurement(contact, model.opt, speed))))
+        elif not row.reason.startswith("not measured"):
+            traps.append((row.names, list(_traps_in_measurement(contact, model.opt, speed))))
+        examined.append(contact)
+    return examined, traps
+
+
+def _common_measurement(rows: list[MeasuredContact]) -> MeasuredContact | None:
+    """Return a row with the means of restitution and duration, if those of all rows are near them; else None."""
+    numbers = [
+        (row.restitution, row.duration) for row in rows if row.restitution is not None and row.duration
+    ]
+    if not numbers:
+        return None
+    e, duration = np.mean(numbers, axis=0).tolist()
+    if any(abs(each - e) > NEAR_E / 2 or abs(time / duration - 1) > NEAR_K / 2 for each, time in numbers):
+        return None
+    return rows[0]._replace(restitution=e, duration=duration)
+
+
+def _add_readings(
+    contact: ExaminedContact, option: Any, speed: float, kept: MeasuredContact, is_first: bool
+) -> ExaminedContact:
+    """Add the readings of a contact, or advice on its damping ratio; `kept` has what it does now.
+
+    The advice is the same for all members of a group: it is for the first member.
+    """
+    bodies, row = contact.bodies, contact.row
+    if min(bodies.solref) > 0:
+        if not is_first:
+            return contact
+        advice = advise_on_ratio(bodies, option, speed, row)
+        change = "" if advice is None else describe_ratio(advice, row.restitution_range)
+        return contact._replace(advice=advice, row=row._replace(change=change))
+    keep, newton_metre = read_direct_numbers(bodies, option, speed, row, kept)
+    change = "; or ".join(reading.text for reading in (keep, newton_metre) if reading)
+    return contact._replace(keep=keep, newton_metre=newton_metre, row=row._replace(change=change))
 
 
 def _note_on_joints(bodies: Bodies) -> str:
@@ -96,11 +301,10 @@ def _note_on_joints(bodies: Bodies) -> str:
     )
 
 
-def _traps_in_measurement(
-    bodies: Bodies, option: Any, speed: float, row: MeasuredContact, unkept: str
-) -> Iterator[Trap]:
-    """Yield the traps that the measurement of a contact shows; `unkept` is as of `Proposal`."""
-    if lost := _lost_to_tolerance(bodies, option, speed, row):
+def _traps_in_measurement(contact: ExaminedContact, option: Any, speed: float) -> Iterator[Trap]:
+    """Yield the traps that the measurement of a contact shows."""
+    row = contact.row
+    if lost := _lost_to_tolerance(contact.bodies, option, speed, row):
         yield Trap("tolerance", lost)
     highest = max(row.restitution_range or (0.0,))
     if highest > 1 + NEGLIGIBLE:
@@ -108,8 +312,9 @@ def _traps_in_measurement(
             "gains-energy",
             f"it gives back more than it took, e up to {highest:.6g}: shorten the step, or see the other traps",
         )
-    if unkept:
-        yield Trap("unkept", unkept)
+    for reading in (contact.keep, contact.newton_metre):
+        if reading is not None and not reading.is_kept:
+            yield Trap("unkept", f"{reading.kind}: {reading.problem}")
 
 
 def _lost_to_tolerance(bodies: Bodies, option: Any, speed: float, row: MeasuredContact) -> str:

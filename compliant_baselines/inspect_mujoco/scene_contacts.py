@@ -7,6 +7,7 @@ count in that direction.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from copy import copy
 from importlib import import_module
 from typing import Any, NamedTuple
@@ -32,8 +33,19 @@ _PARAMETERS = {
 #: The stage that makes the mass matrix, as the engine calls it; from 3.3 on it adds the inertia of tendons.
 _MASS_MATRIX = "makeM" if hasattr(mujoco, "mj_makeM") else "crb"
 
+#: Number of geoms from which on only some geoms of each kind are looked at.
+MOST_GEOMS = 60
+
+#: Geoms of a kind that are looked at in a larger scene: so many of the lightest bodies, and so many of the heaviest.
+GEOMS_PER_END = 2
+
 #: Distance in m below which all geoms count as touching, so that contacts of distant geoms are found too.
 _EVERYWHERE = 1e9
+
+
+#: Where the parameters of a contact come from: a <pair>, the flag `override`, the geom of higher priority, two geoms
+#: that have the same parameters, or two geoms whose parameters the engine mixes.
+RULES = ("pair", "override", "priority", "same", "mixed")
 
 
 class Losses(NamedTuple):
@@ -62,6 +74,13 @@ class Bodies(NamedTuple):
     losses: tuple[Losses, Losses] = (Losses(), Losses())
     #: The solrefs of two geoms, if one of them is direct and the engine has mixed them.
     mixed: tuple[Any, ...] | None = None
+    #: Where the parameters come from, one of `RULES`.
+    rule: str = "pair"
+
+    @property
+    def parameters(self) -> tuple[tuple[str, Any], ...]:
+        """What decides the contact apart from the bodies: the numbers of the pair but for friction, and the rule."""
+        return (*((name, value) for name, value in self.pair if "friction" not in name), ("rule", self.rule))
 
     @property
     def mass(self) -> float:
@@ -84,42 +103,122 @@ class Bodies(NamedTuple):
         return dict(self.pair)["solimp"]
 
 
+class SceneContact(NamedTuple):
+    """A contact of a scene."""
+
+    name: str
+    #: The two geoms, the smaller number first.
+    geoms: tuple[int, int]
+    bodies: Bodies
+
+
 def read_contacts(model: Any) -> dict[Bodies, list[str]]:
     """Find all contacts of a compiled model; give their bodies, and the names of the contacts that are alike.
 
+    Of a scene of more than `MOST_GEOMS` geoms only some geoms of each kind are looked at.
+    """
+    found: dict[Bodies, list[str]] = {}
+    for contact in find_contacts(model):
+        found.setdefault(contact.bodies, []).append(contact.name)
+    return found
+
+
+def find_contacts(model: Any, selected: Iterable[int] | None = None) -> list[SceneContact]:
+    """Find the contacts of a compiled model; <pair>s come first.
+
     The engine itself says which geoms can touch, and combines their parameters. In a copy of the scene all geoms are at
-    one place, and have a shape whose overlap the engine always finds. <pair>s come first.
+    one place, and have a shape whose overlap the engine always finds. `selected` are the geoms that are looked at
+    beside those of <pair>s, by default those of `select_geoms`.
     """
     near = _everything_near(model)
+    _make_others_pass(near, {*(select_geoms(model) if selected is None else selected)})
     data = mujoco.MjData(near)
     for stage in ("kinematics", "comPos", "tendon", _MASS_MATRIX, "factorM"):
         getattr(mujoco, f"mj_{stage}")(near, data)
-    masses, losses = zip(*(_mass_and_losses(near, data, i) for i in range(model.nbody)), strict=True)
     data.geom_xpos[:] = 0
     mujoco.mj_collision(near, data)
     # A geom of -1 is a flex.
     touching = {
-        tuple(sorted(contact.geom.tolist())): contact for contact in data.contact if contact.geom.min() >= 0
+        tuple(sorted(geoms)): n for n, geoms in enumerate(data.contact.geom.tolist()) if min(geoms) >= 0
     }
+    columns = [
+        (name, getattr(data.contact, field).reshape(len(data.contact), -1).tolist())
+        for name, field in _PARAMETERS.items()
+    ]
     pair_geoms = np.sort([model.pair_geom1, model.pair_geom2], axis=0).T.tolist()
     pairs = {tuple(geoms): i for i, geoms in enumerate(pair_geoms)}
-    found: dict[Bodies, list[str]] = {}
+    of_bodies, rules, bodies_of_geoms = _BodyNumbers(near, data), _Rules(model), model.geom_bodyid.tolist()
+    contacts: list[SceneContact] = []
     for geoms in sorted(touching, key=lambda geoms: (pairs.get(geoms, model.npair), geoms)):
-        light, heavy = sorted(model.geom_bodyid[[*geoms]].tolist(), key=masses.__getitem__)
-        if masses[light] == math.inf:
+        light, heavy = sorted((bodies_of_geoms[geom] for geom in geoms), key=of_bodies.mass)
+        if of_bodies.mass(light) == math.inf:
             continue
-        values = ((name, np.ravel(getattr(touching[geoms], field))) for name, field in _PARAMETERS.items())
-        pair = tuple((name, tuple(value.tolist())) for name, value in values)
+        pair = tuple((name, tuple(values[touching[geoms]])) for name, values in columns)
+        rule = rules.of(geoms, geoms in pairs)
         bodies = Bodies(
-            masses=(masses[light], masses[heavy]),
-            weights=(_round(model.body_invweight0[light]), _round(model.body_invweight0[heavy])),
+            masses=(of_bodies.mass(light), of_bodies.mass(heavy)),
+            weights=(of_bodies.weights(light), of_bodies.weights(heavy)),
             pair=pair,
-            inertia=_inertia(near, data, light, heavy),
-            losses=(losses[light], losses[heavy]),
-            mixed=_mixed_solrefs(model, geoms, geoms in pairs, dict(pair)["solref"]),
+            inertia=of_bodies.inertia(light, heavy),
+            losses=(of_bodies.losses(light), of_bodies.losses(heavy)),
+            mixed=rules.mixed_solrefs(geoms, rule, dict(pair)["solref"]),
+            rule=rule,
         )
-        found.setdefault(bodies, []).append(_name_of(model, geoms, pairs.get(geoms)))
-    return found
+        contacts.append(SceneContact(_name_of(model, geoms, pairs.get(geoms)), geoms, bodies))
+    return contacts
+
+
+def name_of_geom(model: Any, geom: int) -> str:
+    """Name a geom by its name, or by its number after a "#"."""
+    return model.geom(geom).name or f"#{geom}"
+
+
+def select_geoms(model: Any) -> list[int]:
+    """Choose the geoms to look at: all, or of more than `MOST_GEOMS` some of each kind, and at most so many.
+
+    Geoms of a kind have the same contact parameters. Those of the lightest and of the heaviest bodies stand for all.
+    """
+    geoms = list(range(model.ngeom))
+    if model.ngeom <= MOST_GEOMS:
+        return geoms
+    fields = (
+        "solref",
+        "solimp",
+        "solmix",
+        "priority",
+        "condim",
+        "friction",
+        "margin",
+        "gap",
+        "contype",
+        "conaffinity",
+    )
+    is_fixed = model.body_weldid[model.geom_bodyid] == 0
+    columns = [np.asarray(getattr(model, f"geom_{name}"), float).reshape(model.ngeom, -1) for name in fields]
+    _, kinds = np.unique(np.column_stack([*columns, is_fixed]), axis=0, return_inverse=True)
+    kinds = np.ravel(kinds)
+    weights = model.body_invweight0[model.geom_bodyid, 0]
+    selected: list[int] = []
+    for kind in range(kinds.max() + 1):
+        of_kind = np.flatnonzero(kinds == kind)
+        # One geom a body: two geoms of one body do not touch.
+        _, firsts = np.unique(model.geom_bodyid[of_kind], return_index=True)
+        by_weight = of_kind[firsts][np.argsort(weights[of_kind[firsts]], kind="stable")].tolist()
+        ends = [*by_weight[:GEOMS_PER_END], *by_weight[-GEOMS_PER_END:]]
+        selected += [geom for geom in dict.fromkeys(ends)]
+    return sorted(selected[:MOST_GEOMS])
+
+
+def _make_others_pass(near: Any, selected: set[int]) -> None:
+    """Let all geoms but the selected ones pass through each other."""
+    if len(selected) == near.ngeom:
+        return
+    passes = np.ones(near.ngeom, bool)
+    passes[[*selected]] = False
+    near.geom_contype[passes] = near.geom_conaffinity[passes] = 0
+    has_selected = np.zeros(near.nbody, bool)
+    has_selected[near.geom_bodyid[~passes]] = True
+    near.body_contype[~has_selected] = near.body_conaffinity[~has_selected] = 0
 
 
 def _everything_near(model: Any) -> Any:
@@ -132,19 +231,37 @@ def _everything_near(model: Any) -> Any:
     return near
 
 
-def _mixed_solrefs(model: Any, geoms: tuple[int, ...], is_pair: bool, solref: Any) -> tuple[Any, ...] | None:
-    """Return the solrefs of two geoms if the engine has mixed them and the result is direct; else None."""
-    is_overridden = bool(model.opt.enableflags & int(mujoco.mjtEnableBit.mjENBL_OVERRIDE))
-    first, second = (tuple(model.geom_solref[geom].tolist()) for geom in geoms)
-    one_has_priority = np.ptp(model.geom_priority[[*geoms]]) > 0
-    if is_pair or is_overridden or first == second or one_has_priority or min(solref) > 0:
-        return None
-    return first, second
+class _Rules:
+    """How the engine combines the parameters of two geoms."""
+
+    def __init__(self, model: Any) -> None:
+        self._is_overridden = bool(model.opt.enableflags & int(mujoco.mjtEnableBit.mjENBL_OVERRIDE))
+        self._priorities = model.geom_priority.tolist()
+        self._solrefs, self._solimps = model.geom_solref.tolist(), model.geom_solimp.tolist()
+
+    def of(self, geoms: tuple[int, ...], is_pair: bool) -> str:
+        """Say where the parameters of a contact come from, one of `RULES`."""
+        first, second = geoms
+        if self._is_overridden:
+            return "override"
+        if is_pair:
+            return "pair"
+        if self._priorities[first] != self._priorities[second]:
+            return "priority"
+        is_same = all(numbers[first] == numbers[second] for numbers in (self._solrefs, self._solimps))
+        return "same" if is_same else "mixed"
+
+    def mixed_solrefs(self, geoms: tuple[int, ...], rule: str, solref: Any) -> tuple[Any, ...] | None:
+        """Return the solrefs of two geoms if the engine has mixed them and the result is direct; else None."""
+        first, second = (tuple(self._solrefs[geom]) for geom in geoms)
+        if rule != "mixed" or first == second or min(solref) > 0:
+            return None
+        return first, second
 
 
 def _name_of(model: Any, geoms: tuple[int, ...], pair: int | None) -> str:
     """Name a contact by its <pair>, if it has one, or by its geoms."""
-    names = " and ".join(model.geom(geom).name or f"#{geom}" for geom in geoms)
+    names = " and ".join(name_of_geom(model, geom) for geom in geoms)
     return f"geoms {names}" if pair is None else f"pair {model.pair(pair).name or names}"
 
 
@@ -171,22 +288,66 @@ def _mass_and_losses(model: Any, data: Any, body: int) -> tuple[float, Losses]:
     return _round(1 / largest)[0], losses
 
 
-def _inertia(model: Any, data: Any, *bodies: int) -> float:
-    """Return the sum of the diagonal of the mass matrix, in kg and kg m^2, by which the solver divides its measures.
+class _BodyNumbers:
+    """Masses, losses and inertias of the bodies of a model, each computed when it is asked for."""
 
-    It runs over all degrees of freedom that are solved together: the trees of the two bodies, or the whole scene where
-    it is not solved island by island.
+    def __init__(self, model: Any, data: Any) -> None:
+        self._model, self._data = model, data
+        self._of_bodies: dict[int, tuple[float, Losses]] = {}
+        self._weights: dict[int, tuple[float, ...]] = {}
+        self._inertias: dict[tuple[int, ...], float] = {}
+        self._inertia_of_trees = np.bincount(model.dof_treeid, _mass_diagonal(model, data), minlength=1)
+        self._has_islands = _has_islands(model.opt)
+        self._trees = model.body_treeid.tolist()
+
+    def mass(self, body: int) -> float:
+        """Return the mass in kg, as of `_mass_and_losses`."""
+        return self._of_body(body)[0]
+
+    def losses(self, body: int) -> Losses:
+        """Return the losses of the joints, as of `_mass_and_losses`."""
+        return self._of_body(body)[1]
+
+    def weights(self, body: int) -> tuple[float, ...]:
+        """Return the engine's `body_invweight0`."""
+        if body not in self._weights:
+            self._weights[body] = _round(self._model.body_invweight0[body])
+        return self._weights[body]
+
+    def _of_body(self, body: int) -> tuple[float, Losses]:
+        if body not in self._of_bodies:
+            self._of_bodies[body] = _mass_and_losses(self._model, self._data, body)
+        return self._of_bodies[body]
+
+    def inertia(self, *bodies: int) -> float:
+        """Return the sum of the mass matrix's diagonal, in kg and kg m^2, by which the solver divides its measures.
+
+        It runs over all degrees of freedom that are solved together: the trees of the two bodies, or the whole scene
+        where it is not solved island by island.
+        """
+        trees = tuple(sorted({self._trees[body] for body in bodies} - {-1})) if self._has_islands else ()
+        if trees not in self._inertias:
+            of_trees = self._inertia_of_trees[[*trees]] if self._has_islands else self._inertia_of_trees
+            self._inertias[trees] = _round(of_trees.sum())[0]
+        return self._inertias[trees]
+
+
+def _mass_diagonal(model: Any, data: Any) -> NDArray[np.float64]:
+    """Return the diagonal of the mass matrix, in kg and kg m^2.
+
+    Degrees of freedom of different trees do not act on each other, unless a tendon with inertia ties them. So one
+    product with the matrix gives an entry of each tree.
     """
-    dofs: NDArray[np.intp] = np.arange(int(model.nv))
-    if _has_islands(model.opt):
-        trees = [tree for tree in model.body_treeid[[*bodies]].tolist() if tree >= 0]
-        dofs = dofs[np.isin(model.dof_treeid, trees)]
-    diagonal: list[float] = []
-    row, unit_vectors = np.empty(int(model.nv)), np.eye(int(model.nv))
-    for dof in dofs.tolist():
-        mujoco.mj_mulM(model, data, row, unit_vectors[dof])
-        diagonal.append(float(row[dof]))
-    return _round(sum(diagonal))[0]
+    nv = int(model.nv)
+    rounds = np.arange(nv)
+    if nv and not getattr(model, "tendon_armature", np.zeros(0)).any():
+        _, first_dofs, trees = np.unique(model.dof_treeid, return_index=True, return_inverse=True)
+        rounds = rounds - first_dofs[np.ravel(trees)]
+    diagonal, row = np.zeros(nv), np.empty(nv)
+    for n in range(int(rounds.max(initial=-1)) + 1):
+        mujoco.mj_mulM(model, data, row, (rounds == n).astype(float))
+        diagonal[rounds == n] = row[rounds == n]
+    return diagonal
 
 
 def _has_islands(option: Any) -> bool:

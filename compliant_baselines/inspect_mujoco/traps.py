@@ -7,6 +7,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from importlib import import_module
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from impact_xval.compliant_baselines.inspect_mujoco.scene_contacts import Bodies
 from impact_xval.compliant_baselines.mapping import (
     MUJOCO_DEFAULT_SOLIMP,
@@ -14,6 +16,7 @@ from impact_xval.compliant_baselines.mapping import (
     KelvinVoigtContact,
     MujocoContact,
 )
+from impact_xval.compliant_baselines.restitution import restitution
 
 mujoco: Any = import_module("mujoco")  # the names of the compiled module are invisible to a type checker
 
@@ -31,6 +34,8 @@ TRAPS = (
     "mixed-signs",
     "refsafe",
     "not-newton-per-metre",
+    "damping-ratio",
+    "solimp",
     "long-step",
     "tolerance",
     "gains-energy",
@@ -71,15 +76,30 @@ def gather_findings(traps: Sequence[tuple[list[str], Iterable[Trap]]]) -> list[F
     return [Finding(trap.name, contacts[trap], trap.message) for trap in in_order]
 
 
-def traps_in_parameters(option: Any, bodies: Bodies) -> Iterator[Trap]:
-    """Yield the traps in the parameters of a contact; `option` are the options of the scene."""
+def traps_in_parameters(
+    option: Any, alike: Sequence[Bodies], measured_restitution: tuple[float, float] | None = None
+) -> Iterator[Trap]:
+    """Yield the traps in the parameters of contacts.
+
+    Parameters
+    ----------
+    option
+        The options of the scene.
+    alike
+        The bodies of contacts of the same parameters.
+    measured_restitution
+        Least and greatest that drops gave; None if the contacts were not measured.
+    """
+    bodies = alike[0]
     solref, (dmin, dmax, *_) = bodies.solref, bodies.solimp
     step = option.timestep
-    if bodies.mixed:
+    mixtures = dict.fromkeys(each.mixed for each in alike if each.mixed)
+    if mixtures:
+        first, *others = (" and ".join(map(str, mixed)) for mixed in mixtures)
+        more = f" (and {len(others)} other mixtures)" if others else ""
         yield Trap(
             "mixed-geoms",
-            f"solref {' and '.join(map(str, bodies.mixed))} are combined to {solref}, the smaller of each number; use "
-            "a <pair>",
+            f"solref {first}{more} are combined to {solref}, the smaller of each number; use a <pair>",
         )
     if option.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE:
         yield Trap("override", f"every contact has solref {solref} instead of its own")
@@ -106,21 +126,65 @@ def traps_in_parameters(option: Any, bodies: Bodies) -> Iterator[Trap]:
             f"a time constant of {first:g} s is shorter than two steps of {step:g} s and becomes {effective:g} s, a "
             f"stiffness {(effective / first) ** 2:.3g} times lower; shorten the step",
         )
-    stiffness = -first * bodies.scale
-    if stiffness > 0 and dmin > FORCE_LEVEL:
+    if first < 0 and dmin > FORCE_LEVEL:
+        low, high = (f"{-first * scale:.4g}" for scale in _extremes(each.scale for each in alike))
+        springs = f"the spring of this pair alone has {low}"
+        if low != high:
+            springs = f"the springs of these pairs alone have {low} to {high}"
         yield Trap(
             "not-newton-per-metre",
-            f"a direct stiffness of {-first:g} is in 1/s^2: the spring of this pair alone has {stiffness:.4g} N/m at "
-            f"most, and under solimp {dmin:g} to {dmax:g} a third body changes it; for N/m take impact-xval contact",
+            f"a direct stiffness of {-first:g} is in 1/s^2: {springs} N/m at most, and under solimp {dmin:g} to "
+            f"{dmax:g} a third body changes it; for N/m take impact-xval contact",
+        )
+    if min(solref) > 0 and solref[1] != MUJOCO_DEFAULT_SOLREF[1]:
+        yield Trap("damping-ratio", describe_damping_ratio(solref, measured_restitution))
+    if solref == MUJOCO_DEFAULT_SOLREF and not np.allclose(bodies.solimp, MUJOCO_DEFAULT_SOLIMP):
+        solimp = " ".join(f"{number:g}" for number in bodies.solimp)
+        yield Trap(
+            "solimp",
+            f"solimp sets no restitution: with the default solref (0.02, 1) e is {_format_restitution(solref[1])} by "
+            f"the formula{_format_measured(measured_restitution)} under solimp ({solimp}); the damping ratio, second "
+            "in solref, sets it",
         )
     duration = _duration_to_resolve((effective, second))
     if duration / step < FEWEST_STEPS:
         yield Trap(
             "long-step",
-            f"a contact of {duration:.3g} s gets {duration / step:.2g} steps of {step:.3g} s; some {FEWEST_STEPS} are "
-            f"the least for its restitution to be within 10 %, {duration / 100:.2g} s the step for about 1 % (see "
-            "impact-xval contact)",
+            f"by the formula at full impedance a contact of {duration:.3g} s gets {duration / step:.2g} steps of "
+            f"{step:.3g} s: e depends on where in a step the bodies touch"
+            f"{_format_measured(measured_restitution)}; {FEWEST_STEPS} steps keep it within 10 %, a step of "
+            f"{duration / 100:.2g} s within about 1 %",
         )
+
+
+def describe_damping_ratio(
+    solref: tuple[float, float], measured_restitution: tuple[float, float] | None = None
+) -> str:
+    """Say what restitution the damping ratio of a solref gives, and that it is no restitution."""
+    return (
+        f"the second number of solref ({solref[0]:g}, {solref[1]:g}) is a damping ratio, no restitution: "
+        f"{solref[1]:g} rebounds with {_format_restitution(solref[1])} by the formula"
+        f"{_format_measured(measured_restitution)}"
+    )
+
+
+def _format_restitution(damping_ratio: float) -> str:
+    """Write the restitution that a damping ratio gives to a contact that may push but not pull."""
+    return f"{restitution(damping_ratio):.2g}"
+
+
+def _format_measured(restitutions: tuple[float, float] | None) -> str:
+    """Write what was measured beside a formula; empty if nothing was."""
+    if restitutions is None:
+        return ""
+    low, high = (f"{e:.3g}" for e in restitutions)
+    return f", {low} measured" if low == high else f", {low} to {high} measured"
+
+
+def _extremes(values: Iterable[float]) -> tuple[float, float]:
+    """Return the least and the greatest value."""
+    ordered = sorted(values)
+    return ordered[0], ordered[-1]
 
 
 def _duration_to_resolve(solref: tuple[float, float]) -> float:

@@ -8,7 +8,7 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
@@ -124,7 +124,7 @@ class SolverComparison:
             for first, second in itertools.combinations(results, 2)
         }
 
-    def objects(self) -> list[dict[str, Any]]:
+    def objects(self) -> list[dict[str, object]]:
         """Return one object per solver: velocities per abs(v0), impulses per m1 abs(v0), times in s.
 
         Missing numbers are NaN, and a grazing margin without an end is infinite; JSON has null for both.
@@ -232,7 +232,7 @@ class SolverComparison:
 
     def _collision_table(self) -> Table:
         divergences, velocities, unit = self.divergences, self._known, self.problem.units.impulse
-        rows = []
+        rows: list[tuple[str, ...]] = []
         for name in sort_by_law(self.outcomes):
             outcome, cells = self.outcomes[name], ["-"] * 6
             if name in velocities:
@@ -268,7 +268,8 @@ class SolverComparison:
 
     def _chain_table(self) -> Table:
         """Lay out a chain with one row per fact and one column per solver, because facts outnumber solvers."""
-        measures, facts = self._measures, {}
+        measures = self._measures
+        facts: dict[str, dict[str, str]] = {}
         for name, velocities in self._known.items():
             outcome, measured = self.outcomes[name], measures[name]
             facts[name] = {

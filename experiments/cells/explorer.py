@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import contextlib
 import json
+import socket
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError
 from functools import cache, lru_cache
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Any
 from urllib.parse import parse_qsl
 
 from bokeh.core.types import ID
@@ -33,6 +33,9 @@ from impact_xval.experiments.sweep.one import SolversApart, solvers_apart
 from impact_xval.experiments.sweep.process import ClosedError
 from impact_xval.model.outcome import Outcome
 
+#: Points of a line of a chart, by coordinate: ``x`` and ``y``.
+ChartSource = dict[str, Sequence[float]]
+
 #: Solvers that run by the button, and solvers that follow the sliders.
 ENGINES = tuple(filter(is_engine, solver_names()))
 EXACT = tuple(name for name in solver_names() if name not in ENGINES)
@@ -49,7 +52,7 @@ class ExplorerCells:
         # The table is asked for again as each of the engines ends.
         self._engine = lru_cache(64)(self._solve)
 
-    def answer(self, query: str) -> dict[str, Any]:
+    def answer(self, query: str) -> dict[str, object]:
         """Return what a page shows of an address, options of `solve` and ``solver`` for every engine.
 
         That is ``problem``, one line; or ``results``, HTML, and ``data`` of the charts.
@@ -93,10 +96,12 @@ class ExplorerCells:
             self.closed = True
 
 
-def _data(compared: SolverComparison) -> dict[str, dict[str, Any]]:
+def _data(compared: SolverComparison) -> dict[str, ChartSource]:
     """Return the data of the charts' sources; the sources of a solver with nothing to draw are empty."""
     collision, kinds = compared.problem, ("balls", "curve", "end")
-    data = {f"{kind} {name}": {"x": [], "y": []} for name in (*EXACT, *ENGINES) for kind in kinds}
+    data: dict[str, ChartSource] = {
+        f"{kind} {name}": {"x": [], "y": []} for name in (*EXACT, *ENGINES) for kind in kinds
+    }
     if compared.is_chain:
         for name, velocities in compared.scaled.items():
             data[f"balls {name}"] = {"x": [*range(1, 1 + len(velocities))], "y": velocities}
@@ -104,11 +109,12 @@ def _data(compared: SolverComparison) -> dict[str, dict[str, Any]]:
     reach, mass = 0.0, collision.mass_ratio
     for name, outcome in compared.outcomes.items():
         if (curve := impulse_curve(collision, outcome)) is not None:
-            data[f"curve {name}"] = dict(zip("xy", curve, strict=True))
+            data[f"curve {name}"] = {"x": curve[0], "y": curve[1]}
             data[f"end {name}"] = {"x": curve[0][-1:], "y": curve[1][-1:]}
             reach = max(reach, *curve[0], *curve[1])
     data["line l1"] = {"x": [mass / (1 + mass), (reach + mass) / (1 + mass)], "y": [0, reach]}
-    return data | {"line l2": {"x": [0, reach], "y": [0, reach]}}
+    data["line l2"] = {"x": [0, reach], "y": [0, reach]}
+    return data
 
 
 @cache
@@ -126,14 +132,15 @@ class _Server(ThreadingHTTPServer):
     daemon_threads = False
     cells: ExplorerCells
 
-    def handle_error(self, request: Any, client_address: Any) -> None:
+    def handle_error(
+        self, request: socket.socket | tuple[bytes, socket.socket], client_address: object
+    ) -> None:
         """Ignore the errors of a closed page and of a cell that Ctrl-C ended."""
         if not (self.cells.closed or isinstance(sys.exc_info()[1], OSError | ClosedError | CancelledError)):
             super().handle_error(request, client_address)
 
 
 class _Request(BaseHTTPRequestHandler):
-    server: Any
     #: Seconds until a silent connection is closed: browsers open connections in advance.
     timeout = 5
 
@@ -144,13 +151,14 @@ class _Request(BaseHTTPRequestHandler):
         if path == "/":
             kind, text = "text/html", explorer_page()
         elif path == "/solved":
+            assert isinstance(self.server, _Server)
             kind, text = "application/json", json.dumps(self.server.cells.answer(query))
         self.send_response(200)
         self.send_header("Content-Type", f"{kind}; charset=utf-8")
         self.end_headers()
         self.wfile.write(text.encode())
 
-    def log_message(self, format: str, *args: Any) -> None:
+    def log_message(self, format: str, *args: object) -> None:
         """Write nothing: the terminal is for the address alone."""
 
 

@@ -19,7 +19,15 @@ from typing import Annotated, Any
 
 import typer
 
-from impact_xval.experiments.commands import contact, hypothesis, runs, scoreboard, single_collision, solvers
+from impact_xval.experiments.commands import (
+    contact,
+    hypothesis,
+    inspect_scene,
+    runs,
+    scoreboard,
+    single_collision,
+    solvers,
+)
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 
 PROGRAM = "impact-xval"
@@ -64,6 +72,9 @@ def _versions() -> str:
     return "\n".join(lines)
 
 
+#: Classes of commands that read their words in a way of their own.
+_CLASSES = {"contact": contact.ContactCommand}
+
 # In the order of the help.
 for name, command in {
     "run": runs.run_command,
@@ -77,9 +88,9 @@ for name, command in {
     "contact": contact.contact_command,
     "scene": single_collision.scene_command,
     "solvers": solvers.solvers_command,
-    "inspect": solvers.inspect_command,
+    "inspect": inspect_scene.inspect_command,
 }.items():
-    app.command(name)(command)
+    app.command(name, cls=_CLASSES.get(name))(command)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,4 +1,4 @@
-"""``impact-xval hypothesis``: the limits of the supplement put to the test, or one stiff pair of one's own."""
+"""``impact-xval hypothesis``: the limiting cases of the supplement put to the test, or one stiff pair of one's own."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def hypothesis_command(
 ) -> None:
     """Test whether infinitely stiff pairs move as one.
 
-    The supplement's hypothesis, limit by limit and solver by solver: verdicts, tables, a page.
+    The supplement's hypothesis, case by case and solver by solver: verdicts, tables, a page.
     The same command continues a test that was stopped.
 
     Example: impact-xval hypothesis --out my-verdicts
@@ -77,7 +77,7 @@ def hypothesis_command(
 
 
 def _test(config: Path | None, root: Path, workers: int | None) -> None:
-    """Put the supplement's limits to the test, into a folder; print verdicts and where the page is."""
+    """Put the supplement's limiting cases to the test, into a folder; print verdicts and where the page is."""
     from impact_xval.experiments.hypothesis.config import load_hypothesis_config
 
     start = time.perf_counter()

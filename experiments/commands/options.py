@@ -9,11 +9,12 @@ from __future__ import annotations
 import inspect
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from impact_xval.experiments.config.collision_options import PARAMETERS
 from impact_xval.experiments.config.errors import UserError
@@ -25,6 +26,63 @@ def parse_number(text: str) -> float:
         return float(text)
     except ValueError:
         raise typer.BadParameter(f"{text!r:.60}; legal: a number") from None
+
+
+class Numbers(tuple[float, ...]):
+    """Numbers of one option, as many as were typed after it."""
+
+
+def numbers_parser(fewest: int, most: int) -> Callable[[str], Numbers]:
+    """Return a parser of that many numbers, separated by blanks; see `command_with_numbers`."""
+    count = {(1, 2): "one or two numbers", (2, 2): "two numbers", (2, 3): "two or three numbers"}.get(
+        (fewest, most), f"{fewest} to {most} numbers"
+    )
+
+    def read(text: str) -> Numbers:
+        try:
+            numbers = Numbers(map(float, text.split()))
+        except ValueError:
+            raise typer.BadParameter(f"{text!r:.60}; legal: {count}") from None
+        if not fewest <= len(numbers) <= most:
+            raise typer.BadParameter(f"{text!r:.60}; legal: {count}")
+        return numbers
+
+    return read
+
+
+def command_with_numbers(*names: str) -> type[TyperCommand]:
+    """Return a class of commands whose options of these names take all that follows up to the next option.
+
+    The words are joined to one value, which `numbers_parser` reads. A negative number is no option.
+    """
+
+    class CommandWithNumbers(TyperCommand):
+        def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+            return super().parse_args(ctx, join_numbers(args, names))
+
+    return CommandWithNumbers
+
+
+def join_numbers(words: Sequence[str], names: Sequence[str]) -> list[str]:
+    """Join the words after each option of these names to one word, up to the next option."""
+    joined: list[str] = []
+    is_gathering = False  # the last word of `joined` is the value of such an option
+    for i, word in enumerate(words):
+        if is_gathering and not _is_option(word):
+            joined[-1] = f"{joined[-1]} {word}"
+            continue
+        is_gathering = i > 0 and words[i - 1] in names and not _is_option(word)
+        joined.append(word)
+    return joined
+
+
+def _is_option(word: str) -> bool:
+    """Tell whether a word is an option and not a negative number."""
+    try:
+        float(word)
+    except ValueError:
+        return word.startswith("-")
+    return False
 
 
 def whole_number_parser(low: int, high: int) -> Callable[[str], int]:
@@ -65,7 +123,7 @@ def parse_shard(text: str) -> tuple[int, int]:
     return int(parts[1]), int(parts[2])
 
 
-def print_json(value: Any) -> None:
+def print_json(value: object) -> None:
     """Print strict JSON, with null for infinity and NaN."""
     plain = json.loads(json.dumps(value), parse_constant=lambda _: None)
     typer.echo(json.dumps(plain, indent=2))
@@ -84,20 +142,20 @@ def known_solvers(solvers: list[str] | None) -> list[str]:
 
 
 def option(
-    metavar: str, help_text: str, parser: Callable[[str], Any] | None = None, default: Any = None
+    metavar: str, help_text: str, parser: Callable[[str], object] | None = None, default: object = None
 ) -> Any:
     """Return an option with a value; `...` as its default makes it required."""
     return typer.Option(default, metavar=metavar, help=help_text, parser=parser)
 
 
 def argument(
-    metavar: str, help_text: str, parser: Callable[[str], Any] | None = None, default: Any = ...
+    metavar: str, help_text: str, parser: Callable[[str], object] | None = None, default: object = ...
 ) -> Any:
     """Return an argument, required without a default."""
     return typer.Argument(default, metavar=metavar, help=help_text, parser=parser)
 
 
-def flag(name: str, help_text: str) -> Any:
+def flag_option(name: str, help_text: str) -> Any:
     """Return an option without a value."""
     return typer.Option(False, name, help=help_text)
 

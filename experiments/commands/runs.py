@@ -9,9 +9,9 @@ import re
 import shlex
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -19,7 +19,7 @@ from impact_xval.experiments.commands.options import (
     Json,
     Workers,
     argument,
-    flag,
+    flag_option,
     option,
     parse_number,
     parse_path,
@@ -31,6 +31,8 @@ from impact_xval.experiments.commands.options import (
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from impact_xval.experiments.config.experiment import Config
     from impact_xval.experiments.measures.summary import Summary
     from impact_xval.experiments.sweep.run import Apart, Progress
@@ -47,7 +49,7 @@ def run_command(
     shard: str = option(
         "I/N", "Compute every N-th part, from the I-th, in a folder of all N.", default="1/1"
     ),
-    quick: bool = flag("--quick", "A first taste: 40 cells of the built-in grid, in a minute."),
+    quick: bool = flag_option("--quick", "A first taste: 40 cells of the built-in grid, in a minute."),
 ) -> None:
     """Run an experiment: tables, figures, a page.
 
@@ -65,7 +67,13 @@ def run_command(
 
     # A name in which nothing can leave the folder or hide.
     root = out or Path("runs") / (re.sub(r"[^A-Za-z0-9._-]+", "-", experiment.name).strip("-.") or "run")
-    words: list[Any] = ["run", *(["--quick"] if quick else []), *([config] if config else []), "--out", root]
+    words: list[str | Path] = [
+        "run",
+        *(["--quick"] if quick else []),
+        *([config] if config else []),
+        "--out",
+        root,
+    ]
     words += ["--scheduler", scheduler] if scheduler else []
     words += ["--shard", shard] if part != (1, 1) else []
     console = make_console()
@@ -148,8 +156,8 @@ def report_command(
     only: str | None = option(
         "WHAT", "'page', 'tables' or 'figures': write that alone.", word_parser("page", "tables", "figures")
     ),
-    latex: bool = flag("--latex", "Write the table of divergence as summary.tex too."),
-    supplement: bool = flag(
+    latex: bool = flag_option("--latex", "Write the table of divergence as summary.tex too."),
+    supplement: bool = flag_option(
         "--supplement", "Draw the six panels of the model's supplement into a new folder."
     ),
 ) -> None:
@@ -256,7 +264,7 @@ def check_holds_something(file: Path, command: str) -> None:
 
 
 @contextlib.contextmanager
-def writing_folder(words: list[Any], console: Any, before: str) -> Iterator[Progress]:
+def writing_folder(words: Sequence[str | Path], console: Console, before: str) -> Generator[Progress]:
     """Show the progress of the block, which writes a folder; if it is interrupted, the error says how to continue.
 
     `words` are the words of the command that continues it. `before` is printed with the first report, when the input is

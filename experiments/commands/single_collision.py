@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import webbrowser
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -13,7 +13,7 @@ from impact_xval.experiments.commands.options import (
     Json,
     Solvers,
     argument,
-    flag,
+    flag_option,
     known_solvers,
     option,
     parse_path,
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from impact_xval.experiments.cells.compared import SolverComparison
     from impact_xval.experiments.config.arrangements import ChainSetup
     from impact_xval.experiments.config.experiment import Config
+    from impact_xval.experiments.tables.frames import Record
     from impact_xval.model import Collision
 
 #: Suffixes of pictures, and of files that show motion.
@@ -113,16 +114,16 @@ def _points_of_path(chain: ChainSetup | None, *, film: bool) -> int | None:
 def _draw_into(file: Path, compared: SolverComparison, config: Config) -> str:
     """Draw a collision into a file, as a picture or in slow motion; return its caption."""
     from impact_xval.experiments.presentation.pictures.curves import collision_caption, drawable_paths
-    from impact_xval.experiments.presentation.pictures.motion import Motion, write_animation
+    from impact_xval.experiments.presentation.pictures.motion import SlowMotion, write_animation
     from impact_xval.experiments.presentation.style import save_picture
     from impact_xval.experiments.presentation.terminal import report_waiting
 
     problem, outcomes, film = compared.problem, compared.outcomes, file.suffix in _FILMS
     try:
-        picture = Motion.of(problem, outcomes, config, compared.chain) if film else compared.plot()
+        picture = SlowMotion.of(problem, outcomes, config, compared.chain) if film else compared.plot()
     except ValueError as error:
         raise UserError(f"--plot {file}: {error}") from None
-    if isinstance(picture, Motion):
+    if isinstance(picture, SlowMotion):
         with report_waiting("drawing the motion"):
             write_animation(picture, file)
         return picture.caption()
@@ -134,7 +135,7 @@ def _draw_into(file: Path, compared: SolverComparison, config: Config) -> str:
 
 def explore_command(
     port: int = option("N", "Port to listen at; 0: any free one.", whole_number_parser(0, 65535), 5006),
-    no_browser: bool = flag("--no-browser", "Print the address, and open nothing."),
+    no_browser: bool = flag_option("--no-browser", "Print the address, and open nothing."),
 ) -> None:
     """Move one collision by sliders in a browser.
 
@@ -181,7 +182,8 @@ def scene_command(
 
     if folder is None:
         collision, _, config = parse_collision(typed)
-        table, where = {}, "collision"
+        table: dict[str, Record] = {}
+        where = "collision"
     else:
         if cell is None or any(typed.values()):
             raise UserError(f"{folder}: a cell of a run is named by its number alone; legal: DIR N")
@@ -197,7 +199,7 @@ def scene_command(
 
 
 def _write_scenes(
-    collision: Collision, settings: Settings, names: list[str], out: Path, table: dict[str, dict[str, Any]]
+    collision: Collision, settings: Settings, names: list[str], out: Path, table: dict[str, Record]
 ) -> None:
     """Run a collision by every named engine, and only then write one folder per engine.
 

@@ -1,25 +1,16 @@
-"""Commands about solvers and their scenes: what is there, what keeps the contract, which traps are set."""
+"""``impact-xval solvers``: what solvers there are, and whether they keep the contract."""
 
 from __future__ import annotations
 
 import contextlib
-import math
-from pathlib import Path
 
 import typer
 
-from impact_xval.experiments.commands.options import (
-    Json,
-    argument,
-    option,
-    parse_number,
-    parse_path,
-    print_json,
-)
+from impact_xval.experiments.commands.options import argument, option
 from impact_xval.experiments.config.errors import UserError
 
-#: Seconds that one check of a solver may take; seconds to load, measure and examine a scene.
-_TO_CHECK, _TO_INSPECT = 300.0, 120.0
+#: Seconds that one check of a solver may take.
+_TO_CHECK = 300.0
 
 
 def solvers_command(
@@ -44,8 +35,8 @@ def solvers_command(
     if name is not None:
         _check(name, law)
         return
-    rows = []
-    with contextlib.closing(Slot()) as slot:
+    rows: list[tuple[str, ...]] = []
+    with contextlib.closing(Slot(None)) as slot:
         for solver, origin in origins().items():
             with report_waiting(f"asking {solver} what it is"):
                 version, reason = ask_version(slot, get_solver, solver)
@@ -75,7 +66,7 @@ def _check(name: str, law: str) -> None:
     law = law or law_of(name) or "none"
     if law not in conformance.LAWS:
         raise UserError(f"--law = {law!r}; legal: {', '.join(conformance.LAWS)}")
-    with report_waiting(f"asking {name} what it is"), contextlib.closing(Slot()) as slot:
+    with report_waiting(f"asking {name} what it is"), contextlib.closing(Slot(None)) as slot:
         _, reason = ask_version(slot, get_solver, name)
     if reason is not None:
         raise UserError(f"{name}: unavailable: {reason}")
@@ -104,58 +95,3 @@ def _run_check(context: tuple[str, str], number: int) -> str:
 
     name, law = context
     return problem_of(checks(law)[number], get_solver(name))
-
-
-def inspect_command(
-    scene: Path = argument("SCENE.xml", "An MJCF file, or .mjb.", parse_path),
-    speed: float = option("M/S", "At which bodies are dropped.", parse_number, 1.0),
-    json: Json = False,
-) -> None:
-    """Measure the contacts of a MuJoCo scene, and look for traps in them.
-
-    Each two geoms that can touch are dropped and loaded alone: restitution, stiffness, steps in a contact, and what
-    to write for what was probably meant. Then contact parameters that are replaced, ignored or not what they seem.
-    Exit code 3 if there are any.
-
-    Example: impact-xval inspect robot.xml
-    """
-    from impact_xval.compliant_baselines import get_solver
-    from impact_xval.experiments.presentation.terminal import make_console, print_blocks, report_waiting
-    from impact_xval.experiments.sweep.process import FaultError, Worker
-
-    if not 0 < speed < math.inf:
-        raise UserError(f"--speed = {speed!r}; legal: a finite number > 0 (m/s)")
-    if not scene.is_file() or scene.suffix not in (".xml", ".mjb"):
-        raise UserError(f"{scene}: no such file of MuJoCo; legal: a file that ends in .xml or .mjb")
-    engine = get_solver("mujoco")
-    reason = engine.unavailable()
-    if reason is not None:
-        raise UserError(f"{scene}: mujoco is unavailable: {reason}")
-    from impact_xval.compliant_baselines.inspect_mujoco import examine
-
-    # In a process of its own: a few bytes can be a scene of any size, and crash its engine.
-    with report_waiting(f"dropping the contacts of {scene}"), contextlib.closing(Worker(speed)) as worker:
-        try:
-            findings_or_reason = worker.call(examine, scene, timeout=_TO_INSPECT)
-        except FaultError as fault:
-            raise UserError(f"{scene}: cannot be examined: {fault.reason}; legal: a smaller scene") from None
-    if isinstance(findings_or_reason, str):
-        raise UserError(findings_or_reason)
-    contacts, findings = findings_or_reason
-    if json:
-        rows = []
-        for contact in contacts:
-            row = contact._asdict()
-            where = row.pop("names")
-            masses = [mass if mass < math.inf else "inf" for mass in contact.masses]  # JSON knows no infinity
-            rows.append({"where": where, **row, "masses": masses})
-        traps = [
-            {"trap": finding.trap, "where": finding.contacts, "says": finding.message} for finding in findings
-        ]
-        print_json({"version": engine.version(), "contacts": rows, "traps": traps})
-    else:
-        from impact_xval.experiments.presentation.contacts import scene_blocks
-
-        print_blocks(make_console(), scene_blocks(contacts, findings, str(scene), speed, engine.version()))
-    if findings:
-        raise typer.Exit(3)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
@@ -24,7 +24,7 @@ from impact_xval.experiments.config.axes import (
     parameter,
     positive,
 )
-from impact_xval.experiments.config.errors import shorten
+from impact_xval.experiments.config.errors import is_list, shorten
 from impact_xval.experiments.config.renamed import rename_arrangement
 from impact_xval.model.collision import MAX_BALLS, Collision
 from impact_xval.model.inputs import V0
@@ -136,9 +136,8 @@ class ChainGrid(Axes):
     @classmethod
     def _arrangements(cls, value: object, info: ValidationInfo) -> object:
         warn = info.context != KEPT
-        names = [
-            rename_arrangement(name, warn=warn) for name in (value if isinstance(value, list) else [value])
-        ]
+        given = value if is_list(value) else [value]
+        names = [rename_arrangement(name, warn=warn) for name in given]
         if not names or any(name not in get_args(Arrangement) or names.count(name) > 1 for name in names):
             raise ValueError(f"{shorten(value)}; legal: {_NAMES}, or a list of them, each once")
         return names
@@ -158,16 +157,16 @@ class ChainGrid(Axes):
         axes = {name: expand_axis(axis or [1.0]) for name, axis in self if name != "arrangement"}
         return axes if arrangement == "cradle" else axes | {"strike": [math.nan]}
 
-    def corners(self) -> Iterator[dict[str, Any]]:
+    def corners(self) -> Iterator[dict[str, object]]:
         """Yield chains at the ends of all axes, as `ChainSetup` takes them: if any is illegal, one of these is."""
         for name in self.arrangement:
             for fewest_or_most, end in itertools.product((min, max), (min, max)):
                 row = {key: end(values) for key, values in self.axes(name).items()}
                 balls = fewest_or_most(self.axes(name)["balls"])
-                yield chain_setup_values(row | {"arrangement": name, "balls": balls})
+                yield chain_setup_values(name, row | {"balls": balls})
 
 
-def chain_setup_values(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values that `ChainSetup` takes from a row of the axes of chains with its arrangement."""
-    strike = None if math.isnan(row["strike"]) else int(row["strike"])
-    return {**row, "balls": int(row["balls"]), "strike": strike}
+def chain_setup_values(arrangement: str, numbers: Mapping[str, float]) -> dict[str, object]:
+    """Return the fields of `ChainSetup` of an arrangement with its numbers on all other axes of chains."""
+    strike = None if math.isnan(numbers["strike"]) else int(numbers["strike"])
+    return {**numbers, "arrangement": arrangement, "balls": int(numbers["balls"]), "strike": strike}

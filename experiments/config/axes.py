@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any
+from collections.abc import Mapping, Sequence
+from typing import Annotated, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 
-from impact_xval.experiments.config.errors import shorten
+from impact_xval.experiments.config.errors import is_list, is_table, shorten
 from impact_xval.model.collision import MAX_BALLS
 from impact_xval.model.inputs import E1, E2, EXPONENT, MASS_RATIO, STIFFNESS_RATIO, Legal
 
@@ -57,57 +58,76 @@ MAX_CELLS = 10_000_000
 #: Most values of a spaced axis; they are held in memory and hashed.
 _MAX_VALUES = 100_000
 
+# A function that gives a field has the type of the field's value, as pydantic's own `Field` has.
+_Whole = TypeVar("_Whole", bound=int | None)
+_Model = TypeVar("_Model", bound=BaseModel)
+
 _AXIS = "a number, a list of them (one or more), {log = [lo, hi, n]} or {linear = [lo, hi, n]}"
 _RANGE = "a number, {log = [lo, hi]} or {linear = [lo, hi]}"
 
 
-def _check(legal: Legal, values: list[Any]) -> None:
+def _legal_numbers(legal: Legal, values: Sequence[object]) -> list[float]:
+    """Return values that are legal numbers; a ValueError names the first that is not."""
+    numbers: list[float] = []
     for value in values:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ValueError(f"{shorten(value)} is not a number; legal: {legal.text}")
         if not legal.includes(value) or (legal.name in _WHOLE and value != int(value)):
             raise ValueError(f"{shorten(value)}; legal: {legal.text}")
+        numbers.append(value)
+    return numbers
 
 
-def _check_ends(legal: Legal, spacing: dict[str, Any], lo: Any, hi: Any) -> None:
-    _check(legal, [lo, hi])
-    if not lo < hi < math.inf:
+def _check_ends(legal: Legal, spacing: object, lo: object, hi: object, *, is_log: bool) -> None:
+    low, high = _legal_numbers(legal, [lo, hi])
+    if not low < high < math.inf:
         raise ValueError(f"{shorten(spacing)}: lo = {lo!r}, hi = {hi!r}; legal: lo < hi, both finite")
-    if "log" in spacing and not (lo > 0 and math.isfinite(hi / lo)):
+    if is_log and not (low > 0 and math.isfinite(high / low)):
         ends = "lo > 0 and hi/lo finite on a logarithmic axis"
         raise ValueError(f"{shorten(spacing)}: lo = {lo!r}; legal: {ends}")
 
 
-def _legal_axis(value: Any, info: ValidationInfo) -> Any:
-    legal = LEGAL[str(info.field_name)]
-    match value:
-        case {"log": [lo, hi, n]} | {"linear": [lo, hi, n]} if len(value) == 1:
-            _check_ends(legal, value, lo, hi)
-            if type(n) is not int or not 2 <= n <= _MAX_VALUES:
-                raise ValueError(f"{shorten(value)}: n = {shorten(n)}; legal: whole, from 2 to {_MAX_VALUES}")
-        case dict() | []:
-            raise ValueError(f"{shorten(value)}; legal: {_AXIS}")
-        case list():
-            pass
-        case _:
-            value = [value]
-    values = expand_axis(value) if isinstance(value, dict) else value
-    _check(legal, values)
-    if len(set(values)) < len(values):
-        twice = next(each for each in values if values.count(each) > 1)
-        raise ValueError(f"{shorten(value)} holds {twice!r} more than once; legal: each value once")
-    return value
+def _spacing_entries(value: object, count: int) -> list[object] | None:
+    """Return the entries of ``{log = [...]}`` or ``{linear = [...]}`` with so many; None of anything else."""
+    if not is_table(value) or [*value] not in (["log"], ["linear"]):
+        return None
+    (entries,) = value.values()
+    return entries if is_list(entries) and len(entries) == count else None
 
 
-def _legal_range(value: Any, info: ValidationInfo) -> Any:
+def _legal_axis(value: object, info: ValidationInfo) -> object:
     legal = LEGAL[str(info.field_name)]
-    match value:
-        case {"log": [lo, hi]} | {"linear": [lo, hi]} if len(value) == 1:
-            _check_ends(legal, value, lo, hi)
-        case int() | float():
-            _check(legal, [value])
-        case _:
-            raise ValueError(f"{shorten(value)}; legal: {_RANGE}")
+    if (entries := _spacing_entries(value, 3)) is not None and is_table(value):
+        lo, hi, n = entries
+        is_log = "log" in value
+        _check_ends(legal, value, lo, hi, is_log=is_log)
+        if type(n) is not int or not 2 <= n <= _MAX_VALUES:
+            raise ValueError(f"{shorten(value)}: n = {shorten(n)}; legal: whole, from 2 to {_MAX_VALUES}")
+        spaced = expand_axis({"log" if is_log else "linear": [*_legal_numbers(legal, [lo, hi]), n]})
+        _check_each_once(value, _legal_numbers(legal, spaced))
+        return value
+    if is_table(value) or value == []:
+        raise ValueError(f"{shorten(value)}; legal: {_AXIS}")
+    values = value if is_list(value) else [value]
+    _check_each_once(values, _legal_numbers(legal, values))
+    return values
+
+
+def _check_each_once(axis: object, numbers: list[float]) -> None:
+    if len(set(numbers)) < len(numbers):
+        twice = next(number for number in numbers if numbers.count(number) > 1)
+        raise ValueError(f"{shorten(axis)} holds {twice!r} more than once; legal: each value once")
+
+
+def _legal_range(value: object, info: ValidationInfo) -> object:
+    legal = LEGAL[str(info.field_name)]
+    if (entries := _spacing_entries(value, 2)) is not None and is_table(value):
+        lo, hi = entries
+        _check_ends(legal, value, lo, hi, is_log="log" in value)
+    elif isinstance(value, int | float):
+        _legal_numbers(legal, [value])
+    else:
+        raise ValueError(f"{shorten(value)}; legal: {_RANGE}")
     return value
 
 
@@ -146,8 +166,8 @@ class Axes(Strict):
             raise ValueError(f"the axes make {self.count()} cells; legal: 1 to {MAX_CELLS}")
         return self
 
-    def varied(self) -> dict[str, list[Any]]:
-        """Values of every axis that is there, and varies by itself."""
+    def varied(self) -> Mapping[str, Sequence[float | str]]:
+        """Values of every axis that is there, and varies by itself; words of an axis of names."""
         return {name: expand_axis(axis) for name, axis in self if axis is not None}
 
     def count(self) -> int:
@@ -155,27 +175,27 @@ class Axes(Strict):
         return math.prod(map(len, self.varied().values()))
 
 
-def whole(default: int | None, low: int, high: int, what: str = "") -> Any:
+def whole(default: _Whole, low: int, high: int, what: str = "") -> _Whole:
     """Give a field of whole numbers, and say what is legal."""
     return Field(default, ge=low, le=high, description=f"a whole number from {low} to {high}{what}")
 
 
-def positive(default: float, unit: str) -> Any:
+def positive(default: float, unit: str) -> float:
     """Give a field of finite numbers greater than 0."""
     return Field(default, gt=0, allow_inf_nan=False, description=f"a finite number > 0 ({unit})")
 
 
-def at_most(default: float, high: float, what: str) -> Any:
+def at_most(default: float, high: float, what: str) -> float:
     """Give a field of numbers greater than 0 that has an upper end."""
     return Field(default, gt=0, le=high, description=f"greater than 0, at most {high:g} ({what})")
 
 
-def parameter(legal: Legal, default: float) -> Any:
+def parameter(legal: Legal, default: float) -> float:
     """Give a field of what is legal."""
     return Field(default, ge=legal.low, le=legal.high, description=legal.text)
 
 
-def table(model: type[BaseModel]) -> Any:
+def table(model: type[_Model]) -> _Model:
     """Give a field of a table, all of whose keys have defaults."""
     return Field(default_factory=model, description=f"a table: {', '.join(model.model_fields)}")
 
@@ -192,8 +212,8 @@ class Sample(Strict):
 
     def ends(self) -> dict[str, list[float]]:
         """Least and greatest value of every parameter; of a number only itself."""
-        given = {name: getattr(self, name) for name in AXES}
-        return {name: next(iter(x.values())) if isinstance(x, dict) else [x] for name, x in given.items()}
+        given: dict[str, Range] = {name: getattr(self, name) for name in AXES}
+        return {name: [*next(iter(x.values()))] if isinstance(x, dict) else [x] for name, x in given.items()}
 
     def free(self) -> list[str]:
         """Names of the parameters that are ranges."""

@@ -27,6 +27,9 @@ from impact_xval.experiments.config.experiment import Cell, Config, split_restit
 from impact_xval.model.collision import Collision
 from impact_xval.model.collisions import Collisions
 
+#: Values of columns by name, shape (n,). A column is of numbers or of texts, so that its dtype is open.
+ColumnArrays = dict[str, NDArray[Any]]
+
 #: Cells of a chunk where an engine is among the solvers, a few seconds of work with their estimates: of two balls, of
 #: chains. Without an engine at most so many; a million cells then make a thousand parts.
 _CHUNK, _CHAINS_CHUNK, _QUICK_CHUNK = 16, 4, 1024
@@ -36,39 +39,39 @@ _MOST_CHUNKS = 10_000
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class CellBlock:
     """Consecutive cells of an experiment."""
 
     #: Number of each cell in the experiment.
     index: NDArray[np.int64]
     #: Parameters of the cells by name, shape (n,): the columns of a pair or a chain in `schema`.
-    parameters: dict[str, NDArray[Any]]
+    parameters: ColumnArrays
     #: What is solved; a `Collisions` where all are of one kind.
     collisions: Sequence[Collision]
 
     def __len__(self) -> int:
         return len(self.index)
 
-    def __getitem__(self, place: slice) -> Block:
+    def __getitem__(self, place: slice) -> CellBlock:
         parameters = {name: values[place] for name, values in self.parameters.items()}
-        return Block(self.index[place], parameters, self.collisions[place])
+        return CellBlock(self.index[place], parameters, self.collisions[place])
 
 
 @dataclass(frozen=True, slots=True)
-class Cells:
+class ExperimentCells:
     """The cells of an experiment, in order, and their chunks."""
 
     config: Config
     count: int
     #: Gives the ratios, or the axes of chains, of a range of cells by their names, shape (n,) each.
-    values: Callable[[range], dict[str, NDArray[Any]]]
+    values: Callable[[range], ColumnArrays]
     #: SHA-256 of cells that are listed, to the last bit.
     digest: str = ""
 
     def __len__(self) -> int:
         return self.count
 
-    def block(self, indices: range) -> Block:
+    def block(self, indices: range) -> CellBlock:
         """Make the cells of a range of indices."""
         config, parameters = self.config, self.values(indices)
         for name in ("m1", "k1", "v0"):
@@ -84,7 +87,7 @@ class Cells:
         else:
             collisions = _chains(parameters)
             parameters["balls"] = parameters["balls"].astype(int)
-        return Block(np.arange(indices.start, indices.stop), parameters, collisions)
+        return CellBlock(np.arange(indices.start, indices.stop), parameters, collisions)
 
     def __getitem__(self, index: int) -> Collision:
         if not 0 <= index < len(self):
@@ -111,12 +114,12 @@ class Cells:
         return range(number * size, min((number + 1) * size, len(self)))
 
 
-def experiment_cells(config: Config) -> Cells:
+def experiment_cells(config: Config) -> ExperimentCells:
     """Return the cells of an experiment of any kind; a `UserError` says what is wrong with a file of them."""
     if config.chain is not None:
         table = config.chain
         return _cells_of_grids(
-            config, [{"arrangement": [name]} | table.axes(name) for name in table.arrangement]
+            config, [{"arrangement": [name], **table.axes(name)} for name in table.arrangement]
         )
     if config.sample is not None:
         return cells_from_ratios(config, draw(config.sample))
@@ -129,13 +132,13 @@ def experiment_cells(config: Config) -> Cells:
     return _cells_of_grids(config, [config.grid.varied()])
 
 
-def cells_from_ratios(config: Config, values: NDArray[np.float64]) -> Cells:
+def cells_from_ratios(config: Config, values: NDArray[np.float64]) -> ExperimentCells:
     """Return cells in any order; `values` are their ratios in the order of `AXES`, shape (n, 4)."""
 
-    def of(indices: range) -> dict[str, NDArray[Any]]:
+    def of(indices: range) -> ColumnArrays:
         return dict(zip(AXES, values[indices.start : indices.stop].T, strict=True))
 
-    return Cells(config, len(values), of, hashlib.sha256(values.tobytes()).hexdigest())
+    return ExperimentCells(config, len(values), of, hashlib.sha256(values.tobytes()).hexdigest())
 
 
 def collision_of(config: Config, cell: Cell) -> Collision:
@@ -145,7 +148,7 @@ def collision_of(config: Config, cell: Cell) -> Collision:
     return Collision.two_balls(m1, m2, k1, k2, cell.e1, cell.e2, config.v0)
 
 
-def _cells_of_grids(config: Config, grids: Sequence[Mapping[str, list[Any]]]) -> Cells:
+def _cells_of_grids(config: Config, grids: Sequence[Mapping[str, Sequence[float | str]]]) -> ExperimentCells:
     """Go through the axes of one grid after the other, the last axis fastest.
 
     Stiffness ratios (or numbers of balls) vary slowest, so that neighbouring cells need about the same number of steps.
@@ -154,7 +157,7 @@ def _cells_of_grids(config: Config, grids: Sequence[Mapping[str, list[Any]]]) ->
     shapes = [tuple(map(len, grid.values())) for grid in grids]
     ends = [0, *itertools.accumulate(map(math.prod, shapes))]
 
-    def of(indices: range) -> dict[str, NDArray[Any]]:
+    def of(indices: range) -> ColumnArrays:
         pieces = []
         for grid, shape, start, stop in zip(axes, shapes, ends, ends[1:], strict=False):
             inside = range(max(indices.start, start), min(indices.stop, stop))
@@ -163,20 +166,27 @@ def _cells_of_grids(config: Config, grids: Sequence[Mapping[str, list[Any]]]) ->
                 pieces.append({name: grid[name][place] for name, place in zip(grid, places, strict=True)})
         return {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
 
-    return Cells(config, ends[-1], of)
+    return ExperimentCells(config, ends[-1], of)
 
 
-def _two_balls(cells: dict[str, NDArray[Any]]) -> Collisions:
+def _two_balls(cells: ColumnArrays) -> Collisions:
     pairs = ("m1", "m2"), ("k1", "k2"), ("e1", "e2")
     m, k, e = (np.column_stack([cells[name] for name in pair]) for pair in pairs)
     v = np.column_stack([cells["v0"], np.zeros(len(m))])
     return Collisions(m, k, e, v, True, np.zeros_like(k))
 
 
-def _chains(cells: dict[str, NDArray[Any]]) -> Sequence[Collision]:
-    names = [{"m1": "m", "k1": "k"}.get(name, name) for name in cells]
-    rows = zip(*(values.tolist() for values in cells.values()), strict=True)
-    setups = (chain_setup_values(dict(zip(names, row, strict=True))) for row in rows)
+def _chains(cells: ColumnArrays) -> Sequence[Collision]:
+    numbers = {
+        {"m1": "m", "k1": "k"}.get(name, name): values.tolist()
+        for name, values in cells.items()
+        if name != "arrangement"
+    }
+    rows = zip(*numbers.values(), strict=True)
+    setups = (
+        chain_setup_values(arrangement, dict(zip(numbers, row, strict=True)))
+        for arrangement, row in zip(cells["arrangement"].tolist(), rows, strict=True)
+    )
     # The corners of the table have been validated, and no other chain is illegal where they are legal.
     chains = [ChainSetup.model_construct(None, **setup).collision() for setup in setups]
     kinds = {(len(chain.masses), chain.table, chain.exponent) for chain in chains}

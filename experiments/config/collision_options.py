@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from impact_xval.experiments.config.errors import UserError, validated
 
@@ -50,7 +50,9 @@ PARAMETERS = {
 }
 
 
-def parse_collision(parameters: Mapping[str, Any]) -> tuple[Collision, ChainSetup | None, Config]:
+def parse_collision(
+    parameters: Mapping[str, str | None],
+) -> tuple[Collision, ChainSetup | None, Config]:
     """Make a collision of what is typed for one: two balls by ratios or in SI units, or a chain of N.
 
     Parameters are those of `PARAMETERS`, typed as options or in an address, None where nothing was. The configuration
@@ -69,7 +71,7 @@ def parse_collision(parameters: Mapping[str, Any]) -> tuple[Collision, ChainSetu
     return _chain(plain) if chain_key else _two_balls(plain)
 
 
-def _two_balls(plain: dict[str, Any]) -> tuple[Collision, None, Config]:
+def _two_balls(plain: dict[str, float | str]) -> tuple[Collision, None, Config]:
     from impact_xval.experiments.config.axes import RATIO_OF
     from impact_xval.experiments.config.cells import collision_of
     from impact_xval.experiments.config.experiment import Config
@@ -80,11 +82,8 @@ def _two_balls(plain: dict[str, Any]) -> tuple[Collision, None, Config]:
                 raise UserError(f"{_option(ratio)} and --{upper} are given; legal: one of both")
             if lower not in plain:
                 raise UserError(f"--{upper} without --{lower}; legal: both, or {_option(ratio)}")
-            over, under = plain.pop(upper), plain[lower]
-            for key, value, limits in ((upper, over, (0, math.inf)), (lower, under, ())):
-                if isinstance(value, str) or not (0 < value < math.inf or value in limits):
-                    raise UserError(f"--{key} = {value!r:.60}; legal: a number > 0")
-            plain[ratio] = over / under
+            over = _positive(upper, plain.pop(upper), (0, math.inf))
+            plain[ratio] = over / _positive(lower, plain[lower])
     missing = [_option(key) for key in RATIOS if key not in plain]
     if missing:
         raise UserError(
@@ -92,12 +91,20 @@ def _two_balls(plain: dict[str, Any]) -> tuple[Collision, None, Config]:
         )
     cell = {key: plain.pop(key) for key in RATIOS}
     # The built-in grid may leave double precision where the cell does not.
-    data = {"scenario": "impact", "figure_cell": cell, "grid": {key: [1.0] for key in cell}} | plain
+    grid = {key: [1.0] for key in cell}
+    data = {"scenario": "impact", "figure_cell": cell, "grid": grid, **plain}
     config = validated(Config, data, "", name=_option_of_key)
     return collision_of(config, config.figure_cell), None, config
 
 
-def _chain(plain: dict[str, Any]) -> tuple[Collision, ChainSetup, Config]:
+def _positive(key: str, value: float | str, limits: Sequence[float] = ()) -> float:
+    """Return a number that is positive and finite, or one of the limits; a `UserError` names the option."""
+    if isinstance(value, str) or not (0 < value < math.inf or value in limits):
+        raise UserError(f"--{key} = {value!r:.60}; legal: a number > 0")
+    return value
+
+
+def _chain(plain: dict[str, float | str]) -> tuple[Collision, ChainSetup, Config]:
     from impact_xval.experiments.config.experiment import Config
 
     setup = {key: plain.pop(key) for key in (*OF_CHAIN, "arrangement", "v0") if key in plain}
@@ -105,7 +112,7 @@ def _chain(plain: dict[str, Any]) -> tuple[Collision, ChainSetup, Config]:
     for key in _COUNTS:
         if isinstance(value := setup.get(key), float) and value.is_integer():
             setup[key] = int(value)
-    config = validated(Config, {"chain": {}, "figure_chain": setup} | plain, "", name=_option_of_key)
+    config = validated(Config, {"chain": {}, "figure_chain": setup, **plain}, "", name=_option_of_key)
     return config.figure_chain.collision(), config.figure_chain, config
 
 

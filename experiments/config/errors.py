@@ -8,17 +8,22 @@ from __future__ import annotations
 
 import difflib
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, get_args
+from typing import TYPE_CHECKING, TypeGuard, TypeVar, get_args
 
 from impact_xval.errors import ImpactXvalError
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
+    from pydantic.fields import FieldInfo
+    from pydantic_core import ErrorDetails
 
 #: Names a field by the keys, and the positions in lists, that lead to it.
 FieldName = Callable[[Sequence[str | int]], str]
+
+#: A table of a TOML file; its values are texts, numbers, truth values, lists and tables.
+TomlTable = dict[str, object]
 
 _Model = TypeVar("_Model", bound="BaseModel")
 
@@ -38,7 +43,17 @@ class InterruptedRunError(_OneLineError):
     """The run was stopped before its end; what is done is kept."""
 
 
-def read_toml(path: Path | str) -> dict[str, Any]:
+def is_table(value: object) -> TypeGuard[TomlTable]:
+    """Return whether a value of a TOML file is a table."""
+    return isinstance(value, dict)
+
+
+def is_list(value: object) -> TypeGuard[list[object]]:
+    """Return whether a value of a TOML file is a list."""
+    return isinstance(value, list)
+
+
+def read_toml(path: Path | str) -> TomlTable:
     """Read a TOML file; a `UserError` says why it cannot be read."""
     try:
         return tomllib.loads(Path(path).read_text(encoding="utf-8"))
@@ -56,7 +71,11 @@ def dotted(parts: Sequence[str | int]) -> str:
 
 
 def validated(
-    model: type[_Model], data: dict[str, Any], where: str, name: FieldName = dotted, context: Any = None
+    model: type[_Model],
+    data: Mapping[str, object],
+    where: str,
+    name: FieldName = dotted,
+    context: str | None = None,
 ) -> _Model:
     """Validate plain values; a `UserError` tells the first mistake and counts the others.
 
@@ -73,7 +92,7 @@ def validated(
         raise UserError(f"{where}: {_one_line(first, model, name)}{more}".removeprefix(": ")) from None
 
 
-def _one_line(problem: Any, model: type[BaseModel], name: FieldName) -> str:
+def _one_line(problem: ErrorDetails, model: type[BaseModel], name: FieldName) -> str:
     """Turn one of pydantic's findings into ``field = value; legal: range``."""
     location, field, value = problem["loc"], name(problem["loc"]), shorten(problem["input"])
     legal, inside = "", model.model_fields
@@ -94,14 +113,21 @@ def _one_line(problem: Any, model: type[BaseModel], name: FieldName) -> str:
             return f"{field} is missing; legal: {legal}"
         case "value_error":
             # What a validator of ours says begins with the value, unless it is of a table as a whole.
-            return f"{field}{': ' if inside else ' = '}{problem['ctx']['error']}".removeprefix(": ")
+            said = problem.get("ctx", {}).get("error")
+            return f"{field}{': ' if inside else ' = '}{said}".removeprefix(": ")
+        case _:
+            pass
     return f"{field} = {value}; legal: {legal}" if location else f"{value}: {problem['msg']}"
 
 
-def _fields(annotation: Any) -> dict[str, Any]:
+def _fields(annotation: object) -> dict[str, FieldInfo]:
     """Return the fields of a table, optional, in a list or neither; none of anything else."""
-    tables = [each for each in (annotation, *get_args(annotation)) if hasattr(each, "model_fields")]
-    return tables[0].model_fields if tables else {}
+    from pydantic import BaseModel
+
+    for part in (annotation, *get_args(annotation)):
+        if isinstance(part, type) and issubclass(part, BaseModel):
+            return part.model_fields
+    return {}
 
 
 def hint(word: str, known: Sequence[str]) -> str:

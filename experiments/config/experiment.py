@@ -9,8 +9,9 @@ import hashlib
 import itertools
 import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,12 +29,13 @@ from impact_xval.experiments.config.axes import (
     Sample,
     Strict,
     at_most,
+    expand_axis,
     parameter,
     positive,
     table,
     whole,
 )
-from impact_xval.experiments.config.errors import UserError, hint, read_toml, shorten, validated
+from impact_xval.experiments.config.errors import UserError, hint, is_table, read_toml, shorten, validated
 from impact_xval.experiments.config.renamed import EXPERIMENT_KEYS, rename_keys
 from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, V0, Cutoff, legal_cutoff
 
@@ -47,6 +49,8 @@ COSMETIC = ("name", "workers", "figure_cell", "figure_chain", "cells")
 REFERENCE = "state-transition"
 
 _NAME = "1 to 100 printable characters"
+
+_Values = TypeVar("_Values")
 
 
 def _known(names: list[str], info: ValidationInfo) -> list[str]:
@@ -109,7 +113,8 @@ class Grid(Axes):
 
     def varied(self) -> dict[str, list[float]]:
         """Values of every axis that varies by itself; the last one varies fastest."""
-        return {name: values for name, values in super().varied().items() if name not in self.replaced}
+        axes = ((name, axis) for name, axis in self if axis is not None)
+        return {name: expand_axis(axis) for name, axis in axes if name not in self.replaced}
 
     def axes(self) -> dict[str, list[float]]:
         """Values of every parameter that is given."""
@@ -131,7 +136,7 @@ def _check_ratios(
             raise ValueError(f"{given}; legal: {LEGAL[ratio].text}, within double precision")
 
 
-def split_restitution(values: dict[str, Any]) -> dict[str, Any]:
+def split_restitution(values: Mapping[str, _Values]) -> dict[str, _Values]:
     """Return values by parameter with `e`, if it is there, as `e1` and `e2`."""
     others = {name: each for name, each in values.items() if name != "e"}
     return others | ({"e1": values["e"], "e2": values["e"]} if "e" in values else {})
@@ -180,10 +185,10 @@ class Config(Strict):
 
     @model_validator(mode="before")
     @classmethod
-    def _chains_have_no_gravity(cls, data: Any, info: ValidationInfo) -> Any:
+    def _chains_have_no_gravity(cls, data: object, info: ValidationInfo) -> object:
         data = rename_keys(data, EXPERIMENT_KEYS, warn=info.context != KEPT)
-        if isinstance(data, dict) and data.get("chain") is not None:
-            return {"scenario": "impact"} | data
+        if is_table(data) and data.get("chain") is not None:
+            return {"scenario": "impact", **data}
         return data
 
     @field_validator("name")
@@ -195,7 +200,7 @@ class Config(Strict):
 
     @field_validator("stiffness_ratio_cutoff", mode="before")
     @classmethod
-    def _cutoff(cls, value: Any) -> Any:
+    def _cutoff(cls, value: object) -> object:
         # Before the union's own validation, which would tell one mistake twice, once for each type.
         if not legal_cutoff(value):
             raise ValueError(f"{shorten(value)}; legal: {LEGAL_CUTOFF}")
@@ -238,7 +243,7 @@ class Config(Strict):
             *(_extremes(ends.get(name, [own])) for name, own in self.scales.items())
         ):
             below = {"m1": m1, "k1": k1}
-            ratios = []
+            ratios: list[list[float]] = []
             for ratio, (quantity, unit) in RATIO_OF.items():
                 if quantity in ends:
                     values = [value / below[unit] for value in ends[quantity]]
@@ -309,18 +314,18 @@ class Config(Strict):
         )
         return f"{table.count()} {'cells' if self.chain is None else 'chains'}: {', '.join(axes)}"
 
-    def _as_written(self) -> dict[str, Any]:
+    def _as_written(self) -> dict[str, object]:
         """Return the configuration as a file holds it."""
-        replaced: dict[str, Any] = {"grid": self.grid.replaced} if self.grid.replaced else {}
+        left_out: dict[str, set[str] | bool] = {"grid": self.grid.replaced} if self.grid.replaced else {}
         of_others = {"figure_chain"} if self.chain is None else {"grid", "figure_cell", "gravity"}
         of_others |= {name for name in self.grid.in_si if name in ("m1", "k1")}
         if self.sample is not None or self.cells is not None:
             of_others.add("grid")
         if self.scenario == "impact":
             of_others.add("gravity")
-        return self.model_dump(exclude=replaced | dict.fromkeys(of_others, True), exclude_none=True)
+        return self.model_dump(exclude=left_out | dict.fromkeys(of_others, True), exclude_none=True)
 
-    def canonical(self) -> dict[str, Any]:
+    def canonical(self) -> dict[str, object]:
         """Return the configuration as plain JSON values; an infinity is the text ``"inf"``."""
         return _plain(self._as_written())
 
@@ -341,9 +346,9 @@ class Config(Strict):
         return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 
 
-def _plain(value: Any) -> Any:
-    """Make plain JSON values; an infinity is the text ``"inf"``."""
-    return json.loads(json.dumps(value), parse_constant=lambda _: "inf")
+def _plain(table: Mapping[str, object]) -> dict[str, object]:
+    """Make plain JSON values of a table; an infinity is the text ``"inf"``."""
+    return json.loads(json.dumps(table), parse_constant=lambda _: "inf")
 
 
 def solvers_problem(names: list[str]) -> str | None:
@@ -365,14 +370,15 @@ def load_config(path: Path | str, context: str = "") -> Config:
     A `UserError` names file, field, value and legal range.
     """
     path = Path(path)
-    data = {"name": path.stem} | read_toml(path)
-    if isinstance(data.get("cells"), str) and data["cells"]:
-        data["cells"] = str(path.parent / data["cells"])  # beside the file that names it
-        if context != KEPT and not Path(data["cells"]).is_file():
+    data = {"name": path.stem, **read_toml(path)}
+    cells = data.get("cells")
+    if isinstance(cells, str) and cells:
+        data["cells"] = str(path.parent / cells)  # beside the file that names it
+        if context != KEPT and not (path.parent / cells).is_file():
             raise UserError(f"{path}: cells = {data['cells']!r}: no such file; legal: a CSV or Parquet file")
     return validated(Config, data, str(path), context=context)
 
 
-def parse_config(data: dict[str, Any], where: str = "configuration") -> Config:
+def parse_config(data: Mapping[str, object], where: str = "configuration") -> Config:
     """Validate an experiment given as a TOML file holds it, as `validated` does."""
     return validated(Config, data, where)

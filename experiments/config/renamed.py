@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from typing import Any
+
+from impact_xval.experiments.config.errors import TomlTable, is_table
 
 #: Tables and keys of the TOML file of an experiment.
 EXPERIMENT_KEYS = {"column": "chain", "figure_column": "figure_chain"}
@@ -30,15 +31,15 @@ COLUMNS = {"curve_distance": "impulse_curve_distance", "states_part_at": "states
 CASES = {f"drop, k2/k1 = {ratio}": f"pile, k2/k1 = {ratio}" for ratio in ("0.01", "1", "100")}
 
 
-def rename_keys(data: Any, names: Mapping[str, str], *, warn: bool) -> Any:
+def rename_keys(data: object, names: Mapping[str, str], *, warn: bool) -> object:
     """Return a TOML table with the keys of 0.4 under their new names; anything else as it is.
 
     A key that stands there under both names keeps the old one, which is then refused as unknown. With `warn` each
     renamed key is told by a `FutureWarning`.
     """
-    if not isinstance(data, dict):
+    if not is_table(data):
         return data
-    renamed = {}
+    renamed: TomlTable = {}
     for key, value in data.items():
         new = names.get(key, key)
         if new != key and new not in data:
@@ -50,7 +51,7 @@ def rename_keys(data: Any, names: Mapping[str, str], *, warn: bool) -> Any:
     return renamed
 
 
-def rename_arrangement(name: Any, *, warn: bool) -> Any:
+def rename_arrangement(name: object, *, warn: bool) -> object:
     """Return the new name of an arrangement of 0.4; anything else as it is. With `warn` a `FutureWarning` tells it."""
     if not isinstance(name, str) or name not in ARRANGEMENTS:
         return name

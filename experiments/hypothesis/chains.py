@@ -11,18 +11,17 @@ import dataclasses
 import math
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Settings
-from impact_xval.experiments.config.arrangements import ChainSetup
+from impact_xval.experiments.config.arrangements import Arrangement, ChainSetup
 from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced_contrasts
 from impact_xval.experiments.hypothesis.judging import kinetic_distance, mark_usable
-from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.sweep.pool import available_cores
+from impact_xval.experiments.tables.frames import Frame, Record
 from impact_xval.model.collision import Collision
 
 #: Solvers of chains that are exact for linear contacts, and fast enough if a contact rings a thousand times.
@@ -38,14 +37,14 @@ ELASTIC = 3
 ERROR = 1e-9
 
 #: Arrangements, and the position in each of the contact that becomes infinitely stiff.
-PLACES = (
+PLACES: tuple[tuple[Arrangement, str], ...] = (
     *((name, where) for name in ("row", "cradle") for where in ("top", "middle", "bottom")),
     *((name, where) for name in ("pile", "stack") for where in ("top", "middle", "table")),
 )
 
 
 def draw_chains(
-    place: tuple[Any, str], points: int, balls: tuple[int, int], seed: int
+    place: tuple[Arrangement, str], points: int, balls: tuple[int, int], seed: int
 ) -> list[tuple[Collision, int]]:
     """Draw chains, and return each with the index of its stiff contact.
 
@@ -55,7 +54,7 @@ def draw_chains(
     arrangement, where = place
     rng = np.random.default_rng((seed, PLACES.index(place)))
     low, high = map(math.log, SPREAD)
-    chains = []
+    chains: list[tuple[Collision, int]] = []
     for i in range(points):
         n = int(rng.integers(balls[0], balls[1] + 1))
         strike = 2 if arrangement == "cradle" else None
@@ -124,8 +123,8 @@ def solve_chains(config: HypothesisConfig) -> Frame:
 
 
 def _solve_at_contrasts(
-    contrasts: Sequence[float], keys: dict[str, Any], chain: Collision, contact: int
-) -> Iterator[dict[str, Any]]:
+    contrasts: Sequence[float], keys: Record, chain: Collision, contact: int
+) -> Iterator[Record]:
     """Yield the outcomes of a chain at rising contrasts of a contact; the closed form is that of the welded chain.
 
     `keys` tell the chain and its solver in every row. Velocities are in m/s, the incoming ones being 1; `weights` are

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
@@ -57,11 +57,11 @@ class HypothesisConfig(Strict):
 
     @model_validator(mode="before")
     @classmethod
-    def _names_of_today(cls, data: Any) -> Any:
+    def _names_of_today(cls, data: object) -> object:
         return rename_keys(data, HYPOTHESIS_KEYS, warn=True)
 
     seed: int = Field(1, ge=0, le=2**32, description="a whole number from 0 to 2^32")
-    points: int = whole(24, 6, 500, " (points of each limit)")
+    points: int = whole(24, 6, 500, " (points of each limiting case)")
     solvers: Solvers = Field([*Config.model_fields["solvers"].default, *LAWS])
     contrast: _Contrast = (1e1, 1e8)  # k1/k2 or k2/k1
     plastic_contrast: _Contrast = (1e1, 1e12)  # 1/e^2

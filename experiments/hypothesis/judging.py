@@ -1,4 +1,4 @@
-"""Verdicts on a limit, from the outcomes of a solver.
+"""Verdicts on a limiting case, from the outcomes of a solver.
 
 A series is the outcomes of one solver at one point, at rising contrasts x. Velocities are vectors w whose length is the
 kinetic norm; for two balls w = (v1, sqrt(m2/m1) v2). The rule asks whether a series gets to the closed form, at what
@@ -24,8 +24,8 @@ Points are grouped in classes by which of their contacts are elastic (`run.pair_
   agrees with the closed form within the error of its limit or is short of results;
 * else `no limit` if at least half of the points have none; else `undecided`.
 
-Over the classes of a limit the worst verdict counts. A class that is undecided only because it is within the solver's
-own error of the closed form does not count beside one that is supported.
+Over the classes of a limiting case the worst verdict counts. A class that is undecided only because it is within the
+solver's own error of the closed form does not count beside one that is supported.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.distance import pdist
 from scipy.stats import theilslopes
 
-from impact_xval.experiments.measures.aggregates import Frame
+from impact_xval.experiments.tables.frames import Frame, Record
 from impact_xval.model.arrays import Floats
 from impact_xval.model.status import RESULT_STATUSES
 
@@ -68,11 +68,12 @@ REFUTING_SHARE = 0.1
 #: A margin in decades: contrasts are rounded.
 _SLACK = 1e-6
 
-#: Grazing margin below which an outcome lies beside a jump. In the limits of k2/k1 the ringing of the stiff contact is
-#: what grazes. It shrinks as the root of the contrast, and so does the margin, which is multiplied by that root there.
+#: Grazing margin below which an outcome lies beside a jump. In the limiting cases of k2/k1 the ringing of the stiff
+#: contact is what grazes. It shrinks as the root of the contrast, and so does the margin, which is multiplied by that
+#: root there.
 GRAZING = 1e-3
 
-#: D up to which a limit is close enough to be used, per impact.
+#: D up to which a limiting case is close enough to be used, per impact.
 CLOSE = 0.05
 
 #: Resamples of a bootstrap, and its seed.
@@ -108,7 +109,7 @@ class Verdict:
     #: Velocities of the balls in the limit; columns ``limit_v1``, ``limit_v2``, ...
     limit: tuple[float, ...] = ()
 
-    def columns(self) -> dict[str, Any]:
+    def columns(self) -> Record:
         """Return the columns by name, one for each ball in place of `limit`."""
         values = asdict(self)
         limit = values.pop("limit")
@@ -205,12 +206,12 @@ class RateLine(NamedTuple):
     at_zero: float = math.nan
 
 
-def kinetic_distance(weights: Any, differences: Any) -> Any:
+def kinetic_distance(weights: ArrayLike, differences: ArrayLike) -> Floats:
     """Return D of differences of velocities, shape (..., N): their kinetic norm with `weights` as masses."""
-    return np.sqrt((weights * np.square(differences)).sum(axis=-1))
+    return np.sqrt((np.asarray(weights) * np.square(differences)).sum(axis=-1))
 
 
-def mark_usable(outcomes: Frame, root: Any) -> Frame:
+def mark_usable(outcomes: Frame, root: Floats | float) -> Frame:
     """Add the columns `used` and `grazing` to outcomes.
 
     An outcome is used if it has a result, hence a distance, and lies beside no jump: its grazing margin times `root`
@@ -230,7 +231,7 @@ def judge_approach(approach: Approach) -> Verdict:
     if isinstance(window, str):
         return replace(unknown, reason=window)
     limit = _find_limit(window, approach.decades)
-    offset = kinetic_distance(1.0, limit.w - closed_form)
+    offset = float(kinetic_distance(1.0, limit.w - closed_form))
     last = np.median(window.first_and_last_decade()[1].D)
     verdict = replace(
         unknown,
@@ -307,8 +308,9 @@ def fit_rate(window: Series) -> RateLine:
     if np.count_nonzero(window.clear) < 3:
         return RateLine()
     log_D = np.log10(window.D[window.clear])
-    line: Any = theilslopes(log_D, window.x[window.clear], alpha=0.95)  # scipy states no type
-    return RateLine(-line.slope, -line.high_slope, -line.low_slope, line.intercept)
+    line = np.array(theilslopes(log_D, window.x[window.clear], alpha=0.95), dtype=float)
+    slope, intercept, low_slope, high_slope = line.tolist()
+    return RateLine(-slope, -high_slope, -low_slope, intercept)
 
 
 def decide(window: Series, line: RateLine, verdict: Verdict) -> Verdict:
@@ -396,7 +398,7 @@ def judge_points(outcomes: Frame, keys: Sequence[str]) -> Frame:
     return pd.DataFrame(rows)
 
 
-def _approach_of(series: Mapping[str, Any]) -> Approach:
+def _approach_of(series: Mapping[str, np.ndarray]) -> Approach:
     """Make an `Approach` of the columns of outcomes of one solver at one point."""
     return Approach(
         contrast=series["contrast"],

@@ -60,7 +60,7 @@ _PER_DECADE, _DECADES = 4, 3.0
 #: Multiples of the contrast at hand whose D is shown beside it.
 MULTIPLES = (1.0, 10.0, 100.0, 1000.0)
 
-#: Settings of all solutions. A cut-off would insert the limit in question; contacts may ring for many steps.
+#: Settings of all solutions. A cut-off would insert the limiting case in question; contacts may ring for many steps.
 _SETTINGS = Settings(stiffness_ratio_cutoff=math.inf, max_steps=50_000_000, mark=False)
 
 #: Key that tells a file with a collision from a file with a test of the hypothesis.
@@ -142,11 +142,13 @@ class LawOnPair(NamedTuple):
         """Say how D changes as the contrast grows."""
         match self.verdict:
             case "supported":
-                return f"D falls as contrast^-{self.rate:.2f}: one body in the limit"
+                return f"D falls as contrast^-{self.rate:.2f}: one body in the limiting case"
             case "refuted":
-                return f"D goes to {number(self.offset, 2)}: not one body in the limit"
+                return f"D goes to {number(self.offset, 2)}: not one body in the limiting case"
             case "no limit":
                 return "D settles nowhere"
+            case _:
+                pass
         return "-" if self.as_one == "-" else f"undecided: {self.reason}"
 
 

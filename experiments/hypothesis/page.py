@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from markupsafe import Markup
 from rich.console import Console
 
 from impact_xval.compliant_baselines.registry import description_of, is_engine, one_solver_per_law
 from impact_xval.experiments.hypothesis.judging import CLOSE
-from impact_xval.experiments.hypothesis.run import LIMIT_CASES, ROUNDING, HypothesisResults
-from impact_xval.experiments.measures.aggregates import Frame
+from impact_xval.experiments.hypothesis.run import LIMITING_CASES, ROUNDING, HypothesisResults
 from impact_xval.experiments.presentation.document import Block, Figure, Section, Table
 from impact_xval.experiments.presentation.html import render_page
 from impact_xval.experiments.presentation.style import save_figure, styled_figure
@@ -25,6 +23,7 @@ from impact_xval.experiments.presentation.words import (
     look_of,
 )
 from impact_xval.experiments.tables.folder import write_text
+from impact_xval.experiments.tables.frames import Frame, FrameRow
 from impact_xval.experiments.tables.numbers import compact_number, join_words, percent
 from impact_xval.experiments.tables.parquet import replacing
 from impact_xval.model.status import RESULT_STATUSES
@@ -42,7 +41,7 @@ _MECHANISM = {
 
 
 #: Meanings of the headers of columns and rows; the names of solvers are explained apart.
-_LIMITS = {
+_LIMITING_CASES = {
     "zero-apart": "k2/k1 → 0, ball on ball infinitely stiffer than the table: the balls part at once, for good",
     "zero-early": "k2/k1 → 0: the balls meet again and are one body while the table contact is still compressed",
     "zero-late": "k2/k1 → 0: the balls meet again and are one body while the table contact restores",
@@ -53,15 +52,15 @@ _LIMITS = {
 _MEANINGS = {
     "solver": "who solved the collisions: by a law that is exact, or an engine",
     "the pair is one by": "what makes the pair one body, by the verdicts on the model and on exact bistiffness",
-    "limit": "one of the six limits",
-    "elastic contacts": "which contacts of the points have e = 1; of a plastic limit, whether the other one has",
+    "limiting case": "one of the six that the contrast leads to",
+    "elastic contacts": "which contacts of the points have e = 1; where e1 or e2 → 0, whether the other one has",
     "bodies at first": "whether the bodies of the stiff contact meet with different velocities, or have one at first",
     "supported": "chains whose D from the welded one falls as a power of the contrast, of how many",
     "refuted": "chains that go to another outcome than the welded one, of how many",
     "rates": "r of the supported chains, D falling as contrast^-r: the least and the largest",
     "D": "distance from the closed form, or the welded chain: a kinetic norm, per that of the incoming motion",
     "contrast": "what goes to infinity: how many times stiffer one contact is",
-    "regime": "which collisions of two balls go to that limit",
+    "regime": "which collisions of two balls go to that limiting case",
     "name": "what heads a column, or a row",
     "meaning": "what it stands for",
 }
@@ -92,18 +91,18 @@ def _blocks(results: HypothesisResults) -> list[Block]:
         "The supplement of Jia, Mason and Erdmann (IJRR 32(1), 2013) derives its limiting cases from a hypothesis: if "
         "one of two contacts is infinitely stiffer than the other, its bodies act as one once they reach the same "
         f"velocity, and the rest is a single impact with the third body. {len(results.solvers)} solvers of "
-        f"{len(one_solver_per_law(results.solvers))} laws approach {len(LIMIT_CASES)} limits, each at "
+        f"{len(one_solver_per_law(results.solvers))} laws approach {len(LIMITING_CASES)} limiting cases, each at "
         f"{results.config.points} collisions or more. Supported: final velocities approach the closed form; "
         "refuted: another value."
     )
     held = _wholes(results.verdicts).query("solver == @MODEL and verdict == 'supported'")
     answers = list(_chains_as_one(results))
     if MODEL in results.solvers:
-        answers.insert(0, f"The model supports it in {len(held)} of {len(LIMIT_CASES)} limits.")
+        answers.insert(0, f"The model supports it in {len(held)} of {len(LIMITING_CASES)} limiting cases.")
     figure = Figure(
         "distance",
         "D over the contrast: median over the points none of whose other contacts is elastic. Open markers: engines, "
-        "in the limit dt -> 0. A line that levels out goes to another limit",
+        "in the limit dt -> 0. A line that levels out goes to another outcome",
     )
     return [
         question,
@@ -120,12 +119,12 @@ def _blocks(results: HypothesisResults) -> list[Block]:
 def _names(results: HypothesisResults) -> Section:
     """Return the section that explains the headers of columns and rows."""
     solvers = {display_name(name): f"{description_of(name)} (solver {name})" for name in results.solvers}
-    rows = [*_LIMITS.items(), *solvers.items(), *_MEANINGS.items()]
+    rows = [*_LIMITING_CASES.items(), *solvers.items(), *_MEANINGS.items()]
     return Section("What the names mean", [Table(("name", "meaning"), rows, text=2)], folded=True)
 
 
 def _grid(
-    rows: Frame, index: Mapping[str, str], columns: str, cell: Callable[[Any], str], caption: str = ""
+    rows: Frame, index: Mapping[str, str], columns: str, cell: Callable[[FrameRow], str], caption: str = ""
 ) -> Table:
     """Lay out verdicts as a grid, one verdict per cell.
 
@@ -138,7 +137,7 @@ def _grid(
     return Table(header, lines, caption, text=len(header))
 
 
-def _short(row: Any) -> str:
+def _short(row: FrameRow) -> str:
     """Write a verdict and the number of points that reach it, such as ``supported 20/24``."""
     return f"{row.verdict} {getattr(row, f'n_{row.verdict}', row.n_undecided)}/{row.points}"
 
@@ -161,14 +160,14 @@ def _chains_as_one(results: HypothesisResults) -> Iterator[str]:
 
 
 def _verdicts(results: HypothesisResults) -> Table:
-    """Lay out the verdicts, one row per solver and one column per limit.
+    """Lay out the verdicts, one row per solver and one column per limiting case.
 
     Below the row of the model's law in time a row says why the pair is one body.
     """
     wholes = _wholes(results.verdicts)
     caption = (
         f"Verdict, points at which it is reached, and the contrast from which D stays within {percent(CLOSE)}, median; "
-        "D is the distance from the closed form. Below, of a supported limit the rate r, D falling as contrast^-r, "
+        "D is the distance from the closed form. Below, of a supported case the rate r, D falling as contrast^-r, "
         "median and its 95 % interval; of a refuted one the range of D. Exact bistiffness has the model's law, "
         f"and positions that move. {describe_shared_laws(results.solvers)}"
     )
@@ -181,7 +180,7 @@ def _verdicts(results: HypothesisResults) -> Table:
     return replace(table, rows=rows)
 
 
-def _cell(row: Any) -> str:
+def _cell(row: FrameRow) -> str:
     more = "within its error" if row.within_error else ""
     if row.verdict == "supported":
         low, high = (format(end, ".2f") for end in (row.rate_low, row.rate_high))
@@ -194,10 +193,10 @@ def _cell(row: Any) -> str:
 
 def _draw(results: HypothesisResults, folder: Path) -> None:
     """Draw D from the closed form over the contrast, one line per solver."""
-    usable: Any = results.outcomes.query("used and `class`.str.endswith('lossy')")
+    usable: Frame = results.outcomes.query("used and `class`.str.endswith('lossy')")
     with styled_figure(11.0, 4.8) as figure:
         axes = figure.subplots(2, 3)
-        for ax, case in zip(axes.flat, LIMIT_CASES, strict=True):
+        for ax, case in zip(axes.flat, LIMITING_CASES, strict=True):
             for name in results.solvers:
                 outcomes = usable[(usable["case"] == case.key) & (usable.solver == name)]
                 by_contrast = outcomes.groupby("contrast").distance.agg(["median", "size"])
@@ -221,7 +220,7 @@ def _draw(results: HypothesisResults, folder: Path) -> None:
 def _more(results: HypothesisResults) -> Section:
     """Return the section with the verdicts on classes of points, and on chains of N balls."""
     classes = results.verdicts[results.verdicts["class"] != "all"]
-    of_points = _grid(classes, {"case": "limit", "class": "elastic contacts"}, "solver", _short)
+    of_points = _grid(classes, {"case": "limiting case", "class": "elastic contacts"}, "solver", _short)
     balls = format_range(results.config.chains.balls)
     caption = (
         f"Chains of {balls} balls, one contact of which becomes infinitely stiff, beside those "
@@ -250,10 +249,14 @@ def count_chains(results: HypothesisResults) -> Iterator[tuple[str, ...]]:
 
 
 def _method(results: HypothesisResults) -> Section:
-    """Return the section on the limits, skipped outcomes, and the distance of engines from the exact solvers."""
+    """Return the section on limiting cases, skipped outcomes, and the distance of engines from the exact solvers."""
     outcomes = results.outcomes
-    caption = "The limits, m1 = 1 and |v0| = 1. 1/e^2: an end of compression multiplies a stiffness by that"
-    limits = Table(("limit", "contrast", "regime"), [case[:3] for case in LIMIT_CASES], caption, text=3)
+    caption = (
+        "The limiting cases, m1 = 1 and |v0| = 1. 1/e^2: an end of compression multiplies a stiffness by that"
+    )
+    cases = Table(
+        ("limiting case", "contrast", "regime"), [case[:3] for case in LIMITING_CASES], caption, text=3
+    )
     lost = outcomes[~outcomes.status.isin(RESULT_STATUSES)].groupby(["solver", "status"], sort=False).size()
     words = join_words(f"{n} of {display_name(solver)} ({status})" for (solver, status), n in lost.items())
     said = [
@@ -270,7 +273,7 @@ def _method(results: HypothesisResults) -> Section:
             if name in results.solvers
             else f"{display_name(name)}: {version}"
         )
-    return Section("Method, limits and provenance", [limits, *said], folded=True)
+    return Section("Method, limiting cases and provenance", [cases, *said], folded=True)
 
 
 def format_range(values: Sequence[float], digits: str = "") -> str:

@@ -1,4 +1,4 @@
-"""The limits of the supplement, the points at which each is approached, and the run of them (docs/hypothesis.md).
+"""The limiting cases of the supplement, the points at which each is approached, and their runs (docs/hypothesis.md).
 
 For e_i → 0 the contrast is 1/e_i^2, because an end of compression multiplies the stiffness by it (supplement, 3.3): a
 rate in e_i is twice that in x. Closed forms are the model's own at a contrast of infinity (`model.pair.limits`); tests
@@ -13,7 +13,7 @@ from collections import namedtuple
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -32,20 +32,21 @@ from impact_xval.experiments.hypothesis.judging import (
     kinetic_distance,
     mark_usable,
 )
-from impact_xval.experiments.measures.aggregates import Frame
-from impact_xval.experiments.sweep.run import run_sweep
+from impact_xval.experiments.sweep.run import SweepResult, run_sweep
 from impact_xval.experiments.tables.folder import finished, new_folder, write_text
+from impact_xval.experiments.tables.frames import Frame
 from impact_xval.experiments.tables.parquet import replacing
 from impact_xval.model import solve_batch
 from impact_xval.model.status import RESULT_STATUSES
 
-#: In the folder of a test: its configuration, and its runs. The limits in which balls unite have a run of engines of
-#: their own. Laws with positions end far from the closed form there, so a wider tolerance and half the steps suffice.
+#: In the folder of a test: its configuration, and its runs. The limiting cases in which balls unite have a run of
+#: engines of their own. Laws with positions end far from the closed form there, so a wider tolerance and half the
+#: steps suffice.
 CONFIGURATION, EXACT, ENGINES, UNITED = "hypothesis.toml", "exact", "engines", "engines-united"
 _BALLS_UNITE = ("zero-early", "zero-late")
 
 #: Settings of all runs, without a cut-off: it would insert the closed form that is tested.
-_SETTINGS: dict[str, Any] = {"scenario": "impact", "measures": "velocities", "m1": 1.0, "k1": 1.0}
+_SETTINGS: dict[str, object] = {"scenario": "impact", "measures": "velocities", "m1": 1.0, "k1": 1.0}
 _SETTINGS |= {"stiffness_ratio_cutoff": math.inf, "step_fraction": 5e-3, "max_steps": 50_000_000}
 
 #: Rounding of an exact solver's velocities, per abs(v0).
@@ -61,7 +62,7 @@ _CLOSED = ["closed_form_v1", "closed_form_v2"]
 #: need most of their steps.
 MARGIN = 0.1
 
-#: Ranges of the points: k2/k1 (of plastic limits), m2/m1, and inelastic e.
+#: Ranges of the points: k2/k1 (of plastic limiting cases), m2/m1, and inelastic e.
 _RANGES = {"stiffness_ratio": {"log": [0.03, 30.0]}, "mass_ratio": {"log": [0.2, 10.0]}}
 BOX = Sample.model_validate(_RANGES | {e: {"linear": [0.3, 0.95]} for e in ("e1", "e2")})
 
@@ -69,8 +70,8 @@ BOX = Sample.model_validate(_RANGES | {e: {"linear": [0.3, 0.95]} for e in ("e1"
 Point = namedtuple("Point", AXES)
 
 
-class LimitCase(NamedTuple):
-    """One limit, or one regime of a limit.
+class LimitingCase(NamedTuple):
+    """One limiting case, or one regime of it.
 
     `variable` is the contrast, `regime` the condition on the point, `axis` the ratio that goes to its limit.
     """
@@ -89,19 +90,21 @@ class LimitCase(NamedTuple):
         return {self.axis: contrast ** {"k2/k1": 1, "k1/k2": -1}.get(self.variable, -0.5)}
 
 
-LIMIT_CASES = (
-    LimitCase("zero-apart", "k1/k2", "e1 m2/m1 ≥ 1 and e2 (1 + e1) ≤ e1 m2/m1 - 1"),  # the balls part at once
-    LimitCase("zero-early", "k1/k2", "e1 m2/m1 below 1"),  # united while the table contact is compressed
-    LimitCase(
+LIMITING_CASES = (
+    LimitingCase(
+        "zero-apart", "k1/k2", "e1 m2/m1 ≥ 1 and e2 (1 + e1) ≤ e1 m2/m1 - 1"
+    ),  # the balls part at once
+    LimitingCase("zero-early", "k1/k2", "e1 m2/m1 below 1"),  # united while the table contact is compressed
+    LimitingCase(
         "zero-late", "k1/k2", "e1 m2/m1 ≥ 1 and e2 (1 + e1) above e1 m2/m1 - 1"
     ),  # ... while it restores
-    LimitCase("infinity", "k2/k1", "everywhere"),
-    LimitCase("plastic-ball-ball", "1/e1^2", "everywhere", "e1"),
-    LimitCase("plastic-ball-table", "1/e2^2", "everywhere", "e2"),
+    LimitingCase("infinity", "k2/k1", "everywhere"),
+    LimitingCase("plastic-ball-ball", "1/e1^2", "everywhere", "e1"),
+    LimitingCase("plastic-ball-table", "1/e2^2", "everywhere", "e2"),
 )
 
 
-def distance_from_border(case: LimitCase, point: Point) -> float:
+def distance_from_border(case: LimitingCase, point: Point) -> float:
     """Return how far inside its regime a point lies, in velocity per abs(v0).
 
     The distance is negative outside of the regime, and infinite if the regime has no border. At k2/k1 → 0 the borders
@@ -115,10 +118,10 @@ def distance_from_border(case: LimitCase, point: Point) -> float:
     return inside.get(case.key, math.inf)
 
 
-def pair_class(case: LimitCase, point: Point) -> str:
+def pair_class(case: LimitingCase, point: Point) -> str:
     """Name the class of a point by which of its contacts are elastic (e = 1).
 
-    In a plastic limit one restitution is 0, and the other contact decides.
+    In a plastic limiting case one restitution is 0, and the other contact decides.
     """
     if case.plastic:
         return "other elastic" if 1 in (point.e1, point.e2) else "other lossy"
@@ -126,11 +129,12 @@ def pair_class(case: LimitCase, point: Point) -> str:
     return names.get((point.e1 == 1, point.e2 == 1), "both lossy")
 
 
-def draw_points(case: LimitCase, n: int, seed: int) -> list[Point]:
-    """Draw n points of a limit from a scrambled Sobol sequence in `BOX`, rounded to six digits.
+def draw_points(case: LimitingCase, n: int, seed: int) -> list[Point]:
+    """Draw n points of a limiting case from a scrambled Sobol sequence in `BOX`, rounded to six digits.
 
-    Every point lies at least `MARGIN` inside its regime. In a limit of k2/k1 half of the points have e1, e2 < 1; a
-    sixth has e1 = 1, a sixth e2 = 1, a sixth both. In a plastic limit a third has the other contact elastic.
+    Every point lies at least `MARGIN` inside its regime. In a limiting case of k2/k1 half of the points have
+    e1, e2 < 1; a sixth has e1 = 1, a sixth e2 = 1, a sixth both. In a plastic one a third has the other contact
+    elastic.
     """
     elastic = n // 6 * [{"e1": 1.0}] + n // 6 * [{"e2": 1.0}] + n // 6 * [{"e1": 1.0, "e2": 1.0}]
     if case.plastic:
@@ -148,9 +152,9 @@ def draw_points(case: LimitCase, n: int, seed: int) -> list[Point]:
 
 
 def draw_design(n: int, seed: int) -> Frame:
-    """Draw the points of all limits: one row per point, with its class and the velocities of its closed form."""
+    """Draw the points of all limiting cases: one row each, with its class and the velocities of its closed form."""
     tables = []
-    for case in LIMIT_CASES:
+    for case in LIMITING_CASES:
         points = draw_points(case, n, seed)
         table: Frame = pd.DataFrame(points)
         closed = solve_batch(**table.assign(**case.at(math.inf)), stiffness_ratio_cutoff=math.inf)
@@ -181,7 +185,7 @@ class HypothesisResults(NamedTuple):
         return sort_by_law(name for name in self.config.solvers if name in set(self.points.solver))
 
 
-def prepare_runs(config: HypothesisConfig, root: Path) -> Iterator[tuple[str, Callable[..., Any]]]:
+def prepare_runs(config: HypothesisConfig, root: Path) -> Iterator[tuple[str, Callable[..., SweepResult]]]:
     """Prepare the folder of a test, and give its runs, each with a line that says what it is of, as a `run_sweep`.
 
     A folder that holds anything but the same test is a `UserError`.
@@ -222,7 +226,7 @@ def _cells(config: HypothesisConfig, run: str) -> Frame:
     points = draw_design(config.points, config.seed)
     cells = [
         points[points["case"] == case.key].assign(contrast=x, **case.at(x))
-        for case in LIMIT_CASES
+        for case in LIMITING_CASES
         if run == EXACT or (case.key in _BALLS_UNITE) == (run == UNITED)
         for x in (plastic_contrasts if case.plastic else contrasts)
     ]
@@ -240,7 +244,7 @@ def judge_runs(config: HypothesisConfig, root: Path) -> HypothesisResults:
         tables.append(rows.assign(decades=config.fit_decades if name == EXACT else 2.0))
         if name != EXACT:
             versions = {engine: folder.manifest()["versions"][engine] for engine in solvers}
-    order = [*(case.key for case in LIMIT_CASES), *sort_by_law(config.solvers)]
+    order = [*(case.key for case in LIMITING_CASES), *sort_by_law(config.solvers)]
     outcomes = _outcomes(pd.concat(tables)).sort_values(
         ["case", "solver", "point", "contrast"],
         key=lambda column: column.map(order.index) if column.name in ("case", "solver") else column,
@@ -252,9 +256,9 @@ def judge_runs(config: HypothesisConfig, root: Path) -> HypothesisResults:
     of_chains = (
         judge_classes(judge_points(chains, [*keys, "chain", "class"]), keys) if len(chains) else chains
     )
-    of_limits = judge_classes(points, ["case", "solver"])
+    of_cases = judge_classes(points, ["case", "solver"])
     points = points.merge(ratios, on=["case", "point"])
-    return HypothesisResults(config, outcomes, points, of_limits, chains, of_chains, versions)
+    return HypothesisResults(config, outcomes, points, of_cases, chains, of_chains, versions)
 
 
 def _outcomes(rows: Frame) -> Frame:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,11 +15,8 @@ from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.tables.folder import RunFolder
+from impact_xval.experiments.tables.frames import AxisValue, Frame
 from impact_xval.experiments.tables.parquet import codes, column, present, selected
-
-#: A pandas DataFrame or Series. Their annotations are too wide to check code against: any selection may be
-#: either.
-Frame = Any
 
 #: Columns of ``summary.csv``: which rows, of what, and the statistics of it.
 STATISTICS = ["solver", "cells", "axis", "value", "measure", "n", "mean", "median", "p95", "max"]
@@ -42,17 +38,17 @@ _WIDE = 20.0
 class Levels:
     """Levels of one axis: its values, or the middles of bins, of which each but the first begins at an edge."""
 
-    values: list[Any]
+    values: Sequence[AxisValue]
     edges: NDArray[np.float64] | None = None
 
-    def codes(self, x: NDArray[Any]) -> NDArray[np.intp]:
+    def codes(self, x: np.ndarray) -> NDArray[np.intp]:
         """Position in `values` of each x; -1 of NaN where there are no bins."""
         if self.edges is None:
             return pd.Index(self.values).get_indexer(x)
         return np.searchsorted(self.edges, x, side="right")
 
 
-def axis_levels(config: Config, axis: str, x: NDArray[Any]) -> Levels:
+def axis_levels(config: Config, axis: str, x: np.ndarray) -> Levels:
     """Levels of an axis: the values of a grid or of chains, else what scattered values fall into."""
     if config.chain is not None:
         return Levels(sorted(set(pd.Series(x).dropna())))
@@ -149,6 +145,6 @@ def statistics_of(groups: Frame) -> dict[str, Frame]:
     return {"n": groups.count(), "mean": groups.mean(), **cuts(groups)}
 
 
-def cuts(values: Frame) -> dict[str, Any]:
+def cuts(values: Frame) -> dict[str, Frame]:
     """Take the median, 95 % and largest of some values, or of those of each group."""
     return {"median": values.median(), "p95": values.quantile(0.95), "max": values.max()}

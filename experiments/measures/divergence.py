@@ -6,13 +6,13 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.registry import exact_solver_for
 from impact_xval.compliant_baselines.states import comparable_states
+from impact_xval.experiments.config.cells import ColumnArrays
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.model.arrays import Floats
 from impact_xval.model.collision import Collision
@@ -27,10 +27,6 @@ Texts = NDArray[np.object_]
 
 #: Diagnostics in m/s; tables and JSON state them per abs(v0).
 _VELOCITY = re.compile(r"v\d+_limit|limit_error|velocity_error|regularisation|rest_speed")
-
-
-#: Measures by the names of their columns (`schema.MEASURES`), shape (n,).
-Measures = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -161,7 +157,8 @@ class Comparison:
     #: Which jump of the model or of the solver is near, or which cut-off decides, by cell; empty where none does.
     marked: Texts
     #: All measures; none for the model itself.
-    measures: Measures
+    #: Measures by the names of their columns (`schema.MEASURES`).
+    measures: ColumnArrays
 
     def __getitem__(self, place: slice) -> Comparison:
         measures = {name: values[place] for name, values in self.measures.items()}
@@ -286,7 +283,7 @@ def norms(masses: Floats, differences: Floats, starts: Floats) -> Floats:
 
 def divergence(
     masses: Floats, starts: Floats, speed: Floats, model: SolverResults, other: SolverResults
-) -> Measures:
+) -> ColumnArrays:
     """Compute every measure of a solver's results, other minus model; NaN or None where one of the two has no result.
 
     Masses in kg and starts, velocities at first touch in m/s, are of shape (n, N); speed is abs(v0), of shape (n,).
@@ -295,7 +292,7 @@ def divergence(
     absent = ~both
     dv = np.where(both[:, None], other.velocities - model.velocities, np.nan)
     di = np.where(both[:, None], other.impulses - model.impulses, np.nan)
-    measures: Measures = {
+    measures: ColumnArrays = {
         "velocity_divergence": np.where(absent, np.nan, norms(masses, dv, starts)),
         **{f"dv{i}": x / speed for i, x in enumerate(dv.T, 1)},
         **{f"dimpulse{i}": x / (masses[:, 0] * speed) for i, x in enumerate(di.T, 1)},
@@ -365,7 +362,8 @@ def measures_of(collision: Collision, outcomes: Mapping[str, Outcome]) -> dict[s
     """
     balls, contacts = len(collision.masses), len(collision.stiffnesses)
     masses, starts = masses_and_starts([collision], balls)
-    speed, measured = np.abs(starts).max(axis=1), {}
+    speed = np.abs(starts).max(axis=1)
+    measured: dict[str, dict[str, float]] = {}
     results = {
         name: results_of([outcome], speed, balls, contacts, None) for name, outcome in outcomes.items()
     }

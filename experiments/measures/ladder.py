@@ -14,14 +14,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import permutations
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.registry import law_of
 from impact_xval.compliant_baselines.solver import group_by_layout
-from impact_xval.experiments.config.cells import Block
+from impact_xval.experiments.config.cells import CellBlock, ColumnArrays
 from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.measures.corners import Corners, corner_names, corners
 from impact_xval.experiments.measures.divergence import Comparison
@@ -49,9 +49,6 @@ _MENTIONED = 0.02
 
 #: Array that holds no text; `numpy.where` makes objects of it.
 _NONE = np.array(None, dtype=object)
-
-#: Values of columns of a table by name, shape (n,).
-ColumnArrays = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,10 +147,10 @@ def changes_by_order(corners: Floats) -> Floats:
     switch. Without gravity g is 1, and the result has each of the two orders three times. The changes of an order sum
     to the last corner minus the first.
     """
-    changes = []
+    changes: list[list[Floats]] = []
     for order in permutations(range(3)):
         index = [0, 0, 0]
-        change_of_switch = {}
+        change_of_switch: dict[int, Floats] = {}
         for switch in order:
             if corners.shape[switch] > 1:
                 before = corners[tuple(index)]
@@ -249,7 +246,7 @@ def _norm(weights: Floats, differences: Floats) -> Floats:
 
 
 def ladders(
-    config: Config, block: Block, model: Comparison, engines: Mapping[str, Comparison]
+    config: Config, block: CellBlock, model: Comparison, engines: Mapping[str, Comparison]
 ) -> dict[str, ColumnArrays]:
     """Make the ladders of engines in cells: by engine the columns of the table ``ladder``, shape (n,).
 
@@ -350,11 +347,11 @@ def _split_columns(name: str, corners: Corners, ladder: Split, ok: NDArray[np.bo
     }
 
 
-def _parts_of_row(ladder: Split, row: int) -> list[Part]:
+def _parts_of_row(ladder: Split, row: int) -> list[SentencePart]:
     """Return the contributions that a cell has, as a sentence needs them."""
     low, high = ladder.ranges
     return [
-        Part(
+        SentencePart(
             phrase=contribution.phrase,
             share=float(ladder.shares[i, row]),
             norm=float(ladder.norms[i, row]),
@@ -370,7 +367,7 @@ def _by_ball(name: str, velocities: Floats) -> ColumnArrays:
     return {f"{name}{i}": x for i, x in enumerate(velocities.T, 1)}
 
 
-class Part(NamedTuple):
+class SentencePart(NamedTuple):
     """A contribution in a sentence: its phrase, share and norm, and its least and largest share by the orders."""
 
     phrase: str
@@ -395,7 +392,7 @@ def format_share_range(low: float, high: float) -> str:
     return f"{100 * low:.3g} to {100 * high:.3g} %"
 
 
-def sentence(solver: str, divergence: float, parts: Sequence[Part], agreed: bool = True) -> str:
+def sentence(solver: str, divergence: float, parts: Sequence[SentencePart], agreed: bool = True) -> str:
     """Write in words which contribution carries most of a divergence; `agreed`: the same one by every order."""
     if divergence < NOTHING:
         return f"{solver} ends where the model does (D = {divergence:.1g}): there is nothing to split."

@@ -26,7 +26,7 @@ def layout_of(config: Config) -> Layout:
 
     def block(*groups: Columns) -> Columns:
         columns = schema.union(*groups)
-        return schema.expand((c for c in columns if pair or not c.pairs_only), balls, contacts)
+        return schema.expand_columns((c for c in columns if pair or not c.pairs_only), balls, contacts)
 
     cells = block(parameters, schema.SOLVER_AND_STATUS, schema.OUTCOME, schema.LIMIT)
     divergence = block(

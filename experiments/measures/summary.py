@@ -11,14 +11,15 @@ import re
 from collections.abc import Sequence
 from itertools import combinations
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
+from numpy.typing import ArrayLike
 
 from impact_xval.compliant_baselines.registry import exact_solver_for, is_engine, sort_by_law
+from impact_xval.compliant_baselines.solver import MappingName
 from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE, Config
@@ -27,7 +28,6 @@ from impact_xval.experiments.measures.aggregates import (
     OWN_LAW,
     STATISTICS,
     DivergenceTable,
-    Frame,
     axis_levels,
     cuts,
     load_divergence,
@@ -41,7 +41,9 @@ from impact_xval.experiments.measures.ladder import (
     contributions_of,
 )
 from impact_xval.experiments.tables.folder import RunFolder, Tally, statuses_of
+from impact_xval.experiments.tables.frames import AxisValue, Frame, FrameRow
 from impact_xval.experiments.tables.parquet import codes, column, present, rows_at, selected
+from impact_xval.model.arrays import Floats
 from impact_xval.model.status import RESULT_STATUSES
 
 #: Measures that are summarised, by their size: of two balls, and of chains of N.
@@ -87,7 +89,9 @@ class Summary:
         #: Number of cells by solver (index) and status (columns), the results first.
         self.statuses = counts.reindex(index=sort_by_law(config.solvers), columns=names, fill_value=0)
         #: ``solver, status, reason, n``: the most frequent reasons first.
-        self.reasons: Frame = pd.DataFrame(reasons_of(outcomes), columns=["solver", "status", "reason", "n"])
+        self.reasons: Frame = pd.DataFrame(
+            count_reasons(outcomes), columns=["solver", "status", "reason", "n"]
+        )
         self.between = pairwise_divergence(cells, config) if pair else pd.DataFrame()
         self.estimates = convergence_estimates(cells, config.solvers, config.mapping, marked=pair)
         self.ladder = summarise_ladder(folder, config)
@@ -101,8 +105,13 @@ class Summary:
         self.marked_beyond = {name: n for name, n in zip(config.solvers, beyond, strict=True) if n}
 
     def get(
-        self, solver: str, measure: str, axis: str = "all", value: Any = "", cells: str = "regular"
-    ) -> Frame:
+        self,
+        solver: str,
+        measure: str,
+        axis: str = "all",
+        value: AxisValue = "",
+        cells: str = "regular",
+    ) -> FrameRow:
         """Return one row of the statistics; NaN numbers and n = 0 where nothing was compared."""
         place = self._places.get((solver, measure, axis, cells, "" if axis == "all" else value))
         if place is not None:
@@ -115,7 +124,7 @@ def summarise(folder: RunFolder) -> Summary:
     return Summary(folder)
 
 
-def reasons_of(outcomes: Tally) -> list[tuple[str, str, str, int]]:
+def count_reasons(outcomes: Tally) -> list[tuple[str, str, str, int]]:
     """Return why rows have no result: solver, status, reason and number, the most frequent reasons first."""
     rows = [(*key, n) for key, n in outcomes.items() if key[1] not in RESULT_STATUSES]
     return sorted(rows, key=lambda row: (-row[3], row[0], row[2], row[1]))
@@ -171,7 +180,7 @@ def pairwise_divergence(path: Path, config: Config) -> Frame:
 
 
 def convergence_estimates(
-    path: Path, solvers: Sequence[str], mapping: Any = "calibrated", *, marked: bool = True
+    path: Path, solvers: Sequence[str], mapping: MappingName = "calibrated", *, marked: bool = True
 ) -> Frame:
     """Compute how far each engine is from its limit dt -> 0, and how well that is known, from the table of cells.
 
@@ -230,13 +239,13 @@ class LadderSummary:
         self.orders = "six" if any(c.needs_gravity for c in self.present) else "two"
         arrangements = statistics.value[statistics.axis == "arrangement"].unique()
         #: Parts of the cells that are told apart: an axis and its value, by what a reader knows them by.
-        self.regions: dict[str, tuple[str, Any]] = (
+        self.regions: dict[str, tuple[str, AxisValue]] = (
             {label: (BAND, edge) for edge, label in BANDS.items()}
             if BAND in self.axes
             else {f"arrangement = {name}": ("arrangement", name) for name in arrangements}
         )
 
-    def region(self, solver: str, axis: str = "all", value: Any = np.nan) -> Frame:
+    def region(self, solver: str, axis: str = "all", value: AxisValue = np.nan) -> Frame:
         """Return the rows of one engine and region, indexed by contribution; empty where nothing was compared."""
         table = self.statistics
         found = table[(table.solver == solver) & (table.axis == axis)]
@@ -245,7 +254,7 @@ class LadderSummary:
         return found.set_index("contribution")
 
 
-def band_of(stiffness_ratio: Any) -> Any:
+def band_of(stiffness_ratio: ArrayLike) -> Floats:
     """Lower edge of the band of each k2/k1."""
     ratio = np.asarray(stiffness_ratio, dtype=float)
     return np.where(ratio < 0.1, 0.0, np.where(ratio <= 10.0, 0.1, 10.0))
@@ -270,9 +279,9 @@ def summarise_ladder(folder: RunFolder, config: Config) -> LadderSummary:
     return LadderSummary(statistics.loc[statistics.n > 0, _OF_LADDERS].reset_index(drop=True))
 
 
-def _regions(rows: Frame, config: Config) -> dict[str, Any]:
+def _regions(rows: Frame, config: Config) -> dict[str, np.ndarray]:
     """By axis, the value by which every row is grouped; of chains only by axes that have several."""
-    regions: dict[str, Any] = {"all": np.zeros(len(rows))}
+    regions: dict[str, np.ndarray] = {"all": np.zeros(len(rows))}
     if config.chain is not None:
         # strikers are of cradles alone
         several = [axis for axis in CHAIN_AXES if rows[axis].nunique() > 1 and rows[axis].notna().all()]

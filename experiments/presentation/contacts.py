@@ -3,48 +3,199 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from impact_xval.compliant_baselines.asked_contact import GRAVITY
 from impact_xval.compliant_baselines.engines.engine import Engine
+from impact_xval.compliant_baselines.mapping import MujocoContact
 from impact_xval.compliant_baselines.paste import paste
-from impact_xval.compliant_baselines.single_contact import DROP, TOLERANCE, Drops, Pair
+from impact_xval.compliant_baselines.registry import title_of
+from impact_xval.compliant_baselines.single_contact import DROP, TOLERANCE, Pair, VerifiedContact
+from impact_xval.compliant_baselines.solref import is_linear
+from impact_xval.compliant_baselines.three_bodies import MODEL, Strike, paste_both
 from impact_xval.experiments.presentation.document import Block, Table
 from impact_xval.experiments.tables.numbers import number
+from impact_xval.model.kinetic import kinetic_norm
 from impact_xval.model.materials import MaterialContact
 
 if TYPE_CHECKING:  # it imports MuJoCo
-    from impact_xval.compliant_baselines.inspect_mujoco import Finding, MeasuredContact
+    from impact_xval.compliant_baselines.inspect_mujoco import Examination, ExaminedContact, ExaminedGroup
+    from impact_xval.compliant_baselines.inspect_mujoco.fixing import FixedScene
+    from impact_xval.compliant_baselines.inspect_mujoco.readings import RatioAdvice, Reading
+
+
+#: Names of the bodies from the top down, as the text to paste calls them.
+_BODIES = "ABC"
 
 
 def contact_blocks(
-    engine: Engine, pair: Pair, touch: MaterialContact | None, largest: Drops, fine: Drops
+    engine: Engine,
+    verified: Sequence[VerifiedContact],
+    touch: MaterialContact | None = None,
+    tolerance: float = TOLERANCE,
+    given_step: float | None = None,
 ) -> list[Block]:
-    """Lay out a contact, the lines to paste, and the results of drops at a step and at a tenth of it.
+    """Lay out one contact, or two of three bodies: numbers, lines to paste, and the results of drops.
 
-    `touch` is what the pair was made of, if of materials. A SolverError says why the engine does not take it.
+    Parameters
+    ----------
+    engine
+        The engine.
+    verified
+        The contacts, all of them dropped at one step.
+    touch
+        What the pair was made of, if of materials.
+    tolerance
+        Allowed relative error of restitution and duration.
+    given_step
+        The time step in s, if it was given and the stiffness was looked for.
+
+    Raises
+    ------
+    SolverError
+        If the engine does not take a contact.
     """
-    c, name, rows = pair.contact, engine.name, []
-    for quantity, unit, request in (("restitution", "", pair.restitution), ("duration", " s", c.duration)):
-        at_tenth = f"{getattr(fine, quantity)[0]:.6g}{unit}"
-        rows.append(
-            (
-                quantity,
-                f"{request:.6g}{unit}",
-                f"{round_outward(*getattr(largest, quantity))}{unit}",
-                at_tenth,
-            )
-        )
-    where = "by the lines above alone" if name in DROP else "by the adapter's scene"
-    header = ("", "asked", f"at {largest.step:.6g} s", f"at {largest.step / 10:.6g} s")
+    pairs, step = [contact.pair for contact in verified], verified[0].drops.step
+    blocks: list[Block] = []
+    for i, pair in enumerate(pairs):
+        blocks += _describe_numbers(pair, f"{_name_of_contact(i)}: " if len(pairs) > 1 else "")
+    if touch is not None:
+        blocks.append(_describe_linearised(touch, pairs[0].speed))
+    if len(pairs) == 1:
+        text = paste(engine.name, pairs[0].contact, step, pairs[0].solref)
+    else:
+        text = paste_both(engine.name, pairs, step)
+    return [*blocks, f"\n{text.rstrip()}", *_drop_blocks(engine, verified, tolerance, given_step)]
+
+
+def _name_of_contact(i: int) -> str:
+    """Name contact i, from 0, by its bodies."""
+    return f"{_BODIES[i]} on {_BODIES[i + 1]}"
+
+
+def _describe_numbers(pair: Pair, prefix: str) -> list[str]:
+    """Say what contact a pair has, and how deep it goes."""
+    c, lines = pair.contact, []
+    if pair.solref is not None:
+        solref, solimp = (" ".join(f"{value:g}" for value in values) for values in pair.solref)
+        lines.append(f"solref {solref} with solimp {solimp}, as the engine reads it, is for these masses:")
     return [
-        f"k = {c.k:.6g} N/m, c = {c.c:.6g} N s/m (zeta = {c.zeta:.4g}) between bodies of reduced mass {c.mass:.6g} kg",
+        *lines,
+        f"{prefix}k = {c.k:.6g} N/m, c = {c.c:.6g} N s/m (zeta = {c.zeta:.4g}) between bodies of reduced mass "
+        f"{c.mass:.6g} kg",
+        *([] if pair.solref is None else _describe_solref(pair.solref, pair)),
         f"at {pair.speed:.6g} m/s the penetration is {pair.penetration:.3g} m: the bodies must be much larger",
-        *([] if touch is None else [_describe_linearised(touch, pair.speed)]),
-        f"\n{paste(name, c, largest.step).rstrip()}",
-        Table(header, rows, f"Drops in {name} {where}"),
-        f"{largest.step:.6g} s is the largest step tried (ten a decade) at which {name} {engine.version()} keeps both "
-        f"within {TOLERANCE:g} of the request, wherever within a step the bodies touch ({largest.n} drops), and at the "
-        f"four shorter steps too: {c.duration / largest.step:.0f} steps in a contact",
+        f"at rest it is {pair.depth_at_rest:.4g} m under the weight of {pair.carried:.6g} kg at {GRAVITY:g} m/s^2",
+    ]
+
+
+def _describe_solref(written: MujocoContact, pair: Pair) -> list[str]:
+    """Say what the numbers of a solref are not."""
+    lines: list[str] = []
+    if not is_linear(written):
+        lines.append(
+            f"This is the spring and dashpot of the same restitution and duration at {pair.speed:.6g} m/s. The "
+            "impedance changes with the depth: another speed makes another contact of it."
+        )
+    if written.solref[0] > 0:
+        lines.append(
+            f"The second number of solref is a damping ratio, not a restitution: {written.solref[1]:g} rebounds with "
+            f"{pair.motion.restitution:.4g}."
+        )
+    return lines
+
+
+def _drop_blocks(
+    engine: Engine, verified: Sequence[VerifiedContact], tolerance: float, given_step: float | None
+) -> list[Block]:
+    """Lay out what drops gave at a step and at a tenth of it, and what the step is."""
+    name, step = engine.name, verified[0].drops.step
+    rows: list[tuple[str, ...]] = []
+    for i, (pair, drops, fine) in enumerate(verified):
+        for quantity, unit in (("restitution", ""), ("duration", " s")):
+            label = quantity if len(verified) == 1 else f"{quantity}, {_name_of_contact(i)}"
+            rows.append(
+                (
+                    label,
+                    f"{getattr(pair.motion, quantity):.6g}{unit}",
+                    f"{round_outward(*getattr(drops, quantity))}{unit}",
+                    f"{getattr(fine, quantity)[0]:.6g}{unit}",
+                )
+            )
+    where = "by the lines above alone" if name in DROP else "by the adapter's scene"
+    is_asked = all(pair.restitution is not None for pair, _, _ in verified)
+    header = ("", "asked" if is_asked else "exact", f"at {step:.6g} s", f"at {step / 10:.6g} s")
+    caption = f"Drops in {name} {where}"
+    if len(verified) > 1:
+        caption += ", each contact alone"
+    counts = " and ".join(str(contact.drops.n) for contact in verified)
+    steps = " and ".join(f"{contact.pair.motion.duration / step:.0f}" for contact in verified)
+    kept = (
+        f"at which {name} {engine.version()} keeps both within {tolerance:g} of the request, wherever within a step "
+        f"the bodies touch ({counts} drops), and at the four shorter steps too: {steps} steps in a contact"
+    )
+    if given_step is None:
+        says = f"{step:.6g} s is the largest step tried (ten a decade) {kept}"
+    else:
+        stiffest = "this is the stiffest contact" if len(verified) == 1 else "these are the stiffest contacts"
+        says = (
+            f"{stiffest} tried (forty durations a decade) for {step:.6g} s {kept}; a larger --tolerance lets a stiffer "
+            "one pass"
+        )
+    return [Table(header, rows, caption), says]
+
+
+def impact_blocks(
+    engine: str,
+    masses: Sequence[float],
+    pairs: Sequence[Pair],
+    exact: Mapping[str, list[float] | str],
+    runs: Sequence[Strike | str],
+) -> list[Block]:
+    """Lay out the impact of three bodies at once.
+
+    `exact` has the velocities in m/s by solver, and `runs` those of the engine's runs, or else the reason why there are
+    none.
+    """
+    moving = [body for body, mass in zip(_BODIES, masses, strict=True) if not math.isinf(mass)]
+    weights = [mass for mass in masses if not math.isinf(mass)]
+    model = exact[MODEL]
+    rows: list[tuple[str, ...]] = []
+    notes: list[str] = []
+
+    def divergence(velocities: Sequence[float]) -> str:
+        if isinstance(model, str):
+            return "-"
+        difference = np.subtract(velocities, model)
+        start = [-pairs[0].speed, *[0.0] * (len(moving) - 1)]
+        return f"{kinetic_norm(weights, difference) / kinetic_norm(weights, start):.3f}"
+
+    for solver, velocities in exact.items():
+        label = f"{title_of(solver)} ({solver})"
+        if isinstance(velocities, str):
+            notes.append(f"{label}: {velocities}")
+            continue
+        rows.append((label, *(f"{velocity:.6f}" for velocity in velocities), divergence(velocities)))
+    for run in runs:
+        if isinstance(run, str):
+            notes.append(f"{engine}: {run}")
+            continue
+        ranges = (round_outward(*ends) if run.n > 1 else f"{ends[0]:.6f}" for ends in run.velocities)
+        middle = [0.5 * (low + high) for low, high in run.velocities]
+        rows.append((f"{engine}, the lines above at {run.step:.6g} s", *ranges, divergence(middle)))
+    floor = "is fixed" if len(moving) == 2 else "is at rest"
+    caption = (
+        f"The impact of all three: A strikes B at {pairs[0].speed:.6g} m/s while B touches C, which {floor}; no "
+        "gravity; velocities in m/s, positive away from C"
+    )
+    return [
+        Table(("", *(f"v of {body}" for body in moving), "D"), rows, caption),
+        *notes,
+        "D is the difference from the model (docs/theory.md, section 9). The restitution of a contact is not kept "
+        "where a third body pushes too.",
     ]
 
 
@@ -77,26 +228,317 @@ def _describe_linearised(touch: MaterialContact, speed: float) -> str:
     )
 
 
-def scene_blocks(
-    contacts: list[MeasuredContact], traps: list[Finding], scene: str, speed: float, version: str
-) -> list[Block]:
-    """Lay out the contacts that MuJoCo makes of a scene dropped at a speed, advice on them, and the traps."""
-    from impact_xval.compliant_baselines.inspect_mujoco import MOST_ROWS, abbreviate_names
+#: Most lines of one screen about a scene, and the most of them for groups, remarks and traps.
+_MOST_LINES, _MOST_GROUPS, _MOST_REMARKS, _MOST_TRAPS = 40, 8, 3, 7
 
-    header = ("contact", "masses, kg", "e", "k, N/m", "c, N s/m", "duration, s", "steps", "at rest, m")
-    rows, lines = [], []
-    for contact in contacts:
-        where, masses = abbreviate_names(contact.names), " ".join(f"{mass:.4g}" for mass in contact.masses)
-        low, high = (number(e) for e in contact.restitution_range or (None, None))
-        values = (contact.stiffness, contact.damping, contact.duration, contact.steps, contact.penetration)
-        rows.append((where, masses, low if low == high else f"{low} to {high}", *map(number, values)))
-        lines += [f"{where}: {remark}" for remark in (contact.reason, contact.note, contact.change) if remark]
+#: Most contacts of a written scene that are shown.
+_MOST_WRITTEN = 12
+
+#: Letters of a contact's name that a table of a screen shows.
+_NAME_WIDTH = 44
+
+
+def scene_blocks(
+    examination: Examination, scene: str, speed: float, version: str, *, everything: bool = False
+) -> list[Block]:
+    """Lay out the contacts that MuJoCo makes of a scene dropped at a speed, readings of their numbers, and the traps.
+
+    One screen shows the first groups, readings and traps; `everything` shows all, and a row for every contact that was
+    measured.
+    """
+    groups = examination.groups
+    shown = groups if everything else groups[:_MOST_GROUPS]
+    head = _describe_scene(examination, scene, version)
+    if not groups:
+        return [head, "no two geoms can touch", *_describe_traps(examination, scene, everything)]
     caption = (
-        f"Dropped at {speed:g} m/s by MuJoCo {version}, and loaded with the weight of the lighter body, each two "
-        "bodies alone"
+        f"Measured: each two bodies alone, dropped at {speed:g} m/s, and loaded with the weight of the lighter"
+        " (e over all places of the touch within a step)"
     )
-    if len(rows) == MOST_ROWS:
-        caption += f"; the first {MOST_ROWS} combinations of parameters and masses"
-    measured = [Table(header, rows, caption, text=2), *lines, ""] if rows else ["no two geoms can touch"]
-    findings = [f"{trap}: {abbreviate_names(where)}: {says}" for trap, where, says in traps]
-    return [*measured, *findings, f"{scene}: {len(traps) or 'no'} trap{'s' if len(traps) != 1 else ''} found"]
+    measured_header = ("group", "masses, kg", "e", "k, N/m", "c, N s/m", "duration, s", "steps", "at rest, m")
+    measured_rows = [row for n, group in enumerate(shown, 1) for row in _measured_rows(n, group, everything)]
+    header = ("group", "contacts", "number", "from", "condim", "solref", "solimp")
+    rows = [_parameter_row(n, group) for n, group in enumerate(shown, 1)]
+    remarks = [line for n, group in enumerate(shown, 1) for line in _describe_remarks(n, group)]
+    readings = [line for n, group in enumerate(shown, 1) for line in _describe_readings(n, group)]
+    readings += _describe_advice(shown)
+    traps = _describe_traps(examination, scene, everything)
+    if any(contact.keep or contact.newton_metre for group in shown for contact in group.examined):
+        traps.insert(
+            0,
+            'Write these numbers in a <pair geom1="A" geom2="B" solimp="0.0001 0.0001 0.001 0.5 1" .../>, A and B two '
+            "geoms; --fix FILE with --keep or --newton-metre writes all" + _describe_creep(shown),
+        )
+    if len(groups) > len(shown):
+        remarks.insert(0, f"{len(groups) - len(shown)} more groups: --all shows them")
+    if not everything:
+        remarks = _cut(remarks, _MOST_REMARKS, "remarks")
+        # Two tables have a caption, a header and empty lines around them.
+        lines_left = _MOST_LINES - 8 - len(rows) - len(measured_rows) - len(remarks) - len(traps)
+        readings = _cut(readings, lines_left, "readings")
+    return [
+        head,
+        Table(header, rows, "Parameters as the engine combines them", text=4),
+        Table(measured_header, measured_rows, caption, text=2),
+        *remarks,
+        *readings,
+        *traps,
+    ]
+
+
+def _cut(lines: list[str], most: int, what: str) -> list[str]:
+    """Keep the first lines, and say in the last line how many more there are."""
+    if len(lines) <= most:
+        return lines
+    return [*lines[: most - 1], f"{len(lines) - most + 1} more {what}: --all shows them"]
+
+
+def _describe_scene(examination: Examination, scene: str, version: str) -> str:
+    """Say what was examined, by which engine, and what is left out."""
+    contacts = sum(len(group.group.contacts) for group in examination.groups)
+    looked = ""
+    if examination.geoms_looked_at < examination.geoms:
+        looked = f" ({examination.geoms_looked_at} of them stand for all of their kinds)"
+    head = (
+        f"MuJoCo {version}, {scene}: {_count(examination.geoms, 'geom')}{looked}, {_count(contacts, 'contact')} in "
+        f"{_count(len(examination.groups), 'group')} of the same parameters, step {examination.step:g} s, "
+        f"{examination.integrator}"
+    )
+    if examination.omissions:
+        head += f". Not in the drops: {', '.join(examination.omissions)}"
+    return head
+
+
+def _count(number: int, thing: str) -> str:
+    """Write a number of things."""
+    return f"{number} {thing}{'' if number == 1 else 's'}"
+
+
+def _parameter_row(n: int, group: ExaminedGroup) -> tuple[str, ...]:
+    """Return the row of the parameters of a group."""
+    contacts = group.group.contacts
+    bodies = contacts[0].bodies
+    solref, solimp = (
+        " ".join(f"{value:.6g}" for value in values) for values in (bodies.solref, bodies.solimp)
+    )
+    condim = int(dict(bodies.pair)["dim"][0])
+    return (
+        str(n),
+        _shorten(contacts[0].name),
+        str(len(contacts)),
+        _RULE_WORDS[bodies.rule],
+        "1, frictionless" if condim == 1 else str(condim),
+        solref,
+        solimp,
+    )
+
+
+#: What a table says of where parameters come from.
+_RULE_WORDS = {
+    "pair": "<pair>",
+    "override": "flag override",
+    "priority": "geom of priority",
+    "same": "both geoms",
+    "mixed": "mixed by solmix",
+}
+
+
+def _shorten(name: str) -> str:
+    """Shorten a long name of a contact."""
+    return name if len(name) <= _NAME_WIDTH else f"{name[: _NAME_WIDTH - 3]}..."
+
+
+def fixed_scene_blocks(fixed: FixedScene, scene: str, target: str, version: str) -> list[Block]:
+    """Lay out what was changed in a scene that was written, and what its contacts were measured to do."""
+    reading = "what they do now" if fixed.kind == "keep" else "what their numbers mean in N/m and N s/m"
+    changes = [f"{fixed.pairs} <pair>s", f"the step, from {fixed.step_before:g} to {fixed.step:g} s"]
+    changes += ["the solver's tolerance, which is 0"] if fixed.zero_tolerance else []
+    changes += [f"names of {fixed.named_geoms} geoms"] if fixed.named_geoms else []
+    rows: list[tuple[str, ...]] = []
+    for contact in fixed.written[:_MOST_WRITTEN]:
+        meant, measured = contact.reading, contact.measured
+        before, now = (
+            " ".join(f"{value:.6g}" for value in solref) for solref in (contact.solref_before, meant.solref)
+        )
+        row = (_abbreviate(contact.names), _format_masses([contact.masses]), before, now)
+        numbers = (number(meant.restitution), _format_values(measured.restitution_range or ()))
+        durations = (number(meant.duration), number(measured.duration))
+        rows.append((*row, *numbers, *durations, "yes" if contact.is_kept else measured.reason or "no"))
+    header = ("contact", "masses, kg", "solref was", "solref is", "e meant", "e", "s meant", "s", "kept")
+    caption = f"{target}, measured by MuJoCo {version}"
+    if len(fixed.written) > _MOST_WRITTEN:
+        caption += f"; the first {_MOST_WRITTEN} of {len(fixed.written)} contacts that were measured"
+    missed = sum(not contact.is_kept for contact in fixed.written)
+    end = f"{missed} of {len(fixed.written)} contacts do not do it" if missed else "measured again, all do it"
+    return [
+        f"{target} is {scene} with contacts that do {reading}. Changed: {', '.join(changes)}",
+        Table(header, rows, caption, text=4),
+        f"{fixed.unchanged} other contacts keep their parameters, at the new step",
+        end,
+    ]
+
+
+def _measured_rows(n: int, group: ExaminedGroup, everything: bool) -> list[tuple[str, ...]]:
+    """Return the rows of what was measured: one for a group, or one for each of its contacts that was measured."""
+    if everything:
+        return [
+            (
+                f"{n}  {_abbreviate(contact.row.names)}",
+                _format_masses([contact.row.masses]),
+                *_measured_columns([contact]),
+            )
+            for contact in group.examined
+        ]
+    masses = [contact.bodies.masses for contact in group.group.contacts]
+    return [(str(n), _format_masses(masses), *_measured_columns(group.examined))]
+
+
+def _measured_columns(contacts: list[ExaminedContact]) -> list[str]:
+    """Return the numbers of contacts, as ranges where they differ."""
+    rows = [contact.row for contact in contacts]
+    ends = [e for row in rows for e in row.restitution_range or ()]
+    columns = [[row.stiffness for row in rows], [row.damping for row in rows], [row.duration for row in rows]]
+    columns += [[row.steps for row in rows], [row.penetration for row in rows]]
+    return [_format_values(values) for values in [ends, *columns]]
+
+
+def _format_values(values: Sequence[float | None]) -> str:
+    """Write the range of the numbers that are there."""
+    numbers = sorted(value for value in values if value is not None)
+    if not numbers:
+        return "-"
+    low, high = number(numbers[0]), number(numbers[-1])
+    return low if low == high else f"{low} to {high}"
+
+
+def _format_masses(masses: Sequence[tuple[float, float]]) -> str:
+    """Write the masses of the lighter bodies, and of what they meet."""
+    light, heavy = (sorted(values) for values in zip(*masses, strict=True))
+    finite = [mass for mass in heavy if mass < math.inf]
+    others = [_format_mass_range(finite)] if finite else []
+    others += ["fixed"] if len(finite) < len(heavy) else []
+    return f"{_format_mass_range(light)} on {' or '.join(others)}"
+
+
+def _format_mass_range(masses: Sequence[float]) -> str:
+    """Write the range of sorted masses."""
+    low, high = f"{masses[0]:.4g}", f"{masses[-1]:.4g}"
+    return low if low == high else f"{low} to {high}"
+
+
+def _abbreviate(names: list[str]) -> str:
+    """Name contacts shortly: the first, and the number of others."""
+    return _shorten(names[0]) + (f" and {len(names) - 1} more" if len(names) > 1 else "")
+
+
+def _describe_remarks(n: int, group: ExaminedGroup) -> list[str]:
+    """Say why contacts of a group were not measured, and what their numbers contain of joints."""
+    remarks = dict.fromkeys(
+        remark for contact in group.examined for remark in (contact.row.reason, contact.row.note) if remark
+    )
+    first, *others = remarks or [""]
+    more = f" (and {len(others)} other remarks: --json)" if others else ""
+    return [f"{n}  {first}{more}"] if first else []
+
+
+def _describe_readings(n: int, group: ExaminedGroup) -> list[str]:
+    """Say what the numbers of a group may have been meant to say, and what to write for it; a line for each reading."""
+    lines: list[str] = []
+    for kind in ("keep", "newton_metre"):
+        readings = [
+            (contact, reading)
+            for contact in group.examined
+            if (reading := getattr(contact, kind)) is not None
+        ]
+        if readings:
+            lines.append(f"{n}  {_describe_reading(readings)}")
+    return lines
+
+
+def _describe_advice(groups: list[ExaminedGroup]) -> list[str]:
+    """Say what damping ratios give, and which ones give other restitutions; a line for each solref."""
+    by_solref: dict[tuple[float, float], list[tuple[int, RatioAdvice, tuple[float, ...]]]] = {}
+    for n, group in enumerate(groups, 1):
+        for contact in group.examined:
+            if contact.advice:
+                row = (n, contact.advice, group.restitution_range or ())
+                by_solref.setdefault(contact.advice.solref, []).append(row)
+    lines: list[str] = []
+    for solref, rows in by_solref.items():
+        numbers = ", ".join(str(n) for n, _, _ in rows)
+        restitutions = _format_values([e for _, _, ends in rows for e in ends])
+        lines.append(
+            f"{numbers}  {solref[1]:g} is a damping ratio, no restitution: it rebounds with {restitutions}. "
+            f"{rows[0][1].text}"
+        )
+    return lines
+
+
+def _describe_creep(groups: list[ExaminedGroup]) -> str:
+    """Say what the impedance of the readings makes of friction; empty if no reading has friction."""
+    readings = [
+        reading
+        for group in groups
+        for contact in group.examined
+        for reading in (contact.keep, contact.newton_metre)
+        if reading is not None
+    ]
+    if all(reading.condim == 1 for reading in readings):
+        return ""
+    return ". Friction is then a weak dashpot up to its limit: bodies creep on a slope"
+
+
+def _describe_reading(readings: list[tuple[ExaminedContact, Reading]]) -> str:
+    """Describe one reading of all contacts of a group that were measured."""
+    _, first = readings[0]
+    e = _format_values([reading.restitution for _, reading in readings])
+    duration = _format_values([reading.duration for _, reading in readings])
+    step = min(reading.step for _, reading in readings)
+    ends = [e for _, reading in readings for e in reading.measured_range or ()]
+    drops = f"drops give e = {_format_values(ends)}" if ends else first.problem
+    tolerance = ' and tolerance="0"' if any(reading.zero_tolerance for _, reading in readings) else ""
+    attributes = dict(first.attributes)
+    del attributes["solimp"]  # the same for all
+    solrefs = dict.fromkeys(reading.attributes["solref"] for _, reading in readings)
+    low = high = ""
+    if len(solrefs) > 1:
+        (low, first_solref), (high_masses, last_solref) = (
+            (_format_masses([contact.bodies.masses]), reading.attributes["solref"])
+            for contact, reading in (readings[0], readings[1])
+        )
+        attributes["solref"] = first_solref
+        high = f'"{last_solref}" for {high_masses} (kg)'
+    written = " ".join(f'{name}="{text}"' for name, text in attributes.items())
+    if high:
+        written += f" for {low}, {high}"
+    if first.kind == "keep":
+        bodies = [member.bodies for member, _ in readings]
+        is_free = all(math.isclose(each.mass, each.scale, rel_tol=1e-6) for each in bodies)
+        mass = ", in any mass," if is_free and len(solrefs) == 1 else ","
+        meant = f"to keep e = {e} in {duration} s{mass}"
+    else:
+        numbers = _format_values([reading.stiffness for _, reading in readings])
+        dampings = _format_values([reading.damping for _, reading in readings])
+        meant = f"if {numbers} N/m and {dampings} N s/m were meant (e = {e} in {duration} s),"
+    return f"{meant} write {written}{tolerance} at a step of {step:g} s: {drops}"
+
+
+def _describe_traps(examination: Examination, scene: str, everything: bool) -> list[str]:
+    """List the traps, the first of each kind on one screen, and count them."""
+    findings = examination.findings
+    if everything:
+        lines = [f"{trap}: {_abbreviate(where)}: {says}" for trap, where, says in findings]
+    else:
+        lines = []
+        for trap in dict.fromkeys(finding.trap for finding in findings):
+            first, *others = (finding for finding in findings if finding.trap == trap)
+            where = _abbreviate(first.contacts)
+            more = f" ({len(others)} more of this trap: --all)" if others else ""
+            lines.append(f"{trap}: {where}: {first.message}{more}")
+        if len(lines) > _MOST_TRAPS:
+            lines = [
+                *lines[:_MOST_TRAPS],
+                f"{len(lines) - _MOST_TRAPS} more kinds of traps: --all shows them",
+            ]
+    count = len(findings)
+    return [*lines, f"{scene}: {count or 'no'} trap{'s' if count != 1 else ''} found"]

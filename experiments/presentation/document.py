@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from markupsafe import Markup, escape
 
@@ -41,8 +40,8 @@ class Table:
     """A table with a header and rows; the first `text` columns are aligned left, all other columns right."""
 
     header: Sequence[str]
-    rows: Sequence[Sequence[Any]]
-    caption: Any = ""
+    rows: Sequence[Sequence[object]]
+    caption: str = ""
     text: int = 1
 
 
@@ -73,6 +72,6 @@ class Section:
 Block = str | Table | Figure | Section
 
 
-def fill_sentence(template: str, **values: Any) -> Markup:
+def fill_sentence(template: str, **values: object) -> Markup:
     """Fill the named fields of a sentence; text is escaped, and a `Value` keeps its tooltip."""
     return escape(template).format(**values)

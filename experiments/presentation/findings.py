@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import TypeVar
 
 from markupsafe import Markup
 
@@ -24,7 +24,10 @@ from impact_xval.experiments.presentation.words import (
     display_name,
     format_axis_value,
 )
+from impact_xval.experiments.tables.frames import AxisValue, Frame, FrameRow
 from impact_xval.experiments.tables.numbers import number, percent
+
+_Value = TypeVar("_Value")
 
 #: Statistics of a measure, in the order of tables.
 CUTS = ("median", "p95", "max")
@@ -48,7 +51,7 @@ def statistic_value(
     statistic: str = "median",
     measure: str = D,
     axis: str = "all",
-    at: Any = "",
+    at: AxisValue = "",
 ) -> Value:
     """Return a statistic of a measure, with its place in ``summary.csv``."""
     row = summary.get(solver, measure, axis, at)
@@ -57,7 +60,7 @@ def statistic_value(
     return Value(float(row[statistic]), key, digits)
 
 
-def thin_out(values: Sequence[Any]) -> Sequence[Any]:
+def thin_out(values: Sequence[_Value]) -> Sequence[_Value]:
     """Return the values of an axis that a table shows: all, or evenly spaced ones of many."""
     return values[:: -(-len(values) // _ROWS)] if values else values
 
@@ -73,7 +76,7 @@ def subjects(summary: Summary) -> list[str]:
     return [name for name in names if is_engine(name)] or names
 
 
-def describe_row(summary: Summary, row: Any) -> str:
+def describe_row(summary: Summary, row: FrameRow) -> str:
     """Describe a cell by its axes; a chain by its arrangement and the axes that have several values."""
     if summary.config.chain is None:
         return describe_cell(row)
@@ -83,7 +86,7 @@ def describe_row(summary: Summary, row: Any) -> str:
     return f"the {row.arrangement} of {row.balls} balls{strike}{settings}"
 
 
-def row_of_largest_d(summary: Summary, solver: str) -> Any:
+def row_of_largest_d(summary: Summary, solver: str) -> FrameRow:
     """Return the row of the table of divergence with the largest D of a solver."""
     return summary.worst[summary.worst.solver == solver].iloc[0]
 
@@ -147,7 +150,7 @@ def describe_distances_from_own_laws(summary: Summary) -> list[Markup]:
 
 
 def cause_shares(
-    ladder: LadderSummary, solver: str, axis: str = "all", at: Any = math.nan
+    ladder: LadderSummary, solver: str, axis: str = "all", at: AxisValue = math.nan
 ) -> dict[str, Value | str]:
     """Return the shares of the causes in an engine's mean D over a region, the largest first.
 
@@ -163,7 +166,7 @@ def cause_shares(
     }
 
 
-def _cancelling(region: Any, name: str) -> str:
+def _cancelling(region: Frame, name: str) -> str:
     """Return a text for a cause that cancels another large cause; empty for other causes."""
     cancels = name in region.index[list(cancelling_pair(region.share) or ())]
     return f"cancelling (norm {number(region['mean'][name])})" if cancels else ""
@@ -251,7 +254,7 @@ def axis_table(summary: Summary, axis: str) -> Table:
     levels, label = summary.levels[axis], (AXES | CHAIN_AXES)[axis]
     values = thin_out(levels.values)
 
-    def cell(name: str, value: Any) -> str:
+    def cell(name: str, value: AxisValue) -> str:
         row = summary.get(name, D, axis, value)
         return " / ".join(number(row[cut], 2) for cut in CUTS) if row["n"] else "-"
 
@@ -280,7 +283,7 @@ def region_table(ladder: LadderSummary, called: Callable[[str], str] = str) -> T
     return Table(header, rows, f"{caption}{ladder.orders} orders of causes", text=2)
 
 
-def _share_text(region: Any, name: str) -> str:
+def _share_text(region: Frame, name: str) -> str:
     if name not in region.index:
         return "-"
     share, low, high = map(percent, region.loc[name, ["share", "low", "high"]])

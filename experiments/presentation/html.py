@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -41,10 +40,11 @@ def render_page(title: str, blocks: Sequence[Block], folder: Path | None = None)
 
 def render_blocks(blocks: Sequence[Block]) -> Markup:
     """Return blocks as a piece of HTML; they may have no figures of a folder."""
-    module: Any = _ENVIRONMENT.get_template("blocks.html.j2").make_module({"picture": None})
-    return Markup("").join(map(module.show, blocks))
+    module = _ENVIRONMENT.get_template("blocks.html.j2").make_module({"picture": None})
+    show: Callable[[Block], Markup] = vars(module)["show"]  # a macro of the template
+    return Markup("").join(map(show, blocks))
 
 
-def render_template(name: str, /, **facts: Any) -> Piece:
+def render_template(name: str, /, **facts: object) -> Piece:
     """Fill an HTML template, which escapes the values."""
     return Piece(_ENVIRONMENT.get_template(name).render(facts))

@@ -2,32 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 
 from impact_xval.experiments.presentation.words import format_axis_value
 from impact_xval.experiments.tables.folder import write_json
+from impact_xval.experiments.tables.frames import AxisValue
 from impact_xval.experiments.tables.parquet import replacing
+
+if TYPE_CHECKING:
+    from matplotlib.typing import RcKeyType  # old releases have none
 
 CAPTIONS = "captions.json"
 
 #: Name, figure and caption.
 Drawn = tuple[str, Figure, str]
 
-#: Keywords of a legend to the right of its axes.
-BESIDE: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.01, 0.5)}
-
 #: Sentence in the captions of figures without marked cells.
 LEFT_OUT = "Marked cells (beside a jump) are left out."
 
-_PARAMETERS: dict[Any, Any] = {
+_PARAMETERS: dict[RcKeyType, object] = {
     "figure.constrained_layout.use": True,
     "font.size": 9,
     "axes.grid": True,
@@ -43,13 +47,18 @@ _PARAMETERS: dict[Any, Any] = {
 
 
 @contextmanager
-def styled_figure(width: float, height: float) -> Iterator[Figure]:
+def styled_figure(width: float, height: float) -> Generator[Figure]:
     """Yield an empty figure of a size in inches, with the style of the project set for the block only."""
     with mpl.rc_context(_PARAMETERS):
         yield Figure(figsize=(width, height), layout="constrained")
 
 
-def label_axis_values(axis: Any, values: Sequence[Any], most: int) -> None:
+def draw_legend_beside(axes: Axes) -> Legend:
+    """Draw the legend of axes to the right of them."""
+    return axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5))
+
+
+def label_axis_values(axis: Axis, values: Sequence[AxisValue], most: int) -> None:
     """Label the places 0, 1, ... of an axis with their values, `most` places at most."""
     step = max(1, -(-len(values) // most))
     axis.set_ticks(range(0, len(values), step), [format_axis_value(value, 2) for value in values[::step]])
@@ -78,7 +87,7 @@ def save_figure(figure: Figure, folder: Path, name: str) -> None:
 
 def save_figures(figures: Iterable[Drawn], folder: Path) -> dict[str, str]:
     """Write figures, and their captions by name as ``captions.json``; return the captions."""
-    captions = {}
+    captions: dict[str, str] = {}
     for name, figure, caption in figures:
         save_figure(figure, folder, name)
         captions[name] = caption

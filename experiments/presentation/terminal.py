@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager, nullcontext
 from datetime import timedelta
 from typing import Any
@@ -72,7 +72,7 @@ def _table(block: Table) -> RichTable:
 
 
 @contextmanager
-def show_progress(console: Console) -> Iterator[Callable[[int, int, str], None]]:
+def show_progress(console: Console) -> Generator[Callable[[int, int, str], None]]:
     """Show progress: a bar on a terminal, otherwise a line for the first report and for every tenth.
 
     Yields a function that any thread may call with the number of cells done, the total, and a line to print.
@@ -106,7 +106,7 @@ def show_progress(console: Console) -> Iterator[Callable[[int, int, str], None]]
 class _Console(Console):
     """A console whose failures to write are an `OSError` that names standard output."""
 
-    def print(self, *objects: Any, **options: Any) -> None:
+    def print(self, *objects: object, **options: Any) -> None:
         """Print; raise `BrokenPipeError` when nobody reads, where rich would end the process."""
         try:
             super().print(*objects, **options)
@@ -118,7 +118,7 @@ class _Console(Console):
 
 
 @contextmanager
-def report_waiting(activity: str) -> Iterator[None]:
+def report_waiting(activity: str) -> Generator[None]:
     """Say on standard error every `_SAY` s how long the block has taken."""
     start, ended = time.perf_counter(), threading.Event()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import shlex
-from typing import Any
+from dataclasses import asdict
 
 import pyarrow.parquet as pq
 from rich.console import Console
@@ -28,6 +28,7 @@ from impact_xval.experiments.presentation.words import (
 from impact_xval.experiments.sweep.status import RunStatus
 from impact_xval.experiments.tables.comparison import RunComparison
 from impact_xval.experiments.tables.folder import RunFolder
+from impact_xval.experiments.tables.frames import Record
 from impact_xval.experiments.tables.numbers import number, percent
 from impact_xval.model.status import RESULT_STATUSES
 
@@ -70,7 +71,7 @@ def show_status(console: Console, root: str, status: RunStatus) -> None:
     print_blocks(console, blocks)
 
 
-def rows_of_cell(folder: RunFolder, cell: int) -> list[dict[str, Any]]:
+def rows_of_cell(folder: RunFolder, cell: int) -> list[Record]:
     """Read a cell of a finished run: one row per solver, with its outcome, measures and contributions."""
     paths = (folder.table_path(f"{name}.parquet") for name in ("cells", "divergence", "ladder"))
     rows, measures, ladder = (
@@ -87,7 +88,7 @@ def rows_of_cell(folder: RunFolder, cell: int) -> list[dict[str, Any]]:
     return [{str(name): value for name, value in row.items()} for row in plain.to_dict("records")]
 
 
-def show_cell(console: Console, cell: int, rows: list[dict[str, Any]]) -> None:
+def show_cell(console: Console, cell: int, rows: list[Record]) -> None:
     """Print a cell: the outcome of each solver, and why engines diverge."""
     axes = CHAIN_AXES if "balls" in rows[0] else AXES
     balls = range(1, 1 + (rows[0].get("balls") or 2))
@@ -121,14 +122,14 @@ def show_cell(console: Console, cell: int, rows: list[dict[str, Any]]) -> None:
     print_blocks(console, blocks)
 
 
-def _velocity(row: dict[str, Any], name: str, speed: float) -> str:
+def _velocity(row: Record, name: str, speed: float) -> str:
     """Write a velocity per |v0|, marked if the row has no result, or a dash if there is no number."""
     if row[name] is None:
         return "-"
     return f"{row[name] / speed:.6f}" + (NO_RESULT if row["status"] not in RESULT_STATUSES else "")
 
 
-def _contributions(row: dict[str, Any], balls: range) -> list[tuple[str, ...]]:
+def _contributions(row: Record, balls: range) -> list[tuple[str, ...]]:
     """Return the rows of the table of contributions of a cell and engine; empty without a ladder."""
     contributions = [c for c in CONTRIBUTIONS if row.get(f"{c.name}_norm") is not None]
     pair = cancelling_pair([row[f"{c.name}_share"] for c in contributions]) or ()
@@ -151,12 +152,11 @@ def show_changes(console: Console, a: str, b: str, comparison: RunComparison) ->
     def shown(change: float) -> str:
         return "one only" if math.isinf(change) else number(change, 2)
 
-    counts = ("compared", "moved", "statuses")
     solvers = [
         (
             name,
-            *(changes[key] for key in counts),
-            *(number(changes[key], 2) for key in ("velocity", "divergence")),
+            *(changes.compared, changes.moved, changes.statuses),
+            *(number(change, 2) for change in (changes.velocity, changes.divergence)),
         )
         for name, changes in comparison.solvers.items()
     ]
@@ -180,15 +180,21 @@ def show_changes(console: Console, a: str, b: str, comparison: RunComparison) ->
     print_blocks(console, [*blocks, Table(by_row, worst, caption, text=4)])
 
 
-def changes_to_json(comparison: RunComparison) -> dict[str, Any]:
+def changes_to_json(comparison: RunComparison) -> dict[str, object]:
     """Return the changes between two runs for JSON; a change is infinite if only one run has a number."""
     return {
         "tolerance": comparison.tolerance,
         "moved": comparison.moved,
-        "solvers": comparison.solvers,
+        "solvers": {name: asdict(changes) for name, changes in comparison.solvers.items()},
         "worst": [
-            {"cell": cell, "solver": solver, "statuses": statuses, "velocity": dv, "divergence": dd}
-            for cell, solver, *statuses, dv, dd in comparison.worst
+            {
+                "cell": row.cell,
+                "solver": row.solver,
+                "statuses": [row.status_a, row.status_b],
+                "velocity": row.velocity,
+                "divergence": row.divergence,
+            }
+            for row in comparison.worst
         ],
         "not_compared": comparison.alone,
         "cells_not_compared": comparison.cells_alone,

@@ -5,12 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from impact_xval.compliant_baselines.registry import group_by_law, solver_names, title_of
 from impact_xval.experiments.config.arrangements import ChainSetup
 from impact_xval.experiments.config.axes import AXES, SI_AXES
 from impact_xval.experiments.config.experiment import REFERENCE
+from impact_xval.experiments.tables.frames import AxisValue, FrameRow, Record
 from impact_xval.experiments.tables.numbers import join_words, number
 
 #: The measure of divergence, in words.
@@ -98,18 +98,18 @@ def capitalise_first(sentence: str) -> str:
     return sentence[:1].upper() + sentence[1:]
 
 
-def format_axis_value(value: Any, digits: int = 3) -> str:
+def format_axis_value(value: AxisValue, digits: int = 3) -> str:
     """Write a value of an axis: a word, or a number."""
     return value if isinstance(value, str) else number(value, digits)
 
 
-def describe_cell(cell: Mapping[str, Any], axes: Mapping[str, str] = AXES, digits: int = 3) -> str:
+def describe_cell(cell: Record | FrameRow, axes: Mapping[str, str] = AXES, digits: int = 3) -> str:
     """Describe a cell by the axes on which it has a value."""
     known = ((label, cell[axis]) for axis, label in axes.items() if cell[axis] is not None)
     return ", ".join(f"{label} = {format_axis_value(value, digits)}" for label, value in known)
 
 
-def describe_si_values(cell: Mapping[str, Any], quantities: Iterable[str] = SI_AXES) -> str:
+def describe_si_values(cell: Record | FrameRow, quantities: Iterable[str] = SI_AXES) -> str:
     """Write masses and stiffnesses of a cell of two balls with their units."""
     return ", ".join(f"{name} = {number(cell[name], 6)} {SI_AXES[name]}" for name in quantities)
 
@@ -140,7 +140,7 @@ def describe_restitution_product(solvers: Iterable[str], e: float = 0.9) -> str:
 
 def describe_shared_laws(solvers: Iterable[str]) -> str:
     """Say which solvers were asked for the same law, and are one vote on it; empty if there are none."""
-    said = []
+    said: list[str] = []
     for group in group_by_law(solvers).values():
         if len(group) > 1:
             count = _COUNTS[len(group)] if len(group) < len(_COUNTS) else len(group)

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
 from timeit import timeit
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.answers import answer, describe_exception
 from impact_xval.compliant_baselines.engines.engine import Engine
@@ -27,7 +27,7 @@ from impact_xval.model.collision import Collision
 RESTITUTIONS = (1.0, 0.9, 0.5, 0.0)
 
 #: Fields of `ChainSetup` by the name of a case. Defaults: balls of 1 kg at 1 m/s, contacts of 1e8 N/m.
-CASE_SETUPS: dict[str, dict[str, Any]] = {
+CASE_SETUPS: dict[str, dict[str, float | str]] = {
     "pile, k2/k1 = 0.01": {"arrangement": "pile", "balls": 2, "mass_taper": 2.0, "stiffness_taper": 0.01},
     "pile, k2/k1 = 1": {"arrangement": "pile", "balls": 2, "mass_taper": 2.0},
     "pile, k2/k1 = 100": {"arrangement": "pile", "balls": 2, "mass_taper": 2.0, "stiffness_taper": 100.0},
@@ -40,7 +40,7 @@ CASE_SETUPS: dict[str, dict[str, Any]] = {
 
 #: Every case, in the order of the board.
 CASES = {
-    (name, e): ChainSetup(**CASE_SETUPS[name], e=e).collision()
+    (name, e): ChainSetup.model_validate({**CASE_SETUPS[name], "e": e}).collision()
     for name, e in product(CASE_SETUPS, RESTITUTIONS)
 }
 
@@ -49,8 +49,12 @@ USUAL = "as it is"
 #: The arrangement in which bodies are made in the opposite order, ball N first.
 MIRRORED = "made in the other order"
 #: Gaps, in radii, by which touching bodies are apart, or overlap.
-_GAPS = {"apart by 1e-4": 1e-4, "apart by 1e-6": 1e-6}
-_GAPS |= {"overlapping by 1e-6": -1e-6, "overlapping by 1e-4": -1e-4}
+_GAPS = {
+    "apart by 1e-4": 1e-4,
+    "apart by 1e-6": 1e-6,
+    "overlapping by 1e-6": -1e-6,
+    "overlapping by 1e-4": -1e-4,
+}
 #: Time steps of arrangements, over the usual step.
 STEPS = {"half the step": 0.5, "twice the step": 2.0}
 
@@ -73,9 +77,10 @@ def prepare_solver(_: object, name: str) -> float | None:
         return None
 
 
-def answer_case(_: object, name: str, *case: Any) -> list[tuple[str, str, str, Sequence[float]]]:
+def answer_case(_: object, name: str, case: str, e: float) -> list[tuple[str, str, str, Sequence[float]]]:
     """Answer a case, an engine in every arrangement; return arrangement, status, reason and velocities."""
-    solver, collision, answers = get_solver(name), CASES[case], []
+    solver, collision = get_solver(name), CASES[case, e]
+    answers: list[tuple[str, str, str, Sequence[float]]] = []
     try:
         scenes = arrange_scenes(solver, collision)
         if not isinstance(solver, Engine) or not scenes:
@@ -110,7 +115,7 @@ def arrange_scenes(solver: Solver, collision: Collision) -> dict[str, Scene]:
     # Heights grow upwards: ball i is above as many changed gaps as there are contacts below it.
     below = np.arange(len(heights), 0, -1) - (not usual.table)
 
-    def moved(by: Any) -> Scene:
+    def moved(by: float | NDArray[np.floating]) -> Scene:
         return replace(usual, heights=tuple((heights + by * radius).tolist()))
 
     scenes = {USUAL: usual} | {name: moved(gap * below) for name, gap in _GAPS.items()}

@@ -88,7 +88,7 @@ def read_requirement(text: str) -> Requirement:
     return requirement
 
 
-def cache_folder() -> Path:
+def environments_folder() -> Path:
     """Return the folder in which the user's environments are kept."""
     home = Path.home()
     if sys.platform == "win32":
@@ -108,7 +108,7 @@ def make_environment(requirement: Requirement) -> Environment:
     needed = [text for text in requires("impact-xval") or () if Requirement(text).name in NEEDED]
     identity = str(requirement), sys.version, sysconfig.get_platform(), sorted(needed)
     name = re.sub(r"[^\w.]+", "-", str(requirement))[:40].strip("-")
-    folder = cache_folder() / f"{name}-{sha256(json.dumps(identity).encode()).hexdigest()[:12]}"
+    folder = environments_folder() / f"{name}-{sha256(json.dumps(identity).encode()).hexdigest()[:12]}"
     python = folder / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
     folder.parent.mkdir(parents=True, exist_ok=True)
     with FileLock(f"{folder}.lock"):

@@ -10,9 +10,9 @@ import pandas as pd
 
 from impact_xval.compliant_baselines.registry import engine_free_names, is_engine
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.measures.divergence import masses_and_starts, norms
 from impact_xval.experiments.scoreboard.cases import CASES, STEPS, USUAL
+from impact_xval.experiments.tables.frames import Frame
 from impact_xval.model.arrays import Floats
 
 MODEL = "state-transition"

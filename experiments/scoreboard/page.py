@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from impact_xval.compliant_baselines.registry import has_fixed_mapping, is_engine, law_of
-from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.presentation.document import Block, Figure, Section, Table
 from impact_xval.experiments.presentation.html import render_page
 from impact_xval.experiments.presentation.style import save_figure, styled_figure
@@ -14,6 +13,7 @@ from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, display_n
 from impact_xval.experiments.scoreboard.cases import CASE_SETUPS, CASES, RESTITUTIONS
 from impact_xval.experiments.scoreboard.judging import FROM_LAWS, MODEL, find_nearest_laws, judge_answers
 from impact_xval.experiments.tables.folder import write_text
+from impact_xval.experiments.tables.frames import Frame
 from impact_xval.experiments.tables.numbers import join_words, number
 from impact_xval.experiments.tables.parquet import replacing
 
@@ -164,7 +164,8 @@ def describe_engines(followed: Frame) -> list[Block]:
 
 def board_table(judged: Frame, followed: Frame) -> Table:
     """Lay out the board: one row per engine, one column per case."""
-    rows, worst = [], judged.groupby(["solver", "case"]).max(numeric_only=True)
+    rows: list[tuple[str, ...]] = []
+    worst = judged.groupby(["solver", "case"]).max(numeric_only=True)
     for law in followed.itertuples():
         its = worst.loc[law.Index].reindex(list(CASE_SETUPS))
         cells = [

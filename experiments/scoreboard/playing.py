@@ -6,11 +6,10 @@ import contextlib
 import json
 from collections.abc import Callable, Sequence
 from concurrent.futures import as_completed
-from functools import partial
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Protocol, TypeVar, TypeVarTuple
 
 import pandas as pd
 
@@ -28,12 +27,25 @@ from impact_xval.experiments.scoreboard.environments import Environment
 from impact_xval.experiments.sweep.pool import TO_PREPARE, Slot, open_pool
 from impact_xval.experiments.sweep.process import FaultError
 from impact_xval.experiments.tables.folder import new_folder, write_text
+from impact_xval.experiments.tables.frames import Record
 
 #: Columns of answers, as `collect_answers` describes them.
 _COLUMNS = ["solver", "version", "microseconds", "case", "e", "arrangement", "status", "reason"]
 _COLUMNS += [f"v{ball}" for ball in range(1, 6)]
 #: Seconds that a solver has for all arrangements of one case.
 _LONGEST = 120.0
+
+
+_Answer = TypeVar("_Answer")
+_Arguments = TypeVarTuple("_Arguments")
+
+
+class _Call(Protocol):
+    """Calls a function in the process of a solver, as `Worker.call`."""
+
+    def __call__(
+        self, function: Callable[[None, *_Arguments], _Answer], *arguments: *_Arguments, timeout: float
+    ) -> _Answer: ...
 
 
 def list_entrants(names: Sequence[str] = ()) -> list[str]:
@@ -90,14 +102,20 @@ def collect_answers(
 
 
 def _answer_all_cases(
-    slot: Slot, name: str, folder: Path, where: Environment | None = None
-) -> list[dict[str, Any]]:
+    slot: Slot[None], name: str, folder: Path, where: Environment | None = None
+) -> list[Record]:
     """Return the answers of a solver to every case, from its file or else from its process.
 
     With an environment the solver runs there, in a process that ends after the last case.
     """
+
+    def call(
+        function: Callable[[None, *_Arguments], _Answer], *arguments: *_Arguments, timeout: float
+    ) -> _Answer:
+        return slot.call(name, function, *arguments, timeout=timeout)
+
     if where is None:
-        return _answer_or_read(partial(slot.call, name), name, folder, get_solver(name).version())
+        return _answer_or_read(call, name, folder, get_solver(name).version())
     worker = slot.worker_of(where.python)
     try:
         return _answer_or_read(worker.call, name, folder, where.version, where.python.parents[1].name)
@@ -105,14 +123,13 @@ def _answer_all_cases(
         worker.end()
 
 
-def _answer_or_read(
-    call: Callable[..., Any], name: str, folder: Path, installed: str, *environment: str
-) -> list[dict[str, Any]]:
+def _answer_or_read(call: _Call, name: str, folder: Path, installed: str, *environment: str) -> list[Record]:
     """Return the answers of a solver from its file, named by versions and cases; without it, call its process."""
-    facts: dict[str, Any] = {"solver": name, "version": installed, "microseconds": None}
+    facts: Record = {"solver": name, "version": installed, "microseconds": None}
     identifying = version("impact-xval"), installed, CASE_SETUPS, list(CASES), str(SETTINGS), *environment
     identity = sha256(json.dumps(identifying).encode()).hexdigest()[:12]
-    path, rows = folder / f"{name.replace(':', '-')}-{identity}.json", []
+    path = folder / f"{name.replace(':', '-')}-{identity}.json"
+    rows: list[Record] = []
     if path.exists():
         return json.loads(path.read_text(encoding="utf-8"))
     with contextlib.suppress(FaultError):  # then each case says so

@@ -9,13 +9,13 @@ from pathlib import Path
 import pandas as pd
 from packaging.version import Version
 
-from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.presentation.document import Block, Section, Table
 from impact_xval.experiments.scoreboard.cases import CASE_SETUPS
 from impact_xval.experiments.scoreboard.environments import NotInstalledError, solvers_by_distribution
 from impact_xval.experiments.scoreboard.judging import list_moved_answers
 from impact_xval.experiments.scoreboard.page import display_engine
 from impact_xval.experiments.tables.folder import write_text
+from impact_xval.experiments.tables.frames import Frame
 from impact_xval.experiments.tables.numbers import join_words, number
 from impact_xval.experiments.tables.parquet import replacing
 

@@ -11,10 +11,10 @@ import contextlib
 import gc
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
-from typing import Any, TypeVar
+from typing import Any, TypeVar, TypeVarTuple
 
 import numpy as np
 import pyarrow as pa
@@ -24,11 +24,11 @@ from numba.core import event
 from impact_xval.compliant_baselines.answers import answer, one_line, stated_version, why_unavailable
 from impact_xval.compliant_baselines.engines.scanner import scan
 from impact_xval.compliant_baselines.registry import is_engine, is_ours
-from impact_xval.experiments.config.cells import Block, experiment_cells
+from impact_xval.experiments.config.cells import CellBlock, experiment_cells
 from impact_xval.experiments.config.experiment import REFERENCE, parse_config
 from impact_xval.experiments.measures.divergence import Comparison, SolverResults
 from impact_xval.experiments.measures.hausdorff import distances
-from impact_xval.experiments.sweep.pool import TO_STATE, Slot, in_flight
+from impact_xval.experiments.sweep.pool import TO_STATE, Slot, SlotPool, answers_in_flight
 from impact_xval.experiments.sweep.process import FaultError, WorkerError, in_halves, retry_once
 from impact_xval.experiments.sweep.rows import (
     Experiment,
@@ -47,29 +47,40 @@ from impact_xval.model.chain.kernel import follow_chains
 from impact_xval.model.compiled import is_compiled, kernel_cache_folder
 from impact_xval.model.pair.kernel import collide_all
 
+#: A function that numba compiles; what `njit` returns has no type of its own.
+Kernel = Any
+
 #: In the order in which they are locked.
-_KERNELS: tuple[Any, ...] = (collide_all, distances, follow_chains, scan)
+_KERNELS: tuple[Kernel, ...] = (collide_all, distances, follow_chains, scan)
 
 #: Seconds for what follows the solvers of a chunk, or the cells of a run; not their limit, for these are references in
 #: closed form, and tables must not depend on how busy a machine is.
 TO_COMPLETE = 600.0
 
 _Answer = TypeVar("_Answer")
+_Context = TypeVar("_Context")
+_Arguments = TypeVarTuple("_Arguments")
 
 Versions = dict[str, str]
 #: Beginning of the text that replaces the version of an unavailable solver; the reason follows.
 UNAVAILABLE = "unavailable: "
 
 
-def begin_compiling(pool: Any, experiment: Experiment) -> None:
+def begin_compiling(pool: SlotPool[Experiment], experiment: Experiment) -> None:
     """Have kernels compiled that are not, by two workers: that of N balls takes as long as all others together."""
-    pair, chains, others = experiment.layout.pair, [], []
+    pair = experiment.layout.pair
+    chains: list[str] = []
+    others: list[str] = []
     for name in filter(is_ours, experiment.config.solvers):
         kernel, *_ = kernels_of(name, pair=pair)
         if not is_compiled(kernel):
             (chains if kernel is follow_chains else others).append(name)
     for names in filter(None, (chains, others)):
-        pool.submit(Slot.compile, compile_own, experiment.resolve, names, pair)
+        pool.submit(_compile_in, names, pair)
+
+
+def _compile_in(slot: Slot[Experiment], names: Sequence[str], pair: bool) -> None:
+    slot.compile(compile_own, slot.context.resolve, names, pair)
 
 
 def warm(_: object, resolve: Resolve, name: str, pair: bool) -> bool:
@@ -103,7 +114,7 @@ def compile_own(_: object, resolve: Resolve, names: Sequence[str], pair: bool) -
             distances(np.empty((0, 2)), np.empty((0, 2)), np.zeros(1, int), np.zeros(1, int))
 
 
-def _usual(resolve: Resolve, pair: bool) -> tuple[Experiment, list[Block]]:
+def _usual(resolve: Resolve, pair: bool) -> tuple[Experiment, list[CellBlock]]:
     """Return an experiment of cells that any solver does at once, one of them and two.
 
     A column of an array is contiguous where that has one row only, and numba compiles for either.
@@ -116,7 +127,7 @@ def _usual(resolve: Resolve, pair: bool) -> tuple[Experiment, list[Block]]:
 
 
 @contextlib.contextmanager
-def _compiling(*kernels: Any) -> Iterator[None]:
+def _compiling(*kernels: Kernel) -> Generator[None]:
     """Hold the locks of kernels that are not compiled yet, in one order everywhere."""
     with contextlib.ExitStack() as held:
         for kernel in _KERNELS:
@@ -127,7 +138,7 @@ def _compiling(*kernels: Any) -> Iterator[None]:
         yield
 
 
-def kernels_of(name: str, *, pair: bool) -> list[Any]:
+def kernels_of(name: str, *, pair: bool) -> list[Kernel]:
     """Kernels that rows of a solver need, its own first: references, and marks of engines, follow chains."""
     model = collide_all if pair else follow_chains
     if not is_ours(name):
@@ -158,14 +169,16 @@ class Report:
     faults: int
 
 
-def solve_chunks(pool: Any, chunks: Iterable[tuple[int, Block]]) -> Iterator[Report]:
+def solve_chunks(pool: SlotPool[Experiment], chunks: Iterable[tuple[int, CellBlock]]) -> Iterator[Report]:
     """Solve numbered chunks of cells, twice as many at a time as there are workers; the reports as they come."""
-    return in_flight(lambda chunk: pool.submit(solve_chunk, *chunk), chunks, lambda: max(2, 2 * pool.workers))
+    return answers_in_flight(
+        lambda chunk: pool.submit(solve_chunk, *chunk), chunks, lambda: max(2, 2 * pool.workers)
+    )
 
 
-def solve_chunk(slot: Slot, number: int, block: Block) -> Report:
+def solve_chunk(slot: Slot[Experiment], number: int, block: CellBlock) -> Report:
     """Solve a chunk of cells by each solver of the experiment, whatever the solvers do."""
-    experiment: Experiment = slot.context
+    experiment = slot.context
     chunk = Chunk(slot, block)
     model = chunk.solve_by_model()
     comparisons = {REFERENCE: model_as_comparison(model)}
@@ -178,9 +191,9 @@ def solve_chunk(slot: Slot, number: int, block: Block) -> Report:
 class Chunk:
     """Cells that are solved by the processes of a slot."""
 
-    def __init__(self, slot: Slot, block: Block) -> None:
+    def __init__(self, slot: Slot[Experiment], block: CellBlock) -> None:
         self._slot, self._cells = slot, block
-        self._experiment: Experiment = slot.context
+        self._experiment = slot.context
         #: Wall time by solver.
         self.seconds: dict[str, float] = defaultdict(float)
         #: Number of processes of solvers that died or were ended.
@@ -235,7 +248,9 @@ class Chunk:
 
         return pa.concat_tables(in_halves(complete, len(self._cells), failure))
 
-    def _call_solver(self, name: str, function: Callable[..., _Answer], *arguments: Any) -> _Answer:
+    def _call_solver(
+        self, name: str, function: Callable[[Experiment, *_Arguments], _Answer], *arguments: *_Arguments
+    ) -> _Answer:
         """Call a function in the process of a solver, within the limit of a cell."""
         experiment = self._experiment
         self._slot.prepare(name, warm, experiment.resolve, name, experiment.layout.pair)
@@ -248,7 +263,9 @@ class Chunk:
         finally:
             self.seconds[name] += time.perf_counter() - start
 
-    def _call_ours(self, function: Callable[..., _Answer], *arguments: Any) -> _Answer:
+    def _call_ours(
+        self, function: Callable[[Experiment, *_Arguments], _Answer], *arguments: *_Arguments
+    ) -> _Answer:
         """Call a function that calls no solver in the process of ours, once more where it dies."""
 
         def give_up(fault: FaultError) -> _Answer:
@@ -257,7 +274,7 @@ class Chunk:
         return retry_once(lambda: self._slot.call(None, function, *arguments, timeout=TO_COMPLETE), give_up)
 
 
-def solver_versions(slot: Slot) -> Versions:
+def solver_versions(slot: Slot[Experiment]) -> Versions:
     """Versions of the project and of every solver; why not, for one that is unavailable. They are asked once."""
     if not slot.versions:
         found = {"impact-xval": version("impact-xval")}
@@ -268,7 +285,7 @@ def solver_versions(slot: Slot) -> Versions:
     return slot.versions
 
 
-def ask_version(slot: Slot, resolve: Resolve, name: str) -> tuple[str, str | None]:
+def ask_version(slot: Slot[_Context], resolve: Resolve, name: str) -> tuple[str, str | None]:
     """Ask a solver for its version, and why it cannot run; both in its own process."""
     return retry_once(
         lambda: slot.call(name, _version_and_reason, resolve, name, timeout=TO_STATE),

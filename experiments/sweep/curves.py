@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -14,10 +13,11 @@ from impact_xval.experiments.config.cells import collision_of
 from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.measures.hausdorff import LARGEST
 from impact_xval.experiments.sweep.chunk import warm
-from impact_xval.experiments.sweep.pool import Slot
+from impact_xval.experiments.sweep.pool import Slot, SlotPool
 from impact_xval.experiments.sweep.process import FaultError, retry_once
 from impact_xval.experiments.sweep.rows import Experiment, settings_of
 from impact_xval.experiments.tables.folder import RunFolder
+from impact_xval.experiments.tables.frames import Record
 from impact_xval.experiments.tables.parquet import replacing
 from impact_xval.experiments.tables.schema import SOLVER_AND_STATUS, Column, arrow_schema, pick
 from impact_xval.model.status import RESULT_STATUSES
@@ -44,7 +44,7 @@ CURVES_SCHEMA = arrow_schema(
 )
 
 
-def write_curves(config: Config, folder: RunFolder, pool: Any) -> None:
+def write_curves(config: Config, folder: RunFolder, pool: SlotPool[Experiment]) -> None:
     """Solve the cell, or the chain, of the figures by every solver, and keep its curves."""
     calls = [pool.submit(_solve_curves, name, config.cell_timeout) for name in config.solvers]
     curves = pa.Table.from_pylist([call.result() for call in calls], CURVES_SCHEMA)
@@ -52,25 +52,25 @@ def write_curves(config: Config, folder: RunFolder, pool: Any) -> None:
         pq.write_table(curves, temporary, compression="zstd")
 
 
-def _solve_curves(slot: Slot, name: str, timeout: float) -> dict[str, Any]:
+def _solve_curves(slot: Slot[Experiment], name: str, timeout: float) -> Record:
     """Have the curves of a solver computed in its process; the row of one that fails says so."""
 
-    def call() -> dict[str, Any]:
+    def call() -> Record:
         slot.prepare(name, warm, slot.context.resolve, name, slot.context.layout.pair)
         return slot.call(name, _curves, name, timeout=timeout)
 
-    def row_of_failure(fault: FaultError) -> dict[str, Any]:
+    def row_of_failure(fault: FaultError) -> Record:
         return {"solver": name, "status": fault.status, "reason": fault.reason}
 
     return retry_once(call, row_of_failure)
 
 
-def _curves(experiment: Experiment, name: str) -> dict[str, Any]:
+def _curves(experiment: Experiment, name: str) -> Record:
     """Solve the cell or the chain of the figures: return velocities and, with a path, impulses or forces."""
     config, pair = experiment.config, experiment.layout.pair
     collision = collision_of(config, config.figure_cell) if pair else config.figure_chain.collision()
     outcome = answer(experiment.resolve(name), [collision], settings_of(config))[0]
-    row: dict[str, Any] = {"solver": name, "status": outcome.status, "reason": outcome.reason or None}
+    row: Record = {"solver": name, "status": outcome.status, "reason": outcome.reason or None}
     if outcome.status not in RESULT_STATUSES:
         return row
     path = outcome.path

@@ -9,18 +9,22 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Future, wait
-from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, TypeVar
 
 from impact_xval.compliant_baselines.registry import get_solver, is_ours, solver_names
 from impact_xval.experiments.config.experiment import Config
-from impact_xval.experiments.sweep.pool import TO_PREPARE, Slot, open_pool
+from impact_xval.experiments.sweep.pool import TO_PREPARE, Slot, SlotPool, open_pool
 from impact_xval.experiments.sweep.process import FaultError
 from impact_xval.model.collision import Collision
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.path import Path
+
+if TYPE_CHECKING:
+    from impact_xval.experiments.sweep.rows import Resolve
+
+_Answer = TypeVar("_Answer")
 
 #: Seconds between two lines that say which solver is at work.
 _SAY = 20.0
@@ -29,7 +33,7 @@ _SAY = 20.0
 class SolversApart:
     """Solvers in processes of their own; made by `solvers_apart`."""
 
-    def __init__(self, pool: Any, begun: Future[bool]) -> None:
+    def __init__(self, pool: SlotPool[None], begun: Future[bool]) -> None:
         self._pool, self._begun = pool, begun
         #: What each solver states of its version; filled by `solve`, without those that gave no answer.
         self.versions: dict[str, str] = {}
@@ -39,7 +43,7 @@ class SolversApart:
         collision: Collision,
         config: Config,
         names: Sequence[str],
-        resolve: Callable[[str], Any],
+        resolve: Resolve,
         say: Callable[[str], None],
         points: int | None = None,
     ) -> dict[str, Outcome]:
@@ -54,34 +58,50 @@ class SolversApart:
                 say("")
         ended = f"has taken {{:.0f}} s; it is ended after {TO_PREPARE:g} s"
         at_work = f"has worked for {{:.0f}} s; it is ended after {config.cell_timeout:g} s"
-        solve, solved = partial(Slot.call, timeout=config.cell_timeout), {}
+
+        def prepare(slot: Slot[None], name: str) -> None:
+            slot.prepare(name, _warm, resolve, name, pair)
+
+        def solve(slot: Slot[None], name: str) -> tuple[Outcome, str]:
+            limit = config.cell_timeout
+            return slot.call(name, _answer, resolve, name, config, collision, points, timeout=limit)
+
+        solved: dict[str, Outcome] = {}
         for name in names:
-            self._wait(say, f"making {name} ready {ended}", Slot.prepare, name, _warm, resolve, name, pair)
+            self._wait(say, f"making {name} ready {ended}", prepare, name)
             try:
-                asked = name, _answer, resolve, name, config, collision, points
-                solved[name], self.versions[name] = self._wait(say, f"{name} {at_work}", solve, *asked)
+                solved[name], self.versions[name] = self._wait(say, f"{name} {at_work}", solve, name)
             except FaultError as fault:
                 solved[name] = Outcome.failure(name, collision, fault.status, fault.reason)
         return solved
 
-    def _wait(self, say: Callable[[str], None], line: str, function: Callable[..., Any], *asked: Any) -> Any:
-        """Have a function called, and say a line every `_SAY` s, into which the seconds are put."""
-        start, called = time.monotonic(), self._pool.submit(function, *asked)
+    def _wait(
+        self,
+        say: Callable[[str], None],
+        line: str,
+        function: Callable[[Slot[None], str], _Answer],
+        name: str,
+    ) -> _Answer:
+        """Have a function called for a solver, and say a line every `_SAY` s, into which the seconds are put."""
+        start, called = time.monotonic(), self._pool.submit(function, name)
         while not wait([called], _SAY).done:
             say(line.format(time.monotonic() - start))
         return called.result()
 
 
 @contextlib.contextmanager
-def solvers_apart(names: Sequence[str], *, chains: bool = False) -> Iterator[SolversApart]:
+def solvers_apart(names: Sequence[str], *, chains: bool = False) -> Generator[SolversApart]:
     """Start a process, which imports solvers meanwhile, for chains of N balls if so; it is gone when the block ends.
 
     Names may be illegal; none stand for the solvers that a run has by default.
     """
     legal = [name for name in solver_names(on_request=True) if name in names] or list(solver_names())
-    begin = partial(Slot.call, timeout=TO_PREPARE)
+
+    def begin(slot: Slot[None]) -> bool:
+        return slot.call(None, _import, legal, not chains, timeout=TO_PREPARE)
+
     with open_pool(None, 1) as pool:
-        yield SolversApart(pool, pool.submit(begin, None, _import, legal, not chains))
+        yield SolversApart(pool, pool.submit(begin))
 
 
 def _import(_: object, names: Sequence[str], pair: bool) -> bool:
@@ -93,7 +113,7 @@ def _import(_: object, names: Sequence[str], pair: bool) -> bool:
     return all(are_compiled(name, pair=pair) for name in names)
 
 
-def _warm(_: object, resolve: Any, name: str, pair: bool) -> bool:
+def _warm(_: object, resolve: Resolve, name: str, pair: bool) -> bool:
     """Make a process ready; one of our solvers whose kernels are compiled reads them as fast while it solves."""
     from impact_xval.experiments.sweep.chunk import are_compiled, warm
 
@@ -104,7 +124,7 @@ def _warm(_: object, resolve: Any, name: str, pair: bool) -> bool:
 
 
 def _answer(
-    _: object, resolve: Any, name: str, config: Config, collision: Collision, points: int | None
+    _: object, resolve: Resolve, name: str, config: Config, collision: Collision, points: int | None
 ) -> tuple[Outcome, str]:
     """Solve a collision by a solver; its outcome, and the version it states."""
     import numpy as np

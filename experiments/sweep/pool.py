@@ -11,7 +11,7 @@ import queue
 import threading
 import uuid
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
     CancelledError,
@@ -24,7 +24,7 @@ from concurrent.futures import (
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Generic, ParamSpec, Protocol, TypeVar, TypeVarTuple, cast
 
 from impact_xval.compliant_baselines.registry import is_ours, origins
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
@@ -32,6 +32,10 @@ from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.sweep.process import ClosedError, FaultError, Worker
 
 _Answer = TypeVar("_Answer")
+_Task = TypeVar("_Task")
+_Context = TypeVar("_Context")
+_Arguments = TypeVarTuple("_Arguments")
+_Parameters = ParamSpec("_Parameters")
 
 #: Seconds for a process to be made ready, kernels to be compiled among it; and seconds that a plug-in has for that.
 TO_PREPARE, TO_STATE = 900.0, 60.0
@@ -39,7 +43,7 @@ TO_PREPARE, TO_STATE = 900.0, 60.0
 _TO_CONNECT = 10
 
 
-class Slot:
+class Slot(Generic[_Context]):
     """A `Worker` a distribution: one for our solvers and one for those of each plug-in, which costs its own cells only.
 
     One more for each of the `interpreters` of other environments; `worker_of` gives it.
@@ -49,7 +53,7 @@ class Slot:
 
     def __init__(
         self,
-        context: Any = None,
+        context: _Context,
         log: Path | None = None,
         *,
         isolate: bool = True,
@@ -68,13 +72,21 @@ class Slot:
         if self.isolate:
             self._worker(None).start()
 
-    def call(self, solver: str | None, function: Callable[..., Any], *arguments: Any, timeout: float) -> Any:
+    def call(
+        self,
+        solver: str | None,
+        function: Callable[[_Context, *_Arguments], _Answer],
+        *arguments: *_Arguments,
+        timeout: float,
+    ) -> _Answer:
         """Return ``function(context, *arguments)`` of the process of a solver, or of ours; as `Worker.call`."""
         if not self.isolate:
             return function(self.context, *arguments)
         return self._worker(solver).call(function, *arguments, timeout=timeout)
 
-    def prepare(self, solver: str, function: Callable[..., bool], *arguments: Any) -> None:
+    def prepare(
+        self, solver: str, function: Callable[[_Context, *_Arguments], bool], *arguments: *_Arguments
+    ) -> None:
         """Call for a solver, once in each process; not where two have died of it: then its cells are to say so.
 
         A process in which it is True, for kernels were compiled there, is replaced by one that reads them (`warm`).
@@ -93,7 +105,7 @@ class Slot:
             else:
                 worker.ready.add(solver)
 
-    def compile(self, function: Callable[..., Any], *arguments: Any) -> None:
+    def compile(self, function: Callable[[_Context, *_Arguments], object], *arguments: *_Arguments) -> None:
         """Have kernels compiled by a process of ours, which is replaced then; where it dies, cells are to say so."""
         with suppress(FaultError):
             self.call(None, function, *arguments, timeout=TO_PREPARE)
@@ -104,45 +116,77 @@ class Slot:
         for worker in (*self._workers.values(), *self._elsewhere.values()):
             worker.close()
 
-    def worker_of(self, python: Path) -> Worker:
+    def worker_of(self, python: Path) -> Worker[_Context]:
         """Return the worker of one of the interpreters."""
         return self._elsewhere[python]
 
-    def _worker(self, solver: str | None) -> Worker:
+    def _worker(self, solver: str | None) -> Worker[_Context]:
         return self._workers[self._origins[solver or REFERENCE]]
 
 
 class _AtOnce(Executor):
     """Calls in the caller's thread: a crash of a solver is one of the caller."""
 
-    def submit(self, fn: Callable[..., _Answer], /, *args: Any, **_: Any) -> Future[_Answer]:
+    def submit(
+        self, fn: Callable[_Parameters, _Answer], /, *args: _Parameters.args, **kwargs: _Parameters.kwargs
+    ) -> Future[_Answer]:
         future: Future[_Answer] = Future()
         try:
-            future.set_result(fn(*args))
+            future.set_result(fn(*args, **kwargs))
         except Exception as error:
             future.set_exception(error)
         return future
 
 
-class Pool:
+class SlotPool(Protocol[_Context]):
+    """Threads, here or of a cluster, each with a slot of its own."""
+
+    @property
+    def workers(self) -> int:
+        """Number of threads now."""
+        ...
+
+    def submit(
+        self, function: Callable[[Slot[_Context], *_Arguments], _Answer], *arguments: *_Arguments
+    ) -> Future[_Answer]:
+        """Have ``function(slot, *arguments)`` called."""
+        ...
+
+    def here(
+        self, function: Callable[[Slot[_Context], *_Arguments], _Answer], *arguments: *_Arguments
+    ) -> Future[_Answer]:
+        """Have the same called on this machine, wherever all else is called."""
+        ...
+
+    def close(self, *, now: bool = False) -> None:
+        """End threads and processes; `now` whatever they do."""
+        ...
+
+
+class Pool(Generic[_Context]):
     """Threads of this process, each with a slot; without `isolate` of the slots this thread."""
 
-    def __init__(self, make_slot: Callable[[], Slot], workers: int) -> None:
+    def __init__(self, make_slot: Callable[[], Slot[_Context]], workers: int) -> None:
         self.workers = workers
         self._slots = [make_slot() for _ in range(workers)]
         self._threads = ThreadPoolExecutor(workers) if self._slots[0].isolate else _AtOnce()
-        self._unused: queue.SimpleQueue[Slot] = queue.SimpleQueue()
+        self._unused: queue.SimpleQueue[Slot[_Context]] = queue.SimpleQueue()
         for slot in self._slots:
             self._unused.put(slot)
             # By one of these threads: a process ends with its thread, and they live as long as the pool.
             self._threads.submit(slot.start)
 
-    def submit(self, function: Callable[..., _Answer], *arguments: Any) -> Future[_Answer]:
+    def submit(
+        self, function: Callable[[Slot[_Context], *_Arguments], _Answer], *arguments: *_Arguments
+    ) -> Future[_Answer]:
         """Have ``function(slot, *arguments)`` called."""
-        return self._threads.submit(self._call, function, *arguments)
+        return self._threads.submit(lambda: self._call(function, *arguments))
 
-    #: The same on this machine, wherever all else is called.
-    here = submit
+    def here(
+        self, function: Callable[[Slot[_Context], *_Arguments], _Answer], *arguments: *_Arguments
+    ) -> Future[_Answer]:
+        """Have the same called: all threads are on this machine."""
+        return self.submit(function, *arguments)
 
     def close(self, *, now: bool = False) -> None:
         """End threads and processes; `now` whatever they do."""
@@ -151,7 +195,9 @@ class Pool:
             slot.close()
         self._threads.shutdown()
 
-    def _call(self, function: Callable[..., _Answer], *arguments: Any) -> _Answer:
+    def _call(
+        self, function: Callable[[Slot[_Context], *_Arguments], _Answer], *arguments: *_Arguments
+    ) -> _Answer:
         slot = self._unused.get()
         try:
             return function(slot, *arguments)
@@ -159,26 +205,65 @@ class Pool:
             self._unused.put(slot)
 
 
-class _Dask:
+class _ClusterScheduler(Protocol):
+    address: str
+
+
+class ClusterClient(Protocol):
+    """What is used of a `distributed.Client`, whose own annotations are those of coroutines."""
+
+    scheduler: _ClusterScheduler
+    status: str
+
+    def wait_for_workers(self, n_workers: int) -> None:
+        """Wait until there are so many workers."""
+        ...
+
+    def get_executor(self, *, pure: bool) -> Executor:
+        """Return an executor of the cluster; what is not `pure` is called every time."""
+        ...
+
+    def nthreads(self) -> Mapping[str, int]:
+        """Return the number of threads of every worker."""
+        ...
+
+    def run(self, function: Callable[[str], None], run: str, *, on_error: str) -> object:
+        """Call a function in every worker."""
+        ...
+
+    def close(self, timeout: float) -> None:
+        """Leave the cluster."""
+        ...
+
+
+class _Dask(Generic[_Context]):
     """The threads of a cluster's workers. None of them runs a solver, so that Dask never sees a crash."""
 
-    def __init__(self, client: Any, make_slot: Callable[[], Slot], say: Callable[[str], None]) -> None:
-        self._client, self._make_slot, self._run = client, make_slot, uuid.uuid4().hex
+    def __init__(self, client: ClusterClient, context: _Context, say: Callable[[str], None]) -> None:
+        self._client, self._run = client, uuid.uuid4().hex
+        #: No function within this one: it is sent to the workers.
+        self._make_slot: Callable[[], Slot[_Context]] = partial(Slot, context)
         address = client.scheduler.address
         say(f"Dask cluster at {address}: {self.workers} worker threads")
         if not self.workers:
             say(f"waiting for a worker; start some: dask worker {address} --nthreads 1")
         client.wait_for_workers(1)
-        self._executor, self._local = client.get_executor(pure=False), Pool(make_slot, 1)
-        self.here = self._local.submit
+        self._executor, self._local = client.get_executor(pure=False), Pool(lambda: Slot(context), 1)
 
     @property
     def workers(self) -> int:
         """Number of worker threads now: a cluster may grow and shrink."""
         return sum(self._client.nthreads().values())
 
-    def submit(self, function: Callable[..., _Answer], *arguments: Any) -> Future[_Answer]:
+    def submit(
+        self, function: Callable[[Slot[_Context], *_Arguments], _Answer], *arguments: *_Arguments
+    ) -> Future[_Answer]:
         return self._executor.submit(_on_worker, self._run, self._make_slot, function, *arguments)
+
+    def here(
+        self, function: Callable[[Slot[_Context], *_Arguments], _Answer], *arguments: *_Arguments
+    ) -> Future[_Answer]:
+        return self._local.submit(function, *arguments)
 
     def close(self, *, now: bool = False) -> None:
         self._local.close(now=now)
@@ -188,11 +273,16 @@ class _Dask:
 
 
 #: In a worker of Dask: by run the slots of its threads, which live as long as it; None of a run that is over.
-_slots: dict[str, dict[int, Slot] | None] = {}
+_slots: dict[str, dict[int, Slot[Any]] | None] = {}
 _lock = threading.Lock()
 
 
-def _on_worker(run: str, make_slot: Callable[[], Slot], function: Callable[..., Any], *arguments: Any) -> Any:
+def _on_worker(
+    run: str,
+    make_slot: Callable[[], Slot[_Context]],
+    function: Callable[[Slot[_Context], *_Arguments], _Answer],
+    *arguments: *_Arguments,
+) -> _Answer:
     thread = threading.get_ident()
     with _lock:
         slots = _slots.setdefault(run, {})
@@ -212,25 +302,28 @@ def _end_on_worker(run: str) -> None:
 
 @contextmanager
 def open_pool(
-    context: Any,
+    context: _Context,
     workers: int,
     *,
-    client: Any = None,
+    client: ClusterClient | None = None,
     isolate: bool = True,
     say: Callable[[str], None] = lambda line: None,
     log: Path | None = None,
     interpreters: Sequence[Path] = (),
-) -> Iterator[Any]:
+) -> Generator[SlotPool[_Context]]:
     """Give a pool, here or of a Dask cluster; all it started is gone when the block ends, at once if by an error.
 
     `context`, `log`, `isolate` and `interpreters` are of every `Slot`; those of a cluster have the context alone.
     """
-    pool: Any
+    pool: SlotPool[_Context]
     if client is None:
-        make_slot = partial(Slot, context, log, isolate=isolate, interpreters=interpreters)
+
+        def make_slot() -> Slot[_Context]:
+            return Slot(context, log, isolate=isolate, interpreters=interpreters)
+
         pool = Pool(make_slot, workers if isolate else 1)
     else:
-        pool = _Dask(client, partial(Slot, context), say)
+        pool = _Dask(client, context, say)
     try:
         yield pool
     except BaseException:
@@ -240,7 +333,7 @@ def open_pool(
 
 
 @contextmanager
-def cluster(scheduler: str | None) -> Iterator[Any]:  # a Client; its calls are annotated as coroutines
+def cluster(scheduler: str | None) -> Generator[ClusterClient | None]:
     """Give a client of a Dask cluster, None without a scheduler.
 
     One that does not answer is a UserError, a cluster that is lost an InterruptedRunError.
@@ -257,7 +350,7 @@ def cluster(scheduler: str | None) -> Iterator[Any]:  # a Client; its calls are 
             f"--scheduler {scheduler}: needs Dask ({error}); run pip install 'impact-xval[cluster]'"
         ) from None
     try:
-        client = Client(scheduler, timeout=_TO_CONNECT)
+        client = cast(ClusterClient, Client(scheduler, timeout=_TO_CONNECT))
     except (OSError, TimeoutError, ValueError, TypeError) as error:
         raise UserError(
             f"--scheduler {scheduler}: no Dask scheduler answers there ({_short(error)}); legal: an "
@@ -277,8 +370,8 @@ def _short(error: BaseException) -> str:
     return f"{error!s:.200}" or type(error).__name__
 
 
-def in_flight(
-    submit: Callable[[Any], Future[_Answer]], tasks: Iterable[Any], capacity: Callable[[], int]
+def answers_in_flight(
+    submit: Callable[[_Task], Future[_Answer]], tasks: Iterable[_Task], capacity: Callable[[], int]
 ) -> Iterator[_Answer]:
     """Yield answers as they come, with so many tasks handed out at once; each is made when it is."""
     pending: set[Future[_Answer]] = set()

@@ -21,13 +21,15 @@ from collections.abc import Callable
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar, TypeVarTuple
 
 if TYPE_CHECKING:  # whose room imports numpy
     from impact_xval.model.status import Status
 
 _Piece = TypeVar("_Piece")
 _Answer = TypeVar("_Answer")
+_Context = TypeVar("_Context")
+_Arguments = TypeVarTuple("_Arguments")
 
 _THREADS = (
     "NUMBA_NUM_THREADS",
@@ -71,7 +73,7 @@ class WorkerError(Exception):
     """An exception in the worker that nobody expected: a bug, with the traceback of the other process."""
 
 
-class Worker:
+class Worker(Generic[_Context]):
     """A process that works for one caller at a time; it is started when it is first needed, and after a fault.
 
     The context is sent once to each process, and handed to everything that is called there; standard error is appended
@@ -81,7 +83,7 @@ class Worker:
     imported, and this project from where it runs here, so that the environment serves a changed checkout.
     """
 
-    def __init__(self, context: Any = None, log: Path | None = None, python: Path | None = None) -> None:
+    def __init__(self, context: _Context, log: Path | None = None, python: Path | None = None) -> None:
         self.context, self._log, self._python = context, log, python
         #: What the present process has been made ready for; of the caller, and empty in a new process.
         self.ready: set[str] = set()
@@ -99,7 +101,12 @@ class Worker:
                     self._running[1].send(self.context)
             return self._running
 
-    def call(self, function: Callable[..., Any], *arguments: Any, timeout: float) -> Any:
+    def call(
+        self,
+        function: Callable[[_Context, *_Arguments], _Answer],
+        *arguments: *_Arguments,
+        timeout: float,
+    ) -> _Answer:
         """Return ``function(context, *arguments)`` of the process, which is killed after so many seconds."""
         process, pipe = self.start()
         try:
@@ -179,7 +186,8 @@ def _start_process(log: Path | None, python: Path | None) -> tuple[subprocess.Po
     serving = f"from {__name__} import serve; serve({theirs.fileno()}, {os.getpid()})"
     environment = NO_WINDOW | os.environ | dict.fromkeys(_THREADS, "1")
     if python is None:
-        places = [place for place in sys.path if isinstance(place, str)]  # no import heeds another
+        given: list[object] = [*sys.path]
+        places = [place for place in given if isinstance(place, str)]  # no import heeds another
         command = [sys.executable, "-c", f"import sys; sys.path[:] = {places!r}; {serving}"]
     else:
         # Isolated: PYTHONPATH of the caller would put other versions before those of the environment.

@@ -6,10 +6,10 @@ calls; the third needs all solvers.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -19,7 +19,7 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.answers import answer, describe_exception
 from impact_xval.compliant_baselines.registry import exact_solver_for
 from impact_xval.compliant_baselines.solver import Convergence, Settings, Solver
-from impact_xval.experiments.config.cells import Block
+from impact_xval.experiments.config.cells import CellBlock, ColumnArrays
 from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.measures.divergence import (
     Comparison,
@@ -31,7 +31,7 @@ from impact_xval.experiments.measures.divergence import (
     retained_energy,
     retained_momentum,
 )
-from impact_xval.experiments.measures.ladder import ColumnArrays, ladders
+from impact_xval.experiments.measures.ladder import ladders
 from impact_xval.experiments.measures.layout import LADDER_PREFIX, engines_with_ladders, layout_of
 from impact_xval.experiments.tables.schema import Layout, to_table
 from impact_xval.model.collisions import Collisions
@@ -65,14 +65,14 @@ class Experiment:
         return [name for name in self.config.solvers if name != REFERENCE]
 
 
-def solve_all(experiment: Experiment, block: Block) -> pa.Table:
+def solve_all(experiment: Experiment, block: CellBlock) -> pa.Table:
     """Solve cells by every solver in this process; return the rows of a part, by cell, then by solver."""
     model = solve_by_model(experiment, block)
     comparisons = {name: solve_and_compare(experiment, name, block, model) for name in experiment.others}
     return complete_rows(experiment, block, {REFERENCE: model_as_comparison(model)} | comparisons)
 
 
-def solve_by_model(experiment: Experiment, block: Block) -> SolverResults:
+def solve_by_model(experiment: Experiment, block: CellBlock) -> SolverResults:
     """Solve cells by the model; a cell of whose outcome no arrays can be made costs its own result."""
     return SolverResults.concatenate(
         _isolate_errors(
@@ -85,7 +85,9 @@ def solve_by_model(experiment: Experiment, block: Block) -> SolverResults:
     )
 
 
-def solve_and_compare(experiment: Experiment, name: str, block: Block, model: SolverResults) -> Comparison:
+def solve_and_compare(
+    experiment: Experiment, name: str, block: CellBlock, model: SolverResults
+) -> Comparison:
     """Solve cells by a solver and compare its results with the model's in the same cells.
 
     A cell of whose outcome no measure can be made costs its own result.
@@ -102,7 +104,7 @@ def solve_and_compare(experiment: Experiment, name: str, block: Block, model: So
 
 
 def compare_failure(
-    experiment: Experiment, name: str, block: Block, model: SolverResults, status: Status, reason: str
+    experiment: Experiment, name: str, block: CellBlock, model: SolverResults, status: Status, reason: str
 ) -> Comparison:
     """Compare a solver that has no result in any of these cells; the solver is not called."""
     results = results_without_outcome(experiment, name, block, status, reason)
@@ -110,7 +112,7 @@ def compare_failure(
 
 
 def results_without_outcome(
-    experiment: Experiment, name: str, block: Block, status: Status, reason: str
+    experiment: Experiment, name: str, block: CellBlock, status: Status, reason: str
 ) -> SolverResults:
     """Return results that say for every cell why the solver has no outcome; the solver is not called."""
     outcomes = [Outcome.failure(name, collision, status, reason) for collision in block.collisions]
@@ -139,13 +141,13 @@ def _isolate_errors(
     return pieces(0, n)
 
 
-def _solve(experiment: Experiment, name: str, block: Block) -> SolverResults:
+def _solve(experiment: Experiment, name: str, block: CellBlock) -> SolverResults:
     """Call a solver for cells."""
     settings = settings_of(experiment.config, paths=experiment.layout.pair)
     return _to_results(experiment, block, answer(experiment.resolve(name), block.collisions, settings))
 
 
-def _to_results(experiment: Experiment, block: Block, outcomes: Any) -> SolverResults:
+def _to_results(experiment: Experiment, block: CellBlock, outcomes: Sequence[Outcome]) -> SolverResults:
     """Make arrays of the outcomes of cells."""
     config, layout = experiment.config, experiment.layout
     has_paths = layout.pair and config.measures == "all"
@@ -154,7 +156,7 @@ def _to_results(experiment: Experiment, block: Block, outcomes: Any) -> SolverRe
 
 
 def _compare(
-    experiment: Experiment, name: str, block: Block, model: SolverResults, results: SolverResults
+    experiment: Experiment, name: str, block: CellBlock, model: SolverResults, results: SolverResults
 ) -> Comparison:
     """Compare results with the model's; an ArithmeticError where a measure leaves double precision."""
     masses, starts = masses_and_starts(block.collisions, experiment.layout.balls)
@@ -168,7 +170,9 @@ def _compare(
     return Comparison(replace(results, curves=None), marked, measures)
 
 
-def complete_rows(experiment: Experiment, block: Block, comparisons: Mapping[str, Comparison]) -> pa.Table:
+def complete_rows(
+    experiment: Experiment, block: CellBlock, comparisons: Mapping[str, Comparison]
+) -> pa.Table:
     """Return the rows of cells, by cell, then by solver, with all that needs several solvers: limits, ladders."""
     model = comparisons[REFERENCE]
     engines = {name: comparisons[name] for name in engines_with_ladders(experiment.config)}
@@ -183,7 +187,7 @@ def complete_rows(experiment: Experiment, block: Block, comparisons: Mapping[str
 
 def rows_without_ladders(
     experiment: Experiment,
-    block: Block,
+    block: CellBlock,
     comparisons: Mapping[str, Comparison],
     status: Status,
     reason: str,
@@ -203,7 +207,7 @@ def rows_without_ladders(
 
 def _rows(
     experiment: Experiment,
-    block: Block,
+    block: CellBlock,
     comparisons: Mapping[str, Comparison],
     limit_distances: Mapping[str, Floats],
     ladder_columns: Mapping[str, ColumnArrays],
@@ -222,14 +226,14 @@ def _rows(
 
 
 def _columns(
-    experiment: Experiment, name: str, block: Block, model: Comparison, comparison: Comparison
+    experiment: Experiment, name: str, block: CellBlock, model: Comparison, comparison: Comparison
 ) -> ColumnArrays:
     """Return the columns of the rows of a solver, but for what needs several solvers."""
     results = comparison.results
     is_reported = results.has_numbers
     masses, starts = masses_and_starts(block.collisions, experiment.layout.balls)
 
-    def where_reported(values: NDArray[Any]) -> Floats:
+    def where_reported(values: np.ndarray) -> Floats:
         return np.where(is_reported, values, np.nan)
 
     def texts_where_reported(texts: list[str]) -> NDArray[np.object_]:
@@ -265,7 +269,7 @@ def _columns(
 
 
 def _limit_distances(
-    experiment: Experiment, block: Block, comparisons: Mapping[str, Comparison]
+    experiment: Experiment, block: CellBlock, comparisons: Mapping[str, Comparison]
 ) -> dict[str, Floats]:
     """Return by solver the distance per abs(v0) of its limit dt -> 0 from the exact solver of its law.
 
@@ -296,7 +300,7 @@ def _name_marks(name: str, marks: NDArray[np.object_]) -> NDArray[np.object_]:
     return np.array([f"{name}: {mark}" if mark else "" for mark in marks], dtype=object)
 
 
-def shortest_periods(block: Block) -> Floats:
+def shortest_periods(block: CellBlock) -> Floats:
     """Return the shorter contact period of pairs in s: 0 of a rigid contact, infinite without stiffness."""
     pairs = Collisions.of(block.collisions)
     m, k = pairs.masses, pairs.stiffnesses

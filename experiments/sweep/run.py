@@ -9,16 +9,16 @@ import json
 import platform
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Protocol, TypeVar, TypeVarTuple
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.experiments.config.cells import Cells, experiment_cells
+from impact_xval.experiments.config.cells import ExperimentCells, experiment_cells
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.sweep.chunk import (
@@ -30,7 +30,7 @@ from impact_xval.experiments.sweep.chunk import (
     solver_versions,
 )
 from impact_xval.experiments.sweep.curves import write_curves
-from impact_xval.experiments.sweep.pool import Slot, available_cores, cluster, open_pool
+from impact_xval.experiments.sweep.pool import SlotPool, available_cores, cluster, open_pool
 from impact_xval.experiments.sweep.process import ClosedError
 from impact_xval.experiments.sweep.rows import Experiment, Resolve
 from impact_xval.experiments.tables.folder import (
@@ -38,7 +38,9 @@ from impact_xval.experiments.tables.folder import (
     FINISHED,
     RUNNING,
     TABLES,
+    Manifest,
     RunFolder,
+    Session,
     presenting_lock,
     read_part,
     statuses_of,
@@ -49,10 +51,19 @@ from impact_xval.experiments.tables.folder import (
 #: Given how many cells are done, of how many, and a line worth saying ("" if none).
 Progress = Callable[[int, int, str], None]
 
-#: Has ``function(_, *arguments)`` called by a process of this machine, while the caller goes on.
-Apart = Callable[..., Future[Any]]
-
+_Answer = TypeVar("_Answer")
 _Presented = TypeVar("_Presented")
+_Arguments = TypeVarTuple("_Arguments")
+
+
+class Apart(Protocol):
+    """Has a function called by a process of this machine, while the caller goes on."""
+
+    def __call__(
+        self, function: Callable[[None, *_Arguments], _Answer], *arguments: *_Arguments
+    ) -> Future[_Answer]:
+        """Have ``function(None, *arguments)`` called."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,8 +135,8 @@ def run_sweep(
             run.begin(pool.here(solver_versions).result(), continued)
             begin_compiling(pool, experiment)
             run.solve(pool)
-            computed_by = {"where": scheduler or "this machine", "workers": workers}
-            tables_complete = run.finish(pool, computed_by, TABLES if to_be_presented else COMPLETE)
+            where = scheduler or "this machine"
+            tables_complete = run.finish(pool, where, workers, TABLES if to_be_presented else COMPLETE)
     return SweepResult(folder, tables_complete)
 
 
@@ -160,17 +171,23 @@ def present_once(
         if presenting["state"] != TABLES:
             return None
         with open_pool(None, 1, isolate=isolate, log=folder.root / "solvers.log") as pool:
-            call = functools.partial(Slot.call, timeout=TO_COMPLETE)
-            presented = present(folder, functools.partial(pool.submit, call, None))
+
+            def apart(
+                function: Callable[[None, *_Arguments], _Answer], *arguments: *_Arguments
+            ) -> Future[_Answer]:
+                return pool.submit(lambda slot: slot.call(None, function, *arguments, timeout=TO_COMPLETE))
+
+            presented = present(folder, apart)
         with tables_lock(folder):
             manifest = folder.manifest()
             if manifest["state"] == TABLES and manifest["identity"] == presenting["identity"]:
-                folder.write_manifest(manifest | {"state": COMPLETE})
+                manifest["state"] = COMPLETE
+                folder.write_manifest(manifest)
     return presented
 
 
 @contextlib.contextmanager
-def _one_line(root: Path) -> Iterator[None]:
+def _one_line(root: Path) -> Generator[None]:
     """Turn what can end a run from outside into one line."""
     try:
         yield
@@ -188,7 +205,7 @@ class _Run:
     def __init__(
         self,
         experiment: Experiment,
-        cells: Cells,
+        cells: ExperimentCells,
         folder: RunFolder,
         shard: tuple[int, int],
         progress: Progress,
@@ -211,7 +228,7 @@ class _Run:
         self._versions = versions
         with tables_lock(folder):
             folder.write_manifest(self._manifest(RUNNING))
-        whole = set()
+        whole: set[int] = set()
         for number, path in folder.named_parts(self._mine, self._identity).items():
             try:
                 read_part(path, self._experiment.layout)
@@ -225,7 +242,7 @@ class _Run:
             self._progress(self._done, self._total, line)
         self._stage("start")
 
-    def solve(self, pool: Any) -> None:
+    def solve(self, pool: SlotPool[Experiment]) -> None:
         """Compute the parts that are not there."""
         cells, ours = self._cells, _comparable(self._versions)
         for report in solve_chunks(pool, ((n, cells.block(cells.chunk(n))) for n in self._mine)):
@@ -244,10 +261,10 @@ class _Run:
             self._progress(self._done, self._total, "")
         self._stage("solve")
 
-    def finish(self, pool: Any, computed_by: dict[str, Any], state_with_tables: str) -> bool:
+    def finish(self, pool: SlotPool[Experiment], where: str, workers: int, state_with_tables: str) -> bool:
         """Write curves and tables, if all parts are there, and the manifest; return whether the tables are complete.
 
-        `computed_by` says for the manifest where the parts of this session were computed.
+        `where`, and by how many workers, the parts of this session were computed is for the manifest.
         """
         config, folder, chunks = self._experiment.config, self._folder, self._cells.chunks()
         parts = folder.named_parts(range(chunks), self._identity)  # of all shards
@@ -262,7 +279,7 @@ class _Run:
                 folder.assemble(parts, self._experiment.layout, len(self._cells) * len(config.solvers))
                 self._stage("tables")
                 state = state_with_tables
-            manifest = self._manifest(state, self._session(computed_by))
+            manifest = self._manifest(state, self._session(where, workers))
             if state == RUNNING:
                 line = f"{len(parts)} of {chunks} parts are there; the shard that finds all writes the tables"
                 self._progress(self._done, self._total, line)
@@ -271,11 +288,12 @@ class _Run:
             folder.write_manifest(manifest)
         return state in FINISHED
 
-    def _session(self, computed_by: dict[str, Any]) -> dict[str, Any]:
+    def _session(self, where: str, workers: int) -> Session:
         return {
             "finished": datetime.now(UTC).isoformat(timespec="seconds"),
             "shard": "{} of {}".format(*self._shard),
-            **computed_by,
+            "where": where,
+            "workers": workers,
             "parts_reused": self._reused,
             "parts_computed": len(self._mine),
             "processes_lost": self._faults,
@@ -284,10 +302,10 @@ class _Run:
             "solver_time_s": {name: round(value, 3) for name, value in self._seconds.items()},
         }
 
-    def _manifest(self, state: str, *session: Any) -> dict[str, Any]:
+    def _manifest(self, state: str, *session: Session) -> Manifest:
         """Say what the run is of, and who has worked on it: earlier sessions, and this one once it is over."""
         config = self._experiment.config
-        earlier: list[Any] = []
+        earlier: list[Session] = []
         with contextlib.suppress(UserError):  # there is none, or none that can be read
             earlier = self._folder.manifest()["sessions"]
         return {

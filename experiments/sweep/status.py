@@ -8,7 +8,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from impact_xval.experiments.measures.summary import reasons_of
+from impact_xval.experiments.measures.summary import count_reasons
 from impact_xval.experiments.tables.folder import COMPLETE, Tally, run_folder, running, statuses_of, tally
 
 
@@ -44,7 +44,7 @@ def status_of(root: Path) -> RunStatus:
             parts_done=chunks,
             parts_damaged=0,
             statuses=statuses_of(outcomes),
-            reasons=reasons_of(outcomes),
+            reasons=count_reasons(outcomes),
         )
     outcomes = Tally()
     done = damaged = 0
@@ -65,5 +65,5 @@ def status_of(root: Path) -> RunStatus:
         parts_done=len(parts) - damaged,
         parts_damaged=damaged,
         statuses=statuses_of(outcomes),
-        reasons=reasons_of(outcomes),
+        reasons=count_reasons(outcomes),
     )

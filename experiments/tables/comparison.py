@@ -7,18 +7,42 @@ more than a tolerance, or where one run has such a number and the other has none
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow.parquet as pq
 
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.tables.folder import RunFolder
+from impact_xval.experiments.tables.frames import Frame
 
-#: A pandas DataFrame or Series; their annotations are too wide to check code against.
-Frame = Any
+
+@dataclass(frozen=True, slots=True)
+class SolverChanges:
+    """Changes of one solver between two runs."""
+
+    #: Numbers of rows that were compared, that moved, and that have another status.
+    compared: int
+    moved: int
+    statuses: int
+    #: Largest change of a velocity per abs(v0), and of D, where both runs have a number.
+    velocity: float
+    divergence: float
+
+
+class RowChange(NamedTuple):
+    """Change of one row between two runs."""
+
+    cell: int
+    solver: str
+    status_a: str
+    status_b: str
+    #: Largest change of a velocity per abs(v0), and that of D: infinite where one run alone has a number, 0 where
+    #: neither has.
+    velocity: float
+    divergence: float
 
 
 @dataclass(slots=True)
@@ -26,12 +50,10 @@ class RunComparison:
     """Changes between two runs that are larger than a tolerance."""
 
     tolerance: float
-    #: By solver, in the order of the first run: numbers of rows that were ``compared``, ``moved``, have other
-    #: ``statuses``; and the largest changes, ``velocity`` and ``divergence``, where both runs have a number.
-    solvers: dict[str, dict[str, Any]]
-    #: The ten worst rows, the worst first: ``cell, solver, status_a, status_b, velocity, divergence``; a change is
-    #: infinite where one run alone has a number, 0 where neither has.
-    worst: list[Any]
+    #: By solver, in the order of the first run.
+    solvers: dict[str, SolverChanges]
+    #: The ten worst rows, the worst first.
+    worst: list[RowChange]
     #: Solvers, and numbers of cells, that one run alone has.
     alone: list[str]
     cells_alone: list[int]
@@ -42,7 +64,7 @@ class RunComparison:
     @property
     def moved(self) -> int:
         """Number of rows that moved."""
-        return sum(changes["moved"] for changes in self.solvers.values())
+        return sum(changes.moved for changes in self.solvers.values())
 
 
 def compare_runs(a: RunFolder, b: RunFolder, tolerance: float) -> RunComparison:
@@ -77,12 +99,11 @@ def compare_runs(a: RunFolder, b: RunFolder, tolerance: float) -> RunComparison:
     worst = rows[rows.moved].sort_values(
         ["other", "velocity", "divergence", "cell"], ascending=[False, False, False, True], kind="stable"
     )
-    shown = ["cell", "solver", "status_a", "status_b", "velocity", "divergence"]
     settings = ({k: v for k, v in c.canonical().items() if k not in _ELSEWHERE} for c in (config_a, config_b))
     return RunComparison(
         tolerance,
-        changes.loc[both].to_dict("index"),
-        worst=list(worst[shown].head(10).itertuples(index=False)),
+        {name: SolverChanges(**numbers) for name, numbers in changes.loc[both].to_dict("index").items()},
+        worst=[RowChange(*row) for row in worst[[*RowChange._fields]].head(10).itertuples(index=False)],
         alone=sorted({*config_a.solvers} ^ {*config_b.solvers}),
         cells_alone=np.setxor1d(of_a.cell, of_b.cell).tolist(),
         settings=_differing(*settings),
@@ -94,7 +115,7 @@ def compare_runs(a: RunFolder, b: RunFolder, tolerance: float) -> RunComparison:
 _ELSEWHERE = ("name", "workers", "grid", "sample", "cells", "chain", "solvers", "chunk_size")
 
 
-def _differing(a: dict[str, object], b: dict[str, object]) -> dict[str, tuple[str, str]]:
+def _differing(a: Mapping[str, object], b: Mapping[str, object]) -> dict[str, tuple[str, str]]:
     return {key: (str(a[key]), str(b[key])) for key in a if key in b and a[key] != b[key]}
 
 

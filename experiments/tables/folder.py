@@ -11,10 +11,10 @@ import json
 import os
 import shlex
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import NotRequired, TypedDict
 
 import numpy as np
 import pyarrow as pa
@@ -23,7 +23,7 @@ import pyarrow.parquet as pq
 from filelock import FileLock, Timeout
 
 from impact_xval.experiments.config.axes import AXES, KEPT
-from impact_xval.experiments.config.cells import Cells, cells_from_ratios, experiment_cells
+from impact_xval.experiments.config.cells import ExperimentCells, cells_from_ratios, experiment_cells
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import COSMETIC, Config, load_config
 from impact_xval.experiments.tables.earlier import EARLIER_FORMAT, renamed_tables
@@ -45,13 +45,60 @@ _CSV = 100_000
 Tally = Counter[tuple[str, str, str]]
 
 
+class Session(TypedDict):
+    """Session of a run, in its manifest: where and how long it worked, on how many parts."""
+
+    #: Instant at which it ended, by ISO 8601.
+    finished: str
+    #: Which shard, such as ``1 of 4``.
+    shard: str
+    #: The address of a scheduler, or ``this machine``; and the number of processes.
+    where: str
+    workers: int
+    parts_reused: int
+    parts_computed: int
+    processes_lost: int
+    #: Wall time in s: of all, by stage, and by solver.
+    wall_time_s: float
+    stages_s: dict[str, float]
+    solver_time_s: dict[str, float]
+
+
+class Manifest(TypedDict):
+    """Content of ``manifest.json``: what a run is of, and who has worked on it."""
+
+    #: `FORMAT`, which `RunFolder.write_manifest` adds.
+    format: NotRequired[str]
+    #: `RUNNING`, `TABLES` or `COMPLETE`.
+    state: str
+    name: str
+    #: Numbers of cells, and of their chunks.
+    cells: int
+    chunks: int
+    #: The solver that all others are compared with.
+    reference: str
+    #: Hash of all that the content of a part depends on, but for its number.
+    identity: str
+    #: Versions of the project and of the solvers, and of libraries.
+    versions: dict[str, str]
+    libraries: dict[str, str]
+    #: Texts on the machine, and its number of cores.
+    machine: dict[str, str | int]
+    #: Seed of a sample, or ``none``.
+    seeds: int | str
+    #: In the order in which they ended.
+    sessions: list[Session]
+    #: Of a finished run the number of rows by solver and status.
+    statuses: NotRequired[dict[str, dict[str, int]]]
+
+
 def write_text(path: Path, text: str) -> None:
     """Write a text file (UTF-8, line feeds) in one step."""
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
 
 
-def write_json(path: Path, value: Any) -> None:
+def write_json(path: Path, value: object) -> None:
     """Write strict JSON in one step."""
     write_text(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
 
@@ -80,7 +127,7 @@ class RunFolder:
             raise UserError(f"{self.root}: no {CONFIGURATION}; legal: the folder of a run ({FORMAT})")
         return load_config(path, KEPT)
 
-    def manifest(self) -> dict[str, Any]:
+    def manifest(self) -> Manifest:
         """Read the manifest, of this format or of that of version 0.4."""
         path = self.root / MANIFEST
         again = "the command that began the run writes it again"
@@ -108,13 +155,13 @@ class RunFolder:
     def is_earlier(self) -> bool:
         """Whether version 0.4 wrote the run; False where there is no manifest that can be read."""
         try:
-            return self.manifest()["format"] == EARLIER_FORMAT
+            return self.manifest().get("format") == EARLIER_FORMAT
         except UserError:
             return False
 
-    def write_manifest(self, value: dict[str, Any]) -> None:
+    def write_manifest(self, value: Manifest) -> None:
         """Write the manifest, of this format."""
-        write_json(self.root / MANIFEST, {"format": FORMAT} | value)
+        write_json(self.root / MANIFEST, {"format": FORMAT, **value})
 
     def write_part(self, number: int, identity: str, data: bytes) -> None:
         """Write a part; its checksums tell where a power cut has emptied it."""
@@ -228,7 +275,7 @@ def _row_groups(parts: Iterable[Path], layout: Layout) -> Iterator[pa.Table]:
 
 
 @contextlib.contextmanager
-def writing(root: Path, config: Config, shard: tuple[int, int] = (1, 1)) -> Iterator[tuple[RunFolder, bool]]:
+def writing(root: Path, config: Config, shard: tuple[int, int] = (1, 1)) -> Generator[tuple[RunFolder, bool]]:
     """Lock the folder of a run, or of a shard; yield it and whether it already holds a run of the experiment.
 
     The lock is the operating system's, which frees it as soon as its process is gone. The experiment is written before
@@ -253,7 +300,7 @@ def writing(root: Path, config: Config, shard: tuple[int, int] = (1, 1)) -> Iter
 
 
 @contextlib.contextmanager
-def _usable(root: Path, option: str) -> Iterator[None]:
+def _usable(root: Path, option: str) -> Generator[None]:
     """Turn what keeps the folder of an option from being read or written to into one line."""
     try:
         yield
@@ -373,7 +420,7 @@ def new_folder(root: Path, option: str = "--out ") -> None:
     check_writable(root, option)
 
 
-def cells_of_run(folder: RunFolder, config: Config) -> Cells:
+def cells_of_run(folder: RunFolder, config: Config) -> ExperimentCells:
     """Return the cells of a finished run; those of a list as its table has them, wherever their file is now."""
     if config.cells is None:
         return experiment_cells(config)

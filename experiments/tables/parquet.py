@@ -10,7 +10,7 @@ import bisect
 import contextlib
 import itertools
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +23,7 @@ GROUP = 65_536
 
 
 @contextlib.contextmanager
-def replacing(path: Path, *, sync: bool = True) -> Iterator[Path]:
+def replacing(path: Path, *, sync: bool = True) -> Generator[Path]:
     """Give a temporary path beside `path` that takes its place when the block ends without an error.
 
     With `sync` the content is on the disk before the name is: a power cut could leave a name without its content.
@@ -48,7 +48,7 @@ def replacing(path: Path, *, sync: bool = True) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
-def table_writer(path: Path, schema: pa.Schema) -> Iterator[Callable[[pa.Table], None]]:
+def table_writer(path: Path, schema: pa.Schema) -> Generator[Callable[[pa.Table], None]]:
     """Give what adds a row group to a Parquet table, which is put in its place at the end."""
     with replacing(path) as temporary, pq.ParquetWriter(temporary, schema, compression="zstd") as writer:
         yield lambda rows: writer.write_table(rows, row_group_size=len(rows))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pyarrow as pa
@@ -31,7 +31,8 @@ _NUMBER = "{i}"
 class Column:
     """Column of a table.
 
-    A column by ball or by contact stands for as many columns as a cell has balls or contacts: `expand` gives them.
+    A column by ball or by contact stands for as many columns as a cell has balls or contacts: `expand_columns` gives
+    them.
     """
 
     #: Name in the table; of a column by ball or by contact with ``{i}`` in place of the number.
@@ -299,7 +300,7 @@ class Layout:
     tables: dict[str, TableSpec]
 
 
-def expand(columns: Iterable[Column], balls: int, contacts: int) -> Columns:
+def expand_columns(columns: Iterable[Column], balls: int, contacts: int) -> Columns:
     """Return columns with each column by ball or by contact replaced by the columns that it stands for."""
     return tuple(single for column in columns for single in column.expand(balls, contacts))
 
@@ -329,7 +330,7 @@ def arrow_schema(columns: Iterable[Column]) -> pa.Schema:
     return pa.schema([column.field() for column in columns])
 
 
-def to_table(columns: Mapping[str, Any], n: int, schema: pa.Schema) -> pa.Table:
+def to_table(columns: Mapping[str, np.ndarray], n: int, schema: pa.Schema) -> pa.Table:
     """Make a table from arrays by name, shape (n,).
 
     NaN, None and an empty text become nulls; a column without an array holds nulls only.
@@ -337,7 +338,7 @@ def to_table(columns: Mapping[str, Any], n: int, schema: pa.Schema) -> pa.Table:
     return pa.table([_to_arrow(columns.get(field.name), n, field.type) for field in schema], schema=schema)
 
 
-def _to_arrow(values: Any, n: int, type_: pa.DataType) -> pa.Array:
+def _to_arrow(values: np.ndarray | None, n: int, type_: pa.DataType) -> pa.Array:
     if values is None:
         return pa.nulls(n, type_)
     if pa.types.is_string(type_):

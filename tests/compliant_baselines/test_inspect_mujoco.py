@@ -1,7 +1,6 @@
 """Contacts of MuJoCo scenes as they are measured, beside closed forms and drops by hand; each trap, and its effect."""
 
 import math
-import re
 
 import mujoco
 import numpy as np
@@ -10,6 +9,7 @@ import pytest
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.inspect_mujoco import (
     PLACES,
+    examine_groups,
     examine_model,
     inspect_model,
     measure_model,
@@ -78,7 +78,7 @@ def test_mujocos_default_ball_that_falls_at_2_80_rebounds_with_0_37():
     low, high = row.restitution_range
     assert low <= max(velocities) / -min(velocities) <= high < low + 0.03
     assert data.qpos[2] == pytest.approx(0.2 - row.penetration, abs=1e-6)  # it has come to rest meanwhile
-    assert row.change.startswith("for no rebound")
+    assert "(0.02, 1) is a damping ratio, no restitution: 1 rebounds with 0.14 by the formula" in row.change
 
 
 @pytest.mark.parametrize(("scene", "mass"), [(ON_FLOOR, 0.5), (ON_BALL, 0.4)], ids=["floor", "ball"])
@@ -118,15 +118,30 @@ def test_a_contact_is_that_of_the_scene(scene, fields, margin):
     assert row.penetration is None  # there is no gravity
 
 
-def test_the_change_for_newton_per_metre_does_in_a_scene_what_was_meant():
-    wrong, meant = 'solref="-1e4 -20"', KelvinVoigtContact(1e4, 20.0, 0.5)
-    (row,) = measure_model(compiled(upper=wrong))
-    assert row.stiffness < 0.6 * meant.k
-    pair, step = re.search(r"<pair (.*)/> and a step of (\S+) s", row.change).groups()
-    fields = {"step": float(step), "upper": wrong, "contact": f'<pair geom1="up" geom2="low" {pair}/>'}
-    assert np.mean(hand_drops(ON_FLOOR, 1.0, **fields)) == pytest.approx(meant.restitution, abs=0.005)
-    (row,) = measure_model(compiled(**fields))
-    assert (row.stiffness, row.change) == (pytest.approx(meant.k, rel=0.02), "")
+@pytest.mark.parametrize("friction", ["1 1 .005", "0.3 0.3 .005"])
+@pytest.mark.parametrize("cone", ["pyramidal", "elliptic"])
+@pytest.mark.parametrize("condim", [1, 3, 6])
+def test_each_reading_does_in_a_scene_what_it_says(condim, cone, friction):
+    wrong, meant = (
+        f'solref="-1e4 -20" condim="{condim}" friction="{friction}"',
+        KelvinVoigtContact(1e4, 20.0, 0.5),
+    )
+    option = f"cone='{cone}'"
+    floor = f'friction="{friction}"'  # of two geoms the larger friction acts
+    model = compiled(upper=wrong, lower=floor, option=option)
+    ((contact,),) = (group.examined for group in examine_groups(model).groups)
+    assert contact.row.stiffness < 0.6 * meant.k
+    assert contact.newton_metre.restitution == pytest.approx(meant.restitution)
+    assert contact.keep.restitution == pytest.approx(contact.row.restitution, rel=1e-9)
+    assert (contact.newton_metre.condim, contact.keep.condim) == (max(3, condim), max(3, condim))
+    for reading in contact.keep, contact.newton_metre:
+        assert reading.is_kept
+        pair = reading.pair.replace("<pair", '<pair geom1="up" geom2="low"')
+        fields = {"step": reading.step, "upper": wrong, "lower": floor, "contact": pair, "option": option}
+        assert np.mean(hand_drops(ON_FLOOR, 1.0, **fields)) == pytest.approx(reading.restitution, abs=0.005)
+        (row,) = measure_model(compiled(**fields))
+        assert row.stiffness == pytest.approx(reading.stiffness, rel=0.02)
+        assert row.change == ""  # it is what is written
 
 
 def test_what_cannot_be_measured_is_a_row_with_the_reason():
@@ -320,8 +335,8 @@ def test_a_proposal_that_does_not_keep_its_promise_is_a_trap():
     slide = ON_FLOOR.replace("<freejoint/>", '<joint type="slide" axis="0 0 1" damping="20"/>')
     (row,), traps = examine_model(compiled(slide, upper='solref="-1e4 -15"', step=1e-4))
     assert "gives e =" in row.change
-    (unkept,) = [trap.message for trap in traps if trap.trap == "unkept"]
-    assert "the pair proposed gives e = " in unkept
+    unkept = [trap.message for trap in traps if trap.trap == "unkept"]
+    assert any("newton-metre: the pair proposed gives e = " in message for message in unkept)
     _, traps = examine_model(compiled(upper='solref="-1e4 -15"', step=1e-4))
     assert "unkept" not in {trap.trap for trap in traps}
 

@@ -36,7 +36,10 @@ EXACT = 1e-10
 ENGINES = COMMON | {"duration": (0.0, 2e-3), "step": (0.0, 1e-12), "gravity_number": (0.0, 1e-12)}
 ENGINES |= {"energy": (1e-12, 0.0)}
 TABLES = {"curve_distance": (3e-9, 0.0), "grazing_margin": (0.0, 1e-6)} | COMMON
-TABLES |= {"share": (1e-6, 0.0), "rate": (1e-6, 1e-6)}
+#: A rate is the median slope of a few distances that begin at three times the error of the solver, so that rounding
+#: decides its digits: compiled for the generic processor instead of the host's, the same code gives rates up to 3.4e-4
+#: apart (1.97509 and 1.97543). The rates in question, 1, 1.5 and 2, are far apart, and verdicts are compared as words.
+TABLES |= {"share": (1e-6, 0.0), "rate": (1e-3, 0.0)}
 WORDS = ("status", "states", "events", "mark")
 
 

@@ -8,13 +8,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
 from bokeh.core.types import ID
 from bokeh.embed import json_item
 from bokeh.models import (
+    BasicTicker,
     ColorBar,
     ColumnDataSource,
     FixedTicker,
@@ -30,7 +30,7 @@ from markupsafe import Markup
 from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
-from impact_xval.experiments.measures.aggregates import DivergenceTable, Frame, levels_of
+from impact_xval.experiments.measures.aggregates import DivergenceTable, levels_of
 from impact_xval.experiments.presentation.html import render_template
 from impact_xval.experiments.presentation.words import (
     NO_RESULT,
@@ -39,6 +39,7 @@ from impact_xval.experiments.presentation.words import (
     format_axis_value,
     look_of,
 )
+from impact_xval.experiments.tables.frames import Frame
 from impact_xval.experiments.tables.numbers import join_words
 from impact_xval.experiments.tables.parquet import column
 
@@ -140,7 +141,7 @@ def bokeh_script() -> Markup:
     return Markup(Resources(mode="inline", components=["bokeh"], log_level="error").render_js())
 
 
-def _map(tiles: Tiles) -> Any:
+def _map(tiles: Tiles) -> figure:
     """Draw one tile per cell or per group of cells, coloured by the (median) D of one solver."""
     places, floored = tiles.places, tiles.medians.clip(lower=_FLOOR)
     medians = floored.add_prefix("d ").to_dict("list")
@@ -183,7 +184,7 @@ def _map(tiles: Tiles) -> Any:
     return plot
 
 
-def curves_chart(solvers: Sequence[str]) -> Any:
+def curves_chart(solvers: Sequence[str]) -> figure:
     """Draw empty impulse curves; the page fills ``curve SOLVER``, ``end SOLVER``, ``line l1`` and ``line l2``."""
     plot = _chart("curves", "I1/(m1 |v0|), ball on ball (-)", "I2/(m1 |v0|), ball on table (-)")
     for line, dash in (("l1: v1 = v2", "dashed"), ("l2: v2 = 0", "dotted")):
@@ -192,16 +193,18 @@ def curves_chart(solvers: Sequence[str]) -> Any:
     return _with_solvers(plot, solvers, "curve", "end")
 
 
-def velocities_chart(solvers: Sequence[str]) -> Any:
+def velocities_chart(solvers: Sequence[str]) -> figure:
     """Draw empty final velocities of the balls of a chain; the page fills ``balls SOLVER``."""
     plot = _chart("velocities", "ball, 1 on top or first", "final velocity / |v0|, up is positive (-)")
-    plot.xaxis.ticker.mantissas = [1, 2, 5]
-    plot.xaxis.ticker.min_interval = 1
+    ticker = plot.xaxis[0].ticker
+    assert isinstance(ticker, BasicTicker)
+    ticker.mantissas = [1, 2, 5]
+    ticker.min_interval = 1
     plot.xaxis.minor_tick_line_color = None
     return _with_solvers(plot, solvers, "balls", "balls")
 
 
-def _chart(name: str, across: str, up: str) -> Any:
+def _chart(name: str, across: str, up: str) -> figure:
     plot = figure(
         height=420,
         sizing_mode="stretch_width",
@@ -218,7 +221,7 @@ def _chart(name: str, across: str, up: str) -> Any:
     return plot
 
 
-def _with_solvers(plot: Any, solvers: Sequence[str], lines: str, points: str) -> Any:
+def _with_solvers(plot: figure, solvers: Sequence[str], lines: str, points: str) -> figure:
     """Add a line and points for each solver, with sources named by `lines` and `points` and the solver."""
     for name in solvers:
         style = look_of(name)

@@ -10,7 +10,7 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Required, TypedDict
 
 import numpy as np
 import pyarrow.compute as pc
@@ -27,6 +27,7 @@ from impact_xval.experiments.presentation.words import display_name, format_axis
 from impact_xval.experiments.sweep.curves import points_to_keep
 from impact_xval.experiments.sweep.rows import settings_of
 from impact_xval.experiments.tables.folder import RunFolder, cells_of_run
+from impact_xval.experiments.tables.frames import Record
 from impact_xval.experiments.tables.parquet import selected
 from impact_xval.model.collision import Collision
 from impact_xval.model.outcome import Outcome
@@ -36,24 +37,62 @@ from impact_xval.model.status import RESULT_STATUSES
 _DIGITS = 4
 
 
+#: Impulses I1 and I2 per m1 |v0| along a curve.
+Curve = list[list[float]]
+
+
+class SolverResult(TypedDict):
+    """Result of one solver in a cell."""
+
+    #: Name for readers, and identifier.
+    name: str
+    solver: str
+    status: str
+    marked: str | None
+    reason: str | None
+    #: Whether the numbers are a result.
+    result: bool
+    #: Per |v0|; None where nothing is known.
+    velocities: list[float | None]
+    #: Divergence from the model.
+    d: float | None
+    states: str | None
+    #: Final impulses per m1 |v0|, of two balls.
+    end: list[float] | None
+
+
+class CellContents(TypedDict, total=False):
+    """Contents of a cell that opens; what its run does not have is left out."""
+
+    #: Values of the axes by label.
+    at: dict[str, str]
+    results: Required[list[SolverResult]]
+    #: A sentence for each engine.
+    causes: Required[list[str]]
+    #: Commands that show the cell on a terminal: each a description and a line.
+    commands: list[list[str]]
+    #: Of two balls the impulse curves by solver.
+    curves: dict[str, Curve]
+    #: Of two balls the scene in MJCF; None where MuJoCo is not in the run.
+    scene: str | None
+
+
 def pack_cells(folder: RunFolder, cells: Sequence[int]) -> str:
     """Collect the contents of some cells of a run as compressed JSON in base64."""
     text = json.dumps(collect_cells(folder, cells), separators=(",", ":"), allow_nan=False)
     return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode("ascii")
 
 
-def collect_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str, Any]]:
+def collect_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, CellContents]:
     """Collect the contents of some cells of a run, by number.
 
-    That is ``at`` (values of the axes by label), ``results``, ``causes``, ``commands``, and of two balls ``scene``
-    (MJCF; None where MuJoCo is not in the run) and ``curves``, those of the exact solvers, solved again: of the others
-    the table holds the end.
+    Curves are those of the exact solvers, solved again: of the others the table holds the end.
     """
     config = folder.config()
     pair, axes = config.chain is None, AXES if config.chain is None else CHAIN_AXES
-    shown: dict[int, dict[str, Any]] = {cell: {"results": [], "causes": []} for cell in cells}
+    shown: dict[int, CellContents] = {cell: {"results": [], "causes": []} for cell in cells}
 
-    def rows(table: str, *columns: str) -> list[dict[str, Any]]:
+    def rows(table: str, *columns: str) -> list[Record]:
         is_shown = pc.field("cell").isin(list(cells))
         return selected(
             folder.table_path(f"{table}.parquet"), ["cell", "solver", *columns], is_shown
@@ -64,9 +103,8 @@ def collect_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str
     names = pq.read_schema(folder.table_path("cells.parquet")).names
     balls = [name for name in names if re.fullmatch(r"v[1-9]\d*", name)]
     ends, paths = (["impulse1", "impulse2"], ["states_compared"]) if pair else ([], [])
-    columns_of_status = ("status", "marked", "reason")
     scales = ("m1", "m2", "k1", "k2") if pair else ("m1", "k1")
-    for row in rows("cells", *axes, *columns_of_status, *scales, "v0", *balls, *ends, *paths):
+    for row in rows("cells", *axes, "status", "marked", "reason", *scales, "v0", *balls, *ends, *paths):
         cell, speed = shown[row["cell"]], abs(row["v0"])
         velocities = [row[name] for name in balls[: row.get("balls", 2)]]
         impulses = [row[name] for name in ends if row[name] is not None]
@@ -82,7 +120,10 @@ def collect_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str
         cell["results"].append(
             {
                 "name": display_name(row["solver"]),
-                **{name: row[name] for name in ("solver", *columns_of_status)},
+                "solver": row["solver"],
+                "status": row["status"],
+                "marked": row["marked"],
+                "reason": row["reason"],
                 "result": row["status"] in RESULT_STATUSES,
                 "velocities": [None if v is None else v / speed for v in velocities],
                 "d": ds.get((row["cell"], row["solver"])),
@@ -99,11 +140,11 @@ def collect_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str
         collisions = [index[cell] for cell in cells]
         both = zip(cells, _curves(config, collisions), _scenes(config, collisions), strict=True)
         for cell, curves, scene in both:
-            shown[cell] |= {"curves": curves, "scene": scene}
+            shown[cell]["curves"], shown[cell]["scene"] = curves, scene
     return shown
 
 
-def _commands(root: Path, config: Config, row: dict[str, Any]) -> list[list[str]]:
+def _commands(root: Path, config: Config, row: Record) -> list[list[str]]:
     """Return the commands that show a cell on a terminal, each with its description."""
     run, cell = shlex.quote(str(root)), row["cell"]
     show = ["every cause, in every order", f"impact-xval show {run} --cell {cell}"]
@@ -125,7 +166,7 @@ def _commands(root: Path, config: Config, row: dict[str, Any]) -> list[list[str]
     return [show, *([scene] if config.chain is None else []), solve, film]
 
 
-def _curves(config: Config, collisions: Sequence[Collision]) -> list[dict[str, list[list[float]]]]:
+def _curves(config: Config, collisions: Sequence[Collision]) -> list[dict[str, Curve]]:
     """Solve collisions by the exact solvers of a run: impulses per m1 |v0| by solver, as few points as a line needs."""
     settings = replace(settings_of(config), record_path=True, mark=False)
     exact = [name for name in config.solvers if name in engine_free_names()]
@@ -140,7 +181,7 @@ def _curves(config: Config, collisions: Sequence[Collision]) -> list[dict[str, l
     ]
 
 
-def impulse_curve(collision: Collision, outcome: Outcome) -> list[list[float]] | None:
+def impulse_curve(collision: Collision, outcome: Outcome) -> Curve | None:
     """Return I1 and I2 per m1 |v0| along an impulse curve, as few points as a line needs; None without a path."""
     path = outcome.path
     if outcome.status not in RESULT_STATUSES or path is None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Any
 
 import pandas as pd
 from markupsafe import Markup
@@ -12,6 +11,7 @@ from markupsafe import Markup
 from impact_xval.compliant_baselines.registry import is_engine, kind_of
 from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
+from impact_xval.experiments.config.errors import is_table
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.aggregates import FULL_PATHS, OWN_LAW
 from impact_xval.experiments.measures.ladder import cancelling_pair
@@ -47,6 +47,7 @@ from impact_xval.experiments.presentation.words import (
     format_axis_value,
 )
 from impact_xval.experiments.tables.folder import RunFolder
+from impact_xval.experiments.tables.frames import FrameRow
 from impact_xval.experiments.tables.numbers import number, percent
 from impact_xval.experiments.tables.parquet import column
 
@@ -132,7 +133,10 @@ def _opening(summary: Summary) -> Piece:
     return render_template(
         "opening.html.j2",
         s=summary,
-        spans=[f"{label} from {number(min(x))} to {number(max(x))}" for label, x in spans.items()],
+        spans=[
+            f"{label} from {format_axis_value(min(x))} to {format_axis_value(max(x))}"
+            for label, x in spans.items()
+        ],
         laws=capitalise_first("; ".join(said for name, said in _LAWS.items() if name in summary.solvers)),
         weightless=[name for name in summary.config.solvers if kind_of(name) == "model"],
         engines=any(map(is_engine, summary.solvers)),
@@ -207,9 +211,9 @@ def _extremes(summary: Summary, name: str, axis: str) -> str:
         axis=LABELS[axis],
         solver=display_name(name),
         most=most,
-        high=number(high),
+        high=format_axis_value(high),
         least=least,
-        low=number(low),
+        low=format_axis_value(low),
     )
 
 
@@ -255,7 +259,7 @@ def _cells(folder: RunFolder, summary: Summary, packed: str) -> list[Block]:
 def _matrix(summary: Summary) -> Table:
     """Lay out D between every two solvers, above the diagonal."""
     names = [REFERENCE, *summary.solvers]
-    known: dict[frozenset[str], Any] = {
+    known: dict[frozenset[str], FrameRow] = {
         frozenset((row["solver"], row["other"])): row for row in summary.between.to_dict("records")
     }
     known |= {frozenset((REFERENCE, name)): summary.get(name, D) for name in summary.solvers}
@@ -396,11 +400,11 @@ def _provenance(folder: RunFolder) -> Section:
     return Section("Provenance", [Table(["what", "value"], rows, text=2)], folded=True)
 
 
-def _flat(value: Any, *names: str) -> Iterator[tuple[str, Any]]:
+def _flat(value: object, *names: str) -> Iterator[tuple[str, object]]:
     """Yield the values of nested tables and lists, each with the names that lead to it."""
     if isinstance(value, list):
         value = {str(place): item for place, item in enumerate(value, 1)}
-    if not isinstance(value, dict):
+    if not is_table(value):
         yield " ".join(names), value
         return
     for name, item in value.items():

@@ -6,21 +6,22 @@ By every solver: of the cell or chain of a run's figures, or of any other.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from impact_xval.compliant_baselines.registry import sort_by_law
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE, Config
-from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.measures.hausdorff import LARGEST
 from impact_xval.experiments.presentation.pictures.history import TAIL, instant_of_tail
-from impact_xval.experiments.presentation.style import BESIDE, Drawn, styled_figure
+from impact_xval.experiments.presentation.style import Drawn, draw_legend_beside, styled_figure
 from impact_xval.experiments.presentation.words import describe_cell, describe_chain, display_name, look_of
+from impact_xval.experiments.tables.frames import Frame, Record
 from impact_xval.experiments.tables.numbers import number
+from impact_xval.model.arrays import Floats
 from impact_xval.model.collision import Collision
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.path import Path
@@ -63,32 +64,38 @@ def _whole_and_ends(points: Mapping[str, np.ndarray], mass_ratio: float) -> Figu
     return figure
 
 
-def zoom_in(ax: Any, middle: Any, half: float) -> None:
+def zoom_in(ax: Axes, middle: Floats, half: float) -> None:
     """Limit the axes to a square around a point, of twice the width `half`."""
     x, y = middle
     ax.set(xlim=(x - half, x + half), ylim=(y - half, y + half))
 
 
-def _curve(ax: Any, name: str, impulse1: np.ndarray, impulse2: np.ndarray) -> None:
+def _curve(ax: Axes, name: str, impulse1: np.ndarray, impulse2: np.ndarray) -> None:
     """Draw an impulse curve and its end; the curve of the model is wide, so that curves on it are seen."""
     style, model = look_of(name), name == REFERENCE
-    width = {"linewidth": 2.6, "alpha": 0.85} if model else {"linewidth": 1.5}
-    ax.plot(impulse1, impulse2, color=style.color, linestyle=style.dash, label=display_name(name), **width)
+    (line,) = ax.plot(impulse1, impulse2, color=style.color, linestyle=style.dash, label=display_name(name))
+    line.set(linewidth=2.6 if model else 1.5, alpha=0.85 if model else None)
     ax.plot(impulse1[-1], impulse2[-1], color=style.color, marker=style.marker or "*")
 
 
-def draw_compression_lines(ax: Any, mass_ratio: float, reach: float) -> None:
+def draw_compression_lines(ax: Axes, mass_ratio: float, reach: float) -> None:
     """Draw l1: -1 + (1 + 1/m2) I1 - I2/m2 = 0 and l2: I1 = I2, in units of m1 |v0| with m2 per m1."""
     foot = mass_ratio / (1 + mass_ratio)
     top = (reach + mass_ratio) / (1 + mass_ratio)
     lines = ((foot, top, (6, 3), r"$\ell_1$", (-14, -6)), (0, reach, (2, 2), r"$\ell_2$", (2, -12)))
     for start, end, dash, name, beside in lines:
         ax.plot([start, end], [0, reach], color="0.55", linewidth=1.1, linestyle=(0, dash), zorder=1)
-        where = {"xytext": beside, "textcoords": "offset points", "annotation_clip": True}
-        ax.annotate(name, (end, reach), color="0.35", **where)
+        ax.annotate(
+            name,
+            (end, reach),
+            xytext=beside,
+            textcoords="offset points",
+            annotation_clip=True,
+            color="0.35",
+        )
 
 
-def label_impulse_axes(ax: Any) -> None:
+def label_impulse_axes(ax: Axes) -> None:
     """Label the axes of impulse curves and give them one scale."""
     ax.set_aspect("equal")
     ax.set_xlabel(r"$I_1\,/\,(m_1 |v_0|)$, ball on ball")
@@ -116,14 +123,9 @@ def draw_collision(collision: Collision, paths: Mapping[str, Path]) -> Figure:
         for name, path in paths.items():
             style, impulses = look_of(name), path.impulses / unit.impulse
             _curve(curve, name, *impulses.T)
-            line = {
-                "color": style.color,
-                "linestyle": style.dash,
-                "label": display_name(name),
-                "linewidth": 1.5,
-            }
             for ax, velocity in zip((upper, lower), path.velocities.T, strict=True):
-                ax.plot(impulses.sum(axis=1), velocity / unit.velocity, **line)
+                (line,) = ax.plot(impulses.sum(axis=1), velocity / unit.velocity, label=display_name(name))
+                line.set(color=style.color, linestyle=style.dash, linewidth=1.5)
         reach = max(path.impulses.max() for path in paths.values()) / unit.impulse
         draw_compression_lines(curve, collision.mass_ratio, 1.05 * reach)
         label_impulse_axes(curve)
@@ -185,7 +187,7 @@ def draw_velocities(drawn: Mapping[str, Sequence[float]]) -> Figure:
         step = max(1, len(balls) // 20)
         ax.set(xticks=balls[::step], xlabel="ball, 1 at the top", ylabel="final velocity / |v0| (-)")
         ax.grid(axis="x", visible=False)
-        ax.legend(**BESIDE)
+        draw_legend_beside(ax)
     return figure
 
 
@@ -215,7 +217,7 @@ def _wave(curves: Frame, config: Config) -> Figure:
     return figure
 
 
-def end_of_wave(row: dict[Any, Any]) -> float:
+def end_of_wave(row: Record) -> float:
     """Return the instant at which all but `TAIL` of the impulses of a chain has passed."""
     time, total = row["time"], np.sum(np.stack(row["forces"]), axis=0)
     return instant_of_tail(time, np.append(0, np.cumsum(np.diff(time) * 0.5 * (total[1:] + total[:-1]))))

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from impact_xval.compliant_baselines.registry import is_engine
-from impact_xval.experiments.measures.aggregates import FULL_PATHS, Frame
+from impact_xval.experiments.measures.aggregates import FULL_PATHS
 from impact_xval.experiments.measures.summary import Summary, load_divergence
 from impact_xval.experiments.presentation.pictures.curves import draw_cell_curves, draw_chain
 from impact_xval.experiments.presentation.pictures.ladders import draw_ladders, draw_trust, make_trust_maps
 from impact_xval.experiments.presentation.style import (
-    BESIDE,
     LEFT_OUT,
     Drawn,
+    draw_legend_beside,
     label_axis_values,
     save_figures,
     styled_figure,
@@ -24,6 +23,7 @@ from impact_xval.experiments.presentation.style import (
 from impact_xval.experiments.presentation.words import describe_shared_laws, display_name, look_of
 from impact_xval.experiments.sweep.curves import CURVES
 from impact_xval.experiments.tables.folder import RunFolder
+from impact_xval.experiments.tables.frames import AxisValue, Frame, Record
 from impact_xval.experiments.tables.numbers import number
 
 #: Least D on logarithmic axes, about the rounding of the solvers; smaller D are drawn there.
@@ -84,7 +84,12 @@ def _figures(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
     yield from (draw_cell_curves if pair else draw_chain)(curves, config)
 
 
-def _over(panels: Mapping[str, tuple[Frame, Any]], solvers: Sequence[str], axis: str, measure: str) -> Figure:
+def _over(
+    panels: Mapping[str, tuple[Frame, Sequence[AxisValue]]],
+    solvers: Sequence[str],
+    axis: str,
+    measure: str,
+) -> Figure:
     """Draw the median of a measure over an axis with its 5th to 95th percentile, or a share.
 
     `panels` has by title the rows of a panel, and the values of the axis.
@@ -112,11 +117,11 @@ def _over(panels: Mapping[str, tuple[Frame, Any]], solvers: Sequence[str], axis:
             axes[0].set_yscale("log")  # shared
         else:
             axes[0].set_ylim(-0.03, 1.03)
-        axes[-1].legend(**BESIDE)
+        draw_legend_beside(axes[-1])
     return figure
 
 
-def recommended_steps(summary: Summary) -> list[dict[str, Any]]:
+def recommended_steps(summary: Summary) -> list[Record]:
     """Return the estimates of engines, and as `enough` the step with an error of `ACCEPTED` in 95 % of cells.
 
     The step is over the faster contact period, and extrapolated from the step of the run by the measured order.
@@ -141,12 +146,12 @@ def draw_steps(summary: Summary) -> Iterator[Drawn]:
             for cut, width, label in (("median", 0.9, None), ("p95", 1.8, display_name(row["solver"]))):
                 error = row[f"step_{cut}"]
                 ax.plot(f, error, color=style.color, marker=style.marker)
-                line = {"color": style.color, "linestyle": "--", "linewidth": width, "label": label}
-                ax.plot(h, error * (h / f) ** row["order"], **line)
+                steps_error = error * (h / f) ** row["order"]
+                ax.plot(h, steps_error, color=style.color, linestyle="--", linewidth=width, label=label)
         ax.axhline(ACCEPTED, color="0.4", linewidth=1)
         ax.set(xscale="log", yscale="log")
         ax.set(xlabel="step / period of the faster contact (-)", ylabel="error of a velocity / |v0| (-)")
-        ax.legend(**BESIDE)
+        draw_legend_beside(ax)
     yield (
         "error-by-step",
         figure,

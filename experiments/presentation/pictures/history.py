@@ -66,7 +66,8 @@ class History:
         """
 
         def of(known: Floats, values: Floats) -> Floats:
-            return np.column_stack([np.interp(instants, known, column) for column in values.T])
+            of_columns: list[Floats] = [np.interp(instants, known, column) for column in values.T]
+            return np.column_stack(of_columns)
 
         after = np.maximum(instants - self.time[-1], 0)[:, None]
         interval = np.searchsorted(self.time, instants, side="right") - 1

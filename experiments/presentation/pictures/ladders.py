@@ -9,24 +9,25 @@ the field that are beyond the lowest level.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
+from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from impact_xval.compliant_baselines.registry import is_engine, sort_by_law
 from impact_xval.experiments.config.experiment import Config
-from impact_xval.experiments.measures.aggregates import Frame, axis_levels
+from impact_xval.experiments.measures.aggregates import axis_levels
 from impact_xval.experiments.measures.ladder import CAUSES, CONTRIBUTIONS, Contribution
 from impact_xval.experiments.measures.summary import LadderSummary
 from impact_xval.experiments.presentation.style import LEFT_OUT, Drawn, label_axis_values, styled_figure
 from impact_xval.experiments.presentation.words import display_name
 from impact_xval.experiments.tables.folder import RunFolder
+from impact_xval.experiments.tables.frames import Frame
 from impact_xval.experiments.tables.numbers import number, percent
 from impact_xval.experiments.tables.parquet import column, selected
 
@@ -105,7 +106,7 @@ def _panels(ladder: LadderSummary, axes: Sequence[str]) -> Figure:
     return figure
 
 
-def _stack(ax: Any, ladder: LadderSummary, wide: Frame) -> None:
+def _stack(ax: Axes, ladder: LadderSummary, wide: Frame) -> None:
     """Draw the mean D of one engine and the bars of its contributions, positive ones above zero."""
     total = wide.total.max(axis=1).to_numpy()
     x, above, below = np.arange(len(wide)), np.zeros(len(wide)), np.zeros(len(wide))

@@ -10,17 +10,20 @@ import base64
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
+from itertools import starmap
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from matplotlib.text import Text
+from matplotlib.typing import ColorType
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -75,8 +78,30 @@ _ZIGZAG = (
 )
 
 
+#: A place across a scene, or up: of a point, or of the points of a line.
+_Coordinate = TypeVar("_Coordinate", float, Floats)
+
+
+class Moment(NamedTuple):
+    """Bodies of a history at one instant, as `History.at` gives them at several."""
+
+    #: Of the balls, shape (N,).
+    heights: Floats
+    velocities: Floats
+    #: Force of each contact, and whether the contact is active, shape (C,).
+    forces: Floats
+    acting: NDArray[np.bool_]
+
+
+class SolverAxes(NamedTuple):
+    """Axes of one solver: of its scene, and of the forces of its contacts over time."""
+
+    scene: Axes
+    forces: Axes
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class Motion:
+class SlowMotion:
     """An animation: a collision, its description `what`, and its histories by solver, the model first.
 
     `left_out` has the reason for each solver that was asked for and is not shown.
@@ -90,7 +115,7 @@ class Motion:
     @classmethod
     def of(
         cls, collision: Collision, outcomes: Mapping[str, Outcome], config: Config, chain: ChainSetup | None
-    ) -> Motion:
+    ) -> SlowMotion:
         """Put solvers beside the model, in the order of the outcomes, `MOST` at most.
 
         The configuration says how they solved it, and `chain` what the collision is, if a chain. A ValueError says
@@ -150,7 +175,7 @@ class Motion:
         return np.linspace(0.0, 1.12 * max(ends), FRAMES)
 
     @property
-    def colors(self) -> list[Any]:
+    def colors(self) -> Sequence[ColorType]:
         """Colours of the contacts."""
         count = len(self.collision.stiffnesses)
         if count <= 2:
@@ -197,22 +222,23 @@ def _at_rest(c: Collision) -> tuple[Floats, Floats]:
 
 
 def _moving(
-    motion: Motion, scale: float, strongest: float, letters: float, now: tuple[Any, ...]
+    motion: SlowMotion, scale: float, strongest: float, letters: float, now: Moment
 ) -> Iterator[Artist]:
     """Yield the moving artists of a solver's scene: springs, balls, bars of force, arrows of velocity, the state.
 
     The names of balls are `letters` points high.
     """
-    heights, velocities, forces, acting = now
     radii, at_rest = _at_rest(motion.collision)
-    middles, top = at_rest + scale * heights, at_rest[0] + radii[0] + _RISE
+    middles, top = at_rest + scale * now.heights, at_rest[0] + radii[0] + _RISE
     tops = np.append(middles + radii, 0.0)[1:]  # of what is below a contact, the table last
     ends = list(zip(tops, np.minimum(middles - radii, tops + _SPRING), strict=True))
-    contacts = list(zip(ends, motion.colors, acting, forces, strict=False))  # the last ball may have none
+    contacts = list(
+        zip(ends, motion.colors, now.acting, now.forces, strict=False)
+    )  # the last ball may have none
 
-    def place(across: Any, up: Any) -> tuple[Any, Any]:
+    def place(across: _Coordinate, up: _Coordinate) -> tuple[_Coordinate, _Coordinate]:
         """Return where a point is drawn; in a lying scene the top is on the left."""
-        return (np.negative(up), across) if motion.lies else (across, up)
+        return (-up, across) if motion.lies else (across, up)
 
     for (low, high), color, acts, _ in contacts:
         zigzag = place(_ZIGZAG[0], low + (high - low) * _ZIGZAG[1])
@@ -224,18 +250,18 @@ def _moving(
         length = _BAR * min(max(force, 0.0) / strongest, 1.0)
         bar = place(np.array([0.28, 0.28 + length]), np.full(2, 0.5 * (low + high)))
         yield Line2D(*bar, color=color, linewidth=6, solid_capstyle="butt")
-    for y, radius, v in zip(middles, radii, velocities, strict=True):
+    for y, radius, v in zip(middles, radii, now.velocities, strict=True):
         if abs(v) > 1e-3:
             upward, downward = ("<", ">") if motion.lies else ("^", "v")
-            head = {"marker": upward if v > 0 else downward, "markersize": 6, "markevery": [1]}
             arrow = place(np.full(2, -radius - 0.15), np.array([y, y + _ARROW * v]))
-            yield Line2D(*arrow, color="black", linewidth=1.4, **head)
+            head = upward if v > 0 else downward
+            yield Line2D(*arrow, color="black", linewidth=1.4, marker=head, markersize=6, markevery=[1])
     if motion.collision.falls_on_resting:
-        state = _STATES[3 - acting @ np.array([1, 2])]
+        state = _STATES[3 - now.acting @ np.array([1, 2])]
         yield Text(-1.25, top, state, fontsize=9.5, va="top", fontweight="bold", clip_on=False)
 
 
-def draw_frames(motion: Motion) -> Iterator[Pixels]:
+def draw_frames(motion: SlowMotion) -> Iterator[Pixels]:
     """Draw the frames of a motion, shape (height, width, 3) each; everything at rest is drawn once.
 
     Each solver has a scene, and below or beside it the forces of the contacts over time.
@@ -255,23 +281,24 @@ def draw_frames(motion: Motion) -> Iterator[Pixels]:
     with styled_figure(width, height) as figure:
         figure.dpi = _DPI
         panels = _set_up(figure, motion, 1.08 * least, 1.08 * strongest)
-        moving = [zip(*history.at(instants), strict=True) for history in histories]
+        moving = [starmap(Moment, zip(*history.at(instants), strict=True)) for history in histories]
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
-        unit = panels[0][0].transData.transform([(0, 0), (1, 0)])[:, 0]
+        unit = panels[0].scene.transData.transform([(0, 0), (1, 0)])[:, 0]
         radius = float(np.diff(unit)[0]) * _at_rest(motion.collision)[0].min() * 72 / _DPI
         letters = min(9.0, radius)
         still = canvas.copy_from_bbox(figure.bbox)
         for instant, *states in zip(instants, *moving, strict=True):
             canvas.restore_region(still)
             for (scene, below), now in zip(panels, states, strict=True):
-                across = {"transform": below.get_xaxis_transform(), "color": "black", "linewidth": 0.9}
+                hand = Line2D([instant, instant], [0, 1], color="black", linewidth=0.9)
+                hand.set_transform(below.get_xaxis_transform())
                 _draw(scene, *_moving(motion, scale, strongest, letters, now))
-                _draw(below, Line2D([instant, instant], [0, 1], **across))
+                _draw(below, hand)
             yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
-def _draw(ax: Any, *artists: Artist) -> None:
+def _draw(ax: Axes, *artists: Artist) -> None:
     """Draw artists into axes without adding them for good."""
     for artist in artists:
         ax.add_artist(artist)
@@ -279,7 +306,7 @@ def _draw(ax: Any, *artists: Artist) -> None:
         artist.remove()
 
 
-def _size(motion: Motion) -> tuple[float, float]:
+def _size(motion: SlowMotion) -> tuple[float, float]:
     """Return width and height of a frame in inches."""
     balls, solvers = min(len(motion.collision.masses), 20), len(motion.histories)
     if motion.lies:
@@ -287,7 +314,7 @@ def _size(motion: Motion) -> tuple[float, float]:
     return max(7.6, 2.7 * solvers), 5.0 + 0.4 * balls
 
 
-def _set_up(figure: Figure, motion: Motion, least: float, most: float) -> Sequence[tuple[Any, ...]]:
+def _set_up(figure: Figure, motion: SlowMotion, least: float, most: float) -> list[SolverAxes]:
     """Draw everything at rest; return for each solver the axes of its scene and of its forces.
 
     The axes of forces reach from `least` to `most`.
@@ -300,11 +327,15 @@ def _set_up(figure: Figure, motion: Motion, least: float, most: float) -> Sequen
         grid = figure.add_gridspec(
             count, 2, width_ratios=(2.2, 1), left=0.01, hspace=0.3, wspace=0.12, **sides
         )
-        panels = [tuple(figure.add_subplot(grid[row, side]) for side in (0, 1)) for row in range(count)]
+        panels = [
+            SolverAxes(*(figure.add_subplot(grid[row, side]) for side in (0, 1))) for row in range(count)
+        ]
     else:
         ratios = (high - 2.6, 1)
         grid = figure.add_gridspec(2, count, height_ratios=ratios, left=0.08, hspace=0.08, **sides)
-        panels = [tuple(figure.add_subplot(grid[row, side]) for row in (0, 1)) for side in range(count)]
+        panels = [
+            SolverAxes(*(figure.add_subplot(grid[row, side]) for row in (0, 1))) for side in range(count)
+        ]
     time = "time / sqrt(m1/k1) (-)" if c.exponent == 1 else "time (-)"
     for number_of, ((scene, below), (name, history)) in enumerate(
         zip(panels, motion.histories.items(), strict=True)
@@ -323,8 +354,8 @@ def _set_up(figure: Figure, motion: Motion, least: float, most: float) -> Sequen
         if not motion.lies or number_of == count - 1:
             below.set_xlabel(time)
     if not motion.lies:
-        panels[0][1].set_ylabel("force (-)")
-    lines = panels[0][1].get_legend_handles_labels()
+        panels[0].forces.set_ylabel("force (-)")
+    lines = panels[0].forces.get_legend_handles_labels()
     if len(motion.colors) <= 6:
         figure.legend(*lines, loc="lower center", bbox_to_anchor=(0.53, 0.17 / high), ncols=6, fontsize=8)
     figure.suptitle(motion.what, fontsize=10)
@@ -335,7 +366,7 @@ def _set_up(figure: Figure, motion: Motion, least: float, most: float) -> Sequen
     return panels
 
 
-def _set_scene(scene: Any, motion: Motion) -> None:
+def _set_scene(scene: Axes, motion: SlowMotion) -> None:
     """Set the limits of the axes of a scene, and draw the table if there is one."""
     radii, at_rest = _at_rest(motion.collision)
     top = at_rest[0] + radii[0] + _RISE
@@ -347,7 +378,7 @@ def _set_scene(scene: Any, motion: Motion) -> None:
     scene.axis("off")
 
 
-def write_animation(motion: Motion, path: Path) -> None:
+def write_animation(motion: SlowMotion, path: Path) -> None:
     """Write an animation as a GIF or as a self-contained page, by the suffix of the file."""
     pictures = list(draw_frames(motion))
     # One palette, that of the first and the middle one: in these are all colours.

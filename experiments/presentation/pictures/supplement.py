@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from impact_xval.experiments.presentation.pictures.curves import (
@@ -117,7 +117,7 @@ def _figure(panels: list[Panel]) -> Figure:
     return figure
 
 
-def _draw(ax: Any, panel: Panel, outcome: Outcome) -> None:
+def _draw(ax: Axes, panel: Panel, outcome: Outcome) -> None:
     """Draw the exact curve, with one colour per state, and the printed points."""
     path = outcome.path
     assert path is not None
@@ -145,10 +145,10 @@ def _draw(ax: Any, panel: Panel, outcome: Outcome) -> None:
             outcome.impulse1, outcome.impulse2, "o", color="black", markersize=4, label="exact end"
         )
         if printed:
-            marks = {"marker": "o", "markersize": 9, "markeredgewidth": 1.3, "fillstyle": "none"}
-            window_or_whole.plot(
-                *np.transpose(printed), linestyle="none", color=_PRINTED, label="printed", **marks
+            (marks,) = window_or_whole.plot(
+                *np.transpose(printed), "o", color=_PRINTED, label="printed", fillstyle="none"
             )
+            marks.set(markersize=9, markeredgewidth=1.3)
         draw_compression_lines(window_or_whole, panel.collision.mass_ratio, reach)
     ax.set(xlim=(-0.04 * reach, reach), ylim=(-0.04 * reach, reach))
     label_impulse_axes(ax)
@@ -156,7 +156,7 @@ def _draw(ax: Any, panel: Panel, outcome: Outcome) -> None:
     ax.legend(loc="upper left", fontsize=8)
 
 
-def _compare(ax: Any, panel: Panel, outcome: Outcome) -> None:
+def _compare(ax: Axes, panel: Panel, outcome: Outcome) -> None:
     """Write the exact numbers below the printed ones."""
     rows = [
         ("", "v1/|v0|", "v2/|v0|", "states"),
@@ -164,6 +164,7 @@ def _compare(ax: Any, panel: Panel, outcome: Outcome) -> None:
         ("exact", f"{outcome.v1:.6f}", f"{outcome.v2:.6f}", " ".join(outcome.states)),
     ]
     for line, row in enumerate(rows):
-        style = {"fontsize": 7.5, "color": _PRINTED if line == 1 else "black", "va": "top"}
+        color = _PRINTED if line == 1 else "black"
         for place, text in zip((-0.12, 0.06, 0.25, 0.44), row, strict=True):
-            ax.text(place, 1.1 - 0.4 * line, text, transform=ax.transAxes, **style)
+            at = place, 1.1 - 0.4 * line
+            ax.text(*at, text, transform=ax.transAxes, fontsize=7.5, color=color, va="top")

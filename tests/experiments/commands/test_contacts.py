@@ -9,7 +9,8 @@ import pytest
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Settings
-from impact_xval.experiments.commands import solvers
+from impact_xval.experiments.commands import inspect_scene
+from impact_xval.experiments.commands.options import join_numbers
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.presentation.contacts import round_outward
 from impact_xval.experiments.presentation.words import describe_restitution_product
@@ -76,6 +77,82 @@ def test_a_material_and_a_radius_are_a_contact(command):
     assert drops["duration"][0] / hertz == pytest.approx(1.067, rel=0.05)
 
 
+def test_a_spring_and_a_dashpot_in_newton_and_metre(command):
+    # The URDF of several reports: 3000 N/m and 100 N s/m, here on 0.2 kg: zeta = 2.04.
+    text = command("contact --engine mujoco --masses 0.2 inf --stiffness 3000 --damping 100")
+    assert "k = 3000 N/m, c = 100 N s/m (zeta = 2.041) between bodies of reduced mass 0.2 kg" in text
+    assert "at rest it is 0.000654 m under the weight of 0.2 kg at 9.81 m/s^2" in text
+    drops = _shown(text)
+    zeta = 100 / 2 / math.sqrt(3000 * 0.2)
+    w = math.sqrt(zeta**2 - 1)
+    for name, exact in (
+        ("restitution", math.exp(-zeta / w * math.log((zeta + w) / (zeta - w)))),
+        ("duration", math.log((zeta + w) / (zeta - w)) / w / math.sqrt(3000 / 0.2)),
+    ):
+        said, low, high = drops[name]
+        assert said == pytest.approx(exact, rel=1e-5)
+        assert 0.99 * exact <= low <= high <= 1.01 * exact
+
+
+def test_three_bodies_and_a_step_are_one_answer(command):
+    ask = "contact --engine mujoco --masses 0.45 3 inf --restitution 0.8 0.6 --step 2e-3 --tolerance 0.05"
+    text = command(ask)
+    numbers = re.findall(r"^([AB] on [BC]): k = (\S+) N/m.* reduced mass (\S+) kg$", text, re.MULTILINE)
+    assert [name for name, *_ in numbers] == ["A on B", "B on C"]
+    solrefs = re.findall(r'solref="(\S+) ', text)
+    assert [float(solref) for solref in solrefs] == pytest.approx(
+        [-float(k) / float(m) for _, k, m in numbers]
+    )
+    assert 'timestep="0.002"' in text
+    assert "under the weight of 3.45 kg" in text  # B on the floor carries A too
+    for contact, e in (("A on B", 0.8), ("B on C", 0.6)):
+        low, high = re.search(rf"^restitution, {contact} +{e} +(\S+) to (\S+) ", text, re.MULTILINE).groups()
+        assert 0.95 * e <= float(low) <= float(high) <= 1.05 * e
+    rows = {
+        name: [
+            float(number)
+            for number in re.search(rf"^{re.escape(name)} .*?((?: +\S+){{3}})$", text, re.M)[1].split()
+        ]
+        for name in (
+            "the model (state-transition)",
+            "exact Kelvin-Voigt (kelvin-voigt)",
+            "mujoco, the lines above at 0.0002 s",
+        )
+    }
+    model, exact, engine = rows.values()
+    collision = Collision.two_balls(0.45, 3.0, *(float(k) for _, k, _ in numbers), 0.8, 0.6, -1.0)
+    for name, row in (("state-transition", model), ("kelvin-voigt", exact)):
+        assert row[:2] == pytest.approx(get_solver(name).solve(collision).velocities, abs=1e-6)
+    assert engine[:2] == pytest.approx(exact[:2], abs=2e-3)
+    start = math.sqrt(0.45)  # of velocities per 1 m/s
+    apart = math.sqrt(sum(m * (a - b) ** 2 for m, a, b in zip((0.45, 3.0), exact, model, strict=False)))
+    assert exact[2] == pytest.approx(apart / start, abs=1e-3)
+
+
+def test_negative_numbers_after_solref_are_numbers(command):
+    text = command("contact --masses 1 inf --solref -1e4 -20 --solimp .5 .5 --engine mujoco")
+    assert text.startswith(
+        "solref -10000 -20 with solimp 0.5 0.5 0.001 0.5 2, as the engine reads it, is for these"
+    )
+    assert "k = 10000 N/m, c = 20 N s/m (zeta = 0.1) between bodies of reduced mass 1 kg" in text
+    assert "at rest it is 0.0004905 m" in text  # (1 - d) g/stiffness
+    assert 'solref="-10000.0 -20.0" solimp="0.5 0.5 0.001 0.5 2.0"' in text
+
+
+@pytest.mark.parametrize(
+    ("typed", "joined"),
+    [
+        ("--n 1 -2 --other 3", ["--n", "1 -2", "--other", "3"]),
+        ("a --n -1e-3 inf b -h", ["a", "--n", "-1e-3 inf b", "-h"]),
+        ("--n=1 2", ["--n=1", "2"]),
+        ("--n --other", ["--n", "--other"]),
+        ("--n -inf -x --n 2 3", ["--n", "-inf", "-x", "--n", "2 3"]),
+    ],
+)
+def test_numbers_after_an_option_are_joined_up_to_the_next_option(typed, joined):
+    assert join_numbers(typed.split(), ["--n"]) == joined
+
+
 @pytest.mark.parametrize(
     ("low", "high"),
     [
@@ -103,13 +180,14 @@ def test_an_mjcf_file_and_its_names_as_they_are_written(tmp_path, command):
     path, name = tmp_path / "scene.xml", 'name="b&#x202e;&#x9b;ll"'
     path.write_text(SCENE.format(BALL.format(z=2, name='name="ball"', solref="0.05 1")))
     out = command(["inspect", path])
-    assert "geoms #0 and ball  4189 inf" in out  # of the density 1000 kg/m^3
+    assert re.search(r"^1 +geoms #0 and ball +1 +mixed by solmix +3 +0.035 1 ", out, re.MULTILINE)
+    assert "1      4189 on fixed" in out  # of the density 1000 kg/m^3
     assert out.endswith(f"\n{path}: no traps found\n")
     balls = [BALL.format(z=z, name=name * (z == 2), solref="-100 1") for z in (2, 5)]
     path.write_text(SCENE.format("".join(balls)))
     out = command(["inspect", path], ends=3)
-    # contacts that are alike are one line, and JSON names all of them
-    assert r"geoms #0 and b\u202e\x9bll and 1 more  4189 inf" in out
+    # contacts of the same parameters are one line, and JSON names all of them
+    assert re.search(r"^1 +geoms #0 and b\\u202e\\x9bll +2 ", out, re.MULTILINE)
     assert r"mixed-signs: geoms #0 and b\u202e\x9bll and 2 more: solref (-100, 1) is neither" in out
     found = json.loads(command(["inspect", path, "--json"], ends=3))
     ball = "b\u202e\x9bll"
@@ -119,8 +197,9 @@ def test_an_mjcf_file_and_its_names_as_they_are_written(tmp_path, command):
     row = found["contacts"][0]
     assert row["masses"] == [pytest.approx(4000 * math.pi / 3), "inf"]
     assert row["damping"] == pytest.approx(row["masses"][0] * 100, rel=0.1)  # 2 M/(0.02 s): the default
-    assert row["change"].startswith("for 100 N/m and 1 N s/m: <pair ")
-    assert row["change"].split(": ", 1)[1] in out
+    assert "; or for 100 N/m and 1 N s/m: <pair " in row["change"]
+    assert row["group"] == 1
+    assert f'solref="{row["newton_metre"]["solref"][0]:.6g} ' in out
 
 
 ENDLESS = '<replicate count="1000000000" offset="0 0 1"><geom size="1"/></replicate>'
@@ -134,7 +213,7 @@ ENDLESS = '<replicate count="1000000000" offset="0 0 1"><geom size="1"/></replic
     ],
 )
 def test_what_cannot_be_examined_costs_a_line(inside, seconds, says, tmp_path, refused, monkeypatch):
-    monkeypatch.setattr(solvers, "_TO_INSPECT", seconds)
+    monkeypatch.setattr(inspect_scene, "_TO_INSPECT", seconds)
     (tmp_path / "bad.xml").write_text(SCENE.format(inside))
     refused(["inspect", tmp_path / "bad.xml"], says)
 

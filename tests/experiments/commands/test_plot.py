@@ -12,7 +12,7 @@ from PIL import Image
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.arrangements import ChainSetup
 from impact_xval.experiments.config.experiment import parse_config
-from impact_xval.experiments.presentation.pictures.motion import FRAMES, RATE, Motion, draw_frames
+from impact_xval.experiments.presentation.pictures.motion import FRAMES, RATE, SlowMotion, draw_frames
 from impact_xval.model import Outcome, solve
 
 BESIDE = "solve --stiffness-ratio 1 --mass-ratio 1.1547 --e1 0.9 --e2 0.7 --solver kelvin-voigt"
@@ -72,7 +72,9 @@ def _of(chain, names, **others):
     """Make the motion of a chain of which all solvers that are named have the path of the model."""
     problem = chain.collision()
     outcome = solve(problem, path=True)
-    return Motion.of(problem, {name: outcome for name in names} | others, parse_config({"chain": {}}), chain)
+    return SlowMotion.of(
+        problem, {name: outcome for name in names} | others, parse_config({"chain": {}}), chain
+    )
 
 
 SIX = ["mujoco", "pybullet", "kelvin-voigt", "bistiffness", "hunt-crossley", "rapier"]

@@ -11,6 +11,7 @@ CELL = "solve --stiffness-ratio 1 --mass-ratio 1 --e1 0.9 --e2 0.7"
 CRADLE = "solve --arrangement cradle"
 PLOT = "legal: a file that ends in .png, .svg, .pdf, .gif, .html"
 ASK = "contact --engine mujoco --masses 1.0 0.5 --restitution 0.7"
+OF_TWO = "contact --engine mujoco --masses 1 1"
 STEEL = "contact --engine mujoco --material steel"
 #: What is typed, of options twice the last one counts, and what the line holds.
 WRONG = [
@@ -38,20 +39,75 @@ WRONG = [
     *((f"inspect any.xml --speed={x}", "--speed = ") for x in ("0", "-1", "inf", "nan", "fast")),
     ("inspect gone.xml", "gone.xml: no such file of MuJoCo; legal: a file that ends in .xml or .mjb"),
     (f"{ASK} --stiffness 1 --restitution 0", "--restitution = 0.0; legal: from 0.0001 to 1"),
-    (f"{ASK} --stiffness 1 --restitution half", "--restitution = 'half'; legal: a number"),
-    (f"{ASK} --stiffness 1 --masses 1 --restitution", "--masses = '--restitution'; legal: a number"),
-    (f"{ASK} --duration 1e-3 --stiffness 1", "--stiffness or duration: both given"),
-    (ASK, "--stiffness or duration: neither given"),
-    ("contact --engine mujoco --restitution 1", "--masses: not given; legal: a value, or "),
+    (f"{ASK} --stiffness 1 --restitution half", "--restitution = 'half'; legal: one or two numbers"),
+    (f"{ASK} --stiffness 1 --masses 1", "--masses = '1'; legal: two or three numbers"),
+    (f"{ASK} --stiffness 1 --masses 1 2 3 4", "--masses = '1 2 3 4'; legal: two or three numbers"),
+    (f"{ASK} --stiffness 1 --masses 1 inf 2", "--masses = 1 inf 2: of three bodies only the last one may be"),
+    (
+        f"{ASK} --duration 1e-3 --stiffness 1",
+        "--stiffness = 1.0 and duration = 0.001: each decides the other",
+    ),
+    (
+        f"{ASK} --duration 1e-3 --step 1e-3",
+        "--step = 0.001 beside duration: each decides the other; legal: one of",
+    ),
+    (
+        f"{ASK} --damping 1 --sink 1",
+        "--restitution = 0.7 and damping = 1.0: each decides the other; legal: one of",
+    ),
+    (ASK, "--stiffness, duration, step or sink: none given; legal: one of them, which decides the others"),
+    ("contact --engine mujoco --masses 1 1 --sink 1", "--restitution, damping or damping-ratio: none given"),
+    (
+        f"{ASK} --stiffness 1 2",
+        "--stiffness = 1 2: two numbers for one contact; legal: one, or three --masses",
+    ),
+    (f"{ASK} --restitution 1.5 --sink 1", "--restitution = 1.5; legal: from 0.0001 to 1"),
+    (f"{ASK} --sink 0", "--sink = 0.0; legal: a finite number > 0 (m)"),
+    (f"{ASK} --step 0", "--step = 0.0; legal: from 1e-12 to 1000 (s)"),
+    (f"{ASK} --sink 1 --tolerance 0", "--tolerance = 0.0; legal: from 0.0001 to 0.3"),
+    (f"{OF_TWO} --damping -1 --sink 1", "--damping = -1.0; legal: a finite number >= 0 (N s/m)"),
+    (f"{OF_TWO} --damping-ratio -1 --sink 1", "--damping-ratio = -1.0; legal: from 0 to 50"),
+    (
+        f"{OF_TWO} --damping 1e9 --sink 1",
+        "--damping = 1000000000.0 beside sink = 1.0: a damping ratio of",
+        "legal: at most 50",
+    ),
+    (
+        f"{OF_TWO} --damping 1e9 --duration 1",
+        "--damping = 1000000000.0 beside duration = 1.0: a restitution of",
+    ),
+    (
+        f"{OF_TWO} --solref -1 -1e3",
+        "--solref = -1 -1000: the contact returns 1e-06 of the speed; legal: at least 0.0001",
+    ),
+    (f"{OF_TWO} --solref -1", "--solref = '-1'; legal: two numbers"),
+    (
+        f"{OF_TWO} --solref -1 1",
+        "--solref = -1 1: the engine replaces mixed signs by its default 0.02 1; legal: ",
+    ),
+    (f"{OF_TWO} --solref 0 -1", "--solref = 0 -1: a contact without a spring; legal: "),
+    (
+        f"{OF_TWO} --solref 0.02 1 --sink 1",
+        "--sink = 1: given beside solref, which decides it; legal: one of both",
+    ),
+    (f"{OF_TWO} 1 --solref 0.02 1", "--masses: 3 given; legal: two beside solref"),
+    (
+        f"{OF_TWO} --solref 0.02 1 --engine pybullet",
+        "--solref: numbers of MuJoCo beside --engine pybullet; legal:",
+    ),
+    (f"{OF_TWO} --solimp 0.9 --sink 1", "--solimp: given alone; legal: beside solref"),
+    (f"{OF_TWO} --solref 1 1 --solimp 0.9 half", "--solimp = '0.9 half'; legal: 1 to 5 numbers"),
+    ("contact --engine mujoco --restitution 1", "--masses: not given; legal: two or three numbers, or "),
     (f"{ASK} --stiffness 1 --masses inf inf", "two fixed bodies do not collide"),
     (f"{ASK} --stiffness 1 --masses 1e-12 1e12", "one is 1e+24 times the other; legal: at most 1e+12"),
     (f"{ASK} --stiffness 1 --speed nan", "--speed = nan; legal: from 1e-09 to 1e+09 (m/s)"),
-    (f"{ASK} --stiffness 1 --engine dart", "--engine = 'dart'; legal: mujoco, pybullet, drake"),
+    (f"{ASK} --stiffness 1 --engine jolt", "--engine = 'jolt'; legal: mujoco, pybullet, drake"),
+    (f"{ASK} --engine dart --solref 0.02 1", "--restitution = 0.7: given beside solref, which decides it"),
     (STEEL, "--radius: given 0 times; legal: once or twice, beside material"),
     (f"{STEEL} --radius inf", "--radius = inf inf: two flats"),
     (f"{STEEL} --radius 1 --material stone", "--material = 'stone'; legal: steel, glass, brass, rubber, "),
     (f"{STEEL} --radius 0.02 --material brass", "--restitution of brass: none has a source"),
-    (f"{STEEL} --radius 0.02 --stiffness 1", "--stiffness: given beside materials"),
+    (f"{STEEL} --radius 0.02 --stiffness 1", "--stiffness = 1: given beside materials"),
     (f"{STEEL} --radius 0.02 --speed 0", "--speed = 0.0; legal"),
     (f"{ASK} --duration 1e-12", "--engine mujoco: unrepresentable: accelerations about "),
     (f"{CELL} --stiffness-ratio -1", "--stiffness-ratio = -1", "0 to inf"),

@@ -26,7 +26,7 @@ from impact_xval.experiments.hypothesis.chains import (
 )
 from impact_xval.experiments.hypothesis.judging import kinetic_distance
 from impact_xval.experiments.hypothesis.page import count_chains, format_range
-from impact_xval.experiments.hypothesis.run import LIMIT_CASES, MARGIN, draw_design
+from impact_xval.experiments.hypothesis.run import LIMITING_CASES, MARGIN, draw_design
 from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, display_name
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.model import Collision, solve
@@ -138,7 +138,7 @@ def predicted(case, solver, mu, e1, e2):
 
 def test_verdicts_and_that_refuted_limits_are_those_predicted_without_a_simulation(made):
     verdicts, tried = wholes(made[0] / "verdicts.csv").set_index(["case", "solver"]).verdict, set()
-    for limit in (case.key for case in LIMIT_CASES):
+    for limit in (case.key for case in LIMITING_CASES):
         assert [*verdicts[limit][SOLVERS]] == [cell.split(",")[0] for cell in TABLES[limit].split(" | ")]
     for row in pd.read_csv(made[0] / "points.csv").query("verdict == 'refuted'").itertuples():
         form = predicted(row.case, row.solver, row.mass_ratio, row.e1, row.e2)
@@ -156,7 +156,7 @@ BAD = {
     "solvers = ['mujoko']": ("solvers = 'mujoko' ", "did you mean 'mujoco'"),
     "[chains]\nballs = [3, 7]": ("chains.balls = [3, 7]", " whole numbers from 4 to 12"),
     "seed = 1.5": ("seed = 1.5", " a whole number from 0 to 2^32"),
-    "points = 3": ("points = 3", " from 6 to 500 (points of each limit)"),
+    "points = 3": ("points = 3", " from 6 to 500 (points of each limiting case)"),
 }
 
 

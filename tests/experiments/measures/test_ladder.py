@@ -14,7 +14,7 @@ from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures import corners as of_corners
 from impact_xval.experiments.measures.corners import Corners, corner_names
-from impact_xval.experiments.measures.ladder import NO_LIMIT, Part, ladders, sentence, split
+from impact_xval.experiments.measures.ladder import NO_LIMIT, SentencePart, ladders, sentence, split
 from impact_xval.experiments.measures.summary import BAND, summarise_ladder
 from impact_xval.experiments.sweep.rows import (
     Experiment,
@@ -228,7 +228,7 @@ def test_a_cell_is_marked_where_a_corner_of_its_ladder_jumps():
 
 def test_a_sentence_claims_most_only_if_every_order_agrees():
     def said(*parts, agreed=True, divergence=0.1):
-        return sentence("engine", divergence, [Part(*part) for part in parts], agreed)
+        return sentence("engine", divergence, [SentencePart(*part) for part in parts], agreed)
 
     most, little = ("a", 0.9, 0.09, 0.8, 0.95), ("b", 0.1, 0.01, 0.05, 0.2)
     assert "most of it by a (90 %, by order 80 to 95 %" in said(most, little)

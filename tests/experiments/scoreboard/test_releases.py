@@ -186,7 +186,7 @@ def test_where_nothing_can_be_installed_that_is_all_that_is_said(refused, uv, tm
         "--with 'pymunk==99': No solution found: Because there is no version of pymunk==99",
     )
     assert not (tmp_path / "out").exists()
-    assert [path.suffix for path in environments.cache_folder().iterdir()] == [".lock"]
+    assert [path.suffix for path in environments.environments_folder().iterdir()] == [".lock"]
 
 
 def test_without_uv_pip_is_asked(tmp_path, monkeypatch):

@@ -143,7 +143,7 @@ def dies(_, name, case, e):
 @pytest.mark.nightly
 def test_an_engine_that_dies_costs_the_answers_it_does_not_give(monkeypatch, tmp_path):
     monkeypatch.setattr(playing, "answer_case", dies)
-    with contextlib.closing(Slot()) as slot:
+    with contextlib.closing(Slot(None)) as slot:
         found = pd.DataFrame(playing._answer_all_cases(slot, "newton-restitution", tmp_path))
     said = {*zip(found.case == "stack of 3", found.status, found.reason, strict=True)}
     assert said == {(True, "crashed", "its process died: exit code 7"), (False, "ok", "")}

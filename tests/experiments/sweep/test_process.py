@@ -76,7 +76,7 @@ def test_a_killed_process_is_a_fault_that_says_so_and_the_next_call_is_answered(
 
 @pytest.mark.parametrize("dies", [False, True])
 def test_a_process_that_compiled_or_died_of_it_is_replaced_once(tmp_path, dies):
-    with contextlib.closing(Slot()) as slot:
+    with contextlib.closing(Slot(None)) as slot:
         for _ in range(2):
             slot.prepare("mujoco", made_ready, tmp_path / "ready", dies)
         first, second = map(int, (tmp_path / "ready").read_text().split())
@@ -107,7 +107,7 @@ def test_it_does_not_outlive_a_killed_parent_whatever_it_does():
     script = (
         "from impact_xval.experiments.sweep.process import Worker\n"
         "from tests.experiments.sweep import test_process as w\n"
-        "s = Worker(); print(s.call(w.pid, timeout=60), flush=True); s.call(w.orphan, timeout=600)"
+        "s = Worker(None); print(s.call(w.pid, timeout=60), flush=True); s.call(w.orphan, timeout=600)"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.returncode == -signal.SIGKILL

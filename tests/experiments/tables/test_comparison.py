@@ -50,16 +50,16 @@ def test_the_changes_are_those_of_the_tables(runs, tolerance, moved):
     found = compare_runs(*runs, tolerance)
     assert list(found.solvers) == SOLVERS
     mujoco = found.solvers["mujoco"]
-    assert (found.moved, mujoco["moved"], mujoco["statuses"]) == (moved, moved, 6)
+    assert (found.moved, mujoco.moved, mujoco.statuses) == (moved, moved, 6)
     for name, each in found.solvers.items():
         mine = cells[cells.solver == name]
-        assert each["compared"] == len(mine) == 12
+        assert each.compared == len(mine) == 12
         changes = np.abs(mine[["v1_a", "v2_a"]].to_numpy() - mine[["v1_b", "v2_b"]].to_numpy())
-        assert each["velocity"] == np.nanmax(changes / np.abs(mine[["v0_a"]].to_numpy()))
+        assert each.velocity == np.nanmax(changes / np.abs(mine[["v0_a"]].to_numpy()))
         d = away[away.solver == name]
         change = (d.velocity_divergence_a - d.velocity_divergence_b).abs().max()
-        assert each["divergence"] == (0 if name == "state-transition" else change)
-    assert mujoco["velocity"] == pytest.approx(1e-6, rel=1e-6)
+        assert each.divergence == (0 if name == "state-transition" else change)
+    assert mujoco.velocity == pytest.approx(1e-6, rel=1e-6)
     # The worst: those of another status, then the largest changes.
     ends = [(row.status_b, row.velocity == np.inf) for row in found.worst]
     assert ends == ([("crashed", True)] * 6 + [("ok", False)] * 4)[:moved]
@@ -117,5 +117,5 @@ def test_chains_of_n_balls_are_compared_ball_by_ball(tmp_path, refused, runs):
     b = _run(tmp_path / "b", fakes.refusing, chunk_size=1, grid=None, chain=chain)
     assert compare_runs(a, a, 0).moved == 0
     found = compare_runs(a, b, 1e-9)
-    assert [each["moved"] for each in found.solvers.values()] == [0, 0, 4]
+    assert [each.moved for each in found.solvers.values()] == [0, 0, 4]
     refused(["compare", a.root, runs[0].root], "a run of chains of N balls, ")

@@ -91,7 +91,7 @@ def test_an_experiment_file_runs_and_agrees_with_the_run_of_0_4(tmp_path):
     }
     old = run_folder(RUNS / "chains")
     found = compare_runs(old, run_sweep(config, tmp_path / "run", isolate=False).folder, 1e-9)
-    assert {name: row["compared"] for name, row in found.solvers.items()} == {
+    assert {name: changes.compared for name, changes in found.solvers.items()} == {
         "state-transition": 12,
         "kelvin-voigt": 12,
     }

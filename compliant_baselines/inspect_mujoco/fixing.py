@@ -1,0 +1,274 @@
+"""Writing a scene whose contacts are what their direct numbers were meant to say, and measuring it again.
+
+MuJoCo itself writes the compiled scene as one file (`mj_saveLastXML`): includes and frames are resolved, and numbers
+have six digits. The file gets a <pair> for each contact with direct numbers, the longest step at which all of them are
+good, and a tolerance of 0 where the scene's is in the way. Geoms of such a pair without a name get one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NamedTuple
+from xml.etree import ElementTree
+
+from impact_xval.compliant_baselines.engines.mujoco import Mujoco
+from impact_xval.compliant_baselines.inspect_mujoco.drops import MeasuredContact, measure_contact
+from impact_xval.compliant_baselines.inspect_mujoco.examination import (
+    ExaminedGroup,
+    examine_groups,
+    load_scene,
+)
+from impact_xval.compliant_baselines.inspect_mujoco.groups import ContactGroup, choose_members, group_contacts
+from impact_xval.compliant_baselines.inspect_mujoco.readings import (
+    Kind,
+    Reading,
+    is_as_meant,
+    meaning_in_newton_metre,
+    write_reading,
+)
+from impact_xval.compliant_baselines.inspect_mujoco.scene_contacts import (
+    MOST_GEOMS,
+    Bodies,
+    SceneContact,
+    find_contacts,
+)
+from impact_xval.compliant_baselines.mapping import KelvinVoigtContact
+from impact_xval.compliant_baselines.restitution import contact_time, damping_ratio
+
+mujoco: Any = import_module("mujoco")  # the names of the compiled module are invisible to a type checker
+
+#: Most geoms of a scene that is written.
+MOST_GEOMS_TO_FIX = 250
+
+
+class ContactToWrite(NamedTuple):
+    """A contact that gets another <pair>."""
+
+    contact: SceneContact
+    meant: KelvinVoigtContact
+    reading: Reading
+
+
+class WrittenContact(NamedTuple):
+    """A contact of the scene that was written, measured in it."""
+
+    #: Names of the contacts, in the scene that was read, that have these bodies and parameters.
+    names: list[str]
+    masses: tuple[float, float]
+    solref_before: tuple[float, float]
+    reading: Reading
+    measured: MeasuredContact
+    #: Whether the drops gave what is meant.
+    is_kept: bool
+
+
+@dataclass(frozen=True)
+class FixedScene:
+    """A scene that was written, and what its contacts were measured to do."""
+
+    kind: Kind
+    written: list[WrittenContact]
+    #: Number of pairs that were written, and of geoms that got a name.
+    pairs: int
+    named_geoms: int
+    #: Time steps in s, before and after.
+    step_before: float
+    step: float
+    zero_tolerance: bool
+    #: Number of contacts that stay as they were.
+    unchanged: int
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether all contacts that were measured do what is meant."""
+        return all(contact.is_kept for contact in self.written)
+
+
+def fix_scene(source: Path, target: Path, kind: Kind, speed: float, geom: str | None = None) -> FixedScene:
+    """Write a scene in which direct numbers do what one reading of them says, and measure it.
+
+    Parameters
+    ----------
+    source, target
+        The file that is read, and the file that is written.
+    kind
+        The reading: ``keep`` or ``newton-metre``.
+    speed
+        In m/s, at which bodies are dropped.
+    geom
+        Name of a geom: only its contacts are written.
+
+    Raises
+    ------
+    ValueError
+        If MuJoCo does not take the scene, if it is too large, or if there is nothing to write.
+    """
+    model = load_scene(source)
+    if model.ngeom > MOST_GEOMS_TO_FIX:
+        raise ValueError(f"--fix: {source} has {model.ngeom} geoms; legal: at most {MOST_GEOMS_TO_FIX}")
+    examination = examine_groups(model, speed, geom=geom)
+    to_write = [one for group in examination.groups for one in _contacts_to_write(model, group, kind)]
+    if not to_write:
+        raise ValueError(
+            f"--fix: no contact of {source} has direct numbers of two readings; nothing is written"
+        )
+    # The examination compiled nothing else, but its drops did: the engine writes what it has compiled last.
+    load_scene(source)
+    mujoco.mj_saveLastXML(str(target), model)
+    step = min(model.opt.timestep, min(one.reading.step for one in to_write))
+    examined = (contact for contact in examination.contacts)
+    readings = [contact.keep if kind == "keep" else contact.newton_metre for contact in examined]
+    zero_tolerance = any(reading is not None and reading.zero_tolerance for reading in readings)
+    try:
+        named = _write_pairs(target, source, model, to_write, step, zero_tolerance)
+        written_model = load_scene(target)
+    except ValueError:
+        target.unlink()
+        raise
+    contacts = sum(len(group.group.contacts) for group in examination.groups)
+    return FixedScene(
+        kind=kind,
+        written=_measure_written(written_model, to_write, speed),
+        pairs=len(to_write),
+        named_geoms=named,
+        step_before=float(model.opt.timestep),
+        step=step,
+        zero_tolerance=zero_tolerance,
+        unchanged=contacts - len(to_write),
+    )
+
+
+def _contacts_to_write(model: Any, group: ExaminedGroup, kind: Kind) -> list[ContactToWrite]:
+    """Return the contacts of a group that have the reading.
+
+    A contact that was not measured is read as the measured one that is nearest in mass.
+    """
+    measured = [contact for contact in group.examined if not contact.row.reason]
+    if not measured:
+        return []
+    contacts = group.group.contacts
+    if model.ngeom > MOST_GEOMS:
+        parameters = contacts[0].bodies.parameters
+        every = group_contacts(find_contacts(model, range(model.ngeom)))
+        contacts = next(each.contacts for each in every if each.contacts[0].bodies.parameters == parameters)
+    to_write: list[ContactToWrite] = []
+    for contact in contacts:
+        nearest = min(measured, key=lambda each: abs(math.log(each.bodies.mass / contact.bodies.mass)))
+        reading = nearest.keep if kind == "keep" else nearest.newton_metre
+        if reading is None:
+            continue
+        meant = meaning_in_newton_metre(contact.bodies, model.opt)
+        if kind == "keep":
+            meant = _contact_with(reading.restitution, reading.duration, contact.bodies)
+        to_write.append(ContactToWrite(contact, meant, write_reading(kind, contact.bodies, model.opt, meant)))
+    return to_write
+
+
+def _contact_with(restitution: float, duration: float, bodies: Bodies) -> KelvinVoigtContact:
+    """Return the contact of two bodies with a restitution and a duration in s."""
+    stiffness = bodies.mass * (contact_time(damping_ratio(restitution)) / duration) ** 2
+    return KelvinVoigtContact.from_restitution(stiffness, restitution, bodies.mass)
+
+
+def _write_pairs(
+    target: Path,
+    source: Path,
+    model: Any,
+    to_write: Sequence[ContactToWrite],
+    step: float,
+    zero_tolerance: bool,
+) -> int:
+    """Write the pairs into the file that MuJoCo has saved; return the number of geoms that got a name."""
+    tree = ElementTree.parse(target)
+    root = tree.getroot()
+    world = root.find("worldbody")
+    geoms = [] if world is None else _geoms_in_order(world)
+    names = [model.geom(geom).name for geom in range(model.ngeom)]
+    if [element.get("name", "") for element in geoms] != names:
+        raise ValueError(
+            f"--fix: {source}: MuJoCo writes its geoms in another order; use the <pair>s of --json"
+        )
+    named = 0
+    for number in sorted({geom for one in to_write for geom in one.contact.geoms}):
+        if not names[number]:
+            names[number] = _free_name(f"geom{number}", names)
+            geoms[number].set("name", names[number])
+            named += 1
+    section = root.find("contact")
+    if section is None:
+        section = ElementTree.SubElement(root, "contact")
+    existing = {frozenset((pair.get("geom1"), pair.get("geom2"))): pair for pair in section.iter("pair")}
+    for one in to_write:
+        first, second = (names[geom] for geom in one.contact.geoms)
+        pair = existing.get(frozenset((first, second)))
+        if pair is None:
+            pair = ElementTree.SubElement(section, "pair", {"geom1": first, "geom2": second})
+            margin = dict(one.contact.bodies.pair)["margin"][0]
+            if margin:
+                pair.set("margin", f"{margin:.12g}")
+        pair.attrib.update(one.reading.attributes)
+        pair.set("solref", " ".join(f"{value:.12g}" for value in one.reading.solref))
+    option = root.find("option")
+    if option is None:
+        option = ElementTree.Element("option")
+        root.insert(0, option)
+    option.set("timestep", f"{step:.12g}")
+    if zero_tolerance:
+        option.set("tolerance", "0")
+    if source.parent.resolve() != target.parent.resolve():
+        _point_to_assets(root, source.parent)
+    ElementTree.indent(tree)
+    tree.write(target, encoding="unicode")
+    return named
+
+
+def _geoms_in_order(body: ElementTree.Element) -> list[ElementTree.Element]:
+    """List the geoms below a body by their numbers: first its own, then those of its children."""
+    geoms = body.findall("geom")
+    for child in body.findall("body"):
+        geoms += _geoms_in_order(child)
+    return geoms
+
+
+def _free_name(name: str, names: Sequence[str]) -> str:
+    """Return a name that no geom has yet."""
+    while name in names:
+        name += "_"
+    return name
+
+
+def _point_to_assets(root: ElementTree.Element, folder: Path) -> None:
+    """Name the folders of meshes and textures in full: the file is written to another folder."""
+    compiler = root.find("compiler")
+    if compiler is None:
+        compiler = ElementTree.Element("compiler")
+        root.insert(0, compiler)
+    for key in ("meshdir", "texturedir"):
+        compiler.set(key, str((folder / compiler.get(key, "")).resolve()))
+
+
+def _measure_written(model: Any, to_write: Sequence[ContactToWrite], speed: float) -> list[WrittenContact]:
+    """Measure the contacts that were written, of each group of the scene that was read those that differ most."""
+    selected = {geom for one in to_write for geom in one.contact.geoms}
+    now = {contact.geoms: contact.bodies for contact in find_contacts(model, selected)}
+    by_bodies = {one.contact.bodies: one for one in reversed(to_write)}
+    written: list[WrittenContact] = []
+    with Mujoco().running():
+        for group in group_contacts([one.contact for one in to_write]):
+            for bodies in choose_members(ContactGroup(group.contacts)):
+                one = by_bodies[bodies]
+                names = group.members[bodies]
+                try:
+                    row = measure_contact(now[one.contact.geoms], model.opt, model.opt.timestep, speed)
+                except (RuntimeError, KeyError) as error:
+                    row = MeasuredContact(names, bodies.masses, reason=f"not measured: {error}")
+                written.append(
+                    WrittenContact(
+                        names, bodies.masses, bodies.solref, one.reading, row, is_as_meant(row, one.meant)
+                    )
+                )
+    return written

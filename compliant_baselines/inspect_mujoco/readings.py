@@ -1,0 +1,293 @@
+"""What a solref may have been meant to say, how to write that, and what the written contact was measured to give.
+
+Direct numbers (-stiffness, -damping) have two readings: keep what the contact does now, or take the numbers for N/m and
+N s/m. Both are written as a <pair> at the level of forces, so that a third body does not change them. Where the numbers
+are a time constant and a damping ratio, no wish is assumed: the advice says which damping ratios give which
+restitution.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from importlib import import_module
+from typing import Any, Literal, NamedTuple
+
+from impact_xval.compliant_baselines.inspect_mujoco.drops import MeasuredContact, measure_contact
+from impact_xval.compliant_baselines.inspect_mujoco.scene_contacts import Bodies
+from impact_xval.compliant_baselines.inspect_mujoco.traps import FORCE_LEVEL, describe_damping_ratio
+from impact_xval.compliant_baselines.mapping import KelvinVoigtContact, mujoco_contact
+from impact_xval.compliant_baselines.restitution import contact_time, damping_ratio
+
+mujoco: Any = import_module("mujoco")  # the names of the compiled module are invisible to a type checker
+
+#: How far the restitution of a contact may be from what was meant.
+NEAR_E = 0.02
+
+#: How far its stiffness or its duration may be, relatively.
+NEAR_K = 0.05
+
+#: Restitution of a contact that is not to rebound: no finite damping gives 0.
+NO_REBOUND = 0.01
+
+#: Time constant over the longest step at which refsafe leaves it as it is (2), with some room.
+_REFSAFE_STEPS = 2.2
+
+#: Steps in a contact at a good step.
+_GOOD_STEPS = 100
+
+#: Restitutions that users ask for, for which the advice gives damping ratios.
+_USUAL_RESTITUTIONS = (0.5, 0.9)
+
+Kind = Literal["keep", "newton-metre"]
+
+
+class Reading(NamedTuple):
+    """A contact that may have been meant, how to write it, and what drops of what is written gave; SI units."""
+
+    kind: Kind
+    #: What is meant.
+    stiffness: float
+    damping: float
+    restitution: float
+    duration: float
+    #: What to write in a <pair>: solref, solimp, condim and friction.
+    solref: tuple[float, float]
+    solimp: tuple[float, float, float, float, float]
+    condim: int
+    friction: tuple[float, ...]
+    #: Longest time step in s.
+    step: float
+    #: Whether the solver's tolerance has to be 0.
+    zero_tolerance: bool
+    #: Mean and range over the places of the touch within a step; None if they were not measured.
+    measured_restitution: float | None
+    measured_range: tuple[float, float] | None
+    measured_duration: float | None
+    #: Whether the drops gave what is meant; `problem` says what they gave instead.
+    is_kept: bool
+    problem: str
+
+    @property
+    def pair(self) -> str:
+        """The <pair> to write; the names of its geoms are left out."""
+        return f"<pair {' '.join(f'{name}={text!r}' for name, text in self.attributes.items())}/>".replace(
+            "'", '"'
+        )
+
+    @property
+    def attributes(self) -> dict[str, str]:
+        """The attributes of the <pair>; a frictionless one has no friction."""
+        attributes = {"condim": str(self.condim)}
+        if self.condim > 1:
+            attributes["friction"] = format_numbers(self.friction)
+        return attributes | {"solref": format_numbers(self.solref), "solimp": format_numbers(self.solimp)}
+
+    @property
+    def text(self) -> str:
+        """The reading in words: what is meant, what to write, and what that gives."""
+        meant = f"{self.stiffness:.4g} N/m and {self.damping:.4g} N s/m"
+        if self.kind == "keep":
+            meant = f"e = {self.restitution:.3g} in {self.duration:.3g} s as now"
+        tolerance = ' with <option tolerance="0"/>' if self.zero_tolerance else ""
+        gives = self.problem
+        if self.measured_restitution is not None:
+            gives = f"which gives e = {self.measured_restitution:.3g} in {self.measured_duration:.3g} s"
+        return f"for {meant}: {self.pair}{tolerance} and a step of {self.step:g} s, {gives}"
+
+
+class RatioAdvice(NamedTuple):
+    """Which damping ratios give which restitution, for a contact with a time constant and a damping ratio."""
+
+    #: What the contact has now.
+    solref: tuple[float, float]
+    #: Restitutions, and the solref that gives each with the duration that the contact has now.
+    choices: list[tuple[float, tuple[float, float]]]
+    #: Longest time step in s for all of them.
+    step: float
+    #: Mean restitution that drops gave for each; None if a drop failed.
+    measured: list[float | None]
+
+    @property
+    def text(self) -> str:
+        """The advice in words."""
+        first, *others = (
+            f'{e:g} write {solref[1]:.3g} (solref="{format_numbers(solref, 3)}")'
+            for e, solref in self.choices
+        )
+        drops = " and ".join("no rebound" if e is None else f"{e:.3g}" for e in self.measured)
+        return (
+            f"For e = {', for '.join([first, *others])}: the same duration; at a step of {self.step:g} s drops give "
+            f"{drops}"
+        )
+
+
+def read_direct_numbers(
+    bodies: Bodies, option: Any, speed: float, measured: MeasuredContact, kept: MeasuredContact
+) -> tuple[Reading | None, Reading | None]:
+    """Read direct numbers in both ways: what they do now (`kept`), and what they mean in N/m and N s/m.
+
+    There is nothing to read in other numbers, or where the contact does what its numbers mean in N/m and N s/m. At the
+    level of forces the numbers are N/m and N s/m over the mass.
+    """
+    if bodies.solref[0] >= 0:
+        return None, None
+    meant = meaning_in_newton_metre(bodies, option)
+    assert measured.restitution_range is not None
+    off = max(abs(e - meant.restitution) for e in measured.restitution_range)
+    is_stiff_as_meant = measured.stiffness is not None and abs(measured.stiffness / meant.k - 1) <= NEAR_K
+    if off <= NEAR_E and is_stiff_as_meant:
+        return None, None
+    keep = verify_reading("keep", bodies, option, speed, contact_of(kept, bodies))
+    return keep, verify_reading("newton-metre", bodies, option, speed, meant)
+
+
+def meaning_in_newton_metre(bodies: Bodies, option: Any) -> KelvinVoigtContact:
+    """Return the contact whose numbers in N/m and N s/m are those of a direct solref.
+
+    At the level of forces the numbers are those over the mass and the cone's factor by which the engine scales them.
+    """
+    solref, solimp = bodies.solref, bodies.solimp
+    is_at_force_level = solimp[0] <= FORCE_LEVEL and solref[1] <= 0
+    unit = bodies.scale * _cone_factor(bodies, option) if is_at_force_level else 1.0
+    return KelvinVoigtContact(abs(solref[0]) * unit, abs(solref[1]) * unit, bodies.mass)
+
+
+def contact_of(measured: MeasuredContact, bodies: Bodies) -> KelvinVoigtContact:
+    """Return the contact with the restitution and the duration that were measured, for these bodies."""
+    assert measured.restitution is not None
+    assert measured.duration is not None
+    e = min(max(measured.restitution, NO_REBOUND), 1.0)
+    stiffness = bodies.mass * (contact_time(damping_ratio(e)) / measured.duration) ** 2
+    return KelvinVoigtContact.from_restitution(stiffness, e, bodies.mass)
+
+
+def write_reading(kind: Kind, bodies: Bodies, option: Any, meant: KelvinVoigtContact) -> Reading:
+    """Write a contact as a <pair> at the level of forces, with the geoms' own condim and friction; measure nothing."""
+    pair = dict(bodies.pair)
+    solref, solimp = mujoco_contact(meant._replace(mass=bodies.scale * _cone_factor(bodies, option)))
+    return Reading(
+        kind=kind,
+        stiffness=meant.k,
+        damping=meant.c,
+        restitution=meant.restitution,
+        duration=meant.duration,
+        solref=solref,
+        solimp=solimp,
+        condim=int(pair["dim"][0]),
+        friction=pair["friction"],
+        step=min(option.timestep, _round_down(meant.duration / _GOOD_STEPS)),
+        zero_tolerance=False,
+        measured_restitution=None,
+        measured_range=None,
+        measured_duration=None,
+        is_kept=False,
+        problem="was not measured",
+    )
+
+
+def _cone_factor(bodies: Bodies, option: Any) -> float:
+    """Return the factor by which a cone multiplies the force along the normal at a small impedance.
+
+    The factor of a pyramidal cone is (condim - 1)/(mu^2 (1 + mu^2)): the cone has 2 (condim - 1) edges. The
+    regularisation of an edge is 2 mu^2 that of the normal, and the inverse weight in it is (1 + mu^2) that of the
+    bodies (the engine's mj_diagApprox and mj_makeImpedance).
+    """
+    pair = dict(bodies.pair)
+    condim, mu = int(pair["dim"][0]), pair["friction"][0]
+    if condim == 1 or option.cone != mujoco.mjtCone.mjCONE_PYRAMIDAL:
+        return 1.0
+    return (condim - 1) / (mu**2 * (1 + mu**2))
+
+
+def verify_reading(
+    kind: Kind, bodies: Bodies, option: Any, speed: float, meant: KelvinVoigtContact
+) -> Reading:
+    """Write a contact, and drop what is written; a tolerance of 0 is part of it where the scene's is in the way."""
+    reading = write_reading(kind, bodies, option, meant)
+    written = bodies._replace(
+        pair=tuple((dict(bodies.pair) | {"solref": reading.solref, "solimp": reading.solimp}).items())
+    )
+    for exact in (False, True):
+        try:
+            row = measure_contact(written, option, reading.step, speed, exact=exact)
+        except RuntimeError as error:
+            reading = reading._replace(problem=f"was not measured: {error}")
+            continue
+        is_kept = is_as_meant(row, meant)
+        reading = reading._replace(
+            measured_restitution=row.restitution,
+            measured_range=row.restitution_range,
+            measured_duration=row.duration,
+            zero_tolerance=exact and is_kept,
+            is_kept=is_kept,
+            problem=""
+            if is_kept
+            else (
+                f"the pair proposed gives e = {row.restitution:.3g} in {row.duration:.3g} s, not e = "
+                f"{meant.restitution:.3g} in {meant.duration:.3g} s"
+            ),
+        )
+        if is_kept:
+            break
+    return reading
+
+
+def is_as_meant(row: MeasuredContact, meant: KelvinVoigtContact) -> bool:
+    """Tell whether drops gave the restitution and the duration that are meant."""
+    if row.restitution_range is None or row.duration is None:
+        return False
+    off = max(abs(e - meant.restitution) for e in row.restitution_range)
+    return off <= NEAR_E and abs(row.duration / meant.duration - 1) <= NEAR_K
+
+
+def advise_on_ratio(
+    bodies: Bodies, option: Any, speed: float, measured: MeasuredContact
+) -> RatioAdvice | None:
+    """Say which damping ratios give which restitution with the duration that was measured; None for other solrefs."""
+    time_constant, ratio = bodies.solref
+    if min(time_constant, ratio) <= 0 or not measured.duration:
+        return None
+    # Who took the number for a restitution wants this one.
+    wished = [ratio] if ratio < 1 else []
+    wished += [e for e in _USUAL_RESTITUTIONS if e not in wished]
+    choices: list[tuple[float, tuple[float, float]]] = []
+    step = float(option.timestep)
+    for e in wished[:2]:
+        zeta = damping_ratio(e)
+        constant = measured.duration / (contact_time(zeta) * zeta)
+        choices.append((e, (constant, zeta)))
+        step = min(step, _round_down(min(measured.duration / _GOOD_STEPS, constant / _REFSAFE_STEPS)))
+    return RatioAdvice(
+        (time_constant, ratio),
+        choices,
+        step,
+        [_measure_choice(bodies, option, speed, step, c) for _, c in choices],
+    )
+
+
+def describe_ratio(advice: RatioAdvice, restitutions: tuple[float, float] | None) -> str:
+    """Say what the damping ratio of a contact gives, and which ones give other restitutions."""
+    return f"{describe_damping_ratio(advice.solref, restitutions)}. {advice.text}"
+
+
+def format_numbers(numbers: Sequence[float], digits: int = 6) -> str:
+    """Format numbers as MJCF has them."""
+    return " ".join(f"{number:.{digits}g}" for number in numbers)
+
+
+def _measure_choice(
+    bodies: Bodies, option: Any, speed: float, step: float, solref: tuple[float, float]
+) -> float | None:
+    """Drop a contact with another solref; return its restitution, or None if a drop fails."""
+    chosen = bodies._replace(pair=tuple((dict(bodies.pair) | {"solref": solref}).items()))
+    try:
+        return measure_contact(chosen, option, step, speed).restitution
+    except RuntimeError:
+        return None
+
+
+def _round_down(step: float) -> float:
+    """Round a time step down to two digits."""
+    exponent = math.floor(math.log10(step)) - 1
+    return float(f"{math.floor(step / 10.0**exponent * (1 + 1e-12))}e{exponent}")

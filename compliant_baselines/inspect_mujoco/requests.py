@@ -1,0 +1,37 @@
+"""What is asked about a scene, and the answer: an examination, or a scene that was written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+from impact_xval.compliant_baselines.inspect_mujoco.examination import Examination, examine_groups, load_scene
+from impact_xval.compliant_baselines.inspect_mujoco.fixing import FixedScene, fix_scene
+from impact_xval.compliant_baselines.inspect_mujoco.readings import Kind
+
+
+class InspectionRequest(NamedTuple):
+    """What is asked about a scene."""
+
+    #: In m/s, at which bodies are dropped.
+    speed: float
+    #: Only the contacts of this geom; None for all.
+    geom: str | None = None
+    #: Whether every combination of parameters and masses is measured.
+    every: bool = False
+    #: A file to write the scene to; None for an examination.
+    target: Path | None = None
+    #: The reading that is written.
+    kind: Kind = "keep"
+
+
+def answer_request(request: InspectionRequest, scene: Path) -> Examination | FixedScene | str:
+    """Examine a file, .mjb or MJCF, or write it; or say in words why that is impossible."""
+    try:
+        if request.target is not None:
+            return fix_scene(scene, request.target, request.kind, request.speed, request.geom)
+        return examine_groups(load_scene(scene), request.speed, every=request.every, geom=request.geom)
+    except (ValueError, OSError) as error:
+        return str(error)
+    except Exception as error:  # the engine may raise anything on a scene that it does not expect
+        return f"{scene}: cannot be examined: {error!r}"

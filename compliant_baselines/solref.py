@@ -1,0 +1,149 @@
+"""What contact MuJoCo's own numbers, solref and solimp, make of two masses.
+
+For a pair that is alone, the engine's equations (its chapters "Computation", "Constraint model", and "Solver
+parameters") give the relative acceleration
+
+    a = max(0, stiffness (d/dmax)^2 r + damping (d/dmax) r'),
+
+r being the depth and d = d(r) the impedance of solimp; stiffness and damping are those of the direct format. Where d
+is constant, k = stiffness M and c = damping M are a Kelvin-Voigt contact. Else the motion is integrated, and depends on
+the speed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.integrate import solve_ivp  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
+
+from impact_xval.compliant_baselines.asked_contact import LARGEST_DAMPING_RATIO
+from impact_xval.compliant_baselines.mapping import (
+    MUJOCO_DEFAULT_SOLIMP,
+    MUJOCO_IMPEDANCE,
+    KelvinVoigtContact,
+    MujocoContact,
+)
+from impact_xval.compliant_baselines.restitution import contact_time, damping_ratio, restitution
+from impact_xval.model.arrays import Floats
+
+#: Largest impedance, and least width, that the engine takes (mjMAXIMP and mjMINVAL).
+LARGEST_IMPEDANCE, LEAST_WIDTH = 0.9999, 1e-15
+
+#: Least restitution for which an equivalent spring and dashpot are named.
+LEAST_RESTITUTION = restitution(LARGEST_DAMPING_RATIO)
+
+#: Relative error of the integration.
+ACCURACY = 1e-9
+
+
+class Motion(NamedTuple):
+    """How two bodies alone go through a contact."""
+
+    restitution: float
+    #: In s, from touch to the end of the force.
+    duration: float
+    #: Greatest depth in m.
+    depth: float
+
+
+def read_solref(solref: Sequence[float], solimp: Sequence[float] = ()) -> MujocoContact:
+    """Return the parameters as the engine takes them: missing numbers of solimp by default, others within its limits.
+
+    A ValueError names the field, the value and what is legal.
+    """
+    written = " ".join(f"{value:g}" for value in solref)
+    if len(solref) != 2 or not all(map(math.isfinite, solref)):
+        raise ValueError(f"solref = {written}; legal: two finite numbers")
+    if (solref[0] > 0) != (solref[1] > 0):
+        raise ValueError(
+            f"solref = {written}: the engine replaces mixed signs by its default 0.02 1; legal: a time constant in s "
+            "and a damping ratio, both > 0, or -stiffness and -damping, both <= 0"
+        )
+    if solref[0] == 0:
+        raise ValueError(
+            f"solref = {written}: a contact without a spring; legal: a first number other than 0"
+        )
+    text = " ".join(f"{value:g}" for value in solimp)
+    if len(solimp) > 5 or not all(map(math.isfinite, solimp)):
+        raise ValueError(f"solimp = {text}; legal: up to five finite numbers, dmin dmax width midpoint power")
+    dmin, dmax, width, midpoint, power = (*solimp, *MUJOCO_DEFAULT_SOLIMP[len(solimp) :])
+    return MujocoContact(
+        (solref[0], solref[1]),
+        (
+            min(max(dmin, MUJOCO_IMPEDANCE), LARGEST_IMPEDANCE),
+            min(max(dmax, MUJOCO_IMPEDANCE), LARGEST_IMPEDANCE),
+            max(width, LEAST_WIDTH),
+            min(max(midpoint, MUJOCO_IMPEDANCE), LARGEST_IMPEDANCE),
+            max(power, 1.0),
+        ),
+    )
+
+
+def is_linear(pair: MujocoContact) -> bool:
+    """Tell whether a pair is a Kelvin-Voigt contact: its impedance is the same at every depth."""
+    return pair.solimp[0] == pair.solimp[1]
+
+
+def contact_of_solref(pair: MujocoContact, mass: float, speed: float) -> tuple[KelvinVoigtContact, Motion]:
+    """Return the spring and dashpot that a pair is for a reduced mass in kg at a speed in m/s, and the motion.
+
+    Where the impedance changes with the depth, the spring and dashpot have the same restitution and duration. A
+    ValueError says that nothing comes back.
+    """
+    stiffness, damping = (-number for number in pair.direct)
+    if is_linear(pair):
+        contact = KelvinVoigtContact(stiffness * mass, damping * mass, mass)
+        e, duration = contact.restitution, contact.duration
+        depth = speed * math.sqrt(e) / contact.omega
+        motion = Motion(e, duration, depth)
+    else:
+        motion = _integrate(pair, stiffness, damping, speed)
+        zeta = damping_ratio(min(max(motion.restitution, LEAST_RESTITUTION), 1.0))
+        k = mass * (contact_time(zeta) / motion.duration) ** 2
+        contact = KelvinVoigtContact(k, 2 * zeta * math.sqrt(k * mass), mass)
+    if not motion.restitution >= LEAST_RESTITUTION * (1 - 1e-9):
+        raise ValueError(
+            f"solref = {pair.solref[0]:g} {pair.solref[1]:g}: the contact returns {motion.restitution:.1g} of the "
+            f"speed; legal: at least {LEAST_RESTITUTION:.1g}"
+        )
+    if not (0 < contact.k < math.inf and contact.c < math.inf):
+        raise ValueError(f"solref = {pair.solref[0]:g} {pair.solref[1]:g}: beyond double precision")
+    return contact, motion
+
+
+def _integrate(pair: MujocoContact, stiffness: float, damping: float, speed: float) -> Motion:
+    """Integrate the motion of a pair at a speed in m/s, in its own unit of time 1/sqrt(stiffness)."""
+    dmax, omega = pair.solimp[1], math.sqrt(stiffness)
+    zeta = damping / (2 * omega)
+
+    def force(depth: float, rate: float) -> float:
+        share = pair.impedance(depth * speed / omega) / dmax
+        return share * (share * depth + 2 * zeta * rate)
+
+    def slope(_: float, state: Floats) -> list[float]:
+        return [state[1], -force(state[0], state[1])]
+
+    def ends(_: float, state: Floats) -> float:
+        return force(state[0], state[1])
+
+    def turns(_: float, state: Floats) -> float:
+        return float(state[1])
+
+    # The force rises from that of the dashpot, or from 0 without one, and ends where it is zero on the way out.
+    ends.terminal, ends.direction = True, -1.0  # type: ignore[attr-defined]
+    least = min(pair.solimp[:2]) / dmax
+    longest = 100 * (1 + zeta) / least**2
+    solution = solve_ivp(
+        slope, (0.0, longest), [0.0, 1.0], "LSODA", events=(ends, turns), rtol=ACCURACY, atol=ACCURACY * 1e-3
+    )
+    if not solution.t_events[0].size:
+        return Motion(0.0, longest / omega, float(np.max(solution.y[0])) * speed / omega)
+    depth = float(solution.y_events[1][0][0])
+    return Motion(
+        restitution=-float(solution.y_events[0][0][1]),
+        duration=float(solution.t_events[0][0]) / omega,
+        depth=depth * speed / omega,
+    )

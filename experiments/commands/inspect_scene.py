@@ -1,0 +1,151 @@
+"""``impact-xval inspect``: the contacts of a MuJoCo scene, the traps in them, and a scene without these."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from impact_xval.experiments.commands.options import (
+    Json,
+    argument,
+    flag_option,
+    option,
+    parse_number,
+    parse_path,
+    print_json,
+)
+from impact_xval.experiments.config.errors import UserError
+
+if TYPE_CHECKING:  # it imports MuJoCo
+    from impact_xval.compliant_baselines.inspect_mujoco import Examination
+    from impact_xval.compliant_baselines.inspect_mujoco.readings import Kind
+
+#: Seconds to load, measure and examine a scene.
+_TO_INSPECT = 180.0
+
+
+def inspect_command(
+    scene: Path = argument("SCENE.xml", "An MJCF file, or .mjb.", parse_path),
+    speed: float = option("M/S", "At which bodies are dropped.", parse_number, 1.0),
+    geom: str | None = option("NAME", "Only the contacts of this geom; #3 is the fourth."),
+    all: bool = flag_option("--all", "Show all groups, and a row for every contact that is measured."),
+    fix: Path | None = option("FILE", "Write the scene with the contacts that were meant.", parse_path),
+    keep: bool = flag_option(
+        "--keep", "With --fix: contacts do what they do now, at a good step, in any mass."
+    ),
+    newton_metre: bool = flag_option("--newton-metre", "With --fix: direct numbers are N/m and N s/m."),
+    json: Json = False,
+) -> None:
+    """Measure the contacts of a MuJoCo scene, and look for traps in them.
+
+    Contacts of the same parameters are a group. Two bodies of each are dropped and loaded alone: restitution,
+    stiffness, steps in a contact, and what to write for what may have been meant. Then contact parameters that are
+    replaced, ignored or not what they seem. Exit code 3 if there are any.
+
+    Example: impact-xval inspect robot.xml
+
+    Or, to write a scene: impact-xval inspect robot.xml --fix fixed.xml --keep
+    """
+    from impact_xval.compliant_baselines import get_solver
+    from impact_xval.experiments.presentation.terminal import make_console, print_blocks, report_waiting
+    from impact_xval.experiments.sweep.process import FaultError, Worker
+
+    if not 0 < speed < math.inf:
+        raise UserError(f"--speed = {speed!r}; legal: a finite number > 0 (m/s)")
+    if not scene.is_file() or scene.suffix not in (".xml", ".mjb"):
+        raise UserError(f"{scene}: no such file of MuJoCo; legal: a file that ends in .xml or .mjb")
+    _check_fix(scene, fix, keep, newton_metre, json)
+    engine = get_solver("mujoco")
+    reason = engine.unavailable()
+    if reason is not None:
+        raise UserError(f"{scene}: mujoco is unavailable: {reason}")
+    from impact_xval.compliant_baselines.inspect_mujoco import Examination
+    from impact_xval.compliant_baselines.inspect_mujoco.requests import InspectionRequest, answer_request
+
+    kind: Kind = "newton-metre" if newton_metre else "keep"
+    request = InspectionRequest(speed, geom, all, fix, kind)
+    # In a process of its own: a few bytes can be a scene of any size, and crash its engine.
+    with report_waiting(f"dropping the contacts of {scene}"), contextlib.closing(Worker(request)) as worker:
+        try:
+            answer = worker.call(answer_request, scene, timeout=_TO_INSPECT)
+        except FaultError as fault:
+            raise UserError(f"{scene}: cannot be examined: {fault.reason}; legal: a smaller scene") from None
+    if isinstance(answer, str):
+        raise UserError(answer)
+    if not isinstance(answer, Examination):
+        from impact_xval.experiments.presentation.contacts import fixed_scene_blocks
+
+        print_blocks(make_console(), fixed_scene_blocks(answer, str(scene), str(fix), engine.version()))
+        if not answer.is_kept:
+            raise typer.Exit(3)
+        return
+    if json:
+        print_json({"version": engine.version(), **_describe_in_json(answer)})
+    else:
+        from impact_xval.experiments.presentation.contacts import scene_blocks
+
+        blocks = scene_blocks(answer, str(scene), speed, engine.version(), everything=all)
+        print_blocks(make_console(), blocks)
+    if answer.findings:
+        raise typer.Exit(3)
+
+
+def _check_fix(scene: Path, fix: Path | None, keep: bool, newton_metre: bool, json: bool) -> None:
+    """Check that the options of a scene to write are complete and do not contradict each other."""
+    if fix is None:
+        if keep or newton_metre:
+            raise UserError("--keep and --newton-metre: without --fix; legal: beside --fix FILE")
+        return
+    if keep == newton_metre:
+        given = "both" if keep else "neither"
+        raise UserError(f"--fix = {str(fix)!r} with {given} of --keep and --newton-metre; legal: one of them")
+    if json:
+        raise UserError("--json: beside --fix; legal: one of them")
+    if fix.suffix != ".xml" or fix.exists() or not fix.parent.is_dir():
+        raise UserError(f"--fix = {str(fix)!r}; legal: a new file that ends in .xml, in a folder that exists")
+    if scene.suffix != ".xml":
+        raise UserError(f"--fix: {scene} is compiled; legal: an .xml file, which MuJoCo can write again")
+
+
+def _describe_in_json(examination: Examination) -> dict[str, Any]:
+    """Return an examination as JSON has it, which knows no infinity."""
+    rows: list[dict[str, Any]] = []
+    groups: list[dict[str, Any]] = []
+    for number, group in enumerate(examination.groups, 1):
+        for contact in group.examined:
+            row = contact.row._asdict()
+            where = row.pop("names")
+            masses = [mass if mass < math.inf else "inf" for mass in contact.row.masses]
+            more = {
+                "group": number,
+                "keep": contact.keep and contact.keep._asdict(),
+                "newton_metre": contact.newton_metre and contact.newton_metre._asdict(),
+                "advice": contact.advice and contact.advice._asdict(),
+            }
+            rows.append({"where": where, **row, "masses": masses, **more})
+        bodies = group.group.contacts[0].bodies
+        groups.append(
+            {
+                "group": number,
+                "where": group.group.names,
+                "from": bodies.rule,
+                "parameters": {name: list(value) for name, value in bodies.pair},
+                "restitution_range": group.restitution_range,
+            }
+        )
+    traps = [
+        {"trap": finding.trap, "where": finding.contacts, "says": finding.message}
+        for finding in examination.findings
+    ]
+    return {
+        "contacts": rows,
+        "traps": traps,
+        "groups": groups,
+        "geoms": examination.geoms,
+        "geoms_looked_at": examination.geoms_looked_at,
+        "not_in_the_drops": examination.omissions,
+    }

@@ -1,0 +1,169 @@
+"""A contact for one engine, or for all ways to write it into an engine, as text to paste and what is known of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Protocol
+
+from impact_xval.compliant_baselines.engines.engine import version_of
+from impact_xval.compliant_baselines.mapping import KelvinVoigtContact
+from impact_xval.compliant_baselines.solver import SolverError
+from impact_xval.compliant_baselines.target_drops import PLACES, drop_target, missing_distribution
+from impact_xval.compliant_baselines.targets import ContactRequest, Target
+from impact_xval.experiments.presentation.contacts import round_outward
+from impact_xval.experiments.presentation.document import Block, Table
+
+#: Steps in a contact if no step is given, before rounding.
+DEFAULT_STEPS = 200
+
+#: What the engine makes of the contact, by `Target.law`.
+LAWS = {
+    "pushes": "F = max(0, k d + c d'): the contact may push but not pull",
+    "pulls": "F = k d + c d' while the bodies overlap: the contact may pull",
+    "compression": "F = k d + c max(0, d'): the dashpot acts in compression only",
+    "depth": "damping in proportion to the depth, of an e at the speed of the impact",
+    "rigid": "a coefficient of restitution: stiffness and duration are not used",
+}
+
+
+class ContactOfTwo(Protocol):
+    """Two bodies and the contact between them, such as `single_contact.Pair`."""
+
+    @property
+    def masses(self) -> tuple[float, float]:
+        """Masses in kg; one may be infinite."""
+        ...
+
+    @property
+    def contact(self) -> KelvinVoigtContact:
+        """The contact asked for."""
+        ...
+
+    @property
+    def speed(self) -> float:
+        """Speed of approach in m/s."""
+        ...
+
+
+def request_contact(pair: ContactOfTwo, step: float | None = None) -> ContactRequest:
+    """Ask for the contact of a pair at a step in s, by default a 200th of the contact's duration or a little less."""
+    light, heavy = sorted(pair.masses)
+    e = float(f"{pair.contact.restitution:.12g}")
+    if step is None:
+        step = _round_down(pair.contact.duration / DEFAULT_STEPS)
+    return ContactRequest(pair.contact, (light, heavy), e, step, pair.speed)
+
+
+def _round_down(value: float) -> float:
+    """Return the largest number of one significant digit that is not above a value."""
+    exponent = math.floor(math.log10(value))
+    # What is a multiple of the power of ten stays one: a thousandth of it may be the rounding of the quotient.
+    return float(f"{math.floor(value / 10.0**exponent + 1e-3)}e{exponent}")
+
+
+def describe_target(target: Target, pair: ContactOfTwo, step: float | None = None) -> list[Block]:
+    """Lay out the text of a target for a contact, what the engine reads, and what drops of the text gave.
+
+    Parameters
+    ----------
+    target
+        One of `targets.targets_for`.
+    pair
+        Two bodies and the contact between them.
+    step
+        Time step in s; by default a 200th of the contact's duration, rounded down to one digit.
+
+    Returns
+    -------
+    list of Block
+        Paragraphs and tables for a terminal or a page.
+
+    Raises
+    ------
+    SolverError
+        If the engine cannot take the numbers.
+    """
+    request = request_contact(pair, step)
+    facts = [
+        f"reads {target.reads}",
+        f"law: {LAWS[target.law]}",
+        f"numbers of two bodies: {target.combines}",
+        f"speed below which nothing rebounds: {target.threshold}",
+        *target.notes,
+        *(f"source of {source}" for source in target.sources),
+    ]
+    rebound = request.restitution * request.speed
+    if 0 < rebound <= target.dropped_rebound:
+        facts.append(
+            f"At {request.speed:.6g} m/s this contact would rebound at {rebound:.3g} m/s: {target.title} gives no "
+            f"rebound of {target.dropped_rebound:g} m/s or less."
+        )
+    return [
+        f"{target.title} (--engine {target.name})",
+        f"\n{target.text(request).rstrip()}\n",
+        *(fact.replace("`", "") for fact in facts),
+        *_describe_drops(target, request),
+    ]
+
+
+def describe_targets(targets: Sequence[Target], pair: ContactOfTwo, step: float | None = None) -> list[Block]:
+    """Lay out several targets one after the other; a target that cannot take the numbers says why.
+
+    Raises
+    ------
+    SolverError
+        If none of them can take the numbers.
+    """
+    c = pair.contact
+    blocks: list[Block] = []
+    if any(target.kind == "compliant" for target in targets):
+        blocks.append(
+            f"k = {c.k:.6g} N/m and e = {c.restitution:.6g} between bodies of reduced mass {c.mass:.6g} kg; a "
+            f"contact that pushes only has c = {c.c:.6g} N s/m and lasts {c.duration:.6g} s"
+        )
+    refusals: list[SolverError] = []
+    for target in targets:
+        try:
+            blocks += [*([""] if blocks else []), *describe_target(target, pair, step)]
+        except SolverError as error:
+            refusals.append(error)
+            blocks.append(f"{target.name}: {error.status}: {error.reason}")
+    if len(refusals) == len(targets):
+        raise refusals[0]
+    return blocks
+
+
+def _describe_drops(target: Target, request: ContactRequest) -> list[Block]:
+    """Lay out asked and given; or say why nothing was verified."""
+    missing = missing_distribution(target)
+    if missing is not None:
+        return [f"not verified here: {missing}"]
+    try:
+        given = drop_target(target, request)
+    except SolverError as error:
+        return [
+            f"not verified here: dropped with this text {target.title} gave no rebound to measure: {error.reason}"
+        ]
+    rows = [("restitution", f"{request.restitution:.6g}", _describe_range(*given.restitution))]
+    if target.kind == "compliant":
+        exact = target.duration(request)
+        asked = f"{request.contact.duration:.6g} s"
+        by_law = (
+            ""
+            if exact is None or math.isclose(exact, request.contact.duration)
+            else f"{exact:.6g} s by its law"
+        )
+        rows.append(("duration", by_law or asked, f"{_describe_range(*given.duration)} s"))
+    version = version_of(target.distributions[0])
+    caption = (
+        f"Drops of this text alone in {target.distributions[0]} {version}, at a step of {request.step:.6g} s and "
+        f"{request.speed:.6g} m/s, at {len(PLACES)} places of the touch within a step"
+    )
+    return [Table(("", "asked", "given"), rows, caption)]
+
+
+def _describe_range(low: float, high: float) -> str:
+    """Write an interval, or a number of six digits where both ends round to it."""
+    ends = {f"{end:.6g}" for end in (low, high)}
+    return ends.pop() if len(ends) == 1 else round_outward(low, high)

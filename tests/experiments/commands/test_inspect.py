@@ -1,0 +1,122 @@
+"""The command `inspect`: one screen a scene, a scene that is written, and bad input."""
+
+import re
+
+import mujoco
+import pytest
+
+from tests.compliant_baselines import field_scenes
+
+MESH = "0 0 0  1 0 0  0 1 0  0 0 1"
+
+
+@pytest.mark.parametrize("geoms", [6, 60])
+def test_a_scene_is_one_screen(geoms, tmp_path, command):
+    path = tmp_path / "scene.xml"
+    path.write_text(field_scenes.many_geoms(geoms))
+    lines = command(["inspect", path], ends=3).splitlines()
+    assert len(lines) <= 40
+    assert f"{geoms} geoms, {geoms * (geoms - 1) // 2} contacts in " in lines[0]
+    assert lines[0].startswith(f"MuJoCo {mujoco.__version__}, ")
+
+
+def test_many_groups_are_cut_and_all_shows_them(tmp_path, command):
+    bodies = "".join(
+        f'<body pos="{i} 0 1"><freejoint/><geom size=".1" contype="2" conaffinity="1" mass="{i}" '
+        f'solref="{-2e4 - 1e3 * i} -15"/></body>'
+        for i in range(1, 13)
+    )
+    path = tmp_path / "scene.xml"
+    text = f'<mujoco><option timestep="1e-3"/><worldbody><geom type="plane" size="9 9 1"/>{bodies}</worldbody></mujoco>'
+    path.write_text(text)
+    out = command(["inspect", path], ends=3)
+    assert len(out.splitlines()) <= 40
+    assert "4 more groups: --all shows them" in out
+    assert "more readings: --all shows them" in out
+    everything = command(["inspect", path, "--all"], ends=3)
+    assert "--all shows" not in everything
+    assert re.search(r"^12 +geoms #0 and #12 ", everything, re.MULTILINE)
+
+
+def test_both_readings_are_on_the_screen(tmp_path, command):
+    path = tmp_path / "golf.xml"
+    path.write_text(field_scenes.golf())
+    out = command(["inspect", path], ends=3)
+    assert re.search(r'^1  to keep e = 0\.79\d? in 0\.0076\d* s, write condim="3" ', out, re.MULTILINE)
+    assert re.search(r"^1  if 200000 N/m and 70 N s/m were meant \(e = 0\.33\d? in ", out, re.MULTILINE)
+
+
+def test_frictionless_contacts_are_said_to_be_and_stay_so(tmp_path, command):
+    path = tmp_path / "scene.xml"
+    path.write_text(field_scenes.cradle("-20000 -15", 1e-3))
+    out = command(["inspect", path], ends=3)
+    assert "1, frictionless" in out
+    assert 'condim="1" solref=' in out
+    assert "dashpot" not in out  # of friction
+
+
+@pytest.mark.parametrize("reading", ["keep", "newton-metre"])
+def test_a_written_scene_does_what_was_meant(reading, tmp_path, command):
+    included = tmp_path / "ball.xml"
+    included.write_text(
+        '<mujocoinclude><body pos="0 0 1"><freejoint/><geom size=".1" mass=".5" solref="-20000 -15"/></body>'
+        '<body pos="2 0 1"><freejoint/><geom name="other" type="mesh" mesh="tetra" mass="2"/></body></mujocoinclude>'
+    )
+    (tmp_path / "tetra.obj").write_text(
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    )
+    scene, folder = tmp_path / "scene.xml", tmp_path / "elsewhere"
+    folder.mkdir()
+    scene.write_text(
+        '<mujoco><option timestep="1e-3"/><asset><mesh name="tetra" file="tetra.obj"/></asset><worldbody>'
+        '<geom name="floor" type="plane" size="5 5 1" priority="-1"/><include file="ball.xml"/></worldbody>'
+        '<contact><pair name="own" geom1="floor" geom2="other" solref="-9000 -12" condim="1"/></contact></mujoco>'
+    )
+    out = command(["inspect", scene, "--fix", folder / "fixed.xml", f"--{reading}"])
+    assert "Changed: 3 <pair>s, the step, from 0.001 to " in out
+    assert "names of 1 geoms" in out
+    assert out.endswith("measured again, all do it\n")
+    model = mujoco.MjModel.from_xml_path(str(folder / "fixed.xml"))
+    assert (model.npair, model.ngeom, model.pair("own").dim[0]) == (3, 3, 1)
+    # dropped by hand: the ball without a name
+    model.opt.gravity[:] = 0
+    data = mujoco.MjData(model)
+    data.qpos[2], data.qvel[2] = 0.1, -1.0
+    for _ in range(round(0.1 / model.opt.timestep)):
+        mujoco.mj_step(model, data)
+    meant = {"keep": 0.85, "newton-metre": 0.79}[reading]
+    assert data.qvel[2] == pytest.approx(meant, abs=0.02)
+
+
+def test_a_scene_that_cannot_be_written_costs_a_line(tmp_path, refused):
+    scene, target = tmp_path / "scene.xml", tmp_path / "fixed.xml"
+    scene.write_text(field_scenes.second_number_is_e())
+    refused(
+        ["inspect", scene, "--fix", target, "--keep"],
+        "has direct numbers of two readings; nothing is written",
+    )
+    assert not target.exists()
+    refused(
+        ["inspect", scene, "--fix", target], "with neither of --keep and --newton-metre; legal: one of them"
+    )
+    refused(["inspect", scene, "--fix", scene, "--keep"], "legal: a new file that ends in .xml")
+    refused(["inspect", scene, "--keep"], "without --fix; legal: beside --fix FILE")
+    refused(["inspect", scene, "--geom", "nobody"], "--geom = 'nobody': the scene has no such geom")
+
+
+def test_what_the_drops_leave_out_is_one_line(tmp_path, command):
+    path = tmp_path / "robot.xml"
+    path.write_text(
+        '<mujoco><worldbody><geom type="plane" size="5 5 1"/><body pos="0 0 1"><joint name="j" axis="0 1 0" '
+        'stiffness="3" range="-1 1" limited="true"/><geom size=".1" pos=".3 0 0"/></body>'
+        '<flexcomp name="soft" type="grid" count="3 3 1" spacing=".1 .1 .1" pos="0 0 3" dim="2" radius=".01"/>'
+        '</worldbody><actuator><motor joint="j"/></actuator></mujoco>'
+    )
+    head = command(["inspect", path], ends=3).splitlines()[0]
+    for part in (
+        "Not in the drops: the contacts of 1 flex (soft body)",
+        "the force of 1 actuator",
+        "the spring of 1 joint",
+        "the limits of 1 joint",
+    ):
+        assert part in head
