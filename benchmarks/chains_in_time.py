@@ -22,7 +22,7 @@ from rich.table import Table
 from benchmarks.chains import random_chain
 from benchmarks.state_transition import machine
 from impact_xval.compliant_baselines import Settings, get_solver
-from impact_xval.compliant_baselines.registry import law_of
+from impact_xval.compliant_baselines.registry import law_name_of
 from impact_xval.compliant_baselines.solver import Convergence
 from impact_xval.model import Collision
 from tests.compliant_baselines.reference_cells import coefficients_of, in_time
@@ -96,7 +96,7 @@ def engines(console: Console, names: list[str], count: int, seed: int, some_gaps
         chains.append(with_gaps(rng, chain) if some_gaps else chain)
     settings = Settings(convergence=Convergence())
     for name in names:
-        exact = get_solver(law_of(name)).solve_many(chains, settings)
+        exact = get_solver(law_name_of(name)).solve_many(chains, settings)
         start = time.perf_counter()
         outcomes = get_solver(name).solve_many(chains, settings)
         spent = time.perf_counter() - start

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.registry import description_of, engine_free_names
+from impact_xval.compliant_baselines.registry import description_of, exact_law_names
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.model.collision import Collision
 from impact_xval.model.status import RESULT_STATUSES
@@ -91,7 +91,7 @@ def known_of(outcomes: dict[str, Any]) -> list[str]:
 
 def made() -> dict[str, Any]:
     """Solve all cases by all laws."""
-    rows, laws = [], engine_free_names()
+    rows, laws = [], exact_law_names()
     for name, collision in cases():
         found = {law: get_solver(law).solve_many([collision], Settings())[0] for law in laws}
         found = {law: o for law, o in found.items() if o.status in RESULT_STATUSES}

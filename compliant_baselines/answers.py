@@ -87,11 +87,11 @@ def describe_exception(error: Exception) -> str:
 def one_line(text: str) -> str:
     """Return a text as one line of at most `LONGEST` printable characters, for tables, terminals and pages."""
     if not text.isprintable():
-        text = " ".join(visible(text[: 2 * LONGEST]).split())
+        text = " ".join(escape_invisible(text[: 2 * LONGEST]).split())
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
 
 
-def visible(text: str) -> str:
+def escape_invisible(text: str) -> str:
     r"""Escape the characters that a terminal would obey or nobody would see, as Python does: ``\x1b``, ``\u202e``.
 
     Line feeds, tabs and spaces of any width stay.

@@ -18,14 +18,14 @@ from typing import cast
 import numpy as np
 
 from impact_xval.compliant_baselines.answers import answer, describe_exception
-from impact_xval.compliant_baselines.registry import engine_free_names, get_solver
+from impact_xval.compliant_baselines.registry import exact_law_names, get_solver
 from impact_xval.compliant_baselines.solver import KELVIN_VOIGT, Scenario, Settings, Solver
 from impact_xval.model.collision import Collision
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.status import RESULT_STATUSES
 
 #: Laws that a solver may state: the laws of the exact solvers, or ``none`` for a law of its own, which is not checked.
-LAWS = (*engine_free_names(), "none")
+LAWS = (*exact_law_names(), "none")
 
 Check = Callable[[Solver], None]
 

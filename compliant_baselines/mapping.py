@@ -176,7 +176,7 @@ class BodySides(NamedTuple):
     lower: Side
 
 
-def assign_sides(
+def sides_of_bodies(
     contacts: Sequence[Side], mapping: MappingName, *, one_side_per_body: bool = False
 ) -> list[BodySides]:
     """Give every ball, and the table, its part in the contacts; `contacts` are the parameters each contact shall have.

@@ -31,7 +31,7 @@ from impact_xval.compliant_baselines.restitution import (
     hunt_crossley_coefficients,
     textbook_damping_ratios,
 )
-from impact_xval.compliant_baselines.solver import Settings, Solver, solve_by_layout
+from impact_xval.compliant_baselines.solver import Settings, Solver, solve_in_groups
 from impact_xval.model import solving
 from impact_xval.model.arrays import Floats
 from impact_xval.model.chain.following import MAX_WINDOWS, ChainResult, Problem
@@ -201,7 +201,7 @@ class ExactSolver(Solver):
 
     def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
         """Solve every collision, in order."""
-        return solve_by_layout(collisions, lambda group: self.solve_group(group, settings))
+        return solve_in_groups(collisions, lambda group: self.solve_group(group, settings))
 
     @abstractmethod
     def solve_group(self, collisions: Collisions, settings: Settings) -> Outcomes:

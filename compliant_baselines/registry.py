@@ -263,7 +263,7 @@ def solver_names(*, on_request: bool = False) -> tuple[str, ...]:
     return (*_DEFAULT_SOLVERS, *plug_ins, *by_name_only)
 
 
-def engine_free_names() -> tuple[str, ...]:
+def exact_law_names() -> tuple[str, ...]:
     """List the names of all models and references of this project, those run by name only among them."""
     return tuple(name for name in solver_names(on_request=True) if is_ours(name) and not is_engine(name))
 
@@ -283,14 +283,14 @@ def is_engine(name: str) -> bool:
     return kind_of(name) in ("compliant", "rigid")
 
 
-def law_of(name: str) -> str | None:
+def law_name_of(name: str) -> str | None:
     """Return the name of the exact solver of a solver's law (`Solver.law`); None if there is none."""
     return _spec_or_plug_in(name).law
 
 
 def stated_law(name: str) -> str | None:
-    """Return `law_of` for lists that people read: None for a plug-in that cannot be loaded and has stated no law."""
-    return None if isinstance(_spec_or_plug_in(name), Unloadable) else law_of(name)
+    """Return `law_name_of` for lists that people read; None for a plug-in that has stated no law and cannot be loaded."""
+    return None if isinstance(_spec_or_plug_in(name), Unloadable) else law_name_of(name)
 
 
 def has_fixed_mapping(name: str) -> bool:
@@ -320,7 +320,7 @@ def group_by_law(names: Iterable[str]) -> dict[str, list[str]]:
     """
     groups: dict[str, list[str]] = {}
     for name in names:
-        groups.setdefault(law_of(name) or name, []).append(name)
+        groups.setdefault(law_name_of(name) or name, []).append(name)
     return {law: sorted(group, key=lambda name: name != law) for law, group in groups.items()}
 
 
@@ -341,7 +341,7 @@ def exact_solver_for(name: str, mapping: MappingName) -> str:
     """
     if mapping == "naive" or has_fixed_mapping(name):
         return ""
-    return law_of(name) or ""
+    return law_name_of(name) or ""
 
 
 def get_solver(name: str) -> Solver:

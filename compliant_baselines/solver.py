@@ -228,7 +228,7 @@ def group_by_layout(collisions: Sequence[Collision]) -> list[tuple[NDArray[np.in
     return [(np.array(group), Collisions.of(collisions[i] for i in group)) for group in positions.values()]
 
 
-def solve_by_layout(
+def solve_in_groups(
     collisions: Sequence[Collision], solve: Callable[[Collisions], Sequence[_Answer]]
 ) -> Sequence[_Answer]:
     """Solve collisions group by group (`group_by_layout`); the answers are in the order of the collisions."""

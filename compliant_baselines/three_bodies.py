@@ -20,7 +20,7 @@ from impact_xval.compliant_baselines.engines.mujoco import Mujoco, take_steps
 from impact_xval.compliant_baselines.engines.scene import Floats, radius_of
 from impact_xval.compliant_baselines.mapping import RIGID, drake_side, mujoco_contact, pybullet_side
 from impact_xval.compliant_baselines.pasted_drops import BLOCK, QUIET_STEPS, ROUNDING
-from impact_xval.compliant_baselines.registry import get_solver, law_of
+from impact_xval.compliant_baselines.registry import get_solver, law_name_of
 from impact_xval.compliant_baselines.single_contact import PLACES, Pair, extremes_over_places
 from impact_xval.compliant_baselines.solver import Settings, SolverError
 from impact_xval.model.collision import Collision
@@ -148,7 +148,7 @@ def solve_exactly(
     """Return the velocities in m/s by the model and by the exact solver of the engine's law, or why there are none."""
     collision = collision_of(masses, pairs)
     answers: dict[str, list[float] | str] = {}
-    for name in (MODEL, law_of(engine)):
+    for name in (MODEL, law_name_of(engine)):
         if name is None:
             continue
         try:

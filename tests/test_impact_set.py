@@ -8,7 +8,7 @@ from runpy import run_path
 import pytest
 
 from benchmarks.impact_set import FILE, made
-from impact_xval.compliant_baselines.registry import engine_free_names
+from impact_xval.compliant_baselines.registry import exact_law_names
 
 SET = json.loads(FILE.read_text(encoding="utf-8"))
 CHECKER = FILE.with_name("check_impact_set.py")
@@ -30,7 +30,7 @@ def test_the_file_is_what_the_laws_say():
             assert velocities == pytest.approx(now["outcomes"][law], abs=1e-8), (case["name"], law)
 
 
-@pytest.mark.parametrize("law", engine_free_names())
+@pytest.mark.parametrize("law", exact_law_names())
 def test_the_checker_finds_the_law_of_every_exact_solver_and_no_other(law):
     first, second = check(answers(law))[:2]
     assert first[0] == law

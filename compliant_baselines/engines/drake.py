@@ -27,7 +27,13 @@ import numpy as np
 
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, periods, radius_of
-from impact_xval.compliant_baselines.mapping import BodySides, Side, assign_sides, combine_sides, drake_side
+from impact_xval.compliant_baselines.mapping import (
+    BodySides,
+    Side,
+    combine_sides,
+    drake_side,
+    sides_of_bodies,
+)
 from impact_xval.compliant_baselines.restitution import hunt_crossley_coefficients
 
 #: Relative tolerance of the solver (SapSolverParameters; Python cannot set it).
@@ -177,7 +183,7 @@ class DrakeWorld(World):
         else:
             dissipation = hunt_crossley_coefficients(np.array(scene.restitutions)) / scene.speed
             contacts = [*map(Side, scene.stiffnesses, dissipation.tolist())]
-        self._sides = assign_sides(contacts, scene.mapping)
+        self._sides = sides_of_bodies(contacts, scene.mapping)
         pairs = combine_sides(self._sides)
         radius = radius_of(scene.depth([pair.stiffness for pair in pairs]))
         super().__init__(scene, radius, scene.masses[-1] * scene.gravity / pairs[-1].stiffness)

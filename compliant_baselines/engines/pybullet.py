@@ -29,9 +29,9 @@ from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, 
 from impact_xval.compliant_baselines.mapping import (
     BodySides,
     Side,
-    assign_sides,
     combine_sides,
     pybullet_side,
+    sides_of_bodies,
 )
 
 #: Most sub-steps of one call.
@@ -317,4 +317,4 @@ def _has_links(scene: Scene) -> bool:
 def _sides(scene: Scene) -> list[BodySides]:
     """Return stiffness and damping of both sides of every body."""
     contacts = [pybullet_side(contact) for contact in scene.contacts]
-    return assign_sides(contacts, scene.mapping, one_side_per_body=not _has_links(scene))
+    return sides_of_bodies(contacts, scene.mapping, one_side_per_body=not _has_links(scene))

@@ -18,7 +18,7 @@ from impact_xval.compliant_baselines.registry import (
     get_solver,
     is_engine,
     is_ours,
-    law_of,
+    law_name_of,
     solver_names,
     sort_by_law,
     stated_law,
@@ -273,7 +273,7 @@ class SolverComparison:
         for name, velocities in self._known.items():
             outcome, measured = self.outcomes[name], measures[name]
             facts[name] = {
-                "law": law_of(name) or "-",
+                "law": law_name_of(name) or "-",
                 "status": outcome.status,
                 **{
                     f"v{i}": self._format_number(name, round(v, 6) + 0.0) for i, v in enumerate(velocities, 1)

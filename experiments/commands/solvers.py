@@ -52,7 +52,7 @@ def solvers_command(
 def _check(name: str, law: str) -> None:
     """Check a solver in a process of its own."""
     from impact_xval.compliant_baselines import conformance
-    from impact_xval.compliant_baselines.registry import get_solver, law_of
+    from impact_xval.compliant_baselines.registry import get_solver, law_name_of
     from impact_xval.experiments.config.experiment import solvers_problem
     from impact_xval.experiments.presentation.terminal import make_console, print_line, report_waiting
     from impact_xval.experiments.presentation.words import describe_restitution_product
@@ -63,7 +63,7 @@ def _check(name: str, law: str) -> None:
     problem = solvers_problem([name])
     if problem:
         raise UserError(f"NAME {problem}")
-    law = law or law_of(name) or "none"
+    law = law or law_name_of(name) or "none"
     if law not in conformance.LAWS:
         raise UserError(f"--law = {law!r}; legal: {', '.join(conformance.LAWS)}")
     with report_waiting(f"asking {name} what it is"), contextlib.closing(Slot(None)) as slot:

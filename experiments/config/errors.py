@@ -30,9 +30,9 @@ _Model = TypeVar("_Model", bound="BaseModel")
 
 class _OneLineError(ImpactXvalError):
     def __init__(self, message: str) -> None:
-        from impact_xval.compliant_baselines.answers import visible  # its room imports numpy
+        from impact_xval.compliant_baselines.answers import escape_invisible  # its room imports numpy
 
-        super().__init__(visible(" ".join(str(message).split())))
+        super().__init__(escape_invisible(" ".join(str(message).split())))
 
 
 class UserError(_OneLineError, ValueError):

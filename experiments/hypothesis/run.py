@@ -20,7 +20,7 @@ import pandas as pd
 import tomli_w
 from scipy.stats import qmc
 
-from impact_xval.compliant_baselines.registry import engine_free_names, exact_solver_for, sort_by_law
+from impact_xval.compliant_baselines.registry import exact_law_names, exact_solver_for, sort_by_law
 from impact_xval.experiments.config.axes import AXES, Sample
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import REFERENCE, parse_config
@@ -209,7 +209,7 @@ def prepare_runs(config: HypothesisConfig, root: Path) -> Iterator[tuple[str, Ca
 
 def _runs(config: HypothesisConfig) -> dict[str, list[str]]:
     """Return the solvers of each run, by the name of the run; runs without solvers are skipped."""
-    exact = [name for name in config.solvers if name in engine_free_names()]
+    exact = [name for name in config.solvers if name in exact_law_names()]
     engines = [name for name in config.solvers if name not in exact]
     return {name: names for name, names in ((EXACT, exact), (ENGINES, engines), (UNITED, engines)) if names}
 

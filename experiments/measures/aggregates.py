@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from impact_xval.compliant_baselines.registry import law_of
+from impact_xval.compliant_baselines.registry import law_name_of
 from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE, Config
@@ -107,7 +107,7 @@ class DivergenceTable:
 
     def _own_law(self) -> NDArray[np.float64]:
         """Compare each path with that of the exact solver of its law, a row above or below in the same cell."""
-        laws = ["" if law_of(name) == name else law_of(name) for name in self.solvers]
+        laws = ["" if law_name_of(name) == name else law_name_of(name) for name in self.solvers]
         law = np.array([self.solvers.index(name) if name in self.solvers else -1 for name in laws])
         if not (law >= 0).any():
             return np.full(len(self.rows), np.nan)

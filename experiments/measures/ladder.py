@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.compliant_baselines.registry import law_of
+from impact_xval.compliant_baselines.registry import law_name_of
 from impact_xval.compliant_baselines.solver import group_by_layout
 from impact_xval.experiments.config.cells import CellBlock, ColumnArrays
 from impact_xval.experiments.config.experiment import REFERENCE, Config
@@ -256,7 +256,7 @@ def ladders(
     if not engines:
         return columns
     pair = config.chain is None
-    laws = {name: law_of(name) or "" for name in engines}
+    laws = {name: law_name_of(name) or "" for name in engines}
     for places, collisions in group_by_layout(block.collisions):
         n, balls = collisions.masses.shape
         speed = np.abs(collisions.velocities).max(axis=1, keepdims=True)

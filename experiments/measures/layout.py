@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pyarrow.compute as pc
 
-from impact_xval.compliant_baselines.registry import is_engine, law_of
+from impact_xval.compliant_baselines.registry import is_engine, law_name_of
 from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.measures.corners import corner_names
 from impact_xval.experiments.measures.ladder import Contribution, contributions_of
@@ -68,7 +68,7 @@ def _largest_counts(config: Config) -> tuple[int, int]:
 
 def engines_with_ladders(config: Config) -> list[str]:
     """List the engines that have ladders: those that were asked for the law of an exact solver."""
-    engines = [name for name in config.solvers if is_engine(name) and law_of(name) is not None]
+    engines = [name for name in config.solvers if is_engine(name) and law_name_of(name) is not None]
     return engines if config.measures == "all" else []
 
 

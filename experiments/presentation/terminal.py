@@ -23,7 +23,7 @@ from rich.progress import (
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from impact_xval.compliant_baselines.answers import visible
+from impact_xval.compliant_baselines.answers import escape_invisible
 from impact_xval.compliant_baselines.registry import solver_names
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.presentation.document import Block, Table
@@ -61,9 +61,11 @@ def _table(block: Table) -> RichTable:
     """Lay out a table; solvers have their colours of figures, but the model, which is black there, has none."""
     table, known = RichTable(box=None, pad_edge=False), {*solver_names(on_request=True)} - {REFERENCE}
     for place, title in enumerate(block.header):
-        table.add_column(Text(visible(str(title))), justify="left" if place < block.text else "right")
+        table.add_column(
+            Text(escape_invisible(str(title))), justify="left" if place < block.text else "right"
+        )
     for row in block.rows:
-        cells = [Text(visible(str(cell))) for cell in row]
+        cells = [Text(escape_invisible(str(cell))) for cell in row]
         for title, cell in zip(block.header, cells, strict=True):
             if title == "solver" and cell.plain in known:
                 cell.stylize(look_of(cell.plain).color)
@@ -143,12 +145,14 @@ def make_console() -> Console:
 
 def print_line(console: Console, text: str) -> None:
     """Print a line without control characters; in a log it is not wrapped."""
-    console.print(visible(text), markup=False, highlight=False, soft_wrap=not console.is_terminal)
+    console.print(escape_invisible(text), markup=False, highlight=False, soft_wrap=not console.is_terminal)
 
 
 def error_line(text: str) -> None:
     """Print a line on standard error."""
-    Console(stderr=True).print(f"impact-xval: {visible(text)}", markup=False, highlight=False, soft_wrap=True)
+    Console(stderr=True).print(
+        f"impact-xval: {escape_invisible(text)}", markup=False, highlight=False, soft_wrap=True
+    )
 
 
 def say_waiting(line: str) -> None:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from impact_xval.compliant_baselines.registry import engine_free_names, is_engine
+from impact_xval.compliant_baselines.registry import exact_law_names, is_engine
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.measures.divergence import masses_and_starts, norms
 from impact_xval.experiments.scoreboard.cases import CASES, STEPS, USUAL
@@ -18,7 +18,7 @@ from impact_xval.model.arrays import Floats
 MODEL = "state-transition"
 
 #: Columns of the distances from the exact laws, by law.
-_DISTANCE_COLUMNS = {law: f"D_{law}" for law in engine_free_names()}
+_DISTANCE_COLUMNS = {law: f"D_{law}" for law in exact_law_names()}
 FROM_LAWS = list(_DISTANCE_COLUMNS.values())
 
 #: Columns of the board after those of the answers, in their order.

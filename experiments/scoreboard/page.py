@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from impact_xval.compliant_baselines.registry import has_fixed_mapping, is_engine, law_of
+from impact_xval.compliant_baselines.registry import has_fixed_mapping, is_engine, law_name_of
 from impact_xval.experiments.presentation.document import Block, Figure, Section, Table
 from impact_xval.experiments.presentation.html import render_page
 from impact_xval.experiments.presentation.style import save_figure, styled_figure
@@ -126,7 +126,7 @@ def draw_cradle(judged: Frame, folder: Path) -> None:
 
 def display_engine(solver: str) -> str:
     """Name a solver for a reader; an engine whose contacts are mapped to a law has ``(mapped)`` after its name."""
-    mapped = is_engine(solver) and law_of(solver) and ":" not in solver and not has_fixed_mapping(solver)
+    mapped = is_engine(solver) and law_name_of(solver) and ":" not in solver and not has_fixed_mapping(solver)
     return f"{display_name(solver)} (mapped)" if mapped else display_name(solver)
 
 

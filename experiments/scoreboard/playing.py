@@ -13,7 +13,7 @@ from typing import Protocol, TypeVar, TypeVarTuple
 
 import pandas as pd
 
-from impact_xval.compliant_baselines.registry import engine_free_names, get_solver, is_engine, solver_names
+from impact_xval.compliant_baselines.registry import exact_law_names, get_solver, is_engine, solver_names
 from impact_xval.experiments.config.errors import InterruptedRunError
 from impact_xval.experiments.scoreboard.cases import (
     CASE_SETUPS,
@@ -52,7 +52,7 @@ def list_entrants(names: Sequence[str] = ()) -> list[str]:
     """List the exact laws, and the given engines; without any, all installed engines."""
     engines = filter(is_engine, solver_names(on_request=True))
     installed = (name for name in engines if get_solver(name).unavailable() is None)
-    return list(dict.fromkeys([*engine_free_names(), *(names or installed)]))
+    return list(dict.fromkeys([*exact_law_names(), *(names or installed)]))
 
 
 def collect_answers(

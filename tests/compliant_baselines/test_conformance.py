@@ -7,7 +7,7 @@ import pytest
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.conformance import checks, problems
 from impact_xval.compliant_baselines.references import ReferenceSolver
-from impact_xval.compliant_baselines.registry import law_of
+from impact_xval.compliant_baselines.registry import law_name_of
 from tests.compliant_baselines.conftest import installed
 
 pytestmark = pytest.mark.smoke
@@ -23,7 +23,7 @@ SLOW = [
     "name", ["kelvin-voigt", "mujoco", "pybullet", "hunt-crossley", "bistiffness", "state-transition", *SLOW]
 )
 def test_our_own_solvers_conform_and_have_the_law_the_registry_says(name):
-    assert problems(installed(name), law_of(name)) == {}
+    assert problems(installed(name), law_name_of(name)) == {}
 
 
 class Mutant(ReferenceSolver):

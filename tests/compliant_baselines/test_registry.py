@@ -28,15 +28,15 @@ def test_an_unknown_name_is_told_the_known_ones_in_the_order_of_the_tables():
 
 def test_kinds_and_laws_are_those_of_the_classes_and_laws_are_exact_solvers():
     for name in ALL:
-        solver, kind, law = get_solver(name), registry.kind_of(name), registry.law_of(name)
+        solver, kind, law = get_solver(name), registry.kind_of(name), registry.law_name_of(name)
         assert (solver.name, solver.kind, solver.law) == (name, kind, law)
         assert registry.is_engine(name) == isinstance(solver, Engine)
         assert registry.description_of(name)
         if law is None:  # a rigid engine, which is asked for a restitution, not for a law, or one as it ships
             assert kind == "rigid" or registry.has_fixed_mapping(name)
             continue
-        assert law in registry.engine_free_names(), name
-        assert registry.law_of(law) == law
+        assert law in registry.exact_law_names(), name
+        assert registry.law_name_of(law) == law
         assert (registry.kind_of(law) == "model") == (kind == "model"), name
 
 
@@ -47,7 +47,7 @@ def test_solvers_are_told_of_without_importing_them_and_made_without_importing_e
         "engines = ('mujoco', 'pydrake', 'pybullet')\n"
         "def there(*parts): return [m for m in sys.modules if m.startswith(engines) or any(p in m for p in parts)]\n"
         "names = r.solver_names(on_request=True)\n"
-        "told = [(r.kind_of(n), r.law_of(n)) for n in names]; print(there('baselines.engines.'))\n"
+        "told = [(r.kind_of(n), r.law_name_of(n)) for n in names]; print(there('baselines.engines.'))\n"
         "made = [r.get_solver(n) for n in names]; print(there())"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -130,9 +130,9 @@ BROKEN = {
 def test_a_plug_in_states_its_kind_and_law(site):
     _install_toy(site)
     install(site, "broken", {"gone": "gone:Engine"})
-    assert (registry.kind_of("toy"), registry.law_of("toy")) == ("rigid", None)
+    assert (registry.kind_of("toy"), registry.law_name_of("toy")) == ("rigid", None)
     for name in ("gone", "of a table from elsewhere"):
-        assert (registry.kind_of(name), registry.law_of(name)) == ("compliant", "kelvin-voigt")
+        assert (registry.kind_of(name), registry.law_name_of(name)) == ("compliant", "kelvin-voigt")
     assert one_solver_per_law(["toy", "gone", "kelvin-voigt"]) == ["toy", "kelvin-voigt"]
     config = parse_config({"solvers": ["toy", "gone", "kelvin-voigt"]})
     assert engines_with_ladders(config) == ["gone"]  # the others have no ladder

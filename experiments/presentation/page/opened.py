@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.paste import mjcf
-from impact_xval.compliant_baselines.registry import engine_free_names, get_solver, solver_names
+from impact_xval.compliant_baselines.registry import exact_law_names, get_solver, solver_names
 from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES, RATIO_OF, SI_AXES
 from impact_xval.experiments.config.experiment import Config
@@ -169,7 +169,7 @@ def _commands(root: Path, config: Config, row: Record) -> list[list[str]]:
 def _curves(config: Config, collisions: Sequence[Collision]) -> list[dict[str, Curve]]:
     """Solve collisions by the exact solvers of a run: impulses per m1 |v0| by solver, as few points as a line needs."""
     settings = replace(settings_of(config), record_path=True, mark=False)
-    exact = [name for name in config.solvers if name in engine_free_names()]
+    exact = [name for name in config.solvers if name in exact_law_names()]
     solved = {name: get_solver(name).solve_many(collisions, settings) for name in exact}
     return [
         {

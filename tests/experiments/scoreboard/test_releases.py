@@ -230,7 +230,7 @@ def test_versions_are_asked_in_their_environments_and_one_that_dies_costs_its_ro
     from impact_xval.experiments.commands.cli import main
 
     monkeypatch.setattr(playing, "CASES", {("pile, k2/k1 = 1", 1.0): None})
-    monkeypatch.setattr(playing, "engine_free_names", lambda: ("newton-restitution", "poisson-restitution"))
+    monkeypatch.setattr(playing, "exact_law_names", lambda: ("newton-restitution", "poisson-restitution"))
     monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")  # an environment has no kernels yet; one case needs none
     asked = [word for version in ("7.9", "7.7", "99", "7.8") for word in ("--with", f"pymunk=={version}")]
     words = ["scoreboard", "--solver", "pymunk", "--workers", "1", "--out", str(tmp_path / "out"), *asked]
