@@ -90,7 +90,7 @@ def solve_by_law(
         approach. Such collisions have no gaps.
     gravity
         In m/s^2, of shape (n,) or (). Above 0 it is a drop of two balls on a table, the lower one settled
-        (`chain.rest`).
+        (`chain.drop`).
     states, paths
         Whether the outcomes have them.
     max_steps

@@ -289,7 +289,7 @@ def law_name_of(name: str) -> str | None:
 
 
 def stated_law(name: str) -> str | None:
-    """Return `law_name_of` for lists that people read; None for a plug-in that has stated no law and cannot be loaded."""
+    """Return `law_name_of` for lists that people read; None for a plug-in without a law that cannot be loaded."""
     return None if isinstance(_spec_or_plug_in(name), Unloadable) else law_name_of(name)
 
 

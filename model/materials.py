@@ -46,6 +46,7 @@ class Material:
     wall: float | None = None
 
 
+#: By name; the help of the command `contact` and docs/mapping.md list the names too.
 MATERIALS = {
     material.name: material
     for material in (

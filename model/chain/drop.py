@@ -40,7 +40,7 @@ _MOST_STEPS = 400
 
 
 @kernel_helper
-def excess_on_table(last):
+def excess_energy_on_table(last):
     """Return twice the last body's energy about its equilibrium, less what unloads its contact; settled if <= 0."""
     weight = last.g / last.a
     kinetic = last.w * last.w / last.a
@@ -48,7 +48,7 @@ def excess_on_table(last):
 
 
 @kernel_helper
-def excess_of_both(upper, lower):
+def excess_energy_of_both(upper, lower):
     """Return twice the energy of both balls about their equilibrium, less what unloads a contact; settled if <= 0."""
     g, mass = lower.g, 1 / lower.a
     u1 = upper.delta - g / (upper.a * upper.k)
@@ -68,19 +68,19 @@ def ending_in_state(c, n):
     upper, lower = c[0], c[1]
     if n == 1:
         if is_active(upper):
-            return ChainEnding.BOTH_SETTLED if excess_on_table(upper) <= 0 else ChainEnding.UNFINISHED
+            return ChainEnding.BOTH_SETTLED if excess_energy_on_table(upper) <= 0 else ChainEnding.UNFINISHED
         if upper.w > 0:
             return ChainEnding.UNFINISHED
         b2_is_part_of_table = lower.balls > 0
         return ChainEnding.LOWER_SETTLED if b2_is_part_of_table else ChainEnding.FREE
     if is_active(upper):
-        both_settled = is_active(lower) and excess_of_both(upper, lower) <= 0
+        both_settled = is_active(lower) and excess_energy_of_both(upper, lower) <= 0
         return ChainEnding.BOTH_SETTLED if both_settled else ChainEnding.UNFINISHED
     if upper.w <= 0 and upper.delta <= 0:
         v2 = -lower.w
         if not is_active(lower) and v2 >= 0 and lower.delta + equilibrium_depth(lower) <= 0:
             return ChainEnding.FREE
-        if v2 - upper.w >= 0 and excess_on_table(lower) <= 0:
+        if v2 - upper.w >= 0 and excess_energy_on_table(lower) <= 0:
             return ChainEnding.LOWER_SETTLED
     return ChainEnding.UNFINISHED
 
@@ -132,10 +132,10 @@ def fall_time(c, n):
 
 
 @kernel_helper
-def excess_at(c, n, x, work):
+def excess_energy_at(c, n, x, work):
     """Move the chain to x of its window, and return twice the energy there beyond the energy that ends the drop."""
     place(c, n, x, work)
-    return excess_of_both(c[0], c[1]) if is_active(c[0]) else excess_on_table(c[n - 1])
+    return excess_energy_of_both(c[0], c[1]) if is_active(c[0]) else excess_energy_on_table(c[n - 1])
 
 
 @kernel_helper
@@ -149,12 +149,12 @@ def over_within(c, n, x, work):
         # B1 must be clear of B2 and not approach. Neither changes within a window, and B1's own velocity only falls.
         rates, deltas = work[0].rates, work[0].deltas
         may_end = deltas[0] <= 0 and (rates[0] < 0 or (rates[0] == 0 and rates[1] <= 0))
-    if not may_end or excess_at(c, n, 0.0, work) <= 0 or excess_at(c, n, x, work) > 0:
+    if not may_end or excess_energy_at(c, n, 0.0, work) <= 0 or excess_energy_at(c, n, x, work) > 0:
         return x
     low, high = 0.0, x
     for _ in range(60):
         middle = 0.5 * (low + high)
-        if excess_at(c, n, middle, work) > 0:
+        if excess_energy_at(c, n, middle, work) > 0:
             low = middle
         else:
             high = middle

@@ -65,7 +65,7 @@ class ChainResult(NamedTuple):
 
     @property
     def given_up(self) -> Booleans:
-        """True where a collision was given up before its end."""
+        """True where a collision was given up, after too many windows or where an event could not be found."""
         return self.records["ending"] == ChainEnding.UNFINISHED
 
     @property

@@ -269,7 +269,7 @@ def collide(c, work, setup, options, logs, first_row, first_set, result):
             event_contact, watched = window.contact, window.watched
             next_step, last_power = window.next_step, degree
             if x < 0:
-                break
+                break  # given up: `ending` stays UNFINISHED
             if not dashpot:
                 margin = near_misses(c, n, degree, x, h, energy, margin, work)
         if x > 0:

@@ -36,7 +36,11 @@ from impact_xval.model.pair.law import Phase
 
 
 class Law(IntEnum):
-    """Law of all contacts of a chain; those with a dashpot come after those without."""
+    """Law of all contacts of a chain; the order counts: those with a dashpot come after those without.
+
+    Laws are told apart in `WATCHED`, `damping`, `force`, `force_indicator` and by their events. Hunt-Crossley's, whose
+    force is a product, is so in `chain.series` and `chain.event` too, and Kelvin-Voigt's in `chain.drop`.
+    """
 
     STATE_TRANSITION = 0
     LIU_ZHAO_BROGLIATO = 1
@@ -56,7 +60,7 @@ class Watched(IntEnum):
 
 #: Sign that a watched function has until its event, by law, phase and `Watched`; 0 where it is not watched. An inactive
 #: contact with frozen positions has the phase HELD here.
-WATCHED = np.zeros((5, 5, 4))
+WATCHED = np.zeros((len(Law), len(Phase), len(Watched)))
 WATCHED[:, Phase.INACTIVE, Watched.GAP] = WATCHED[:, Phase.HELD, Watched.RATE] = -1
 for _law in (Law.STATE_TRANSITION, Law.LIU_ZHAO_BROGLIATO, Law.COMPRESSION_DASHPOT):
     WATCHED[_law, Phase.COMPRESSION, Watched.RATE] = 1
@@ -123,10 +127,10 @@ def force(contact):
 
 
 @kernel_helper
-def uncut_force(contact, delta, w, dw):
+def force_indicator(contact, delta, w, dw):
     """Return a function with the sign of a dashpot's force before that is cut off at zero, and its slope in time.
 
-    Given are the deformation, the rate w and its slope dw.
+    Of a linear contact with a dashpot it is the force. Given are the deformation, the rate w and its slope dw.
     """
     if contact.law == Law.HUNT_CROSSLEY:
         return 1 + contact.b * w, contact.b * dw

@@ -18,7 +18,7 @@ import numpy as np
 
 from impact_xval.model.arrays import Records, zero_records
 from impact_xval.model.chain.dop853 import E3, E5, STAGES, A, B
-from impact_xval.model.chain.laws import Watched, force, has_dashpot, is_active, uncut_force
+from impact_xval.model.chain.laws import Watched, force, force_indicator, has_dashpot, is_active
 from impact_xval.model.chain.series import ORDER
 from impact_xval.model.chain.state import tangent
 from impact_xval.model.compiled import kernel_helper
@@ -203,9 +203,9 @@ def interpolate(c, n, h, work):
 
 @kernel_helper
 def interpolate_force(contact, h, scratch):
-    """Write the polynomial of a dashpot's uncut force through the ends of a step of length h."""
-    f0, d0 = uncut_force(contact, scratch.delta, scratch.w, scratch.kw[0])
-    f1, d1 = uncut_force(contact, contact.delta, contact.w, scratch.kw[STAGES])
+    """Write the polynomial of a dashpot's `force_indicator` through the ends of a step of length h."""
+    f0, d0 = force_indicator(contact, scratch.delta, scratch.w, scratch.kw[0])
+    f1, d1 = force_indicator(contact, contact.delta, contact.w, scratch.kw[STAGES])
     write_cubic(scratch.watched, f0, h * d0, f1, h * d1)
 
 
@@ -215,7 +215,7 @@ def value_and_slope_at_end(contact, scratch, watched):
     if watched == Watched.GAP:
         return contact.delta, contact.w
     if watched == Watched.FORCE:
-        return uncut_force(contact, contact.delta, contact.w, scratch.kw[STAGES])
+        return force_indicator(contact, contact.delta, contact.w, scratch.kw[STAGES])
     return contact.w, scratch.kw[STAGES]
 
 

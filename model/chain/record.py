@@ -1,7 +1,7 @@
 """Types that cross the boundary of the kernel of chains: endings, inputs, logs, and the record of a result.
 
-Used by `chain.kernel`, which fills in the results, by `chain.following`, which reads them, and by engines, which end
-drops in the same ways.
+Used by `chain.kernel`, which fills in the results, by `chain.following`, which reads them, and by
+`compliant_baselines.references`, which reads how drops ended.
 """
 
 from __future__ import annotations
@@ -16,10 +16,12 @@ from numpy.typing import NDArray
 class ChainEnding(IntEnum):
     """End of a chain.
 
-    Its numbers differ from all of `pair.record.PairEnding`, so that a code of one kernel means nothing to the other.
+    Status and sentence of one without a result come from `following.Problem.outcomes`, those of `UNFINISHED` from its
+    callers. The numbers differ from all of `pair.record.PairEnding`, so that a code of one kernel means nothing to the
+    other.
     """
 
-    UNFINISHED = 0  # it goes on, or was given up
+    UNFINISHED = 0  # it goes on, or was given up: after too many windows, or where an event cannot be found
     FREE = 1  # no bodies touch or approach any more; in a drop, both balls have left the table
     LOWER_SETTLED = 2  # a drop: B1 left B2, which is settled on the table
     BOTH_SETTLED = 3  # a drop: B1 settled on B2

@@ -24,7 +24,7 @@ from impact_xval.model.pair.roots import EPSILON, Jet, positive_between, root_be
 STAKE = 1e-6
 
 #: Turning points count where a rate is at most this share of its amplitude. An outcome without one has an infinite
-#: margin.
+#: margin. It is not more than `pair.roots.ENVELOPE_RESERVE`. The mark itself has `model.inputs.GRAZING_THRESHOLD`.
 NEAR = 0.05
 
 #: Stretches shorter than this, in radians of the fast mode, are not searched further for pairs of turning points.
