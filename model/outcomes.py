@@ -70,10 +70,25 @@ class Outcomes(Sequence[Outcome]):
     diagnostics: dict[str, Floats] = field(default_factory=dict[str, Floats])
     paths: Paths | None = None
 
-    v1 = property(lambda self: self.velocities[..., 0], doc="Velocities of ball 1, in m/s.")
-    v2 = property(lambda self: self.velocities[..., 1], doc="Velocities of ball 2, in m/s.")
-    impulse1 = property(lambda self: self.impulses[..., 0], doc="Impulses of contact 1, in N s.")
-    impulse2 = property(lambda self: self.impulses[..., 1], doc="Impulses of contact 2, in N s.")
+    @property
+    def v1(self) -> Floats:
+        """Velocities of ball 1, in m/s."""
+        return self.velocities[..., 0]
+
+    @property
+    def v2(self) -> Floats:
+        """Velocities of ball 2, in m/s."""
+        return self.velocities[..., 1]
+
+    @property
+    def impulse1(self) -> Floats:
+        """Impulses of contact 1, in N s."""
+        return self.impulses[..., 0]
+
+    @property
+    def impulse2(self) -> Floats:
+        """Impulses of contact 2, in N s."""
+        return self.impulses[..., 1]
 
     @property
     def statuses(self) -> NDArray[np.str_]:
@@ -201,10 +216,25 @@ class GridOutcomes:
     flat: Outcomes
     shape: tuple[int, ...]
 
-    v1 = property(lambda self: self.velocities[..., 0], doc="Velocities of ball 1, in m/s.")
-    v2 = property(lambda self: self.velocities[..., 1], doc="Velocities of ball 2, in m/s.")
-    impulse1 = property(lambda self: self.impulses[..., 0], doc="Impulses of contact 1, in N s.")
-    impulse2 = property(lambda self: self.impulses[..., 1], doc="Impulses of contact 2, in N s.")
+    @property
+    def v1(self) -> Floats:
+        """Velocities of ball 1, in m/s."""
+        return self.velocities[..., 0]
+
+    @property
+    def v2(self) -> Floats:
+        """Velocities of ball 2, in m/s."""
+        return self.velocities[..., 1]
+
+    @property
+    def impulse1(self) -> Floats:
+        """Impulses of contact 1, in N s."""
+        return self.impulses[..., 0]
+
+    @property
+    def impulse2(self) -> Floats:
+        """Impulses of contact 2, in N s."""
+        return self.impulses[..., 1]
 
     def __getitem__(self, index: int | tuple[int, ...]) -> Outcome:
         return self.flat[int(np.arange(len(self.flat)).reshape(self.shape)[index])]
