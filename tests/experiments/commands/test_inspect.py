@@ -88,6 +88,28 @@ def test_a_written_scene_does_what_was_meant(reading, tmp_path, command):
     assert data.qvel[2] == pytest.approx(meant, abs=0.02)
 
 
+def test_a_written_pair_touches_where_its_geoms_do_and_not_by_the_scenes_default_for_pairs(tmp_path, command):
+    """A pair that says nothing of margin, gap and friction's solref has those of the scene's default for pairs."""
+    scene, fixed = tmp_path / "scene.xml", tmp_path / "fixed.xml"
+    adhesion = 'adhesion="20"' if hasattr(mujoco.MjContact, "adhesion") else ""  # from 3.11 on
+    scene.write_text(
+        '<mujoco><default><pair margin=".003" gap=".002" solreffriction="-100 -10"/>'
+        f'<geom solref="-5000 -10" {adhesion}/></default><worldbody><geom type="plane" size="9 9 1"/>'
+        '<body pos="0 0 .099"><freejoint/><geom size=".1" mass="3"/></body></worldbody></mujoco>'
+    )
+    command(["inspect", scene, "--fix", fixed, "--keep"])
+    contacts = []
+    for path in (scene, fixed):
+        model = mujoco.MjModel.from_xml_path(str(path))
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        (contact,) = data.contact
+        contacts.append(
+            [contact.includemargin, *contact.solreffriction, *([contact.adhesion] if adhesion else [])]
+        )
+    assert contacts[0] == contacts[1] == [0, 0, 0, *([40] if adhesion else [])]
+
+
 def test_a_scene_that_cannot_be_written_costs_a_line(tmp_path, refused):
     scene, target = tmp_path / "scene.xml", tmp_path / "fixed.xml"
     scene.write_text(field_scenes.second_number_is_e())
