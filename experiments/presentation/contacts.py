@@ -234,6 +234,13 @@ _MOST_LINES, _MOST_GROUPS, _MOST_REMARKS, _MOST_TRAPS = 40, 8, 3, 7
 #: Most contacts of a written scene that are shown.
 _MOST_WRITTEN = 12
 
+#: What contacts at the level of forces do where two bodies touch otherwise than in the drops. Other direct numbers are
+#: accelerations, which neither the number of points nor the place changes much.
+_ONE_POINT = (
+    "Each point of contact then has these numbers, and bodies are hit at their centres of mass: a box that lands on a "
+    "face has four points, and is four times as stiff; hit elsewhere a body is lighter, and rebounds faster and lower"
+)
+
 #: Letters of a contact's name that a table of a screen shows.
 _NAME_WIDTH = 44
 
@@ -269,6 +276,7 @@ def scene_blocks(
             'Write these numbers in a <pair geom1="A" geom2="B" solimp="0.0001 0.0001 0.001 0.5 1" .../>, A and B two '
             "geoms; --fix FILE with --keep or --newton-metre writes all" + _describe_creep(shown),
         )
+        traps.insert(1, _ONE_POINT)
     if len(groups) > len(shown):
         remarks.insert(0, f"{len(groups) - len(shown)} more groups: --all shows them")
     if not everything:
@@ -373,6 +381,7 @@ def fixed_scene_blocks(fixed: FixedScene, scene: str, target: str, version: str)
     return [
         f"{target} is {scene} with contacts that do {reading}. Changed: {', '.join(changes)}",
         Table(header, rows, caption, text=4),
+        _ONE_POINT,
         f"{fixed.unchanged} other contacts keep their parameters, at the new step",
         end,
     ]

@@ -5,6 +5,7 @@ import re
 import mujoco
 import pytest
 
+from impact_xval.compliant_baselines.mapping import KelvinVoigtContact
 from tests.compliant_baselines import field_scenes
 
 MESH = "0 0 0  1 0 0  0 1 0  0 0 1"
@@ -108,6 +109,28 @@ def test_a_written_pair_touches_where_its_geoms_do_and_not_by_the_scenes_default
             [contact.includemargin, *contact.solreffriction, *([contact.adhesion] if adhesion else [])]
         )
     assert contacts[0] == contacts[1] == [0, 0, 0, *([40] if adhesion else [])]
+
+
+def test_a_box_on_a_face_is_said_to_be_four_times_as_stiff_and_is(tmp_path, command):
+    scene, fixed = tmp_path / "scene.xml", tmp_path / "fixed.xml"
+    scene.write_text(
+        '<mujoco><default><geom solref="-20000 -40" condim="1"/></default><worldbody>'
+        '<geom type="plane" size="9 9 1"/><body pos="0 0 .1"><freejoint/><geom type="box" size=".1 .2 .1" mass="4"/>'
+        "</body></worldbody></mujoco>"
+    )
+    says = "a box that lands on a face has four points, and is four times as stiff"
+    assert says in command(["inspect", scene], ends=3)
+    assert says in command(["inspect", scene, "--fix", fixed, "--keep"])
+    model = mujoco.MjModel.from_xml_path(str(fixed))
+    point = KelvinVoigtContact(*(-4 * model.pair_solref[0]), 4)  # solref is k and c over the mass of 4 kg
+    model.opt.gravity[:] = 0
+    data = mujoco.MjData(model)
+    data.qvel[2] = -1.0
+    while data.time < 2 * point.duration:
+        mujoco.mj_step(model, data)
+    four = KelvinVoigtContact(4 * point.k, 4 * point.c, 4)
+    assert four.restitution < point.restitution - 0.1
+    assert data.qvel[2] == pytest.approx(four.restitution, abs=0.02)
 
 
 def test_a_scene_that_cannot_be_written_costs_a_line(tmp_path, refused):
