@@ -47,6 +47,22 @@ def test_both_readings_are_on_the_screen(tmp_path, command):
     assert re.search(r"^1  if 200000 N/m and 70 N s/m were meant \(e = 0\.33\d? in ", out, re.MULTILINE)
 
 
+def test_a_second_solref_of_a_reading_is_another_one_with_its_own_friction(tmp_path, command):
+    """With a pyramidal cone the numbers depend on the friction, and contacts of a group may differ in it."""
+    path = tmp_path / "scene.xml"
+    body = '<body pos="{0} 0 1"><freejoint/><geom name="b{0}" size=".1" mass="{1}" friction="{2}"/></body>'
+    path.write_text(
+        '<mujoco><default><geom solref="-20000 -40"/></default><worldbody><geom type="plane" size="9 9 1"/>'
+        f"{body.format(1, 0.3, 0.7)}{body.format(2, 4, 1.2)}</worldbody></mujoco>"
+    )
+    (line,) = (line for line in command(["inspect", path], ends=3).splitlines() if "  to keep" in line)
+    found = re.findall(r'friction="(\S+) [^"]*" solref="(\S+) \S+" for', line)
+    assert {friction for friction, _ in found} == {"1", "1.2"}
+    # The force along the normal is multiplied by (condim - 1)/(mu^2 (1 + mu^2)).
+    scaled = [float(solref) / (float(mu) ** 2 * (1 + float(mu) ** 2)) for mu, solref in found]
+    assert scaled[0] == pytest.approx(scaled[1], rel=1e-3)
+
+
 def test_frictionless_contacts_are_said_to_be_and_stay_so(tmp_path, command):
     path = tmp_path / "scene.xml"
     path.write_text(field_scenes.cradle("-20000 -15", 1e-3))
