@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import CodeType
 from typing import Any
 
 import numpy as np
@@ -93,7 +94,7 @@ def drop_in_pybullet(
     text: str, masses: Sequence[float], radius: float, speed: float, gaps: Sequence[float], most_steps: int
 ) -> list[tuple[float, int]]:
     """Drop A on B in PyBullet, as `drop_in_mujoco` does."""
-    return [_drop_once(text, masses, radius, speed, gap, most_steps, flat=False) for gap in gaps]
+    return _drop_each(text, masses, radius, speed, gaps, most_steps, flat=False)
 
 
 def drop_on_flat_in_pybullet(
@@ -104,37 +105,59 @@ def drop_on_flat_in_pybullet(
     A sphere near a flat side has a contact before it touches, from `contactBreakingThreshold` on; two spheres have
     none. So the first step with force is another one.
     """
-    return [_drop_once(text, masses, radius, speed, gap, most_steps, flat=True) for gap in gaps]
+    return _drop_each(text, masses, radius, speed, gaps, most_steps, flat=True)
+
+
+def _drop_each(
+    text: str,
+    masses: Sequence[float],
+    radius: float,
+    speed: float,
+    gaps: Sequence[float],
+    most_steps: int,
+    flat: bool,
+) -> list[tuple[float, int]]:
+    """Drop A on B once for each gap in m, in one client: to connect takes longer than a drop."""
+    code = compile(text, "pasted", "exec")
+    with pybullet.connected() as p:
+        return [_drop_once(p, code, masses, radius, speed, gap, most_steps, flat) for gap in gaps]
 
 
 def _drop_once(
-    text: str, masses: Sequence[float], radius: float, speed: float, gap: float, most_steps: int, flat: bool
+    p: pybullet.Client,
+    code: CodeType,
+    masses: Sequence[float],
+    radius: float,
+    speed: float,
+    gap: float,
+    most_steps: int,
+    flat: bool,
 ) -> tuple[float, int]:
-    """Drop A on B in a client of its own."""
-    code, (mass_a, mass_b), fixed = compile(text, "pasted", "exec"), masses, math.isinf(masses[1])
-    with pybullet.connected() as p:
-        sphere, depth = p.createCollisionShape(p.GEOM_SPHERE, radius=radius), radius
-        side = sphere
-        if flat and fixed:
-            side, depth = p.createCollisionShape(p.GEOM_PLANE, planeNormal=[1, 0, 0]), 0.0
-        elif flat:
-            depth = max(radius, SMALLEST_BOX)
-            side = p.createCollisionShape(p.GEOM_BOX, halfExtents=[depth] * 3)
-        b = p.createMultiBody(0 if fixed else mass_b, side, basePosition=[-depth, 0, 0])
-        a = p.createMultiBody(mass_a, sphere, basePosition=[radius + gap, 0, 0])
-        exec(code, {"p": p, "a": a, "b": b})
-        p.resetBaseVelocity(a, [-speed, 0, 0])
-        step, read, client = p.module.stepSimulation, p.module.getBaseVelocity, p.number
+    """Drop A on B in a client that is emptied first."""
+    (mass_a, mass_b), fixed = masses, math.isinf(masses[1])
+    p.resetSimulation()
+    sphere, depth = p.createCollisionShape(p.GEOM_SPHERE, radius=radius), radius
+    side = sphere
+    if flat and fixed:
+        side, depth = p.createCollisionShape(p.GEOM_PLANE, planeNormal=[1, 0, 0]), 0.0
+    elif flat:
+        depth = max(radius, SMALLEST_BOX)
+        side = p.createCollisionShape(p.GEOM_BOX, halfExtents=[depth] * 3)
+    b = p.createMultiBody(0 if fixed else mass_b, side, basePosition=[-depth, 0, 0])
+    a = p.createMultiBody(mass_a, sphere, basePosition=[radius + gap, 0, 0])
+    exec(code, {"p": p, "a": a, "b": b})
+    p.resetBaseVelocity(a, [-speed, 0, 0])
+    step, read, client = p.module.stepSimulation, p.module.getBaseVelocity, p.number
 
-        def advance(n: int) -> Floats:
-            rates = np.empty((1, n))
-            for i in range(n):
-                step(client)
-                rates[0, i] = read(a, client)[0][0] - read(b, client)[0][0]
-            return rates
+    def advance(n: int) -> Floats:
+        rates = np.empty((1, n))
+        for i in range(n):
+            step(client)
+            rates[0, i] = read(a, client)[0][0] - read(b, client)[0][0]
+        return rates
 
-        (drop,) = _follow("pybullet", advance, 1, speed, most_steps)
-        return drop
+    (drop,) = _follow("pybullet", advance, 1, speed, most_steps)
+    return drop
 
 
 def _follow(

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import CodeType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -224,37 +225,45 @@ def strike_in_pybullet(
     text: str, masses: Sequence[float], radius: float, speed: float, gaps: Sequence[float], most_steps: int
 ) -> list[tuple[float, ...]]:
     """Let A strike B and C as `strike_in_mujoco` does; C is a plane if it is fixed."""
-    return [_strike_once_in_pybullet(text, masses, radius, speed, gap, most_steps) for gap in gaps]
+    code = compile(text, "pasted", "exec")
+    with pybullet.connected() as p:
+        return [_strike_once_in_pybullet(p, code, masses, radius, speed, gap, most_steps) for gap in gaps]
 
 
 def _strike_once_in_pybullet(
-    text: str, masses: Sequence[float], radius: float, speed: float, gap: float, most_steps: int
+    p: pybullet.Client,
+    code: CodeType,
+    masses: Sequence[float],
+    radius: float,
+    speed: float,
+    gap: float,
+    most_steps: int,
 ) -> tuple[float, ...]:
-    """Run the text once in a client of its own."""
-    code, (mass_a, mass_b, mass_c) = compile(text, "pasted", "exec"), masses
+    """Run the text once in a client that is emptied first."""
+    mass_a, mass_b, mass_c = masses
     fixed = math.isinf(mass_c)
-    with pybullet.connected() as p:
-        sphere = p.createCollisionShape(p.GEOM_SPHERE, radius=radius)
-        if fixed:
-            plane = p.createCollisionShape(p.GEOM_PLANE, planeNormal=[1, 0, 0])
-            c = p.createMultiBody(0, plane, basePosition=[-radius, 0, 0])
-        else:
-            c = p.createMultiBody(mass_c, sphere, basePosition=[-2 * radius, 0, 0])
-        b = p.createMultiBody(mass_b, sphere, basePosition=[0, 0, 0])
-        a = p.createMultiBody(mass_a, sphere, basePosition=[2 * radius + gap, 0, 0])
-        exec(code, {"p": p, "a": a, "b": b, "c": c})
-        p.resetBaseVelocity(a, [-speed, 0, 0])
-        step, read, client = p.module.stepSimulation, p.module.getBaseVelocity, p.number
-        moving = (a, b) if fixed else (a, b, c)
+    p.resetSimulation()
+    sphere = p.createCollisionShape(p.GEOM_SPHERE, radius=radius)
+    if fixed:
+        plane = p.createCollisionShape(p.GEOM_PLANE, planeNormal=[1, 0, 0])
+        c = p.createMultiBody(0, plane, basePosition=[-radius, 0, 0])
+    else:
+        c = p.createMultiBody(mass_c, sphere, basePosition=[-2 * radius, 0, 0])
+    b = p.createMultiBody(mass_b, sphere, basePosition=[0, 0, 0])
+    a = p.createMultiBody(mass_a, sphere, basePosition=[2 * radius + gap, 0, 0])
+    exec(code, {"p": p, "a": a, "b": b, "c": c})
+    p.resetBaseVelocity(a, [-speed, 0, 0])
+    step, read, client = p.module.stepSimulation, p.module.getBaseVelocity, p.number
+    moving = (a, b) if fixed else (a, b, c)
 
-        def advance(n: int) -> Floats:
-            velocities = np.empty((n, len(moving)))
-            for i in range(n):
-                step(client)
-                velocities[i] = [read(body, client)[0][0] for body in moving]
-            return velocities
+    def advance(n: int) -> Floats:
+        velocities = np.empty((n, len(moving)))
+        for i in range(n):
+            step(client)
+            velocities[i] = [read(body, client)[0][0] for body in moving]
+        return velocities
 
-        return _follow("pybullet", advance, [-speed] + [0.0] * (len(moving) - 1), fixed, most_steps)
+    return _follow("pybullet", advance, [-speed] + [0.0] * (len(moving) - 1), fixed, most_steps)
 
 
 #: Functions that run the text to paste for three bodies by itself.

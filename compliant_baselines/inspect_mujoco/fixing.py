@@ -41,6 +41,10 @@ from impact_xval.compliant_baselines.restitution import contact_time, damping_ra
 
 mujoco: Any = import_module("mujoco")  # the names of the compiled module are invisible to a type checker
 
+#: What a new <pair> has from the geoms beside the reading; else the scene's default for pairs would replace it. The
+#: margin is that at which the force begins, so that the gap is 0.
+KEPT_PARAMETERS = ("margin", "solreffriction", "adhesion")
+
 #: Most geoms of a scene that is written.
 MOST_GEOMS_TO_FIX = 250
 
@@ -206,10 +210,11 @@ def _write_pairs(
         first, second = (names[geom] for geom in one.contact.geoms)
         pair = existing.get(frozenset((first, second)))
         if pair is None:
-            pair = ElementTree.SubElement(section, "pair", {"geom1": first, "geom2": second})
-            margin = dict(one.contact.bodies.pair)["margin"][0]
-            if margin:
-                pair.set("margin", f"{margin:.12g}")
+            numbers = dict(one.contact.bodies.pair)
+            pair = ElementTree.SubElement(section, "pair", {"geom1": first, "geom2": second, "gap": "0"})
+            for name in KEPT_PARAMETERS:
+                if name in numbers:
+                    pair.set(name, " ".join(f"{value:.12g}" for value in numbers[name]))
         pair.attrib.update(one.reading.attributes)
         pair.set("solref", " ".join(f"{value:.12g}" for value in one.reading.solref))
     option = root.find("option")

@@ -234,6 +234,13 @@ _MOST_LINES, _MOST_GROUPS, _MOST_REMARKS, _MOST_TRAPS = 40, 8, 3, 7
 #: Most contacts of a written scene that are shown.
 _MOST_WRITTEN = 12
 
+#: What contacts at the level of forces do where two bodies touch otherwise than in the drops. Other direct numbers are
+#: accelerations, which neither the number of points nor the place changes much.
+_ONE_POINT = (
+    "Each point of contact then has these numbers, and bodies are hit at their centres of mass: a box that lands on a "
+    "face has four points, and is four times as stiff; hit elsewhere a body is lighter, and rebounds faster and lower"
+)
+
 #: Letters of a contact's name that a table of a screen shows.
 _NAME_WIDTH = 44
 
@@ -269,6 +276,7 @@ def scene_blocks(
             'Write these numbers in a <pair geom1="A" geom2="B" solimp="0.0001 0.0001 0.001 0.5 1" .../>, A and B two '
             "geoms; --fix FILE with --keep or --newton-metre writes all" + _describe_creep(shown),
         )
+        traps.insert(1, _ONE_POINT)
     if len(groups) > len(shown):
         remarks.insert(0, f"{len(groups) - len(shown)} more groups: --all shows them")
     if not everything:
@@ -373,6 +381,7 @@ def fixed_scene_blocks(fixed: FixedScene, scene: str, target: str, version: str)
     return [
         f"{target} is {scene} with contacts that do {reading}. Changed: {', '.join(changes)}",
         Table(header, rows, caption, text=4),
+        _ONE_POINT,
         f"{fixed.unchanged} other contacts keep their parameters, at the new step",
         end,
     ]
@@ -499,28 +508,36 @@ def _describe_reading(readings: list[tuple[ExaminedContact, Reading]]) -> str:
     tolerance = ' and tolerance="0"' if any(reading.zero_tolerance for _, reading in readings) else ""
     attributes = dict(first.attributes)
     del attributes["solimp"]  # the same for all
-    solrefs = dict.fromkeys(reading.attributes["solref"] for _, reading in readings)
-    low = high = ""
-    if len(solrefs) > 1:
-        (low, first_solref), (high_masses, last_solref) = (
-            (_format_masses([contact.bodies.masses]), reading.attributes["solref"])
-            for contact, reading in (readings[0], readings[1])
+    written = _format_attributes(attributes)
+    others = [
+        (
+            contact.bodies.masses,
+            {name: text for name, text in reading.attributes.items() if name in attributes},
         )
-        attributes["solref"] = first_solref
-        high = f'"{last_solref}" for {high_masses} (kg)'
-    written = " ".join(f'{name}="{text}"' for name, text in attributes.items())
-    if high:
-        written += f" for {low}, {high}"
+        for contact, reading in readings
+        if reading.attributes["solref"] != attributes["solref"]
+    ]
+    if others:
+        # With a pyramidal cone the numbers depend on the friction too.
+        masses, of_other = others[0]
+        changed = {name: text for name, text in of_other.items() if text != attributes[name]}
+        low, high = _format_masses([readings[0][0].bodies.masses]), _format_masses([masses])
+        written += f" for {low}, {_format_attributes(changed)} for {high} (kg)"
     if first.kind == "keep":
         bodies = [member.bodies for member, _ in readings]
         is_free = all(math.isclose(each.mass, each.scale, rel_tol=1e-6) for each in bodies)
-        mass = ", in any mass," if is_free and len(solrefs) == 1 else ","
+        mass = ", in any mass," if is_free and not others else ","
         meant = f"to keep e = {e} in {duration} s{mass}"
     else:
         numbers = _format_values([reading.stiffness for _, reading in readings])
         dampings = _format_values([reading.damping for _, reading in readings])
         meant = f"if {numbers} N/m and {dampings} N s/m were meant (e = {e} in {duration} s),"
     return f"{meant} write {written}{tolerance} at a step of {step:g} s: {drops}"
+
+
+def _format_attributes(attributes: Mapping[str, str]) -> str:
+    """Write attributes as XML has them."""
+    return " ".join(f'{name}="{text}"' for name, text in attributes.items())
 
 
 def _describe_traps(examination: Examination, scene: str, everything: bool) -> list[str]:

@@ -6,9 +6,15 @@ import numpy as np
 import pytest
 
 from impact_xval.compliant_baselines import SolverError
+from impact_xval.compliant_baselines.engines import pybullet
 from impact_xval.compliant_baselines.mapping import KelvinVoigtContact, contact_time, damping_ratio
 from impact_xval.compliant_baselines.paste import paste
-from impact_xval.compliant_baselines.pasted_drops import drop_in_mujoco, mujoco_scene
+from impact_xval.compliant_baselines.pasted_drops import (
+    drop_in_mujoco,
+    drop_in_pybullet,
+    drop_on_flat_in_pybullet,
+    mujoco_scene,
+)
 from impact_xval.compliant_baselines.single_contact import Pair, find_extremes, find_largest_step, scenes_of
 from impact_xval.experiments.presentation.contacts import round_outward
 from tests.compliant_baselines import hand_scenes
@@ -132,6 +138,21 @@ def test_the_printed_text_is_all_that_a_drop_in_mujoco_runs():
     # and what it leaves at the engine's defaults is at the defaults there
     bad = text.replace(f'timestep="{step}"', "")  # 0.002 s
     assert drop_in_mujoco(bad, (1e-6, 1e4), 0.1, pair.speed, [0.0], 1000)[0][1] < 0.1 / step / 2
+
+
+@pytest.mark.parametrize("drop", [drop_in_pybullet, drop_on_flat_in_pybullet])
+@pytest.mark.parametrize("masses", [(0.2, 3.0), (2.0, math.inf)])
+def test_drops_that_share_a_client_are_those_of_clients_of_their_own(drop, masses, monkeypatch):
+    """To connect a client takes ten times as long as a drop, and searches make hundreds of drops."""
+    installed("pybullet")
+    pair, step = Pair(masses, 0.7, duration=1e-2), 2e-4
+    text = paste("pybullet", pair.contact, step)
+    gaps = [place * step for place in (1e-8, 0.4, 0.9)]
+    alone = [drop(text, masses, 0.1, 1.0, [gap], 1000)[0] for gap in gaps]
+    clients, connected = [], pybullet.connected
+    monkeypatch.setattr(pybullet, "connected", lambda: clients.append(connected()) or clients[-1])
+    assert drop(text, masses, 0.1, 1.0, gaps, 1000) == alone
+    assert len(clients) == 1
 
 
 @pytest.mark.parametrize("engine", ["mujoco", "pybullet"])

@@ -5,6 +5,7 @@ import re
 import mujoco
 import pytest
 
+from impact_xval.compliant_baselines.mapping import KelvinVoigtContact
 from tests.compliant_baselines import field_scenes
 
 MESH = "0 0 0  1 0 0  0 1 0  0 0 1"
@@ -44,6 +45,22 @@ def test_both_readings_are_on_the_screen(tmp_path, command):
     out = command(["inspect", path], ends=3)
     assert re.search(r'^1  to keep e = 0\.79\d? in 0\.0076\d* s, write condim="3" ', out, re.MULTILINE)
     assert re.search(r"^1  if 200000 N/m and 70 N s/m were meant \(e = 0\.33\d? in ", out, re.MULTILINE)
+
+
+def test_a_second_solref_of_a_reading_is_another_one_with_its_own_friction(tmp_path, command):
+    """With a pyramidal cone the numbers depend on the friction, and contacts of a group may differ in it."""
+    path = tmp_path / "scene.xml"
+    body = '<body pos="{0} 0 1"><freejoint/><geom name="b{0}" size=".1" mass="{1}" friction="{2}"/></body>'
+    path.write_text(
+        '<mujoco><default><geom solref="-20000 -40"/></default><worldbody><geom type="plane" size="9 9 1"/>'
+        f"{body.format(1, 0.3, 0.7)}{body.format(2, 4, 1.2)}</worldbody></mujoco>"
+    )
+    (line,) = (line for line in command(["inspect", path], ends=3).splitlines() if "  to keep" in line)
+    found = re.findall(r'friction="(\S+) [^"]*" solref="(\S+) \S+" for', line)
+    assert {friction for friction, _ in found} == {"1", "1.2"}
+    # The force along the normal is multiplied by (condim - 1)/(mu^2 (1 + mu^2)).
+    scaled = [float(solref) / (float(mu) ** 2 * (1 + float(mu) ** 2)) for mu, solref in found]
+    assert scaled[0] == pytest.approx(scaled[1], rel=1e-3)
 
 
 def test_frictionless_contacts_are_said_to_be_and_stay_so(tmp_path, command):
@@ -86,6 +103,50 @@ def test_a_written_scene_does_what_was_meant(reading, tmp_path, command):
         mujoco.mj_step(model, data)
     meant = {"keep": 0.85, "newton-metre": 0.79}[reading]
     assert data.qvel[2] == pytest.approx(meant, abs=0.02)
+
+
+def test_a_written_pair_touches_where_its_geoms_do_and_not_by_the_scenes_default_for_pairs(tmp_path, command):
+    """A pair that says nothing of margin, gap and friction's solref has those of the scene's default for pairs."""
+    scene, fixed = tmp_path / "scene.xml", tmp_path / "fixed.xml"
+    adhesion = 'adhesion="20"' if hasattr(mujoco.MjContact, "adhesion") else ""  # from 3.11 on
+    scene.write_text(
+        '<mujoco><default><pair margin=".003" gap=".002" solreffriction="-100 -10"/>'
+        f'<geom solref="-5000 -10" {adhesion}/></default><worldbody><geom type="plane" size="9 9 1"/>'
+        '<body pos="0 0 .099"><freejoint/><geom size=".1" mass="3"/></body></worldbody></mujoco>'
+    )
+    command(["inspect", scene, "--fix", fixed, "--keep"])
+    contacts = []
+    for path in (scene, fixed):
+        model = mujoco.MjModel.from_xml_path(str(path))
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        (contact,) = data.contact
+        contacts.append(
+            [contact.includemargin, *contact.solreffriction, *([contact.adhesion] if adhesion else [])]
+        )
+    assert contacts[0] == contacts[1] == [0, 0, 0, *([40] if adhesion else [])]
+
+
+def test_a_box_on_a_face_is_said_to_be_four_times_as_stiff_and_is(tmp_path, command):
+    scene, fixed = tmp_path / "scene.xml", tmp_path / "fixed.xml"
+    scene.write_text(
+        '<mujoco><default><geom solref="-20000 -40" condim="1"/></default><worldbody>'
+        '<geom type="plane" size="9 9 1"/><body pos="0 0 .1"><freejoint/><geom type="box" size=".1 .2 .1" mass="4"/>'
+        "</body></worldbody></mujoco>"
+    )
+    says = "a box that lands on a face has four points, and is four times as stiff"
+    assert says in command(["inspect", scene], ends=3)
+    assert says in command(["inspect", scene, "--fix", fixed, "--keep"])
+    model = mujoco.MjModel.from_xml_path(str(fixed))
+    point = KelvinVoigtContact(*(-4 * model.pair_solref[0]), 4)  # solref is k and c over the mass of 4 kg
+    model.opt.gravity[:] = 0
+    data = mujoco.MjData(model)
+    data.qvel[2] = -1.0
+    while data.time < 2 * point.duration:
+        mujoco.mj_step(model, data)
+    four = KelvinVoigtContact(4 * point.k, 4 * point.c, 4)
+    assert four.restitution < point.restitution - 0.1
+    assert data.qvel[2] == pytest.approx(four.restitution, abs=0.02)
 
 
 def test_a_scene_that_cannot_be_written_costs_a_line(tmp_path, refused):
