@@ -32,10 +32,9 @@ MODEL = "state-transition"
 #: carries the contact with B, and B is rigid and undamped.
 TEXTS = {
     "mujoco": """\
-<!-- A, B and C: names of the three geoms. Free bodies and slides: the numbers hold for sums of the bodies' inverse
-     weights (body_invweight0[b, 0]) of {inverse1} and {inverse2} 1/kg. The default tolerance is a
-     cost over the inertia of all bodies solved together: beside heavy bodies it lets go of the forces of light
-     ones. -->
+<!-- A, B and C: names of the three geoms. The numbers hold for free bodies and bodies on slides whose inverse
+     weights (body_invweight0[b, 0]) have the sums {inverse1} (A and B) and {inverse2} (B and C) 1/kg.
+     With the default tolerance the solver would drop forces of light bodies beside heavy ones. -->
 <option timestep="{step}" integrator="Euler" solver="Newton" tolerance="0"/>
 <contact>
   <pair geom1="A" geom2="B" condim="1" margin="0" gap="0"
