@@ -28,8 +28,8 @@ from impact_xval.model.collision import Collision
 #: The solver that is the model.
 MODEL = "state-transition"
 
-#: The text to paste for both contacts, by engine. Where parameters belong to bodies, A carries the contact with B, C
-#: carries the contact with B, and B is rigid and undamped.
+#: The text to paste for both contacts, by engine. Where parameters belong to bodies, A and C carry the numbers of
+#: their contacts with B, and B is rigid and undamped.
 TEXTS = {
     "mujoco": """\
 <!-- A, B and C: names of the three geoms. The numbers hold for free bodies and bodies on slides whose inverse

@@ -46,8 +46,8 @@ MOST_ROWS = 50
 #: Seconds after which no further contact is measured.
 MOST_SECONDS = 60.0
 
-#: How far restitution may exceed 1, or change with the solver's tolerance (and the duration relatively): at 30 steps
-#: in a contact an elastic one is up to 1.1e-3 off.
+#: How far a restitution may exceed 1, and how far the solver's tolerance may change it, and the duration relatively.
+#: At 30 steps in a contact the restitution of an elastic one is off by up to 1.1e-3.
 NEGLIGIBLE = 1.5e-3
 
 
@@ -97,7 +97,7 @@ class Examination:
 
 
 def load_scene(scene: Path) -> Any:
-    """Load a file, .mjb or MJCF; a ValueError says in the engine's words why MuJoCo does not take it."""
+    """Load a file, .mjb or MJCF; a ValueError has MuJoCo's own words if it does not take the file."""
     load = mujoco.MjModel.from_binary_path if scene.suffix == ".mjb" else mujoco.MjModel.from_xml_path
     try:
         return load(str(scene))

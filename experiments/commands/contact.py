@@ -62,7 +62,9 @@ def contact_command(
         ...,
     ),
     masses: Numbers | None = option(
-        "KG KG [KG]", "Of A and B, or of A, B and C from the top down. inf: a fixed body, such as the floor.", _MASSES
+        "KG KG [KG]",
+        "Of A and B, or of A, B and C from the top down. inf: a fixed body, such as the floor.",
+        _MASSES,
     ),
     restitution: Numbers | None = option(
         "E [E]", "From 1e-4 to 1. The default is that of the materials.", _ONE_OR_TWO
@@ -73,23 +75,29 @@ def contact_command(
     duration: Numbers | None = option("S [S]", "In s; instead of a stiffness.", _ONE_OR_TWO),
     sink: Numbers | None = option("M [M]", "Depth at rest in m; instead of a stiffness.", _ONE_OR_TWO),
     step: float | None = option(
-        "S", "Time step of your simulation; instead of a stiffness. You get the stiffest good contact at this step.", parse_number
+        "S",
+        "Time step of the simulation; instead of a stiffness. You get the stiffest good contact.",
+        parse_number,
     ),
     tolerance: float = option("X", "Allowed relative error of restitution and duration.", parse_number, 0.01),
     solref: Numbers | None = option("A B", "MuJoCo's two numbers; instead of all quantities above.", _SOLREF),
     solimp: Numbers | None = option("D ...", "Up to five numbers, beside --solref.", _SOLIMP),
-    material: list[str] | None = option("NAME", "steel, glass, brass, rubber or ping-pong. Give it twice for two materials."),
+    material: list[str] | None = option(
+        "NAME", "steel, glass, brass, rubber or ping-pong. Give it twice for two materials."
+    ),
     radius: list[float] | None = option(
-        "M", "Radius of a ball of the material. Give it twice for two balls; one ball meets a flat.", parse_number
+        "M",
+        "Radius of a ball of the material. Give it twice for two balls; one ball meets a flat.",
+        parse_number,
     ),
     speed: float = option("M/S", "Speed of approach, from 1e-9 to 1e9.", parse_number, 1.0),
 ) -> None:
     """Print what to paste into a scene for a contact.
 
     Give one number for the damping and one for the spring, or materials. You get the text, the depths, the largest
-    good step, and what drops with this text gave. A search for a step takes up to some minutes.
+    good step, and what drops with this text gave. The search for a step can take minutes.
 
-    With three masses A falls on B, and B is at rest on C. Give two numbers of a kind: for A on B, and for B on C. You
+    With three masses A strikes B, which is at rest on C. Give two numbers of a kind: for A on B, and for B on C. You
     also get the impact of all three at once.
 
     PyBullet, DART and Pymunk multiply the restitutions of the two bodies.
@@ -145,7 +153,9 @@ def contact_command(
     except ValueError as error:
         raise UserError(f"--{error}".replace("damping_ratio", "damping-ratio")) from None
     product = describe_restitution_product([engine], pairs[0].motion.restitution)
-    print_blocks(make_console(), [*blocks, *([product] if product else [])])
+    print_blocks(
+        make_console(), [*blocks, *([f"To write a restitution instead: {product}"] if product else [])]
+    )
 
 
 def _takes_restitution_only(engine: str, asked: Mapping[str, Numbers]) -> bool:

@@ -31,13 +31,21 @@ _TO_INSPECT = 180.0
 def inspect_command(
     scene: Path = argument("SCENE.xml", "An MJCF file (.xml) or a compiled scene (.mjb).", parse_path),
     speed: float = option("M/S", "Speed at which the bodies meet.", parse_number, 1.0),
-    geom: str | None = option("NAME", "Examine the contacts of this geom only. #3 is geom number 3; numbers begin at 0."),
-    all: bool = flag_option("--all", "Show all groups, all traps, and a row for every contact that is measured."),
-    fix: Path | None = option("FILE", "Write the scene to a new file, with the contacts that were meant.", parse_path),
+    geom: str | None = option(
+        "NAME", "Examine the contacts of this geom only. #3 is geom number 3; numbers begin at 0."
+    ),
+    all: bool = flag_option(
+        "--all", "Show all groups, all traps, and a row for every contact that is measured."
+    ),
+    fix: Path | None = option(
+        "FILE", "Write the scene to a new file, with the contacts that were meant.", parse_path
+    ),
     keep: bool = flag_option(
         "--keep", "With --fix: contacts do what they do now, in any mass, at a step that is short enough."
     ),
-    newton_metre: bool = flag_option("--newton-metre", "With --fix: negative numbers of solref mean N/m and N s/m."),
+    newton_metre: bool = flag_option(
+        "--newton-metre", "With --fix: negative numbers of solref mean N/m and N s/m."
+    ),
     json: Json = False,
 ) -> None:
     """Measure the contacts of a MuJoCo scene, and look for traps in them.

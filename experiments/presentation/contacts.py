@@ -277,7 +277,9 @@ def scene_blocks(
     if not everything:
         remarks = _cut(remarks, _MOST_REMARKS, "remarks")
         # A table has a caption and a header, and tables have an empty line between them and after the last one.
-        lines_left = _MOST_LINES - 10 - len(rows) - len(measured_rows) - len(remarks) - len(notes) - len(traps)
+        lines_left = (
+            _MOST_LINES - 10 - len(rows) - len(measured_rows) - len(remarks) - len(notes) - len(traps)
+        )
         if len(to_write) > lines_left:
             kept = max(lines_left - 1, 0)
             notes.insert(0, f"{len(to_write) - kept} more rows of what to write: --all shows them")
@@ -398,7 +400,9 @@ def fixed_scene_blocks(fixed: FixedScene, scene: str, target: str, version: str)
     if len(fixed.written) > _MOST_WRITTEN:
         caption += f"; the first {_MOST_WRITTEN} of {len(fixed.written)} contacts that were measured"
     missed = sum(not contact.is_kept for contact in fixed.written)
-    end = f"{missed} of {len(fixed.written)} contacts do not do it" if missed else "all contacts measured do it"
+    end = (
+        f"{missed} of {len(fixed.written)} contacts do not do it" if missed else "all contacts measured do it"
+    )
     return [
         f"{target} is {scene} with contacts that do {reading}. Changed: {', '.join(changes)}",
         Table(header, rows, caption, text=4),
@@ -566,9 +570,7 @@ def _describe_traps(examination: Examination, scene: str, everything: bool) -> l
     if everything:
         lines = [f"{trap}: {_abbreviate(where)}: {says}" for trap, where, says in findings]
     else:
-        group_of = {
-            name: n for n, group in enumerate(examination.groups, 1) for name in group.group.names
-        }
+        group_of = {name: n for n, group in enumerate(examination.groups, 1) for name in group.group.names}
         lines = []
         for trap in dict.fromkeys(finding.trap for finding in findings):
             same = [finding for finding in findings if finding.trap == trap]

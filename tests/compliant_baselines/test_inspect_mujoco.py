@@ -78,7 +78,9 @@ def test_mujocos_default_ball_that_falls_at_2_80_rebounds_with_0_37():
     low, high = row.restitution_range
     assert low <= max(velocities) / -min(velocities) <= high < low + 0.03
     assert data.qpos[2] == pytest.approx(0.2 - row.penetration, abs=1e-6)  # it has come to rest meanwhile
-    assert "(0.02, 1) is a damping ratio, not a restitution: 1 rebounds with 0.14 by the formula" in row.change
+    assert (
+        "(0.02, 1) is a damping ratio, not a restitution: 1 rebounds with 0.14 by the formula" in row.change
+    )
 
 
 @pytest.mark.parametrize(("scene", "mass"), [(ON_FLOOR, 0.5), (ON_BALL, 0.4)], ids=["floor", "ball"])

@@ -29,7 +29,9 @@ def _shown(text):
 def test_what_was_asked_what_to_paste_and_what_came_back(command):
     text = command("contact --engine mujoco --masses 1.0 0.5 --restitution 0.7 --stiffness 1e6")
     drops = _shown(text)
-    assert text.startswith("k = 1e+06 N/m, c = 141.121 N s/m, damping ratio 0.1222, reduced mass 0.333333 kg\n")
+    assert text.startswith(
+        "k = 1e+06 N/m, c = 141.121 N s/m, damping ratio 0.1222, reduced mass 0.333333 kg\n"
+    )
     assert float(re.search(r'solref="(\S+) ', text)[1]) == pytest.approx(-3e6)  # -k/M, M = 1/3 kg
     for asked, low, high in drops.values():
         assert 0.99 * asked <= low <= high <= 1.01 * asked
@@ -73,7 +75,11 @@ def test_a_material_and_a_radius_are_a_contact(command):
     mass = float(re.search(r"reduced mass (\S+) kg", text)[1])
     assert mass == pytest.approx(7850 * 4 / 3 * 3.14159 * 0.02**3, rel=1e-5)
     assert drops["restitution"][0] == 0.85
-    hertz = float(re.search(r"Their contact lasts (\S+) s\.\n.* It lasts 6.7% longer, and its peak force is 20% lower", text)[1])
+    hertz = float(
+        re.search(
+            r"Their contact lasts (\S+) s\.\n.* It lasts 6.7% longer, and its peak force is 20% lower", text
+        )[1]
+    )
     assert drops["duration"][0] / hertz == pytest.approx(1.067, rel=0.05)
 
 

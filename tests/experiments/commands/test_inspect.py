@@ -93,7 +93,7 @@ def test_a_scene_that_cannot_be_written_costs_a_line(tmp_path, refused):
     scene.write_text(field_scenes.second_number_is_e())
     refused(
         ["inspect", scene, "--fix", target, "--keep"],
-        "has direct numbers of two readings; nothing is written",
+        "has direct numbers with two readings; nothing is written",
     )
     assert not target.exists()
     refused(

@@ -43,7 +43,7 @@ def test_text_sources_and_drops_are_printed():
 
 def test_what_cannot_be_run_is_said_not_to_be_verified():
     assert printed(describe_target(TARGETS["liggghts-stiffness"], PAIR)).endswith(
-        "not verified here: LIGGGHTS, hooke/stiffness has no package here that runs such text"
+        "not verified here: LIGGGHTS, hooke/stiffness has no package for Python that runs this text"
     )
 
 
