@@ -99,7 +99,7 @@ def traps_in_parameters(
         more = f" (and {len(others)} other mixtures)" if others else ""
         yield Trap(
             "mixed-geoms",
-            f"solref {first}{more} are combined to {solref}, the smaller of each number; use a <pair>",
+            f"solref {first}{more} are combined to {solref}, the smaller of each number. Use a <pair>",
         )
     if option.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE:
         yield Trap("override", f"every contact has solref {solref} instead of its own")

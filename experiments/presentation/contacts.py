@@ -86,9 +86,9 @@ def _describe_numbers(pair: Pair, prefix: str) -> list[str]:
         *lines,
         f"{prefix}k = {c.k:.6g} N/m, c = {c.c:.6g} N s/m, damping ratio {c.zeta:.4g}, reduced mass {c.mass:.6g} kg",
         *([] if pair.solref is None else _describe_solref(pair.solref, pair)),
-        f"{prefix}the greatest depth is {pair.penetration:.3g} m at {pair.speed:.6g} m/s; the bodies must be much "
-        "larger than that",
-        f"{prefix}the depth at rest is {pair.depth_at_rest:.4g} m, under the weight of {pair.carried:.6g} kg at "
+        f"{prefix}greatest depth {pair.penetration:.3g} m at {pair.speed:.6g} m/s; the bodies must be much larger "
+        "than that",
+        f"{prefix}depth at rest {pair.depth_at_rest:.4g} m, under the weight of {pair.carried:.6g} kg at "
         f"{GRAVITY:g} m/s^2",
     ]
 
@@ -135,7 +135,7 @@ def _drop_blocks(
         caption += ", one contact at a time"
     counts = " and ".join(str(contact.drops.n) for contact in verified)
     steps = " and ".join(f"{contact.pair.motion.duration / step:.0f}" for contact in verified)
-    kept = f"restitution and duration within {tolerance:g} of the {first} ones"
+    kept = f"restitution and duration within {tolerance:g} of the {first} numbers"
     if given_step is None:
         says = [f"{step:.6g} s is the largest step tried that keeps {kept}. Ten steps per decade were tried."]
     else:
@@ -276,10 +276,9 @@ def scene_blocks(
     notes = [_describe_pairs(shown)] if has_readings else []
     if not everything:
         remarks = _cut(remarks, _MOST_REMARKS, "remarks")
-        # A table has a caption and a header, and tables have an empty line between them and after the last one.
-        lines_left = (
-            _MOST_LINES - 10 - len(rows) - len(measured_rows) - len(remarks) - len(notes) - len(traps)
-        )
+        # Beside rows there are the first line, an empty line, a caption and a header for each of three tables, and an
+        # empty line after them.
+        lines_left = _MOST_LINES - 11 - sum(map(len, (rows, measured_rows, remarks, notes, traps)))
         if len(to_write) > lines_left:
             kept = max(lines_left - 1, 0)
             notes.insert(0, f"{len(to_write) - kept} more rows of what to write: --all shows them")
@@ -288,8 +287,8 @@ def scene_blocks(
         head,
         Table(header, rows, "Parameters as the engine combines them", text=4),
         Table(measured_header, measured_rows, caption, text=2),
-        *remarks,
         Table(_TO_WRITE, to_write, _caption_of_what_to_write(has_readings, has_advice), text=2),
+        *remarks,
         *notes,
         *traps,
     ]
@@ -590,6 +589,13 @@ def _describe_traps(examination: Examination, scene: str, everything: bool) -> l
 
 
 def _format_groups(groups: list[int]) -> str:
-    """Write the numbers of groups, the first ones if there are many."""
-    numbers = ", ".join(str(n) for n in groups[:_MOST_GROUPS])
-    return numbers + (f" and {len(groups) - _MOST_GROUPS} more" if len(groups) > _MOST_GROUPS else "")
+    """Write the numbers of groups, with consecutive ones as ranges; the first ranges if there are many."""
+    ranges: list[list[int]] = []
+    for n in groups:
+        if ranges and n == ranges[-1][-1] + 1:
+            ranges[-1].append(n)
+        else:
+            ranges.append([n])
+    texts = [f"{each[0]} to {each[-1]}" if len(each) > 2 else ", ".join(map(str, each)) for each in ranges]
+    more = f" and {len(texts) - _MOST_GROUPS} more" if len(texts) > _MOST_GROUPS else ""
+    return ", ".join(texts[:_MOST_GROUPS]) + more

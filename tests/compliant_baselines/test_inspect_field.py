@@ -84,7 +84,9 @@ def test_solimp_sets_no_restitution():
     }
     assert {f"geoms floor and e{e}" for e in (0.9, 0.6, 0.3)} <= named
     assert all(
-        "solimp sets no" in finding.message for finding in examination.findings if finding.trap == "solimp"
+        "sets no restitution" in finding.message
+        for finding in examination.findings
+        if finding.trap == "solimp"
     )
 
 

@@ -87,7 +87,7 @@ def test_a_spring_and_a_dashpot_in_newton_and_metre(command):
     # The URDF of several reports: 3000 N/m and 100 N s/m, here on 0.2 kg: zeta = 2.04.
     text = command("contact --engine mujoco --masses 0.2 inf --stiffness 3000 --damping 100")
     assert "k = 3000 N/m, c = 100 N s/m, damping ratio 2.041, reduced mass 0.2 kg" in text
-    assert "the depth at rest is 0.000654 m, under the weight of 0.2 kg at 9.81 m/s^2" in text
+    assert "\ndepth at rest 0.000654 m, under the weight of 0.2 kg at 9.81 m/s^2" in text
     drops = _shown(text)
     zeta = 100 / 2 / math.sqrt(3000 * 0.2)
     w = math.sqrt(zeta**2 - 1)
@@ -141,7 +141,7 @@ def test_negative_numbers_after_solref_are_numbers(command):
         "The engine reads solref -10000 -20 and solimp 0.5 0.5 0.001 0.5 2. For these masses that is:"
     )
     assert "k = 10000 N/m, c = 20 N s/m, damping ratio 0.1, reduced mass 1 kg" in text
-    assert "the depth at rest is 0.0004905 m, " in text  # (1 - d) g/stiffness
+    assert "\ndepth at rest 0.0004905 m, " in text  # (1 - d) g/stiffness
     assert 'solref="-10000.0 -20.0" solimp="0.5 0.5 0.001 0.5 2.0"' in text
 
 
