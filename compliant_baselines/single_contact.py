@@ -68,7 +68,7 @@ STEPS = [float(f"{digits}e{power}") for power in range(3, -324, -1) for digits i
 _MASSES = Legal("masses", 1e-15, 1e15, "from 1e-15 to 1e+15 (kg), one of them inf for a fixed body")
 _SPEED = Legal("speed", 1e-9, 1e9, "from 1e-09 to 1e+09 (m/s)")
 
-#: Legal range of the allowed error: from what `MOST_STEPS` resolve to three steps in a contact.
+#: Legal range of the allowed error. `MOST_STEPS` resolve the least one; with the largest a contact has three steps.
 LEGAL_TOLERANCE = Legal("tolerance", 1e-4, 0.3, "from 0.0001 to 0.3")
 
 #: Largest ratio of two masses.

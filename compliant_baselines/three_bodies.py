@@ -88,7 +88,7 @@ BODY = """\
       <inertial pos="0 0 0" mass="{mass!r}" diaginertia="1 1 1"/><geom name="{name}" size="{radius!r}"/></body>"""
 FIXED_BODY = '    <geom name="{name}" size="{radius!r}" pos="{x!r} 0 0"/>'
 
-#: A run is given up after so many times the duration of the longer contact.
+#: Longest run before it is given up, in durations of the longer contact.
 LONGEST_RUN = 100
 
 #: Takes n more steps; returns the velocities in m/s along x after each step, shape (n, bodies), C's 0 if it is fixed.

@@ -23,7 +23,7 @@ mujoco: Any = import_module("mujoco")  # the names of the compiled module are in
 #: Steps in a contact below which its restitution is off by 10 % and more.
 FEWEST_STEPS = 30
 
-#: Impedance above which a contact is not at the level of forces.
+#: Largest impedance at which direct numbers count in N/m and N s/m over the mass, also where a third body pushes.
 FORCE_LEVEL = 0.01
 
 #: Names of all traps, in the order in which they are listed.

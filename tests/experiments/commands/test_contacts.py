@@ -194,7 +194,7 @@ def test_an_mjcf_file_and_its_names_as_they_are_written(tmp_path, command):
     out = command(["inspect", path], ends=3)
     # contacts of the same parameters are one line, and JSON names all of them
     assert re.search(r"^1 +geoms #0 and b\\u202e\\x9bll +2 ", out, re.MULTILINE)
-    assert "mixed-signs, group 1: solref (-100, 1) has two signs" in out
+    assert "mixed-signs, groups 1, 2: in group 1 solref (-100, 1) has two signs" in out
     found = json.loads(command(["inspect", path, "--json"], ends=3))
     ball = "b\u202e\x9bll"
     names = [f"geoms #0 and {ball}", "geoms #0 and #2", f"geoms {ball} and #2"]
