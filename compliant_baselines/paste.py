@@ -38,9 +38,9 @@ from impact_xval.model.outcome import Outcome
 #: the contact, and the second is rigid and undamped.
 TEXTS = {
     "mujoco": """\
-<!-- A and B: names of the two geoms. Free bodies and slides: the numbers hold for a sum of the bodies' inverse
-     weights (body_invweight0[b, 0]) of {inverse} 1/kg. The default tolerance is a cost over the inertia of
-     all bodies solved together: beside heavy bodies it lets go of the forces of light ones. -->
+<!-- A and B: names of the two geoms. The numbers hold for free bodies and bodies on slides whose inverse weights
+     (body_invweight0[b, 0]) have the sum {inverse} 1/kg. With the default tolerance the solver would drop
+     forces of light bodies beside heavy ones. -->
 <option timestep="{step}" integrator="Euler" solver="Newton" tolerance="0"/>
 <contact>
   <pair geom1="A" geom2="B" condim="1" margin="0" gap="0"

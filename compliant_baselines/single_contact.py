@@ -39,7 +39,7 @@ from impact_xval.model.materials import MaterialContact
 #: Allowed relative error of restitution and duration, unless another one is asked for.
 TOLERANCE = 0.01
 
-#: Rounding of such an error; 99 steps of 0.001 s for a duration of 0.1 s are on the edge.
+#: Rounding of such an error: 99 steps of 0.001 s for a duration of 0.1 s are just at the tolerance.
 ROUNDING = 1e-9
 
 #: Share of a step just after its start. At the start itself rounding decides whether it is the start or the end.
@@ -48,7 +48,7 @@ END = 1e-8
 #: Places within a step at which the touch is tried: just after its start, just before its end, and evenly spaced.
 PLACES = (END, *(np.arange(1, 31) / 31).tolist(), 1 - END)
 
-#: The places that are tried to look for a step.
+#: Fewer places within a step: only these are tried during the search for a step.
 FEW_PLACES = (*PLACES[:-1:7], PLACES[-1])
 
 #: How often the distance of places is halved around the least and the greatest restitution between the two ends.
@@ -68,7 +68,7 @@ STEPS = [float(f"{digits}e{power}") for power in range(3, -324, -1) for digits i
 _MASSES = Legal("masses", 1e-15, 1e15, "from 1e-15 to 1e+15 (kg), one of them inf for a fixed body")
 _SPEED = Legal("speed", 1e-9, 1e9, "from 1e-09 to 1e+09 (m/s)")
 
-#: Legal range of the allowed error: from what `MOST_STEPS` resolve to three steps in a contact.
+#: Legal range of the allowed error. `MOST_STEPS` resolve the least one; with the largest a contact has three steps.
 LEGAL_TOLERANCE = Legal("tolerance", 1e-4, 0.3, "from 0.0001 to 0.3")
 
 #: Largest ratio of two masses.
@@ -81,16 +81,16 @@ DROP = {"mujoco": [drop_in_mujoco], "pybullet": [drop_in_pybullet, drop_on_flat_
 #: Legal time steps.
 LEGAL_STEP = Legal("step", 1e-12, 1e3, "from 1e-12 to 1000 (s)")
 
-#: Durations that are tried for a given step, a decade.
+#: Number of durations per decade that are tried for a given step.
 PER_DECADE = 40
 
-#: A given step and the shorter ones that have to be good too, over the given one: as `STEPS` and `SHORTER`.
+#: The given step and the shorter ones that have to be good too, as fractions of the given one (see `SHORTER`).
 SHORTER_STEPS = (1.0, 0.8, 0.63, 0.5, 0.4)
 
 #: Most steps in a contact that are tried for a given step.
 MOST_STEPS_OF_STIFFEST = 5_000
 
-#: Number of shorter steps that have to be good too, down to 0.4 of the step that is named.
+#: Number of shorter steps that have to be good too. The shortest is 0.4 of the step that is found.
 SHORTER = 4
 
 
@@ -122,7 +122,7 @@ class Pair:
     solref: MujocoContact | None = None
     #: Mass in kg whose weight the contact carries at rest; None: the lighter body's.
     load: float | None = None
-    #: The contact asked for; of `solref`, the one of its restitution and duration at this speed.
+    #: The contact asked for. With `solref` it is the contact of the same restitution and duration at this speed.
     contact: KelvinVoigtContact = field(init=False)
     #: What the two bodies alone do, without gravity and in steps that go to zero.
     motion: Motion = field(init=False)
@@ -392,7 +392,7 @@ def find_largest_step(engine: Engine, pair: Pair, tolerance: float = TOLERANCE) 
     _require_available(engine)
     # A count of whole steps is off by up to one step: a step longer than the tolerance could be good only by luck.
     longest, shortest = pair.motion.duration * tolerance, pair.motion.duration / MOST_STEPS
-    why = f"{MOST_STEPS} steps tell no duration as exactly as that"
+    why = f"even {MOST_STEPS} steps tell no duration as exactly as that"
     good: list[float] = []  # one after the other, the largest first
     for step in (step for step in STEPS if shortest <= step <= longest):
         try:

@@ -6,8 +6,8 @@ parameters") give the relative acceleration
     a = max(0, stiffness (d/dmax)^2 r + damping (d/dmax) r'),
 
 r being the depth and d = d(r) the impedance of solimp; stiffness and damping are those of the direct format. Where d
-is constant, k = stiffness M and c = damping M are a Kelvin-Voigt contact. Else the motion is integrated, and depends on
-the speed.
+is constant, k = stiffness M and c = damping M are a Kelvin-Voigt contact. Otherwise the motion depends on the speed,
+and is integrated.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def read_solref(solref: Sequence[float], solimp: Sequence[float] = ()) -> Mujoco
         raise ValueError(f"solref = {written}; legal: two finite numbers")
     if (solref[0] > 0) != (solref[1] > 0):
         raise ValueError(
-            f"solref = {written}: the engine replaces mixed signs by its default 0.02 1; legal: a time constant in s "
+            f"solref = {written}: the engine replaces two signs by its default 0.02 1; legal: a time constant in s "
             "and a damping ratio, both > 0, or -stiffness and -damping, both <= 0"
         )
     if solref[0] == 0:

@@ -1,9 +1,9 @@
 """Drops of two bodies in the engine of a target, which gets only the text to paste (`targets`).
 
-Each function of `RUNS` builds two bodies that meet along z, lets the text run as it stands, and takes steps: A comes
-down on B, which is a plane, a thick plate or a large sphere if it is fixed. Nothing else is set but gravity, which is
-off, and the engine's damping of free flight. Engines are imported when a drop is made; a machine without them imports
-this module all the same.
+Each function of `RUNS` builds two bodies that meet along z, lets the text run as it stands, and takes steps. A comes
+down on B. A fixed B is a plane, a thick plate or a large sphere. Gravity and the engine's damping of free flight are
+off, and nothing else is set. Engines are imported when a drop is made, so that a machine without them can import this
+module.
 """
 
 from __future__ import annotations
@@ -34,13 +34,14 @@ from impact_xval.compliant_baselines.targets import (
 #: Places of the touch within a step.
 PLACES = (0.01, 0.25, 0.5, 0.75, 0.99)
 
-#: Largest change of the relative velocity in a step, over the speed of approach, that is rounding in single precision.
+#: Largest change of the relative velocity in a step that counts as rounding in single precision, as a fraction of the
+#: speed of approach.
 ROUNDING = 1e-5
 
-#: How long a drop takes: so many durations of a compliant contact, so many steps of a rigid one.
+#: Length of a drop: in durations of a compliant contact, and in steps of a rigid one.
 DURATIONS, RIGID_STEPS = 2.5, 60
 
-#: Radius of a sphere that stands for a plane, over that of the ball.
+#: Radius of a sphere that stands for a plane, in radii of the ball.
 PLANE_OVER_BALL = 1e3
 
 
@@ -71,9 +72,9 @@ class Drop(NamedTuple):
 
 
 def missing_distribution(target: Target) -> str | None:
-    """Say which package a target's text needs and which is not installed here; None if it can run."""
+    """Name the missing package that the text of a target needs; None if the text can run here."""
     if not target.distributions:
-        return f"{target.title} has no package here that runs such text"
+        return f"{target.title} has no package for Python that runs this text"
     for distribution in target.distributions:
         if not version_of(distribution):
             return f"{distribution} is not installed"

@@ -32,21 +32,22 @@ from impact_xval.compliant_baselines.restitution import (
 )
 from impact_xval.compliant_baselines.solver import SolverError
 
-#: What a target takes: a stiffness and a damping; or a coefficient of restitution, which resolves a contact in a step.
+#: What a target takes: a stiffness and a damping ("compliant"), or a coefficient of restitution. With a coefficient a
+#: contact is over in one step.
 Kind = Literal["compliant", "restitution"]
 
-#: The law of a compliant contact, as in the module's docstring; "depth": damping in proportion to the depth; "rigid":
-#: none, the target takes a coefficient of restitution.
+#: The law of a contact, as in the module's docstring. "depth": the damping is in proportion to the depth. "rigid":
+#: there is no law, and the target takes a coefficient of restitution.
 Law = Literal["pushes", "pulls", "compression", "depth", "rigid"]
 
 #: Begin the parts of a text for Newton that are read once bodies and shapes are added, and once the model is built.
 BEFORE_FINALIZE = "# Before builder.finalize(), once bodies and shapes are added:\n"
 AFTER_FINALIZE = "# After model = builder.finalize():\n"
 
-#: A number that is none, as Python writes it; C++ has an f behind it.
+#: An infinity or a NaN as Python writes it. A text in C++ has an f behind it.
 _NO_NUMBER = re.compile(r"(?<![a-z_])(inf|nan)f?\b")
 
-#: PyBullet's `contactBreakingThreshold` in the text, over the way in a step.
+#: PyBullet's `contactBreakingThreshold` in the text, as a fraction of the way in a step.
 BREAKING_OVER_STEP = 1e-3
 
 
@@ -55,7 +56,7 @@ class ContactRequest(NamedTuple):
 
     #: Spring and dashpot that give the restitution to a contact that may push but not pull.
     contact: KelvinVoigtContact
-    #: In kg; the second one is infinite if a body is fixed.
+    #: In kg. The second one is infinite if a body is fixed.
     masses: tuple[float, float]
     restitution: float
     #: Time step in s.
@@ -100,22 +101,22 @@ class ContactRequest(NamedTuple):
 class Target:
     """One way to write a contact into one engine."""
 
-    #: As typed after ``--engine``.
+    #: The name that is typed after ``--engine``.
     name: str
-    #: As pages call it.
+    #: The name on pages.
     title: str
     law: Law
     #: Writes the text to paste.
     write: Callable[[ContactRequest], str]
-    #: What the engine makes a contact of, in a phrase.
+    #: A phrase: which numbers the engine reads.
     reads: str
-    #: How the numbers of two bodies combine, in a phrase.
+    #: A phrase: how the numbers of two bodies combine.
     combines: str
-    #: Speed below which nothing rebounds, in a phrase.
+    #: A phrase: the speed below which nothing rebounds.
     threshold: str
     #: One line for each number of the text: where the engine reads it.
     sources: tuple[str, ...]
-    #: What else decides the rebound, or is rewritten; full sentences.
+    #: Full sentences: what else decides the rebound, and what the engine rewrites.
     notes: tuple[str, ...] = ()
     #: Speed of rebound in m/s up to which the engine gives none, whatever is written.
     dropped_rebound: float = 0.0
@@ -410,7 +411,7 @@ _ALL = (
         "pushes",
         _pasted("mujoco"),
         "`solref` = (-k/M, -c/M) of a `<pair>`, at a constant impedance",
-        "not at all: numbers of the pair",
+        "one set for the pair",
         _NO_THRESHOLD,
         (
             "solref, solimp: XML reference, contact/pair; Computation, Constraint model",
@@ -461,7 +462,9 @@ _ALL = (
             "ke, kd: shape_material_ke, shape_material_kd in solvers/semi_implicit/kernels_contact.py",
             "the step: solver.step(..., dt)",
         ),
-        ("A step of a hundredth of the contact or less: the force is that at the start of a step.",),
+        (
+            "Take a step of at most a hundredth of the contact's duration: the force in a step is that at its start.",
+        ),
         adapter="newton",
         distributions=_NEWTON,
     ),
@@ -470,7 +473,7 @@ _ALL = (
         "Newton, Featherstone",
         "compression",
         _newton(_newton_compression, "newton.solvers.SolverFeatherstone(model, angular_damping=0.0)"),
-        "as SemiImplicit: the same function computes the force",
+        "`ke` and `kd` of a shape, by the same function as SemiImplicit",
         "means",
         _NO_THRESHOLD,
         (
@@ -492,7 +495,7 @@ _ALL = (
             "the step: solver.step(..., dt)",
         ),
         notes=(
-            "Of its law nothing was measured here: the damping is that of a contact that pushes only.",
+            "Its law was not measured here. The damping is that of a contact that pushes only.",
             "Without builder.color() the solver refuses a model with bodies.",
         ),
         distributions=_NEWTON,
@@ -503,22 +506,22 @@ _ALL = (
         "pushes",
         _newton_mujoco,
         "`ke` and `kd` of a shape, rewritten as a positive `solref`",
-        "weighted by `solmix`: means",
+        "means, weighted by `solmix`",
         _NO_THRESHOLD,
         (
             "ke, kd, solref_mode: the FORCE_SPACE branch in solvers/mujoco/kernels.py",
             "geom_solimp: register_custom_attributes in solvers/mujoco/solver_mujoco.py",
         ),
         (
-            "By the default, solref_mode = 2, ke and kd are read in 1/s^2 and 1/s, as k/M and c/M of one mass; kd = 0 "
-            "becomes solref (0.02, 1), a damped contact.",
-            "With solref_mode = 0 and the default solimp the numbers hold for a body at rest; in motion only 1 - dmax, "
-            "0.05 of them, acts. So solimp is written too.",
-            "An authored <pair> is ignored when Newton makes the contacts (use_mujoco_contacts=False). A "
-            "restitution is never read.",
-            "With solref_mode = 0 and pyramidal friction the gains are also scaled by mu^2 (1 + mu^2)/(condim - 1). "
-            "So the text writes condim 1, a contact without friction.",
-            "The solref is positive: a time constant 2/B below two steps becomes two steps (refsafe).",
+            "The default is solref_mode = 2: ke and kd are read in 1/s^2 and 1/s, as k/M and c/M of one mass.",
+            "With solref_mode = 2 a kd of 0 becomes solref (0.02, 1), a damped contact.",
+            "With solref_mode = 0 and the default solimp, k and c hold for a body at rest. In motion a body feels only "
+            "0.05 of k and c (1 - dmax). So the text writes solimp too.",
+            "Newton ignores a <pair> of the scene when it makes the contacts itself (use_mujoco_contacts=False). It "
+            "never reads a restitution.",
+            "With solref_mode = 0 and pyramidal friction k and c are also scaled by mu^2 (1 + mu^2)/(condim - 1). So "
+            "the text writes condim 1, a contact without friction.",
+            "The solref is positive, so refsafe applies: a time constant below two steps becomes two steps.",
         ),
         distributions=("newton", "mujoco-warp"),
     ),
@@ -557,7 +560,7 @@ _ALL = (
         "pushes",
         _lammps,
         "k_n in N/m and a damping in N s/m (`damping velocity`); pushes only with `limit_damping`",
-        "not at all: numbers of a pair of types",
+        "one set for a pair of types",
         _NO_THRESHOLD,
         (
             "k_n, damping: pair_granular.rst; gran_sub_mod_damping.cpp, GranSubModDampingVelocity",
@@ -568,9 +571,9 @@ _ALL = (
         (
             "`damping mass_velocity` reads a damping per effective mass, c/M. The default damping is viscoelastic, "
             "another law.",
-            "The effective mass is that of the pair; against a wall it is the particle's.",
-            "An e written for `damping coeff_restitution` with `limit_damping` rebounds faster: 0.550 for 0.5, 0.808 "
-            "for 0.8.",
+            "The effective mass is that of the pair; against a wall it is the particle's mass.",
+            "With `damping coeff_restitution` and `limit_damping` together a body rebounds faster than asked: 0.550 "
+            "for e = 0.5, 0.808 for e = 0.8.",
         ),
         distributions=_LAMMPS,
     ),
@@ -580,7 +583,7 @@ _ALL = (
         "pulls",
         _lammps_pull,
         "k_n in N/m and e; the contact may pull",
-        "not at all: numbers of a pair of types",
+        "one set for a pair of types",
         _NO_THRESHOLD,
         (
             "k_n: pair_granular.rst",
@@ -588,9 +591,7 @@ _ALL = (
             "the wall: fix_wall_gran.rst",
             "timestep: timestep.rst",
         ),
-        (
-            "Where several bodies press at once, a contact that may pull shares the impact out in another way.",
-        ),
+        ("Where three bodies touch at once, a contact that may pull gives them other velocities.",),
         distributions=_LAMMPS,
     ),
     Target(
@@ -599,7 +600,7 @@ _ALL = (
         "pushes",
         _lammps_gran_hooke,
         "K_n in N/m and gamma_n = c/M in 1/s; pushes only with `limit_damping`",
-        "not at all: one set of numbers for all types",
+        "one set for all types",
         _NO_THRESHOLD,
         (
             "K_n, gamma_n, limit_damping: pair_gran.rst",
@@ -607,8 +608,7 @@ _ALL = (
             "timestep: timestep.rst",
         ),
         (
-            "With the same K_n and gamma_n another effective mass M has another restitution: zeta = gamma_n "
-            "sqrt(M/K_n)/2.",
+            "K_n and gamma_n give another restitution to another effective mass M: zeta = gamma_n sqrt(M/K_n)/2.",
         ),
         distributions=_LAMMPS,
     ),
@@ -618,7 +618,7 @@ _ALL = (
         "pushes",
         _liggghts_stiffness,
         "kn in N/m and gamman_abs in N s/m; pushes only with `limitForce on`",
-        "not at all: numbers of a pair of types",
+        "one set for a pair of types",
         _NO_THRESHOLD,
         (
             "kn, gamman_abs, absolute_damping, limitForce: gran_model_hooke_stiffness.html; "
@@ -633,16 +633,17 @@ _ALL = (
         "pulls",
         _liggghts_hooke,
         "`coefficientRestitution`, and a stiffness made of `youngsModulus` and `characteristicVelocity`; may pull",
-        "e of a pair of types; moduli in series",
+        "one e for a pair of types, moduli in series",
         _NO_THRESHOLD,
         (
             "kn and gamman: normal_model_hooke.h, kn = 16/15 sqrt(R) Y* (15 M v^2/(16 sqrt(R) Y*))^(1/5)",
             "legal ranges: global_properties.cpp",
         ),
         (
-            "With `limitForce on` the contact pushes only, and rebounds faster than asked: 0.550 for 0.5, "
-            "0.808 for 0.8, by the exact law.",
-            "Legal: 0.05 < e <= 1, youngsModulus >= 5e6 Pa, characteristicVelocity >= 0.01 m/s, in SI units.",
+            "With `limitForce on` the contact pushes only, and a body rebounds faster than asked: by the exact law "
+            "0.550 for e = 0.5, 0.808 for e = 0.8.",
+            "The legal ranges are 0.05 < e <= 1, youngsModulus >= 5e6 Pa and characteristicVelocity >= 0.01 m/s, in SI "
+            "units.",
         ),
     ),
     Target(
@@ -651,7 +652,7 @@ _ALL = (
         "pulls",
         _exudyn(_exudyn_linear),
         "`contactStiffness` and `contactDamping` of a contact object; may pull",
-        "not at all: numbers of the object",
+        "one set for the object",
         _NO_THRESHOLD,
         (
             "contactStiffness, contactDamping, impactModel: ObjectContactSphereSphere.rst",
@@ -666,7 +667,7 @@ _ALL = (
         "depth",
         _exudyn(_exudyn_restitution),
         "`contactStiffness` and `restitutionCoefficient` of a contact object; damping in proportion to the depth",
-        "not at all: numbers of the object",
+        "one set for the object",
         "below `minimumImpactVelocity` (default 0) e is smaller",
         (
             "contactStiffness, restitutionCoefficient, impactModel: ObjectContactSphereSphere.rst",
@@ -683,8 +684,8 @@ _ALL = (
         "PhysX, compliant contact",
         "pushes",
         _physx_compliant,
-        "a negative restitution: a stiffness; `setDamping`",
-        "mean; beside a rigid material it depends on the version",
+        "a stiffness as a negative restitution, and `setDamping`",
+        "mean; beside a rigid material by the version",
         _NO_THRESHOLD,
         (
             "restitution < 0, damping, eCOMPLIANT_ACCELERATION_SPRING: physx/include/PxMaterial.h",
@@ -694,11 +695,12 @@ _ALL = (
             "The damping is that of a contact that pushes only; the sources do not say whether this one may pull.",
             "In USD (Isaac Sim): physxMaterial:compliantContactStiffness, compliantContactDamping, "
             "compliantContactAccelerationSpring of PhysxMaterialAPI.",
-            "Of a force spring and an acceleration spring the latter decides alone.",
-            "Beside a rigid material (restitution 0) half of the stiffness acted in SAPIEN 3.0.3; newer headers "
-            "say all of it. So write it on both bodies.",
-            "SAPIEN has no setter for the damping. Its compliant contacts are elastic: 0.998 at 300 steps in a "
-            "contact, of the duration that k in N/m has.",
+            "If one body has a force spring and the other one an acceleration spring, the acceleration spring decides "
+            "alone.",
+            "Write the material on both bodies: beside a rigid material (restitution 0) half of the stiffness acted in "
+            "SAPIEN 3.0.3, and newer headers say that all of it acts.",
+            "SAPIEN has no setter for the damping, so its compliant contacts are elastic: e = 0.998 at 300 steps in a "
+            "contact. The duration is that of k in N/m.",
         ),
     ),
     Target(
@@ -743,12 +745,11 @@ _ALL = (
             "the other settings: setPhysicsEngineParameter; btContactSolverInfo.h",
         ),
         (
-            "A ball near a plane or a box has a contact ahead of touch, from contactBreakingThreshold (0.02 m) on. As "
-            "shipped a rebound of e v is then slowed by the gap over the step: 0.8 gives 0 to 0.78, by where in a step "
-            "the ball touches.",
-            "Between two balls the overlap is pushed out as shipped: 0.8 gives 0.80 to 0.88. erp=0 and contactERP=0 "
-            "switch this off; bodies at rest then stay as deep as they are.",
-            "The threshold of contacts ahead of touch is one thousandth of the way in a step at the speed given.",
+            "A ball has a contact with a plane or a box already at a gap of contactBreakingThreshold (0.02 m).",
+            "As shipped this slows the rebound by the gap over the step: e = 0.8 gives 0 to 0.78, by where in a step "
+            "the ball touches. So the text makes the gap a thousandth of the way in a step.",
+            "As shipped the overlap of two balls is pushed out: e = 0.8 gives 0.80 to 0.88. erp=0 and contactERP=0 "
+            "switch this off. Bodies at rest then stay as deep as they are.",
         ),
         adapter="pybullet-restitution",
         distributions=("pybullet",),
@@ -778,7 +779,7 @@ _ALL = (
             "dart/constraint/ContactConstraint.cpp",
         ),
         (
-            "The threshold is of the rebound, e v, not of the approach: for e = 0.8 approaches up to 0.125 m/s.",
+            "The threshold holds for the speed of rebound: with e = 0.8 an approach of up to 0.125 m/s gives none.",
             "No rebound is faster than 100 m/s.",
         ),
         dropped_rebound=0.1,
@@ -791,7 +792,7 @@ _ALL = (
         "rigid",
         _rapier,
         "`restitution` of a collider",
-        "mean (`CoefficientCombineRule`; of two rules the later of average, min, multiply, max)",
+        "mean, unless a body has another `CoefficientCombineRule`: the later of average, min, multiply, max decides",
         _NO_THRESHOLD,
         (
             "restitution, restitution_combine_rule: ColliderBuilder",

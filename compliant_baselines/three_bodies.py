@@ -29,14 +29,13 @@ from impact_xval.model.collision import Collision
 #: The solver that is the model.
 MODEL = "state-transition"
 
-#: The text to paste for both contacts, by engine. Where parameters belong to bodies, A carries the contact with B, C
-#: carries the contact with B, and B is rigid and undamped.
+#: The text to paste for both contacts, by engine. Where parameters belong to bodies, A and C carry the numbers of
+#: their contacts with B, and B is rigid and undamped.
 TEXTS = {
     "mujoco": """\
-<!-- A, B and C: names of the three geoms. Free bodies and slides: the numbers hold for sums of the bodies' inverse
-     weights (body_invweight0[b, 0]) of {inverse1} and {inverse2} 1/kg. The default tolerance is a
-     cost over the inertia of all bodies solved together: beside heavy bodies it lets go of the forces of light
-     ones. -->
+<!-- A, B and C: names of the three geoms. The numbers hold for free bodies and bodies on slides whose inverse
+     weights (body_invweight0[b, 0]) have the sums {inverse1} (A and B) and {inverse2} (B and C) 1/kg.
+     With the default tolerance the solver would drop forces of light bodies beside heavy ones. -->
 <option timestep="{step}" integrator="Euler" solver="Newton" tolerance="0"/>
 <contact>
   <pair geom1="A" geom2="B" condim="1" margin="0" gap="0"
@@ -90,7 +89,7 @@ BODY = """\
       <inertial pos="0 0 0" mass="{mass!r}" diaginertia="1 1 1"/><geom name="{name}" size="{radius!r}"/></body>"""
 FIXED_BODY = '    <geom name="{name}" size="{radius!r}" pos="{x!r} 0 0"/>'
 
-#: A run is given up after so many times the duration of the longer contact.
+#: Longest run before it is given up, in durations of the longer contact.
 LONGEST_RUN = 100
 
 #: Takes n more steps; returns the velocities in m/s along x after each step, shape (n, bodies), C's 0 if it is fixed.

@@ -29,7 +29,7 @@ LONG = 250
 #: Steps after which a drop is given up.
 MOST_STEPS = 20_000
 
-#: Relative change of a rate that is rounding.
+#: Largest relative change of a rate that counts as rounding.
 ROUNDING = 1e-12
 
 #: Steps without force after which a contact is over.
@@ -41,21 +41,21 @@ class MeasuredContact(NamedTuple):
 
     #: Names of the contacts.
     names: list[str]
-    #: Of the bodies, the lighter first, in kg; inf if fixed.
+    #: Masses of the two bodies in kg, the lighter first; inf for a fixed body.
     masses: tuple[float, float]
     #: Mean over the places of the touch within a step.
     restitution: float | None = None
-    #: Least and greatest.
+    #: Least and greatest restitution over these places.
     restitution_range: tuple[float, float] | None = None
-    #: In s, whole steps from the first to the last with force.
+    #: In s. Whole steps count, from the first to the last with force.
     duration: float | None = None
     steps: float | None = None
-    #: Of the spring and dashpot with this restitution and duration, in N/m and N s/m.
+    #: Numbers of the spring and dashpot with this restitution and duration, in N/m and N s/m.
     stiffness: float | None = None
     damping: float | None = None
     #: Depth in m at which the contact carries the weight of the lighter body; None without gravity too.
     penetration: float | None = None
-    #: What to write for what was probably meant, and what that was measured to give; empty if the contact has it.
+    #: What to write for another contact, and what drops of it gave; empty if there is nothing to change.
     change: str = ""
     #: Why the contact was not measured; empty if it was.
     reason: str = ""

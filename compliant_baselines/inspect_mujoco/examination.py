@@ -46,8 +46,8 @@ MOST_ROWS = 50
 #: Seconds after which no further contact is measured.
 MOST_SECONDS = 60.0
 
-#: How far restitution may exceed 1, or change with the solver's tolerance (and the duration relatively): at 30 steps
-#: in a contact an elastic one is up to 1.1e-3 off.
+#: How far a restitution may exceed 1, and how far the solver's tolerance may change it, and the duration relatively.
+#: At 30 steps in a contact the restitution of an elastic one is off by up to 1.1e-3.
 NEGLIGIBLE = 1.5e-3
 
 
@@ -97,7 +97,7 @@ class Examination:
 
 
 def load_scene(scene: Path) -> Any:
-    """Load a file, .mjb or MJCF; a ValueError says in the engine's words why MuJoCo does not take it."""
+    """Load a file, .mjb or MJCF; a ValueError has MuJoCo's own words if it does not take the file."""
     load = mujoco.MjModel.from_binary_path if scene.suffix == ".mjb" else mujoco.MjModel.from_xml_path
     try:
         return load(str(scene))
@@ -231,7 +231,7 @@ def _examine_group(
     for bodies in members:
         row = MeasuredContact(names[bodies], bodies.masses, note=_note_on_joints(bodies))
         if time.perf_counter() > deadline:
-            reason = f"not measured: {MOST_SECONDS:g} s were over; see --geom"
+            reason = f"not measured: {MOST_SECONDS:g} s have passed; --geom examines one geom only"
             rows.append((bodies, row._replace(reason=reason)))
             continue
         try:
@@ -258,7 +258,7 @@ def _examine_group(
 
 
 def _common_measurement(rows: list[MeasuredContact]) -> MeasuredContact | None:
-    """Return a row with the means of restitution and duration, if those of all rows are near them; else None."""
+    """Return a row with the means of restitution and duration; None if a row is not near these means."""
     numbers = [
         (row.restitution, row.duration) for row in rows if row.restitution is not None and row.duration
     ]
@@ -296,8 +296,8 @@ def _note_on_joints(bodies: Bodies) -> str:
     if not (damping or friction):
         return ""
     return (
-        f"with the joints' damping of {damping:.4g} N s/m and dry friction of {friction:.4g} N along the normal "
-        "(damping and frictionloss), while the lighter body moves and the other is met at rest"
+        f"with the joints' damping of {damping:.4g} N s/m and dry friction of {friction:.4g} N along the normal; the "
+        "lighter body moves, and the other one is at rest"
     )
 
 
@@ -310,7 +310,8 @@ def _traps_in_measurement(contact: ExaminedContact, option: Any, speed: float) -
     if highest > 1 + NEGLIGIBLE:
         yield Trap(
             "gains-energy",
-            f"it gives back more than it took, e up to {highest:.6g}: shorten the step, or see the other traps",
+            f"the contact gives back more than it took, e is up to {highest:.6g}. Shorten the step, or see the other "
+            "traps",
         )
     for reading in (contact.keep, contact.newton_metre):
         if reading is not None and not reading.is_kept:
@@ -329,11 +330,10 @@ def _lost_to_tolerance(bodies: Bodies, option: Any, speed: float, row: MeasuredC
         e_change = np.abs(np.subtract(row.restitution_range, exact.restitution_range)).max()
         if e_change <= NEGLIGIBLE and abs(row.duration / exact.duration - 1) <= NEGLIGIBLE:
             return ""
-    contact = "is not over"
+    contact = "the contact does not end"
     if row.restitution is not None:
-        contact = f"has e = {row.restitution:.4g} in {row.duration:.3g} s"
+        contact = f"e = {row.restitution:.4g} in {row.duration:.3g} s"
     return (
-        f"the solver stops at {option.tolerance:g} of an absolute measure, over the inertia of the bodies: this "
-        f"contact {contact}, and with tolerance 0 e = {exact.restitution:.4g} in {exact.duration:.3g} s; use "
-        "tolerance 0"
+        f"the solver's tolerance of {option.tolerance:g} drops a part of the force: {contact}, but with tolerance 0 "
+        f"e = {exact.restitution:.4g} in {exact.duration:.3g} s. Use tolerance 0"
     )

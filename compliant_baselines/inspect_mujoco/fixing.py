@@ -118,7 +118,7 @@ def fix_scene(source: Path, target: Path, kind: Kind, speed: float, geom: str | 
     to_write = [one for group in examination.groups for one in _contacts_to_write(model, group, kind)]
     if not to_write:
         raise ValueError(
-            f"--fix: no contact of {source} has direct numbers of two readings; nothing is written"
+            f"--fix: no contact of {source} has direct numbers with two readings; nothing is written"
         )
     # The examination compiled nothing else, but its drops did: the engine writes what it has compiled last.
     load_scene(source)
@@ -257,7 +257,7 @@ def _point_to_assets(root: ElementTree.Element, folder: Path) -> None:
 
 
 def _measure_written(model: Any, to_write: Sequence[ContactToWrite], speed: float) -> list[WrittenContact]:
-    """Measure the contacts that were written, of each group of the scene that was read those that differ most."""
+    """Measure contacts that were written: of each group in the scene that was read, those that differ most."""
     selected = {geom for one in to_write for geom in one.contact.geoms}
     now = {contact.geoms: contact.bodies for contact in find_contacts(model, selected)}
     by_bodies = {one.contact.bodies: one for one in reversed(to_write)}

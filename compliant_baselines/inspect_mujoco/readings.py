@@ -24,13 +24,13 @@ mujoco: Any = import_module("mujoco")  # the names of the compiled module are in
 #: How far the restitution of a contact may be from what was meant.
 NEAR_E = 0.02
 
-#: How far its stiffness or its duration may be, relatively.
+#: How far its stiffness or its duration may be from what was meant, relatively.
 NEAR_K = 0.05
 
 #: Restitution of a contact that is not to rebound: no finite damping gives 0.
 NO_REBOUND = 0.01
 
-#: Time constant over the longest step at which refsafe leaves it as it is (2), with some room.
+#: Fewest steps in a time constant: refsafe changes it below 2, and this leaves some room.
 _REFSAFE_STEPS = 2.2
 
 #: Steps in a contact at a good step.
@@ -248,7 +248,7 @@ def advise_on_ratio(
     time_constant, ratio = bodies.solref
     if min(time_constant, ratio) <= 0 or not measured.duration:
         return None
-    # Who took the number for a restitution wants this one.
+    # A user who took the number for a restitution wants this restitution.
     wished = [ratio] if ratio < 1 else []
     wished += [e for e in _USUAL_RESTITUTIONS if e not in wished]
     choices: list[tuple[float, tuple[float, float]]] = []

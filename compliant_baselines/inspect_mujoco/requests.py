@@ -13,7 +13,7 @@ from impact_xval.compliant_baselines.inspect_mujoco.readings import Kind
 class InspectionRequest(NamedTuple):
     """What is asked about a scene."""
 
-    #: In m/s, at which bodies are dropped.
+    #: Speed in m/s at which the bodies meet.
     speed: float
     #: Only the contacts of this geom; None for all.
     geom: str | None = None
@@ -26,7 +26,7 @@ class InspectionRequest(NamedTuple):
 
 
 def answer_request(request: InspectionRequest, scene: Path) -> Examination | FixedScene | str:
-    """Examine a file, .mjb or MJCF, or write it; or say in words why that is impossible."""
+    """Examine a file, .mjb or MJCF, or write a fixed one; a string says why that is impossible."""
     try:
         if request.target is not None:
             return fix_scene(scene, request.target, request.kind, request.speed, request.geom)

@@ -33,10 +33,10 @@ _PARAMETERS = {
 #: The stage that makes the mass matrix, as the engine calls it; from 3.3 on it adds the inertia of tendons.
 _MASS_MATRIX = "makeM" if hasattr(mujoco, "mj_makeM") else "crb"
 
-#: Number of geoms from which on only some geoms of each kind are looked at.
+#: Most geoms of a scene that are all looked at. Of a larger scene some geoms of each kind are looked at.
 MOST_GEOMS = 60
 
-#: Geoms of a kind that are looked at in a larger scene: so many of the lightest bodies, and so many of the heaviest.
+#: Number of geoms of a kind that are looked at in a larger scene, on the lightest bodies and again on the heaviest.
 GEOMS_PER_END = 2
 
 #: Distance in m below which all geoms count as touching, so that contacts of distant geoms are found too.
@@ -55,7 +55,7 @@ class Losses(NamedTuple):
     damping: float = 0.0
     #: Dry friction in N.
     friction: float = 0.0
-    #: Of the dry friction, of the joint that has most of it.
+    #: The numbers of dry friction, of the joint that has most of it.
     solref: tuple[float, ...] = MUJOCO_DEFAULT_SOLREF
     solimp: tuple[float, ...] = MUJOCO_DEFAULT_SOLIMP
 
@@ -63,7 +63,7 @@ class Losses(NamedTuple):
 class Bodies(NamedTuple):
     """The two bodies of a contact, the lighter first, and the parameters of the contact."""
 
-    #: Along the normal, in kg; inf if fixed.
+    #: Masses along the normal in kg; inf for a fixed body.
     masses: tuple[float, float]
     #: The engine's `body_invweight0` of each.
     weights: tuple[tuple[float, ...], ...]

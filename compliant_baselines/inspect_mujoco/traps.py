@@ -23,7 +23,7 @@ mujoco: Any = import_module("mujoco")  # the names of the compiled module are in
 #: Steps in a contact below which its restitution is off by 10 % and more.
 FEWEST_STEPS = 30
 
-#: Impedance above which a contact is not at the level of forces.
+#: Largest impedance at which direct numbers count in N/m and N s/m over the mass, also where a third body pushes.
 FORCE_LEVEL = 0.01
 
 #: Names of all traps, in the order in which they are listed.
@@ -99,7 +99,7 @@ def traps_in_parameters(
         more = f" (and {len(others)} other mixtures)" if others else ""
         yield Trap(
             "mixed-geoms",
-            f"solref {first}{more} are combined to {solref}, the smaller of each number; use a <pair>",
+            f"solref {first}{more} are combined to {solref}, the smaller of each number. Use a <pair>",
         )
     if option.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE:
         yield Trap("override", f"every contact has solref {solref} instead of its own")
@@ -107,15 +107,15 @@ def traps_in_parameters(
     if is_discrete:
         yield Trap(
             "discrete",
-            "contacts are taken at the end of the step: an elastic one gives back less than it took, and refsafe "
-            "replaces what the step cannot resolve; use Euler or implicitfast",
+            "forces are those at the end of a step: an elastic contact gives back less than it took, and refsafe "
+            "replaces a solref that the step cannot resolve. Use Euler or implicitfast",
         )
     signs_differ = (solref[0] > 0) != (solref[1] > 0)
     if signs_differ:
         yield Trap(
             "mixed-signs",
-            f"solref ({solref[0]:g}, {solref[1]:g}) is neither (time constant, damping ratio), both positive, nor "
-            "(-stiffness, -damping), both <= 0: the default (0.02, 1) replaces it",
+            f"solref ({solref[0]:g}, {solref[1]:g}) has two signs, so the default (0.02, 1) replaces it. Legal are "
+            "(time constant, damping ratio), both > 0, and (-stiffness, -damping), both <= 0",
         )
     first, second = MUJOCO_DEFAULT_SOLREF if signs_differ else solref
     has_refsafe = not is_discrete and not option.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE
@@ -123,18 +123,16 @@ def traps_in_parameters(
     if effective != first:
         yield Trap(
             "refsafe",
-            f"a time constant of {first:g} s is shorter than two steps of {step:g} s and becomes {effective:g} s, a "
-            f"stiffness {(effective / first) ** 2:.3g} times lower; shorten the step",
+            f"the time constant of {first:g} s is shorter than two steps. The engine takes {effective:g} s, which is "
+            f"a stiffness {(effective / first) ** 2:.3g} times lower. Shorten the step",
         )
     if first < 0 and dmin > FORCE_LEVEL:
         low, high = (f"{-first * scale:.4g}" for scale in _extremes(each.scale for each in alike))
-        springs = f"the spring of this pair alone has {low}"
-        if low != high:
-            springs = f"the springs of these pairs alone have {low} to {high}"
+        springs = low if low == high else f"{low} to {high}"
         yield Trap(
             "not-newton-per-metre",
-            f"a direct stiffness of {-first:g} is in 1/s^2: {springs} N/m at most, and under solimp {dmin:g} to "
-            f"{dmax:g} a third body changes it; for N/m take impact-xval contact",
+            f"the stiffness {-first:g} is in 1/s^2. Two bodies alone get at most {springs} N/m, and with solimp "
+            f"{dmin:g} to {dmax:g} a third body changes that",
         )
     if min(solref) > 0 and solref[1] != MUJOCO_DEFAULT_SOLREF[1]:
         yield Trap("damping-ratio", describe_damping_ratio(solref, measured_restitution))
@@ -142,18 +140,16 @@ def traps_in_parameters(
         solimp = " ".join(f"{number:g}" for number in bodies.solimp)
         yield Trap(
             "solimp",
-            f"solimp sets no restitution: with the default solref (0.02, 1) e is {_format_restitution(solref[1])} by "
-            f"the formula{_format_measured(measured_restitution)} under solimp ({solimp}); the damping ratio, second "
-            "in solref, sets it",
+            f"solimp ({solimp}) sets no restitution: e is {_format_restitution(solref[1])} by the formula"
+            f"{_format_measured(measured_restitution)}. The second number of solref sets it, a damping ratio",
         )
     duration = _duration_to_resolve((effective, second))
     if duration / step < FEWEST_STEPS:
         yield Trap(
             "long-step",
-            f"by the formula at full impedance a contact of {duration:.3g} s gets {duration / step:.2g} steps of "
-            f"{step:.3g} s: e depends on where in a step the bodies touch"
-            f"{_format_measured(measured_restitution)}; {FEWEST_STEPS} steps keep it within 10 %, a step of "
-            f"{duration / 100:.2g} s within about 1 %",
+            f"by the formula a contact of {duration:.3g} s gets {duration / step:.2g} steps. So e depends on where in "
+            f"a step the bodies touch{_format_measured(measured_restitution)}. A step of {duration / 100:.2g} s keeps "
+            "it within about 1 %",
         )
 
 
@@ -162,7 +158,7 @@ def describe_damping_ratio(
 ) -> str:
     """Say what restitution the damping ratio of a solref gives, and that it is no restitution."""
     return (
-        f"the second number of solref ({solref[0]:g}, {solref[1]:g}) is a damping ratio, no restitution: "
+        f"the second number of solref ({solref[0]:g}, {solref[1]:g}) is a damping ratio, not a restitution: "
         f"{solref[1]:g} rebounds with {_format_restitution(solref[1])} by the formula"
         f"{_format_measured(measured_restitution)}"
     )

@@ -57,39 +57,50 @@ _SOLREF, _SOLIMP = numbers_parser(2, 2), numbers_parser(1, 5)
 def contact_command(
     engine: str = option(
         "NAME",
-        f"{', '.join(ENGINES[:13])}; or one way to write it, such as newton-xpbd.",
+        f"{', '.join(ENGINES[:13])}. A name such as newton-xpbd is one way to write a contact into an engine.",
         word_parser(*ENGINES),
         ...,
     ),
     masses: Numbers | None = option(
-        "KG KG [KG]", "Of A, B and perhaps C; inf: a fixed one, the last of three.", _MASSES
+        "KG KG [KG]",
+        "Of A and B, or of A, B and C from the top down. inf: a fixed body, such as the floor.",
+        _MASSES,
     ),
     restitution: Numbers | None = option(
-        "E [E]", "1e-4 to 1; by default that of the materials.", _ONE_OR_TWO
+        "E [E]", "From 1e-4 to 1. The default is that of the materials.", _ONE_OR_TWO
     ),
-    damping: Numbers | None = option("C [C]", "In N s/m, instead of a restitution.", _ONE_OR_TWO),
-    damping_ratio: Numbers | None = option("Z [Z]", "0 to 50, instead of a restitution.", _ONE_OR_TWO),
+    damping: Numbers | None = option("C [C]", "In N s/m; instead of a restitution.", _ONE_OR_TWO),
+    damping_ratio: Numbers | None = option("Z [Z]", "From 0 to 50; instead of a restitution.", _ONE_OR_TWO),
     stiffness: Numbers | None = option("K [K]", "In N/m.", _ONE_OR_TWO),
-    duration: Numbers | None = option("S [S]", "In s, instead of a stiffness.", _ONE_OR_TWO),
-    sink: Numbers | None = option("M [M]", "Depth at rest in m, instead of a stiffness.", _ONE_OR_TWO),
+    duration: Numbers | None = option("S [S]", "In s; instead of a stiffness.", _ONE_OR_TWO),
+    sink: Numbers | None = option("M [M]", "Depth at rest in m; instead of a stiffness.", _ONE_OR_TWO),
     step: float | None = option(
-        "S", "Time step: the stiffest contact that it carries; instead of a stiffness.", parse_number
+        "S",
+        "Time step of the simulation; instead of a stiffness. You get the stiffest good contact.",
+        parse_number,
     ),
-    tolerance: float = option("X", "Allowed error of restitution and duration.", parse_number, 0.01),
-    solref: Numbers | None = option("A B", "MuJoCo's numbers, instead of all the above.", _SOLREF),
-    solimp: Numbers | None = option("D ...", "Beside --solref, up to five.", _SOLIMP),
-    material: list[str] | None = option("NAME", "Steel, glass, brass, rubber or ping-pong, twice for two."),
+    tolerance: float = option("X", "Allowed relative error of restitution and duration.", parse_number, 0.01),
+    solref: Numbers | None = option("A B", "MuJoCo's two numbers; instead of all quantities above.", _SOLREF),
+    solimp: Numbers | None = option("D ...", "Up to five numbers, beside --solref.", _SOLIMP),
+    material: list[str] | None = option(
+        "NAME", "steel, glass, brass, rubber or ping-pong. Give it twice for two materials."
+    ),
     radius: list[float] | None = option(
-        "M", "Of a ball of the material; twice for two balls, else the other is a flat.", parse_number
+        "M",
+        "Radius of a ball of the material. Give it twice for two balls; one ball meets a flat.",
+        parse_number,
     ),
-    speed: float = option("M/S", "Speed of approach, 1e-9 to 1e9.", parse_number, 1.0),
+    speed: float = option("M/S", "Speed of approach, from 1e-9 to 1e9.", parse_number, 1.0),
 ) -> None:
     """Print what to paste into a scene for a contact.
 
-    One number for the damping and one for the spring decide it, or materials. Beside the lines stand depths, the
-    largest step, and what verifying drops gave. Of three masses A strikes B, at rest on C: give the numbers of A on B
-    and of B on C; the answer has the impact of all three too. Where an engine takes a restitution, PyBullet, DART and
-    Pymunk multiply those of the two bodies.
+    Give one number for the damping and one for the spring, or materials. You get the text, the depths, the largest
+    good step, and what drops with this text gave. The search for a step can take minutes.
+
+    With three masses A strikes B, which is at rest on C. Give two numbers of a kind: for A on B, and for B on C. You
+    also get the impact of all three at once.
+
+    PyBullet, DART and Pymunk multiply the restitutions of the two bodies.
 
     Example: impact-xval contact --engine mujoco --masses 0.45 3 inf --restitution 0.8 0.6 --step 2e-3
     """
@@ -142,7 +153,9 @@ def contact_command(
     except ValueError as error:
         raise UserError(f"--{error}".replace("damping_ratio", "damping-ratio")) from None
     product = describe_restitution_product([engine], pairs[0].motion.restitution)
-    print_blocks(make_console(), [*blocks, *([product] if product else [])])
+    print_blocks(
+        make_console(), [*blocks, *([f"To write a restitution instead: {product}"] if product else [])]
+    )
 
 
 def _takes_restitution_only(engine: str, asked: Mapping[str, Numbers]) -> bool:
@@ -196,7 +209,7 @@ def _pair_of_materials(
     beside: Mapping[str, object],
     speed: float,
 ) -> tuple[Pair, MaterialContact]:
-    """Return the pair of two bodies of materials, and their contact before it was linearised."""
+    """Return the pair of two bodies of materials, and their contact before it is linearised."""
     from impact_xval.compliant_baselines.single_contact import make_pair
 
     others = {name: values for name, values in asked.items() if name != "restitution"}

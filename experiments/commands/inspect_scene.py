@@ -20,7 +20,7 @@ from impact_xval.experiments.commands.options import (
 )
 from impact_xval.experiments.config.errors import UserError
 
-if TYPE_CHECKING:  # it imports MuJoCo
+if TYPE_CHECKING:  # the package imports MuJoCo
     from impact_xval.compliant_baselines.inspect_mujoco import Examination
     from impact_xval.compliant_baselines.inspect_mujoco.readings import Kind
 
@@ -29,22 +29,32 @@ _TO_INSPECT = 180.0
 
 
 def inspect_command(
-    scene: Path = argument("SCENE.xml", "An MJCF file, or .mjb.", parse_path),
-    speed: float = option("M/S", "At which bodies are dropped.", parse_number, 1.0),
-    geom: str | None = option("NAME", "Only the contacts of this geom; #3 is the fourth."),
-    all: bool = flag_option("--all", "Show all groups, and a row for every contact that is measured."),
-    fix: Path | None = option("FILE", "Write the scene with the contacts that were meant.", parse_path),
-    keep: bool = flag_option(
-        "--keep", "With --fix: contacts do what they do now, at a good step, in any mass."
+    scene: Path = argument("SCENE.xml", "An MJCF file (.xml) or a compiled scene (.mjb).", parse_path),
+    speed: float = option("M/S", "Speed at which the bodies meet.", parse_number, 1.0),
+    geom: str | None = option(
+        "NAME", "Examine the contacts of this geom only. #3 is geom number 3; numbers begin at 0."
     ),
-    newton_metre: bool = flag_option("--newton-metre", "With --fix: direct numbers are N/m and N s/m."),
+    all: bool = flag_option(
+        "--all", "Show all groups, all traps, and a row for every contact that is measured."
+    ),
+    fix: Path | None = option(
+        "FILE", "Write the scene to a new file, with the contacts that were meant.", parse_path
+    ),
+    keep: bool = flag_option(
+        "--keep", "With --fix: contacts do what they do now, in any mass, at a step that is short enough."
+    ),
+    newton_metre: bool = flag_option(
+        "--newton-metre", "With --fix: negative numbers of solref mean N/m and N s/m."
+    ),
     json: Json = False,
 ) -> None:
     """Measure the contacts of a MuJoCo scene, and look for traps in them.
 
-    Contacts of the same parameters are a group. Two bodies of each are dropped and loaded alone: restitution,
-    stiffness, steps in a contact, and what to write for what may have been meant. Then contact parameters that are
-    replaced, ignored or not what they seem. Exit code 3 if there are any.
+    Contacts with the same parameters are a group. Of each group two bodies alone are dropped and loaded. You get their
+    restitution, stiffness, steps in a contact and depth at rest, and what to write for another contact.
+
+    A trap is a parameter that the engine replaces, ignores or reads in another way. The exit code is 3 if there are
+    traps.
 
     Example: impact-xval inspect robot.xml
 

@@ -21,7 +21,7 @@ from impact_xval.experiments.tables.numbers import number
 from impact_xval.model.kinetic import kinetic_norm
 from impact_xval.model.materials import MaterialContact
 
-if TYPE_CHECKING:  # it imports MuJoCo
+if TYPE_CHECKING:  # the package imports MuJoCo
     from impact_xval.compliant_baselines.inspect_mujoco import Examination, ExaminedContact, ExaminedGroup
     from impact_xval.compliant_baselines.inspect_mujoco.fixing import FixedScene
     from impact_xval.compliant_baselines.inspect_mujoco.readings import RatioAdvice, Reading
@@ -63,7 +63,7 @@ def contact_blocks(
     for i, pair in enumerate(pairs):
         blocks += _describe_numbers(pair, f"{_name_of_contact(i)}: " if len(pairs) > 1 else "")
     if touch is not None:
-        blocks.append(_describe_linearised(touch, pairs[0].speed))
+        blocks += _describe_linearised(touch, pairs[0].speed)
     if len(pairs) == 1:
         text = paste(engine.name, pairs[0].contact, step, pairs[0].solref)
     else:
@@ -81,14 +81,15 @@ def _describe_numbers(pair: Pair, prefix: str) -> list[str]:
     c, lines = pair.contact, []
     if pair.solref is not None:
         solref, solimp = (" ".join(f"{value:g}" for value in values) for values in pair.solref)
-        lines.append(f"solref {solref} with solimp {solimp}, as the engine reads it, is for these masses:")
+        lines.append(f"The engine reads solref {solref} and solimp {solimp}. For these masses that is:")
     return [
         *lines,
-        f"{prefix}k = {c.k:.6g} N/m, c = {c.c:.6g} N s/m (zeta = {c.zeta:.4g}) between bodies of reduced mass "
-        f"{c.mass:.6g} kg",
+        f"{prefix}k = {c.k:.6g} N/m, c = {c.c:.6g} N s/m, damping ratio {c.zeta:.4g}, reduced mass {c.mass:.6g} kg",
         *([] if pair.solref is None else _describe_solref(pair.solref, pair)),
-        f"at {pair.speed:.6g} m/s the penetration is {pair.penetration:.3g} m: the bodies must be much larger",
-        f"at rest it is {pair.depth_at_rest:.4g} m under the weight of {pair.carried:.6g} kg at {GRAVITY:g} m/s^2",
+        f"{prefix}greatest depth {pair.penetration:.3g} m at {pair.speed:.6g} m/s; the bodies must be much larger "
+        "than that",
+        f"{prefix}depth at rest {pair.depth_at_rest:.4g} m, under the weight of {pair.carried:.6g} kg at "
+        f"{GRAVITY:g} m/s^2",
     ]
 
 
@@ -97,8 +98,8 @@ def _describe_solref(written: MujocoContact, pair: Pair) -> list[str]:
     lines: list[str] = []
     if not is_linear(written):
         lines.append(
-            f"This is the spring and dashpot of the same restitution and duration at {pair.speed:.6g} m/s. The "
-            "impedance changes with the depth: another speed makes another contact of it."
+            f"This spring and dashpot has the same restitution and duration at {pair.speed:.6g} m/s. At another speed "
+            "its numbers are others, because the impedance changes with the depth."
         )
     if written.solref[0] > 0:
         lines.append(
@@ -125,27 +126,32 @@ def _drop_blocks(
                     f"{getattr(fine, quantity)[0]:.6g}{unit}",
                 )
             )
-    where = "by the lines above alone" if name in DROP else "by the adapter's scene"
+    where = "with the lines above and nothing else" if name in DROP else "in the adapter's scene"
     is_asked = all(pair.restitution is not None for pair, _, _ in verified)
-    header = ("", "asked" if is_asked else "exact", f"at {step:.6g} s", f"at {step / 10:.6g} s")
-    caption = f"Drops in {name} {where}"
+    first = "asked" if is_asked else "exact"
+    header = ("", first, f"at a step of {step:.6g} s", f"at {step / 10:.6g} s")
+    caption = f"Drops in {name} {engine.version()} {where}"
     if len(verified) > 1:
-        caption += ", each contact alone"
+        caption += ", one contact at a time"
     counts = " and ".join(str(contact.drops.n) for contact in verified)
     steps = " and ".join(f"{contact.pair.motion.duration / step:.0f}" for contact in verified)
-    kept = (
-        f"at which {name} {engine.version()} keeps both within {tolerance:g} of the request, wherever within a step "
-        f"the bodies touch ({counts} drops), and at the four shorter steps too: {steps} steps in a contact"
-    )
+    kept = f"restitution and duration within {tolerance:g} of the {first} numbers"
     if given_step is None:
-        says = f"{step:.6g} s is the largest step tried (ten a decade) {kept}"
+        says = [f"{step:.6g} s is the largest step tried that keeps {kept}. Ten steps per decade were tried."]
     else:
         stiffest = "this is the stiffest contact" if len(verified) == 1 else "these are the stiffest contacts"
-        says = (
-            f"{stiffest} tried (forty durations a decade) for {step:.6g} s {kept}; a larger --tolerance lets a stiffer "
-            "one pass"
-        )
-    return [Table(header, rows, caption), says]
+        keep = "keeps" if len(verified) == 1 else "keep"
+        says = [
+            f"At a step of {step:.6g} s {stiffest} tried that {keep} {kept}.",
+            "Forty durations per decade were tried. A larger --tolerance allows a stiffer contact.",
+        ]
+    takes = "The contact takes" if len(verified) == 1 else "The contacts take"
+    return [
+        Table(header, rows, caption),
+        *says,
+        f"This holds wherever within a step the bodies touch ({counts} drops), and at four shorter steps too. {takes} "
+        f"{steps} steps.",
+    ]
 
 
 def impact_blocks(
@@ -188,14 +194,14 @@ def impact_blocks(
         rows.append((f"{engine}, the lines above at {run.step:.6g} s", *ranges, divergence(middle)))
     floor = "is fixed" if len(moving) == 2 else "is at rest"
     caption = (
-        f"The impact of all three: A strikes B at {pairs[0].speed:.6g} m/s while B touches C, which {floor}; no "
-        "gravity; velocities in m/s, positive away from C"
+        f"All three bodies at once: A strikes B at {pairs[0].speed:.6g} m/s, B touches C, and C {floor}. There is no "
+        "gravity.\nVelocities after the impact in m/s, positive away from C:"
     )
     return [
         Table(("", *(f"v of {body}" for body in moving), "D"), rows, caption),
         *notes,
-        "D is the difference from the model (docs/theory.md, section 9). The restitution of a contact is not kept "
-        "where a third body pushes too.",
+        "D is the difference from the model (docs/theory.md, section 9).",
+        "A contact has another restitution here than alone, because a third body pushes too.",
     ]
 
 
@@ -212,7 +218,7 @@ def round_outward(low: float, high: float) -> str:
     return " to ".join(f"{float(f'{end}e{exponent}'):.15g}" for end in ends)
 
 
-def _describe_linearised(touch: MaterialContact, speed: float) -> str:
+def _describe_linearised(touch: MaterialContact, speed: float) -> list[str]:
     """Say which force of materials a linear contact stands for, and how the two differ."""
     names = " on ".join(
         f"{body.material.name} "
@@ -221,11 +227,12 @@ def _describe_linearised(touch: MaterialContact, speed: float) -> str:
     )
     p, duration = touch.exponent, touch.duration(speed)
     longer = math.pi * touch.compression(speed) / speed / duration - 1
-    return (
-        f"in place of {touch.stiffness:.4g} delta^{p:g} N, {names}, elastic: of the same greatest compression and "
-        f"energy at this speed; it lasts {longer:.1%} longer than {duration:.4g} s, its peak force is "
-        f"{2 / (p + 1) - 1:+.0%}"
-    )
+    return [
+        f"The materials, {names}, have an elastic force of {touch.stiffness:.4g} delta^{p:g} N at a depth of delta in "
+        f"m. Their contact lasts {duration:.4g} s.",
+        f"The linear contact has the same greatest depth and energy at this speed. It lasts {longer:.1%} longer, and "
+        f"its peak force is {1 - 2 / (p + 1):.0%} lower.",
+    ]
 
 
 #: Most lines of one screen about a scene, and the most of them for groups, remarks and traps.
@@ -237,8 +244,8 @@ _MOST_WRITTEN = 12
 #: What contacts at the level of forces do where two bodies touch otherwise than in the drops. Other direct numbers are
 #: accelerations, which neither the number of points nor the place changes much.
 _ONE_POINT = (
-    "Each point of contact then has these numbers, and bodies are hit at their centres of mass: a box that lands on a "
-    "face has four points, and is four times as stiff; hit elsewhere a body is lighter, and rebounds faster and lower"
+    "These numbers are those of one point of contact at the centres of mass. A box that lands on a face has four "
+    "points and is four times as stiff. A body that is hit elsewhere is lighter: its rebound comes sooner and is lower."
 )
 
 #: Letters of a contact's name that a table of a screen shows.
@@ -256,42 +263,63 @@ def scene_blocks(
     groups = examination.groups
     shown = groups if everything else groups[:_MOST_GROUPS]
     head = _describe_scene(examination, scene, version)
+    traps = _describe_traps(examination, scene, everything)
     if not groups:
-        return [head, "no two geoms can touch", *_describe_traps(examination, scene, everything)]
+        return [head, "no two geoms can touch", *traps]
+    header = ("group", "contacts", "number", "from", "condim", "solref", "solimp")
+    rows = [_parameter_row(n, group) for n, group in enumerate(shown, 1)]
     caption = (
-        f"Measured: each two bodies alone, dropped at {speed:g} m/s, and loaded with the weight of the lighter"
-        " (e over all places of the touch within a step)"
+        f"Measured with two bodies alone: a drop at {speed:g} m/s, touching at several places within a step, and the "
+        "depth at rest under the lighter body"
     )
     measured_header = ("group", "masses, kg", "e", "k, N/m", "c, N s/m", "duration, s", "steps", "at rest, m")
     measured_rows = [row for n, group in enumerate(shown, 1) for row in _measured_rows(n, group, everything)]
-    header = ("group", "contacts", "number", "from", "condim", "solref", "solimp")
-    rows = [_parameter_row(n, group) for n, group in enumerate(shown, 1)]
     remarks = [line for n, group in enumerate(shown, 1) for line in _describe_remarks(n, group)]
-    readings = [line for n, group in enumerate(shown, 1) for line in _describe_readings(n, group)]
-    readings += _describe_advice(shown)
-    traps = _describe_traps(examination, scene, everything)
-    if any(contact.keep or contact.newton_metre for group in shown for contact in group.examined):
-        traps.insert(
-            0,
-            'Write these numbers in a <pair geom1="A" geom2="B" solimp="0.0001 0.0001 0.001 0.5 1" .../>, A and B two '
-            "geoms; --fix FILE with --keep or --newton-metre writes all" + _describe_creep(shown),
-        )
-        traps.insert(1, _ONE_POINT)
     if len(groups) > len(shown):
         remarks.insert(0, f"{len(groups) - len(shown)} more groups: --all shows them")
+    advice = _advice_rows(shown)
+    to_write = sorted([*_reading_rows(shown, everything), *advice], key=lambda row: _first_number(row[0]))
+    has_readings, has_advice = len(to_write) > len(advice), bool(advice)
+    notes = [_describe_pairs(shown), _ONE_POINT] if has_readings else []
     if not everything:
         remarks = _cut(remarks, _MOST_REMARKS, "remarks")
-        # Two tables have a caption, a header and empty lines around them.
-        lines_left = _MOST_LINES - 8 - len(rows) - len(measured_rows) - len(remarks) - len(traps)
-        readings = _cut(readings, lines_left, "readings")
+        # Beside rows there are the first line, an empty line, a caption and a header for each of three tables, and an
+        # empty line after them.
+        lines_left = _MOST_LINES - 11 - sum(map(len, (rows, measured_rows, remarks, notes, traps)))
+        if len(to_write) > lines_left:
+            kept = max(lines_left - 1, 0)
+            notes.insert(0, f"{len(to_write) - kept} more rows of what to write: --all shows them")
+            to_write = to_write[:kept]
     return [
         head,
         Table(header, rows, "Parameters as the engine combines them", text=4),
         Table(measured_header, measured_rows, caption, text=2),
+        Table(_TO_WRITE, to_write, _caption_of_what_to_write(has_readings, has_advice), text=2),
         *remarks,
-        *readings,
+        *notes,
         *traps,
     ]
+
+
+#: Header of the table of what to write.
+_TO_WRITE = ("group", "contact", "e", "duration, s", "solref", "condim", "friction", "step, s", "e of drops")
+
+
+def _caption_of_what_to_write(has_readings: bool, has_advice: bool) -> str:
+    """Say what a row of the table of what to write is: a <pair>, or a solref."""
+    pair = f'<pair geom1="A" geom2="B" solimp="{_FORCE_LEVEL}" .../>'
+    if has_readings and has_advice:
+        return f"What to write for another contact. With a condim: {pair}. Without one: a new solref in the old place"
+    return f"What to write for another contact: {pair if has_readings else 'a new solref in the old place'}"
+
+
+#: The solimp of all readings.
+_FORCE_LEVEL = "0.0001 0.0001 0.001 0.5 1"
+
+
+def _first_number(numbers: str) -> int:
+    """Return the first of the numbers of groups that a row stands for."""
+    return int(numbers.partition(",")[0])
 
 
 def _cut(lines: list[str], most: int, what: str) -> list[str]:
@@ -309,7 +337,7 @@ def _describe_scene(examination: Examination, scene: str, version: str) -> str:
         looked = f" ({examination.geoms_looked_at} of them stand for all of their kinds)"
     head = (
         f"MuJoCo {version}, {scene}: {_count(examination.geoms, 'geom')}{looked}, {_count(contacts, 'contact')} in "
-        f"{_count(len(examination.groups), 'group')} of the same parameters, step {examination.step:g} s, "
+        f"{_count(len(examination.groups), 'group')} of the same parameters, step {examination.step:g} s, integrator "
         f"{examination.integrator}"
     )
     if examination.omissions:
@@ -372,12 +400,15 @@ def fixed_scene_blocks(fixed: FixedScene, scene: str, target: str, version: str)
         numbers = (number(meant.restitution), _format_values(measured.restitution_range or ()))
         durations = (number(meant.duration), number(measured.duration))
         rows.append((*row, *numbers, *durations, "yes" if contact.is_kept else measured.reason or "no"))
-    header = ("contact", "masses, kg", "solref was", "solref is", "e meant", "e", "s meant", "s", "kept")
+    measured_header = ("e meant", "e", "duration meant, s", "duration, s", "kept")
+    header = ("contact", "masses, kg", "solref before", "solref now", *measured_header)
     caption = f"{target}, measured by MuJoCo {version}"
     if len(fixed.written) > _MOST_WRITTEN:
         caption += f"; the first {_MOST_WRITTEN} of {len(fixed.written)} contacts that were measured"
     missed = sum(not contact.is_kept for contact in fixed.written)
-    end = f"{missed} of {len(fixed.written)} contacts do not do it" if missed else "measured again, all do it"
+    end = (
+        f"{missed} of {len(fixed.written)} contacts do not do it" if missed else "all contacts measured do it"
+    )
     return [
         f"{target} is {scene} with contacts that do {reading}. Changed: {', '.join(changes)}",
         Table(header, rows, caption, text=4),
@@ -447,115 +478,134 @@ def _describe_remarks(n: int, group: ExaminedGroup) -> list[str]:
     )
     first, *others = remarks or [""]
     more = f" (and {len(others)} other remarks: --json)" if others else ""
-    return [f"{n}  {first}{more}"] if first else []
+    return [f"group {n}: {first}{more}"] if first else []
 
 
-def _describe_readings(n: int, group: ExaminedGroup) -> list[str]:
-    """Say what the numbers of a group may have been meant to say, and what to write for it; a line for each reading."""
-    lines: list[str] = []
-    for kind in ("keep", "newton_metre"):
-        readings = [
-            (contact, reading)
-            for contact in group.examined
-            if (reading := getattr(contact, kind)) is not None
-        ]
-        if readings:
-            lines.append(f"{n}  {_describe_reading(readings)}")
-    return lines
-
-
-def _describe_advice(groups: list[ExaminedGroup]) -> list[str]:
-    """Say what damping ratios give, and which ones give other restitutions; a line for each solref."""
-    by_solref: dict[tuple[float, float], list[tuple[int, RatioAdvice, tuple[float, ...]]]] = {}
+def _reading_rows(groups: list[ExaminedGroup], everything: bool) -> list[tuple[str, ...]]:
+    """Return the rows of what direct numbers may have been meant to say: a row for each reading and each text of it."""
+    rows: list[tuple[str, ...]] = []
     for n, group in enumerate(groups, 1):
-        for contact in group.examined:
-            if contact.advice:
-                row = (n, contact.advice, group.restitution_range or ())
-                by_solref.setdefault(contact.advice.solref, []).append(row)
-    lines: list[str] = []
-    for solref, rows in by_solref.items():
-        numbers = ", ".join(str(n) for n, _, _ in rows)
-        restitutions = _format_values([e for _, _, ends in rows for e in ends])
-        lines.append(
-            f"{numbers}  {solref[1]:g} is a damping ratio, no restitution: it rebounds with {restitutions}. "
-            f"{rows[0][1].text}"
-        )
-    return lines
+        for kind in ("keep", "newton_metre"):
+            # With a pyramidal cone the solref depends on the friction too.
+            by_text: dict[tuple[str, str], list[tuple[ExaminedContact, Reading]]] = {}
+            for contact in group.examined:
+                reading: Reading | None = getattr(contact, kind)
+                if reading is not None:
+                    text = reading.attributes["solref"], reading.attributes.get("friction", "")
+                    by_text.setdefault(text, []).append((contact, reading))
+            every = list(by_text.values())
+            for readings in every if everything else every[:_MOST_SOLREFS]:
+                rows.append(_reading_row(n, readings, is_only=len(every) == 1))
+    return rows
 
 
-def _describe_creep(groups: list[ExaminedGroup]) -> str:
-    """Say what the impedance of the readings makes of friction; empty if no reading has friction."""
-    readings = [
-        reading
-        for group in groups
-        for contact in group.examined
-        for reading in (contact.keep, contact.newton_metre)
-        if reading is not None
-    ]
-    if all(reading.condim == 1 for reading in readings):
-        return ""
-    return ". Friction is then a weak dashpot up to its limit: bodies creep on a slope"
+#: Most rows on a screen for one reading of a group, whose solref depends on the masses.
+_MOST_SOLREFS = 2
 
 
-def _describe_reading(readings: list[tuple[ExaminedContact, Reading]]) -> str:
-    """Describe one reading of all contacts of a group that were measured."""
+def _reading_row(
+    n: int, readings: list[tuple[ExaminedContact, Reading]], *, is_only: bool
+) -> tuple[str, ...]:
+    """Return the row of one reading of contacts that get the same text; `is_only` if the whole group gets it."""
     _, first = readings[0]
-    e = _format_values([reading.restitution for _, reading in readings])
-    duration = _format_values([reading.duration for _, reading in readings])
-    step = min(reading.step for _, reading in readings)
-    ends = [e for _, reading in readings for e in reading.measured_range or ()]
-    drops = f"drops give e = {_format_values(ends)}" if ends else first.problem
-    tolerance = ' and tolerance="0"' if any(reading.zero_tolerance for _, reading in readings) else ""
-    attributes = dict(first.attributes)
-    del attributes["solimp"]  # the same for all
-    written = _format_attributes(attributes)
-    others = [
-        (
-            contact.bodies.masses,
-            {name: text for name, text in reading.attributes.items() if name in attributes},
-        )
-        for contact, reading in readings
-        if reading.attributes["solref"] != attributes["solref"]
-    ]
-    if others:
-        # With a pyramidal cone the numbers depend on the friction too.
-        masses, of_other = others[0]
-        changed = {name: text for name, text in of_other.items() if text != attributes[name]}
-        low, high = _format_masses([readings[0][0].bodies.masses]), _format_masses([masses])
-        written += f" for {low}, {_format_attributes(changed)} for {high} (kg)"
+    bodies = [contact.bodies for contact, _ in readings]
     if first.kind == "keep":
-        bodies = [member.bodies for member, _ in readings]
         is_free = all(math.isclose(each.mass, each.scale, rel_tol=1e-6) for each in bodies)
-        mass = ", in any mass," if is_free and not others else ","
-        meant = f"to keep e = {e} in {duration} s{mass}"
+        meant = "as now, in any mass" if is_free and is_only else "as now"
     else:
         numbers = _format_values([reading.stiffness for _, reading in readings])
         dampings = _format_values([reading.damping for _, reading in readings])
-        meant = f"if {numbers} N/m and {dampings} N s/m were meant (e = {e} in {duration} s),"
-    return f"{meant} write {written}{tolerance} at a step of {step:g} s: {drops}"
+        meant = f"{numbers} N/m, {dampings} N s/m"
+    if not is_only:
+        meant += f" ({_format_masses([each.masses for each in bodies])} kg)"
+    ends = [e for _, reading in readings for e in reading.measured_range or ()]
+    tolerance = ', tolerance="0"' if any(reading.zero_tolerance for _, reading in readings) else ""
+    return (
+        str(n),
+        meant,
+        _format_values([reading.restitution for _, reading in readings]),
+        _format_values([reading.duration for _, reading in readings]),
+        first.attributes["solref"],
+        str(first.condim),
+        first.attributes.get("friction", ""),
+        f"{min(reading.step for _, reading in readings):g}{tolerance}",
+        _format_values(ends) if ends else "not measured",
+    )
 
 
-def _format_attributes(attributes: Mapping[str, str]) -> str:
-    """Write attributes as XML has them."""
-    return " ".join(f'{name}="{text}"' for name, text in attributes.items())
+def _advice_rows(groups: list[ExaminedGroup]) -> list[tuple[str, ...]]:
+    """Return the rows of the damping ratios that give other restitutions: two for each solref."""
+    by_solref: dict[tuple[float, float], list[tuple[int, ExaminedContact, RatioAdvice]]] = {}
+    for n, group in enumerate(groups, 1):
+        for contact in group.examined:
+            if contact.advice:
+                by_solref.setdefault(contact.advice.solref, []).append((n, contact, contact.advice))
+    rows: list[tuple[str, ...]] = []
+    for (_, ratio), contacts in by_solref.items():
+        _, _, advice = contacts[0]
+        duration = _format_values([contact.row.duration for _, contact, _ in contacts])
+        for (e, solref), measured in zip(advice.choices, advice.measured, strict=True):
+            rows.append(
+                (
+                    ", ".join(dict.fromkeys(str(n) for n, _, _ in contacts)),
+                    f"damping ratio {solref[1]:.3g}, not {ratio:g}",
+                    f"{e:g}",
+                    duration,
+                    " ".join(f"{value:.3g}" for value in solref),
+                    "",
+                    "",
+                    f"{advice.step:g}",
+                    "not measured" if measured is None else number(measured),
+                )
+            )
+    return rows
+
+
+def _describe_pairs(groups: list[ExaminedGroup]) -> str:
+    """Say how the pairs come into a scene, and what their impedance makes of friction."""
+    has_friction = any(
+        reading is not None and reading.condim > 1
+        for group in groups
+        for contact in group.examined
+        for reading in (contact.keep, contact.newton_metre)
+    )
+    creep = " Their friction is a weak dashpot: bodies creep on a slope." if has_friction else ""
+    return f"A and B are two geoms. --fix FILE with --keep or --newton-metre writes all these pairs.{creep}"
 
 
 def _describe_traps(examination: Examination, scene: str, everything: bool) -> list[str]:
-    """List the traps, the first of each kind on one screen, and count them."""
+    """List the traps, on one screen the first of each kind and the groups that have it, and count them."""
     findings = examination.findings
     if everything:
         lines = [f"{trap}: {_abbreviate(where)}: {says}" for trap, where, says in findings]
     else:
+        group_of = {name: n for n, group in enumerate(examination.groups, 1) for name in group.group.names}
         lines = []
         for trap in dict.fromkeys(finding.trap for finding in findings):
-            first, *others = (finding for finding in findings if finding.trap == trap)
-            where = _abbreviate(first.contacts)
-            more = f" ({len(others)} more of this trap: --all)" if others else ""
-            lines.append(f"{trap}: {where}: {first.message}{more}")
+            same = [finding for finding in findings if finding.trap == trap]
+            groups = sorted({group_of[name] for finding in same for name in finding.contacts})
+            first = group_of[same[0].contacts[0]]
+            where = f"group {first}" if len(groups) == 1 else f"groups {_format_groups(groups)}"
+            of_first = "" if len(groups) == 1 else f"in group {first} "
+            lines.append(f"{trap}, {where}: {of_first}{same[0].message}")
         if len(lines) > _MOST_TRAPS:
             lines = [
                 *lines[:_MOST_TRAPS],
                 f"{len(lines) - _MOST_TRAPS} more kinds of traps: --all shows them",
             ]
     count = len(findings)
-    return [*lines, f"{scene}: {count or 'no'} trap{'s' if count != 1 else ''} found"]
+    more = "" if everything or count <= len(lines) else "; --all shows all"
+    return [*lines, f"{scene}: {count or 'no'} trap{'s' if count != 1 else ''} found{more}"]
+
+
+def _format_groups(groups: list[int]) -> str:
+    """Write the numbers of groups, with consecutive ones as ranges; the first ranges if there are many."""
+    ranges: list[list[int]] = []
+    for n in groups:
+        if ranges and n == ranges[-1][-1] + 1:
+            ranges[-1].append(n)
+        else:
+            ranges.append([n])
+    texts = [f"{each[0]} to {each[-1]}" if len(each) > 2 else ", ".join(map(str, each)) for each in ranges]
+    more = f" and {len(texts) - _MOST_GROUPS} more" if len(texts) > _MOST_GROUPS else ""
+    return ", ".join(texts[:_MOST_GROUPS]) + more

@@ -19,11 +19,11 @@ DEFAULT_STEPS = 200
 
 #: What the engine makes of the contact, by `Target.law`.
 LAWS = {
-    "pushes": "F = max(0, k d + c d'): the contact may push but not pull",
-    "pulls": "F = k d + c d' while the bodies overlap: the contact may pull",
-    "compression": "F = k d + c max(0, d'): the dashpot acts in compression only",
-    "depth": "damping in proportion to the depth, of an e at the speed of the impact",
-    "rigid": "a coefficient of restitution: stiffness and duration are not used",
+    "pushes": "F = max(0, k d + c d') at a depth d; the contact may push but not pull",
+    "pulls": "F = k d + c d' at a depth d; the contact may pull",
+    "compression": "F = k d + c max(0, d') at a depth d; the dashpot acts in compression only",
+    "depth": "the damping is in proportion to the depth, and gives e at the speed of the impact",
+    "rigid": "a coefficient of restitution; stiffness and duration are not used",
 }
 
 
@@ -86,7 +86,7 @@ def describe_target(target: Target, pair: ContactOfTwo, step: float | None = Non
     """
     request = request_contact(pair, step)
     facts = [
-        f"reads {target.reads}",
+        f"what is read: {target.reads}",
         f"law: {LAWS[target.law]}",
         f"numbers of two bodies: {target.combines}",
         f"speed below which nothing rebounds: {target.threshold}",
@@ -119,8 +119,8 @@ def describe_targets(targets: Sequence[Target], pair: ContactOfTwo, step: float 
     blocks: list[Block] = []
     if any(target.kind == "compliant" for target in targets):
         blocks.append(
-            f"k = {c.k:.6g} N/m and e = {c.restitution:.6g} between bodies of reduced mass {c.mass:.6g} kg; a "
-            f"contact that pushes only has c = {c.c:.6g} N s/m and lasts {c.duration:.6g} s"
+            f"k = {c.k:.6g} N/m, e = {c.restitution:.6g}, reduced mass {c.mass:.6g} kg. With c = {c.c:.6g} N s/m a "
+            f"contact that pushes only has this e; it lasts {c.duration:.6g} s."
         )
     refusals: list[SolverError] = []
     for target in targets:
@@ -143,7 +143,7 @@ def _describe_drops(target: Target, request: ContactRequest) -> list[Block]:
         given = drop_target(target, request)
     except SolverError as error:
         return [
-            f"not verified here: dropped with this text {target.title} gave no rebound to measure: {error.reason}"
+            f"not verified here: a drop with this text in {target.title} gave no rebound to measure: {error.reason}"
         ]
     rows = [("restitution", f"{request.restitution:.6g}", _describe_range(*given.restitution))]
     if target.kind == "compliant":
@@ -157,8 +157,8 @@ def _describe_drops(target: Target, request: ContactRequest) -> list[Block]:
         rows.append(("duration", by_law or asked, f"{_describe_range(*given.duration)} s"))
     version = version_of(target.distributions[0])
     caption = (
-        f"Drops of this text alone in {target.distributions[0]} {version}, at a step of {request.step:.6g} s and "
-        f"{request.speed:.6g} m/s, at {len(PLACES)} places of the touch within a step"
+        f"Drops of this text alone in {target.distributions[0]} {version}: a step of {request.step:.6g} s, "
+        f"{request.speed:.6g} m/s, and {len(PLACES)} places of the touch within a step"
     )
     return [Table(("", "asked", "given"), rows, caption)]
 

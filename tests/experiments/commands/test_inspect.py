@@ -33,7 +33,7 @@ def test_many_groups_are_cut_and_all_shows_them(tmp_path, command):
     out = command(["inspect", path], ends=3)
     assert len(out.splitlines()) <= 40
     assert "4 more groups: --all shows them" in out
-    assert "more readings: --all shows them" in out
+    assert "more rows of what to write: --all shows them" in out
     everything = command(["inspect", path, "--all"], ends=3)
     assert "--all shows" not in everything
     assert re.search(r"^12 +geoms #0 and #12 ", everything, re.MULTILINE)
@@ -43,8 +43,8 @@ def test_both_readings_are_on_the_screen(tmp_path, command):
     path = tmp_path / "golf.xml"
     path.write_text(field_scenes.golf())
     out = command(["inspect", path], ends=3)
-    assert re.search(r'^1  to keep e = 0\.79\d? in 0\.0076\d* s, write condim="3" ', out, re.MULTILINE)
-    assert re.search(r"^1  if 200000 N/m and 70 N s/m were meant \(e = 0\.33\d? in ", out, re.MULTILINE)
+    assert re.search(r"^1 +as now +0\.79\d? +0\.0076\d* +-\S+ -\S+ +3 +1 1 0.005 ", out, re.MULTILINE)
+    assert re.search(r"^1 +200000 N/m, 70 N s/m +0\.33\d? ", out, re.MULTILINE)
 
 
 def test_a_second_solref_of_a_reading_is_another_one_with_its_own_friction(tmp_path, command):
@@ -55,11 +55,11 @@ def test_a_second_solref_of_a_reading_is_another_one_with_its_own_friction(tmp_p
         '<mujoco><default><geom solref="-20000 -40"/></default><worldbody><geom type="plane" size="9 9 1"/>'
         f"{body.format(1, 0.3, 0.7)}{body.format(2, 4, 1.2)}</worldbody></mujoco>"
     )
-    (line,) = (line for line in command(["inspect", path], ends=3).splitlines() if "  to keep" in line)
-    found = re.findall(r'friction="(\S+) [^"]*" solref="(\S+) \S+" for', line)
-    assert {friction for friction, _ in found} == {"1", "1.2"}
+    lines = [line for line in command(["inspect", path], ends=3).splitlines() if "  as now" in line]
+    found = [re.search(r"(-\d+\S*) -\S+ +3 +(\S+) ", line).groups() for line in lines]
+    assert {friction for _, friction in found} == {"1", "1.2"}
     # The force along the normal is multiplied by (condim - 1)/(mu^2 (1 + mu^2)).
-    scaled = [float(solref) / (float(mu) ** 2 * (1 + float(mu) ** 2)) for mu, solref in found]
+    scaled = [float(solref) / (float(mu) ** 2 * (1 + float(mu) ** 2)) for solref, mu in found]
     assert scaled[0] == pytest.approx(scaled[1], rel=1e-3)
 
 
@@ -68,7 +68,7 @@ def test_frictionless_contacts_are_said_to_be_and_stay_so(tmp_path, command):
     path.write_text(field_scenes.cradle("-20000 -15", 1e-3))
     out = command(["inspect", path], ends=3)
     assert "1, frictionless" in out
-    assert 'condim="1" solref=' in out
+    assert re.search(r"^1 +as now .* -\S+ +1 +\d", out, re.MULTILINE)  # condim 1, no friction
     assert "dashpot" not in out  # of friction
 
 
@@ -92,7 +92,7 @@ def test_a_written_scene_does_what_was_meant(reading, tmp_path, command):
     out = command(["inspect", scene, "--fix", folder / "fixed.xml", f"--{reading}"])
     assert "Changed: 3 <pair>s, the step, from 0.001 to " in out
     assert "names of 1 geoms" in out
-    assert out.endswith("measured again, all do it\n")
+    assert out.endswith("all contacts measured do it\n")
     model = mujoco.MjModel.from_xml_path(str(folder / "fixed.xml"))
     assert (model.npair, model.ngeom, model.pair("own").dim[0]) == (3, 3, 1)
     # dropped by hand: the ball without a name
@@ -134,7 +134,7 @@ def test_a_box_on_a_face_is_said_to_be_four_times_as_stiff_and_is(tmp_path, comm
         '<geom type="plane" size="9 9 1"/><body pos="0 0 .1"><freejoint/><geom type="box" size=".1 .2 .1" mass="4"/>'
         "</body></worldbody></mujoco>"
     )
-    says = "a box that lands on a face has four points, and is four times as stiff"
+    says = "A box that lands on a face has four points and is four times as stiff"
     assert says in command(["inspect", scene], ends=3)
     assert says in command(["inspect", scene, "--fix", fixed, "--keep"])
     model = mujoco.MjModel.from_xml_path(str(fixed))
@@ -154,7 +154,7 @@ def test_a_scene_that_cannot_be_written_costs_a_line(tmp_path, refused):
     scene.write_text(field_scenes.second_number_is_e())
     refused(
         ["inspect", scene, "--fix", target, "--keep"],
-        "has direct numbers of two readings; nothing is written",
+        "has direct numbers with two readings; nothing is written",
     )
     assert not target.exists()
     refused(

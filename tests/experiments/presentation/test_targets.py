@@ -38,12 +38,12 @@ def test_text_sources_and_drops_are_printed():
     assert "source of elasticity: " in text
     assert isinstance(table, Table)
     assert table.rows == [("restitution", "0.8", "0.8")]
-    assert "at a step of 0.001 s and 1 m/s, at 5 places" in table.caption
+    assert "a step of 0.001 s, 1 m/s, and 5 places" in table.caption
 
 
 def test_what_cannot_be_run_is_said_not_to_be_verified():
     assert printed(describe_target(TARGETS["liggghts-stiffness"], PAIR)).endswith(
-        "not verified here: LIGGGHTS, hooke/stiffness has no package here that runs such text"
+        "not verified here: LIGGGHTS, hooke/stiffness has no package for Python that runs this text"
     )
 
 
