@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
@@ -136,7 +136,7 @@ def _integrate(pair: MujocoContact, stiffness: float, damping: float, speed: flo
     ends.terminal, ends.direction = True, -1.0  # type: ignore[attr-defined]
     least = min(pair.solimp[:2]) / dmax
     longest = 100 * (1 + zeta) / least**2
-    solution = solve_ivp(
+    solution: Any = solve_ivp(  # scipy states no type
         slope, (0.0, longest), [0.0, 1.0], "LSODA", events=(ends, turns), rtol=ACCURACY, atol=ACCURACY * 1e-3
     )
     if not solution.t_events[0].size:

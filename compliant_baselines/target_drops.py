@@ -174,7 +174,7 @@ def _run_drake(drop: Drop) -> Floats:
     names: Any = import_module("pydrake.all")
     logging.getLogger("drake").setLevel(logging.ERROR)
     request, builder = drop.request, names.DiagramBuilder()
-    scope = dict(vars(names), builder=builder)
+    scope: dict[str, Any] = {**vars(names), "builder": builder}
     exec(drop.text, scope)
     plant, sphere = scope["plant"], names.Sphere(drop.radius)
     plant.mutable_gravity_field().set_gravity_vector([0, 0, 0])
