@@ -13,7 +13,7 @@ and is integrated.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -136,7 +136,8 @@ def _integrate(pair: MujocoContact, stiffness: float, damping: float, speed: flo
     ends.terminal, ends.direction = True, -1.0  # type: ignore[attr-defined]
     least = min(pair.solimp[:2]) / dmax
     longest = 100 * (1 + zeta) / least**2
-    solution: Any = solve_ivp(  # scipy states no type
+    run: Callable[..., Any] = solve_ivp  # scipy states no type
+    solution = run(
         slope, (0.0, longest), [0.0, 1.0], "LSODA", events=(ends, turns), rtol=ACCURACY, atol=ACCURACY * 1e-3
     )
     if not solution.t_events[0].size:
