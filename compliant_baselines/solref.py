@@ -13,11 +13,11 @@ and is integrated.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from importlib import import_module
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.integrate import solve_ivp  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
 from impact_xval.compliant_baselines.asked_contact import LARGEST_DAMPING_RATIO
 from impact_xval.compliant_baselines.mapping import (
@@ -28,6 +28,8 @@ from impact_xval.compliant_baselines.mapping import (
 )
 from impact_xval.compliant_baselines.restitution import contact_time, damping_ratio, restitution
 from impact_xval.model.arrays import Floats
+
+integrate: Any = import_module("scipy.integrate")  # it states no types
 
 #: Largest impedance, and least width, that the engine takes (mjMAXIMP and mjMINVAL).
 LARGEST_IMPEDANCE, LEAST_WIDTH = 0.9999, 1e-15
@@ -136,8 +138,7 @@ def _integrate(pair: MujocoContact, stiffness: float, damping: float, speed: flo
     ends.terminal, ends.direction = True, -1.0  # type: ignore[attr-defined]
     least = min(pair.solimp[:2]) / dmax
     longest = 100 * (1 + zeta) / least**2
-    run: Callable[..., Any] = solve_ivp  # scipy states no type
-    solution = run(
+    solution = integrate.solve_ivp(
         slope, (0.0, longest), [0.0, 1.0], "LSODA", events=(ends, turns), rtol=ACCURACY, atol=ACCURACY * 1e-3
     )
     if not solution.t_events[0].size:
