@@ -57,7 +57,7 @@ _SOLREF, _SOLIMP = numbers_parser(2, 2), numbers_parser(1, 5)
 def contact_command(
     engine: str = option(
         "NAME",
-        f"{', '.join(ENGINES[:13])}. A name such as newton-xpbd is one way to write a contact into an engine.",
+        f"{', '.join(ENGINES[:13])}; or one way to write a contact, such as newton-xpbd.",
         word_parser(*ENGINES),
         ...,
     ),
@@ -79,8 +79,8 @@ def contact_command(
         "Time step of the simulation; instead of a stiffness. You get the stiffest good contact.",
         parse_number,
     ),
-    tolerance: float = option("X", "Allowed relative error of restitution and duration.", parse_number, 0.01),
-    solref: Numbers | None = option("A B", "MuJoCo's two numbers; instead of all quantities above.", _SOLREF),
+    tolerance: float = option("X", "Allowed relative error of e and duration.", parse_number, 0.01),
+    solref: Numbers | None = option("A B", "MuJoCo's two numbers; instead of all above.", _SOLREF),
     solimp: Numbers | None = option("D ...", "Up to five numbers, beside --solref.", _SOLIMP),
     material: list[str] | None = option(
         "NAME", "steel, glass, brass, rubber or ping-pong. Give it twice for two materials."
@@ -98,9 +98,7 @@ def contact_command(
     good step, and what drops with this text gave. The search for a step can take minutes.
 
     With three masses A strikes B, which is at rest on C. Give two numbers of a kind: for A on B, and for B on C. You
-    also get the impact of all three at once.
-
-    PyBullet, DART and Pymunk multiply the restitutions of the two bodies.
+    also get the impact of all three at once. PyBullet, DART and Pymunk multiply the restitutions of the two bodies.
 
     Example: impact-xval contact --engine mujoco --masses 0.45 3 inf --restitution 0.8 0.6 --step 2e-3
     """

@@ -83,7 +83,7 @@ WRONG = [
     (f"{OF_TWO} --solref -1", "--solref = '-1'; legal: two numbers"),
     (
         f"{OF_TWO} --solref -1 1",
-        "--solref = -1 1: the engine replaces mixed signs by its default 0.02 1; legal: ",
+        "--solref = -1 1: the engine replaces two signs by its default 0.02 1; legal: ",
     ),
     (f"{OF_TWO} --solref 0 -1", "--solref = 0 -1: a contact without a spring; legal: "),
     (
