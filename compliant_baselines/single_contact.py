@@ -472,12 +472,6 @@ def _round_down(value: float) -> float:
     return float(f"{math.floor(value / unit * (1 + 1e-12)) * unit:.3g}")
 
 
-def measure_largest_step(engine: Engine, pair: Pair, tolerance: float = TOLERANCE) -> tuple[Drops, Drops]:
-    """Drop a pair at the largest good step, at all places of the touch, and once at a tenth of that step."""
-    ((_, largest, fine),) = verify_contacts(engine, [pair], tolerance)
-    return largest, fine
-
-
 class VerifiedContact(NamedTuple):
     """A contact, and the drops that verify it."""
 

@@ -27,7 +27,6 @@ from impact_xval.compliant_baselines.paste import paste
 from impact_xval.compliant_baselines.restitution import (
     contact_time,
     damping_ratio,
-    restitution,
     textbook_damping_ratio,
 )
 from impact_xval.compliant_baselines.solver import SolverError
@@ -831,8 +830,3 @@ def targets_for(name: str) -> tuple[Target, ...]:
     if not targets:
         raise ValueError(f"engine = {name!r}; legal: {', '.join(target_names())}")
     return targets
-
-
-def pulling_restitution(e: float) -> float:
-    """Return the restitution of a contact that pushes only, with the damping that gives e to one that may pull."""
-    return restitution(textbook_damping_ratio(e))

@@ -13,6 +13,7 @@ from importlib import import_module
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.engines.mujoco import mjcf
 from impact_xval.compliant_baselines.inspect_mujoco.scene_contacts import Bodies, flag
@@ -147,20 +148,30 @@ def _copy_options(source: Any, target: Any) -> None:
 
 
 def _drop(model: Any, place: float, speed: float) -> tuple[float, int]:
-    """Drop once, touching at a place from 0 to 1 within a step; return the restitution and the steps in contact."""
+    """Drop once, touching at a place from 0 to 1 within a step; return the restitution and the steps in contact.
+
+    The speed of approach is that at the touch. Joints may brake a body so hard there that no force is needed at first:
+    the speed at the first step with force may be any small part of it.
+    """
     data = mujoco.MjData(model)
     data.qpos[0], data.qvel[0] = model.pair_margin[0] + place * speed * model.opt.timestep, -speed
     rounding = ROUNDING * speed
     # Joints may slow the bodies too, without contact.
     slowed_by_joints = bool(model.dof_damping.any() or model.dof_frictionloss.any())
-    approach, rebound, before = speed, 0.0, -speed
+    approach, rebound, before = 0.0, 0.0, -speed
     first_step = last_step = 0  # with force; 0: none yet
     for n in range(1, MOST_STEPS + 1):
         mujoco.mj_step(model, data)
         rate = float(data.qvel[0] - data.qvel[1:].sum())
-        if _has_contact_force(data) if slowed_by_joints else abs(rate - before) > rounding:
-            if not first_step:
-                approach, first_step = -before, n
+        if slowed_by_joints:
+            forces = _contact_forces(data)
+            touches, has_force = forces.size > 0, bool(forces.any())
+        else:
+            touches = has_force = abs(rate - before) > rounding
+        if touches and not approach:
+            approach = -before
+        if has_force:
+            first_step = first_step or n
             last_step, rebound = n, rate
         elif first_step and n - last_step >= QUIET_STEPS and rate >= -rounding:
             return max(rebound, 0.0) / approach, last_step - first_step + 1
@@ -168,10 +179,10 @@ def _drop(model: Any, place: float, speed: float) -> tuple[float, int]:
     raise RuntimeError(f"{'not over' if first_step else 'no force'} within {MOST_STEPS} steps")
 
 
-def _has_contact_force(data: Any) -> bool:
-    """Tell whether a contact had a force in the step taken."""
+def _contact_forces(data: Any) -> NDArray[np.float64]:
+    """Return the forces of contacts in the step taken, zeros among them; empty if no bodies touched."""
     is_contact = data.efc_type >= int(mujoco.mjtConstraint.mjCNSTR_CONTACT_FRICTIONLESS)
-    return bool(data.efc_force[is_contact].any())
+    return data.efc_force[is_contact]
 
 
 def _equilibrium_depth(model: Any, load: float) -> float | None:

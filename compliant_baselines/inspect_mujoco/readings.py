@@ -71,9 +71,8 @@ class Reading(NamedTuple):
     @property
     def pair(self) -> str:
         """The <pair> to write; the names of its geoms are left out."""
-        return f"<pair {' '.join(f'{name}={text!r}' for name, text in self.attributes.items())}/>".replace(
-            "'", '"'
-        )
+        attributes = " ".join(f'{name}="{text}"' for name, text in self.attributes.items())
+        return f"<pair {attributes}/>"
 
     @property
     def attributes(self) -> dict[str, str]:

@@ -146,7 +146,7 @@ class LawOnPair(NamedTuple):
             case "refuted":
                 return f"D goes to {number(self.offset, 2)}: not one body in the limiting case"
             case "no limit":
-                return "D settles nowhere"
+                return f"no limit: {self.reason}"
             case _:
                 pass
         return "-" if self.as_one == "-" else f"undecided: {self.reason}"
