@@ -18,8 +18,8 @@ from tests.model.chain_reference import integrate
 #: Segments beyond which a cell is left to the other tests: the integration would take minutes.
 LONGEST = 1500
 MU = 2 / math.sqrt(3)
-LAWS = [("kelvin-voigt", 12), ("hunt-crossley", 8), ("bistiffness", 6)]
-MANY = [("kelvin-voigt", 500), ("hunt-crossley", 500), ("bistiffness", 12)]
+LAWS = [("kelvin-voigt", 12), ("hunt-crossley", 8), ("linear-dashpot", 8), ("bistiffness", 6)]
+MANY = [("kelvin-voigt", 500), ("hunt-crossley", 500), ("linear-dashpot", 500), ("bistiffness", 12)]
 #: Law, number of cells, their seed, and whether positions are frozen.
 RANDOM = [(*law, seed, frozen) for law in LAWS for seed, frozen in ((7, False), (34, True))]
 RANDOM += [pytest.param(*law, 20240, False, marks=pytest.mark.nightly) for law in MANY]
