@@ -9,10 +9,10 @@ any speed.
 
 **linear-dashpot** is F = k_i delta^p + c_i delta^((p - 1)/2) delta' while delta > 0: it may pull, and ends at delta =
 0. In xi, as above, a contact alone is an oscillator up to its first return to xi = 0, so that the textbook's damping
-ratio is exact for every p. Linear contacts always open, without gravity. In a motion in which a row of them lasts for
-good, delta^T M delta s^2 + sum c_i delta_i^2 s + sum k_i delta_i^2 = 0 of its slowest mode, with s real and all
-delta_i >= 0. Then delta^T M delta is at least the sum of delta_i^2 times the contacts' own reduced masses, for which
-c_i = 2 zeta_i sqrt(k_i m_i), and Cauchy's inequality makes the discriminant negative where every zeta_i < 1.
+ratio is exact for every p. Linear contacts always open, without gravity: were a row of them to last for good, its
+slowest mode would decay without turning, with all delta > 0. But the damping ratio of such a mode is at most the
+largest zeta of its contacts, which is below 1 (Cauchy's inequality; the bodies of a row have at least the reduced
+masses of its contacts).
 
 **hunt-crossley** is F = max(0, k delta^p (1 + a delta')), a = A(e)/u with u the largest rate of compression at first
 touch, and the same A for every p (`restitution`).
@@ -64,7 +64,6 @@ LAWS = {
 
 #: Laws whose damping is that of the textbook's contact, which may pull.
 _TEXTBOOK = ("kelvin-voigt-textbook", "linear-dashpot")
-
 
 #: Tolerance over `TOLERANCE` of a second run, whose difference from the first estimates the error of the first.
 LOOSER = 100.0

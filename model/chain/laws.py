@@ -137,8 +137,8 @@ def force(contact):
 def force_indicator(contact, delta, w, dw):
     """Return a function with the sign of a dashpot's force before that is cut off at zero, and its slope in time.
 
-    Of a linear contact with a dashpot it is the force. Given are the deformation, the rate w and its slope dw. It is not
-    asked of a contact that may pull.
+    Of a linear contact with a dashpot it is the force. Given are the deformation, the rate w and its slope dw. A
+    contact that may pull is not asked.
     """
     if contact.law == Law.HUNT_CROSSLEY:
         return 1 + contact.b * w, contact.b * dw
