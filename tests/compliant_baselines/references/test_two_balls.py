@@ -153,7 +153,10 @@ def test_a_path_keeps_momentum_gives_back_no_more_energy_than_it_took_and_ends_i
         assert np.abs(momentum).max() < 1e-12, (settings, cell)
         taken = []  # by each contact of the energy of its bodies; in a short piece the rate is nearly a line
         for rate, impulse in ((path.v2 - path.v1, path.impulse1), (-path.v2, path.impulse2)):
-            assert np.all(np.diff(impulse) >= -1e-12), (settings, cell)
+            assert name == "linear-dashpot" or np.all(np.diff(impulse) >= -1e-12), (
+                settings,
+                cell,
+            )  # it may pull
             taken.append(cumulative_trapezoid(rate, impulse))
             assert g > 0 or taken[-1].min() >= -2e-3, cell  # a settled one holds the weight's energy
         if g == 0:
