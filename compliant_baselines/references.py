@@ -7,6 +7,13 @@ any speed.
 
 **compression-dashpot** is F = k_i delta^p + c_i delta^((p - 1)/2) delta' while delta' > 0, else k_i delta^p.
 
+**linear-dashpot** is F = k_i delta^p + c_i delta^((p - 1)/2) delta' while delta > 0: it may pull, and ends at delta =
+0. In xi, as above, a contact alone is an oscillator up to its first return to xi = 0, so that the textbook's damping
+ratio is exact for every p. Linear contacts always open, without gravity: were a row of them to last for good, its
+slowest mode would decay without turning, with all delta > 0. But the damping ratio of such a mode is at most the
+largest zeta of its contacts, which is below 1 (Cauchy's inequality; the bodies of a row have at least the reduced
+masses of its contacts).
+
 **hunt-crossley** is F = max(0, k delta^p (1 + a delta')), a = A(e)/u with u the largest rate of compression at first
 touch, and the same A for every p (`restitution`).
 
@@ -52,14 +59,18 @@ LAWS = {
     "kelvin-voigt-textbook": Law.KELVIN_VOIGT,
     "hunt-crossley": Law.HUNT_CROSSLEY,
     "compression-dashpot": Law.COMPRESSION_DASHPOT,
+    "linear-dashpot": Law.LINEAR_DASHPOT,
 }
+
+#: Laws whose damping is that of the textbook's contact, which may pull.
+_TEXTBOOK = ("kelvin-voigt-textbook", "linear-dashpot")
 
 #: Tolerance over `TOLERANCE` of a second run, whose difference from the first estimates the error of the first.
 LOOSER = 100.0
 
 _PLASTIC = (
-    "a restitution is 0: no finite stiffness or damping in time makes a contact perfectly plastic; take a small "
-    "positive one, or the state-transition model, which knows the limit"
+    "a restitution is 0: no finite stiffness or damping in time makes a contact perfectly plastic; legal: "
+    "0 < e <= 1; take a small one, or the state-transition model, which knows the limit"
 )
 _LIMITS = (
     "a stiffness is 0 or infinite: a contact in time needs a finite one > 0; take a large or small k2/k1, or the "
@@ -168,7 +179,7 @@ def dampings(collisions: Collisions, law: str) -> Floats:
         rates = c.compression_rates
         largest = np.abs(rates).max(axis=1) / rates.max(axis=1)
         return hunt_crossley_coefficients(flat).reshape(rates.shape) * largest[:, None]
-    ratios = textbook_damping_ratios if law == "kelvin-voigt-textbook" else damping_ratios
+    ratios = textbook_damping_ratios if law in _TEXTBOOK else damping_ratios
     if law == "compression-dashpot":
         flat = flat**2  # e in compression alone is the root of e in both directions, see `restitution`
     with np.errstate(over="ignore", under="ignore", invalid="ignore", divide="ignore"):

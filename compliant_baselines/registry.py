@@ -108,6 +108,11 @@ SOLVERS = (
         "spring, and dashpot in compression only, exact",
     ),
     _reference(
+        "linear-dashpot",
+        "exact dashpots that may pull",
+        "spring and dashpot while bodies overlap, exact: it may pull",
+    ),
+    _reference(
         "hunt-crossley",
         "exact Hunt-Crossley",
         "Hunt and Crossley's contacts on linear springs, damping in proportion to the depth",

@@ -47,7 +47,13 @@ from impact_xval.model.outcome import Outcome
 from impact_xval.model.status import RESULT_STATUSES
 
 #: Laws that solve two balls on a table only, beside the laws of chains.
-OF_PAIRS = ("liu-zhao-brogliato", "kelvin-voigt-anchored", "compression-dashpot", "hunt-crossley")
+OF_PAIRS = (
+    "liu-zhao-brogliato",
+    "kelvin-voigt-anchored",
+    "compression-dashpot",
+    "linear-dashpot",
+    "hunt-crossley",
+)
 
 #: Laws for two balls on a table only, and the law that replaces each for the one ball of the welded collision.
 _WELDED_BY = {"kelvin-voigt-anchored": "kelvin-voigt"}

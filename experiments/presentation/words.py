@@ -34,6 +34,7 @@ _LOOKS = {
     "bistiffness": ("#CC79A7", "D", "dotted"),
     "kelvin-voigt-anchored": ("#56B4E9", "<", "dashed"),
     "kelvin-voigt-textbook": ("#8C8C8C", "x", (0, (1, 1))),
+    "linear-dashpot": ("#228833", "d", (0, (2, 1))),
     "hunt-crossley": ("#7A4B1E", "P", "solid"),
     "liu-zhao-brogliato": ("#5D3A9B", "*", (0, (3, 1))),
     "drake": ("#E69F00", "v", (0, (5, 1, 1, 1, 1, 1))),

@@ -37,6 +37,7 @@ LAW_WORDS = {
     "kelvin-voigt-textbook": "as springs and dashpots with the textbook's damping",
     "hunt-crossley": "as springs damped by their depth",
     "compression-dashpot": "as springs damped in compression only",
+    "linear-dashpot": "as springs and dashpots that may pull",
     "newton-restitution": "by Newton's restitution, all contacts at once",
     "poisson-restitution": "by Poisson's restitution, all contacts at once",
     "sequential-top": "one contact after the other, from the top",

@@ -14,7 +14,7 @@ a_j v_j exp(lambda_j t), none of which grows. The force that they add to the wei
 the sum of their magnitudes now. While these sums are below m1 g and (m1 + m2) g, no contact lets go, and the drop is
 over however slowly its energy falls: two balls whose damped contact is far stiffer than the elastic one ring on for
 millions of periods. Next to critical damping eigenvectors are nearly parallel, and nothing is certified until the
-motion has died down.
+motion has died down. Nor does a contact let go that may pull: where k delta + c delta' > 0 from now on, delta > 0 too.
 
 Units: m1 = 1, and 1/a[1] is m2. Used by `chain.kernel`.
 """
@@ -89,7 +89,7 @@ def ending_in_state(c, n):
 def drop_ending(c, n, settling_is_due):
     """Return how a drop is over, or `UNFINISHED`; `settling_is_due` asks whether it only settles from here on."""
     ending = ending_in_state(c, n)
-    is_linear = n == 2 and c[0].law == Law.KELVIN_VOIGT
+    is_linear = n == 2 and (c[0].law == Law.KELVIN_VOIGT or c[0].law == Law.LINEAR_DASHPOT)
     if not settling_is_due or not is_linear or ending != ChainEnding.UNFINISHED:
         return ending
     both_loaded = is_active(c[0]) and is_active(c[1])

@@ -7,6 +7,7 @@
 | `KELVIN_VOIGT` | F = k delta^p + b delta^((p - 1)/2) delta' | none |
 | `HUNT_CROSSLEY` | F = k delta^p (1 + b delta') | none |
 | `COMPRESSION_DASHPOT` | as `KELVIN_VOIGT` while delta' > 0, else k delta^p | none |
+| `LINEAR_DASHPOT` | as `KELVIN_VOIGT`, and it may pull: it lasts until delta = 0 | none |
 
 A contact is INACTIVE while it carries no force. With frozen positions, as in the model, it keeps delta = 0 and returns
 when its bodies begin to approach. With positions, it returns when its gap has closed. `STATE_TRANSITION` with positions
@@ -21,6 +22,9 @@ A dashpot pushes from first touch on, and its force is spent before its bodies a
 the bodies overlap without force, and the contact is loaded again if a neighbour pushes them together. Without damping a
 contact is never slack. Nor is one whose dashpot acts in compression only: delta' = 0 at both ends of the dashpot's
 action, so the force is continuous, and while the bodies part it is the spring's, which lasts as long as they overlap.
+Nor is one that may pull: it is active for as long as its bodies overlap. At both ends of that time its force jumps
+between 0 and that of the dashpot, but neither position nor rate does; where delta and delta' are both zero, so is the
+force.
 
 Used by all modules of `chain`; `Law` also by the callers of `chain.following`.
 """
@@ -39,7 +43,8 @@ class Law(IntEnum):
     """Law of all contacts of a chain; the order counts: those with a dashpot come after those without.
 
     Laws are told apart in `WATCHED`, `damping`, `force`, `force_indicator` and by their events. Hunt-Crossley's, whose
-    force is a product, is so in `chain.series` and `chain.event` too, and Kelvin-Voigt's in `chain.drop`.
+    force is a product, is so in `chain.series` and `chain.event` too, and those that are linear throughout a contact in
+    `chain.drop`.
     """
 
     STATE_TRANSITION = 0
@@ -47,6 +52,7 @@ class Law(IntEnum):
     KELVIN_VOIGT = 2
     HUNT_CROSSLEY = 3
     COMPRESSION_DASHPOT = 4
+    LINEAR_DASHPOT = 5
 
 
 class Watched(IntEnum):
@@ -70,7 +76,8 @@ for _law in (Law.KELVIN_VOIGT, Law.HUNT_CROSSLEY):
     WATCHED[_law, Phase.COMPRESSION, Watched.FORCE] = 1
     WATCHED[_law, Phase.SLACK, Watched.FORCE] = -1
     WATCHED[_law, Phase.SLACK, Watched.GAP] = 1
-WATCHED[Law.HUNT_CROSSLEY, Phase.COMPRESSION, Watched.GAP] = 1
+for _law in (Law.HUNT_CROSSLEY, Law.LINEAR_DASHPOT):
+    WATCHED[_law, Phase.COMPRESSION, Watched.GAP] = 1
 
 
 @kernel_helper
@@ -118,11 +125,11 @@ def force(contact):
     """Return the force of a contact; 0 if it is not active."""
     if not is_active(contact):
         return 0.0
-    if contact.law == Law.KELVIN_VOIGT or contact.law == Law.COMPRESSION_DASHPOT:
-        damped = 1.0 if contact.p == 1 else max(contact.delta, 0.0) ** (0.5 * (contact.p - 1))
-        return spring_force(contact) + damping(contact) * contact.w * damped
     if contact.law == Law.HUNT_CROSSLEY:
         return spring_force(contact) * (1 + contact.b * contact.w)
+    if has_dashpot(contact):
+        damped = 1.0 if contact.p == 1 else max(contact.delta, 0.0) ** (0.5 * (contact.p - 1))
+        return spring_force(contact) + damping(contact) * contact.w * damped
     return spring_force(contact)
 
 
@@ -130,7 +137,8 @@ def force(contact):
 def force_indicator(contact, delta, w, dw):
     """Return a function with the sign of a dashpot's force before that is cut off at zero, and its slope in time.
 
-    Of a linear contact with a dashpot it is the force. Given are the deformation, the rate w and its slope dw.
+    Of a linear contact with a dashpot it is the force. Given are the deformation, the rate w and its slope dw. A
+    contact that may pull is not asked.
     """
     if contact.law == Law.HUNT_CROSSLEY:
         return 1 + contact.b * w, contact.b * dw

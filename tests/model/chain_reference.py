@@ -38,7 +38,7 @@ class _Run:
     def __init__(self, chain, law, b, gravity, frozen):
         self.law, self.p, self.g, self.t = law, chain.exponent, gravity, 0.0
         self.frozen = frozen or law in (JME, LZB)
-        self.dashpots = law in ("kelvin-voigt", "hunt-crossley")
+        self.dashpots = law in ("kelvin-voigt", "hunt-crossley", "linear-dashpot")
         self.inverse = [1 / m for m in chain.masses] + [0.0] * chain.table
         self.v = [*chain.velocities] + [0.0] * chain.table
         self.k, self.k0 = list(chain.stiffnesses), list(chain.stiffnesses)
@@ -82,7 +82,7 @@ class _Run:
             delta, rate = y[n + 1 :], y[1 : n + 1] - y[:n]
             depth = np.maximum(delta, 0.0) if p != 1 else delta
             forces[1:-1] = k * depth**p
-            if self.law == "kelvin-voigt":
+            if self.law in ("kelvin-voigt", "linear-dashpot"):
                 forces[1:-1] += b * depth ** (0.5 * (p - 1)) * rate
             elif self.law == "hunt-crossley":
                 forces[1:-1] *= 1 + b * rate
@@ -101,7 +101,11 @@ class _Run:
         spent, pushes = (lambda d, w: d, OPEN), lambda d, w: self.pushes(i, d, w)
         ends = {
             OPEN: [(lambda d, w: -w if self.frozen else -d, self.begins)],
-            LOADED: [(pushes, SLACK), *[spent] * (self.law == "hunt-crossley")],
+            LOADED: {
+                "kelvin-voigt": [(pushes, SLACK)],
+                "hunt-crossley": [(pushes, SLACK), spent],
+                "linear-dashpot": [spent],
+            }.get(self.law, []),
             SLACK: [(lambda d, w: -pushes(d, w), LOADED), spent],
             COMPRESSION: [(lambda d, w: w, RESTITUTION)],
             RESTITUTION: [(lambda d, w: -w, COMPRESSION), spent],

@@ -76,7 +76,9 @@ def overall_time(balls, exponent, solver="bistiffness"):
     return outcome.diagnostics["duration"]
 
 
-@pytest.mark.parametrize("law", ["bistiffness", "kelvin-voigt", "compression-dashpot", "hunt-crossley"])
+@pytest.mark.parametrize(
+    "law", ["bistiffness", "kelvin-voigt", "compression-dashpot", "linear-dashpot", "hunt-crossley"]
+)
 @pytest.mark.parametrize("exponent", OVERALL)
 def test_each_further_ball_of_a_cradle_adds_half_the_time_of_the_first_collision(exponent, law):
     """As measured in a laboratory: Lovett, Moulding and Anketell-Jones, Eur. J. Phys. 9, 323 (1988), abstract."""

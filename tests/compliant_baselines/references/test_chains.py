@@ -31,11 +31,14 @@ def with_gaps(rng, chain):
         pytest.param("kelvin-voigt", 1.5, 4, 10, False, marks=pytest.mark.slow),
         ("hunt-crossley", 1, 3, 4, False),
         ("hunt-crossley", 1.5, 3, 4, False),
+        ("linear-dashpot", 1, 6, 5, False),
+        ("linear-dashpot", 1.5, 2, 4, False),
         ("bistiffness", 1, 4, 4, False),
         ("bistiffness", 1.5, 2, 3, False),
         ("kelvin-voigt", 1, 4, 6, True),
         ("kelvin-voigt", 1.5, 4, 6, True),
         ("hunt-crossley", 1, 4, 6, True),
+        ("linear-dashpot", 1, 4, 5, True),
     ],
 )
 def test_an_integration_in_time_agrees(law, exponent, count, most, frozen):
@@ -74,7 +77,7 @@ def test_momentum_energy_order_reversal_and_a_moving_observer(law):
 
 
 def test_a_pair_alone_has_its_restitution_at_any_speed():
-    laws = "bistiffness", "kelvin-voigt", "hunt-crossley", "compression-dashpot"
+    laws = "bistiffness", "kelvin-voigt", "hunt-crossley", "compression-dashpot", "linear-dashpot"
     for law, speed, exponent, e in product(laws, (0.01, 100), (1, 1.5, 2), (0.02, 0.3, 0.9, 0.999, 1)):
         pair = Collision((2, 3), (1e3,), (e,), (-speed, 0))
         v1, v2 = in_time(pair, law, exponent=exponent).velocities

@@ -18,8 +18,8 @@ from tests.model.chain_reference import integrate
 #: Segments beyond which a cell is left to the other tests: the integration would take minutes.
 LONGEST = 1500
 MU = 2 / math.sqrt(3)
-LAWS = [("kelvin-voigt", 12), ("hunt-crossley", 8), ("bistiffness", 6)]
-MANY = [("kelvin-voigt", 500), ("hunt-crossley", 500), ("bistiffness", 12)]
+LAWS = [("kelvin-voigt", 12), ("hunt-crossley", 8), ("linear-dashpot", 8), ("bistiffness", 6)]
+MANY = [("kelvin-voigt", 500), ("hunt-crossley", 500), ("linear-dashpot", 500), ("bistiffness", 12)]
 #: Law, number of cells, their seed, and whether positions are frozen.
 RANDOM = [(*law, seed, frozen) for law in LAWS for seed, frozen in ((7, False), (34, True))]
 RANDOM += [pytest.param(*law, 20240, False, marks=pytest.mark.nightly) for law in MANY]
@@ -153,7 +153,10 @@ def test_a_path_keeps_momentum_gives_back_no_more_energy_than_it_took_and_ends_i
         assert np.abs(momentum).max() < 1e-12, (settings, cell)
         taken = []  # by each contact of the energy of its bodies; in a short piece the rate is nearly a line
         for rate, impulse in ((path.v2 - path.v1, path.impulse1), (-path.v2, path.impulse2)):
-            assert np.all(np.diff(impulse) >= -1e-12), (settings, cell)
+            assert name == "linear-dashpot" or np.all(np.diff(impulse) >= -1e-12), (
+                settings,
+                cell,
+            )  # it may pull
             taken.append(cumulative_trapezoid(rate, impulse))
             assert g > 0 or taken[-1].min() >= -2e-3, cell  # a settled one holds the weight's energy
         if g == 0:
