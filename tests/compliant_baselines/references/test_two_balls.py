@@ -52,7 +52,9 @@ def compare(law, cells, number, frozen=False):
         if answer.end == "stuck" and not frozen:  # certain before the energy has fallen so far
             assert batch.diagnostics["duration"][i] < answer.duration + 1e-7
         else:
-            assert answer.duration == pytest.approx(batch.diagnostics["duration"][i], abs=1e-7)
+            # Of a flight of thousands of time units the integration's own end moves by 3e-11 of it from resolution to
+            # resolution.
+            assert answer.duration == pytest.approx(batch.diagnostics["duration"][i], rel=5e-11, abs=1e-7)
     return left_out, again
 
 
