@@ -2,8 +2,8 @@
 
 The scene has two spheres, or a sphere and a plane for a fixed body, on vertical slides. It has the parameters of the
 contact as the engine combines them, and masses, inverse weights and options of the user's scene. A sphere has one
-contact, where a box that lands on a face shares its load among four. The solver stops where it would stop for the two
-bodies in the user's scene.
+point of contact, where a box that lands on a face has four. At rest these share the load. The solver stops where it
+would stop for the two bodies in the user's scene.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from importlib import import_module
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.engines.mujoco import mjcf
 from impact_xval.compliant_baselines.inspect_mujoco.scene_contacts import Bodies, flag
@@ -36,6 +35,12 @@ ROUNDING = 1e-12
 #: Steps without force after which a contact is over.
 QUIET_STEPS = 3
 
+#: Largest share of the speed of approach at which bodies that joints brake count as standing still.
+STANDSTILL = 1e-3
+
+#: Fewest steps, and least share of the steps since the touch, that bodies have to stand still in the contact.
+STANDING_STEPS, STANDING_SHARE = 50, 0.5
+
 
 class MeasuredContact(NamedTuple):
     """Contacts that are alike, measured, in SI units; numbers are None where `reason` says why."""
@@ -44,24 +49,61 @@ class MeasuredContact(NamedTuple):
     names: list[str]
     #: Masses of the two bodies in kg, the lighter first; inf for a fixed body.
     masses: tuple[float, float]
-    #: Mean over the places of the touch within a step.
+    #: Mean over the places of the touch within a step; 0 if the bodies do not leave the contact.
     restitution: float | None = None
     #: Least and greatest restitution over these places.
     restitution_range: tuple[float, float] | None = None
-    #: In s. Whole steps count, from the first to the last with force.
+    #: In s. Whole steps count, from the first to the last with force. None if the bodies do not leave the contact.
     duration: float | None = None
     steps: float | None = None
     #: Numbers of the spring and dashpot with this restitution and duration, in N/m and N s/m.
     stiffness: float | None = None
     damping: float | None = None
-    #: Depth in m at which the contact carries the weight of the lighter body; None without gravity too.
+    #: Depth in m at which the contact carries the weight of the lighter body. None without gravity, and where the body
+    #: rests above the surface.
     penetration: float | None = None
+    #: Number of points of contact that share this weight.
+    points: int = 1
+    #: Greatest depth in m that a drop reached; None if the bodies turned above the surface.
+    depth: float | None = None
+    #: Greatest force in N along the normal in a step of a drop.
+    force: float | None = None
+    #: Least and greatest impedance of the contact while a drop had force.
+    impedances: tuple[float, float] | None = None
     #: What to write for another contact, and what drops of it gave; empty if there is nothing to change.
     change: str = ""
     #: Why the contact was not measured; empty if it was.
     reason: str = ""
-    #: What the numbers contain of the joints; empty if there is nothing.
+    #: What the numbers contain of the joints, and why numbers are left out; empty if there is nothing.
     note: str = ""
+
+    @property
+    def stays_in_contact(self) -> bool:
+        """Whether the bodies were measured, and did not leave the contact."""
+        return self.restitution is not None and self.duration is None
+
+    @property
+    def outcome(self) -> str:
+        """What the drops gave, in words."""
+        if self.restitution is None:
+            return "the contact does not end"
+        if self.duration is None:
+            return "no rebound"
+        return f"e = {self.restitution:.4g} in {self.duration:.3g} s"
+
+
+class Drop(NamedTuple):
+    """One drop."""
+
+    restitution: float
+    #: Steps from the first to the last with force; None if the bodies stand still in the contact.
+    steps: int | None
+    #: Greatest depth in m, negative above the surface.
+    depth: float
+    #: Greatest force in N along the normal in a step.
+    force: float
+    #: The impedances in the steps with force.
+    impedances: list[float]
 
 
 def measure_contact(
@@ -86,25 +128,46 @@ def measure_contact(
         If a drop is not over, or meets no force.
     """
     model = _compile_alone(bodies, option, step, speed, exact)
-    drops = [_drop(model, place, speed) for place in PLACES[:2]]
-    if min(steps for _, steps in drops) < LONG:
-        drops += [_drop(model, place, speed) for place in PLACES[2:]]
-    e, steps = np.mean(drops, axis=0).tolist()
+    drops = [_drop(model, bodies.mass, place, speed) for place in PLACES[:2]]
+    if any(drop.steps is not None and drop.steps < LONG for drop in drops):
+        drops += [_drop(model, bodies.mass, place, speed) for place in PLACES[2:]]
+    restitutions, counts = [drop.restitution for drop in drops], [drop.steps for drop in drops]
+    e = float(np.mean(restitutions))
+    steps = float(np.mean([n for n in counts if n])) if all(counts) else None
     k = c = None
-    if e > 0:
+    if e > 0 and steps:
         zeta = damping_ratio(min(e, 1.0))
         k = bodies.mass * (contact_time(zeta) / (steps * step)) ** 2
         c = 2 * zeta * math.sqrt(k * bodies.mass)
+    margin = float(model.pair_margin[0])
+    notes: list[str] = []
+    if steps is None:
+        notes.append(
+            "no rebound: the joints brake the bodies to a standstill in the contact, which has no duration then"
+        )
+    at_rest = _equilibrium_depth(model, bodies.masses[0] * gravity / bodies.points)
+    if at_rest is not None and at_rest <= 0:
+        notes.append(
+            f"at rest the bodies are {-at_rest:.3g} m apart: the force begins at the margin of {margin:g} m"
+        )
+        at_rest = None
+    depth = max(drop.depth for drop in drops)
+    impedances = [impedance for drop in drops for impedance in drop.impedances]
     return MeasuredContact(
         names=[],
         masses=bodies.masses,
         restitution=e,
-        restitution_range=(min(drops)[0], max(drops)[0]),
-        duration=steps * step,
+        restitution_range=(min(restitutions), max(restitutions)),
+        duration=steps and steps * step,
         steps=steps,
         stiffness=k,
         damping=c,
-        penetration=_equilibrium_depth(model, bodies.masses[0] * gravity),
+        penetration=at_rest,
+        points=bodies.points,
+        depth=depth if depth > 0 else None,
+        force=max(drop.force for drop in drops),
+        impedances=(min(impedances), max(impedances)) if impedances else None,
+        note="; ".join(notes),
     )
 
 
@@ -147,42 +210,67 @@ def _copy_options(source: Any, target: Any) -> None:
             setattr(target, name, value)
 
 
-def _drop(model: Any, place: float, speed: float) -> tuple[float, int]:
-    """Drop once, touching at a place from 0 to 1 within a step; return the restitution and the steps in contact.
+def _drop(model: Any, mass: float, place: float, speed: float) -> Drop:
+    """Drop once two bodies of a reduced mass in kg, touching at a place from 0 to 1 within a step.
 
     The speed of approach is that at the touch. Joints may brake a body so hard there that no force is needed at first:
-    the speed at the first step with force may be any small part of it.
+    the speed at the first step with force may be any small part of it. Joints may also brake a body so hard that it
+    comes to rest in the contact, or creeps out of it for ever.
     """
-    data = mujoco.MjData(model)
-    data.qpos[0], data.qvel[0] = model.pair_margin[0] + place * speed * model.opt.timestep, -speed
+    data, step = mujoco.MjData(model), float(model.opt.timestep)
+    data.qpos[0], data.qvel[0] = model.pair_margin[0] + place * speed * step, -speed
     rounding = ROUNDING * speed
     # Joints may slow the bodies too, without contact.
     slowed_by_joints = bool(model.dof_damping.any() or model.dof_frictionloss.any())
     approach, rebound, before = 0.0, 0.0, -speed
+    height, force = math.inf, 0.0  # least and greatest until now
+    impedances: list[float] = []
     first_step = last_step = 0  # with force; 0: none yet
+    standing = 0  # steps in which the bodies have stood still up to now
+
+    def finish(restitution: float, steps: int | None) -> Drop:
+        return Drop(restitution, steps, -height, force, impedances)
+
     for n in range(1, MOST_STEPS + 1):
         mujoco.mj_step(model, data)
         rate = float(data.qvel[0] - data.qvel[1:].sum())
+        height = min(height, float(data.qpos[0] - data.qpos[1:].sum()))
         if slowed_by_joints:
-            forces = _contact_forces(data)
-            touches, has_force = forces.size > 0, bool(forces.any())
+            normal_force = _normal_force(model, data)
+            touches, has_force = normal_force is not None, bool(normal_force)
         else:
+            normal_force = mass * (rate - before) / step
             touches = has_force = abs(rate - before) > rounding
         if touches and not approach:
             approach = -before
         if has_force:
             first_step = first_step or n
             last_step, rebound = n, rate
+            force = max(force, normal_force or 0.0)
+            if _is_active(data):
+                impedances.append(float(data.efc_KBIP[data.contact.efc_address[0], 2]))
         elif first_step and n - last_step >= QUIET_STEPS and rate >= -rounding:
-            return max(rebound, 0.0) / approach, last_step - first_step + 1
+            return finish(max(rebound, 0.0) / approach, last_step - first_step + 1)
+        if slowed_by_joints and first_step:
+            standing = standing + 1 if abs(rate) <= STANDSTILL * approach else 0
+            if standing >= max(STANDING_STEPS, STANDING_SHARE * (n - first_step)):
+                return finish(0.0, None)
         before = rate
     raise RuntimeError(f"{'not over' if first_step else 'no force'} within {MOST_STEPS} steps")
 
 
-def _contact_forces(data: Any) -> NDArray[np.float64]:
-    """Return the forces of contacts in the step taken, zeros among them; empty if no bodies touched."""
-    is_contact = data.efc_type >= int(mujoco.mjtConstraint.mjCNSTR_CONTACT_FRICTIONLESS)
-    return data.efc_force[is_contact]
+def _is_active(data: Any) -> bool:
+    """Tell whether the contact was a constraint in the step taken."""
+    return data.ncon > 0 and data.contact.efc_address[0] >= 0
+
+
+def _normal_force(model: Any, data: Any) -> float | None:
+    """Return the force in N along the normal in the step taken; None if the bodies did not touch."""
+    if not _is_active(data):
+        return None
+    wrench = np.zeros(6)
+    mujoco.mj_contactForce(model, data, 0, wrench)
+    return float(wrench[0])
 
 
 def _equilibrium_depth(model: Any, load: float) -> float | None:

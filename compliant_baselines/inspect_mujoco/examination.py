@@ -23,6 +23,7 @@ from impact_xval.compliant_baselines.inspect_mujoco.readings import (
     advise_on_ratio,
     describe_ratio,
     read_direct_numbers,
+    round_down,
 )
 from impact_xval.compliant_baselines.inspect_mujoco.scene_contacts import (
     MOST_GEOMS,
@@ -32,10 +33,15 @@ from impact_xval.compliant_baselines.inspect_mujoco.scene_contacts import (
     select_geoms,
 )
 from impact_xval.compliant_baselines.inspect_mujoco.traps import (
+    GOOD_STEPS,
     Finding,
     Trap,
+    find_long_step,
+    format_range,
     gather_findings,
+    is_lengthened,
     traps_in_parameters,
+    traps_of_mixing,
 )
 
 mujoco: Any = import_module("mujoco")  # the names of the compiled module are invisible to a type checker
@@ -123,7 +129,13 @@ def inspect_model(model: Any) -> list[Finding]:
     """Look for traps in the parameters of a compiled mujoco.MjModel."""
     groups = group_contacts(find_contacts(model))
     return gather_findings(
-        [(group.names, traps_in_parameters(model.opt, list(group.members))) for group in groups]
+        [
+            (
+                group.names,
+                [*traps_of_mixing(group.contacts), *traps_in_parameters(model.opt, list(group.members))],
+            )
+            for group in groups
+        ]
     )
 
 
@@ -180,10 +192,17 @@ def examine_groups(
             rows_left -= len(examined)
             examined_groups.append(ExaminedGroup(group, examined))
             measured_traps += of_rows
-            restitutions = examined_groups[-1].restitution_range
-            traps.append(
-                (group.names, list(traps_in_parameters(model.opt, list(group.members), restitutions)))
-            )
+            rows = [contact.row for contact in examined]
+            of_group = [
+                *traps_of_mixing(group.contacts),
+                *traps_in_parameters(model.opt, list(group.members), rows),
+            ]
+            if time.perf_counter() < deadline:
+                # What the tolerance changes says nothing about the step.
+                changed = [names for names, found in of_rows if "tolerance" in (trap.name for trap in found)]
+                kept = [contact for contact in examined if contact.row.names not in changed]
+                of_group += _trap_of_long_step(kept, model.opt, speed)
+            traps.append((group.names, of_group))
     return Examination(
         groups=examined_groups,
         findings=[*gather_findings(traps), *gather_findings(measured_traps)],
@@ -236,7 +255,8 @@ def _examine_group(
             continue
         try:
             measured = measure_contact(bodies, model.opt, model.opt.timestep, speed, gravity)
-            row = measured._replace(names=row.names, note=row.note)
+            notes = (measured.note, row.note)
+            row = measured._replace(names=row.names, note="; ".join(note for note in notes if note))
         except Exception as error:  # the engine may raise anything on numbers that it does not take
             row = row._replace(reason=str(error))
         rows.append((bodies, row))
@@ -282,7 +302,7 @@ def _add_readings(
         if not is_first:
             return contact
         advice = advise_on_ratio(bodies, option, speed, row)
-        change = "" if advice is None else describe_ratio(advice, row.restitution_range)
+        change = "" if advice is None else describe_ratio(advice, row)
         return contact._replace(advice=advice, row=row._replace(change=change))
     keep, newton_metre = read_direct_numbers(bodies, option, speed, row, kept)
     change = "; or ".join(reading.text for reading in (keep, newton_metre) if reading)
@@ -316,6 +336,31 @@ def _traps_in_measurement(contact: ExaminedContact, option: Any, speed: float) -
     for reading in (contact.keep, contact.newton_metre):
         if reading is not None and not reading.is_kept:
             yield Trap("unkept", f"{reading.kind}: {reading.problem}")
+    if contact.advice is not None and contact.advice.problem:
+        yield Trap("unkept", contact.advice.problem)
+
+
+def _trap_of_long_step(examined: list[ExaminedContact], option: Any, speed: float) -> list[Trap]:
+    """Say of which contact the step is too long, and what a drop at the step that is proposed gave."""
+    long = find_long_step([contact.row for contact in examined], option.timestep)
+    if long is None:
+        return []
+    bodies = next(contact.bodies for contact in examined if contact.row is long.row)
+    steps = format_range([long.time / option.timestep])
+    depends = (
+        f"{long.what} takes {steps} step{'' if steps == '1' else 's'} in the drops. So e depends on where in a step "
+        f"the bodies touch: {format_range(long.row.restitution_range or ())}"
+    )
+    step = round_down(long.time / GOOD_STEPS)
+    if 0 < bodies.solref[0] < 2 * step and is_lengthened(bodies.solref, option):
+        says = f"The time constant is two steps at a step of {step:g} s too (refsafe): write a longer one"
+        return [Trap("long-step", f"{depends}. {says}")]
+    try:
+        row = measure_contact(bodies, option, step, speed)
+        says = f"give {format_range(row.restitution_range or ())}"
+    except RuntimeError as error:
+        says = f"were {error}"
+    return [Trap("long-step", f"{depends}. At a step of {step:g} s drops {says}")]
 
 
 def _lost_to_tolerance(bodies: Bodies, option: Any, speed: float, row: MeasuredContact) -> str:
@@ -326,14 +371,14 @@ def _lost_to_tolerance(bodies: Bodies, option: Any, speed: float, row: MeasuredC
         exact = measure_contact(bodies, option, option.timestep, speed, exact=True)
     except RuntimeError:
         return ""
-    if row.restitution_range and exact.restitution_range and row.duration and exact.duration:
+    if row.restitution_range and exact.restitution_range:
         e_change = np.abs(np.subtract(row.restitution_range, exact.restitution_range)).max()
-        if e_change <= NEGLIGIBLE and abs(row.duration / exact.duration - 1) <= NEGLIGIBLE:
+        is_as_long = row.stays_in_contact and exact.stays_in_contact
+        if row.duration and exact.duration:
+            is_as_long = abs(row.duration / exact.duration - 1) <= NEGLIGIBLE
+        if e_change <= NEGLIGIBLE and is_as_long:
             return ""
-    contact = "the contact does not end"
-    if row.restitution is not None:
-        contact = f"e = {row.restitution:.4g} in {row.duration:.3g} s"
     return (
-        f"the solver's tolerance of {option.tolerance:g} drops a part of the force: {contact}, but with tolerance 0 "
-        f"e = {exact.restitution:.4g} in {exact.duration:.3g} s. Use tolerance 0"
+        f"the solver's tolerance of {option.tolerance:g} drops a part of the force: {row.outcome}, but with tolerance "
+        f"0 {exact.outcome}. Use tolerance 0"
     )

@@ -165,7 +165,7 @@ def _contacts_to_write(model: Any, group: ExaminedGroup, kind: Kind) -> list[Con
         reading = nearest.keep if kind == "keep" else nearest.newton_metre
         if reading is None:
             continue
-        meant = meaning_in_newton_metre(contact.bodies, model.opt)
+        meant = meaning_in_newton_metre(contact.bodies, model.opt, nearest.row.impedances)
         if kind == "keep":
             meant = _contact_with(reading.restitution, reading.duration, contact.bodies)
         to_write.append(ContactToWrite(contact, meant, write_reading(kind, contact.bodies, model.opt, meant)))

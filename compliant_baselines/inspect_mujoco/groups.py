@@ -43,7 +43,8 @@ def choose_members(group: ContactGroup) -> list[Bodies]:
     """Choose the members of a group that are measured: those at the ends of what the measurement depends on.
 
     They are the lightest and the heaviest pair, the pair whose mass is farthest from the engine's inverse weights (both
-    agree for free bodies), and the light body that is solved with most inertia (the solver's tolerance).
+    agree for free bodies), the light body that is solved with most inertia (the solver's tolerance), and the body that
+    rests on most points.
     """
     members = list(group.members)
     chosen = [
@@ -51,6 +52,7 @@ def choose_members(group: ContactGroup) -> list[Bodies]:
         max(members, key=lambda bodies: bodies.mass),
         max(members, key=lambda bodies: abs(math.log(bodies.mass / bodies.scale))),
         max(members, key=lambda bodies: bodies.inertia / bodies.masses[0]),
+        max(members, key=lambda bodies: bodies.points),
         *(bodies for bodies in members if any(losses.damping or losses.friction for losses in bodies.losses)),
     ]
     return list(dict.fromkeys(chosen))[:MOST_MEASURED]

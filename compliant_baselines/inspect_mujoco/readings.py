@@ -15,7 +15,11 @@ from typing import Any, Literal, NamedTuple
 
 from impact_xval.compliant_baselines.inspect_mujoco.drops import MeasuredContact, measure_contact
 from impact_xval.compliant_baselines.inspect_mujoco.scene_contacts import Bodies
-from impact_xval.compliant_baselines.inspect_mujoco.traps import FORCE_LEVEL, describe_damping_ratio
+from impact_xval.compliant_baselines.inspect_mujoco.traps import (
+    GOOD_STEPS,
+    describe_damping_ratio,
+    is_at_force_level,
+)
 from impact_xval.compliant_baselines.mapping import KelvinVoigtContact, mujoco_contact
 from impact_xval.compliant_baselines.restitution import contact_time, damping_ratio
 
@@ -33,8 +37,11 @@ NO_REBOUND = 0.01
 #: Fewest steps in a time constant: refsafe changes it below 2, and this leaves some room.
 _REFSAFE_STEPS = 2.2
 
-#: Steps in a contact at a good step.
-_GOOD_STEPS = 100
+#: How far the restitution of what is proposed may be from what was asked for, relatively.
+ADVICE_TOLERANCE = 0.01
+
+#: Most solrefs that are tried for a restitution.
+_MOST_CORRECTIONS = 6
 
 #: Restitutions that users ask for, for which the advice gives damping ratios.
 _USUAL_RESTITUTIONS = (0.5, 0.9)
@@ -90,7 +97,7 @@ class Reading(NamedTuple):
             meant = f"e = {self.restitution:.3g} in {self.duration:.3g} s as now"
         tolerance = ' with <option tolerance="0"/>' if self.zero_tolerance else ""
         gives = self.problem
-        if self.measured_restitution is not None:
+        if self.measured_duration is not None:
             gives = f"which gives e = {self.measured_restitution:.3g} in {self.measured_duration:.3g} s"
         return f"for {meant}: {self.pair}{tolerance} and a step of {self.step:g} s, {gives}"
 
@@ -106,6 +113,17 @@ class RatioAdvice(NamedTuple):
     step: float
     #: Mean restitution that drops gave for each; None if a drop failed.
     measured: list[float | None]
+
+    @property
+    def problem(self) -> str:
+        """Which choices do not give their restitution, in words; empty if all do."""
+        missed = [
+            f"solref {format_numbers(solref, 3)} proposed for e = {e:g} gives "
+            + ("no result" if measured is None else f"{measured:.3g}")
+            for (e, solref), measured in zip(self.choices, self.measured, strict=True)
+            if not is_near(measured, e)
+        ]
+        return "; ".join(missed)
 
     @property
     def text(self) -> str:
@@ -131,24 +149,29 @@ def read_direct_numbers(
     """
     if bodies.solref[0] >= 0:
         return None, None
-    meant = meaning_in_newton_metre(bodies, option)
+    meant = meaning_in_newton_metre(bodies, option, measured.impedances)
     assert measured.restitution_range is not None
     off = max(abs(e - meant.restitution) for e in measured.restitution_range)
     is_stiff_as_meant = measured.stiffness is not None and abs(measured.stiffness / meant.k - 1) <= NEAR_K
     if off <= NEAR_E and is_stiff_as_meant:
         return None, None
-    keep = verify_reading("keep", bodies, option, speed, contact_of(kept, bodies))
+    keep = None
+    if kept.duration is not None:
+        keep = verify_reading("keep", bodies, option, speed, contact_of(kept, bodies))
     return keep, verify_reading("newton-metre", bodies, option, speed, meant)
 
 
-def meaning_in_newton_metre(bodies: Bodies, option: Any) -> KelvinVoigtContact:
+def meaning_in_newton_metre(
+    bodies: Bodies, option: Any, impedances: tuple[float, float] | None
+) -> KelvinVoigtContact:
     """Return the contact whose numbers in N/m and N s/m are those of a direct solref.
 
     At the level of forces the numbers are those over the mass and the cone's factor by which the engine scales them.
+    Whether a contact is there is decided by the impedances that it was measured to have.
     """
-    solref, solimp = bodies.solref, bodies.solimp
-    is_at_force_level = solimp[0] <= FORCE_LEVEL and solref[1] <= 0
-    unit = bodies.scale * _cone_factor(bodies, option) if is_at_force_level else 1.0
+    solref = bodies.solref
+    is_force = is_at_force_level(bodies.solimp, impedances) and solref[1] <= 0
+    unit = bodies.scale * _cone_factor(bodies, option) if is_force else 1.0
     return KelvinVoigtContact(abs(solref[0]) * unit, abs(solref[1]) * unit, bodies.mass)
 
 
@@ -175,7 +198,7 @@ def write_reading(kind: Kind, bodies: Bodies, option: Any, meant: KelvinVoigtCon
         solimp=solimp,
         condim=int(pair["dim"][0]),
         friction=pair["friction"],
-        step=min(option.timestep, _round_down(meant.duration / _GOOD_STEPS)),
+        step=min(option.timestep, round_down(meant.duration / GOOD_STEPS)),
         zero_tolerance=False,
         measured_restitution=None,
         measured_range=None,
@@ -223,8 +246,7 @@ def verify_reading(
             problem=""
             if is_kept
             else (
-                f"the pair proposed gives e = {row.restitution:.3g} in {row.duration:.3g} s, not e = "
-                f"{meant.restitution:.3g} in {meant.duration:.3g} s"
+                f"the pair proposed gives {row.outcome}, not e = {meant.restitution:.3g} in {meant.duration:.3g} s"
             ),
         )
         if is_kept:
@@ -250,13 +272,8 @@ def advise_on_ratio(
     # A user who took the number for a restitution wants this restitution.
     wished = [ratio] if ratio < 1 else []
     wished += [e for e in _USUAL_RESTITUTIONS if e not in wished]
-    choices: list[tuple[float, tuple[float, float]]] = []
-    step = float(option.timestep)
-    for e in wished[:2]:
-        zeta = damping_ratio(e)
-        constant = measured.duration / (contact_time(zeta) * zeta)
-        choices.append((e, (constant, zeta)))
-        step = min(step, _round_down(min(measured.duration / _GOOD_STEPS, constant / _REFSAFE_STEPS)))
+    choices = [(e, _find_solref(bodies, option, speed, e, measured.duration)) for e in wished[:2]]
+    step = min(_step_of_choice(option, measured.duration, solref) for _, solref in choices)
     return RatioAdvice(
         (time_constant, ratio),
         choices,
@@ -265,9 +282,9 @@ def advise_on_ratio(
     )
 
 
-def describe_ratio(advice: RatioAdvice, restitutions: tuple[float, float] | None) -> str:
+def describe_ratio(advice: RatioAdvice, measured: MeasuredContact) -> str:
     """Say what the damping ratio of a contact gives, and which ones give other restitutions."""
-    return f"{describe_damping_ratio(advice.solref, restitutions)}. {advice.text}"
+    return f"{describe_damping_ratio(advice.solref, [measured])}. {advice.text}"
 
 
 def format_numbers(numbers: Sequence[float], digits: int = 6) -> str:
@@ -275,18 +292,59 @@ def format_numbers(numbers: Sequence[float], digits: int = 6) -> str:
     return " ".join(f"{number:.{digits}g}" for number in numbers)
 
 
+def is_near(measured: float | None, e: float) -> bool:
+    """Tell whether a measured restitution is the one that was meant, within `ADVICE_TOLERANCE`."""
+    return measured is not None and abs(measured / e - 1) <= ADVICE_TOLERANCE
+
+
+def _find_solref(bodies: Bodies, option: Any, speed: float, e: float, duration: float) -> tuple[float, float]:
+    """Return a time constant in s and a damping ratio with which drops give a restitution in a duration in s.
+
+    The first ones are exact for a constant impedance, where ln e is nearly proportional to the damping ratio, and the
+    duration to the time constant. The next ones are corrected by what was measured. The nearest one is returned.
+    """
+    zeta, stretch = damping_ratio(e), 1.0
+    found: list[tuple[float, tuple[float, float]]] = []
+    for _ in range(_MOST_CORRECTIONS):
+        solref = (stretch * duration / (contact_time(zeta) * zeta), zeta)
+        try:
+            row = measure_contact(
+                bodies_with(bodies, solref), option, _step_of_choice(option, duration, solref), speed
+            )
+        except RuntimeError:
+            break
+        if row.restitution is None or row.duration is None:
+            break
+        found.append((abs(row.restitution / e - 1), solref))
+        if found[-1][0] <= ADVICE_TOLERANCE / 4 or not 0 < row.restitution < 1:
+            break
+        zeta *= math.log(e) / math.log(row.restitution)
+        stretch *= duration / row.duration
+    zeta = damping_ratio(e)
+    return min(found)[1] if found else (duration / (contact_time(zeta) * zeta), zeta)
+
+
+def _step_of_choice(option: Any, duration: float, solref: tuple[float, float]) -> float:
+    """Return a good step in s for a contact of a duration in s: at most the scene's."""
+    return min(float(option.timestep), round_down(min(duration / GOOD_STEPS, solref[0] / _REFSAFE_STEPS)))
+
+
+def bodies_with(bodies: Bodies, solref: tuple[float, float]) -> Bodies:
+    """Return the bodies of a contact with another solref."""
+    return bodies._replace(pair=tuple((dict(bodies.pair) | {"solref": solref}).items()))
+
+
 def _measure_choice(
     bodies: Bodies, option: Any, speed: float, step: float, solref: tuple[float, float]
 ) -> float | None:
     """Drop a contact with another solref; return its restitution, or None if a drop fails."""
-    chosen = bodies._replace(pair=tuple((dict(bodies.pair) | {"solref": solref}).items()))
     try:
-        return measure_contact(chosen, option, step, speed).restitution
+        return measure_contact(bodies_with(bodies, solref), option, step, speed).restitution
     except RuntimeError:
         return None
 
 
-def _round_down(step: float) -> float:
+def round_down(step: float) -> float:
     """Round a time step down to two digits."""
     exponent = math.floor(math.log10(step)) - 1
     return float(f"{math.floor(step / 10.0**exponent * (1 + 1e-12))}e{exponent}")

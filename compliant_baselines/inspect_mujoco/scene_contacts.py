@@ -76,6 +76,8 @@ class Bodies(NamedTuple):
     mixed: tuple[Any, ...] | None = None
     #: Where the parameters come from, one of `RULES`.
     rule: str = "pair"
+    #: Number of points on which a body rests that lies flat on the other one.
+    points: int = 1
 
     @property
     def parameters(self) -> tuple[tuple[str, Any], ...]:
@@ -110,6 +112,9 @@ class SceneContact(NamedTuple):
     #: The two geoms, the smaller number first.
     geoms: tuple[int, int]
     bodies: Bodies
+    geom_names: tuple[str, str] = ("", "")
+    #: The solref of each geom.
+    solrefs: tuple[tuple[float, float], tuple[float, float]] = (MUJOCO_DEFAULT_SOLREF, MUJOCO_DEFAULT_SOLREF)
 
 
 def read_contacts(model: Any) -> dict[Bodies, list[str]]:
@@ -163,8 +168,18 @@ def find_contacts(model: Any, selected: Iterable[int] | None = None) -> list[Sce
             losses=(of_bodies.losses(light), of_bodies.losses(heavy)),
             mixed=rules.mixed_solrefs(geoms, rule, dict(pair)["solref"]),
             rule=rule,
+            points=_points_at_rest(model, geoms),
         )
-        contacts.append(SceneContact(_name_of(model, geoms, pairs.get(geoms)), geoms, bodies))
+        first, second = geoms
+        contacts.append(
+            SceneContact(
+                name=_name_of(model, geoms, pairs.get(geoms)),
+                geoms=geoms,
+                bodies=bodies,
+                geom_names=(name_of_geom(model, first), name_of_geom(model, second)),
+                solrefs=(rules.solref_of(first), rules.solref_of(second)),
+            )
+        )
     return contacts
 
 
@@ -251,12 +266,35 @@ class _Rules:
         is_same = all(numbers[first] == numbers[second] for numbers in (self._solrefs, self._solimps))
         return "same" if is_same else "mixed"
 
+    def solref_of(self, geom: int) -> tuple[float, float]:
+        """Return the solref of a geom."""
+        first, second = self._solrefs[geom]
+        return first, second
+
     def mixed_solrefs(self, geoms: tuple[int, ...], rule: str, solref: Any) -> tuple[Any, ...] | None:
         """Return the solrefs of two geoms if the engine has mixed them and the result is direct; else None."""
         first, second = (tuple(self._solrefs[geom]) for geom in geoms)
         if rule != "mixed" or first == second or min(solref) > 0:
             return None
         return first, second
+
+
+#: Number of points that the engine makes where a geom of a type lies flat on a plane or a box, on its longest side or
+#: on its face; other geoms have one point, and for a mesh it depends on the mesh.
+_POINTS_ON_PLANE = {"mjGEOM_BOX": 4, "mjGEOM_CAPSULE": 2, "mjGEOM_CYLINDER": 3}
+_POINTS_ON_BOX = {"mjGEOM_BOX": 4, "mjGEOM_CAPSULE": 2, "mjGEOM_CYLINDER": 4}
+
+
+def _points_at_rest(model: Any, geoms: tuple[int, int]) -> int:
+    """Return the number of points on which one of two geoms rests if it lies flat on the other one."""
+    types = [mujoco.mjtGeom(int(model.geom_type[geom])).name for geom in geoms]
+    for under, over in (types, types[::-1]):
+        if under == "mjGEOM_PLANE":
+            return _POINTS_ON_PLANE.get(over, 1)
+    return max(
+        (_POINTS_ON_BOX.get(over, 1) for under, over in (types, types[::-1]) if under == "mjGEOM_BOX"),
+        default=1,
+    )
 
 
 def _name_of(model: Any, geoms: tuple[int, ...], pair: int | None) -> str:

@@ -9,10 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from impact_xval.compliant_baselines.inspect_mujoco.scene_contacts import Bodies
+from impact_xval.compliant_baselines.inspect_mujoco.drops import MeasuredContact
+from impact_xval.compliant_baselines.inspect_mujoco.scene_contacts import Bodies, SceneContact
 from impact_xval.compliant_baselines.mapping import (
     MUJOCO_DEFAULT_SOLIMP,
     MUJOCO_DEFAULT_SOLREF,
+    MUJOCO_IMPEDANCE,
     KelvinVoigtContact,
     MujocoContact,
 )
@@ -23,12 +25,19 @@ mujoco: Any = import_module("mujoco")  # the names of the compiled module are in
 #: Steps in a contact below which its restitution is off by 10 % and more.
 FEWEST_STEPS = 30
 
+#: Steps in a contact at a good step.
+GOOD_STEPS = 100
+
+#: Largest relative change of an impedance that counts as the same at all depths.
+SAME_IMPEDANCE = 0.01
+
 #: Largest impedance at which direct numbers count in N/m and N s/m over the mass, also where a third body pushes.
 FORCE_LEVEL = 0.01
 
 #: Names of all traps, in the order in which they are listed.
 TRAPS = (
     "mixed-geoms",
+    "mixed-default",
     "override",
     "discrete",
     "mixed-signs",
@@ -41,6 +50,19 @@ TRAPS = (
     "gains-energy",
     "unkept",
 )
+
+
+#: What stands for the measurements of contacts that were not measured.
+_UNMEASURED = (MeasuredContact([], (math.inf, math.inf)),)
+
+
+class LongStep(NamedTuple):
+    """A contact whose step is too long."""
+
+    row: MeasuredContact
+    #: Time in s that the step has to resolve, and what takes it.
+    time: float
+    what: str
 
 
 class Trap(NamedTuple):
@@ -76,8 +98,38 @@ def gather_findings(traps: Sequence[tuple[list[str], Iterable[Trap]]]) -> list[F
     return [Finding(trap.name, contacts[trap], trap.message) for trap in in_order]
 
 
+def traps_of_mixing(contacts: Sequence[SceneContact]) -> Iterator[Trap]:
+    """Yield the trap of contacts of the same parameters in which a default of one geom changes the solref of the other.
+
+    Direct numbers are not averaged: `traps_in_parameters` has their trap.
+    """
+    default = MUJOCO_DEFAULT_SOLREF
+    averaged = [
+        contact
+        for contact in contacts
+        if contact.bodies.rule == "mixed"
+        and default in contact.solrefs
+        and contact.solrefs[0] != contact.solrefs[1]
+        and min(min(solref) for solref in contact.solrefs) > 0
+    ]
+    if not averaged:
+        return
+    first = averaged[0]
+    of_default = first.solrefs.index(default)
+    other, named = first.geom_names[of_default], first.geom_names[1 - of_default]
+    solref = " ".join(f"{number:g}" for number in first.solrefs[1 - of_default])
+    result = " ".join(f"{number:g}" for number in first.bodies.solref)
+    more = f" ({len(averaged) - 1} more contacts likewise)" if len(averaged) > 1 else ""
+    yield Trap(
+        "mixed-default",
+        f"geom {named} has solref {solref}, and geom {other} has the default {default[0]:g} {default[1]:g}. The engine "
+        f'averages them by solmix to {result}{more}. For {solref} write it in a <pair>, or write priority="1" in geom '
+        f'{named}, or solmix="0" in geom {other}',
+    )
+
+
 def traps_in_parameters(
-    option: Any, alike: Sequence[Bodies], measured_restitution: tuple[float, float] | None = None
+    option: Any, alike: Sequence[Bodies], rows: Sequence[MeasuredContact] = ()
 ) -> Iterator[Trap]:
     """Yield the traps in the parameters of contacts.
 
@@ -87,9 +139,10 @@ def traps_in_parameters(
         The options of the scene.
     alike
         The bodies of contacts of the same parameters.
-    measured_restitution
-        Least and greatest that drops gave; None if the contacts were not measured.
+    rows
+        What was measured of some of them. Formulas stand for what was not measured, and say so.
     """
+    measured = [row for row in rows if row.restitution is not None]
     bodies = alike[0]
     solref, (dmin, dmax, *_) = bodies.solref, bodies.solimp
     step = option.timestep
@@ -103,7 +156,7 @@ def traps_in_parameters(
         )
     if option.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE:
         yield Trap("override", f"every contact has solref {solref} instead of its own")
-    is_discrete = option.integrator == getattr(mujoco.mjtIntegrator, "mjINT_DISCRETE", None)  # from 3.13 on
+    is_discrete = _is_discrete(option)
     if is_discrete:
         yield Trap(
             "discrete",
@@ -118,69 +171,115 @@ def traps_in_parameters(
             "(time constant, damping ratio), both > 0, and (-stiffness, -damping), both <= 0",
         )
     first, second = MUJOCO_DEFAULT_SOLREF if signs_differ else solref
-    has_refsafe = not is_discrete and not option.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE
-    effective = max(first, 2 * step) if has_refsafe and first > 0 else first
+    effective = 2 * step if is_lengthened((first, second), option) else first
     if effective != first:
         yield Trap(
             "refsafe",
             f"the time constant of {first:g} s is shorter than two steps. The engine takes {effective:g} s, which is "
             f"a stiffness {(effective / first) ** 2:.3g} times lower. Shorten the step",
         )
-    if first < 0 and dmin > FORCE_LEVEL:
-        low, high = (f"{-first * scale:.4g}" for scale in _extremes(each.scale for each in alike))
-        springs = low if low == high else f"{low} to {high}"
-        yield Trap(
-            "not-newton-per-metre",
-            f"the stiffness {-first:g} is in 1/s^2. Two bodies alone get at most {springs} N/m, and with solimp "
-            f"{dmin:g} to {dmax:g} a third body changes that",
-        )
+    if first < 0 and not all(
+        is_at_force_level(bodies.solimp, row.impedances) for row in measured or _UNMEASURED
+    ):
+        yield Trap("not-newton-per-metre", _describe_direct_stiffness(-first, alike, measured))
     if min(solref) > 0 and solref[1] != MUJOCO_DEFAULT_SOLREF[1]:
-        yield Trap("damping-ratio", describe_damping_ratio(solref, measured_restitution))
+        yield Trap("damping-ratio", describe_damping_ratio(solref, measured))
     if solref == MUJOCO_DEFAULT_SOLREF and not np.allclose(bodies.solimp, MUJOCO_DEFAULT_SOLIMP):
         solimp = " ".join(f"{number:g}" for number in bodies.solimp)
+        shifts = "" if dmin == dmax else ". An impedance that changes with the depth only shifts it"
         yield Trap(
             "solimp",
-            f"solimp ({solimp}) sets no restitution: e is {_format_restitution(solref[1])} by the formula"
-            f"{_format_measured(measured_restitution)}. The second number of solref sets it, a damping ratio",
+            f"solimp ({solimp}) sets no restitution: e is {_format_restitution(solref[1], measured)}. The second "
+            f"number of solref, a damping ratio, sets it{shifts}",
         )
-    duration = _duration_to_resolve((effective, second))
-    if duration / step < FEWEST_STEPS:
-        yield Trap(
-            "long-step",
-            f"by the formula a contact of {duration:.3g} s gets {duration / step:.2g} steps. So e depends on where in "
-            f"a step the bodies touch{_format_measured(measured_restitution)}. A step of {duration / 100:.2g} s keeps "
-            "it within about 1 %",
-        )
+    if not measured:
+        duration = _duration_to_resolve((effective, second))
+        if duration / step < FEWEST_STEPS:
+            yield Trap(
+                "long-step",
+                f"by the formula a contact of {duration:.3g} s gets {duration / step:.2g} steps. So e depends on where "
+                f"in a step the bodies touch. A step of {duration / GOOD_STEPS:.2g} s keeps it within about 1 %",
+            )
 
 
-def describe_damping_ratio(
-    solref: tuple[float, float], measured_restitution: tuple[float, float] | None = None
+def is_lengthened(solref: tuple[float, float], option: Any) -> bool:
+    """Tell whether the engine lengthens the time constant of a solref to two steps (`refsafe`)."""
+    has_refsafe = not _is_discrete(option) and not option.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE
+    return bool(has_refsafe) and 0 < solref[0] < 2 * option.timestep and solref[1] > 0
+
+
+def _is_discrete(option: Any) -> bool:
+    """Tell whether forces are those at the end of a step, with an integrator that exists from 3.13 on."""
+    return option.integrator == getattr(mujoco.mjtIntegrator, "mjINT_DISCRETE", None)
+
+
+def is_at_force_level(solimp: Sequence[float], impedances: tuple[float, float] | None) -> bool:
+    """Tell whether the impedance is small and the same at all depths, by measurement if there is one.
+
+    The engine multiplies the stiffness by (d/dmax)^2. So an impedance d that changes, or that does not come near dmax,
+    makes another stiffness of the number.
+    """
+    dmax = max(solimp[1], MUJOCO_IMPEDANCE)
+    low, high = impedances or (max(solimp[0], MUJOCO_IMPEDANCE), dmax)
+    return max(low, high) <= FORCE_LEVEL and all(abs(d / dmax - 1) <= SAME_IMPEDANCE for d in (low, high))
+
+
+def _describe_direct_stiffness(
+    stiffness: float, alike: Sequence[Bodies], measured: Sequence[MeasuredContact]
 ) -> str:
+    """Say what a direct stiffness in 1/s^2 is in N/m: what was measured, or else the most that it can be."""
+    dmin, dmax, *_ = alike[0].solimp
+    springs = [row.stiffness for row in measured if row.stiffness is not None]
+    impedances = [d for row in measured for d in row.impedances or ()]
+    if springs:
+        gets = f"get {format_range(springs)} N/m in the drops"
+    else:
+        gets = f"get at most {format_range([stiffness * each.scale for each in alike])} N/m"
+    at = f"an impedance of {format_range(impedances)}" if impedances else f"solimp {dmin:g} to {dmax:g}"
+    return f"the stiffness {stiffness:g} is in 1/s^2. Two bodies alone {gets}, and with {at} a third body changes that"
+
+
+def describe_damping_ratio(solref: tuple[float, float], measured: Sequence[MeasuredContact] = ()) -> str:
     """Say what restitution the damping ratio of a solref gives, and that it is no restitution."""
     return (
         f"the second number of solref ({solref[0]:g}, {solref[1]:g}) is a damping ratio, not a restitution: "
-        f"{solref[1]:g} rebounds with {_format_restitution(solref[1])} by the formula"
-        f"{_format_measured(measured_restitution)}"
+        f"{solref[1]:g} rebounds with {_format_restitution(solref[1], measured)}"
     )
 
 
-def _format_restitution(damping_ratio: float) -> str:
-    """Write the restitution that a damping ratio gives to a contact that may push but not pull."""
-    return f"{restitution(damping_ratio):.2g}"
+def find_long_step(measured: Sequence[MeasuredContact], step: float) -> LongStep | None:
+    """Return the measured contact that a step in s resolves least; None if all have `FEWEST_STEPS`.
+
+    Contacts that the bodies do not leave have no restitution that a step could change.
+    """
+    found = [long for row in measured if (long := _least_resolved(row, step))]
+    return min(found, key=lambda long: long.time, default=None)
 
 
-def _format_measured(restitutions: tuple[float, float] | None) -> str:
-    """Write what was measured beside a formula; empty if nothing was."""
-    if restitutions is None:
-        return ""
-    low, high = (f"{e:.3g}" for e in restitutions)
-    return f", {low} measured" if low == high else f", {low} to {high} measured"
+def _least_resolved(row: MeasuredContact, step: float) -> LongStep | None:
+    """Return what a step resolves too little in a measured contact; None if there is nothing."""
+    if row.duration is None:
+        return None
+    long = LongStep(row, row.duration, f"a contact of {row.duration:.3g} s")
+    if row.damping:
+        decay = 2 * math.pi / row.damping / (1 / row.masses[0] + 1 / row.masses[1])
+        if decay < row.duration:
+            long = LongStep(
+                row, decay, f"the dashpot of {row.damping:.3g} N s/m, which brakes in {decay:.3g} s,"
+            )
+    return long if long.time < FEWEST_STEPS * step * (1 - 1e-9) else None
 
 
-def _extremes(values: Iterable[float]) -> tuple[float, float]:
-    """Return the least and the greatest value."""
-    ordered = sorted(values)
-    return ordered[0], ordered[-1]
+def _format_restitution(damping_ratio: float, measured: Sequence[MeasuredContact]) -> str:
+    """Write the restitution that was measured, or else the one that the formula gives."""
+    ends = [e for row in measured for e in row.restitution_range or ()]
+    return format_range(ends) if ends else f"{restitution(damping_ratio):.2g} by the formula"
+
+
+def format_range(values: Sequence[float]) -> str:
+    """Write the least and the greatest value, as the tables do."""
+    low, high = (f"{float(f'{value:.3g}'):g}" for value in (min(values), max(values)))
+    return low if low == high else f"{low} to {high}"
 
 
 def _duration_to_resolve(solref: tuple[float, float]) -> float:

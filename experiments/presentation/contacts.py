@@ -22,7 +22,12 @@ from impact_xval.model.kinetic import kinetic_norm
 from impact_xval.model.materials import MaterialContact
 
 if TYPE_CHECKING:  # the package imports MuJoCo
-    from impact_xval.compliant_baselines.inspect_mujoco import Examination, ExaminedContact, ExaminedGroup
+    from impact_xval.compliant_baselines.inspect_mujoco import (
+        Examination,
+        ExaminedContact,
+        ExaminedGroup,
+        MeasuredContact,
+    )
     from impact_xval.compliant_baselines.inspect_mujoco.fixing import FixedScene
     from impact_xval.compliant_baselines.inspect_mujoco.readings import RatioAdvice, Reading
 
@@ -438,8 +443,17 @@ def _measured_columns(contacts: list[ExaminedContact]) -> list[str]:
     rows = [contact.row for contact in contacts]
     ends = [e for row in rows for e in row.restitution_range or ()]
     columns = [[row.stiffness for row in rows], [row.damping for row in rows], [row.duration for row in rows]]
-    columns += [[row.steps for row in rows], [row.penetration for row in rows]]
-    return [_format_values(values) for values in [ends, *columns]]
+    columns += [[row.steps for row in rows]]
+    return [*(_format_values(values) for values in [ends, *columns]), _format_rest(rows)]
+
+
+def _format_rest(rows: Sequence[MeasuredContact]) -> str:
+    """Write the depths at rest, and the number of points that carry if it is not one."""
+    text = _format_values([row.penetration for row in rows])
+    points = sorted({row.points for row in rows if row.penetration is not None})
+    if not points or points == [1]:
+        return text
+    return f"{text} ({' or '.join(map(str, points))} points)"
 
 
 def _format_values(values: Sequence[float | None]) -> str:
@@ -529,8 +543,21 @@ def _reading_row(
         str(first.condim),
         first.attributes.get("friction", ""),
         f"{min(reading.step for _, reading in readings):g}{tolerance}",
-        _format_values(ends) if ends else "not measured",
+        _flag_miss(ends, [reading.restitution for _, reading in readings]),
     )
+
+
+#: Largest relative error of a restitution that a row of what to write may have without a word.
+_WITHOUT_A_WORD = 0.01
+
+
+def _flag_miss(measured: Sequence[float], meant: Sequence[float]) -> str:
+    """Write what drops gave of what is proposed, and by how much it misses what is meant."""
+    if not measured:
+        return "not measured"
+    miss = max(abs(ends / e - 1) for ends, e in ((min(measured), min(meant)), (max(measured), max(meant))))
+    text = _format_values(measured)
+    return text if round(miss, 4) <= _WITHOUT_A_WORD else f"{text}, off {100 * miss:.0f} %"
 
 
 def _advice_rows(groups: list[ExaminedGroup]) -> list[tuple[str, ...]]:
@@ -555,7 +582,7 @@ def _advice_rows(groups: list[ExaminedGroup]) -> list[tuple[str, ...]]:
                     "",
                     "",
                     f"{advice.step:g}",
-                    "not measured" if measured is None else number(measured),
+                    _flag_miss([] if measured is None else [measured], [e]),
                 )
             )
     return rows

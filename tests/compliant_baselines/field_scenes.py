@@ -104,3 +104,44 @@ def keepy_uppy():
 def golf_by_default():
     """Return the pendulum and the golf ball with the default contact: about 0.2 was measured."""
     return golf().replace('solref="-200000 -70"', "")
+
+
+def replicated_cradle(step=1e-4, condim=3):
+    """Return two balls and the floor of the cradle that MuJoCo's own models have: elastic, with a growing impedance."""
+    contact = f'solref="-1e8 0" solimp="0 .01 1e-3" condim="{condim}"'
+    balls = "".join(
+        f'<body pos="{x} 0 .04"><freejoint/>'
+        f'<geom name="{name}" size=".02" density="8000" friction=".4" {contact}/></body>'
+        for name, x in (("first", 0), ("second", 0.08))
+    )
+    return f"""<mujoco><option timestep="{step}"/><worldbody><geom name="floor" type="plane" size="4 4 .1" friction=".5"
+    {contact}/>{balls}</worldbody></mujoco>"""
+
+
+def braked_foot(
+    contact='solimp=".015 1 .031"', losses='damping="19" frictionloss=".94"', mass=0.385, margin=0.0
+):
+    """Return a foot of a quadruped on a slide, which brakes it as the joints of the leg do."""
+    return f"""<mujoco><option cone="elliptic" impratio="100"/><worldbody><geom name="floor" type="plane" size="5 5 1"/>
+    <body pos="0 0 .5"><joint type="slide" axis="0 0 1" {losses}/><geom name="foot" size=".02" mass="{mass}"
+    priority="1" condim="6" friction=".8 .02 .01" margin="{margin}" {contact}/></body></worldbody></mujoco>"""
+
+
+def golf_head(ball='solref="1e-4 1"', head="", pair=""):
+    """Return a golf ball above a club's head, whose solref is the default."""
+    return f"""<mujoco><option timestep="2e-4"/><worldbody><geom name="head" type="box" size=".05 .05 .02" {head}/>
+    <body pos="0 0 .5"><freejoint/><geom name="ball" size=".02135" mass=".0459" {ball}/></body></worldbody>
+    <contact>{pair}</contact></mujoco>"""
+
+
+def probe(step=5e-5):
+    """Return a ball of 0.1 kg on a table, of which the force and the depth were asked."""
+    return f"""<mujoco><option timestep="{step}"/><worldbody><geom name="table" type="box" size=".4 .4 .05"/>
+    <body pos="0 0 1"><freejoint/><geom name="ball" size=".025" mass=".1" solref=".01 .1" condim="4" priority="1"/>
+    </body></worldbody></mujoco>"""
+
+
+def lying(geom, floor='type="plane" size="5 5 1"', contact=""):
+    """Return a body of 2 kg that lies 0.3 m above the top of a fixed geom at height 0."""
+    return f"""<mujoco><worldbody><geom name="floor" {floor}/><body pos="0 0 .2999"><freejoint/>
+    <geom name="body" {geom} mass="2" {contact}/></body></worldbody></mujoco>"""

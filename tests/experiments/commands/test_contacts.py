@@ -185,10 +185,13 @@ SCENE = '<mujoco><option timestep="1e-3"/><worldbody><geom type="plane" size="1 
 def test_an_mjcf_file_and_its_names_as_they_are_written(tmp_path, command):
     path, name = tmp_path / "scene.xml", 'name="b&#x202e;&#x9b;ll"'
     path.write_text(SCENE.format(BALL.format(z=2, name='name="ball"', solref="0.05 1")))
-    out = command(["inspect", path])
+    out = command(["inspect", path], ends=3)
     assert re.search(r"^1 +geoms #0 and ball +1 +mixed by solmix +3 +0.035 1 ", out, re.MULTILINE)
     assert "1      4189 on fixed" in out  # of the density 1000 kg/m^3
-    assert out.endswith(f"\n{path}: no traps found\n")
+    assert "mixed-default, group 1: geom ball has solref 0.05 1, and geom #0 has the default 0.02 1. " in out
+    assert out.endswith(f"\n{path}: 1 trap found\n")
+    path.write_text(SCENE.format(BALL.format(z=2, name='name="ball" priority="1"', solref="0.05 1")))
+    assert command(["inspect", path]).endswith(f"\n{path}: no traps found\n")
     balls = [BALL.format(z=z, name=name * (z == 2), solref="-100 1") for z in (2, 5)]
     path.write_text(SCENE.format("".join(balls)))
     out = command(["inspect", path], ends=3)
