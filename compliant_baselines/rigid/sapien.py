@@ -23,6 +23,10 @@ from impact_xval.compliant_baselines.rigid.lines import SINGLE, RigidEngine, Rig
 #: Position and velocity iterations: as many as PhysX allows. After four a single ball rebounds with 0.693, not 0.7.
 MAX_ITERATIONS = 255
 
+#: Distance over the radius at which PhysX begins a contact, half for each shape. A ball that takes several steps through
+#: this distance stops at its outer end, at 1e-3 for good, and keeps its velocity. Smaller ones make no difference.
+CONTACT_OFFSET = 1e-5
+
 #: Speed in m/s below which SAPIEN, as it ships, gives no restitution (`PhysxSceneConfig.bounce_threshold`).
 SHIPPED_THRESHOLD = 2.0
 
@@ -78,7 +82,7 @@ class SapienWorld(RigidWorld):
         def attach(body: SapienBody, shape: SapienShape, z: float) -> None:
             shape.local_pose = sapien.Pose([0, 0, z])
             if exact:
-                shape.contact_offset, shape.rest_offset = 1e-3 * self.radius, 0.0
+                shape.contact_offset, shape.rest_offset = CONTACT_OFFSET * self.radius, 0.0
             body.attach(shape)
 
         def add(body: SapienBody, z: float) -> None:
