@@ -4,7 +4,7 @@
 * ``naive``: as a user writes them who knows the names of the parameters but not the engine's source; the damping ratio
   is the textbook's
 * ``documented`` (MuJoCo alone): a time constant and a damping ratio
-* ``shipped`` (MuJoCo, and PyBullet with coefficients of restitution): nothing is set, and the step is the engine's own
+* ``shipped`` (MuJoCo, and rigid engines but Pymunk): nothing is set, and the step is the engine's own
 """
 
 from __future__ import annotations

@@ -52,6 +52,9 @@ STEPS = (0.01, 0.03, 0.1)
 _MUJOCO, _PYBULLET = "engines.mujoco:Mujoco", "engines.pybullet:Pybullet"
 _PYBULLET_RESTITUTION = "rigid.bullet:PybulletRestitution"
 
+#: Settings of an engine that is run as it ships, at one step.
+_AS_IT_SHIPS: Mapping[str, object] = MappingProxyType({"mapping": "shipped", "convergence": None})
+
 
 def _reference(name: str, title: str, description: str) -> SolverSpec:
     """Specify an exact solver of a law in time, named after its law."""
@@ -66,6 +69,19 @@ def _model(name: str, title: str, description: str) -> SolverSpec:
 def _rigid_law(name: str, description: str) -> SolverSpec:
     """Specify an exact rigid impact law as a solver of its name."""
     return SolverSpec(name, "rigid.laws:RigidLaw", name, name, description, "reference")
+
+
+def _rigid_as_it_ships(name: str, factory: str, title: str, description: str) -> SolverSpec:
+    """Specify a rigid engine in which nothing is set but coefficients of restitution."""
+    return SolverSpec(
+        f"{name}:default",
+        factory,
+        None,
+        f"{title} (as it ships)",
+        f"{title} as it ships, with coefficients of restitution, {description}",
+        "rigid",
+        fixed_settings=_AS_IT_SHIPS,
+    )
 
 
 def _at_step(name: str, factory: str, engine: str, step: float) -> SolverSpec:
@@ -229,16 +245,13 @@ SOLVERS = (
         None,
         "MuJoCo (as it ships)",
         "MuJoCo as it ships: solref, solimp and a step of 2 ms, whatever contacts are asked for",
-        fixed_settings={"mapping": "shipped", "convergence": None},
+        fixed_settings=_AS_IT_SHIPS,
     ),
-    SolverSpec(
-        "pybullet:default",
-        _PYBULLET_RESTITUTION,
-        None,
-        "PyBullet (as it ships)",
-        "PyBullet as it ships, with coefficients of restitution, at a step of 1/240 s",
-        "rigid",
-        fixed_settings={"mapping": "shipped", "convergence": None},
+    _rigid_as_it_ships("pybullet", _PYBULLET_RESTITUTION, "PyBullet", "at a step of 1/240 s"),
+    _rigid_as_it_ships("dart", "rigid.dart:Dart", "DART", "at a step of 1 ms"),
+    _rigid_as_it_ships("rapier", "rigid.rapier:Rapier", "Rapier", "at a step of 1/60 s"),
+    _rigid_as_it_ships(
+        "sapien", "rigid.sapien:Sapien", "PhysX 5 (SAPIEN)", "at a step of 10 ms: none below 2 m/s"
     ),
     *(_at_step("mujoco", _MUJOCO, "MuJoCo", step) for step in STEPS),
     *(_at_step("pybullet", _PYBULLET, "PyBullet", step) for step in STEPS),
@@ -248,6 +261,20 @@ SOLVERS = (
         "hunt-crossley",
         "Drake, Hunt-Crossley",
         "Drake in continuous time, with Hunt and Crossley's contacts",
+    ),
+    SolverSpec(
+        "drake:lagged",
+        "engines.drake:DrakeLagged",
+        "hunt-crossley",
+        "Drake (lagged)",
+        "Drake in discrete time by the contacts that it ships, Hunt and Crossley's (kLagged)",
+    ),
+    SolverSpec(
+        "drake:similar",
+        "engines.drake:DrakeSimilar",
+        "hunt-crossley",
+        "Drake (similar)",
+        "Drake in discrete time by contacts similar to Hunt and Crossley's (kSimilar)",
     ),
     SolverSpec(
         "newton",

@@ -4,8 +4,13 @@
 ball has two spheres at one place. The lower side carries the contact with the body below; the upper side is rigid and
 undamped, like the table. Filters let only these pairs meet. Steps are logged in C++.
 
-**Continuous time.** Contacts are Hunt and Crossley's, F = max(0, k delta (1 + d delta')), d = A/|v0|, with A from
-equation (*) of `restitution`. For e < 1 that is another law than the dashpot's. The integrator is the simulator's
+**Discrete time.** Drake has three approximations of a contact. ``kSap`` is a spring and a dashpot with a relaxation
+time. ``kLagged``, which Drake takes unless another is asked for, and ``kSimilar`` are Hunt and Crossley's contacts.
+
+**Hunt and Crossley's contacts** are F = max(0, k delta (1 + d delta')), d = A/|v0|, with A from equation (*) of
+`restitution`. For e < 1 that is another law than the dashpot's.
+
+**Continuous time.** Contacts are Hunt and Crossley's. The integrator is the simulator's
 default, of third order: where contacts begin and end the motion has kinks, across which the error estimate of a higher
 order means nothing. The "step" is the time between two samples.
 """
@@ -142,17 +147,19 @@ class Drake(Engine):
 
     name = distribution = "drake"
     title, module, way_out = "Drake", "pydrake", "run pip install 'impact-xval[drake]' (Linux and macOS only)"
-    discrete = True
+    #: A member of `DiscreteContactApproximation`; empty: continuous time.
+    approximation = "kSap"
 
     def refusal(self, scene: Scene) -> str | None:
         """Say why Drake cannot take a scene: a naive mapping of more than two balls, or a step that is too short."""
-        if scene.mapping == "naive" and not (self.discrete and scene.table and len(scene.masses) == 2):
-            return "mapping = 'naive': Drake's is that of two balls on a table in discrete time; legal: 'calibrated'"
-        return _too_short(scene) if self.discrete else None
+        pair = scene.table and len(scene.masses) == 2
+        if scene.mapping == "naive" and not (self.approximation == "kSap" and pair):
+            return "mapping = 'naive': Drake's is that of two balls on a table, by kSap; legal: 'calibrated'"
+        return _too_short(scene) if self.approximation else None
 
     def world(self, scene: Scene) -> DrakeWorld:
         """Set a scene up."""
-        return DrakeWorld(scene, self.discrete)
+        return DrakeWorld(scene, self.approximation)
 
     @contextmanager
     def running(self) -> Generator[None]:
@@ -170,15 +177,28 @@ class Drake(Engine):
 class DrakeHuntCrossley(Drake):
     """Drake, continuous time, Hunt-Crossley contacts; elastic ones are linear springs."""
 
-    name, law, discrete = "drake-hunt-crossley", "hunt-crossley", False
+    name, law, approximation = "drake-hunt-crossley", "hunt-crossley", ""
+
+
+class DrakeLagged(Drake):
+    """Drake, discrete time, Hunt-Crossley contacts: the damping of a step is that of the depth before it."""
+
+    law, approximation = "hunt-crossley", "kLagged"
+
+
+class DrakeSimilar(Drake):
+    """Drake, discrete time, contacts similar to Hunt-Crossley's: the force of a step is a function of its end alone."""
+
+    law, approximation = "hunt-crossley", "kSimilar"
 
 
 class DrakeWorld(World):
     """A finished plant and the log of its states."""
 
-    def __init__(self, scene: Scene, discrete: bool) -> None:
-        self._scene, self._discrete = scene, discrete
-        if discrete:
+    def __init__(self, scene: Scene, approximation: str) -> None:
+        self._scene, self._approximation = scene, approximation
+        self._dashpots = approximation == "kSap"
+        if self._dashpots:
             contacts = [drake_side(contact) for contact in scene.contacts]
         else:
             dissipation = hunt_crossley_coefficients(np.array(scene.restitutions)) / scene.speed
@@ -187,25 +207,28 @@ class DrakeWorld(World):
         pairs = combine_sides(self._sides)
         radius = radius_of(scene.depth([pair.stiffness for pair in pairs]))
         super().__init__(scene, radius, scene.masses[-1] * scene.gravity / pairs[-1].stiffness)
-        self._refused = _too_short(scene) if discrete else None
+        self._refused = _too_short(scene) if approximation else None
         self._build(scene.velocities, self.heights)
         pairs = combine_sides(self._sides_read)
         self.effective = {"stiffness": tuple(pair.stiffness for pair in pairs), "step": (scene.step,)}
-        if discrete:
+        if self._dashpots:
             self.effective["damping"] = tuple(pair.stiffness * pair.dissipation for pair in pairs)
 
     def _build(self, velocities: Sequence[float], heights: Floats) -> None:
         """Make a plant whose balls have these velocities and heights, and its simulator."""
         scene, step = self._scene, self._scene.step
         plants, builder = _module("multibody.plant"), _module("systems.framework").DiagramBuilder()
-        plant, graph = plants.AddMultibodyPlantSceneGraph(builder, time_step=step if self._discrete else 0.0)
-        if self._discrete:
-            plant.set_discrete_contact_approximation(plants.DiscreteContactApproximation.kSap)
+        plant, graph = plants.AddMultibodyPlantSceneGraph(
+            builder, time_step=step if self._approximation else 0.0
+        )
+        if self._approximation:
+            approximation = getattr(plants.DiscreteContactApproximation, self._approximation)
+            plant.set_discrete_contact_approximation(approximation)
             plant.set_sap_near_rigid_threshold(0.0)
             plant.SetUseSampledOutputPorts(False)  # nobody reads them
         plant.mutable_gravity_field().set_gravity_vector([0, 0, -scene.gravity])
         joints = self._add_bodies(plant, graph)
-        period = {} if self._discrete else {"publish_period": step}
+        period = {} if self._approximation else {"publish_period": step}
         log_state = _module("systems.primitives").LogVectorOutput
         output = log_state(plant.get_state_output_port(), builder, **period)
         self._simulator = _module("systems.analysis").Simulator(builder.Build())
@@ -214,7 +237,7 @@ class DrakeWorld(World):
         for joint, z, v in zip(joints, self.places + heights, velocities, strict=True):
             joint.set_translation(context, z)
             joint.set_translation_rate(context, v)
-        if not self._discrete:
+        if not self._approximation:
             # One accuracy bounds changes of heights in m and of velocities in m/s: the larger of the two decides.
             integrator = self._simulator.get_mutable_integrator()
             height_over_speed = max(periods(scene)) / (2 * math.pi)
@@ -258,11 +281,11 @@ class DrakeWorld(World):
         """Make the frictionless proximity properties of a side."""
         geometry, frictionless = _module("geometry"), _module("multibody.plant").CoulombFriction(0.0, 0.0)
         properties = geometry.ProximityProperties()
-        dissipation = {} if self._discrete else {"dissipation": side.dissipation}
+        dissipation = {} if self._dashpots else {"dissipation": side.dissipation}
         geometry.AddContactMaterial(
             properties=properties, friction=frictionless, point_stiffness=side.stiffness, **dissipation
         )
-        if self._discrete:
+        if self._dashpots:
             properties.AddProperty("material", "relaxation_time", side.dissipation)
         return properties
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from impact_xval.compliant_baselines.registry import has_fixed_mapping, is_engine, law_name_of
+from impact_xval.compliant_baselines.registry import has_fixed_mapping, is_engine, kind_of, law_name_of
 from impact_xval.experiments.presentation.document import Block, Figure, Section, Table
-from impact_xval.experiments.presentation.html import render_page
+from impact_xval.experiments.presentation.html import render_page, render_template
 from impact_xval.experiments.presentation.style import save_figure, styled_figure
 from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, display_name
 from impact_xval.experiments.scoreboard.cases import CASE_SETUPS, CASES, RESTITUTIONS
@@ -45,6 +45,17 @@ LAW_WORDS = {
     "generalised-reflection": "by generalised reflections",
     "plastic-then-restitution": "first without rebound, then a rebound of each contact in turn",
 }
+
+#: Groups of engines on the board, in their order.
+SPRINGS, GRAINS, RIGID, AS_PEOPLE_RUN_THEM = (
+    "Springs and dashpots",
+    "Grains (DEM)",
+    "Rigid contacts",
+    "As they ship, and as people run them",
+)
+
+#: Engines that were written for grains; their contacts are springs and dashpots too.
+_OF_GRAINS = ("lammps", "exudyn")
 
 LEAD = (
     f"Engines, as they are set up in several ways, are asked for {len(CASES)} collisions of balls in a line, "
@@ -100,7 +111,7 @@ def write_scoreboard(answers: Frame, root: Path, more: Sequence[Section] = ()) -
     blocks: list[Block] = [
         *LEAD,
         *words,
-        Section("The board", [board_table(judged, followed)]),
+        Section("The board", [render_template("filter.html.j2"), *board_sections(judged, followed)]),
         Section("One ball strikes four", [Figure("cradle", CRADLE)]),
         Section("At worst", [worst_case_table(followed)]),
         *more,
@@ -163,8 +174,25 @@ def describe_engines(followed: Frame) -> list[Block]:
     return [" ".join(said), *([chance] if moved else [])]
 
 
+def group_of(solver: str) -> str:
+    """Name the group of the board in which an engine stands."""
+    if has_fixed_mapping(solver) or ":step-" in solver:
+        return AS_PEOPLE_RUN_THEM
+    if solver.partition(":")[0] in _OF_GRAINS:
+        return GRAINS
+    return RIGID if kind_of(solver) == "rigid" else SPRINGS
+
+
+def board_sections(judged: Frame, followed: Frame) -> list[Block]:
+    """Lay out the board in groups of engines, each with a table; what the tables show precedes them."""
+    groups = followed.groupby(followed.index.map(group_of), sort=False)
+    by_title = {title: board_table(judged, engines) for title, engines in groups}
+    order = (SPRINGS, GRAINS, RIGID, AS_PEOPLE_RUN_THEM)
+    return [BOARD, *(Section(title, [by_title[title]]) for title in order if title in by_title)]
+
+
 def board_table(judged: Frame, followed: Frame) -> Table:
-    """Lay out the board: one row per engine, one column per case."""
+    """Lay out a part of the board: one row per engine, one column per case."""
     rows: list[tuple[str, ...]] = []
     worst = judged.groupby(["solver", "case"]).max(numeric_only=True)
     for law in followed.itertuples():
@@ -173,8 +201,9 @@ def board_table(judged: Frame, followed: Frame) -> Table:
             ("< 1e-4" if D < 1e-4 else number(D, 2)) + (" *" if spread > SENSITIVE else "")
             for D, spread in zip(its[f"D_{law.law}"], its.spread, strict=True)
         ]
-        rows.append((display_engine(law.Index), describe_law(law).partition(";")[0], *cells))
-    return Table(("engine", "answers", *CASE_SETUPS), rows, BOARD, text=2)
+        answers = describe_law(law).partition(";")[0]
+        rows.append((display_engine(law.Index), law.version, answers, *cells))
+    return Table(("engine", "release", "answers", *CASE_SETUPS), rows, text=3)
 
 
 def worst_case_table(followed: Frame) -> Table:

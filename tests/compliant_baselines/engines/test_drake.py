@@ -91,3 +91,17 @@ def test_a_step_too_short_is_refused_and_not_run():
     drifting = Scene.of(Collision((1, 1), (1e4,), (1,), (-1001, -1000)), Settings())
     assert "impulses below 1e-06" in get_solver("drake").refusal(drifting)
     assert get_solver("drake").refusal(replace(drifting, velocities=(-1.0, 0.0))) is None
+
+
+@pytest.mark.parametrize("name", ["drake:lagged", "drake:similar"])
+def test_the_contacts_that_drake_ships_approach_hunt_and_crossleys_as_the_step_shrinks(name):
+    """Backward Euler has errors of the first order: half the step, half the error."""
+    exact = get_solver("hunt-crossley")
+    for cell in CELLS:
+        c = two_balls(*cell, k1=1e6)
+        errors = [
+            gap(get_solver(name).solve(c, Settings(step_fraction=fraction)), exact.solve(c))
+            for fraction in (2e-3, 1e-3, 5e-4)
+        ]
+        assert errors[0] / errors[1] == pytest.approx(2, abs=0.1)
+        assert errors[1] / errors[2] == pytest.approx(2, abs=0.1)

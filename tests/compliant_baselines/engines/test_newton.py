@@ -68,7 +68,8 @@ def test_newton_ends_as_the_exact_law(scenario, collision, velocities, tolerance
 def test_newton_conforms_without_a_word_of_warp_and_refuses_what_it_has_no_digits_for():
     command = [sys.executable, "-m", "impact_xval", "solvers", "newton"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert done.stderr == ""
+    # What a busy machine adds is of the clock, not of Warp.
+    assert [line for line in done.stderr.splitlines() if "has taken" not in line] == []
     assert [line.split()[0] for line in done.stdout.splitlines()] == ["passed"] * len(checks(LAW))
     (outcome,) = get_solver("newton").solve_many([Collision.two_balls(1, 2, 1, 1e9, 1, 1)], Settings())
     assert (outcome.status, "single precision" in outcome.reason) == ("unrepresentable", True)

@@ -1,4 +1,4 @@
-"""MuJoCo and PyBullet as people run them: longer steps, parameters as documented, nothing set at all."""
+"""Engines as people run them: longer steps, parameters as documented, nothing set at all."""
 
 import subprocess
 import sys
@@ -10,6 +10,7 @@ from impact_xval.compliant_baselines.registry import STEPS
 from impact_xval.compliant_baselines.restitution import damping_ratio
 from impact_xval.compliant_baselines.solver import Convergence, Settings, SolverError
 from impact_xval.model.collision import Collision
+from tests.compliant_baselines.conftest import installed
 
 #: Gaps of a ten-thousandth of the radius of 6.25 cm.
 APART = Collision((1.0, 2.0), (1e8, 1e8), (0.9, 0.9), (-1.0, 0.0), table=True, gaps=(6.25e-6, 6.25e-6))
@@ -84,3 +85,23 @@ def test_pybullet_as_it_ships_rebounds_above_its_threshold_only():
         assert one.effective["step"] == (1 / 240,)
     with pytest.raises(SolverError, match=r"\|v0\| = 100 m/s: more than a radius of 0.0625 m in a step"):
         solve(Collision.two_balls(1.0, 2.0, 1e6, 1e6, 0.9, 0.7, v0=-100.0))
+
+
+@pytest.mark.parametrize(
+    ("name", "below", "above", "step"),
+    [("dart", 0.24, 0.26, 1e-3), ("rapier", None, 1e-2, 1 / 60), ("sapien", 1.99, 2.01, 1e-2)],
+)
+def test_a_rigid_engine_as_it_ships_rebounds_above_its_threshold_only(name, below, above, step):
+    e = 0.4
+    solve = installed(f"{name}:default").solve
+
+    def rebound(speed: float, stiffness: float = 1e6) -> float:
+        found = solve(Collision((1.0,), (stiffness,), (e,), (-speed,), table=True))
+        assert found.effective["step"] == pytest.approx((step,))
+        return found.velocities[0] / speed
+
+    # DART gives no rebound of 0.1 m/s or less.
+    if below is not None:
+        assert rebound(below) == pytest.approx(0.0, abs=2e-3)
+    assert rebound(above) == pytest.approx(e, abs=2e-3)
+    assert rebound(above, stiffness=1e3) == rebound(above)

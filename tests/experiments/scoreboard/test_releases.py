@@ -151,7 +151,7 @@ def test_what_is_no_requirement_of_an_engine_is_refused_in_a_line(refused, uv):
 
 
 def test_every_engine_has_a_distribution():
-    assert solvers_by_distribution()["rapier3d"] == ["rapier"]
+    assert solvers_by_distribution()["rapier3d"] == ["rapier", "rapier:default"]
     assert {"mujoco", "mujoco:default", "mujoco-naive"} < {*solvers_by_distribution()["mujoco"]}
 
 

@@ -17,8 +17,12 @@ from impact_xval.experiments.scoreboard import cases, playing
 from impact_xval.experiments.scoreboard.cases import CASE_SETUPS, CASES, MIRRORED, USUAL, arrange_scenes
 from impact_xval.experiments.scoreboard.judging import find_nearest_laws, judge_answers, list_moved_answers
 from impact_xval.experiments.scoreboard.page import (
+    AS_PEOPLE_RUN_THEM,
+    RIGID,
+    SPRINGS,
     board_table,
     describe_law,
+    group_of,
     worst_case_table,
     write_scoreboard,
 )
@@ -169,10 +173,10 @@ def test_the_page_shows_the_numbers_of_the_board_and_text_stays_text(tmp_path):
     assert "<script>alert" not in page
     judged = judge_answers(pd.DataFrame(rows))
     found = find_nearest_laws(judged)
-    ((name, said, *cells),) = board_table(judged, found).rows
+    ((name, release, said, *cells),) = board_table(judged, found).rows
     farthest = number(judged[judged.solver == "dart"]["D_newton-restitution"].max(), 2)
     newton = "by Newton's restitution, all contacts at once"
-    assert (name, said) == ("DART", newton)
+    assert (name, release, said) == ("DART", "1", newton)
     assert describe_law(found.loc["dart"]) == f"{newton}; poisson-restitution says the same here"
     assert said_of[1].startswith(f"DART answers {newton}; poisson")
     assert cells == [farthest if case == "cradle 1 on 4" else "-" for case in CASE_SETUPS]
@@ -194,3 +198,13 @@ def test_the_published_board_is_what_its_page_and_docs_say():
         (line,) = (line for line in text.splitlines() if line.startswith(f"| {says} |"))
         cell = f"`{name}`: {number(its.farthest, 2)}, {number(its.spread, 2)}"
         assert cell in line.removesuffix(" |").split(" | ")[1].split("; ")
+
+
+def test_engines_stand_in_groups_by_what_their_contacts_are():
+    groups = {
+        SPRINGS: ("mujoco", "pybullet", "drake", "drake:lagged", "drake-hunt-crossley", "newton"),
+        RIGID: ("pymunk", "dart", "rapier", "sapien", "pybullet-restitution"),
+        AS_PEOPLE_RUN_THEM: ("mujoco:default", "mujoco-naive", "pybullet:step-0.1", "dart:default"),
+    }
+    for group, names in groups.items():
+        assert {group_of(name) for name in names} == {group}
