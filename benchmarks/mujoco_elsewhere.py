@@ -94,7 +94,9 @@ def main() -> None:
                 print(f": step itself {np.abs(reference - exact).max():.1e}", end="", flush=True)
                 for where, stepper in steppers.items():
                     world = engine.world(scene)
-                    world.model.opt.disableflags = 0  # Warp does not know all flags; none matters to these scenes
+                    world.model.opt.disableflags = (
+                        0  # Warp does not know all flags; none matters to these scenes
+                    )
                     off = np.abs(stepper(world, n) - reference).max()
                     print(f", {where} {off:.1e}", end="", flush=True)
             print()

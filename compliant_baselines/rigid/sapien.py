@@ -23,8 +23,8 @@ from impact_xval.compliant_baselines.rigid.lines import SINGLE, RigidEngine, Rig
 #: Position and velocity iterations: as many as PhysX allows. After four a single ball rebounds with 0.693, not 0.7.
 MAX_ITERATIONS = 255
 
-#: Distance over the radius at which PhysX begins a contact, half for each shape. A ball that takes several steps through
-#: this distance stops at its outer end, at 1e-3 for good, and keeps its velocity. Smaller ones make no difference.
+#: Distance over the radius at which PhysX begins a contact, half for each shape. A ball that takes several steps
+#: through this distance stops at its outer end and keeps its velocity: at 1e-3 slow balls never arrived.
 CONTACT_OFFSET = 1e-5
 
 #: Speed in m/s below which SAPIEN, as it ships, gives no restitution (`PhysxSceneConfig.bounce_threshold`).

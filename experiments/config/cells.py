@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
@@ -26,6 +26,9 @@ from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import Cell, Config, split_restitution
 from impact_xval.model.collision import Collision
 from impact_xval.model.collisions import Collisions
+
+if TYPE_CHECKING:
+    from scipy.stats import qmc
 
 #: Values of columns by name, shape (n,). A column is of numbers or of texts, so that its dtype is open.
 ColumnArrays = dict[str, NDArray[Any]]
@@ -193,14 +196,23 @@ def _chains(cells: ColumnArrays) -> Sequence[Collision]:
     return Collisions.of(chains) if len(kinds) == 1 else chains
 
 
-def draw(sample: Sample) -> NDArray[np.float64]:
-    """Draw cells from a box, shape (n, 4): scrambled Sobol points, the beginning of a power of two of them."""
+def sobol_sequence(dimensions: int, generator: np.random.Generator) -> qmc.Sobol:
+    """Return a sequence of scrambled Sobol points in the unit cube.
+
+    SciPy before 1.15 has no argument `rng`; later versions take `seed` too, though it is not in their signature.
+    """
     from scipy.stats import qmc
 
+    return qmc.Sobol(dimensions, seed=generator)  # pyright: ignore[reportCallIssue]
+
+
+def draw(sample: Sample) -> NDArray[np.float64]:
+    """Draw cells from a box, shape (n, 4): scrambled Sobol points, the beginning of a power of two of them."""
     n, d = sample.n, len(sample.free())
     unit = np.empty((n, 0))
     if d:
-        unit = qmc.Sobol(d, rng=sample.seed).random_base2(math.ceil(math.log2(n)))[:n]
+        sequence = sobol_sequence(d, np.random.default_rng(sample.seed))
+        unit = sequence.random_base2(math.ceil(math.log2(n)))[:n]
     return sample.place(unit)
 
 

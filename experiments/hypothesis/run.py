@@ -18,10 +18,10 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 import tomli_w
-from scipy.stats import qmc
 
 from impact_xval.compliant_baselines.registry import exact_law_names, exact_solver_for, sort_by_law
 from impact_xval.experiments.config.axes import AXES, Sample
+from impact_xval.experiments.config.cells import sobol_sequence
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import REFERENCE, parse_config
 from impact_xval.experiments.hypothesis.chains import solve_chains
@@ -139,7 +139,7 @@ def draw_points(case: LimitingCase, n: int, seed: int) -> list[Point]:
     elastic = n // 6 * [{"e1": 1.0}] + n // 6 * [{"e2": 1.0}] + n // 6 * [{"e1": 1.0, "e2": 1.0}]
     if case.plastic:
         elastic = n // 3 * [{"e2" if case.axis == "e1" else "e1": 1.0}]
-    sampler = qmc.Sobol(4, rng=np.random.default_rng([seed, *case.key.encode()]))
+    sampler = sobol_sequence(4, np.random.default_rng([seed, *case.key.encode()]))
     unit = sampler.random(2**16)  # enough for every class of a regime
     ratios_drawn = iter(BOX.place(np.roll(unit, 1, axis=1)))
 

@@ -211,7 +211,8 @@ def convergence_estimates(
             "n": len(table),
             "converged": len(good),
         }
-        row |= {"order": table.order.median(), "regularisation": good.regularisation.max()}
+        # pandas 2.2 warns of a median of nothing but NaN.
+        row |= {"order": table.order.dropna().median(), "regularisation": good.regularisation.max()}
         distances = {
             "error": good.limit_error,
             "step": (at_step - good[limits]).abs().max(axis=1),

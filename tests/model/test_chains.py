@@ -5,6 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from scipy.integrate import trapezoid
 from scipy.optimize import brentq
 
 from impact_xval.model import Collision, Collisions, solve, solve_batch
@@ -233,5 +234,5 @@ def test_a_path_ends_in_the_outcome_and_its_forces_are_the_rates_of_its_impulses
     rounding = 1e-9 if exponent == 1 else 1e-6  # of the quintics between the ends of a step
     assert path.forces.min() > -rounding
     assert np.all(np.abs(path.forces[~path.active]) < rounding)
-    grown = np.trapezoid(path.forces, path.time, axis=0)
+    grown = trapezoid(path.forces, path.time, axis=0)
     assert grown == pytest.approx(outcome.impulses, rel=0.02)
