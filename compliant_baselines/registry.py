@@ -256,6 +256,20 @@ SOLVERS = (
         "Newton (SemiImplicit)",
         "Newton (Warp) by its SemiImplicit solver: springs, and dashpots in compression only",
     ),
+    SolverSpec(
+        "lammps",
+        "engines.lammps:Lammps",
+        "linear-dashpot",
+        "LAMMPS",
+        "LAMMPS, granular with coeff_restitution: springs and dashpots that may pull",
+    ),
+    SolverSpec(
+        "lammps:limit-damping",
+        "engines.lammps:LammpsLimitDamping",
+        "kelvin-voigt-textbook",
+        "LAMMPS (limit_damping)",
+        "LAMMPS, granular with coeff_restitution and limit_damping: the same dashpots, which only push",
+    ),
 )
 
 _SPECS = {spec.name: spec for spec in SOLVERS}

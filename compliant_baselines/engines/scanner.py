@@ -129,7 +129,7 @@ def _note_forces(v, row, before, masses, numbers, memory):  # pragma: no cover (
         noise += numbers.rounding * masses[contact] * (abs(new) + abs(old) + gravity_change)
         bit = 1 << contact
         change, start = 0.0, 0.0
-        if impulse > noise:
+        if impulse > noise or (numbers.pulls and impulse < -noise):
             active |= bit
             change = impulse * _inverse_mass(masses, contact)
             begins = not memory.active & bit

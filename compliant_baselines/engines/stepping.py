@@ -3,7 +3,8 @@
 **Impulses** come from the balance of momentum, with gravity put back, for a step of length h:
 dI_i = dI_{i-1} + m_i (dv_i + g h). No engine's own account of its contact forces is used.
 
-**A contact carries force** in a step if its impulse exceeds `World.rounding` of the momenta in the balance.
+**A contact carries force** in a step if its impulse exceeds `World.rounding` of the momenta in the balance. An impulse
+that pulls counts as rounding, unless the contacts of the engine may pull (`World.pulls`).
 
 **Without gravity** the collision is over at the end of the first step in which no contact carries force and no bodies
 approach. A flight that outlasts the steps that are left is given up.
@@ -413,6 +414,7 @@ def _scene_numbers(scene: Scene, world: World) -> NDArray[np.void]:
     numbers["contacts"] = len(scene.stiffnesses)
     numbers["step"] = scene.step
     numbers["rounding"] = world.rounding
+    numbers["pulls"] = world.pulls
     if not scene.gravity:
         return numbers
     (m1, m2), (k1, k2), g, depth = scene.masses, scene.stiffnesses, scene.gravity, world.rest
