@@ -39,7 +39,9 @@ STIFFNESS = 1e6
 
 def contact(names: Sequence[str], step: float) -> None:
     """Print the restitution of one contact: asked for, and given."""
-    print("engine".ljust(24), "bodies".ljust(12), "m/s".rjust(5), *(f"e = {e}".rjust(10) for e in RESTITUTIONS))
+    print(
+        "engine".ljust(24), "bodies".ljust(12), "m/s".rjust(5), *(f"e = {e}".rjust(10) for e in RESTITUTIONS)
+    )
     for name in names:
         solver = get_solver(name)
         for bodies in ("1 kg, 3 kg", "1 kg, table"):
@@ -51,7 +53,9 @@ def contact(names: Sequence[str], step: float) -> None:
                     else:
                         # A second ball flies away above, so that the lower one meets the table alone.
                         velocities = (speed, -speed)
-                        c = Collision((1.0, 1.0), (STIFFNESS,) * 2, (e, e), velocities, True, (0.1 * speed, 0.0))
+                        c = Collision(
+                            (1.0, 1.0), (STIFFNESS,) * 2, (e, e), velocities, True, (0.1 * speed, 0.0)
+                        )
                     (o,) = answer(solver, [c], Settings(step_fraction=step))
                     parted = o.velocities[0] - o.velocities[1] if not c.table else o.velocities[1]
                     has_result = o.status in RESULT_STATUSES
@@ -74,7 +78,9 @@ def draw(pairs: int, chains: int, seed: int) -> dict[str, list[Collision]]:
         n = len(chain.stiffnesses)
         gaps = tuple(10 ** rng.uniform(-3, 0, n) * rng.integers(2, size=n)) if i % 2 else (0.0,) * n
         drawn_chains.append(
-            Collision(chain.masses, chain.stiffnesses, chain.restitutions, chain.velocities, chain.table, gaps)
+            Collision(
+                chain.masses, chain.stiffnesses, chain.restitutions, chain.velocities, chain.table, gaps
+            )
         )
     return {"pairs": drawn_pairs, "chains": drawn_chains}
 
@@ -91,7 +97,9 @@ def law(names: Sequence[str], options: argparse.Namespace) -> None:
     for name in names:
         solver, exact = get_solver(name), law_name_of(name)
         settings = Settings(
-            step_fraction=options.step, convergence=Convergence() if exact else None, max_steps=options.max_steps
+            step_fraction=options.step,
+            convergence=Convergence() if exact else None,
+            max_steps=options.max_steps,
         )
         for what, collisions in drawn.items():
             start = time.perf_counter()
@@ -125,7 +133,9 @@ def _print_limits(outcomes: Sequence[Outcome], exact: Sequence[Outcome], law: st
             )
 
 
-def _print_distances(outcomes: Sequence[Outcome], collisions: Sequence[Collision], settings: Settings) -> None:
+def _print_distances(
+    outcomes: Sequence[Outcome], collisions: Sequence[Collision], settings: Settings
+) -> None:
     """Print D from every exact law, the nearest first."""
     rows = []
     for exact in exact_law_names():

@@ -270,6 +270,27 @@ SOLVERS = (
         "LAMMPS (limit_damping)",
         "LAMMPS, granular with coeff_restitution and limit_damping: the same dashpots, which only push",
     ),
+    SolverSpec(
+        "exudyn",
+        "engines.exudyn:Exudyn",
+        "linear-dashpot",
+        "Exudyn",
+        "Exudyn, spheres of impact model 0: springs and dashpots that may pull",
+    ),
+    SolverSpec(
+        "exudyn:impact-model-1",
+        "engines.exudyn:ExudynHuntCrossley",
+        None,
+        "Exudyn (impact model 1)",
+        "Exudyn, spheres damped in proportion to the depth, after Hunt and Crossley",
+    ),
+    SolverSpec(
+        "exudyn:impact-model-2",
+        "engines.exudyn:ExudynCarvalhoMartins",
+        None,
+        "Exudyn (impact model 2)",
+        "Exudyn, spheres damped in proportion to the depth, after Carvalho and Martins",
+    ),
 )
 
 _SPECS = {spec.name: spec for spec in SOLVERS}

@@ -81,6 +81,9 @@ def open_lammps() -> LammpsSimulation:
 class LammpsWorld(World):
     """A scene in a simulation, which is cleared first."""
 
+    #: Velocity Verlet: half of the impulse of a step is that of the force at its beginning.
+    first_step_share = 0.5
+
     def __init__(
         self, simulation: LammpsSimulation, dump: Path, scene: Scene, radius: float, *, limits_damping: bool
     ) -> None:
