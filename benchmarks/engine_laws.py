@@ -1,16 +1,18 @@
-"""Do engines give the contacts that they are asked for, and which exact law do they follow?
+"""What engines give of the contacts that they are asked for, and which exact law they follow.
 
     python -m benchmarks.engine_laws contact --engine lammps exudyn
     python -m benchmarks.engine_laws law --engine lammps lammps:limit-damping --chains 60 --pairs 60
-    python -m benchmarks.engine_laws cradle --engine newton newton:xpbd
+    python -m benchmarks.engine_laws cradle --engine newton mujoco
 
-``contact`` lets a ball of 1 kg meet a ball of 3 kg, and a ball of 1 kg fall on the table beside a ball that stays apart,
-each alone, with e = 0.5, 0.8 and 1 at three speeds, and prints the restitution that came out. ``law`` draws pairs on a
-table and chains of three to six balls. For an engine with a law it prints how far its limits dt -> 0 are from the exact
-solver, and how many are further off than once and three times the error that the limit states. An engine without a law
-is held against every exact law: D is the kinetic norm of the difference of velocities over that of the velocities before,
-at the step asked for. ``cradle`` lets the first of three and of five equal balls strike the others, which touch or are
-1 mm apart.
+``contact`` lets a ball of 1 kg meet a ball of 3 kg, and a ball of 1 kg meet the table, with e = 0.5, 0.8 and 1 at three
+speeds. It prints the restitution that came out.
+
+``law`` draws pairs on a table, and chains of three to six balls. Of an engine with a law it prints how far the limits
+dt -> 0 are from the exact solver, and how many are further off than once and three times the error that they state. An
+engine without a law is held against every exact law. D is the kinetic norm of the difference of velocities at the end,
+over that of the velocities before.
+
+``cradle`` lets the first of three and of five equal balls strike the others, which touch or are 1 mm apart.
 """
 
 from __future__ import annotations

