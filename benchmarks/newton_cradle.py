@@ -3,10 +3,10 @@
     python -m benchmarks.newton_cradle --solver xpbd vbd mujoco featherstone kamino
 
 The scene is that of Newton's example ``newton_cradle`` (example_newton_cradle.py of 1.8.0): five balls of 1 kg and
-radius 0.05 m on strings of 1 m. The first is let go at 45 degrees. Contacts, numbers of steps and settings of each solver are
-those of the example. The pivots are a diameter apart, as there, or 1 mm more. Printed is how far each ball swings out
-after the first strike, to the side of the last ball. In a cradle the last ball swings out by 45 degrees, and the
-others by 0.
+radius 0.05 m on strings of 1 m. The first is let go at 45 degrees. Contacts, numbers of steps and settings of each
+solver are those of the example. The pivots are a diameter apart, as there, or 1 mm more. Printed is how far each ball
+swings out after the first strike, to the side of the last ball. In a cradle the last ball swings out by 45 degrees, and
+the others by 0.
 """
 
 from __future__ import annotations
