@@ -53,6 +53,7 @@ class ExudynWorld(World):
         self.pulls = model == 0
         self._length, mass, time = radius, scene.masses[0], min(periods(scene)) / (2 * math.pi)
         self._speed, self._step = radius / time, scene.step / time
+        self._has_table = scene.table
         self._container = exudyn.SystemContainer()
         self._system: Any = self._container.AddSystem()
         self._nodes, self._loads, contacts = _build(self._system, scene, model, mass, time, radius)
@@ -77,7 +78,10 @@ class ExudynWorld(World):
         }
 
     def _write_state(self, velocities: Floats, heights: Floats) -> None:
-        """Make velocities in m/s and heights in m, shape (N,), the initial state; all contacts count as open before."""
+        """Make velocities in m/s and heights in m, shape (N,), the initial state.
+
+        Contacts count as open before, but for a contact that overlaps.
+        """
         data = self._system.systemData
         initial = import_module("exudyn").ConfigurationType.Initial
         for write, values in (
@@ -87,6 +91,10 @@ class ExudynWorld(World):
             coordinates = np.zeros((len(values), 3))
             coordinates[:, 2] = values
             write(coordinates.ravel(), configuration=initial)
+        gaps = -np.diff([*heights, *([0.0] if self._has_table else [])]) / self._length
+        contacts = np.zeros((len(gaps), 4))
+        contacts[:, 0] = np.where(gaps < 0, gaps, OPEN)
+        data.SetDataCoordinates(contacts.ravel(), configuration=initial)
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
         """Take n steps, kept by sensors of the engine."""
@@ -172,14 +180,17 @@ class Exudyn(Engine):
     law = "linear-dashpot"
     way_out = "run pip install 'impact-xval[exudyn]'"
     oldest = "1.13"
+    rounding = 1e-6
 
     #: The engine's `impactModel`.
     impact_model = 0
 
     def refusal(self, scene: Scene) -> str | None:
-        """Say why Exudyn cannot take a scene: it has one mapping."""
+        """Say why Exudyn cannot take a scene: it has one mapping, and models 1 and 2 know no contact at rest."""
         if scene.mapping != "calibrated":
             return f"mapping = {scene.mapping!r}: Exudyn has one; legal: 'calibrated'"
+        if scene.gravity and self.impact_model:
+            return "scenario = 'drop': B2's contact has no speed at which it began; legal: 'impact'"
         return None
 
     def world(self, scene: Scene) -> ExudynWorld:

@@ -97,8 +97,7 @@ class LammpsWorld(World):
         self._set_state(np.array(scene.velocities), self.heights)
         self._run_commands("run 0 post no")
         # Its first snapshot, of the start, shows how many bytes a snapshot has.
-        self._dump = dump.open("rb")
-        self._bytes = len(self._dump.read())
+        self._dump, self._bytes, self._n_read = dump, dump.stat().st_size, 1
         self._has_forces = True
         self.effective = {"step": (simulation.extract_global("dt"),)}
 
@@ -155,9 +154,12 @@ class LammpsWorld(World):
         """Take n steps, and read them from the dump."""
         self._run_commands(f"run {n} pre {'no' if self._has_forces else 'yes'} post no")
         self._has_forces = True
-        snapshots = np.frombuffer(self._dump.read(), np.uint8).reshape(-1, self._bytes)[-n:]
+        with self._dump.open("rb") as file:
+            file.seek(self._n_read * self._bytes)
+            snapshots = np.frombuffer(file.read(), np.uint8).reshape(-1, self._bytes)
+        self._n_read += len(snapshots)
         # A snapshot ends with a height and a velocity an atom.
-        states = snapshots[:, -16 * self._atoms :].copy().view(np.float64).reshape(n, self._atoms, 2)
+        states = snapshots[-n:, -16 * self._atoms :].copy().view(np.float64).reshape(n, self._atoms, 2)
         return states[:, :, 1].copy(), states[:, :, 0] - self.places
 
     def weightless(self, velocities: Floats, heights: Floats) -> None:
