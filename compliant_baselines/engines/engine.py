@@ -19,6 +19,7 @@ from types import MappingProxyType, ModuleType
 import numpy as np
 
 from impact_xval.compliant_baselines.engines.convergence import Limit, estimate_limit
+from impact_xval.compliant_baselines.engines.scanner import MOST_CONTACTS
 from impact_xval.compliant_baselines.engines.scene import Scene, World, radius_of, reduced_masses
 from impact_xval.compliant_baselines.engines.stepping import Run, follow_scene
 from impact_xval.compliant_baselines.marks import DropEnd, marks_of
@@ -26,9 +27,6 @@ from impact_xval.compliant_baselines.references import law_at
 from impact_xval.compliant_baselines.solver import Settings, Solver, group_by_layout
 from impact_xval.model.collision import Collision
 from impact_xval.model.outcome import Outcome
-
-#: Most contacts of a scene: the states of a run are sets of contacts, kept as bits.
-MOST_CONTACTS = 60
 
 #: The refusal of a scene whose numbers double precision does not have.
 BEYOND = (

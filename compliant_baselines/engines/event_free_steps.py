@@ -51,6 +51,7 @@ SAFE_ENERGY = 16.0
 #: * ``contacts``: N with a table, N - 1 without
 #: * ``step``: length of a step in s
 #: * ``rounding``: as of `World`
+#: * ``pulls``: 1 if contacts may pull, else 0; as of `World`
 #: * ``gravity``: in m/s^2; 0 without gravity, and in a drop from the first flight on
 #:
 #: Of a drop, else 0:
@@ -66,6 +67,7 @@ SCENE_NUMBERS = np.dtype(
             ("contacts", "i8"),
             ("step", "f8"),
             ("rounding", "f8"),
+            ("pulls", "i8"),
             ("gravity", "f8"),
             ("k1", "f8"),
             ("k2", "f8"),

@@ -19,6 +19,9 @@ from impact_xval.compliant_baselines.engines.event_free_steps import (
     strict_kernel,
 )
 
+#: Most contacts of a scene: the states of a run are sets of contacts, kept as bits.
+MOST_CONTACTS = 60
+
 
 class RunEnd(IntEnum):
     """The state of a run after its last step: under way, over, or given up."""
@@ -57,6 +60,7 @@ class FlightPhase(IntEnum):
 #:   that were open at first or have ceased to carry force
 #: * ``n_steps``: steps so far
 #: * ``starts``, ``starts_together``: as of `stepping.Run`
+#: * ``pulls``: of each contact, the change of the relative velocity in m/s in the last step, if it pulled in that
 #: * ``lead``, ``lead_contact``: the event that came nearest to deciding on the first flight, and the contact that
 #:   decided. In a flight the contact closed after ``lead`` steps; without one it had closed -``lead`` steps before the
 #:   other contact opened. Infinite before any such event
@@ -71,6 +75,7 @@ MEMORY = np.dtype(
             ("n_steps", "f8"),
             ("starts", "f8"),
             ("starts_together", "f8"),
+            ("pulls", "f8", MOST_CONTACTS),
             ("lead", "f8"),
             ("lead_contact", "i8"),
             ("flight_phase", "i8"),
@@ -117,8 +122,11 @@ def _gap(x, row, contact):  # pragma: no cover (compiled)
 
 
 @strict_helper
-def _note_forces(v, row, before, masses, numbers, memory):  # pragma: no cover (compiled)
-    """Balance the momenta of a step; note and return the contacts that carry force in it, as bits."""
+def _note_forces(v, x, row, before, masses, numbers, memory):  # pragma: no cover (compiled)
+    """Balance the momenta of a step; note and return the contacts that carry force in it, as bits.
+
+    The force of a contact that may pull goes through zero while its bodies overlap, and the contact goes on.
+    """
     gravity_change = numbers.gravity * numbers.step
     impulse, noise, active = 0.0, 0.0, np.int64(0)
     # Changes of the relative velocity at the contact above: in this step, and if the step is the contact's first.
@@ -129,7 +137,11 @@ def _note_forces(v, row, before, masses, numbers, memory):  # pragma: no cover (
         noise += numbers.rounding * masses[contact] * (abs(new) + abs(old) + gravity_change)
         bit = 1 << contact
         change, start = 0.0, 0.0
-        if impulse > noise:
+        carries = impulse > noise
+        if numbers.pulls:
+            goes_on = memory.active & bit and _gap(x, row, contact) < 0
+            carries = carries or impulse < -noise or goes_on
+        if carries:
             active |= bit
             change = impulse * _inverse_mass(masses, contact)
             begins = not memory.active & bit
@@ -138,6 +150,9 @@ def _note_forces(v, row, before, masses, numbers, memory):  # pragma: no cover (
                 memory.starts += start
         elif memory.active & bit:
             memory.met_at_speed |= bit
+            # A contact that pulled ends with a jump of its force, at an arbitrary instant within the step.
+            memory.starts += memory.pulls[contact]
+        memory.pulls[contact] = max(-change, 0.0)
         if start > 0 or start_above > 0:
             memory.starts_together += min(change, change_above)
         change_above, start_above = change, start
@@ -253,7 +268,7 @@ def scan(v, x, before, masses, scene_numbers, steps_left, active, memory):  # pr
     for row in range(v.shape[0]):
         if not _is_finite(v, x, row):
             return row, RunEnd.BROKEN.value
-        active[row] = _note_forces(v, row, before, masses, numbers, record)
+        active[row] = _note_forces(v, x, row, before, masses, numbers, record)
         record.n_steps += 1
         if g > 0 or record.flight_phase == FlightPhase.DURING:
             _note_gaps(record, x[row, 0] < x[row, 1], x[row, 1] < 0)

@@ -134,6 +134,11 @@ class World(ABC):
     #: magnitude above the rounding of two additions and a handful of products. At 1/1000 of a period it is eleven
     #: orders below the impulse per step of a fully loaded contact.
     rounding: float = 64 * 2.0**-52
+    #: Whether contacts may pull, as a spring and dashpot do that act until the bodies no longer overlap.
+    pulls: bool = False
+    #: Share of a step's impulse that a dashpot gives in the step in which its bodies meet: a half where the engine
+    #: averages the forces at the two ends of a step.
+    first_step_share: float = 1.0
     #: Share of a contact's change of velocity that the engine may get wrong at every length of the step. It is part of
     #: the error of a limit (`convergence`); rigid engines have no other error.
     accuracy: float = 0.0

@@ -3,7 +3,9 @@
 **Impulses** come from the balance of momentum, with gravity put back, for a step of length h:
 dI_i = dI_{i-1} + m_i (dv_i + g h). No engine's own account of its contact forces is used.
 
-**A contact carries force** in a step if its impulse exceeds `World.rounding` of the momenta in the balance.
+**A contact carries force** in a step if its impulse exceeds `World.rounding` of the momenta in the balance. An impulse
+that pulls counts as rounding, unless the contacts of the engine may pull (`World.pulls`). Such a contact also carries
+force until its gap opens, once it has begun.
 
 **Without gravity** the collision is over at the end of the first step in which no contact carries force and no bodies
 approach. A flight that outlasts the steps that are left is given up.
@@ -135,6 +137,7 @@ class Run:
         self.heights: Floats = np.array(world.heights, float)
         self.start = self.heights
         self.effective, self.accuracy, self.dropped = dict(world.effective), world.accuracy, world.dropped
+        self._first_step_share = world.first_step_share
         self.first_flight: FirstFlight | None = None
         self._masses: Floats = np.array(scene.masses)
         self._numbers = _scene_numbers(scene, world)
@@ -249,9 +252,11 @@ class Run:
     def starts(self) -> float:
         """Changes of relative velocities in the first steps of contacts that were met at a speed, summed, in m/s.
 
-        When within its first step a contact is met is arbitrary, and so much depends on it.
+        When within its first step a contact is met is arbitrary, and so much depends on it. The last step of a contact
+        that pulls until its bodies part counts as well. A change counts as that of a whole step
+        (`World.first_step_share`).
         """
-        return float(self._memory["starts"][0])
+        return float(self._memory["starts"][0]) / self._first_step_share
 
     @property
     def starts_together(self) -> float:
@@ -413,6 +418,7 @@ def _scene_numbers(scene: Scene, world: World) -> NDArray[np.void]:
     numbers["contacts"] = len(scene.stiffnesses)
     numbers["step"] = scene.step
     numbers["rounding"] = world.rounding
+    numbers["pulls"] = world.pulls
     if not scene.gravity:
         return numbers
     (m1, m2), (k1, k2), g, depth = scene.masses, scene.stiffnesses, scene.gravity, world.rest

