@@ -46,11 +46,11 @@ class ExplorerCells:
 
     def __init__(self, ending: contextlib.ExitStack) -> None:
         self._ending = ending
-        self._apart: dict[bool, SolversApart] = {}
-        self._turn = {engines: threading.Lock() for engines in (False, True)}
+        self._processes: dict[bool, SolversApart] = {}
+        self._locks = {engines: threading.Lock() for engines in (False, True)}
         self._starting, self.closed = threading.Lock(), False
         # The table is asked for again as each of the engines ends.
-        self._engine = lru_cache(64)(self._solve)
+        self._solve_cached = lru_cache(64)(self._solve)
 
     def answer(self, query: str) -> dict[str, object]:
         """Return what a page shows of an address, options of `solve` and ``solver`` for every engine.
@@ -66,29 +66,31 @@ class ExplorerCells:
         outcomes = self._solve(typed, EXACT)
         for key, name in given:
             if key == "solver" and name in ENGINES:
-                outcomes |= self._engine(typed, (name,))
+                outcomes |= self._solve_cached(typed, (name,))
         versions = {
-            name: version for apart in self._apart.values() for name, version in apart.versions.items()
+            name: version for apart in self._processes.values() for name, version in apart.versions.items()
         }
         compared = SolverComparison(collision, outcomes, chain, versions)
         blocks = compared.blocks()
         if compared.is_chain:  # its table counts states
             rows = [(name, " ".join(outcome.states)) for name, outcome in outcomes.items() if outcome.states]
             blocks.append(Table(["solver", "contacts that act"], rows, text=2))
-        return {"results": render_blocks(blocks), "data": _data(compared)}
+        return {"results": render_blocks(blocks), "data": _chart_sources(compared)}
 
     def _solve(self, typed: tuple[tuple[str, str], ...], names: tuple[str, ...]) -> dict[str, Outcome]:
         """Solve a cell by engines or by exact solvers, after the earlier cells of the same sort."""
         collision, chain, config = parse_collision(dict(typed))
         engines, points = names != EXACT, None if chain is None else 0
-        with self._turn[engines]:
+        with self._locks[engines]:
             with self._starting:
                 if self.closed:
                     raise ClosedError
-                if engines not in self._apart:
+                if engines not in self._processes:
                     began = solvers_apart(ENGINES if engines else EXACT)
-                    self._apart[engines] = self._ending.enter_context(began)
-            return self._apart[engines].solve(collision, config, names, get_solver, lambda _: None, points)
+                    self._processes[engines] = self._ending.enter_context(began)
+            return self._processes[engines].solve(
+                collision, config, names, get_solver, lambda _: None, points
+            )
 
     def close(self) -> None:
         """Start no more processes; the running ones end with the block."""
@@ -96,14 +98,14 @@ class ExplorerCells:
             self.closed = True
 
 
-def _data(compared: SolverComparison) -> dict[str, ChartSource]:
+def _chart_sources(compared: SolverComparison) -> dict[str, ChartSource]:
     """Return the data of the charts' sources; the sources of a solver with nothing to draw are empty."""
     collision, kinds = compared.problem, ("balls", "curve", "end")
     data: dict[str, ChartSource] = {
         f"{kind} {name}": {"x": [], "y": []} for name in (*EXACT, *ENGINES) for kind in kinds
     }
     if compared.is_chain:
-        for name, velocities in compared.scaled.items():
+        for name, velocities in compared.scaled_velocities.items():
             data[f"balls {name}"] = {"x": [*range(1, 1 + len(velocities))], "y": velocities}
         return data
     reach, mass = 0.0, collision.mass_ratio
