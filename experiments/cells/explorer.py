@@ -164,10 +164,10 @@ class _Request(BaseHTTPRequestHandler):
         """Write nothing: the terminal is for the address alone."""
 
 
-def explore(port: int, opened: Callable[[str], object]) -> None:
+def explore(port: int, announce: Callable[[str], object]) -> None:
     """Serve the page to this machine alone until interrupted, and then end all processes and threads.
 
-    `opened` is called with the address of the page. Port 0 stands for any free port.
+    `announce` is called with the address of the page. Port 0 stands for any free port.
     """
     with contextlib.ExitStack() as ending:
         cells = ExplorerCells(ending)
@@ -179,7 +179,7 @@ def explore(port: int, opened: Callable[[str], object]) -> None:
         # Not in the main thread, which receives Ctrl-C: it could come while the thread of a request is started.
         threading.Thread(target=server.serve_forever, daemon=True).start()
         try:
-            opened(f"http://127.0.0.1:{server.server_port}/")
+            announce(f"http://127.0.0.1:{server.server_port}/")
             with contextlib.suppress(KeyboardInterrupt):
                 while (
                     True

@@ -41,7 +41,7 @@ _POINTS = 4000
 _EXPORTED = ("mujoco", "pybullet")
 
 
-def _drawable(text: str) -> Path:
+def _drawable_path(text: str) -> Path:
     """Read the path of a picture or film, and check before anything is computed that it can be written."""
     file = parse_path(text)
     if file.suffix not in (*_PICTURES, *_FILMS) or file.is_dir():
@@ -62,7 +62,7 @@ def solve_command(
     plot: Path | None = option(
         "FILE",
         "Draw curves (.png, .svg, .pdf), or slow motion: up to six solvers beside the model (.gif, .html).",
-        _drawable,
+        _drawable_path,
     ),
     json: Json = False,
     **typed: str | None,
@@ -89,7 +89,7 @@ def solve_command(
         from impact_xval.compliant_baselines.registry import get_solver
 
         collision, chain, config = parse_collision(typed)
-        points = _points_of_path(chain, film=film)
+        points = _count_path_points(chain, film=film)
         outcomes = apart.solve(
             collision, config, known_solvers(solver), get_solver, say_waiting, points=points
         )
@@ -104,7 +104,7 @@ def solve_command(
         error_line(f"{plot}: {_draw_into(plot, compared, config)}")
 
 
-def _points_of_path(chain: ChainSetup | None, *, film: bool) -> int | None:
+def _count_path_points(chain: ChainSetup | None, *, film: bool) -> int | None:
     """Return how many points the path of a collision has: all for two balls, and of a chain none unless it moves."""
     if chain is None:
         return None
@@ -147,12 +147,12 @@ def explore_command(
     from impact_xval.experiments.cells import explorer
     from impact_xval.experiments.presentation.terminal import make_console, print_line
 
-    def opened(where: str) -> None:
+    def announce(where: str) -> None:
         print_line(make_console(), f"{where} (Ctrl-C ends it)")
         if not no_browser:
             webbrowser.open(where)
 
-    explorer.explore(port, opened)
+    explorer.explore(port, announce)
 
 
 @with_collision_options("arrangement", *OF_CHAIN, "cell_timeout")
