@@ -175,27 +175,27 @@ class Axes(Strict):
         return math.prod(map(len, self.varied().values()))
 
 
-def whole(default: _Whole, low: int, high: int, what: str = "") -> _Whole:
+def whole_field(default: _Whole, low: int, high: int, what: str = "") -> _Whole:
     """Give a field of whole numbers, and say what is legal."""
     return Field(default, ge=low, le=high, description=f"a whole number from {low} to {high}{what}")
 
 
-def positive(default: float, unit: str) -> float:
+def positive_field(default: float, unit: str) -> float:
     """Give a field of finite numbers greater than 0."""
     return Field(default, gt=0, allow_inf_nan=False, description=f"a finite number > 0 ({unit})")
 
 
-def at_most(default: float, high: float, what: str) -> float:
+def at_most_field(default: float, high: float, what: str) -> float:
     """Give a field of numbers greater than 0 that has an upper end."""
     return Field(default, gt=0, le=high, description=f"greater than 0, at most {high:g} ({what})")
 
 
-def parameter(legal: Legal, default: float) -> float:
+def legal_field(legal: Legal, default: float) -> float:
     """Give a field of what is legal."""
     return Field(default, ge=legal.low, le=legal.high, description=legal.text)
 
 
-def table(model: type[_Model]) -> _Model:
+def table_field(model: type[_Model]) -> _Model:
     """Give a field of a table, all of whose keys have defaults."""
     return Field(default_factory=model, description=f"a table: {', '.join(model.model_fields)}")
 
@@ -207,7 +207,7 @@ class Sample(Strict):
     mass_ratio: Range = Field(default={"log": [0.5, 2.0]})
     e1: Range = Field(default={"linear": [0.5, 1.0]})
     e2: Range = Field(default={"linear": [0.5, 1.0]})
-    n: int = whole(1024, 1, MAX_CELLS, " (cells)")
+    n: int = whole_field(1024, 1, MAX_CELLS, " (cells)")
     seed: int = Field(0, ge=0, le=2**63 - 1, description="a whole number >= 0")
 
     def ends(self) -> dict[str, list[float]]:

@@ -21,7 +21,7 @@ from pydantic import Field
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.config.axes import Strict
-from impact_xval.experiments.config.errors import UserError, read_toml, validated
+from impact_xval.experiments.config.errors import UserError, read_toml, validate
 from impact_xval.experiments.hypothesis.chains import (
     ERROR,
     SOLVERS,
@@ -112,7 +112,7 @@ def load_own_collision(path: Path) -> tuple[Collision, int | None] | None:
     data = read_toml(path)
     if MARK not in data:
         return None
-    own = validated(OwnCollision, data, str(path))
+    own = validate(OwnCollision, data, str(path))
     try:
         collision = own.collision()
     except ValueError as error:
