@@ -35,7 +35,7 @@ _WIDE = 20.0
 
 
 @dataclass(frozen=True, slots=True)
-class Levels:
+class AxisLevels:
     """Levels of one axis: its values, or the middles of bins, of which each but the first begins at an edge."""
 
     values: Sequence[AxisValue]
@@ -48,22 +48,22 @@ class Levels:
         return np.searchsorted(self.edges, x, side="right")
 
 
-def axis_levels(config: Config, axis: str, x: np.ndarray) -> Levels:
+def axis_levels(config: Config, axis: str, x: np.ndarray) -> AxisLevels:
     """Levels of an axis: the values of a grid or of chains, else what scattered values fall into."""
     if config.chain is not None:
-        return Levels(sorted(set(pd.Series(x).dropna())))
+        return AxisLevels(sorted(set(pd.Series(x).dropna())))
     scattered = config.sample is not None or config.cells is not None
     axes = {} if scattered else config.grid.axes()
     if axis in axes:
-        return Levels(axes[axis])
+        return AxisLevels(axes[axis])
     return levels_of(x)  # so are ratios of quantities in SI units
 
 
-def levels_of(x: NDArray[np.float64]) -> Levels:
+def levels_of(x: NDArray[np.float64]) -> AxisLevels:
     """Levels of scattered values; 0 and infinity, where they occur, are levels of their own."""
     unique = np.unique(x)
     if len(unique) <= _FEW:
-        return Levels(unique.tolist())
+        return AxisLevels(unique.tolist())
     below, above = unique[unique == 0].tolist(), unique[np.isinf(unique)].tolist()
     inside = unique[(unique > 0) & np.isfinite(unique)]
     low, high = inside[0], inside[-1]
@@ -73,7 +73,7 @@ def levels_of(x: NDArray[np.float64]) -> Levels:
     else:
         ends = np.linspace(low, high, _BINS + 1)
         middles = (ends[:-1] + ends[1:]) / 2
-    return Levels(
+    return AxisLevels(
         [*below, *middles.tolist(), *above], np.array([*([low] if below else []), *ends[1:-1], *above])
     )
 
@@ -85,7 +85,7 @@ class DivergenceTable:
     path: Path
     solvers: list[str]
     #: By axis.
-    levels: dict[str, Levels]
+    levels: dict[str, AxisLevels]
     #: ``solver`` and the level of every axis, as categories; ``compared``, whether there is a result on both sides;
     #: ``marked``, whether the row is kept apart (`schema`).
     rows: Frame

@@ -195,10 +195,10 @@ def results_of(
         Time in s for which a state of a pair must be held to count (`states`); None where states are not compared.
     """
     if isinstance(outcomes, Outcomes):
-        results = _read_arrays(outcomes, balls, contacts, with_states=shortest is not None)
+        results = _results_of_arrays(outcomes, balls, contacts, with_states=shortest is not None)
         paths = outcomes.paths
     else:
-        results = _read_list(outcomes, balls, contacts)
+        results = _results_of_list(outcomes, balls, contacts)
         paths = None
     diagnostics = {
         name: x / speed if _VELOCITY.fullmatch(name) else x for name, x in results.diagnostics.items()
@@ -215,7 +215,7 @@ def results_of(
     return replace(results, compared=compared, curves=ImpulseCurves(paths.offsets, paths.impulses))
 
 
-def _read_arrays(outcomes: Outcomes, balls: int, contacts: int, *, with_states: bool) -> SolverResults:
+def _results_of_arrays(outcomes: Outcomes, balls: int, contacts: int, *, with_states: bool) -> SolverResults:
     """Read outcomes that are arrays already."""
     n = len(outcomes)
     return SolverResults(
@@ -235,7 +235,7 @@ def _read_arrays(outcomes: Outcomes, balls: int, contacts: int, *, with_states: 
     )
 
 
-def _read_list(outcomes: Sequence[Outcome], balls: int, contacts: int) -> SolverResults:
+def _results_of_list(outcomes: Sequence[Outcome], balls: int, contacts: int) -> SolverResults:
     """Read outcomes one by one."""
     names = dict.fromkeys(name for outcome in outcomes for name in outcome.diagnostics)
     return SolverResults(
@@ -304,7 +304,9 @@ def divergence(
         return measures
     pairs = list(zip(model.compared, other.compared, strict=True))
     sequences = {texts: [text.split() for text in texts] for texts in set(pairs)}
-    differences = {texts: (a == b, part_at(a, b), edit_distance(a, b)) for texts, (a, b) in sequences.items()}
+    differences = {
+        texts: (a == b, first_difference(a, b), edit_distance(a, b)) for texts, (a, b) in sequences.items()
+    }
     states = [
         differences[texts] if is_result else (None,) * 3 for texts, is_result in zip(pairs, both, strict=True)
     ]
@@ -339,7 +341,7 @@ def retained_momentum(masses: Floats, starts: Floats, results: SolverResults) ->
         return np.where(np.isnan(results.velocities).all(axis=1), np.nan, after / before)
 
 
-def part_at(a: Sequence[str], b: Sequence[str]) -> int | None:
+def first_difference(a: Sequence[str], b: Sequence[str]) -> int | None:
     """Position, from 1, of the first state that only one of two sequences has there; None if they are equal."""
     pairs = enumerate(zip_longest(a, b), start=1)
     return next((position for position, (x, y) in pairs if x != y), None)

@@ -93,7 +93,7 @@ class Summary:
             count_reasons(outcomes), columns=["solver", "status", "reason", "n"]
         )
         self.between = pairwise_divergence(cells, config) if pair else pd.DataFrame()
-        self.estimates = convergence_estimates(cells, config.solvers, config.mapping, marked=pair)
+        self.estimates = limit_estimates(cells, config.solvers, config.mapping, marked=pair)
         self.ladder = summarise_ladder(folder, config)
         # Rows of a cell are in the order of the solvers, the model first; where that is marked they all are.
         marked = present(cells, "marked").reshape(-1, len(config.solvers))
@@ -179,7 +179,7 @@ def pairwise_divergence(path: Path, config: Config) -> Frame:
     return pd.DataFrame(rows, columns=["solver", "other", "n", "median", "p95", "max"])
 
 
-def convergence_estimates(
+def limit_estimates(
     path: Path, solvers: Sequence[str], mapping: MappingName = "calibrated", *, marked: bool = True
 ) -> Frame:
     """Compute how far each engine is from its limit dt -> 0, and how well that is known, from the table of cells.
@@ -269,8 +269,8 @@ def summarise_ladder(folder: RunFolder, config: Config) -> LadderSummary:
     regular = (pc.field("status") == "ok") & pc.field("marked").is_null()  # others count in no statistic
     for solver in filter(is_engine, config.solvers):
         rows = selected(path, columns, regular & (pc.field("solver") == solver)).to_pandas()
-        for axis, region in (_regions(rows, config) if len(rows) else {}).items():
-            found = _by_region(rows, pd.Series(region, name="value"), gravity=pair)
+        for axis, region in (_region_values(rows, config) if len(rows) else {}).items():
+            found = _statistics_by_region(rows, pd.Series(region, name="value"), gravity=pair)
             frames.append(found.assign(solver=solver, axis=axis))
     if not frames:
         return LadderSummary(pd.DataFrame(columns=_OF_LADDERS))
@@ -279,7 +279,7 @@ def summarise_ladder(folder: RunFolder, config: Config) -> LadderSummary:
     return LadderSummary(statistics.loc[statistics.n > 0, _OF_LADDERS].reset_index(drop=True))
 
 
-def _regions(rows: Frame, config: Config) -> dict[str, np.ndarray]:
+def _region_values(rows: Frame, config: Config) -> dict[str, np.ndarray]:
     """By axis, the value by which every row is grouped; of chains only by axes that have several."""
     regions: dict[str, np.ndarray] = {"all": np.zeros(len(rows))}
     if config.chain is not None:
@@ -295,7 +295,7 @@ def _regions(rows: Frame, config: Config) -> dict[str, np.ndarray]:
     return regions
 
 
-def _by_region(rows: Frame, region: Frame, *, gravity: bool) -> Frame:
+def _statistics_by_region(rows: Frame, region: Frame, *, gravity: bool) -> Frame:
     """Compute the statistics of every contribution in every region, by value, then by contribution."""
     contributions = contributions_of(gravity=gravity)
     names = [c.name for c in contributions]
@@ -324,7 +324,7 @@ def _by_region(rows: Frame, region: Frame, *, gravity: bool) -> Frame:
     return table.join(total.groupby(region).mean().rename("total")).reset_index()
 
 
-def csv_rows(ladder: LadderSummary) -> list[Frame]:
+def ladder_statistics_for_csv(ladder: LadderSummary) -> list[Frame]:
     """Return the statistics in the columns of ``summary.csv``: a norm, a share and its range, by cause and region."""
     table = ladder.statistics.assign(cells="regular")
     frames = [table.assign(measure="norm_" + table.contribution)]
