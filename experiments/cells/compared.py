@@ -36,7 +36,7 @@ from impact_xval.experiments.presentation.words import (
     describe_chain,
     describe_shared_laws,
 )
-from impact_xval.experiments.sweep.one import solvers_apart
+from impact_xval.experiments.sweep.one import open_solvers_apart
 from impact_xval.experiments.tables.numbers import join_words, number
 from impact_xval.model.collision import Collision
 from impact_xval.model.kinetic import kinetic_norm
@@ -315,6 +315,6 @@ def compare(
     """
     names = [solvers] if isinstance(solvers, str) else list(solver_names() if solvers is None else solvers)
     config = parse_config({"scenario": "impact", "cell_timeout": timeout, "solvers": names}, where="")
-    with solvers_apart(config.solvers, chains=not problem.falls_on_resting) as apart:
+    with open_solvers_apart(config.solvers, chains=not problem.falls_on_resting) as apart:
         outcomes = apart.solve(problem, config, config.solvers, get_solver, say_waiting)
         return SolverComparison(problem, outcomes, versions=apart.versions)

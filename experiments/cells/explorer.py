@@ -29,7 +29,7 @@ from impact_xval.experiments.presentation.document import Table
 from impact_xval.experiments.presentation.html import render_blocks, render_page, render_template
 from impact_xval.experiments.presentation.page.charts import bokeh_script, curves_chart, velocities_chart
 from impact_xval.experiments.presentation.page.opened import impulse_curve
-from impact_xval.experiments.sweep.one import SolversApart, solvers_apart
+from impact_xval.experiments.sweep.one import SolversApart, open_solvers_apart
 from impact_xval.experiments.sweep.process import ClosedError
 from impact_xval.model.outcome import Outcome
 
@@ -86,7 +86,7 @@ class ExplorerCells:
                 if self.closed:
                     raise ClosedError
                 if engines not in self._processes:
-                    began = solvers_apart(ENGINES if engines else EXACT)
+                    began = open_solvers_apart(ENGINES if engines else EXACT)
                     self._processes[engines] = self._ending.enter_context(began)
             return self._processes[engines].solve(
                 collision, config, names, get_solver, lambda _: None, points

@@ -81,11 +81,11 @@ def solve_command(
         print_blocks,
         say_waiting,
     )
-    from impact_xval.experiments.sweep.one import solvers_apart
+    from impact_xval.experiments.sweep.one import open_solvers_apart
 
     film = plot is not None and plot.suffix in _FILMS
     chains = typed["arrangement"] is not None or typed["balls"] is not None
-    with solvers_apart(solver or (), chains=chains) as apart:
+    with open_solvers_apart(solver or (), chains=chains) as apart:
         from impact_xval.compliant_baselines.registry import get_solver
 
         collision, chain, config = parse_collision(typed)

@@ -205,14 +205,14 @@ class Pool(Generic[_Context]):
             self._unused.put(slot)
 
 
-class _ClusterScheduler(Protocol):
+class _HasAddress(Protocol):
     address: str
 
 
 class ClusterClient(Protocol):
     """What is used of a `distributed.Client`, whose own annotations are those of coroutines."""
 
-    scheduler: _ClusterScheduler
+    scheduler: _HasAddress
     status: str
 
     def wait_for_workers(self, n_workers: int) -> None:
