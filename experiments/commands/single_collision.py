@@ -178,7 +178,7 @@ def scene_command(
     from impact_xval.compliant_baselines import get_solver
     from impact_xval.experiments.presentation.views import rows_of_cell
     from impact_xval.experiments.sweep.rows import settings_of
-    from impact_xval.experiments.tables.folder import cells_of_run, finished_collisions
+    from impact_xval.experiments.tables.folder import cells_of_run, finished_run_of_pairs
 
     if folder is None:
         collision, _, config = parse_collision(typed)
@@ -187,7 +187,7 @@ def scene_command(
     else:
         if cell is None or any(typed.values()):
             raise UserError(f"{folder}: a cell of a run is named by its number alone; legal: DIR N")
-        run = finished_collisions(folder)
+        run = finished_run_of_pairs(folder)
         config = run.config()
         cells = cells_of_run(run, config)
         if cell >= len(cells):

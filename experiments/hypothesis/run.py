@@ -33,7 +33,7 @@ from impact_xval.experiments.hypothesis.judging import (
     mark_usable,
 )
 from impact_xval.experiments.sweep.run import SweepResult, run_sweep
-from impact_xval.experiments.tables.folder import finished, new_folder, write_text
+from impact_xval.experiments.tables.folder import finished_run, new_folder, write_text
 from impact_xval.experiments.tables.frames import Frame
 from impact_xval.experiments.tables.parquet import replacing
 from impact_xval.model import solve_batch
@@ -237,7 +237,7 @@ def judge_runs(config: HypothesisConfig, root: Path) -> HypothesisResults:
     """Judge the finished runs in a folder."""
     tables, versions = [], {}
     for name, solvers in _solvers_by_run(config).items():
-        folder = finished(root / name)
+        folder = finished_run(root / name)
         rows: Frame = pd.read_parquet(folder.table_path("cells.parquet"), columns=["cell", *_KEPT, *_READ])
         rows = rows[rows.solver.isin(solvers) & (rows.status != "unavailable")]
         rows = rows.merge(pd.read_parquet(root / f"{name}.parquet"), left_on="cell", right_index=True)

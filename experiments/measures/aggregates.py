@@ -16,7 +16,7 @@ from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.frames import AxisValue, Frame
-from impact_xval.experiments.tables.parquet import codes, column, present, selected
+from impact_xval.experiments.tables.parquet import read_codes, read_column, read_selected, read_where_present
 
 #: Columns of ``summary.csv``: which rows, of what, and the statistics of it.
 STATISTICS = ["solver", "cells", "axis", "value", "measure", "n", "mean", "median", "p95", "max"]
@@ -100,10 +100,10 @@ class DivergenceTable:
         if name == OWN_LAW:
             return self._own_law()
         if name != FULL_PATHS:
-            return column(self.path, name)
+            return read_column(self.path, name)
         # Where the model took a limit, its path ends there: it cannot equal one that was followed to the end.
-        followed = codes(self.path, "model_status", ["ok"]) == 0
-        return np.where(followed, column(self.path, "states_equal"), np.nan)
+        followed = read_codes(self.path, "model_status", ["ok"]) == 0
+        return np.where(followed, read_column(self.path, "states_equal"), np.nan)
 
     def _own_law(self) -> NDArray[np.float64]:
         """Compare each path with that of the exact solver of its law, a row above or below in the same cell."""
@@ -111,7 +111,7 @@ class DivergenceTable:
         law = np.array([self.solvers.index(name) if name in self.solvers else -1 for name in laws])
         if not (law >= 0).any():
             return np.full(len(self.rows), np.nan)
-        paths = selected(self.path, ["states_compared"])["states_compared"].combine_chunks()
+        paths = read_selected(self.path, ["states_compared"])["states_compared"].combine_chunks()
         paths = paths.indices.fill_null(-1).to_numpy().reshape(-1, len(law))
         compared = self.rows.compared.to_numpy().reshape(-1, len(law))
         there = compared & compared[:, law] & (law >= 0)
@@ -129,14 +129,14 @@ def load_divergence(folder: RunFolder, config: Config) -> DivergenceTable:
     """Read the columns of the table of divergence by which everything is grouped; measures are read as needed."""
     path = folder.table_path("divergence.parquet")
     solvers = [name for name in config.solvers if name != REFERENCE]
-    rows = pd.DataFrame({"solver": pd.Categorical.from_codes(codes(path, "solver", solvers), solvers)})
+    rows = pd.DataFrame({"solver": pd.Categorical.from_codes(read_codes(path, "solver", solvers), solvers)})
     levels = {}
     for axis in AXES if config.chain is None else CHAIN_AXES:
-        x = column(path, axis)
+        x = read_column(path, axis)
         levels[axis] = axis_levels(config, axis, x)
         rows[axis] = pd.Categorical.from_codes(levels[axis].codes(x), levels[axis].values)
-    rows["compared"] = ~np.isnan(column(path, "velocity_divergence"))
-    rows["marked"] = present(path, "marked")
+    rows["compared"] = ~np.isnan(read_column(path, "velocity_divergence"))
+    rows["marked"] = read_where_present(path, "marked")
     return DivergenceTable(path, solvers, levels, rows)
 
 

@@ -42,7 +42,13 @@ from impact_xval.experiments.measures.ladder import (
 )
 from impact_xval.experiments.tables.folder import RunFolder, Tally, statuses_of
 from impact_xval.experiments.tables.frames import AxisValue, Frame, FrameRow
-from impact_xval.experiments.tables.parquet import codes, column, present, rows_at, selected
+from impact_xval.experiments.tables.parquet import (
+    read_codes,
+    read_column,
+    read_selected,
+    read_where_present,
+    rows_at,
+)
 from impact_xval.model.arrays import Floats
 from impact_xval.model.status import RESULT_STATUSES
 
@@ -96,8 +102,8 @@ class Summary:
         self.estimates = limit_estimates(cells, config.solvers, config.mapping, marked=pair)
         self.ladder = summarise_ladder(folder, config)
         # Rows of a cell are in the order of the solvers, the model first; where that is marked they all are.
-        marked = present(cells, "marked").reshape(-1, len(config.solvers))
-        result = (codes(cells, "status", RESULT_STATUSES) >= 0).reshape(marked.shape)
+        marked = read_where_present(cells, "marked").reshape(-1, len(config.solvers))
+        result = (read_codes(cells, "status", RESULT_STATUSES) >= 0).reshape(marked.shape)
         beyond = (marked & result & ~marked[:, :1]).sum(axis=0).tolist()
         #: Cells, and those of them in which the model is marked.
         self.n_cells, self.n_marked = len(marked), int(marked[:, 0].sum())
@@ -167,10 +173,10 @@ def pairwise_divergence(path: Path, config: Config) -> Frame:
 
     Columns: ``solver, other, n, median, p95, max``. D is near zero where two solvers differ from the model by the same.
     """
-    done = (codes(path, "status", RESULT_STATUSES) >= 0) & ~present(path, "marked")
-    speed = np.where(done, np.abs(column(path, "v0")), np.nan)
-    u1 = (column(path, "v1") / speed).reshape(-1, len(config.solvers))
-    u2 = (np.sqrt(column(path, "mass_ratio")) * column(path, "v2") / speed).reshape(u1.shape)
+    done = (read_codes(path, "status", RESULT_STATUSES) >= 0) & ~read_where_present(path, "marked")
+    speed = np.where(done, np.abs(read_column(path, "v0")), np.nan)
+    u1 = (read_column(path, "v1") / speed).reshape(-1, len(config.solvers))
+    u2 = (np.sqrt(read_column(path, "mass_ratio")) * read_column(path, "v2") / speed).reshape(u1.shape)
     rows = []
     for (a, name), (b, other) in combinations(enumerate(config.solvers), 2):
         d = pd.Series(np.hypot(u1[:, a] - u1[:, b], u2[:, a] - u2[:, b])).dropna()
@@ -198,7 +204,7 @@ def limit_estimates(
         keep = (pc.field("solver") == name) & pc.field("v1_limit").is_valid()
         if not marked:
             keep &= pc.field("marked").is_null()
-        table = selected(path, [*known, *limits, *velocities], keep).to_pandas()
+        table = read_selected(path, [*known, *limits, *velocities], keep).to_pandas()
         if not len(table):
             continue
         good = table[table.status.isin(RESULT_STATUSES)]
@@ -268,7 +274,7 @@ def summarise_ladder(folder: RunFolder, config: Config) -> LadderSummary:
     columns += [*(AXES if pair else CHAIN_AXES), "velocity_divergence"]
     regular = (pc.field("status") == "ok") & pc.field("marked").is_null()  # others count in no statistic
     for solver in filter(is_engine, config.solvers):
-        rows = selected(path, columns, regular & (pc.field("solver") == solver)).to_pandas()
+        rows = read_selected(path, columns, regular & (pc.field("solver") == solver)).to_pandas()
         for axis, region in (_region_values(rows, config) if len(rows) else {}).items():
             found = _statistics_by_region(rows, pd.Series(region, name="value"), gravity=pair)
             frames.append(found.assign(solver=solver, axis=axis))

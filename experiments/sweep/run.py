@@ -41,11 +41,11 @@ from impact_xval.experiments.tables.folder import (
     Manifest,
     RunFolder,
     Session,
+    lock_for_writing,
     presenting_lock,
     read_part,
     statuses_of,
     tables_lock,
-    writing,
 )
 
 #: Given how many cells are done, of how many, and a line worth saying ("" if none).
@@ -126,7 +126,11 @@ def run_sweep(
     experiment, cells = Experiment(config, resolve), experiment_cells(config)
     workers = workers or config.workers or available_cores()
     say = functools.partial(progress, 0, 0)
-    with _one_line(root), cluster(scheduler) as client, writing(root, config, shard) as (folder, continued):
+    with (
+        _one_line(root),
+        cluster(scheduler) as client,
+        lock_for_writing(root, config, shard) as (folder, continued),
+    ):
         run = _Run(experiment, cells, folder, shard, progress)
         log = folder.root / "solvers.log"
         with open_pool(

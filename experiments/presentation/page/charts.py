@@ -41,7 +41,7 @@ from impact_xval.experiments.presentation.words import (
 )
 from impact_xval.experiments.tables.frames import Frame
 from impact_xval.experiments.tables.numbers import join_words
-from impact_xval.experiments.tables.parquet import column
+from impact_xval.experiments.tables.parquet import read_column
 
 #: Most tiles of a map: a browser draws these at once, and a page has room for them.
 TILES = 1000
@@ -81,7 +81,7 @@ def make_tiles(table: DivergenceTable) -> Tiles:
     cell of a grid. Of columns those that have several values in every cell.
     """
     rows = table.rows.assign(d=table.measure("velocity_divergence"))
-    rows["cell"] = column(table.path, "cell").astype(np.int64)
+    rows["cell"] = read_column(table.path, "cell").astype(np.int64)
     rows["rank"] = rows.d.where(table.regular, -1.0)  # those that are kept apart come last
     for axis, levels in table.levels.items():
         rows[axis] = rows[axis].cat.reorder_categories(sorted(levels.values))
@@ -97,7 +97,7 @@ def make_tiles(table: DivergenceTable) -> Tiles:
     axes = [along, *up]
     for axis in axes if count(*axes) > TILES else ():
         if count(axis) > _FEW:
-            x = column(table.path, axis)
+            x = read_column(table.path, axis)
             bins = levels_of(x)
             rows[axis] = pd.Categorical.from_codes(bins.codes(x), bins.values)
     rows["tile"] = rows.groupby(axes, observed=True).ngroup()  # numbered in the order of the axes

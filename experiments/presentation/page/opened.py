@@ -28,7 +28,7 @@ from impact_xval.experiments.sweep.curves import points_to_keep
 from impact_xval.experiments.sweep.rows import settings_of
 from impact_xval.experiments.tables.folder import RunFolder, cells_of_run
 from impact_xval.experiments.tables.frames import Record
-from impact_xval.experiments.tables.parquet import selected
+from impact_xval.experiments.tables.parquet import read_selected
 from impact_xval.model.collision import Collision
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.status import RESULT_STATUSES
@@ -94,7 +94,7 @@ def collect_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, CellCont
 
     def rows(table: str, *columns: str) -> list[Record]:
         is_shown = pc.field("cell").isin(list(cells))
-        return selected(
+        return read_selected(
             folder.table_path(f"{table}.parquet"), ["cell", "solver", *columns], is_shown
         ).to_pylist()
 

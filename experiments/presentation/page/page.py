@@ -49,7 +49,7 @@ from impact_xval.experiments.presentation.words import (
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.frames import FrameRow
 from impact_xval.experiments.tables.numbers import number, percent
-from impact_xval.experiments.tables.parquet import column
+from impact_xval.experiments.tables.parquet import read_column
 
 #: Figures of a run: captions by name.
 Captions = Mapping[str, str]
@@ -376,7 +376,7 @@ def _method_section(folder: RunFolder, summary: Summary) -> Section:
     """Return the section on the method and its limitations."""
     span: list[str] = []
     if summary.config.scenario == "drop":
-        values = column(folder.table_path("cells.parquet"), "gravity_number")
+        values = read_column(folder.table_path("cells.parquet"), "gravity_number")
         span = [number(value, 2) for value in (values.min(), values.max())]
     said = render_template(
         "method.html.j2", c=summary.config, gravity_number=" to ".join(dict.fromkeys(span))

@@ -29,7 +29,7 @@ from impact_xval.experiments.presentation.words import display_name
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.frames import Frame
 from impact_xval.experiments.tables.numbers import number, percent
-from impact_xval.experiments.tables.parquet import column, selected
+from impact_xval.experiments.tables.parquet import read_column, read_selected
 
 #: Figures and the axes that they are drawn over, for two balls and for chains; labels of the axes.
 _STACKS = {
@@ -137,11 +137,13 @@ def make_trust_maps(folder: RunFolder, config: Config) -> Frame | None:
     of the contribution, NaN where nothing is.
     """
     path = folder.table_path("ladder.parquet")
-    levels = {axis: axis_levels(config, axis, column(path, axis)) for axis in _PLANE}
+    levels = {axis: axis_levels(config, axis, read_column(path, axis)) for axis in _PLANE}
     there = set(pq.read_schema(path).names)
     shares = {f"{c.name}_share": c.name for c in CONTRIBUTIONS if f"{c.name}_share" in there}
     columns = ["solver", "status", *_PLANE, "velocity_divergence", *shares]
-    rows = selected(path, columns, (pc.field("status") == "ok") & pc.field("marked").is_null()).to_pandas()
+    rows = read_selected(
+        path, columns, (pc.field("status") == "ok") & pc.field("marked").is_null()
+    ).to_pandas()
     rows = rows[rows.solver.map(is_engine).astype(bool)]
     if rows.empty or min(len(each.values) for each in levels.values()) < 2:
         return None
