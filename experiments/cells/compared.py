@@ -58,7 +58,7 @@ _CHAIN_NOTE = (
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class SolverComparison:
-    """Outcomes of several solvers for one collision or chain; a notebook shows a table and a picture.
+    """Outcomes of all solvers that solved one collision or chain; a notebook shows a table and a picture.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class SolverComparison:
 
     @property
     def is_chain(self) -> bool:
-        """Whether the problem was set up as a chain, or is not that of the paper, two balls on a table."""
+        """Return whether the problem was set up as a chain, or is not that of the paper, two balls on a table."""
         return self.chain is not None or not self.problem.falls_on_resting
 
     @property

@@ -130,6 +130,8 @@ def explorer_page() -> str:
 
 
 class _Server(ThreadingHTTPServer):
+    """The server of the page, one thread per request."""
+
     #: Threads are joined: one that imported while the interpreter ended aborted it ("exception not rethrown").
     daemon_threads = False
     cells: ExplorerCells
@@ -143,6 +145,8 @@ class _Server(ThreadingHTTPServer):
 
 
 class _Request(BaseHTTPRequestHandler):
+    """One request of a browser: for the page, or for a cell."""
+
     #: Seconds until a silent connection is closed: browsers open connections in advance.
     timeout = 5
 

@@ -157,7 +157,7 @@ def contact_command(
 
 
 def _needs_no_spring(engine: str, asked: Mapping[str, Numbers]) -> bool:
-    """Tell whether no spring is given, and none is needed: all targets of the engine take a restitution."""
+    """Return whether a contact is given without a spring for an engine whose targets all take a restitution."""
     from impact_xval.compliant_baselines.targets import targets_for
 
     has_spring = any(name in asked for name in ("stiffness", "duration", "sink"))
@@ -248,7 +248,7 @@ def _body_pairs_of_numbers(
     tolerance: float,
     speed: float,
 ) -> list[Pair]:
-    """Return the pairs asked for by numbers; with a step they have the shortest duration that it could carry."""
+    """Return the pairs of bodies that numbers ask for; a step gives them the shortest duration that it could carry."""
     from impact_xval.compliant_baselines.asked_contact import SPRING_NAMES, AskedContact
     from impact_xval.compliant_baselines.single_contact import Pair, bodies_of_contacts
 

@@ -151,7 +151,7 @@ class ConvergenceTable(Strict):
 
 
 class Config(Strict):
-    """An experiment: what is computed, by which solvers and how."""
+    """An experiment, as its file says it: which cells are computed, by which solvers and how."""
 
     name: str = Field("default", description=_NAME)
     scenario: Literal["impact", "drop"] = Field("drop", description="'impact' or 'drop'")

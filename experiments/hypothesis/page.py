@@ -145,6 +145,7 @@ def _format_verdict(row: FrameRow) -> str:
 
 
 def _rows_of_class_all(table: Frame) -> Frame:
+    """Return the verdicts on all points of a limiting case, without those on its classes of points."""
     return table[table["class"] == "all"]
 
 
@@ -183,6 +184,7 @@ def _verdict_table(results: HypothesisResults) -> Table:
 
 
 def _format_cell(row: FrameRow) -> str:
+    """Write a verdict for the page: below it the contrast from which D is small, and the rate or the range of D."""
     more = "within its error" if row.within_error else ""
     if row.verdict == "supported":
         low, high = (format(end, ".2f") for end in (row.rate_low, row.rate_high))

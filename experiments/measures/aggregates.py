@@ -36,20 +36,23 @@ _WIDE = 20.0
 
 @dataclass(frozen=True, slots=True)
 class AxisLevels:
-    """Levels of one axis: its values, or the middles of bins, of which each but the first begins at an edge."""
+    """Levels of one axis, by which rows are grouped: its values, or the middles of bins.
+
+    With bins `edges` has the lower end of every bin but the first.
+    """
 
     values: Sequence[AxisValue]
     edges: NDArray[np.float64] | None = None
 
     def codes(self, x: np.ndarray) -> NDArray[np.intp]:
-        """Position in `values` of each x; -1 of NaN where there are no bins."""
+        """Return the position in `values` of each x; without bins -1 for NaN."""
         if self.edges is None:
             return pd.Index(self.values).get_indexer(x)
         return np.searchsorted(self.edges, x, side="right")
 
 
 def axis_levels(config: Config, axis: str, x: np.ndarray) -> AxisLevels:
-    """Levels of an axis: the values of a grid or of chains, else what scattered values fall into."""
+    """Return the levels of an axis: the values of a grid or of chains, else the bins of scattered values."""
     if config.chain is not None:
         return AxisLevels(sorted(set(pd.Series(x).dropna())))
     scattered = config.sample is not None or config.cells is not None
@@ -60,7 +63,7 @@ def axis_levels(config: Config, axis: str, x: np.ndarray) -> AxisLevels:
 
 
 def levels_of(x: NDArray[np.float64]) -> AxisLevels:
-    """Levels of scattered values; 0 and infinity, where they occur, are levels of their own."""
+    """Return the levels of scattered values; 0 and infinity, where they occur, are levels of their own."""
     unique = np.unique(x)
     if len(unique) <= _FEW:
         return AxisLevels(unique.tolist())

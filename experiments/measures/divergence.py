@@ -156,8 +156,7 @@ class Comparison:
     results: SolverResults
     #: Which jump of the model or of the solver is near, or which cut-off decides, by cell; empty where none does.
     marked: Texts
-    #: All measures; none for the model itself.
-    #: Measures by the names of their columns (`schema.MEASURES`).
+    #: Measures by the names of their columns (`schema.MEASURES`); none for the model itself.
     measures: ColumnArrays
 
     def __getitem__(self, place: slice) -> Comparison:
@@ -216,7 +215,7 @@ def results_of(
 
 
 def _results_of_arrays(outcomes: Outcomes, balls: int, contacts: int, *, with_states: bool) -> SolverResults:
-    """Read outcomes that are arrays already."""
+    """Return the results of outcomes that are arrays already."""
     n = len(outcomes)
     return SolverResults(
         velocities=_pad(outcomes.velocities, balls),
@@ -236,7 +235,7 @@ def _results_of_arrays(outcomes: Outcomes, balls: int, contacts: int, *, with_st
 
 
 def _results_of_list(outcomes: Sequence[Outcome], balls: int, contacts: int) -> SolverResults:
-    """Read outcomes one by one."""
+    """Return the results of a list of outcomes, which are read one by one."""
     names = dict.fromkeys(name for outcome in outcomes for name in outcome.diagnostics)
     return SolverResults(
         velocities=_pad([outcome.velocities for outcome in outcomes], balls),
@@ -268,7 +267,7 @@ def _pad(rows: Floats | Sequence[Sequence[float]], width: int) -> Floats:
 
 
 def masses_and_starts(collisions: Sequence[Collision], balls: int) -> tuple[Floats, Floats]:
-    """Masses in kg and velocities at first touch in m/s, shape (n, N), NaN where a cell has fewer balls."""
+    """Return masses in kg and velocities at first touch in m/s, shape (n, N); NaN where a cell has fewer balls."""
     if isinstance(collisions, Collisions):
         return _pad(collisions.masses, balls), _pad(collisions.velocities, balls)
     masses, velocities = ([getattr(c, name) for c in collisions] for name in ("masses", "velocities"))
@@ -276,7 +275,7 @@ def masses_and_starts(collisions: Sequence[Collision], balls: int) -> tuple[Floa
 
 
 def norms(masses: Floats, differences: Floats, starts: Floats) -> Floats:
-    """D: kinetic norms, over balls, of differences of velocities over those of the velocities at first touch."""
+    """Return D, shape (n,): the kinetic norm of differences of velocities over that of the first velocities."""
     with np.errstate(over="ignore", invalid="ignore"):
         return kinetic_norm(masses, differences) / kinetic_norm(masses, starts)
 
@@ -326,12 +325,12 @@ def divergence(
 
 
 def retained_energy(masses: Floats, starts: Floats, results: SolverResults) -> Floats:
-    """Kinetic energy after the collision over that before it, shape (n,)."""
+    """Return the kinetic energy after the collision over that before it, shape (n,)."""
     return norms(masses, results.velocities, starts) ** 2
 
 
 def retained_momentum(masses: Floats, starts: Floats, results: SolverResults) -> Floats:
-    """Momentum after the collision over that before it, shape (n,), with its sign.
+    """Return the momentum after the collision over that before it, shape (n,), with its sign.
 
     It is 1 without a table, and negative where balls that fell leave a table upwards.
     """
@@ -342,13 +341,13 @@ def retained_momentum(masses: Floats, starts: Floats, results: SolverResults) ->
 
 
 def first_difference(a: Sequence[str], b: Sequence[str]) -> int | None:
-    """Position, from 1, of the first state that only one of two sequences has there; None if they are equal."""
+    """Return the position, from 1, of the first state in which two sequences differ; None if they are equal."""
     pairs = enumerate(zip_longest(a, b), start=1)
     return next((position for position, (x, y) in pairs if x != y), None)
 
 
 def edit_distance(a: Sequence[str], b: Sequence[str]) -> int:
-    """Least number of insertions, deletions and substitutions that turn a into b (Levenshtein)."""
+    """Return the least number of insertions, deletions and substitutions that turn a into b (Levenshtein)."""
     row = list(range(len(b) + 1))
     for i, x in enumerate(a, start=1):
         diagonal, row[0] = row[0], i

@@ -241,7 +241,7 @@ def split(weights: Floats, corners: Corners, limit: Floats, engine: Floats) -> S
 
 
 def _norm(weights: Floats, differences: Floats) -> Floats:
-    """Kinetic norm."""
+    """Return the kinetic norm of differences of velocities over the last axis."""
     return np.sqrt((weights * differences**2).sum(axis=-1))
 
 

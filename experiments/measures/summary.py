@@ -190,11 +190,18 @@ def limit_estimates(
 ) -> Frame:
     """Compute how far each engine is from its limit dt -> 0, and how well that is known, from the table of cells.
 
-    Columns, per abs(v0) and the largest of all balls: ``solver``; ``asked``, the exact solver of the law it was asked
-    for, "" without one; ``n`` limits, ``converged`` of them; ``order``, the median; ``regularisation``, the largest;
-    median, 95 % and largest of ``error``, estimated errors, of ``step``, distances from the velocities at the step, and
-    of ``asked``, distances of the `held` limits from the exact solver where that is in the run; ``honest``, the share
-    of these that are at most `HONEST` times the estimate. Without `marked` the rows that are count in nothing.
+    One row per engine. Errors and distances are of velocities per abs(v0), the largest of all balls. Columns:
+
+    * ``solver``; ``asked``, the exact solver of the law that the engine was asked for, "" without one;
+    * ``n``, the number of limits; ``converged``, the number of those that converged;
+    * ``order``, the median; ``regularisation``, the largest;
+    * ``error_median``, ``error_p95``, ``error_max``: of the estimated errors; ``step_...``: of the distances between
+      the limits and the velocities at the step; ``asked_...``: of the distances between the limits and the exact
+      solver, where that is in the run;
+    * ``held``, the number of these last distances; ``honest``, the share of them that are at most `HONEST` times the
+      estimate.
+
+    Without `marked` the marked rows are left out.
     """
     limits = [name for name in pq.read_schema(path).names if re.fullmatch(r"v\d+_limit", name)]
     velocities = [name.removesuffix("_limit") for name in limits]
@@ -261,7 +268,7 @@ class LadderSummary:
 
 
 def band_of(stiffness_ratio: ArrayLike) -> Floats:
-    """Lower edge of the band of each k2/k1."""
+    """Return the lower edge of the band of each k2/k1."""
     ratio = np.asarray(stiffness_ratio, dtype=float)
     return np.where(ratio < 0.1, 0.0, np.where(ratio <= 10.0, 0.1, 10.0))
 
@@ -286,7 +293,7 @@ def summarise_ladder(folder: RunFolder, config: Config) -> LadderSummary:
 
 
 def _region_values(rows: Frame, config: Config) -> dict[str, np.ndarray]:
-    """By axis, the value by which every row is grouped; of chains only by axes that have several."""
+    """Return by axis the value by which every row is grouped; for chains only axes with several values."""
     regions: dict[str, np.ndarray] = {"all": np.zeros(len(rows))}
     if config.chain is not None:
         # strikers are of cradles alone
@@ -331,7 +338,7 @@ def _statistics_by_region(rows: Frame, region: Frame, *, gravity: bool) -> Frame
 
 
 def ladder_statistics_for_csv(ladder: LadderSummary) -> list[Frame]:
-    """Return the statistics in the columns of ``summary.csv``: a norm, a share and its range, by cause and region."""
+    """Return the statistics of ladders as rows of ``summary.csv``: norms, shares and their ranges."""
     table = ladder.statistics.assign(cells="regular")
     frames = [table.assign(measure="norm_" + table.contribution)]
     for measure, statistic in (("share", "share"), ("share_low", "low"), ("share_high", "high")):

@@ -41,7 +41,7 @@ LABELS = {c.name: c.label for c in CONTRIBUTIONS}
 
 
 def row_noun(summary: Summary) -> str:
-    """Return the word for the rows of a run: cells or chains."""
+    """Return the plural noun for the rows of a run: ``cells`` or ``chains``."""
     return "cells" if summary.config.chain is None else "chains"
 
 

@@ -80,6 +80,7 @@ def begin_compiling(pool: SlotPool[Experiment], experiment: Experiment) -> None:
 
 
 def _compile_in(slot: Slot[Experiment], names: Sequence[str], pair: bool) -> None:
+    """Have a process of the slot compile the kernels of solvers."""
     slot.compile(compile_own, slot.context.resolve, names, pair)
 
 
@@ -275,7 +276,10 @@ class Chunk:
 
 
 def solver_versions(slot: Slot[Experiment]) -> Versions:
-    """Versions of the project and of every solver; why not, for one that is unavailable. They are asked once."""
+    """Return the versions of the project and of every solver, which are asked once.
+
+    An unavailable solver has the reason in place of its version.
+    """
     if not slot.versions:
         found = {"impact-xval": version("impact-xval")}
         for name in slot.context.config.solvers:
@@ -294,5 +298,6 @@ def ask_version(slot: Slot[_Context], resolve: Resolve, name: str) -> tuple[str,
 
 
 def _version_and_reason(_: object, resolve: Resolve, name: str) -> tuple[str, str | None]:
+    """Return the version of a solver, and the reason why it cannot run or None."""
     solver = resolve(name)
     return stated_version(solver), why_unavailable(solver)

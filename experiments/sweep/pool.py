@@ -206,11 +206,13 @@ class Pool(Generic[_Context]):
 
 
 class _HasAddress(Protocol):
+    """The scheduler of a cluster, of which only the address is used."""
+
     address: str
 
 
 class ClusterClient(Protocol):
-    """What is used of a `distributed.Client`, whose own annotations are those of coroutines."""
+    """The part of a `distributed.Client` that is used here; its own annotations are those of coroutines."""
 
     scheduler: _HasAddress
     status: str

@@ -49,7 +49,7 @@ _LARGEST = 1e150
 
 @dataclass(frozen=True)
 class Experiment:
-    """An experiment, and the function that finds a solver by its name; every process of a run is given it once."""
+    """A `Config` with the function that finds its solvers by name: the context of every process of a run."""
 
     config: Config
     resolve: Resolve = get_solver

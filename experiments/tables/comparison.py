@@ -118,6 +118,7 @@ _ELSEWHERE = ("name", "workers", "grid", "sample", "cells", "chain", "solvers", 
 
 
 def _differing(a: Mapping[str, object], b: Mapping[str, object]) -> dict[str, tuple[str, str]]:
+    """Return the values of the keys that both have and in which they differ, as texts."""
     return {key: (str(a[key]), str(b[key])) for key in a if key in b and a[key] != b[key]}
 
 

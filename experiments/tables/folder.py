@@ -349,6 +349,7 @@ def check_continues(root: Path) -> None:
 
 
 def _check_same_experiment(folder: RunFolder, config: Config) -> None:
+    """Refuse a folder that holds a run of another experiment; the error names the first key that differs."""
     stored = folder.config()
     if stored.identity() == config.identity():
         return

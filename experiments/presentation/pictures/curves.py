@@ -49,6 +49,7 @@ def draw_cell_curves(curves: Frame, config: Config) -> Iterator[Drawn]:
 
 
 def _draw_whole_and_ends(points: Mapping[str, np.ndarray], mass_ratio: float) -> Figure:
+    """Draw impulse curves by solver in two panels: whole, and enlarged where they end."""
     with styled_figure(9.2, 4.2) as figure:
         whole, detail = figure.subplots(1, 2)
         for ax, title in ((whole, "whole curves"), (detail, "where the curves end")):

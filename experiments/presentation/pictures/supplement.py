@@ -107,6 +107,7 @@ def _caption(row: str, section: str, apart: str, panels: list[Panel]) -> str:
 
 
 def _draw_panels(panels: list[Panel]) -> Figure:
+    """Draw panels side by side, the printed and the exact numbers below each."""
     with styled_figure(7.2, 4.9) as figure:
         upper, lower = figure.subplots(2, len(panels), height_ratios=(6, 1))
         for ax, below, panel in zip(upper, lower, panels, strict=True):
