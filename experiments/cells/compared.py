@@ -36,7 +36,7 @@ from impact_xval.experiments.presentation.words import (
     describe_chain,
     describe_shared_laws,
 )
-from impact_xval.experiments.sweep.one import solvers_apart
+from impact_xval.experiments.sweep.one import open_solvers_apart
 from impact_xval.experiments.tables.numbers import join_words, number
 from impact_xval.model.collision import Collision
 from impact_xval.model.kinetic import kinetic_norm
@@ -58,7 +58,7 @@ _CHAIN_NOTE = (
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class SolverComparison:
-    """Outcomes of several solvers for one collision or chain; a notebook shows a table and a picture.
+    """Outcomes of all solvers that solved one collision or chain; a notebook shows a table and a picture.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class SolverComparison:
 
     @property
     def is_chain(self) -> bool:
-        """Whether the problem was set up as a chain, or is not that of the paper, two balls on a table."""
+        """Return whether the problem was set up as a chain, or is not that of the paper, two balls on a table."""
         return self.chain is not None or not self.problem.falls_on_resting
 
     @property
@@ -87,15 +87,16 @@ class SolverComparison:
         return {name: measures["velocity_divergence"] for name, measures in self._measures.items()}
 
     @property
-    def scaled(self) -> dict[str, list[float]]:
+    def scaled_velocities(self) -> dict[str, list[float]]:
         """Velocities per speed of impact by solver, in the order of laws; solvers without a result are skipped."""
-        return {name: velocities for name, velocities in self._known.items() if self._mark(name) == ""}
+        known = self._known_velocities
+        return {name: velocities for name, velocities in known.items() if self._no_result_mark(name) == ""}
 
     #: How a chain was set up, in words; empty if it is not known.
     setup = property(lambda self: "" if self.chain is None else describe_chain(self.chain))
 
     @property
-    def _known(self) -> dict[str, list[float]]:
+    def _known_velocities(self) -> dict[str, list[float]]:
         """Velocities per speed of impact by solver, in the order of laws; solvers without velocities are skipped."""
         all_of = {name: self.outcomes[name].velocities for name in sort_by_law(self.outcomes)}
         return {
@@ -104,7 +105,7 @@ class SolverComparison:
             if np.isfinite(all_of[name]).all()
         }
 
-    def _mark(self, name: str) -> str:
+    def _no_result_mark(self, name: str) -> str:
         """Return the mark after the numbers of a solver without a result; empty for other solvers."""
         return "" if self.outcomes[name].status in RESULT_STATUSES else NO_RESULT
 
@@ -118,7 +119,7 @@ class SolverComparison:
         D is the kinetic norm of the difference of final velocities over that of the velocities at first touch.
         """
         masses, length = self.problem.masses, kinetic_norm(self.problem.masses, self.problem.velocities)
-        results = {name: np.array(self.outcomes[name].velocities) for name in self.scaled}
+        results = {name: np.array(self.outcomes[name].velocities) for name in self.scaled_velocities}
         return {
             (first, second): float(kinetic_norm(masses, results[second] - results[first]) / length)
             for first, second in itertools.combinations(results, 2)
@@ -165,8 +166,8 @@ class SolverComparison:
             drawable_paths,
         )
 
-        if self.is_chain and self.scaled:
-            return draw_velocities(self.scaled)
+        if self.is_chain and self.scaled_velocities:
+            return draw_velocities(self.scaled_velocities)
         if not self.is_chain and (paths := drawable_paths(self.problem, self.outcomes)):
             return draw_collision(self.problem, paths)
         statuses = {name: outcome.status for name, outcome in self.outcomes.items()}
@@ -177,7 +178,7 @@ class SolverComparison:
         table = self._chain_table() if self.is_chain else self._collision_table()
         setup = capitalise_first(f"{self.setup}.") if self.setup else ""
         note = _CHAIN_NOTE if self.is_chain and table.rows else ""
-        withheld = WHAT_NO_RESULT_IS if any(map(self._mark, self._known)) else ""
+        withheld = WHAT_NO_RESULT_IS if any(map(self._no_result_mark, self._known_velocities)) else ""
         reasons = [
             f"{n}: {outcome.status}: {outcome.reason}"
             for n, outcome in self.outcomes.items()
@@ -197,12 +198,12 @@ class SolverComparison:
                     table,
                     note,
                     withheld,
-                    self._matrix(),
+                    self._pairwise_table(),
                     describe_shared_laws(self.outcomes),
                     *reasons,
                     *marks,
                     *differences,
-                    self._versions(),
+                    self._describe_versions(),
                 ],
             )
         ]
@@ -231,7 +232,7 @@ class SolverComparison:
     __repr__ = __str__
 
     def _collision_table(self) -> Table:
-        divergences, velocities, unit = self.divergences, self._known, self.problem.units.impulse
+        divergences, velocities, unit = self.divergences, self._known_velocities, self.problem.units.impulse
         rows: list[tuple[str, ...]] = []
         for name in sort_by_law(self.outcomes):
             outcome, cells = self.outcomes[name], ["-"] * 6
@@ -243,9 +244,9 @@ class SolverComparison:
         header = "law solver status v1/|v0| v2/|v0| I1/(m1|v0|) I2/(m1|v0|) D states"
         return Table(header.split(), rows, text=3)
 
-    def _matrix(self) -> Table | None:
+    def _pairwise_table(self) -> Table | None:
         """Lay out D between every two solvers; None with fewer than three, whose D the other table has."""
-        names, between = list(self.scaled), self.between
+        names, between = list(self.scaled_velocities), self.between
         if len(names) < 3:
             return None
         rows = [
@@ -255,7 +256,7 @@ class SolverComparison:
         filled = [(*row, *[""] * (len(names) - len(row))) for row in rows[1:]]
         return Table(["solver", *names[:-1]], filled, "D between every two solvers")
 
-    def _versions(self) -> str:
+    def _describe_versions(self) -> str:
         """Name the versions of the project and of the engines and plug-ins that solved this."""
         foreign = [name for name in self.outcomes if is_engine(name) or not is_ours(name)]
         of_foreign = [f"{name} {self.versions[name]}" for name in foreign if self.versions.get(name)]
@@ -264,13 +265,13 @@ class SolverComparison:
 
     def _format_number(self, name: str, value: float) -> str:
         """Write a number of a solver, with its mark."""
-        return "-" if np.isnan(value) else f"{value:.6f}{self._mark(name)}"
+        return "-" if np.isnan(value) else f"{value:.6f}{self._no_result_mark(name)}"
 
     def _chain_table(self) -> Table:
         """Lay out a chain with one row per fact and one column per solver, because facts outnumber solvers."""
         measures = self._measures
         facts: dict[str, dict[str, str]] = {}
-        for name, velocities in self._known.items():
+        for name, velocities in self._known_velocities.items():
             outcome, measured = self.outcomes[name], measures[name]
             facts[name] = {
                 "law": law_name_of(name) or "-",
@@ -314,6 +315,6 @@ def compare(
     """
     names = [solvers] if isinstance(solvers, str) else list(solver_names() if solvers is None else solvers)
     config = parse_config({"scenario": "impact", "cell_timeout": timeout, "solvers": names}, where="")
-    with solvers_apart(config.solvers, chains=not problem.falls_on_resting) as apart:
+    with open_solvers_apart(config.solvers, chains=not problem.falls_on_resting) as apart:
         outcomes = apart.solve(problem, config, config.solvers, get_solver, say_waiting)
         return SolverComparison(problem, outcomes, versions=apart.versions)

@@ -29,7 +29,7 @@ from impact_xval.experiments.presentation.document import Table
 from impact_xval.experiments.presentation.html import render_blocks, render_page, render_template
 from impact_xval.experiments.presentation.page.charts import bokeh_script, curves_chart, velocities_chart
 from impact_xval.experiments.presentation.page.opened import impulse_curve
-from impact_xval.experiments.sweep.one import SolversApart, solvers_apart
+from impact_xval.experiments.sweep.one import SolversApart, open_solvers_apart
 from impact_xval.experiments.sweep.process import ClosedError
 from impact_xval.model.outcome import Outcome
 
@@ -46,11 +46,11 @@ class ExplorerCells:
 
     def __init__(self, ending: contextlib.ExitStack) -> None:
         self._ending = ending
-        self._apart: dict[bool, SolversApart] = {}
-        self._turn = {engines: threading.Lock() for engines in (False, True)}
+        self._processes: dict[bool, SolversApart] = {}
+        self._locks = {engines: threading.Lock() for engines in (False, True)}
         self._starting, self.closed = threading.Lock(), False
         # The table is asked for again as each of the engines ends.
-        self._engine = lru_cache(64)(self._solve)
+        self._solve_cached = lru_cache(64)(self._solve)
 
     def answer(self, query: str) -> dict[str, object]:
         """Return what a page shows of an address, options of `solve` and ``solver`` for every engine.
@@ -66,29 +66,31 @@ class ExplorerCells:
         outcomes = self._solve(typed, EXACT)
         for key, name in given:
             if key == "solver" and name in ENGINES:
-                outcomes |= self._engine(typed, (name,))
+                outcomes |= self._solve_cached(typed, (name,))
         versions = {
-            name: version for apart in self._apart.values() for name, version in apart.versions.items()
+            name: version for apart in self._processes.values() for name, version in apart.versions.items()
         }
         compared = SolverComparison(collision, outcomes, chain, versions)
         blocks = compared.blocks()
         if compared.is_chain:  # its table counts states
             rows = [(name, " ".join(outcome.states)) for name, outcome in outcomes.items() if outcome.states]
             blocks.append(Table(["solver", "contacts that act"], rows, text=2))
-        return {"results": render_blocks(blocks), "data": _data(compared)}
+        return {"results": render_blocks(blocks), "data": _chart_sources(compared)}
 
     def _solve(self, typed: tuple[tuple[str, str], ...], names: tuple[str, ...]) -> dict[str, Outcome]:
         """Solve a cell by engines or by exact solvers, after the earlier cells of the same sort."""
         collision, chain, config = parse_collision(dict(typed))
         engines, points = names != EXACT, None if chain is None else 0
-        with self._turn[engines]:
+        with self._locks[engines]:
             with self._starting:
                 if self.closed:
                     raise ClosedError
-                if engines not in self._apart:
-                    began = solvers_apart(ENGINES if engines else EXACT)
-                    self._apart[engines] = self._ending.enter_context(began)
-            return self._apart[engines].solve(collision, config, names, get_solver, lambda _: None, points)
+                if engines not in self._processes:
+                    began = open_solvers_apart(ENGINES if engines else EXACT)
+                    self._processes[engines] = self._ending.enter_context(began)
+            return self._processes[engines].solve(
+                collision, config, names, get_solver, lambda _: None, points
+            )
 
     def close(self) -> None:
         """Start no more processes; the running ones end with the block."""
@@ -96,14 +98,14 @@ class ExplorerCells:
             self.closed = True
 
 
-def _data(compared: SolverComparison) -> dict[str, ChartSource]:
+def _chart_sources(compared: SolverComparison) -> dict[str, ChartSource]:
     """Return the data of the charts' sources; the sources of a solver with nothing to draw are empty."""
     collision, kinds = compared.problem, ("balls", "curve", "end")
     data: dict[str, ChartSource] = {
         f"{kind} {name}": {"x": [], "y": []} for name in (*EXACT, *ENGINES) for kind in kinds
     }
     if compared.is_chain:
-        for name, velocities in compared.scaled.items():
+        for name, velocities in compared.scaled_velocities.items():
             data[f"balls {name}"] = {"x": [*range(1, 1 + len(velocities))], "y": velocities}
         return data
     reach, mass = 0.0, collision.mass_ratio
@@ -128,6 +130,8 @@ def explorer_page() -> str:
 
 
 class _Server(ThreadingHTTPServer):
+    """The server of the page, one thread per request."""
+
     #: Threads are joined: one that imported while the interpreter ended aborted it ("exception not rethrown").
     daemon_threads = False
     cells: ExplorerCells
@@ -141,6 +145,8 @@ class _Server(ThreadingHTTPServer):
 
 
 class _Request(BaseHTTPRequestHandler):
+    """One request of a browser: for the page, or for a cell."""
+
     #: Seconds until a silent connection is closed: browsers open connections in advance.
     timeout = 5
 
@@ -162,10 +168,10 @@ class _Request(BaseHTTPRequestHandler):
         """Write nothing: the terminal is for the address alone."""
 
 
-def explore(port: int, opened: Callable[[str], object]) -> None:
+def explore(port: int, announce: Callable[[str], object]) -> None:
     """Serve the page to this machine alone until interrupted, and then end all processes and threads.
 
-    `opened` is called with the address of the page. Port 0 stands for any free port.
+    `announce` is called with the address of the page. Port 0 stands for any free port.
     """
     with contextlib.ExitStack() as ending:
         cells = ExplorerCells(ending)
@@ -177,7 +183,7 @@ def explore(port: int, opened: Callable[[str], object]) -> None:
         # Not in the main thread, which receives Ctrl-C: it could come while the thread of a request is started.
         threading.Thread(target=server.serve_forever, daemon=True).start()
         try:
-            opened(f"http://127.0.0.1:{server.server_port}/")
+            announce(f"http://127.0.0.1:{server.server_port}/")
             with contextlib.suppress(KeyboardInterrupt):
                 while (
                     True

@@ -119,17 +119,17 @@ def contact_command(
     asked = {name: given for name, given in zip(_QUANTITIES, values, strict=True) if given is not None}
     try:
         _require_legal(step, tolerance, solref, solimp)
-        if not is_stepped and step is None and _takes_restitution_only(engine, asked):
+        if not is_stepped and step is None and _needs_no_spring(engine, asked):
             step = _RIGID_STEP
         touch = None
         if material or radius:
             beside = {"masses": masses, "solref": solref, "step": step}
-            pair, touch = _pair_of_materials(material or (), radius or (), asked, beside, speed)
+            pair, touch = _body_pair_of_materials(material or (), radius or (), asked, beside, speed)
             pairs = [pair]
         elif solref is not None:
-            pairs = [_pair_of_solref(engine, masses, solref, solimp or (), asked, step, speed)]
+            pairs = [_body_pair_of_solref(engine, masses, solref, solimp or (), asked, step, speed)]
         else:
-            pairs = _asked_pairs(masses, asked, step, tolerance, speed)
+            pairs = _body_pairs_of_numbers(masses, asked, step, tolerance, speed)
         if not is_stepped:
             with report_waiting(f"running the text in {engine}"):
                 blocks = _target_blocks(engine, pairs, step)
@@ -156,8 +156,8 @@ def contact_command(
     )
 
 
-def _takes_restitution_only(engine: str, asked: Mapping[str, Numbers]) -> bool:
-    """Tell whether no spring is given, and none is needed: all targets of the engine take a restitution."""
+def _needs_no_spring(engine: str, asked: Mapping[str, Numbers]) -> bool:
+    """Return whether a contact is given without a spring for an engine whose targets all take a restitution."""
     from impact_xval.compliant_baselines.targets import targets_for
 
     has_spring = any(name in asked for name in ("stiffness", "duration", "sink"))
@@ -190,7 +190,7 @@ def _require_legal(
         raise ValueError("solimp: given alone; legal: beside solref")
 
 
-def _refuse(given: Mapping[str, object], decisive: str) -> None:
+def _refuse_numbers_beside(given: Mapping[str, object], decisive: str) -> None:
     """Raise a ValueError if a number is given beside the option that decides it."""
     for name, value in given.items():
         if value is not None:
@@ -200,7 +200,7 @@ def _refuse(given: Mapping[str, object], decisive: str) -> None:
             )
 
 
-def _pair_of_materials(
+def _body_pair_of_materials(
     materials: Sequence[str],
     radii: Sequence[float],
     asked: Mapping[str, Numbers],
@@ -211,7 +211,7 @@ def _pair_of_materials(
     from impact_xval.compliant_baselines.single_contact import make_pair
 
     others = {name: values for name, values in asked.items() if name != "restitution"}
-    _refuse({**beside, **others}, "materials or radii")
+    _refuse_numbers_beside({**beside, **others}, "materials or radii")
     e = None
     if "restitution" in asked:
         (e,) = _numbers_of("restitution", asked["restitution"], 1)
@@ -220,7 +220,7 @@ def _pair_of_materials(
     return pair, touch
 
 
-def _pair_of_solref(
+def _body_pair_of_solref(
     engine: str,
     masses: Numbers | None,
     solref: Numbers,
@@ -233,7 +233,7 @@ def _pair_of_solref(
     from impact_xval.compliant_baselines.single_contact import Pair
     from impact_xval.compliant_baselines.solref import read_solref
 
-    _refuse({**asked, "step": step}, "solref")
+    _refuse_numbers_beside({**asked, "step": step}, "solref")
     if engine != "mujoco":
         raise ValueError(f"solref: numbers of MuJoCo beside --engine {engine}; legal: --engine mujoco")
     if masses is None or len(masses) != 2:
@@ -241,14 +241,14 @@ def _pair_of_solref(
     return Pair((masses[0], masses[1]), speed=speed, solref=read_solref(solref, solimp))
 
 
-def _asked_pairs(
+def _body_pairs_of_numbers(
     masses: Numbers | None,
     asked: Mapping[str, Numbers],
     step: float | None,
     tolerance: float,
     speed: float,
 ) -> list[Pair]:
-    """Return the pairs asked for by numbers; with a step they have the shortest duration that it could carry."""
+    """Return the pairs of bodies that numbers ask for; a step gives them the shortest duration that it could carry."""
     from impact_xval.compliant_baselines.asked_contact import SPRING_NAMES, AskedContact
     from impact_xval.compliant_baselines.single_contact import Pair, bodies_of_contacts
 

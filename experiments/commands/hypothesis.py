@@ -54,7 +54,7 @@ def hypothesis_command(
 
         collision_and_contact = load_own_collision(config)
     if collision_and_contact is None:
-        _test(config, out or Path("runs") / "hypothesis", workers)
+        _test_limiting_cases(config, out or Path("runs") / "hypothesis", workers)
         return
     for name, value in (("out", out), ("workers", workers)):
         if value is not None:
@@ -76,7 +76,7 @@ def hypothesis_command(
     print_blocks(make_console(), own_pair_blocks(pair))
 
 
-def _test(config: Path | None, root: Path, workers: int | None) -> None:
+def _test_limiting_cases(config: Path | None, root: Path, workers: int | None) -> None:
     """Put the supplement's limiting cases to the test, into a folder; print verdicts and where the page is."""
     from impact_xval.experiments.hypothesis.config import load_hypothesis_config
 

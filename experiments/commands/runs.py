@@ -130,11 +130,11 @@ def show_command(
     from impact_xval.experiments.presentation import views
     from impact_xval.experiments.presentation.terminal import make_console
     from impact_xval.experiments.sweep.status import status_of
-    from impact_xval.experiments.tables.folder import finished, run_folder
+    from impact_xval.experiments.tables.folder import finished_run, run_folder
 
     console = make_console()
     if cell is not None:
-        rows = views.rows_of_cell(finished(folder), cell)
+        rows = views.rows_of_cell(finished_run(folder), cell)
         if json:
             print_json(rows)
         else:
@@ -170,7 +170,7 @@ def report_command(
     from impact_xval.experiments.measures.summary import summarise
     from impact_xval.experiments.presentation import report as reports
     from impact_xval.experiments.presentation.terminal import make_console, print_line, report_waiting
-    from impact_xval.experiments.tables.folder import check_writable, finished, new_folder
+    from impact_xval.experiments.tables.folder import check_writable, finished_run, new_folder
 
     console = make_console()
     if supplement:
@@ -182,7 +182,7 @@ def report_command(
             for name, caption in save_figures(draw_supplement_figures(), folder).items():
                 print_line(console, f"{folder / name}.svg: {caption}")
         return
-    run = finished(folder)
+    run = finished_run(folder)
     check_writable(folder)
     with report_waiting("writing the report"):
         summary = summarise(run)
@@ -216,12 +216,12 @@ def compare_command(
     from impact_xval.experiments.presentation import views
     from impact_xval.experiments.presentation.terminal import make_console, report_waiting
     from impact_xval.experiments.tables.comparison import compare_runs
-    from impact_xval.experiments.tables.folder import finished
+    from impact_xval.experiments.tables.folder import finished_run
 
     if not 0 <= tolerance < math.inf:
         raise UserError(f"--tolerance = {tolerance!r}; legal: a finite number >= 0 (of |v0|)")
     with report_waiting("comparing the runs"):
-        comparison = compare_runs(finished(run_a), finished(run_b), tolerance)
+        comparison = compare_runs(finished_run(run_a), finished_run(run_b), tolerance)
     if json:
         print_json(views.changes_to_json(comparison))
     else:

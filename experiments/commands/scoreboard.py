@@ -56,7 +56,7 @@ def scoreboard_command(
         raise UserError(f"--baseline = {baseline}: holds no {ANSWERS} of a scoreboard: {error}") from None
     if before is not None:
         before = before.replace({"case": CASES, "status": STATUSES})  # of version 0.4
-    elsewhere, missing = _environments(requirements or (), names)
+    elsewhere, missing = _make_environments(requirements or (), names)
     console, root = make_console(), out or Path("runs") / "scoreboard"
     with show_progress(console) as progress:
         answers, answers_elsewhere = collect_answers(
@@ -85,7 +85,7 @@ def scoreboard_command(
         raise typer.Exit(3)
 
 
-def _environments(
+def _make_environments(
     texts: Sequence[str], names: Sequence[str]
 ) -> tuple[list[tuple[str, Environment]], list[NotInstalledError]]:
     """Install the requirements of --with; return the solvers with their environments, and the failures.

@@ -41,7 +41,7 @@ _POINTS = 4000
 _EXPORTED = ("mujoco", "pybullet")
 
 
-def _drawable(text: str) -> Path:
+def _drawable_path(text: str) -> Path:
     """Read the path of a picture or film, and check before anything is computed that it can be written."""
     file = parse_path(text)
     if file.suffix not in (*_PICTURES, *_FILMS) or file.is_dir():
@@ -62,7 +62,7 @@ def solve_command(
     plot: Path | None = option(
         "FILE",
         "Draw curves (.png, .svg, .pdf), or slow motion: up to six solvers beside the model (.gif, .html).",
-        _drawable,
+        _drawable_path,
     ),
     json: Json = False,
     **typed: str | None,
@@ -81,15 +81,15 @@ def solve_command(
         print_blocks,
         say_waiting,
     )
-    from impact_xval.experiments.sweep.one import solvers_apart
+    from impact_xval.experiments.sweep.one import open_solvers_apart
 
     film = plot is not None and plot.suffix in _FILMS
     chains = typed["arrangement"] is not None or typed["balls"] is not None
-    with solvers_apart(solver or (), chains=chains) as apart:
+    with open_solvers_apart(solver or (), chains=chains) as apart:
         from impact_xval.compliant_baselines.registry import get_solver
 
         collision, chain, config = parse_collision(typed)
-        points = _points_of_path(chain, film=film)
+        points = _count_path_points(chain, film=film)
         outcomes = apart.solve(
             collision, config, known_solvers(solver), get_solver, say_waiting, points=points
         )
@@ -104,7 +104,7 @@ def solve_command(
         error_line(f"{plot}: {_draw_into(plot, compared, config)}")
 
 
-def _points_of_path(chain: ChainSetup | None, *, film: bool) -> int | None:
+def _count_path_points(chain: ChainSetup | None, *, film: bool) -> int | None:
     """Return how many points the path of a collision has: all for two balls, and of a chain none unless it moves."""
     if chain is None:
         return None
@@ -147,12 +147,12 @@ def explore_command(
     from impact_xval.experiments.cells import explorer
     from impact_xval.experiments.presentation.terminal import make_console, print_line
 
-    def opened(where: str) -> None:
+    def announce(where: str) -> None:
         print_line(make_console(), f"{where} (Ctrl-C ends it)")
         if not no_browser:
             webbrowser.open(where)
 
-    explorer.explore(port, opened)
+    explorer.explore(port, announce)
 
 
 @with_collision_options("arrangement", *OF_CHAIN, "cell_timeout")
@@ -178,7 +178,7 @@ def scene_command(
     from impact_xval.compliant_baselines import get_solver
     from impact_xval.experiments.presentation.views import rows_of_cell
     from impact_xval.experiments.sweep.rows import settings_of
-    from impact_xval.experiments.tables.folder import cells_of_run, finished_collisions
+    from impact_xval.experiments.tables.folder import cells_of_run, finished_run_of_pairs
 
     if folder is None:
         collision, _, config = parse_collision(typed)
@@ -187,7 +187,7 @@ def scene_command(
     else:
         if cell is None or any(typed.values()):
             raise UserError(f"{folder}: a cell of a run is named by its number alone; legal: DIR N")
-        run = finished_collisions(folder)
+        run = finished_run_of_pairs(folder)
         config = run.config()
         cells = cells_of_run(run, config)
         if cell >= len(cells):

@@ -33,7 +33,7 @@ def solvers_command(
     if law and name is None:
         raise UserError(f"--law = {law!r} without NAME; legal: beside the solver that has it")
     if name is not None:
-        _check(name, law)
+        _check_solver(name, law)
         return
     rows: list[tuple[str, ...]] = []
     with contextlib.closing(Slot(None)) as slot:
@@ -49,7 +49,7 @@ def solvers_command(
     print_blocks(make_console(), [Table(header, rows, caption, text=5)])
 
 
-def _check(name: str, law: str) -> None:
+def _check_solver(name: str, law: str) -> None:
     """Check a solver in a process of its own."""
     from impact_xval.compliant_baselines import conformance
     from impact_xval.compliant_baselines.registry import get_solver, law_name_of

@@ -21,8 +21,8 @@ from impact_xval.experiments.config.axes import (
     Axis,
     Strict,
     expand_axis,
-    parameter,
-    positive,
+    legal_field,
+    positive_field,
 )
 from impact_xval.experiments.config.errors import is_list, shorten
 from impact_xval.experiments.config.renamed import rename_arrangement
@@ -51,14 +51,14 @@ class ChainSetup(Strict):
     arrangement: Arrangement = Field("cradle", description=_NAMES)
     balls: int = Field(5, description=LEGAL["balls"].text)
     strike: int | None = Field(None, description=LEGAL["strike"].text)
-    e: float = parameter(LEGAL["e"], 0.95)
-    exponent: float = parameter(LEGAL["exponent"], 1.0)
-    gap: float = parameter(LEGAL["gap"], 0.0)
-    m: float = positive(1.0, "kg")
-    mass_taper: float = parameter(LEGAL["mass_taper"], 1.0)
-    k: float = positive(1e8, "N/m^p")
-    stiffness_taper: float = parameter(LEGAL["stiffness_taper"], 1.0)
-    v0: float = parameter(V0, -1.0)
+    e: float = legal_field(LEGAL["e"], 0.95)
+    exponent: float = legal_field(LEGAL["exponent"], 1.0)
+    gap: float = legal_field(LEGAL["gap"], 0.0)
+    m: float = positive_field(1.0, "kg")
+    mass_taper: float = legal_field(LEGAL["mass_taper"], 1.0)
+    k: float = positive_field(1e8, "N/m^p")
+    stiffness_taper: float = legal_field(LEGAL["stiffness_taper"], 1.0)
+    v0: float = legal_field(V0, -1.0)
 
     @field_validator("arrangement", mode="before")
     @classmethod

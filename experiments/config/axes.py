@@ -96,6 +96,7 @@ def _spacing_entries(value: object, count: int) -> list[object] | None:
 
 
 def _legal_axis(value: object, info: ValidationInfo) -> object:
+    """Return an axis as a list of legal numbers, or as its legal spacing; a ValueError says what is illegal."""
     legal = LEGAL[str(info.field_name)]
     if (entries := _spacing_entries(value, 3)) is not None and is_table(value):
         lo, hi, n = entries
@@ -120,6 +121,7 @@ def _check_each_once(axis: object, numbers: list[float]) -> None:
 
 
 def _legal_range(value: object, info: ValidationInfo) -> object:
+    """Return a range of a sample if it is legal; a ValueError says what is illegal."""
     legal = LEGAL[str(info.field_name)]
     if (entries := _spacing_entries(value, 2)) is not None and is_table(value):
         lo, hi = entries
@@ -175,28 +177,28 @@ class Axes(Strict):
         return math.prod(map(len, self.varied().values()))
 
 
-def whole(default: _Whole, low: int, high: int, what: str = "") -> _Whole:
-    """Give a field of whole numbers, and say what is legal."""
+def whole_field(default: _Whole, low: int, high: int, what: str = "") -> _Whole:
+    """Return a field for whole numbers between two ends; its description says what is legal."""
     return Field(default, ge=low, le=high, description=f"a whole number from {low} to {high}{what}")
 
 
-def positive(default: float, unit: str) -> float:
-    """Give a field of finite numbers greater than 0."""
+def positive_field(default: float, unit: str) -> float:
+    """Return a field for finite numbers greater than 0."""
     return Field(default, gt=0, allow_inf_nan=False, description=f"a finite number > 0 ({unit})")
 
 
-def at_most(default: float, high: float, what: str) -> float:
-    """Give a field of numbers greater than 0 that has an upper end."""
+def at_most_field(default: float, high: float, what: str) -> float:
+    """Return a field for numbers greater than 0 and at most `high`."""
     return Field(default, gt=0, le=high, description=f"greater than 0, at most {high:g} ({what})")
 
 
-def parameter(legal: Legal, default: float) -> float:
-    """Give a field of what is legal."""
+def legal_field(legal: Legal, default: float) -> float:
+    """Return a field for numbers in a legal range."""
     return Field(default, ge=legal.low, le=legal.high, description=legal.text)
 
 
-def table(model: type[_Model]) -> _Model:
-    """Give a field of a table, all of whose keys have defaults."""
+def table_field(model: type[_Model]) -> _Model:
+    """Return a field for a table whose keys all have defaults."""
     return Field(default_factory=model, description=f"a table: {', '.join(model.model_fields)}")
 
 
@@ -207,7 +209,7 @@ class Sample(Strict):
     mass_ratio: Range = Field(default={"log": [0.5, 2.0]})
     e1: Range = Field(default={"linear": [0.5, 1.0]})
     e2: Range = Field(default={"linear": [0.5, 1.0]})
-    n: int = whole(1024, 1, MAX_CELLS, " (cells)")
+    n: int = whole_field(1024, 1, MAX_CELLS, " (cells)")
     seed: int = Field(0, ge=0, le=2**63 - 1, description="a whole number >= 0")
 
     def ends(self) -> dict[str, list[float]]:

@@ -86,9 +86,9 @@ class ExperimentCells:
                     parameters[ratio] = parameters[quantity] / parameters[unit]
                 else:
                     parameters[quantity] = parameters[unit] * parameters[ratio]
-            collisions = _two_balls(parameters)
+            collisions = _make_pairs(parameters)
         else:
-            collisions = _chains(parameters)
+            collisions = _make_chains(parameters)
             parameters["balls"] = parameters["balls"].astype(int)
         return CellBlock(np.arange(indices.start, indices.stop), parameters, collisions)
 
@@ -172,14 +172,14 @@ def _cells_of_grids(config: Config, grids: Sequence[Mapping[str, Sequence[float 
     return ExperimentCells(config, ends[-1], of)
 
 
-def _two_balls(cells: ColumnArrays) -> Collisions:
+def _make_pairs(cells: ColumnArrays) -> Collisions:
     pairs = ("m1", "m2"), ("k1", "k2"), ("e1", "e2")
     m, k, e = (np.column_stack([cells[name] for name in pair]) for pair in pairs)
     v = np.column_stack([cells["v0"], np.zeros(len(m))])
     return Collisions(m, k, e, v, True, np.zeros_like(k))
 
 
-def _chains(cells: ColumnArrays) -> Sequence[Collision]:
+def _make_chains(cells: ColumnArrays) -> Sequence[Collision]:
     numbers = {
         {"m1": "m", "k1": "k"}.get(name, name): values.tolist()
         for name, values in cells.items()

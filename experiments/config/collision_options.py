@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from impact_xval.experiments.config.errors import UserError, validated
+from impact_xval.experiments.config.errors import UserError, validate
 
 if TYPE_CHECKING:
     from impact_xval.experiments.config.arrangements import ChainSetup
@@ -68,10 +68,10 @@ def parse_collision(
             legal = f"none beside {_option(chain_key)}" if chain_key else "with --arrangement, of N balls"
             raise UserError(f"{_option(key)} = {given[key]!r:.60}; legal: {legal}")
     plain = {key: _number_or_text(value) for key, value in given.items()}
-    return _chain(plain) if chain_key else _two_balls(plain)
+    return _parse_chain(plain) if chain_key else _parse_two_balls(plain)
 
 
-def _two_balls(plain: dict[str, float | str]) -> tuple[Collision, None, Config]:
+def _parse_two_balls(plain: dict[str, float | str]) -> tuple[Collision, None, Config]:
     from impact_xval.experiments.config.axes import RATIO_OF
     from impact_xval.experiments.config.cells import collision_of
     from impact_xval.experiments.config.experiment import Config
@@ -93,7 +93,7 @@ def _two_balls(plain: dict[str, float | str]) -> tuple[Collision, None, Config]:
     # The built-in grid may leave double precision where the cell does not.
     grid = {key: [1.0] for key in cell}
     data = {"scenario": "impact", "figure_cell": cell, "grid": grid, **plain}
-    config = validated(Config, data, "", name=_option_of_key)
+    config = validate(Config, data, "", name=_option_of_key)
     return collision_of(config, config.figure_cell), None, config
 
 
@@ -104,7 +104,7 @@ def _positive(key: str, value: float | str, limits: Sequence[float] = ()) -> flo
     return value
 
 
-def _chain(plain: dict[str, float | str]) -> tuple[Collision, ChainSetup, Config]:
+def _parse_chain(plain: dict[str, float | str]) -> tuple[Collision, ChainSetup, Config]:
     from impact_xval.experiments.config.experiment import Config
 
     setup = {key: plain.pop(key) for key in (*OF_CHAIN, "arrangement", "v0") if key in plain}
@@ -112,7 +112,7 @@ def _chain(plain: dict[str, float | str]) -> tuple[Collision, ChainSetup, Config
     for key in _COUNTS:
         if isinstance(value := setup.get(key), float) and value.is_integer():
             setup[key] = int(value)
-    config = validated(Config, {"chain": {}, "figure_chain": setup, **plain}, "", name=_option_of_key)
+    config = validate(Config, {"chain": {}, "figure_chain": setup, **plain}, "", name=_option_of_key)
     return config.figure_chain.collision(), config.figure_chain, config
 
 

@@ -65,16 +65,16 @@ def read_toml(path: Path | str) -> TomlTable:
         raise UserError(f"{path}: not TOML: {error}") from None
 
 
-def dotted(parts: Sequence[str | int]) -> str:
+def dotted_name(parts: Sequence[str | int]) -> str:
     """Name a field as ``grid.e1``, an entry of a list by its index: ``solvers.0``."""
     return ".".join(map(str, parts))
 
 
-def validated(
+def validate(
     model: type[_Model],
     data: Mapping[str, object],
     where: str,
-    name: FieldName = dotted,
+    name: FieldName = dotted_name,
     context: str | None = None,
 ) -> _Model:
     """Validate plain values; a `UserError` tells the first mistake and counts the others.

@@ -28,14 +28,14 @@ from impact_xval.experiments.config.axes import (
     Axis,
     Sample,
     Strict,
-    at_most,
+    at_most_field,
     expand_axis,
-    parameter,
-    positive,
-    table,
-    whole,
+    legal_field,
+    positive_field,
+    table_field,
+    whole_field,
 )
-from impact_xval.experiments.config.errors import UserError, hint, is_table, read_toml, shorten, validated
+from impact_xval.experiments.config.errors import UserError, hint, is_table, read_toml, shorten, validate
 from impact_xval.experiments.config.renamed import EXPERIMENT_KEYS, rename_keys
 from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, V0, Cutoff, legal_cutoff
 
@@ -53,24 +53,24 @@ _NAME = "1 to 100 printable characters"
 _Values = TypeVar("_Values")
 
 
-def _known(names: list[str], info: ValidationInfo) -> list[str]:
+def _check_known(names: list[str], info: ValidationInfo) -> list[str]:
     if info.context != KEPT and (problem := solvers_problem(names)):
         raise ValueError(problem)
     return names
 
 
 Solvers = Annotated[
-    list[str], AfterValidator(_known), Field(description="a list of names of solvers, each once")
+    list[str], AfterValidator(_check_known), Field(description="a list of names of solvers, each once")
 ]
 
 
 class Cell(Strict):
     """One collision by its ratios; the numbers that decide an impact (Theorem 5)."""
 
-    stiffness_ratio: float = parameter(LEGAL["stiffness_ratio"], 1.0)
-    mass_ratio: float = parameter(LEGAL["mass_ratio"], 2 / math.sqrt(3))
-    e1: float = parameter(LEGAL["e1"], 0.9)
-    e2: float = parameter(LEGAL["e2"], 0.7)
+    stiffness_ratio: float = legal_field(LEGAL["stiffness_ratio"], 1.0)
+    mass_ratio: float = legal_field(LEGAL["mass_ratio"], 2 / math.sqrt(3))
+    e1: float = legal_field(LEGAL["e1"], 0.9)
+    e2: float = legal_field(LEGAL["e2"], 0.7)
 
 
 class Grid(Axes):
@@ -91,7 +91,7 @@ class Grid(Axes):
     e: Axis | None = Field(None)
 
     @model_validator(mode="after")
-    def _tied(self) -> Grid:
+    def _check_ties(self) -> Grid:
         for name in ("e1", "e2"):
             if self.e is not None and name in self.model_fields_set:
                 raise ValueError(f"e is given with {name}; legal: e for both, or e1 and e2")
@@ -101,7 +101,7 @@ class Grid(Axes):
         return self
 
     @property
-    def replaced(self) -> set[str]:
+    def replaced_axes(self) -> set[str]:
         """Names of the axes in whose place others are given."""
         ratios = {ratio for ratio, (quantity, _) in RATIO_OF.items() if getattr(self, quantity) is not None}
         return ratios if self.e is None else {*ratios, "e1", "e2"}
@@ -114,7 +114,7 @@ class Grid(Axes):
     def varied(self) -> dict[str, list[float]]:
         """Values of every axis that varies by itself; the last one varies fastest."""
         axes = ((name, axis) for name, axis in self if axis is not None)
-        return {name: expand_axis(axis) for name, axis in axes if name not in self.replaced}
+        return {name: expand_axis(axis) for name, axis in axes if name not in self.replaced_axes}
 
     def axes(self) -> dict[str, list[float]]:
         """Values of every parameter that is given."""
@@ -146,21 +146,21 @@ class ConvergenceTable(Strict):
     """Settings of the runs of an engine at shorter steps, from which its limit is extrapolated, cell by cell."""
 
     enabled: bool = Field(True, description="true or false")
-    tolerance: float = at_most(1e-3, 1, "of |v0|")
-    halvings: int = whole(4, 0, 10, " (of the step)")
+    tolerance: float = at_most_field(1e-3, 1, "of |v0|")
+    halvings: int = whole_field(4, 0, 10, " (of the step)")
 
 
 class Config(Strict):
-    """An experiment: what is computed, by which solvers and how."""
+    """An experiment, as its file says it: which cells are computed, by which solvers and how."""
 
     name: str = Field("default", description=_NAME)
     scenario: Literal["impact", "drop"] = Field("drop", description="'impact' or 'drop'")
-    gravity: float = positive(9.81, "m/s^2")
-    m1: float = positive(1.0, "kg")
-    k1: float = positive(1e8, "N/m")
-    v0: float = parameter(V0, -1.0)
+    gravity: float = positive_field(9.81, "m/s^2")
+    m1: float = positive_field(1.0, "kg")
+    k1: float = positive_field(1e8, "N/m")
+    v0: float = legal_field(V0, -1.0)
     solvers: Solvers = Field([REFERENCE, "bistiffness", "kelvin-voigt", "mujoco", "pybullet"])
-    step_fraction: float = at_most(1e-3, 0.2, "of a contact period")
+    step_fraction: float = at_most_field(1e-3, 0.2, "of a contact period")
     max_steps: int = Field(2_000_000, ge=1, le=10**12, description="a whole number >= 1")
     shortest_state: float = Field(
         SHORTEST_STATE, ge=0, le=0.1, description="from 0 to 0.1 (of the shorter contact period)"
@@ -172,16 +172,16 @@ class Config(Strict):
         "all",
         description="'all', or 'velocities' (without impulse curves, marks and ladders; several times faster)",
     )
-    cell_timeout: float = at_most(300.0, 1e6, "s of wall time")
-    chunk_size: int | None = whole(None, 1, 100_000, " (cells)")
-    workers: int | None = whole(None, 1, 4096)
-    grid: Grid = table(Grid)
+    cell_timeout: float = at_most_field(300.0, 1e6, "s of wall time")
+    chunk_size: int | None = whole_field(None, 1, 100_000, " (cells)")
+    workers: int | None = whole_field(None, 1, 4096)
+    grid: Grid = table_field(Grid)
     sample: Sample | None = Field(None, description="a table: n, seed and ranges")
     cells: str | None = Field(None, min_length=1, description="the path of a CSV or Parquet file")
     chain: ChainGrid | None = Field(None, description=f"a table: {', '.join(ChainGrid.model_fields)}")
-    convergence: ConvergenceTable = table(ConvergenceTable)
-    figure_cell: Cell = table(Cell)
-    figure_chain: ChainSetup = table(ChainSetup)
+    convergence: ConvergenceTable = table_field(ConvergenceTable)
+    figure_cell: Cell = table_field(Cell)
+    figure_chain: ChainSetup = table_field(ChainSetup)
 
     @model_validator(mode="before")
     @classmethod
@@ -254,7 +254,7 @@ class Config(Strict):
             if found := self.beyond_precision(*ratios, m1=m1, k1=k1):
                 raise ValueError(found[1])
         for corner in self.chain.corners() if self.chain else ():
-            validated(ChainSetup, corner | {"m": self.m1, "k": self.k1, "v0": self.v0}, "chain")
+            validate(ChainSetup, corner | {"m": self.m1, "k": self.k1, "v0": self.v0}, "chain")
         return self
 
     @property
@@ -316,7 +316,9 @@ class Config(Strict):
 
     def _as_written(self) -> dict[str, object]:
         """Return the configuration as a file holds it."""
-        left_out: dict[str, set[str] | bool] = {"grid": self.grid.replaced} if self.grid.replaced else {}
+        left_out: dict[str, set[str] | bool] = (
+            {"grid": self.grid.replaced_axes} if self.grid.replaced_axes else {}
+        )
         of_others = {"figure_chain"} if self.chain is None else {"grid", "figure_cell", "gravity"}
         of_others |= {name for name in self.grid.in_si if name in ("m1", "k1")}
         if self.sample is not None or self.cells is not None:
@@ -376,9 +378,9 @@ def load_config(path: Path | str, context: str = "") -> Config:
         data["cells"] = str(path.parent / cells)  # beside the file that names it
         if context != KEPT and not (path.parent / cells).is_file():
             raise UserError(f"{path}: cells = {data['cells']!r}: no such file; legal: a CSV or Parquet file")
-    return validated(Config, data, str(path), context=context)
+    return validate(Config, data, str(path), context=context)
 
 
 def parse_config(data: Mapping[str, object], where: str = "configuration") -> Config:
-    """Validate an experiment given as a TOML file holds it, as `validated` does."""
-    return validated(Config, data, where)
+    """Validate an experiment given as a TOML file holds it, as `validate` does."""
+    return validate(Config, data, where)

@@ -9,8 +9,8 @@ from typing import Annotated
 import numpy as np
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
-from impact_xval.experiments.config.axes import Strict, at_most, table, whole
-from impact_xval.experiments.config.errors import read_toml, shorten, validated
+from impact_xval.experiments.config.axes import Strict, at_most_field, table_field, whole_field
+from impact_xval.experiments.config.errors import read_toml, shorten, validate
 from impact_xval.experiments.config.experiment import Config, Solvers
 from impact_xval.experiments.config.renamed import HYPOTHESIS_KEYS, rename_keys
 
@@ -36,17 +36,17 @@ _Decades = Annotated[float, Field(ge=1, le=8, description="from 1 to 8 (decades 
 class ChainsConfig(Strict):
     """The chains of N balls."""
 
-    points: int = whole(6, 3, 100, " (chains at each place; every third is elastic)")
+    points: int = whole_field(6, 3, 100, " (chains at each place; every third is elastic)")
     balls: tuple[int, int] = Field(
         (4, 7), strict=False, description="whole numbers from 4 to 12, least first"
     )
     contrast: _Contrast = (1e1, 1e6)  # of the stiff contact
-    per_decade: int = whole(4, 4, 64, " (contrasts in a decade)")
+    per_decade: int = whole_field(4, 4, 64, " (contrasts in a decade)")
     fit_decades: _Decades = 3.0
 
     @field_validator("balls")
     @classmethod
-    def _few(cls, value: tuple[int, int]) -> tuple[int, int]:
+    def _check_balls(cls, value: tuple[int, int]) -> tuple[int, int]:
         if not 4 <= value[0] <= value[1] <= 12:
             raise ValueError(f"{list(value)}; legal: {cls.model_fields['balls'].description}")
         return value
@@ -61,14 +61,14 @@ class HypothesisConfig(Strict):
         return rename_keys(data, HYPOTHESIS_KEYS, warn=True)
 
     seed: int = Field(1, ge=0, le=2**32, description="a whole number from 0 to 2^32")
-    points: int = whole(24, 6, 500, " (points of each limiting case)")
+    points: int = whole_field(24, 6, 500, " (points of each limiting case)")
     solvers: Solvers = Field([*Config.model_fields["solvers"].default, *LAWS])
     contrast: _Contrast = (1e1, 1e8)  # k1/k2 or k2/k1
     plastic_contrast: _Contrast = (1e1, 1e12)  # 1/e^2
-    per_decade: int = whole(8, 4, 64, " (contrasts in a decade)")
+    per_decade: int = whole_field(8, 4, 64, " (contrasts in a decade)")
     fit_decades: _Decades = 4.0
-    cell_timeout: float = at_most(300.0, 1e6, "s of wall time")
-    chains: ChainsConfig = table(ChainsConfig)
+    cell_timeout: float = at_most_field(300.0, 1e6, "s of wall time")
+    chains: ChainsConfig = table_field(ChainsConfig)
 
 
 def spaced_contrasts(ends: tuple[float, float], per_decade: int) -> list[float]:
@@ -84,4 +84,4 @@ def spaced_contrasts(ends: tuple[float, float], per_decade: int) -> list[float]:
 def load_hypothesis_config(path: Path | None) -> HypothesisConfig:
     """Read a configuration, or the built-in one without a path; a `UserError` says in one line what is illegal."""
     where = str(path) if path else "built-in hypothesis"
-    return validated(HypothesisConfig, read_toml(path) if path else {}, where)
+    return validate(HypothesisConfig, read_toml(path) if path else {}, where)

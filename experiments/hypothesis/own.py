@@ -21,7 +21,7 @@ from pydantic import Field
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.config.axes import Strict
-from impact_xval.experiments.config.errors import UserError, read_toml, validated
+from impact_xval.experiments.config.errors import UserError, read_toml, validate
 from impact_xval.experiments.hypothesis.chains import (
     ERROR,
     SOLVERS,
@@ -112,7 +112,7 @@ def load_own_collision(path: Path) -> tuple[Collision, int | None] | None:
     data = read_toml(path)
     if MARK not in data:
         return None
-    own = validated(OwnCollision, data, str(path))
+    own = validate(OwnCollision, data, str(path))
     try:
         collision = own.collision()
     except ValueError as error:
@@ -123,7 +123,7 @@ def load_own_collision(path: Path) -> tuple[Collision, int | None] | None:
     return collision, None if own.stiff is None else own.stiff - 1
 
 
-class LawOnPair(NamedTuple):
+class OneBodyVerdict(NamedTuple):
     """Result of one law for a collision whose stiff pair may move as one body."""
 
     solver: str
@@ -144,7 +144,7 @@ class LawOnPair(NamedTuple):
         return "yes" if self.distances[0] <= CLOSE else "no"
 
     @property
-    def growing(self) -> str:
+    def trend(self) -> str:
         """Say how D changes as the contrast grows."""
         match self.verdict:
             case "supported":
@@ -165,7 +165,7 @@ class OwnPair(NamedTuple):
     #: Index of the stiff contact, from 0, and its stiffness over the largest of all other contacts.
     contact: int
     contrast: float
-    laws: list[LawOnPair]
+    laws: list[OneBodyVerdict]
 
     @property
     def bodies(self) -> str:
@@ -209,7 +209,7 @@ def judge_own_pair(collision: Collision, stiff: int | None = None) -> OwnPair:
     return OwnPair(collision, contact, contrast, laws)
 
 
-def _one_law(name: str, collision: Collision, contact: int, contrast: float) -> LawOnPair:
+def _one_law(name: str, collision: Collision, contact: int, contrast: float) -> OneBodyVerdict:
     """Solve a collision by a law: welded, at multiples of its contrast, and at the contrasts of the series."""
     multiples = [x for x in MULTIPLES if x * contrast <= _MOST]
     series = spaced_contrasts((_FROM, min(_MOST, max(_TO, 100 * contrast))), _PER_DECADE)
@@ -221,7 +221,7 @@ def _one_law(name: str, collision: Collision, contact: int, contrast: float) -> 
     for outcome in (as_one, outcomes[0]):
         if outcome.status not in RESULT_STATUSES:
             nothing = (math.nan,) * len(MULTIPLES)
-            return LawOnPair(
+            return OneBodyVerdict(
                 name, f"{outcome.status}: {outcome.reason}", nothing, "undecided", math.nan, math.nan
             )
     weights = np.array(collision.masses) / np.dot(collision.masses, np.square(collision.velocities))
@@ -234,7 +234,7 @@ def _one_law(name: str, collision: Collision, contact: int, contrast: float) -> 
     of_series = slice(len(multiples), None)
     verdict = _judge_law(outcomes[of_series], distances[of_series], series, weights, form)
     why = verdict.reason.replace("the closed form", "the welded collision")
-    return LawOnPair(name, why, tuple(at_multiples), verdict.verdict, verdict.rate, verdict.offset)
+    return OneBodyVerdict(name, why, tuple(at_multiples), verdict.verdict, verdict.rate, verdict.offset)
 
 
 def _judge_law(
@@ -278,7 +278,7 @@ def own_pair_blocks(own: OwnPair) -> Iterator[Block]:
     contrasts = [number(x * own.contrast) for x in MULTIPLES]
     header = ["law", "as one body", f"D at {contrasts[0]} (yours)", *(f"D at {x}" for x in contrasts[1:])]
     rows = [
-        (display_name(law.solver), law.as_one, *(number(d, 2) for d in law.distances), law.growing)
+        (display_name(law.solver), law.as_one, *(number(d, 2) for d in law.distances), law.trend)
         for law in own.laws
     ]
     yield Table([*header, "as the contrast grows"], rows, text=2)

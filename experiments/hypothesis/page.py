@@ -74,14 +74,16 @@ def write_hypothesis(results: HypothesisResults, root: Path) -> Path:
         with replacing(root / f"{name}.parquet") as temporary:
             frame.to_parquet(temporary, index=False, compression="zstd")
     (root / "figures").mkdir(exist_ok=True)
-    _draw(results, root / "figures")
+    _draw_distances(results, root / "figures")
     write_text(root / "report.html", render_page(TITLE, _blocks(results), root / "figures"))
     return root / "report.html"
 
 
 def show_verdicts(console: Console, results: HypothesisResults) -> None:
     """Print the verdicts, and the points at which they are reached."""
-    table = _grid(_wholes(results.verdicts), {"solver": "solver"}, "case", _short, TITLE)
+    table = _verdict_grid(
+        _rows_of_class_all(results.verdicts), {"solver": "solver"}, "case", _format_verdict, TITLE
+    )
     print_blocks(console, ["", table, *_chains_as_one(results), LAWS_WITH_LAWS])
 
 
@@ -95,7 +97,7 @@ def _blocks(results: HypothesisResults) -> list[Block]:
         f"{results.config.points} collisions or more. Supported: final velocities approach the closed form; "
         "refuted: another value."
     )
-    held = _wholes(results.verdicts).query("solver == @MODEL and verdict == 'supported'")
+    held = _rows_of_class_all(results.verdicts).query("solver == @MODEL and verdict == 'supported'")
     answers = list(_chains_as_one(results))
     if MODEL in results.solvers:
         answers.insert(0, f"The model supports it in {len(held)} of {len(LIMITING_CASES)} limiting cases.")
@@ -107,23 +109,23 @@ def _blocks(results: HypothesisResults) -> list[Block]:
     return [
         question,
         " ".join(answers),
-        _verdicts(results),
+        _verdict_table(results),
         figure,
         LAWS_WITH_LAWS,
-        _names(results),
-        _more(results),
-        _method(results),
+        _names_section(results),
+        _details_section(results),
+        _method_section(results),
     ]
 
 
-def _names(results: HypothesisResults) -> Section:
+def _names_section(results: HypothesisResults) -> Section:
     """Return the section that explains the headers of columns and rows."""
     solvers = {display_name(name): f"{description_of(name)} (solver {name})" for name in results.solvers}
     rows = [*_LIMITING_CASES.items(), *solvers.items(), *_MEANINGS.items()]
     return Section("What the names mean", [Table(("name", "meaning"), rows, text=2)], folded=True)
 
 
-def _grid(
+def _verdict_grid(
     rows: Frame, index: Mapping[str, str], columns: str, cell: Callable[[FrameRow], str], caption: str = ""
 ) -> Table:
     """Lay out verdicts as a grid, one verdict per cell.
@@ -137,12 +139,13 @@ def _grid(
     return Table(header, lines, caption, text=len(header))
 
 
-def _short(row: FrameRow) -> str:
+def _format_verdict(row: FrameRow) -> str:
     """Write a verdict and the number of points that reach it, such as ``supported 20/24``."""
     return f"{row.verdict} {getattr(row, f'n_{row.verdict}', row.n_undecided)}/{row.points}"
 
 
-def _wholes(table: Frame) -> Frame:
+def _rows_of_class_all(table: Frame) -> Frame:
+    """Return the verdicts on all points of a limiting case, without those on its classes of points."""
     return table[table["class"] == "all"]
 
 
@@ -159,19 +162,19 @@ def _chains_as_one(results: HypothesisResults) -> Iterator[str]:
         yield f"Chains whose stiff pair has one velocity at first, and moves as one: {', '.join(counts)}."
 
 
-def _verdicts(results: HypothesisResults) -> Table:
+def _verdict_table(results: HypothesisResults) -> Table:
     """Lay out the verdicts, one row per solver and one column per limiting case.
 
     Below the row of the model's law in time a row says why the pair is one body.
     """
-    wholes = _wholes(results.verdicts)
+    wholes = _rows_of_class_all(results.verdicts)
     caption = (
         f"Verdict, points at which it is reached, and the contrast from which D stays within {percent(CLOSE)}, median; "
         "D is the distance from the closed form. Below, of a supported case the rate r, D falling as contrast^-r, "
         "median and its 95 % interval; of a refuted one the range of D. Exact bistiffness has the model's law, "
         f"and positions that move. {describe_shared_laws(results.solvers)}"
     )
-    table = _grid(wholes, {"solver": "solver"}, "case", _cell, caption)
+    table = _verdict_grid(wholes, {"solver": "solver"}, "case", _format_cell, caption)
     rows = [(name, *map(Markup, cells)) for name, *cells in table.rows]
     if {MODEL, LAW_IN_TIME} <= {*results.solvers}:
         pairs = zip(*(wholes[wholes.solver == one].verdict for one in (MODEL, LAW_IN_TIME)), strict=True)
@@ -180,7 +183,8 @@ def _verdicts(results: HypothesisResults) -> Table:
     return replace(table, rows=rows)
 
 
-def _cell(row: FrameRow) -> str:
+def _format_cell(row: FrameRow) -> str:
+    """Write a verdict for the page: below it the contrast from which D is small, and the rate or the range of D."""
     more = "within its error" if row.within_error else ""
     if row.verdict == "supported":
         low, high = (format(end, ".2f") for end in (row.rate_low, row.rate_high))
@@ -188,10 +192,10 @@ def _cell(row: FrameRow) -> str:
     elif row.verdict == "refuted":
         more = f"D {format_range((row.offset_least, row.offset_largest))}"
     close = f"≥{compact_number(row.close_from, 1)}" if row.close_from < float("inf") else "never"
-    return f"{_short(row)} {close}<br>{more}"
+    return f"{_format_verdict(row)} {close}<br>{more}"
 
 
-def _draw(results: HypothesisResults, folder: Path) -> None:
+def _draw_distances(results: HypothesisResults, folder: Path) -> None:
     """Draw D from the closed form over the contrast, one line per solver."""
     usable: Frame = results.outcomes.query("used and `class`.str.endswith('lossy')")
     with styled_figure(11.0, 4.8) as figure:
@@ -217,10 +221,11 @@ def _draw(results: HypothesisResults, folder: Path) -> None:
     save_figure(figure, folder, "distance")
 
 
-def _more(results: HypothesisResults) -> Section:
+def _details_section(results: HypothesisResults) -> Section:
     """Return the section with the verdicts on classes of points, and on chains of N balls."""
     classes = results.verdicts[results.verdicts["class"] != "all"]
-    of_points = _grid(classes, {"case": "limiting case", "class": "elastic contacts"}, "solver", _short)
+    lines = {"case": "limiting case", "class": "elastic contacts"}
+    of_points = _verdict_grid(classes, lines, "solver", _format_verdict)
     balls = format_range(results.config.chains.balls)
     caption = (
         f"Chains of {balls} balls, one contact of which becomes infinitely stiff, beside those "
@@ -236,7 +241,7 @@ def count_chains(results: HypothesisResults) -> Iterator[tuple[str, ...]]:
     """Count chains by verdict: one row per solver, and per whether the bodies of the stiff pair meet at first."""
     if results.chains.empty:
         return
-    for (solver, meets), rows in _wholes(results.chains).groupby(["solver", "meets"], sort=False):
+    for (solver, meets), rows in _rows_of_class_all(results.chains).groupby(["solver", "meets"], sort=False):
         sums = rows[["n_supported", "n_refuted", "points"]].sum()
         counts = (f"{n} of {sums.points}" for n in (sums.n_supported, sums.n_refuted))
         rates = (
@@ -248,7 +253,7 @@ def count_chains(results: HypothesisResults) -> Iterator[tuple[str, ...]]:
         yield solver, "meet" if meets else "one velocity", *counts, rates, distances
 
 
-def _method(results: HypothesisResults) -> Section:
+def _method_section(results: HypothesisResults) -> Section:
     """Return the section on limiting cases, skipped outcomes, and the distance of engines from the exact solvers."""
     outcomes = results.outcomes
     caption = (

@@ -33,7 +33,7 @@ from impact_xval.experiments.hypothesis.judging import (
     mark_usable,
 )
 from impact_xval.experiments.sweep.run import SweepResult, run_sweep
-from impact_xval.experiments.tables.folder import finished, new_folder, write_text
+from impact_xval.experiments.tables.folder import finished_run, new_folder, write_text
 from impact_xval.experiments.tables.frames import Frame
 from impact_xval.experiments.tables.parquet import replacing
 from impact_xval.model import solve_batch
@@ -196,10 +196,10 @@ def prepare_runs(config: HypothesisConfig, root: Path) -> Iterator[tuple[str, Ca
         write_text(file, text)
     elif file.read_text(encoding="utf-8") != text:
         raise UserError(f"--out {root}: holds another test of the hypothesis; legal: a new or empty folder")
-    for name, solvers in _runs(config).items():
+    for name, solvers in _solvers_by_run(config).items():
         cells = root / f"{name}.parquet"
         with replacing(cells) as temporary:
-            _cells(config, name).to_parquet(temporary, index=False)
+            _list_cells(config, name).to_parquet(temporary, index=False)
         laws = {exact_solver_for(solver, "calibrated") for solver in solvers} - {"", REFERENCE, *solvers}
         given = {"name": f"hypothesis, {name}", "cells": str(cells), "cell_timeout": config.cell_timeout}
         given |= {"convergence": {"tolerance": 3e-3 if name == UNITED else 2e-4, "halvings": 3}}
@@ -207,14 +207,14 @@ def prepare_runs(config: HypothesisConfig, root: Path) -> Iterator[tuple[str, Ca
         yield f"{name}: {', '.join(experiment.solvers)}", partial(run_sweep, experiment, root / name)
 
 
-def _runs(config: HypothesisConfig) -> dict[str, list[str]]:
+def _solvers_by_run(config: HypothesisConfig) -> dict[str, list[str]]:
     """Return the solvers of each run, by the name of the run; runs without solvers are skipped."""
     exact = [name for name in config.solvers if name in exact_law_names()]
     engines = [name for name in config.solvers if name not in exact]
     return {name: names for name, names in ((EXACT, exact), (ENGINES, engines), (UNITED, engines)) if names}
 
 
-def _cells(config: HypothesisConfig, run: str) -> Frame:
+def _list_cells(config: HypothesisConfig, run: str) -> Frame:
     """List the cells of a run, contrast by contrast: neighbours then take about as many steps."""
     contrasts = spaced_contrasts(config.contrast, config.per_decade)
     plastic_contrasts = spaced_contrasts(config.plastic_contrast, max(4, config.per_decade // 2))
@@ -236,8 +236,8 @@ def _cells(config: HypothesisConfig, run: str) -> Frame:
 def judge_runs(config: HypothesisConfig, root: Path) -> HypothesisResults:
     """Judge the finished runs in a folder."""
     tables, versions = [], {}
-    for name, solvers in _runs(config).items():
-        folder = finished(root / name)
+    for name, solvers in _solvers_by_run(config).items():
+        folder = finished_run(root / name)
         rows: Frame = pd.read_parquet(folder.table_path("cells.parquet"), columns=["cell", *_KEPT, *_READ])
         rows = rows[rows.solver.isin(solvers) & (rows.status != "unavailable")]
         rows = rows.merge(pd.read_parquet(root / f"{name}.parquet"), left_on="cell", right_index=True)
@@ -245,7 +245,7 @@ def judge_runs(config: HypothesisConfig, root: Path) -> HypothesisResults:
         if name != EXACT:
             versions = {engine: folder.manifest()["versions"][engine] for engine in solvers}
     order = [*(case.key for case in LIMITING_CASES), *sort_by_law(config.solvers)]
-    outcomes = _outcomes(pd.concat(tables)).sort_values(
+    outcomes = _make_outcomes(pd.concat(tables)).sort_values(
         ["case", "solver", "point", "contrast"],
         key=lambda column: column.map(order.index) if column.name in ("case", "solver") else column,
         ignore_index=True,
@@ -261,7 +261,7 @@ def judge_runs(config: HypothesisConfig, root: Path) -> HypothesisResults:
     return HypothesisResults(config, outcomes, points, of_cases, chains, of_chains, versions)
 
 
-def _outcomes(rows: Frame) -> Frame:
+def _make_outcomes(rows: Frame) -> Frame:
     """Make the table of outcomes, engines by their limit dt -> 0, and mark the outcomes that can be used."""
     limits, velocities = (rows[names].to_numpy() for names in (["v1_limit", "v2_limit"], ["v1", "v2"]))
     at_no_step = ~np.isnan(limits).any(axis=1)

@@ -16,7 +16,7 @@ from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.frames import AxisValue, Frame
-from impact_xval.experiments.tables.parquet import codes, column, present, selected
+from impact_xval.experiments.tables.parquet import read_codes, read_column, read_selected, read_where_present
 
 #: Columns of ``summary.csv``: which rows, of what, and the statistics of it.
 STATISTICS = ["solver", "cells", "axis", "value", "measure", "n", "mean", "median", "p95", "max"]
@@ -35,35 +35,38 @@ _WIDE = 20.0
 
 
 @dataclass(frozen=True, slots=True)
-class Levels:
-    """Levels of one axis: its values, or the middles of bins, of which each but the first begins at an edge."""
+class AxisLevels:
+    """Levels of one axis, by which rows are grouped: its values, or the middles of bins.
+
+    With bins `edges` has the lower end of every bin but the first.
+    """
 
     values: Sequence[AxisValue]
     edges: NDArray[np.float64] | None = None
 
     def codes(self, x: np.ndarray) -> NDArray[np.intp]:
-        """Position in `values` of each x; -1 of NaN where there are no bins."""
+        """Return the position in `values` of each x; without bins -1 for NaN."""
         if self.edges is None:
             return pd.Index(self.values).get_indexer(x)
         return np.searchsorted(self.edges, x, side="right")
 
 
-def axis_levels(config: Config, axis: str, x: np.ndarray) -> Levels:
-    """Levels of an axis: the values of a grid or of chains, else what scattered values fall into."""
+def axis_levels(config: Config, axis: str, x: np.ndarray) -> AxisLevels:
+    """Return the levels of an axis: the values of a grid or of chains, else the bins of scattered values."""
     if config.chain is not None:
-        return Levels(sorted(set(pd.Series(x).dropna())))
+        return AxisLevels(sorted(set(pd.Series(x).dropna())))
     scattered = config.sample is not None or config.cells is not None
     axes = {} if scattered else config.grid.axes()
     if axis in axes:
-        return Levels(axes[axis])
+        return AxisLevels(axes[axis])
     return levels_of(x)  # so are ratios of quantities in SI units
 
 
-def levels_of(x: NDArray[np.float64]) -> Levels:
-    """Levels of scattered values; 0 and infinity, where they occur, are levels of their own."""
+def levels_of(x: NDArray[np.float64]) -> AxisLevels:
+    """Return the levels of scattered values; 0 and infinity, where they occur, are levels of their own."""
     unique = np.unique(x)
     if len(unique) <= _FEW:
-        return Levels(unique.tolist())
+        return AxisLevels(unique.tolist())
     below, above = unique[unique == 0].tolist(), unique[np.isinf(unique)].tolist()
     inside = unique[(unique > 0) & np.isfinite(unique)]
     low, high = inside[0], inside[-1]
@@ -73,7 +76,7 @@ def levels_of(x: NDArray[np.float64]) -> Levels:
     else:
         ends = np.linspace(low, high, _BINS + 1)
         middles = (ends[:-1] + ends[1:]) / 2
-    return Levels(
+    return AxisLevels(
         [*below, *middles.tolist(), *above], np.array([*([low] if below else []), *ends[1:-1], *above])
     )
 
@@ -85,7 +88,7 @@ class DivergenceTable:
     path: Path
     solvers: list[str]
     #: By axis.
-    levels: dict[str, Levels]
+    levels: dict[str, AxisLevels]
     #: ``solver`` and the level of every axis, as categories; ``compared``, whether there is a result on both sides;
     #: ``marked``, whether the row is kept apart (`schema`).
     rows: Frame
@@ -100,10 +103,10 @@ class DivergenceTable:
         if name == OWN_LAW:
             return self._own_law()
         if name != FULL_PATHS:
-            return column(self.path, name)
+            return read_column(self.path, name)
         # Where the model took a limit, its path ends there: it cannot equal one that was followed to the end.
-        followed = codes(self.path, "model_status", ["ok"]) == 0
-        return np.where(followed, column(self.path, "states_equal"), np.nan)
+        followed = read_codes(self.path, "model_status", ["ok"]) == 0
+        return np.where(followed, read_column(self.path, "states_equal"), np.nan)
 
     def _own_law(self) -> NDArray[np.float64]:
         """Compare each path with that of the exact solver of its law, a row above or below in the same cell."""
@@ -111,7 +114,7 @@ class DivergenceTable:
         law = np.array([self.solvers.index(name) if name in self.solvers else -1 for name in laws])
         if not (law >= 0).any():
             return np.full(len(self.rows), np.nan)
-        paths = selected(self.path, ["states_compared"])["states_compared"].combine_chunks()
+        paths = read_selected(self.path, ["states_compared"])["states_compared"].combine_chunks()
         paths = paths.indices.fill_null(-1).to_numpy().reshape(-1, len(law))
         compared = self.rows.compared.to_numpy().reshape(-1, len(law))
         there = compared & compared[:, law] & (law >= 0)
@@ -129,14 +132,14 @@ def load_divergence(folder: RunFolder, config: Config) -> DivergenceTable:
     """Read the columns of the table of divergence by which everything is grouped; measures are read as needed."""
     path = folder.table_path("divergence.parquet")
     solvers = [name for name in config.solvers if name != REFERENCE]
-    rows = pd.DataFrame({"solver": pd.Categorical.from_codes(codes(path, "solver", solvers), solvers)})
+    rows = pd.DataFrame({"solver": pd.Categorical.from_codes(read_codes(path, "solver", solvers), solvers)})
     levels = {}
     for axis in AXES if config.chain is None else CHAIN_AXES:
-        x = column(path, axis)
+        x = read_column(path, axis)
         levels[axis] = axis_levels(config, axis, x)
         rows[axis] = pd.Categorical.from_codes(levels[axis].codes(x), levels[axis].values)
-    rows["compared"] = ~np.isnan(column(path, "velocity_divergence"))
-    rows["marked"] = present(path, "marked")
+    rows["compared"] = ~np.isnan(read_column(path, "velocity_divergence"))
+    rows["marked"] = read_where_present(path, "marked")
     return DivergenceTable(path, solvers, levels, rows)
 
 

@@ -156,8 +156,7 @@ class Comparison:
     results: SolverResults
     #: Which jump of the model or of the solver is near, or which cut-off decides, by cell; empty where none does.
     marked: Texts
-    #: All measures; none for the model itself.
-    #: Measures by the names of their columns (`schema.MEASURES`).
+    #: Measures by the names of their columns (`schema.MEASURES`); none for the model itself.
     measures: ColumnArrays
 
     def __getitem__(self, place: slice) -> Comparison:
@@ -195,10 +194,10 @@ def results_of(
         Time in s for which a state of a pair must be held to count (`states`); None where states are not compared.
     """
     if isinstance(outcomes, Outcomes):
-        results = _read_arrays(outcomes, balls, contacts, with_states=shortest is not None)
+        results = _results_of_arrays(outcomes, balls, contacts, with_states=shortest is not None)
         paths = outcomes.paths
     else:
-        results = _read_list(outcomes, balls, contacts)
+        results = _results_of_list(outcomes, balls, contacts)
         paths = None
     diagnostics = {
         name: x / speed if _VELOCITY.fullmatch(name) else x for name, x in results.diagnostics.items()
@@ -215,8 +214,8 @@ def results_of(
     return replace(results, compared=compared, curves=ImpulseCurves(paths.offsets, paths.impulses))
 
 
-def _read_arrays(outcomes: Outcomes, balls: int, contacts: int, *, with_states: bool) -> SolverResults:
-    """Read outcomes that are arrays already."""
+def _results_of_arrays(outcomes: Outcomes, balls: int, contacts: int, *, with_states: bool) -> SolverResults:
+    """Return the results of outcomes that are arrays already."""
     n = len(outcomes)
     return SolverResults(
         velocities=_pad(outcomes.velocities, balls),
@@ -235,8 +234,8 @@ def _read_arrays(outcomes: Outcomes, balls: int, contacts: int, *, with_states: 
     )
 
 
-def _read_list(outcomes: Sequence[Outcome], balls: int, contacts: int) -> SolverResults:
-    """Read outcomes one by one."""
+def _results_of_list(outcomes: Sequence[Outcome], balls: int, contacts: int) -> SolverResults:
+    """Return the results of a list of outcomes, which are read one by one."""
     names = dict.fromkeys(name for outcome in outcomes for name in outcome.diagnostics)
     return SolverResults(
         velocities=_pad([outcome.velocities for outcome in outcomes], balls),
@@ -268,7 +267,7 @@ def _pad(rows: Floats | Sequence[Sequence[float]], width: int) -> Floats:
 
 
 def masses_and_starts(collisions: Sequence[Collision], balls: int) -> tuple[Floats, Floats]:
-    """Masses in kg and velocities at first touch in m/s, shape (n, N), NaN where a cell has fewer balls."""
+    """Return masses in kg and velocities at first touch in m/s, shape (n, N); NaN where a cell has fewer balls."""
     if isinstance(collisions, Collisions):
         return _pad(collisions.masses, balls), _pad(collisions.velocities, balls)
     masses, velocities = ([getattr(c, name) for c in collisions] for name in ("masses", "velocities"))
@@ -276,7 +275,7 @@ def masses_and_starts(collisions: Sequence[Collision], balls: int) -> tuple[Floa
 
 
 def norms(masses: Floats, differences: Floats, starts: Floats) -> Floats:
-    """D: kinetic norms, over balls, of differences of velocities over those of the velocities at first touch."""
+    """Return D, shape (n,): the kinetic norm of differences of velocities over that of the first velocities."""
     with np.errstate(over="ignore", invalid="ignore"):
         return kinetic_norm(masses, differences) / kinetic_norm(masses, starts)
 
@@ -304,7 +303,9 @@ def divergence(
         return measures
     pairs = list(zip(model.compared, other.compared, strict=True))
     sequences = {texts: [text.split() for text in texts] for texts in set(pairs)}
-    differences = {texts: (a == b, part_at(a, b), edit_distance(a, b)) for texts, (a, b) in sequences.items()}
+    differences = {
+        texts: (a == b, first_difference(a, b), edit_distance(a, b)) for texts, (a, b) in sequences.items()
+    }
     states = [
         differences[texts] if is_result else (None,) * 3 for texts, is_result in zip(pairs, both, strict=True)
     ]
@@ -324,12 +325,12 @@ def divergence(
 
 
 def retained_energy(masses: Floats, starts: Floats, results: SolverResults) -> Floats:
-    """Kinetic energy after the collision over that before it, shape (n,)."""
+    """Return the kinetic energy after the collision over that before it, shape (n,)."""
     return norms(masses, results.velocities, starts) ** 2
 
 
 def retained_momentum(masses: Floats, starts: Floats, results: SolverResults) -> Floats:
-    """Momentum after the collision over that before it, shape (n,), with its sign.
+    """Return the momentum after the collision over that before it, shape (n,), with its sign.
 
     It is 1 without a table, and negative where balls that fell leave a table upwards.
     """
@@ -339,14 +340,14 @@ def retained_momentum(masses: Floats, starts: Floats, results: SolverResults) ->
         return np.where(np.isnan(results.velocities).all(axis=1), np.nan, after / before)
 
 
-def part_at(a: Sequence[str], b: Sequence[str]) -> int | None:
-    """Position, from 1, of the first state that only one of two sequences has there; None if they are equal."""
+def first_difference(a: Sequence[str], b: Sequence[str]) -> int | None:
+    """Return the position, from 1, of the first state in which two sequences differ; None if they are equal."""
     pairs = enumerate(zip_longest(a, b), start=1)
     return next((position for position, (x, y) in pairs if x != y), None)
 
 
 def edit_distance(a: Sequence[str], b: Sequence[str]) -> int:
-    """Least number of insertions, deletions and substitutions that turn a into b (Levenshtein)."""
+    """Return the least number of insertions, deletions and substitutions that turn a into b (Levenshtein)."""
     row = list(range(len(b) + 1))
     for i, x in enumerate(a, start=1):
         diagonal, row[0] = row[0], i

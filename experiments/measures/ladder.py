@@ -190,14 +190,14 @@ class Split(NamedTuple):
 
     def dominant(self) -> NDArray[np.intp]:
         """Return the index of the largest share in each cell; -1 where there is nothing to split."""
-        return np.where(self.divergence >= NOTHING, _largest(self.along), -1)
+        return np.where(self.divergence >= NOTHING, _index_of_largest(self.along), -1)
 
     def same_by_every_order(self) -> NDArray[np.bool_]:
         """Return whether the same contribution has the largest share by all orders, shape (n,)."""
-        return (_largest(self.orders) == self.dominant()).all(axis=0)
+        return (_index_of_largest(self.orders) == self.dominant()).all(axis=0)
 
 
-def _largest(along: Floats) -> NDArray[np.intp]:
+def _index_of_largest(along: Floats) -> NDArray[np.intp]:
     return np.argmax(np.where(np.isnan(along), -np.inf, along), axis=-2)
 
 
@@ -241,7 +241,7 @@ def split(weights: Floats, corners: Corners, limit: Floats, engine: Floats) -> S
 
 
 def _norm(weights: Floats, differences: Floats) -> Floats:
-    """Kinetic norm."""
+    """Return the kinetic norm of differences of velocities over the last axis."""
     return np.sqrt((weights * differences**2).sum(axis=-1))
 
 
@@ -275,11 +275,11 @@ def ladders(
             always = _status_columns(name, model, engine, places, of_law, ladder)
             ok = ~np.isnan(ladder.divergence) & np.isin(always["status"].tolist(), ("ok", UNCONVERGED))
             for key, values in (always | _split_columns(name, of_law, ladder, ok)).items():
-                _scatter(columns[name], key, values, places, len(block))
+                _put_into_column(columns[name], key, values, places, len(block))
     return columns
 
 
-def _scatter(columns: ColumnArrays, key: str, values: np.ndarray, places: np.ndarray, n: int) -> None:
+def _put_into_column(columns: ColumnArrays, key: str, values: np.ndarray, places: np.ndarray, n: int) -> None:
     """Put values in their places of a column of length n, which holds NaN or None elsewhere."""
     nothing = np.nan if values.dtype.kind == "f" else None
     columns.setdefault(key, np.full(n, nothing, values.dtype))[places] = values

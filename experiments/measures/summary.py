@@ -42,7 +42,13 @@ from impact_xval.experiments.measures.ladder import (
 )
 from impact_xval.experiments.tables.folder import RunFolder, Tally, statuses_of
 from impact_xval.experiments.tables.frames import AxisValue, Frame, FrameRow
-from impact_xval.experiments.tables.parquet import codes, column, present, rows_at, selected
+from impact_xval.experiments.tables.parquet import (
+    read_codes,
+    read_column,
+    read_selected,
+    read_where_present,
+    rows_at,
+)
 from impact_xval.model.arrays import Floats
 from impact_xval.model.status import RESULT_STATUSES
 
@@ -93,11 +99,11 @@ class Summary:
             count_reasons(outcomes), columns=["solver", "status", "reason", "n"]
         )
         self.between = pairwise_divergence(cells, config) if pair else pd.DataFrame()
-        self.estimates = convergence_estimates(cells, config.solvers, config.mapping, marked=pair)
+        self.estimates = limit_estimates(cells, config.solvers, config.mapping, marked=pair)
         self.ladder = summarise_ladder(folder, config)
         # Rows of a cell are in the order of the solvers, the model first; where that is marked they all are.
-        marked = present(cells, "marked").reshape(-1, len(config.solvers))
-        result = (codes(cells, "status", RESULT_STATUSES) >= 0).reshape(marked.shape)
+        marked = read_where_present(cells, "marked").reshape(-1, len(config.solvers))
+        result = (read_codes(cells, "status", RESULT_STATUSES) >= 0).reshape(marked.shape)
         beyond = (marked & result & ~marked[:, :1]).sum(axis=0).tolist()
         #: Cells, and those of them in which the model is marked.
         self.n_cells, self.n_marked = len(marked), int(marked[:, 0].sum())
@@ -167,10 +173,10 @@ def pairwise_divergence(path: Path, config: Config) -> Frame:
 
     Columns: ``solver, other, n, median, p95, max``. D is near zero where two solvers differ from the model by the same.
     """
-    done = (codes(path, "status", RESULT_STATUSES) >= 0) & ~present(path, "marked")
-    speed = np.where(done, np.abs(column(path, "v0")), np.nan)
-    u1 = (column(path, "v1") / speed).reshape(-1, len(config.solvers))
-    u2 = (np.sqrt(column(path, "mass_ratio")) * column(path, "v2") / speed).reshape(u1.shape)
+    done = (read_codes(path, "status", RESULT_STATUSES) >= 0) & ~read_where_present(path, "marked")
+    speed = np.where(done, np.abs(read_column(path, "v0")), np.nan)
+    u1 = (read_column(path, "v1") / speed).reshape(-1, len(config.solvers))
+    u2 = (np.sqrt(read_column(path, "mass_ratio")) * read_column(path, "v2") / speed).reshape(u1.shape)
     rows = []
     for (a, name), (b, other) in combinations(enumerate(config.solvers), 2):
         d = pd.Series(np.hypot(u1[:, a] - u1[:, b], u2[:, a] - u2[:, b])).dropna()
@@ -179,16 +185,23 @@ def pairwise_divergence(path: Path, config: Config) -> Frame:
     return pd.DataFrame(rows, columns=["solver", "other", "n", "median", "p95", "max"])
 
 
-def convergence_estimates(
+def limit_estimates(
     path: Path, solvers: Sequence[str], mapping: MappingName = "calibrated", *, marked: bool = True
 ) -> Frame:
     """Compute how far each engine is from its limit dt -> 0, and how well that is known, from the table of cells.
 
-    Columns, per abs(v0) and the largest of all balls: ``solver``; ``asked``, the exact solver of the law it was asked
-    for, "" without one; ``n`` limits, ``converged`` of them; ``order``, the median; ``regularisation``, the largest;
-    median, 95 % and largest of ``error``, estimated errors, of ``step``, distances from the velocities at the step, and
-    of ``asked``, distances of the `held` limits from the exact solver where that is in the run; ``honest``, the share
-    of these that are at most `HONEST` times the estimate. Without `marked` the rows that are count in nothing.
+    One row per engine. Errors and distances are of velocities per abs(v0), the largest of all balls. Columns:
+
+    * ``solver``; ``asked``, the exact solver of the law that the engine was asked for, "" without one;
+    * ``n``, the number of limits; ``converged``, the number of those that converged;
+    * ``order``, the median; ``regularisation``, the largest;
+    * ``error_median``, ``error_p95``, ``error_max``: of the estimated errors; ``step_...``: of the distances between
+      the limits and the velocities at the step; ``asked_...``: of the distances between the limits and the exact
+      solver, where that is in the run;
+    * ``held``, the number of these last distances; ``honest``, the share of them that are at most `HONEST` times the
+      estimate.
+
+    Without `marked` the marked rows are left out.
     """
     limits = [name for name in pq.read_schema(path).names if re.fullmatch(r"v\d+_limit", name)]
     velocities = [name.removesuffix("_limit") for name in limits]
@@ -198,7 +211,7 @@ def convergence_estimates(
         keep = (pc.field("solver") == name) & pc.field("v1_limit").is_valid()
         if not marked:
             keep &= pc.field("marked").is_null()
-        table = selected(path, [*known, *limits, *velocities], keep).to_pandas()
+        table = read_selected(path, [*known, *limits, *velocities], keep).to_pandas()
         if not len(table):
             continue
         good = table[table.status.isin(RESULT_STATUSES)]
@@ -256,7 +269,7 @@ class LadderSummary:
 
 
 def band_of(stiffness_ratio: ArrayLike) -> Floats:
-    """Lower edge of the band of each k2/k1."""
+    """Return the lower edge of the band of each k2/k1."""
     ratio = np.asarray(stiffness_ratio, dtype=float)
     return np.where(ratio < 0.1, 0.0, np.where(ratio <= 10.0, 0.1, 10.0))
 
@@ -269,9 +282,9 @@ def summarise_ladder(folder: RunFolder, config: Config) -> LadderSummary:
     columns += [*(AXES if pair else CHAIN_AXES), "velocity_divergence"]
     regular = (pc.field("status") == "ok") & pc.field("marked").is_null()  # others count in no statistic
     for solver in filter(is_engine, config.solvers):
-        rows = selected(path, columns, regular & (pc.field("solver") == solver)).to_pandas()
-        for axis, region in (_regions(rows, config) if len(rows) else {}).items():
-            found = _by_region(rows, pd.Series(region, name="value"), gravity=pair)
+        rows = read_selected(path, columns, regular & (pc.field("solver") == solver)).to_pandas()
+        for axis, region in (_region_values(rows, config) if len(rows) else {}).items():
+            found = _statistics_by_region(rows, pd.Series(region, name="value"), gravity=pair)
             frames.append(found.assign(solver=solver, axis=axis))
     if not frames:
         return LadderSummary(pd.DataFrame(columns=_OF_LADDERS))
@@ -280,8 +293,8 @@ def summarise_ladder(folder: RunFolder, config: Config) -> LadderSummary:
     return LadderSummary(statistics.loc[statistics.n > 0, _OF_LADDERS].reset_index(drop=True))
 
 
-def _regions(rows: Frame, config: Config) -> dict[str, np.ndarray]:
-    """By axis, the value by which every row is grouped; of chains only by axes that have several."""
+def _region_values(rows: Frame, config: Config) -> dict[str, np.ndarray]:
+    """Return by axis the value by which every row is grouped; for chains only axes with several values."""
     regions: dict[str, np.ndarray] = {"all": np.zeros(len(rows))}
     if config.chain is not None:
         # strikers are of cradles alone
@@ -296,7 +309,7 @@ def _regions(rows: Frame, config: Config) -> dict[str, np.ndarray]:
     return regions
 
 
-def _by_region(rows: Frame, region: Frame, *, gravity: bool) -> Frame:
+def _statistics_by_region(rows: Frame, region: Frame, *, gravity: bool) -> Frame:
     """Compute the statistics of every contribution in every region, by value, then by contribution."""
     contributions = contributions_of(gravity=gravity)
     names = [c.name for c in contributions]
@@ -325,8 +338,8 @@ def _by_region(rows: Frame, region: Frame, *, gravity: bool) -> Frame:
     return table.join(total.groupby(region).mean().rename("total")).reset_index()
 
 
-def csv_rows(ladder: LadderSummary) -> list[Frame]:
-    """Return the statistics in the columns of ``summary.csv``: a norm, a share and its range, by cause and region."""
+def ladder_statistics_for_csv(ladder: LadderSummary) -> list[Frame]:
+    """Return the statistics of ladders as rows of ``summary.csv``: norms, shares and their ranges."""
     table = ladder.statistics.assign(cells="regular")
     frames = [table.assign(measure="norm_" + table.contribution)]
     for measure, statistic in (("share", "share"), ("share_low", "low"), ("share_high", "high")):

@@ -267,7 +267,7 @@ def scene_blocks(
     """
     groups = examination.groups
     shown = groups if everything else groups[:_MOST_GROUPS]
-    head = _describe_scene(examination, scene, version)
+    head = _describe_examination(examination, scene, version)
     traps = _describe_traps(examination, scene, everything)
     if not groups:
         return [head, "no two geoms can touch", *traps]
@@ -287,7 +287,7 @@ def scene_blocks(
     has_readings, has_advice = len(to_write) > len(advice), bool(advice)
     notes = [_describe_pairs(shown), _ONE_POINT] if has_readings else []
     if not everything:
-        remarks = _cut(remarks, _MOST_REMARKS, "remarks")
+        remarks = _keep_first(remarks, _MOST_REMARKS, "remarks")
         # Beside rows there are the first line, an empty line, a caption and a header for each of three tables, and an
         # empty line after them.
         lines_left = _MOST_LINES - 11 - sum(map(len, (rows, measured_rows, remarks, notes, traps)))
@@ -327,14 +327,14 @@ def _first_number(numbers: str) -> int:
     return int(numbers.partition(",")[0])
 
 
-def _cut(lines: list[str], most: int, what: str) -> list[str]:
+def _keep_first(lines: list[str], most: int, what: str) -> list[str]:
     """Keep the first lines, and say in the last line how many more there are."""
     if len(lines) <= most:
         return lines
     return [*lines[: most - 1], f"{len(lines) - most + 1} more {what}: --all shows them"]
 
 
-def _describe_scene(examination: Examination, scene: str, version: str) -> str:
+def _describe_examination(examination: Examination, scene: str, version: str) -> str:
     """Say what was examined, by which engine, and what is left out."""
     contacts = sum(len(group.group.contacts) for group in examination.groups)
     looked = ""

@@ -40,8 +40,8 @@ _ROWS = 40
 LABELS = {c.name: c.label for c in CONTRIBUTIONS}
 
 
-def row_unit(summary: Summary) -> str:
-    """Return the word for the rows of a run: cells or chains."""
+def row_noun(summary: Summary) -> str:
+    """Return the plural noun for the rows of a run: ``cells`` or ``chains``."""
     return "cells" if summary.config.chain is None else "chains"
 
 
@@ -70,7 +70,7 @@ def compared_solvers(summary: Summary) -> list[str]:
     return [name for name in summary.solvers if summary.get(name, D)["n"]]
 
 
-def subjects(summary: Summary) -> list[str]:
+def solvers_of_sentences(summary: Summary) -> list[str]:
     """List the solvers that sentences are about: the compared engines, or without engines all compared solvers."""
     names = compared_solvers(summary)
     return [name for name in names if is_engine(name)] or names
@@ -96,14 +96,14 @@ def describe_distances(summary: Summary) -> Markup:
     return Markup(" ").join(
         fill_sentence(
             "{solver} ends D = {median} from the model (median of {n} {unit}); the largest, {most}, is at {where}.",
-            unit=row_unit(summary),
+            unit=row_noun(summary),
             solver=display_name(name),
             median=statistic_value(summary, name),
             n=statistic_value(summary, name, "n"),
             most=statistic_value(summary, name, "max"),
             where=describe_row(summary, row_of_largest_d(summary, name)),
         )
-        for name in subjects(summary)
+        for name in solvers_of_sentences(summary)
     )
 
 
@@ -132,7 +132,11 @@ def describe_distances_from_own_laws(summary: Summary) -> list[Markup]:
     near = "{solver} ends D = {median} (median; at most {most}) from {law}"
     if summary.config.chain is not None:
         near = "The limits dt -> 0 of {solver} are {median} |v0| (median; at most {most} |v0|) from {law}"
-    laws = {exact_solver_for(name, summary.config.mapping) for name in subjects(summary) if is_engine(name)}
+    laws = {
+        exact_solver_for(name, summary.config.mapping)
+        for name in solvers_of_sentences(summary)
+        if is_engine(name)
+    }
     missing = sorted(laws - {"", *summary.solvers})
     if missing:
         line = "The exact solver of the law that engines were asked for was not run: {laws} among the solvers shows it."
@@ -161,12 +165,13 @@ def cause_shares(
     causes = region[region["max"] > 0]  # gravity is nowhere in an impact
     largest = causes.share.abs().sort_values(ascending=False, kind="stable").index
     return {
-        name: _cancelling(region, name) or Value(region.share[name], f"{solver} share_{name} {key}", 0)
+        name: _describe_cancelling(region, name)
+        or Value(region.share[name], f"{solver} share_{name} {key}", 0)
         for name in largest
     }
 
 
-def _cancelling(region: Frame, name: str) -> str:
+def _describe_cancelling(region: Frame, name: str) -> str:
     """Return a text for a cause that cancels another large cause; empty for other causes."""
     cancels = name in region.index[list(cancelling_pair(region.share) or ())]
     return f"cancelling (norm {number(region['mean'][name])})" if cancels else ""
@@ -195,13 +200,13 @@ def describe_causes(summary: Summary, solver: str, most: int = 2, *, explain: bo
         solver=display_name(solver),
         total=total,
         n=Value(float(whole.n.max()), f"{solver} ladders n"),
-        unit=row_unit(summary),
+        unit=row_noun(summary),
         causes=Markup(", ").join(parts),
-        by_region=_by_region(ladder, solver, next(iter(causes_by_share))),
+        by_region=_describe_regions(ladder, solver, next(iter(causes_by_share))),
     )
 
 
-def _by_region(ladder: LadderSummary, solver: str, name: str) -> str:
+def _describe_regions(ladder: LadderSummary, solver: str, name: str) -> str:
     """Say how the share of a cause differs between regions of the grid; empty with fewer than two."""
     by_region = {
         label: cause_shares(ladder, solver, *place).get(name) for label, place in ladder.regions.items()
@@ -228,7 +233,7 @@ def describe_unsolved(summary: Summary) -> list[str]:
             continue
         numbers = reasons.groupby("status", sort=False).n.sum()
         counts = ", ".join(f"{n} {status}" for status, n in numbers.items())
-        cells = f"{reasons.n.sum()} of {summary.n_cells} {row_unit(summary)}"
+        cells = f"{reasons.n.sum()} of {summary.n_cells} {row_noun(summary)}"
         sentences.append(
             f"{capitalise_first(display_name(name))} has no result in {cells} ({counts}), most often: "
             f"{reasons.reason.iloc[0]}"
@@ -240,7 +245,7 @@ def describe_counted_cells(summary: Summary) -> str:
     """Say which cells the statistics are taken over."""
     beyond = "".join(f", {n} more of {display_name(name)}" for name, n in summary.marked_beyond.items())
     said = (
-        f"Statistics are over the {row_unit(summary)} that both the solver and the model solved and that are "
+        f"Statistics are over the {row_noun(summary)} that both the solver and the model solved and that are "
         f"not marked. Marked, beside a jump of the outcome, are {summary.n_marked} of {summary.n_cells} in "
         f"the model{beyond}."
     )
@@ -288,7 +293,7 @@ def _share_text(region: Frame, name: str) -> str:
         return "-"
     share, low, high = map(percent, region.loc[name, ["share", "low", "high"]])
     apart = f" ({low.removesuffix(' %')} to {high.removesuffix(' %')})" if low != high else ""
-    return _cancelling(region, name) or share + apart
+    return _describe_cancelling(region, name) or share + apart
 
 
 def overall_table(summary: Summary) -> Table:
@@ -305,7 +310,7 @@ def overall_table(summary: Summary) -> Table:
         apart = summary.n_cells - row["n"] - summary.get(name, D, cells="marked")["n"]
         known = (int(row["n"]), *(number(row[cut]) for cut in CUTS), *(cell(name) for cell in last.values()))
         rows.append((stated_law(name) or "-", name, *known, int(apart)))
-    header = ["law", "solver", row_unit(summary), "median D", "95 %", "max", *last, "not compared"]
+    header = ["law", "solver", row_noun(summary), "median D", "95 %", "max", *last, "not compared"]
     caption = f"Divergence D from the model, by the law asked for. {describe_shared_laws(compared_solvers(summary))}"
     return Table(header, rows, caption.strip(), text=2)
 

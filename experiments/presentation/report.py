@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from impact_xval.experiments.measures.summary import Summary, csv_rows, summarise
+from impact_xval.experiments.measures.summary import Summary, ladder_statistics_for_csv, summarise
 from impact_xval.experiments.presentation.findings import overall_table
 from impact_xval.experiments.presentation.html import render_page
 from impact_xval.experiments.presentation.page.page import pack_opening_cells, run_blocks
@@ -40,7 +40,7 @@ def present_run(folder: RunFolder, apart: Apart) -> Summary:
 
 def write_tables(folder: RunFolder, summary: Summary) -> None:
     """Write ``summary.csv`` of a finished run."""
-    ladders = [] if summary.config.chain is not None else csv_rows(summary.ladder)
+    ladders = [] if summary.config.chain is not None else ladder_statistics_for_csv(summary.ladder)
     with replacing(folder.root / "summary.csv") as temporary:
         statistics = pd.concat([summary.statistics, *ladders], ignore_index=True)
         statistics.to_csv(temporary, index=False, lineterminator="\n")

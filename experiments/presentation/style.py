@@ -64,7 +64,7 @@ def label_axis_values(axis: Axis, values: Sequence[AxisValue], most: int) -> Non
     axis.set_ticks(range(0, len(values), step), [format_axis_value(value, 2) for value in values[::step]])
 
 
-def _apart(low: float, high: float) -> tuple[float, float]:
+def _widen_limits(low: float, high: float) -> tuple[float, float]:
     """Widen the limits of an axis if they differ by rounding only, because such an axis has no ticks."""
     reach = 1e-9 * max(abs(low), abs(high))
     return (low, high) if abs(high - low) > reach else (low - reach, high + reach)
@@ -74,8 +74,8 @@ def save_figure(figure: Figure, folder: Path, name: str) -> None:
     """Write a figure as ``NAME.svg`` and ``NAME.pdf``; the same figure gives the same bytes."""
     for ax in figure.axes:
         ax.minorticks_off()  # layout takes half its time for their labels, which nobody sees
-        ax.set_xlim(_apart(*ax.get_xlim()), auto=None)
-        ax.set_ylim(_apart(*ax.get_ylim()), auto=None)
+        ax.set_xlim(_widen_limits(*ax.get_xlim()), auto=None)
+        ax.set_ylim(_widen_limits(*ax.get_ylim()), auto=None)
     # Not `savefig`, which lays out and draws twice for each format.
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # it is laid out

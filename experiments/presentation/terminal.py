@@ -51,13 +51,13 @@ def print_blocks(console: Console, blocks: Iterable[Block]) -> None:
         if isinstance(block, Table):
             if block.caption:
                 print_line(console, block.caption)
-            console.print(_table(block))
+            console.print(_rich_table(block))
         else:
             print_line(console, block.striptags() if isinstance(block, Markup) else str(block))
         last = block
 
 
-def _table(block: Table) -> RichTable:
+def _rich_table(block: Table) -> RichTable:
     """Lay out a table; solvers have their colours of figures, but the model, which is black there, has none."""
     table, known = RichTable(box=None, pad_edge=False), {*solver_names(on_request=True)} - {REFERENCE}
     for place, title in enumerate(block.header):

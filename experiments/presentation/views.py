@@ -98,7 +98,7 @@ def show_cell(console: Console, cell: int, rows: list[Record]) -> None:
         (
             row["solver"],
             row["status"],
-            *(_velocity(row, f"v{i}", speed) for i in balls),
+            *(_format_velocity(row, f"v{i}", speed) for i in balls),
             number(row["velocity_divergence"]),
             row.get("states") or "-",
         )
@@ -117,19 +117,19 @@ def show_cell(console: Console, cell: int, rows: list[Record]) -> None:
     for row in rows:
         if row.get("sentence"):
             blocks.append(
-                Table(causes, _contributions(row, balls), name_solver_in(row["solver"], row["sentence"]))
+                Table(causes, _contribution_rows(row, balls), name_solver_in(row["solver"], row["sentence"]))
             )
     print_blocks(console, blocks)
 
 
-def _velocity(row: Record, name: str, speed: float) -> str:
+def _format_velocity(row: Record, name: str, speed: float) -> str:
     """Write a velocity per |v0|, marked if the row has no result, or a dash if there is no number."""
     if row[name] is None:
         return "-"
     return f"{row[name] / speed:.6f}" + (NO_RESULT if row["status"] not in RESULT_STATUSES else "")
 
 
-def _contributions(row: Record, balls: range) -> list[tuple[str, ...]]:
+def _contribution_rows(row: Record, balls: range) -> list[tuple[str, ...]]:
     """Return the rows of the table of contributions of a cell and engine; empty without a ladder."""
     contributions = [c for c in CONTRIBUTIONS if row.get(f"{c.name}_norm") is not None]
     pair = cancelling_pair([row[f"{c.name}_share"] for c in contributions]) or ()

@@ -62,7 +62,7 @@ STEPS = {"half the step": 0.5, "twice the step": 2.0}
 SETTINGS = Settings(max_steps=200_000)
 
 
-def prepare_solver(_: object, name: str) -> float | None:
+def warm_up_and_time(_: object, name: str) -> float | None:
     """Compile and import a solver's code; return the microseconds of an engine's step while balls touch, else None."""
     solver, collision, n = get_solver(name), CASES["pile, k2/k1 = 1", 0.9], 500
     scenes = arrange_scenes(solver, collision)

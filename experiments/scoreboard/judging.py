@@ -92,7 +92,7 @@ def judge_answers(answers: Frame) -> Frame:
     judged = _add_distances_from_laws(answers, motions)
     judged = _add_energy_and_momentum(judged, motions)
     judged = judged[is_usual].drop(columns="arrangement")
-    judged = _add_spreads(judged, _distances_from_usual(answers, motions))
+    judged = _add_largest_spreads(judged, _distances_from_usual(answers, motions))
     judged = _add_nearest_laws(judged)
     return judged[[*answers.columns.drop("arrangement"), *BOARD_COLUMNS]]
 
@@ -134,7 +134,7 @@ def _distances_from_usual(answers: Frame, motions: AnsweredMotions) -> Frame:
     return distances[(answers.arrangement != USUAL).to_numpy()].dropna(subset="spread")
 
 
-def _add_spreads(judged: Frame, distances: Frame) -> Frame:
+def _add_largest_spreads(judged: Frame, distances: Frame) -> Frame:
     """Add the largest D by placement, and which placement it is, and the largest D by step."""
     by_step = distances.spread_of.isin(STEPS)
     of_placement = _sort_by_spread(distances[~by_step]).drop_duplicates(_CASE, keep="last")

@@ -21,7 +21,7 @@ from impact_xval.experiments.scoreboard.cases import (
     SETTINGS,
     USUAL,
     answer_case,
-    prepare_solver,
+    warm_up_and_time,
 )
 from impact_xval.experiments.scoreboard.environments import Environment
 from impact_xval.experiments.sweep.pool import TO_PREPARE, Slot, open_pool
@@ -133,7 +133,7 @@ def _answer_or_read(call: _Call, name: str, folder: Path, installed: str, *envir
     if path.exists():
         return json.loads(path.read_text(encoding="utf-8"))
     with contextlib.suppress(FaultError):  # then each case says so
-        facts["microseconds"] = call(prepare_solver, name, timeout=TO_PREPARE)
+        facts["microseconds"] = call(warm_up_and_time, name, timeout=TO_PREPARE)
     for case, e in CASES:
         try:
             answers = call(answer_case, name, case, e, timeout=_LONGEST)

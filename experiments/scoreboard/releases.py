@@ -157,13 +157,13 @@ def release_table(releases: Sequence[Release], missing: Sequence[NotInstalledErr
             else:
                 count = f"{len(release.moved)} of {release.compared}"
                 version = f"{release.version} *" if release.differs else release.version
-                rows.append((display_engine(release.solver), version, count, *_cells(release)))
+                rows.append((display_engine(release.solver), version, count, *_largest_changes(release)))
         for error in (error for error in missing if error.distribution == distribution):
             rows.append((distribution, error.requirement, f"not installed: {error.reason}", *nothing))
     return Table(("engine", "version", "moved", *CASE_SETUPS), rows, CAPTION, text=3)
 
 
-def _cells(release: Release) -> list[str]:
+def _largest_changes(release: Release) -> list[str]:
     """Write the largest change of each case."""
     assert release.moved is not None
     cells: list[str] = []

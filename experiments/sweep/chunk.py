@@ -80,6 +80,7 @@ def begin_compiling(pool: SlotPool[Experiment], experiment: Experiment) -> None:
 
 
 def _compile_in(slot: Slot[Experiment], names: Sequence[str], pair: bool) -> None:
+    """Have a process of the slot compile the kernels of solvers."""
     slot.compile(compile_own, slot.context.resolve, names, pair)
 
 
@@ -89,8 +90,8 @@ def warm(_: object, resolve: Resolve, name: str, pair: bool) -> bool:
     Such a process may differ in a last bit from those that read the kernels. The parts of a kernel are weak symbols of
     it: where they have just been compiled alone, these are linked, and they were optimised in other surroundings.
     """
-    experiment, blocks = _usual(resolve, pair)
-    with event.install_recorder("numba:compile") as compiled, _compiling(*kernels_of(name, pair=pair)):
+    experiment, blocks = _ordinary_cells(resolve, pair)
+    with event.install_recorder("numba:compile") as compiled, _lock_kernels(*kernels_of(name, pair=pair)):
         for block in blocks:
             model = solve_by_model(experiment, block)
             if name != REFERENCE:
@@ -103,10 +104,10 @@ def compile_own(_: object, resolve: Resolve, names: Sequence[str], pair: bool) -
 
     With the model, distances of nothing are measured, for all others need them.
     """
-    experiment, blocks = _usual(resolve, pair)
+    experiment, blocks = _ordinary_cells(resolve, pair)
     alone = replace(settings_of(experiment.config), mark=False)
     own = {kernels_of(name, pair=pair)[0] for name in names}
-    with _compiling(*own, *([distances] if collide_all in own else [])):
+    with _lock_kernels(*own, *([distances] if collide_all in own else [])):
         for name in names:
             for block in blocks:
                 answer(resolve(name), block.collisions, alone)
@@ -114,7 +115,7 @@ def compile_own(_: object, resolve: Resolve, names: Sequence[str], pair: bool) -
             distances(np.empty((0, 2)), np.empty((0, 2)), np.zeros(1, int), np.zeros(1, int))
 
 
-def _usual(resolve: Resolve, pair: bool) -> tuple[Experiment, list[CellBlock]]:
+def _ordinary_cells(resolve: Resolve, pair: bool) -> tuple[Experiment, list[CellBlock]]:
     """Return an experiment of cells that any solver does at once, one of them and two.
 
     A column of an array is contiguous where that has one row only, and numba compiles for either.
@@ -127,7 +128,7 @@ def _usual(resolve: Resolve, pair: bool) -> tuple[Experiment, list[CellBlock]]:
 
 
 @contextlib.contextmanager
-def _compiling(*kernels: Kernel) -> Generator[None]:
+def _lock_kernels(*kernels: Kernel) -> Generator[None]:
     """Hold the locks of kernels that are not compiled yet, in one order everywhere."""
     with contextlib.ExitStack() as held:
         for kernel in _KERNELS:
@@ -275,7 +276,10 @@ class Chunk:
 
 
 def solver_versions(slot: Slot[Experiment]) -> Versions:
-    """Versions of the project and of every solver; why not, for one that is unavailable. They are asked once."""
+    """Return the versions of the project and of every solver, which are asked once.
+
+    An unavailable solver has the reason in place of its version.
+    """
     if not slot.versions:
         found = {"impact-xval": version("impact-xval")}
         for name in slot.context.config.solvers:
@@ -294,5 +298,6 @@ def ask_version(slot: Slot[_Context], resolve: Resolve, name: str) -> tuple[str,
 
 
 def _version_and_reason(_: object, resolve: Resolve, name: str) -> tuple[str, str | None]:
+    """Return the version of a solver, and the reason why it cannot run or None."""
     solver = resolve(name)
     return stated_version(solver), why_unavailable(solver)

@@ -57,7 +57,7 @@ def _solve_curves(slot: Slot[Experiment], name: str, timeout: float) -> Record:
 
     def call() -> Record:
         slot.prepare(name, warm, slot.context.resolve, name, slot.context.layout.pair)
-        return slot.call(name, _curves, name, timeout=timeout)
+        return slot.call(name, _curves_of_solver, name, timeout=timeout)
 
     def row_of_failure(fault: FaultError) -> Record:
         return {"solver": name, "status": fault.status, "reason": fault.reason}
@@ -65,7 +65,7 @@ def _solve_curves(slot: Slot[Experiment], name: str, timeout: float) -> Record:
     return retry_once(call, row_of_failure)
 
 
-def _curves(experiment: Experiment, name: str) -> Record:
+def _curves_of_solver(experiment: Experiment, name: str) -> Record:
     """Solve the cell or the chain of the figures: return velocities and, with a path, impulses or forces."""
     config, pair = experiment.config, experiment.layout.pair
     collision = collision_of(config, config.figure_cell) if pair else config.figure_chain.collision()

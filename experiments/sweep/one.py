@@ -31,7 +31,7 @@ _SAY = 20.0
 
 
 class SolversApart:
-    """Solvers in processes of their own; made by `solvers_apart`."""
+    """Solvers in processes of their own; made by `open_solvers_apart`."""
 
     def __init__(self, pool: SlotPool[None], begun: Future[bool]) -> None:
         self._pool, self._begun = pool, begun
@@ -60,22 +60,26 @@ class SolversApart:
         at_work = f"has worked for {{:.0f}} s; it is ended after {config.cell_timeout:g} s"
 
         def prepare(slot: Slot[None], name: str) -> None:
-            slot.prepare(name, _warm, resolve, name, pair)
+            slot.prepare(name, _warm_up, resolve, name, pair)
 
         def solve(slot: Slot[None], name: str) -> tuple[Outcome, str]:
             limit = config.cell_timeout
-            return slot.call(name, _answer, resolve, name, config, collision, points, timeout=limit)
+            return slot.call(
+                name, _outcome_and_version, resolve, name, config, collision, points, timeout=limit
+            )
 
         solved: dict[str, Outcome] = {}
         for name in names:
-            self._wait(say, f"making {name} ready {ended}", prepare, name)
+            self._call_and_report(say, f"making {name} ready {ended}", prepare, name)
             try:
-                solved[name], self.versions[name] = self._wait(say, f"{name} {at_work}", solve, name)
+                solved[name], self.versions[name] = self._call_and_report(
+                    say, f"{name} {at_work}", solve, name
+                )
             except FaultError as fault:
                 solved[name] = Outcome.failure(name, collision, fault.status, fault.reason)
         return solved
 
-    def _wait(
+    def _call_and_report(
         self,
         say: Callable[[str], None],
         line: str,
@@ -90,7 +94,7 @@ class SolversApart:
 
 
 @contextlib.contextmanager
-def solvers_apart(names: Sequence[str], *, chains: bool = False) -> Generator[SolversApart]:
+def open_solvers_apart(names: Sequence[str], *, chains: bool = False) -> Generator[SolversApart]:
     """Start a process, which imports solvers meanwhile, for chains of N balls if so; it is gone when the block ends.
 
     Names may be illegal; none stand for the solvers that a run has by default.
@@ -98,13 +102,13 @@ def solvers_apart(names: Sequence[str], *, chains: bool = False) -> Generator[So
     legal = [name for name in solver_names(on_request=True) if name in names] or list(solver_names())
 
     def begin(slot: Slot[None]) -> bool:
-        return slot.call(None, _import, legal, not chains, timeout=TO_PREPARE)
+        return slot.call(None, _import_solvers, legal, not chains, timeout=TO_PREPARE)
 
     with open_pool(None, 1) as pool:
         yield SolversApart(pool, pool.submit(begin))
 
 
-def _import(_: object, names: Sequence[str], pair: bool) -> bool:
+def _import_solvers(_: object, names: Sequence[str], pair: bool) -> bool:
     """Import our solvers; whether all kernels are compiled."""
     from impact_xval.experiments.sweep.chunk import are_compiled
 
@@ -113,7 +117,7 @@ def _import(_: object, names: Sequence[str], pair: bool) -> bool:
     return all(are_compiled(name, pair=pair) for name in names)
 
 
-def _warm(_: object, resolve: Resolve, name: str, pair: bool) -> bool:
+def _warm_up(_: object, resolve: Resolve, name: str, pair: bool) -> bool:
     """Make a process ready; one of our solvers whose kernels are compiled reads them as fast while it solves."""
     from impact_xval.experiments.sweep.chunk import are_compiled, warm
 
@@ -123,7 +127,7 @@ def _warm(_: object, resolve: Resolve, name: str, pair: bool) -> bool:
     return warm(_, resolve, name, pair)
 
 
-def _answer(
+def _outcome_and_version(
     _: object, resolve: Resolve, name: str, config: Config, collision: Collision, points: int | None
 ) -> tuple[Outcome, str]:
     """Solve a collision by a solver; its outcome, and the version it states."""

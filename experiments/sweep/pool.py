@@ -205,14 +205,16 @@ class Pool(Generic[_Context]):
             self._unused.put(slot)
 
 
-class _ClusterScheduler(Protocol):
+class _HasAddress(Protocol):
+    """The scheduler of a cluster, of which only the address is used."""
+
     address: str
 
 
 class ClusterClient(Protocol):
-    """What is used of a `distributed.Client`, whose own annotations are those of coroutines."""
+    """The part of a `distributed.Client` that is used here; its own annotations are those of coroutines."""
 
-    scheduler: _ClusterScheduler
+    scheduler: _HasAddress
     status: str
 
     def wait_for_workers(self, n_workers: int) -> None:

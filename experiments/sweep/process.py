@@ -120,7 +120,7 @@ class Worker(Generic[_Context]):
         except (EOFError, OSError):
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(_TO_EXIT)
-            fault = FaultError("crashed", f"its process died: {_cause(_end_process(process))}")
+            fault = FaultError("crashed", f"its process died: {_describe_exit(_end_process(process))}")
         self.end()
         raise ClosedError if self._closed else fault
 
@@ -215,7 +215,7 @@ def _end_process(process: subprocess.Popen[bytes]) -> int:
     return process.wait()
 
 
-def _cause(code: int) -> str:
+def _describe_exit(code: int) -> str:
     if code >= 0:
         return f"exit code {code}"
     known = {number.value: number.name for number in signal.Signals}

@@ -49,7 +49,7 @@ _LARGEST = 1e150
 
 @dataclass(frozen=True)
 class Experiment:
-    """An experiment, and the function that finds a solver by its name; every process of a run is given it once."""
+    """A `Config` with the function that finds its solvers by name: the context of every process of a run."""
 
     config: Config
     resolve: Resolve = get_solver
@@ -76,7 +76,7 @@ def solve_by_model(experiment: Experiment, block: CellBlock) -> SolverResults:
     """Solve cells by the model; a cell of whose outcome no arrays can be made costs its own result."""
     return SolverResults.concatenate(
         _isolate_errors(
-            lambda place: _solve(experiment, REFERENCE, block[place]),
+            lambda place: _results_of_solver(experiment, REFERENCE, block[place]),
             len(block),
             lambda place, reason: results_without_outcome(
                 experiment, REFERENCE, block[place], "crashed", reason
@@ -95,7 +95,7 @@ def solve_and_compare(
 
     def attempt(place: slice) -> Comparison:
         cells = block[place]
-        return _compare(experiment, name, cells, model[place], _solve(experiment, name, cells))
+        return _compare(experiment, name, cells, model[place], _results_of_solver(experiment, name, cells))
 
     def failure(place: slice, reason: str) -> Comparison:
         return compare_failure(experiment, name, block[place], model[place], "crashed", reason)
@@ -141,7 +141,7 @@ def _isolate_errors(
     return pieces(0, n)
 
 
-def _solve(experiment: Experiment, name: str, block: CellBlock) -> SolverResults:
+def _results_of_solver(experiment: Experiment, name: str, block: CellBlock) -> SolverResults:
     """Call a solver for cells."""
     settings = settings_of(experiment.config, paths=experiment.layout.pair)
     return _to_results(experiment, block, answer(experiment.resolve(name), block.collisions, settings))
@@ -216,7 +216,7 @@ def _rows(
     names = experiment.config.solvers
     tables = []
     for name in names:
-        columns = _columns(experiment, name, block, comparisons[REFERENCE], comparisons[name])
+        columns = _columns_of_solver(experiment, name, block, comparisons[REFERENCE], comparisons[name])
         columns["limit_distance"] = limit_distances.get(name, np.full(len(block), np.nan))
         for key, values in ladder_columns.get(name, {}).items():
             columns[LADDER_PREFIX + key] = values
@@ -225,7 +225,7 @@ def _rows(
     return pa.concat_tables(tables).take(by_cell)
 
 
-def _columns(
+def _columns_of_solver(
     experiment: Experiment, name: str, block: CellBlock, model: Comparison, comparison: Comparison
 ) -> ColumnArrays:
     """Return the columns of the rows of a solver, but for what needs several solvers."""

@@ -41,11 +41,11 @@ from impact_xval.experiments.tables.folder import (
     Manifest,
     RunFolder,
     Session,
+    lock_for_writing,
     presenting_lock,
     read_part,
     statuses_of,
     tables_lock,
-    writing,
 )
 
 #: Given how many cells are done, of how many, and a line worth saying ("" if none).
@@ -126,7 +126,11 @@ def run_sweep(
     experiment, cells = Experiment(config, resolve), experiment_cells(config)
     workers = workers or config.workers or available_cores()
     say = functools.partial(progress, 0, 0)
-    with _one_line(root), cluster(scheduler) as client, writing(root, config, shard) as (folder, continued):
+    with (
+        _one_line(root),
+        cluster(scheduler) as client,
+        lock_for_writing(root, config, shard) as (folder, continued),
+    ):
         run = _Run(experiment, cells, folder, shard, progress)
         log = folder.root / "solvers.log"
         with open_pool(
@@ -227,7 +231,7 @@ class _Run:
         self._identity = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
         self._versions = versions
         with tables_lock(folder):
-            folder.write_manifest(self._manifest(RUNNING))
+            folder.write_manifest(self._make_manifest(RUNNING))
         whole: set[int] = set()
         for number, path in folder.named_parts(self._mine, self._identity).items():
             try:
@@ -240,13 +244,13 @@ class _Run:
         if continued:
             line = f"resumed: {len(whole)} of {len(whole) + len(self._mine)} parts are there and whole"
             self._progress(self._done, self._total, line)
-        self._stage("start")
+        self._end_stage("start")
 
     def solve(self, pool: SlotPool[Experiment]) -> None:
         """Compute the parts that are not there."""
-        cells, ours = self._cells, _comparable(self._versions)
+        cells, ours = self._cells, _comparable_versions(self._versions)
         for report in solve_chunks(pool, ((n, cells.block(cells.chunk(n))) for n in self._mine)):
-            if differing := sorted(name for name, _ in _comparable(report.versions) - ours):
+            if differing := sorted(name for name, _ in _comparable_versions(report.versions) - ours):
                 theirs, own = (
                     ", ".join(f"{name} {versions[name]}" for name in differing)
                     for versions in (report.versions, self._versions)
@@ -259,7 +263,7 @@ class _Run:
             self._faults += report.faults
             self._done += len(cells.chunk(report.number))
             self._progress(self._done, self._total, "")
-        self._stage("solve")
+        self._end_stage("solve")
 
     def finish(self, pool: SlotPool[Experiment], where: str, workers: int, state_with_tables: str) -> bool:
         """Write curves and tables, if all parts are there, and the manifest; return whether the tables are complete.
@@ -271,15 +275,15 @@ class _Run:
         whole = len(parts) == chunks
         if whole:
             write_curves(config, folder, pool)
-            self._stage("curves")
+            self._end_stage("curves")
         with tables_lock(folder):
             state = folder.manifest()["state"]  # finished where another shard has been faster
             if whole and state == RUNNING:
                 folder.remove_leftovers()
                 folder.assemble(parts, self._experiment.layout, len(self._cells) * len(config.solvers))
-                self._stage("tables")
+                self._end_stage("tables")
                 state = state_with_tables
-            manifest = self._manifest(state, self._session(where, workers))
+            manifest = self._make_manifest(state, self._make_session(where, workers))
             if state == RUNNING:
                 line = f"{len(parts)} of {chunks} parts are there; the shard that finds all writes the tables"
                 self._progress(self._done, self._total, line)
@@ -288,7 +292,7 @@ class _Run:
             folder.write_manifest(manifest)
         return state in FINISHED
 
-    def _session(self, where: str, workers: int) -> Session:
+    def _make_session(self, where: str, workers: int) -> Session:
         return {
             "finished": datetime.now(UTC).isoformat(timespec="seconds"),
             "shard": "{} of {}".format(*self._shard),
@@ -302,7 +306,7 @@ class _Run:
             "solver_time_s": {name: round(value, 3) for name, value in self._seconds.items()},
         }
 
-    def _manifest(self, state: str, *session: Session) -> Manifest:
+    def _make_manifest(self, state: str, *session: Session) -> Manifest:
         """Say what the run is of, and who has worked on it: earlier sessions, and this one once it is over."""
         config = self._experiment.config
         earlier: list[Session] = []
@@ -328,7 +332,7 @@ class _Run:
             "sessions": [*earlier, *session],
         }
 
-    def _stage(self, name: str) -> None:
+    def _end_stage(self, name: str) -> None:
         now = time.perf_counter()
         self._stages[name] = round(now - self._stamp, 3)
         self._stamp = now
@@ -344,6 +348,6 @@ def van_der_corput(count: int) -> Iterator[int]:
     return (number for number in mirrored if number < count)
 
 
-def _comparable(versions: Versions) -> set[tuple[str, str]]:
+def _comparable_versions(versions: Versions) -> set[tuple[str, str]]:
     """Versions of solvers by name; the reason of one that is unavailable may have other words on another machine."""
     return {(name, "-" if v.startswith(UNAVAILABLE) else v) for name, v in versions.items()}

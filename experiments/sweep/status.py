@@ -9,7 +9,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from impact_xval.experiments.measures.summary import count_reasons
-from impact_xval.experiments.tables.folder import COMPLETE, Tally, run_folder, running, statuses_of, tally
+from impact_xval.experiments.tables.folder import (
+    COMPLETE,
+    Tally,
+    is_written_to,
+    run_folder,
+    statuses_of,
+    tally,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +39,7 @@ class RunStatus:
 def status_of(root: Path) -> RunStatus:
     """Read the state of a run from its folder."""
     folder = run_folder(root)
-    manifest, writing = folder.manifest(), running(root)
+    manifest, writing = folder.manifest(), is_written_to(root)
     cells, chunks = manifest["cells"], manifest["chunks"]
     if manifest["state"] == COMPLETE and not writing:
         outcomes = folder.tally()

@@ -76,13 +76,15 @@ def compare_runs(a: RunFolder, b: RunFolder, tolerance: float) -> RunComparison:
             f"{a.root}: a run of {kinds[0]}, {b.root}: of {kinds[1]}; legal: two runs of one kind"
         )
     both = [name for name in config_a.solvers if name in config_b.solvers]
-    of_a, of_b = _rows(a, both), _rows(b, both)
+    of_a, of_b = _read_compared_rows(a, both), _read_compared_rows(b, both)
     rows = of_a.merge(of_b, on=["cell", "solver"], suffixes=("_a", "_b"))
-    _check_same(a, b, rows)
+    _check_same_cells(a, b, rows)
     velocities = sorted(name[:-2] for name in rows if re.fullmatch(r"v[1-9]\d*_a", name))
     speed = rows.v0_a.abs()
-    rows["velocity"] = np.max([_change(rows, name) / speed for name in velocities], axis=0, initial=0.0)
-    rows["divergence"] = _change(rows, "velocity_divergence")
+    rows["velocity"] = np.max(
+        [_sizes_of_changes(rows, name) / speed for name in velocities], axis=0, initial=0.0
+    )
+    rows["divergence"] = _sizes_of_changes(rows, "velocity_divergence")
     rows["other"] = rows.status_a != rows.status_b
     rows["moved"] = rows.other | (rows.velocity > tolerance) | (rows.divergence > tolerance)
     changes = (
@@ -116,10 +118,11 @@ _ELSEWHERE = ("name", "workers", "grid", "sample", "cells", "chain", "solvers", 
 
 
 def _differing(a: Mapping[str, object], b: Mapping[str, object]) -> dict[str, tuple[str, str]]:
+    """Return the values of the keys that both have and in which they differ, as texts."""
     return {key: (str(a[key]), str(b[key])) for key in a if key in b and a[key] != b[key]}
 
 
-def _rows(run: RunFolder, solvers: Sequence[str]) -> Frame:
+def _read_compared_rows(run: RunFolder, solvers: Sequence[str]) -> Frame:
     """Read what is compared of a run: parameters, status, velocities and D of every cell and solver."""
     path = run.table_path("cells.parquet")
     names = pq.read_schema(path).names
@@ -135,7 +138,7 @@ def _rows(run: RunFolder, solvers: Sequence[str]) -> Frame:
     return cells.merge(d, on=keys, how="left")
 
 
-def _check_same(a: RunFolder, b: RunFolder, rows: Frame) -> None:
+def _check_same_cells(a: RunFolder, b: RunFolder, rows: Frame) -> None:
     """Refuse two runs in which a cell of one number is not the same, to the last bit."""
     names = [name[:-2] for name in rows if name.endswith("_a")]
     for name in names[: names.index("status")]:
@@ -147,7 +150,7 @@ def _check_same(a: RunFolder, b: RunFolder, rows: Frame) -> None:
             raise UserError(f"{where}; legal: two runs of the same cells")
 
 
-def _change(rows: Frame, name: str) -> Frame:
+def _sizes_of_changes(rows: Frame, name: str) -> Frame:
     """Return the sizes of changes: 0 between equal numbers and where neither is there, infinite where one is not."""
     x, y = rows[f"{name}_a"], rows[f"{name}_b"]
     size = (x - y).abs().mask(x == y, 0.0)

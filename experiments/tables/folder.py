@@ -27,7 +27,13 @@ from impact_xval.experiments.config.cells import ExperimentCells, cells_from_rat
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import COSMETIC, Config, load_config
 from impact_xval.experiments.tables.earlier import EARLIER_FORMAT, renamed_tables
-from impact_xval.experiments.tables.parquet import GROUP, blocks, column, replacing, table_writer
+from impact_xval.experiments.tables.parquet import (
+    GROUP,
+    read_column,
+    read_row_groups,
+    replacing,
+    table_writer,
+)
 from impact_xval.experiments.tables.schema import Layout
 
 FORMAT = "impact-xval run, format 4"
@@ -133,7 +139,7 @@ class RunFolder:
         again = "the command that began the run writes it again"
         if not path.exists():
             if (self.root / CONFIGURATION).exists():
-                goes_on = f"to continue: {continues(self.root)}"
+                goes_on = f"to continue: {continue_command(self.root)}"
                 raise UserError(
                     f"{self.root}: no {MANIFEST}: the run has only begun, or was stopped then; {goes_on}"
                 )
@@ -202,7 +208,7 @@ class RunFolder:
 
     def tally(self) -> Tally:
         """Count the rows of the finished table of cells by what became of them."""
-        return tally(blocks(self.table_path("cells.parquet"), ["solver", "status", "reason"]))
+        return tally(read_row_groups(self.table_path("cells.parquet"), ["solver", "status", "reason"]))
 
     def table_path(self, name: str) -> Path:
         """Return the path of a finished table."""
@@ -275,7 +281,9 @@ def _row_groups(parts: Iterable[Path], layout: Layout) -> Iterator[pa.Table]:
 
 
 @contextlib.contextmanager
-def writing(root: Path, config: Config, shard: tuple[int, int] = (1, 1)) -> Generator[tuple[RunFolder, bool]]:
+def lock_for_writing(
+    root: Path, config: Config, shard: tuple[int, int] = (1, 1)
+) -> Generator[tuple[RunFolder, bool]]:
     """Lock the folder of a run, or of a shard; yield it and whether it already holds a run of the experiment.
 
     The lock is the operating system's, which frees it as soon as its process is gone. The experiment is written before
@@ -284,7 +292,7 @@ def writing(root: Path, config: Config, shard: tuple[int, int] = (1, 1)) -> Gene
     folder = RunFolder(root)
     lock = root / (_LOCK if shard == (1, 1) else f"{_LOCK}-{shard[0]}-of-{shard[1]}")
     with contextlib.ExitStack() as held:
-        with _usable(root, "--out "):
+        with _refuse_unusable(root, "--out "):
             continued = _holds_same_run(folder, config)
             folder.parts.mkdir(parents=True, exist_ok=True)
             check_writable(root, "--out ")
@@ -300,7 +308,7 @@ def writing(root: Path, config: Config, shard: tuple[int, int] = (1, 1)) -> Gene
 
 
 @contextlib.contextmanager
-def _usable(root: Path, option: str) -> Generator[None]:
+def _refuse_unusable(root: Path, option: str) -> Generator[None]:
     """Turn what keeps the folder of an option from being read or written to into one line."""
     try:
         yield
@@ -310,7 +318,7 @@ def _usable(root: Path, option: str) -> Generator[None]:
         ) from None
 
 
-def _entries(root: Path) -> list[str]:
+def _names_in_folder(root: Path) -> list[str]:
     """List the names in a folder, if it is there, but for files half-written: a command that is killed leaves them."""
     names = (entry.name for entry in root.iterdir()) if root.exists() else ()
     return sorted(name for name in names if not name.startswith(_TEMPORARY))
@@ -318,10 +326,10 @@ def _entries(root: Path) -> list[str]:
 
 def _holds_same_run(folder: RunFolder, config: Config) -> bool:
     """Return whether a folder holds a run of this experiment; a `UserError` where it holds anything else."""
-    root, entries = folder.root, _entries(folder.root)
+    root, entries = folder.root, _names_in_folder(folder.root)
     if CONFIGURATION in entries:
         check_continues(root)
-        _check_same(folder, config)
+        _check_same_experiment(folder, config)
         return True
     if MANIFEST in entries:
         folder.manifest()  # one of another format is told as such
@@ -340,7 +348,8 @@ def check_continues(root: Path) -> None:
         )
 
 
-def _check_same(folder: RunFolder, config: Config) -> None:
+def _check_same_experiment(folder: RunFolder, config: Config) -> None:
+    """Refuse a folder that holds a run of another experiment; the error names the first key that differs."""
     stored = folder.config()
     if stored.identity() == config.identity():
         return
@@ -360,7 +369,7 @@ def presenting_lock(folder: RunFolder) -> FileLock:
     return FileLock(folder.root / f"{_LOCK}-presenting")
 
 
-def running(root: Path) -> bool:
+def is_written_to(root: Path) -> bool:
     """Return whether a process writes to a folder now; locks that may not be opened are skipped."""
     for path in root.glob(f"{_LOCK}*"):
         try:
@@ -373,7 +382,7 @@ def running(root: Path) -> bool:
     return False
 
 
-def continues(root: Path) -> str:
+def continue_command(root: Path) -> str:
     """Return the command that continues the run in a folder."""
     return shlex.join(["impact-xval", "run", "--out", str(root)])
 
@@ -387,17 +396,17 @@ def run_folder(root: Path) -> RunFolder:
     return RunFolder(root, tables=renamed_tables(root)) if folder.is_earlier else folder
 
 
-def finished(root: Path) -> RunFolder:
+def finished_run(root: Path) -> RunFolder:
     """Return the folder of a run whose tables are complete, or a `UserError`; its report may be missing."""
     folder = run_folder(root)
     if folder.manifest()["state"] not in FINISHED:
-        raise UserError(f"{root}: the run is not finished; to continue: {continues(root)}")
+        raise UserError(f"{root}: the run is not finished; to continue: {continue_command(root)}")
     return folder
 
 
-def finished_collisions(root: Path) -> RunFolder:
+def finished_run_of_pairs(root: Path) -> RunFolder:
     """Return the folder of a finished run of two balls, or a `UserError`."""
-    folder = finished(root)
+    folder = finished_run(root)
     if folder.config().chain is not None:
         raise UserError(f"{root}: a run of chains of N balls; legal: a run of collisions of two balls")
     return folder
@@ -413,8 +422,8 @@ def check_writable(root: Path, option: str = "") -> None:
 
 def new_folder(root: Path, option: str = "--out ") -> None:
     """Make the folder of an option, of a command that does not continue what it finds: it must be new or empty."""
-    with _usable(root, option):
-        if _entries(root):
+    with _refuse_unusable(root, option):
+        if _names_in_folder(root):
             raise UserError(f"{option}{root}: not empty; legal: a new or empty folder")
         root.mkdir(parents=True, exist_ok=True)
     check_writable(root, option)
@@ -426,5 +435,5 @@ def cells_of_run(folder: RunFolder, config: Config) -> ExperimentCells:
         return experiment_cells(config)
     path = folder.table_path("cells.parquet")
     return cells_from_ratios(
-        config, np.column_stack([column(path, name)[:: len(config.solvers)] for name in AXES])
+        config, np.column_stack([read_column(path, name)[:: len(config.solvers)] for name in AXES])
     )

@@ -54,7 +54,7 @@ def table_writer(path: Path, schema: pa.Schema) -> Generator[Callable[[pa.Table]
         yield lambda rows: writer.write_table(rows, row_group_size=len(rows))
 
 
-def blocks(path: Path, columns: Sequence[str]) -> Iterator[pa.Table]:
+def read_row_groups(path: Path, columns: Sequence[str]) -> Iterator[pa.Table]:
     """Read columns of a finished table, a row group at a time, which holds all rows of its cells."""
     with pq.ParquetFile(path) as file:
         for group in range(file.num_row_groups):
@@ -72,29 +72,29 @@ def rows_at(path: Path, places: Sequence[int]) -> pa.Table:
         return pa.concat_tables(rows)
 
 
-def selected(path: Path, columns: Sequence[str], keep: pc.Expression | None = None) -> pa.Table:
+def read_selected(path: Path, columns: Sequence[str], keep: pc.Expression | None = None) -> pa.Table:
     """Read columns of the rows for which a condition holds; text as dictionaries, which take a byte or two a row."""
     # not those of the condition alone: before pyarrow 26, none of a dictionary without entries is null
     text = [f.name for f in pq.read_schema(path) if pa.types.is_string(f.type) and f.name in columns]
     return pq.read_table(path, columns=list(columns), filters=keep, read_dictionary=text).unify_dictionaries()
 
 
-def column(path: Path, name: str) -> np.ndarray:
+def read_column(path: Path, name: str) -> np.ndarray:
     """Read one column whole: text as objects; numbers or truths as float64, nulls as NaN."""
-    found = selected(path, [name])[name]
+    found = read_selected(path, [name])[name]
     if pa.types.is_dictionary(found.type):
         return found.to_pandas().to_numpy(dtype=object)
     return found.cast(pa.float64()).to_numpy()
 
 
-def present(path: Path, name: str) -> np.ndarray:
+def read_where_present(path: Path, name: str) -> np.ndarray:
     """Read where one column is not null."""
-    return selected(path, [name])[name].is_valid().to_numpy()
+    return read_selected(path, [name])[name].is_valid().to_numpy()
 
 
-def codes(path: Path, name: str, values: Sequence[str]) -> np.ndarray:
+def read_codes(path: Path, name: str, values: Sequence[str]) -> np.ndarray:
     """Read one column of text as the position of each entry among some values; -1 where it is none of them."""
-    known = selected(path, [name])[name].combine_chunks().dictionary_encode()
+    known = read_selected(path, [name])[name].combine_chunks().dictionary_encode()
     place = {value: i for i, value in enumerate(values)}
     places = [place.get(text, -1) for text in known.dictionary.to_pylist()]
     return np.array([*places, -1], np.int8)[known.indices.fill_null(-1)]

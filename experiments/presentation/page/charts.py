@@ -41,7 +41,7 @@ from impact_xval.experiments.presentation.words import (
 )
 from impact_xval.experiments.tables.frames import Frame
 from impact_xval.experiments.tables.numbers import join_words
-from impact_xval.experiments.tables.parquet import column
+from impact_xval.experiments.tables.parquet import read_column
 
 #: Most tiles of a map: a browser draws these at once, and a page has room for them.
 TILES = 1000
@@ -81,7 +81,7 @@ def make_tiles(table: DivergenceTable) -> Tiles:
     cell of a grid. Of columns those that have several values in every cell.
     """
     rows = table.rows.assign(d=table.measure("velocity_divergence"))
-    rows["cell"] = column(table.path, "cell").astype(np.int64)
+    rows["cell"] = read_column(table.path, "cell").astype(np.int64)
     rows["rank"] = rows.d.where(table.regular, -1.0)  # those that are kept apart come last
     for axis, levels in table.levels.items():
         rows[axis] = rows[axis].cat.reorder_categories(sorted(levels.values))
@@ -97,7 +97,7 @@ def make_tiles(table: DivergenceTable) -> Tiles:
     axes = [along, *up]
     for axis in axes if count(*axes) > TILES else ():
         if count(axis) > _FEW:
-            x = column(table.path, axis)
+            x = read_column(table.path, axis)
             bins = levels_of(x)
             rows[axis] = pd.Categorical.from_codes(bins.codes(x), bins.values)
     rows["tile"] = rows.groupby(axes, observed=True).ngroup()  # numbered in the order of the axes
@@ -119,7 +119,7 @@ def make_tiles(table: DivergenceTable) -> Tiles:
 
 def cells_piece(tiles: Tiles, n_cells: int, packed: str, solvers: Sequence[str]) -> Markup:
     """Lay out the map of a run in which a solver was compared, and the cell that is open (`opened.pack_cells`)."""
-    plots = {"map": _map(tiles)} | ({"curves": curves_chart(solvers)} if tiles.along in AXES else {})
+    plots = {"map": _draw_map(tiles)} | ({"curves": curves_chart(solvers)} if tiles.along in AXES else {})
     return render_template(
         "cells.html.j2",
         compared=[(name, display_name(name)) for name in tiles.medians],
@@ -141,7 +141,7 @@ def bokeh_script() -> Markup:
     return Markup(Resources(mode="inline", components=["bokeh"], log_level="error").render_js())
 
 
-def _map(tiles: Tiles) -> figure:
+def _draw_map(tiles: Tiles) -> figure:
     """Draw one tile per cell or per group of cells, coloured by the (median) D of one solver."""
     places, floored = tiles.places, tiles.medians.clip(lower=_FLOOR)
     medians = floored.add_prefix("d ").to_dict("list")
@@ -186,7 +186,7 @@ def _map(tiles: Tiles) -> figure:
 
 def curves_chart(solvers: Sequence[str]) -> figure:
     """Draw empty impulse curves; the page fills ``curve SOLVER``, ``end SOLVER``, ``line l1`` and ``line l2``."""
-    plot = _chart("curves", "I1/(m1 |v0|), ball on ball (-)", "I2/(m1 |v0|), ball on table (-)")
+    plot = _empty_chart("curves", "I1/(m1 |v0|), ball on ball (-)", "I2/(m1 |v0|), ball on table (-)")
     for line, dash in (("l1: v1 = v2", "dashed"), ("l2: v2 = 0", "dotted")):
         source = ColumnDataSource({"x": [], "y": []}, name=f"line {line[:2]}")
         plot.line("x", "y", source=source, color="#808080", line_dash=dash, legend_label=line)
@@ -195,7 +195,7 @@ def curves_chart(solvers: Sequence[str]) -> figure:
 
 def velocities_chart(solvers: Sequence[str]) -> figure:
     """Draw empty final velocities of the balls of a chain; the page fills ``balls SOLVER``."""
-    plot = _chart("velocities", "ball, 1 on top or first", "final velocity / |v0|, up is positive (-)")
+    plot = _empty_chart("velocities", "ball, 1 on top or first", "final velocity / |v0|, up is positive (-)")
     ticker = plot.xaxis[0].ticker
     assert isinstance(ticker, BasicTicker)
     ticker.mantissas = [1, 2, 5]
@@ -204,7 +204,7 @@ def velocities_chart(solvers: Sequence[str]) -> figure:
     return _with_solvers(plot, solvers, "balls", "balls")
 
 
-def _chart(name: str, across: str, up: str) -> figure:
+def _empty_chart(name: str, across: str, up: str) -> figure:
     plot = figure(
         height=420,
         sizing_mode="stretch_width",

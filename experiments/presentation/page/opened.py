@@ -28,7 +28,7 @@ from impact_xval.experiments.sweep.curves import points_to_keep
 from impact_xval.experiments.sweep.rows import settings_of
 from impact_xval.experiments.tables.folder import RunFolder, cells_of_run
 from impact_xval.experiments.tables.frames import Record
-from impact_xval.experiments.tables.parquet import selected
+from impact_xval.experiments.tables.parquet import read_selected
 from impact_xval.model.collision import Collision
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.status import RESULT_STATUSES
@@ -94,7 +94,7 @@ def collect_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, CellCont
 
     def rows(table: str, *columns: str) -> list[Record]:
         is_shown = pc.field("cell").isin(list(cells))
-        return selected(
+        return read_selected(
             folder.table_path(f"{table}.parquet"), ["cell", "solver", *columns], is_shown
         ).to_pylist()
 
@@ -116,7 +116,7 @@ def collect_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, CellCont
             for name in config.grid.in_si
             if pair
         }
-        cell["commands"] = _commands(folder.root, config, row)
+        cell["commands"] = _commands_for_cell(folder.root, config, row)
         cell["results"].append(
             {
                 "name": display_name(row["solver"]),
@@ -138,13 +138,13 @@ def collect_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, CellCont
     if pair:
         index = cells_of_run(folder, config)
         collisions = [index[cell] for cell in cells]
-        both = zip(cells, _curves(config, collisions), _scenes(config, collisions), strict=True)
+        both = zip(cells, _exact_curves(config, collisions), _mjcf_scenes(config, collisions), strict=True)
         for cell, curves, scene in both:
             shown[cell]["curves"], shown[cell]["scene"] = curves, scene
     return shown
 
 
-def _commands(root: Path, config: Config, row: Record) -> list[list[str]]:
+def _commands_for_cell(root: Path, config: Config, row: Record) -> list[list[str]]:
     """Return the commands that show a cell on a terminal, each with its description."""
     run, cell = shlex.quote(str(root)), row["cell"]
     show = ["every cause, in every order", f"impact-xval show {run} --cell {cell}"]
@@ -166,7 +166,7 @@ def _commands(root: Path, config: Config, row: Record) -> list[list[str]]:
     return [show, *([scene] if config.chain is None else []), solve, film]
 
 
-def _curves(config: Config, collisions: Sequence[Collision]) -> list[dict[str, Curve]]:
+def _exact_curves(config: Config, collisions: Sequence[Collision]) -> list[dict[str, Curve]]:
     """Solve collisions by the exact solvers of a run: impulses per m1 |v0| by solver, as few points as a line needs."""
     settings = replace(settings_of(config), record_path=True, mark=False)
     exact = [name for name in config.solvers if name in exact_law_names()]
@@ -190,7 +190,7 @@ def impulse_curve(collision: Collision, outcome: Outcome) -> Curve | None:
     return points[points_to_keep(points.sum(axis=1), points)].T.round(_DIGITS).tolist()
 
 
-def _scenes(config: Config, collisions: Sequence[Collision]) -> list[str | None]:
+def _mjcf_scenes(config: Config, collisions: Sequence[Collision]) -> list[str | None]:
     """Return the MJCF of each collision; None if MuJoCo is not in the run or cannot represent the collision."""
     if "mujoco" not in config.solvers or get_solver("mujoco").unavailable() is not None:
         return [None] * len(collisions)

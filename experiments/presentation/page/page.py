@@ -30,9 +30,9 @@ from impact_xval.experiments.presentation.findings import (
     CUTS,
     D,
     compared_solvers,
-    row_unit,
+    row_noun,
+    solvers_of_sentences,
     statistic_value,
-    subjects,
 )
 from impact_xval.experiments.presentation.html import render_template
 from impact_xval.experiments.presentation.page.charts import LABELS, cells_piece, make_tiles
@@ -49,7 +49,7 @@ from impact_xval.experiments.presentation.words import (
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.frames import FrameRow
 from impact_xval.experiments.tables.numbers import number, percent
-from impact_xval.experiments.tables.parquet import column
+from impact_xval.experiments.tables.parquet import read_column
 
 #: Figures of a run: captions by name.
 Captions = Mapping[str, str]
@@ -96,33 +96,33 @@ def run_blocks(
     folder: RunFolder, summary: Summary, captions: Captions, cells: Callable[[], str]
 ) -> list[Block]:
     """Return the blocks of the page of a finished run; `cells` returns the cells that open, and is called if any do."""
-    pair, unit = summary.config.chain is None, row_unit(summary)[:-1]
+    pair, unit = summary.config.chain is None, row_noun(summary)[:-1]
     compared_names = compared_solvers(summary)
     answers = _answer_questions(summary, captions) if compared_names else [f"No {unit} could be compared."]
     along = [findings.axis_table(summary, axis) for axis in summary.axes]
     blocks: list[Block | None] = [
         _opening(summary),
-        _advice(summary, captions) if pair and summary.ladder.solvers else None,
+        _advice_section(summary, captions) if pair and summary.ladder.solvers else None,
         Section("What was found", answers),
-        Section(f"{unit} by {unit}".capitalize(), _cells(folder, summary, cells()))
+        Section(f"{unit} by {unit}".capitalize(), _cell_blocks(folder, summary, cells()))
         if compared_names
         else None,
         Section("Divergence by solver", [findings.overall_table(summary)]) if not pair else None,
-        Section("All against all", [_matrix(summary)]) if pair and compared_names else None,
-        _causes(summary, captions),
-        _sureness(summary),
+        Section("All against all", [_pairwise_table(summary)]) if pair and compared_names else None,
+        _causes_section(summary, captions),
+        _accuracy_section(summary),
         Section("Hypothesis", [_HYPOTHESIS]) if pair else None,
-        _effective(folder),
+        _effective_section(folder),
         Section("By axis", ["All measures by all axes are in summary.csv.", *along], folded=True),
-        _unsolved(summary),
-        _method(folder, summary),
-        _glossary(summary),
-        _provenance(folder),
+        _status_section(summary),
+        _method_section(folder, summary),
+        _glossary_section(summary),
+        _provenance_section(folder),
     ]
     return [block for block in blocks if block is not None]
 
 
-def _figures(captions: Captions, *names: str) -> list[Block]:
+def _figure_blocks(captions: Captions, *names: str) -> list[Block]:
     """Return the figures of these names that were drawn."""
     return [Figure(name, captions[name]) for name in names if name in captions]
 
@@ -141,17 +141,17 @@ def _opening(summary: Summary) -> Piece:
         weightless=[name for name in summary.config.solvers if kind_of(name) == "model"],
         engines=any(map(is_engine, summary.solvers)),
         words=words,
-        numbers=[*_numbers(summary)],
+        numbers=[*_numbers_to_remember(summary)],
     )
 
 
-def _numbers(summary: Summary) -> Iterator[tuple[Value | str, str]]:
+def _numbers_to_remember(summary: Summary) -> Iterator[tuple[Value | str, str]]:
     """Yield up to three numbers to remember: D from the model, D from the law asked for, and the largest cause."""
-    for name in subjects(summary)[:1]:
+    for name in solvers_of_sentences(summary)[:1]:
         n = int(statistic_value(summary, name, "n").value)
         yield (
             statistic_value(summary, name),
-            f"is the median D of {display_name(name)} from the model, of {n} {row_unit(summary)}",
+            f"is the median D of {display_name(name)} from the model, of {n} {row_noun(summary)}",
         )
     for name, law, median, _ in list(findings.distances_from_own_laws(summary))[:1]:
         measure = "D" if summary.config.chain is None else "distance of the limit dt -> 0, per |v0|,"
@@ -167,21 +167,23 @@ def _numbers(summary: Summary) -> Iterator[tuple[Value | str, str]]:
             yield share, f"of {display_name(name)}'s mean D is due to {label}; by region it differs"
 
 
-def _advice(summary: Summary, captions: Captions) -> Section:
+def _advice_section(summary: Summary, captions: Captions) -> Section:
     """Return the section with advice on engines."""
     engines, steps = recommended_steps(summary), 1 / summary.config.step_fraction
     said = render_template("advice.html.j2", engines=engines, steps=steps, accepted=ACCEPTED)
-    return Section("What to do with your engine", [said, *_figures(captions, "error-by-step")], beside=True)
+    return Section(
+        "What to do with your engine", [said, *_figure_blocks(captions, "error-by-step")], beside=True
+    )
 
 
 def _answer_questions(summary: Summary, captions: Captions) -> list[Block]:
     """Return the findings as questions, each with its answer and picture."""
-    pair, names, engines = summary.config.chain is None, subjects(summary), summary.ladder.solvers
+    pair, names, engines = summary.config.chain is None, solvers_of_sentences(summary), summary.ladder.solvers
     axis, over = ("stiffness_ratio", "stiffness") if pair else ("balls", "balls")
     sections: list[Block] = []
 
     def answer(question: str, sentences: Iterable[str], picture: str) -> None:
-        said, figure = [*filter(None, sentences)], _figures(captions, picture)
+        said, figure = [*filter(None, sentences)], _figure_blocks(captions, picture)
         if said or figure:
             sections.append(Section(question, [*said, *figure], beside=bool(said and figure)))
 
@@ -191,15 +193,15 @@ def _answer_questions(summary: Summary, captions: Captions) -> list[Block]:
     answer("Do engines do what they were asked for?", own_law, "impulse-curves" if pair else "wave")
     why = [findings.describe_causes(summary, name, explain=name == engines[0]) for name in engines]
     answer("Then why do they diverge?", why, f"ladder-by-{over}")
-    extremes = [_extremes(summary, name, axis) for name in names]
+    extremes = [_describe_extremes(summary, name, axis) for name in names]
     answer("Where does it matter?", extremes, "trust-map" if pair else "velocities")
     if pair:
-        orders = [_order(summary, name) for name in names]
+        orders = [_describe_state_order(summary, name) for name in names]
         answer("Do contacts open and close in the same order?", orders, "state-paths")
     return sections
 
 
-def _extremes(summary: Summary, name: str, axis: str) -> str:
+def _describe_extremes(summary: Summary, name: str, axis: str) -> str:
     """Say where along an axis the median D is largest and smallest."""
     values = [(at, statistic_value(summary, name, axis=axis, at=at)) for at in summary.levels[axis].values]
     known = sorted((each for each in values if not math.isnan(each[1].value)), key=lambda each: each[1].value)
@@ -217,7 +219,7 @@ def _extremes(summary: Summary, name: str, axis: str) -> str:
     )
 
 
-def _order(summary: Summary, name: str) -> Markup:
+def _describe_state_order(summary: Summary, name: str) -> Markup:
     """Say how often a solver passes through the states of the model, and of its own law."""
     sentence = fill_sentence(
         "{solver} passes through the contact states of the model in {equal} of the {n} cells in which the "
@@ -234,10 +236,10 @@ def _order(summary: Summary, name: str) -> Markup:
     return sentence + "."
 
 
-def _cells(folder: RunFolder, summary: Summary, packed: str) -> list[Block]:
+def _cell_blocks(folder: RunFolder, summary: Summary, packed: str) -> list[Block]:
     """Lay out the map of cells that open, and the table of the cells with the largest D."""
     tiles = make_tiles(load_divergence(folder, summary.config))
-    opens, unit = set(tiles.places.cell), row_unit(summary)
+    opens, unit = set(tiles.places.cell), row_noun(summary)
     piece = cells_piece(tiles, summary.n_cells, packed, summary.config.solvers)
     button = Markup('<button type="button" data-cell="{0}">{0}</button>')
     axes = AXES if summary.config.chain is None else CHAIN_AXES
@@ -256,7 +258,7 @@ def _cells(folder: RunFolder, summary: Summary, packed: str) -> list[Block]:
     return [piece, Section("Largest divergences", [worst], folded=True)]
 
 
-def _matrix(summary: Summary) -> Table:
+def _pairwise_table(summary: Summary) -> Table:
     """Lay out D between every two solvers, above the diagonal."""
     names = [REFERENCE, *summary.solvers]
     known: dict[frozenset[str], FrameRow] = {
@@ -279,7 +281,7 @@ def _matrix(summary: Summary) -> Table:
     return Table(["", *map(display_name, names[1:])], rows, caption)
 
 
-def _causes(summary: Summary, captions: Captions) -> Section:
+def _causes_section(summary: Summary, captions: Captions) -> Section:
     """Return the section on the causes of divergence."""
     ladder = summary.ladder
     if not ladder.solvers:
@@ -294,12 +296,12 @@ def _causes(summary: Summary, captions: Captions) -> Section:
     )
     header = ["contribution", "from", "to", "in words"]
     rows = [(c.label, c.before, c.after, MEANINGS.get(c.name, "")) for c in ladder.present]
-    figures = _figures(captions, "ladder-by-restitution", "ladder-by-chain")
+    figures = _figure_blocks(captions, "ladder-by-restitution", "ladder-by-chain")
     details = Section("Causes in detail", [Table(header, rows, text=4), *figures], folded=True)
     return Section("Causes", [said, findings.region_table(ladder, display_name), details])
 
 
-def _sureness(summary: Summary) -> Section:
+def _accuracy_section(summary: Summary) -> Section:
     """Return the section on the accuracy of results: limits dt -> 0, statuses, and the cells that count."""
     closed_forms = summary.statuses.loc[REFERENCE].get("closed-form", 0)
     said = [
@@ -337,7 +339,7 @@ def _sureness(summary: Summary) -> Section:
     return Section("How sure is it?", [Markup(" ").join(said), Table(header, rows, caption, text=3)])
 
 
-def _effective(folder: RunFolder) -> Section:
+def _effective_section(folder: RunFolder) -> Section:
     """Return the section on solvers whose effective parameters differ from the requested ones."""
     rows = pd.read_parquet(folder.table_path("cells.parquet"), columns=["solver", "differences"]).dropna()
     sentences: list[Block] = [
@@ -351,9 +353,9 @@ def _effective(folder: RunFolder) -> Section:
     return Section("Requested and effective", [said, *(sentences or [none]), *([product] if product else [])])
 
 
-def _unsolved(summary: Summary) -> Section:
+def _status_section(summary: Summary) -> Section:
     """Return the section that counts results by status, with the reasons for missing ones, and D in marked cells."""
-    statuses, unit, more = summary.statuses, row_unit(summary), len(summary.reasons) - _REASONS
+    statuses, unit, more = summary.statuses, row_noun(summary), len(summary.reasons) - _REASONS
     counts = [(display_name(name), *row) for name, *row in statuses.itertuples()]
     reasons = [(display_name(name), *rest) for name, *rest in summary.reasons.head(_REASONS).to_numpy()]
     marked = [
@@ -370,11 +372,11 @@ def _unsolved(summary: Summary) -> Section:
     return Section("Marked and unsolved", tables, folded=True)
 
 
-def _method(folder: RunFolder, summary: Summary) -> Section:
+def _method_section(folder: RunFolder, summary: Summary) -> Section:
     """Return the section on the method and its limitations."""
     span: list[str] = []
     if summary.config.scenario == "drop":
-        values = column(folder.table_path("cells.parquet"), "gravity_number")
+        values = read_column(folder.table_path("cells.parquet"), "gravity_number")
         span = [number(value, 2) for value in (values.min(), values.max())]
     said = render_template(
         "method.html.j2", c=summary.config, gravity_number=" to ".join(dict.fromkeys(span))
@@ -382,7 +384,7 @@ def _method(folder: RunFolder, summary: Summary) -> Section:
     return Section("Method", [said], folded=True)
 
 
-def _glossary(summary: Summary) -> Section:
+def _glossary_section(summary: Summary) -> Section:
     """Return the glossary, and the identifiers of solvers in tables and commands."""
     pair = summary.config.chain is None
     rows = [(word, f"{meaning}.") for word, meaning in GLOSSARY if pair or not word.startswith("S1")]
@@ -394,13 +396,13 @@ def _glossary(summary: Summary) -> Section:
     return Section("Glossary", tables, folded=True)
 
 
-def _provenance(folder: RunFolder) -> Section:
+def _provenance_section(folder: RunFolder) -> Section:
     """Return the section with all entries of the manifest of a run."""
-    rows = [*_flat({key: value for key, value in folder.manifest().items() if key != "statuses"})]
+    rows = [*_flatten({key: value for key, value in folder.manifest().items() if key != "statuses"})]
     return Section("Provenance", [Table(["what", "value"], rows, text=2)], folded=True)
 
 
-def _flat(value: object, *names: str) -> Iterator[tuple[str, object]]:
+def _flatten(value: object, *names: str) -> Iterator[tuple[str, object]]:
     """Yield the values of nested tables and lists, each with the names that lead to it."""
     if isinstance(value, list):
         value = {str(place): item for place, item in enumerate(value, 1)}
@@ -408,4 +410,4 @@ def _flat(value: object, *names: str) -> Iterator[tuple[str, object]]:
         yield " ".join(names), value
         return
     for name, item in value.items():
-        yield from _flat(item, *names, name)
+        yield from _flatten(item, *names, name)

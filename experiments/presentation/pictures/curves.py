@@ -45,15 +45,16 @@ def draw_cell_curves(curves: Frame, config: Config) -> Iterator[Drawn]:
         "(lower ball at rest, I1 = I2). Markers: where each curve ends; the right panel enlarges "
         "the ends."
     )
-    yield "impulse-curves", _whole_and_ends(points, cell.mass_ratio), caption
+    yield "impulse-curves", _draw_whole_and_ends(points, cell.mass_ratio), caption
 
 
-def _whole_and_ends(points: Mapping[str, np.ndarray], mass_ratio: float) -> Figure:
+def _draw_whole_and_ends(points: Mapping[str, np.ndarray], mass_ratio: float) -> Figure:
+    """Draw impulse curves by solver in two panels: whole, and enlarged where they end."""
     with styled_figure(9.2, 4.2) as figure:
         whole, detail = figure.subplots(1, 2)
         for ax, title in ((whole, "whole curves"), (detail, "where the curves end")):
             for name, curve in points.items():
-                _curve(ax, name, *curve.T)
+                _draw_curve(ax, name, *curve.T)
             draw_compression_lines(ax, mass_ratio, 1.05 * max(curve.max() for curve in points.values()))
             label_impulse_axes(ax)
             ax.set_title(title)
@@ -70,7 +71,7 @@ def zoom_in(ax: Axes, middle: Floats, half: float) -> None:
     ax.set(xlim=(x - half, x + half), ylim=(y - half, y + half))
 
 
-def _curve(ax: Axes, name: str, impulse1: np.ndarray, impulse2: np.ndarray) -> None:
+def _draw_curve(ax: Axes, name: str, impulse1: np.ndarray, impulse2: np.ndarray) -> None:
     """Draw an impulse curve and its end; the curve of the model is wide, so that curves on it are seen."""
     style, model = look_of(name), name == REFERENCE
     (line,) = ax.plot(impulse1, impulse2, color=style.color, linestyle=style.dash, label=display_name(name))
@@ -122,7 +123,7 @@ def draw_collision(collision: Collision, paths: Mapping[str, Path]) -> Figure:
         lower.sharex(upper)
         for name, path in paths.items():
             style, impulses = look_of(name), path.impulses / unit.impulse
-            _curve(curve, name, *impulses.T)
+            _draw_curve(curve, name, *impulses.T)
             for ax, velocity in zip((upper, lower), path.velocities.T, strict=True):
                 (line,) = ax.plot(impulses.sum(axis=1), velocity / unit.velocity, label=display_name(name))
                 line.set(color=style.color, linestyle=style.dash, linewidth=1.5)
@@ -153,7 +154,7 @@ def describe_ratios(collision: Collision) -> str:
     return describe_cell({axis: getattr(collision, axis) for axis in AXES})
 
 
-def draw_chain(curves: Frame, config: Config) -> Iterator[Drawn]:
+def draw_chain_figures(curves: Frame, config: Config) -> Iterator[Drawn]:
     """Draw the final velocities and the forces of the chain that the figures of a run show."""
     by_solver, followed = curves.set_index("solver").velocities.dropna(), curves[curves.time.notna()]
     if len(by_solver):
@@ -171,7 +172,7 @@ def draw_chain(curves: Frame, config: Config) -> Iterator[Drawn]:
             "is that of positions that stay frozen, forces of engines are means over their steps. The "
             f"time axis ends where all but {number(TAIL)} of the impulses have passed, by every solver."
         )
-        yield "wave", _wave(followed, config), caption
+        yield "wave", _draw_wave(followed, config), caption
 
 
 def draw_velocities(drawn: Mapping[str, Sequence[float]]) -> Figure:
@@ -191,7 +192,7 @@ def draw_velocities(drawn: Mapping[str, Sequence[float]]) -> Figure:
     return figure
 
 
-def _wave(curves: Frame, config: Config) -> Figure:
+def _draw_wave(curves: Frame, config: Config) -> Figure:
     """Draw the force of every contact of one chain over time, one panel per solver."""
     rows = curves.to_dict("records")
     across = len(rows) if len(rows) <= _ACROSS else -(-len(rows) // 2)

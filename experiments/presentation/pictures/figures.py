@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.measures.aggregates import FULL_PATHS
 from impact_xval.experiments.measures.summary import Summary, load_divergence
-from impact_xval.experiments.presentation.pictures.curves import draw_cell_curves, draw_chain
+from impact_xval.experiments.presentation.pictures.curves import draw_cell_curves, draw_chain_figures
 from impact_xval.experiments.presentation.pictures.ladders import draw_ladders, draw_trust, make_trust_maps
 from impact_xval.experiments.presentation.style import (
     LEFT_OUT,
@@ -55,10 +55,10 @@ def write_figures(folder: RunFolder, summary: Summary) -> dict[str, str]:
     """Draw every figure of a finished run into ``figures/``; return their captions by name, as in ``captions.json``."""
     target = folder.root / "figures"
     target.mkdir(exist_ok=True)
-    return save_figures(_figures(folder, summary), target)
+    return save_figures(_draw_figures(folder, summary), target)
 
 
-def _figures(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
+def _draw_figures(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
     """Draw the figures of a run that have something to show."""
     config, pair = summary.config, summary.config.chain is None
     curves = folder.read_table(CURVES).to_pandas()  # of a damaged folder nothing is drawn
@@ -76,15 +76,15 @@ def _figures(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
         panels = {name: (some, [n for n in values if n in set(some.balls)]) for name, some in by_arrangement}
     solvers = [name for name in summary.solvers if name in set(rows.solver)]
     for measure, name in measures.items() if solvers else ():
-        figure = _over(panels, solvers, axis, measure)
+        figure = _draw_over_axis(panels, solvers, axis, measure)
         yield name, figure, _CAPTIONS[measure].format(over=over, votes=describe_shared_laws(solvers)).strip()
     yield from draw_trust(make_trust_maps(folder, config) if pair else None)
     yield from draw_ladders(summary.ladder)
     yield from draw_steps(summary)
-    yield from (draw_cell_curves if pair else draw_chain)(curves, config)
+    yield from (draw_cell_curves if pair else draw_chain_figures)(curves, config)
 
 
-def _over(
+def _draw_over_axis(
     panels: Mapping[str, tuple[Frame, Sequence[AxisValue]]],
     solvers: Sequence[str],
     axis: str,

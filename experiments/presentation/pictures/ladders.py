@@ -29,7 +29,7 @@ from impact_xval.experiments.presentation.words import display_name
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.frames import Frame
 from impact_xval.experiments.tables.numbers import number, percent
-from impact_xval.experiments.tables.parquet import column, selected
+from impact_xval.experiments.tables.parquet import read_column, read_selected
 
 #: Figures and the axes that they are drawn over, for two balls and for chains; labels of the axes.
 _STACKS = {
@@ -69,10 +69,10 @@ def draw_ladders(ladder: LadderSummary) -> Iterator[Drawn]:
         known_axes = [axis for axis in axes if axis in ladder.axes]
         if known_axes:
             over = " and ".join(_LABELS[axis] for axis in known_axes)
-            yield name, _panels(ladder, known_axes), _caption(over, ladder)
+            yield name, _draw_panels(ladder, known_axes), _ladder_caption(over, ladder)
 
 
-def _caption(over: str, ladder: LadderSummary) -> str:
+def _ladder_caption(over: str, ladder: LadderSummary) -> str:
     causes = "dissipation law and gravity" if ladder.orders == "six" else "and dissipation law"
     return (
         f"What the mean velocity divergence D of each engine consists of, over {over}. Line: mean D; bars "
@@ -86,7 +86,7 @@ def _caption(over: str, ladder: LadderSummary) -> str:
     )
 
 
-def _panels(ladder: LadderSummary, axes: Sequence[str]) -> Figure:
+def _draw_panels(ladder: LadderSummary, axes: Sequence[str]) -> Figure:
     """Draw one panel per axis and engine."""
     solvers = ladder.solvers
     with styled_figure(max(6.4, 3.6 * len(solvers)), 0.9 + 2.6 * len(axes)) as figure:
@@ -98,15 +98,15 @@ def _panels(ladder: LadderSummary, axes: Sequence[str]) -> Figure:
                 wide = rows.pivot(index="value", columns="contribution")
                 label_axis_values(ax.xaxis, wide.index.tolist(), 8)
                 ax.tick_params(axis="x", labelsize=8)
-                _stack(ax, ladder, wide)
+                _draw_bars(ax, ladder, wide)
                 ax.set(xlabel=_LABELS[axis], title=display_name(solver))
             row[0].set_ylabel("component of mean D (-)")
-        handles = _patches(ladder.present)
+        handles = _legend_patches(ladder.present)
         figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
     return figure
 
 
-def _stack(ax: Axes, ladder: LadderSummary, wide: Frame) -> None:
+def _draw_bars(ax: Axes, ladder: LadderSummary, wide: Frame) -> None:
     """Draw the mean D of one engine and the bars of its contributions, positive ones above zero."""
     total = wide.total.max(axis=1).to_numpy()
     x, above, below = np.arange(len(wide)), np.zeros(len(wide)), np.zeros(len(wide))
@@ -137,11 +137,13 @@ def make_trust_maps(folder: RunFolder, config: Config) -> Frame | None:
     of the contribution, NaN where nothing is.
     """
     path = folder.table_path("ladder.parquet")
-    levels = {axis: axis_levels(config, axis, column(path, axis)) for axis in _PLANE}
+    levels = {axis: axis_levels(config, axis, read_column(path, axis)) for axis in _PLANE}
     there = set(pq.read_schema(path).names)
     shares = {f"{c.name}_share": c.name for c in CONTRIBUTIONS if f"{c.name}_share" in there}
     columns = ["solver", "status", *_PLANE, "velocity_divergence", *shares]
-    rows = selected(path, columns, (pc.field("status") == "ok") & pc.field("marked").is_null()).to_pandas()
+    rows = read_selected(
+        path, columns, (pc.field("status") == "ok") & pc.field("marked").is_null()
+    ).to_pandas()
     rows = rows[rows.solver.map(is_engine).astype(bool)]
     if rows.empty or min(len(each.values) for each in levels.values()) < 2:
         return None
@@ -161,7 +163,7 @@ def draw_trust(trust: Frame | None) -> Iterator[Drawn]:
     """Draw a trust map; nothing without one."""
     if trust is not None:
         engines = sort_by_law(trust.index.unique("solver"))
-        yield "trust-map", _trust_map(trust, engines), _trust_caption(trust, engines)
+        yield "trust-map", _draw_trust_map(trust, engines), _trust_caption(trust, engines)
 
 
 def _trust_caption(trust: Frame, engines: Sequence[str]) -> str:
@@ -184,7 +186,7 @@ def _trust_caption(trust: Frame, engines: Sequence[str]) -> str:
     )
 
 
-def _trust_map(trust: Frame, engines: Sequence[str]) -> Figure:
+def _draw_trust_map(trust: Frame, engines: Sequence[str]) -> Figure:
     """Draw two panels of levels and one of causes, one row per engine."""
     shown = [c for c in CONTRIBUTIONS if (trust.blamed == c.name).any()]
     places = {c.name: place for place, c in enumerate(shown, start=1)}
@@ -219,10 +221,10 @@ def _trust_map(trust: Frame, engines: Sequence[str]) -> Figure:
         levels = [Patch(color=color, label=name) for color, name in zip(_COLORS, names, strict=True)]
         figure.legend(handles=levels, loc="outside lower left", ncols=2, fontsize=8)
         if shown:
-            figure.legend(handles=_patches(shown), loc="outside lower right", ncols=2, fontsize=8)
+            figure.legend(handles=_legend_patches(shown), loc="outside lower right", ncols=2, fontsize=8)
     return figure
 
 
-def _patches(shown: Sequence[Contribution]) -> list[Patch]:
+def _legend_patches(shown: Sequence[Contribution]) -> list[Patch]:
     """Make the entries of a legend of contributions."""
     return [Patch(color=c.color, label=c.label) for c in shown]

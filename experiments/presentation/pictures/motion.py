@@ -221,7 +221,7 @@ def _at_rest(c: Collision) -> tuple[Floats, Floats]:
     return radii, np.cumsum((springs + 2 * radii)[::-1])[::-1] - radii
 
 
-def _moving(
+def _moving_artists(
     motion: SlowMotion, scale: float, strongest: float, letters: float, now: Moment
 ) -> Iterator[Artist]:
     """Yield the moving artists of a solver's scene: springs, balls, bars of force, arrows of velocity, the state.
@@ -277,7 +277,7 @@ def draw_frames(motion: SlowMotion) -> Iterator[Pixels]:
     ]
     forces = np.concatenate(soft)
     strongest, least = float(forces.max()), min(0.0, float(forces.min()))
-    width, height = _size(motion)
+    width, height = _frame_size(motion)
     with styled_figure(width, height) as figure:
         figure.dpi = _DPI
         panels = _set_up(figure, motion, 1.08 * least, 1.08 * strongest)
@@ -293,7 +293,7 @@ def draw_frames(motion: SlowMotion) -> Iterator[Pixels]:
             for (scene, below), now in zip(panels, states, strict=True):
                 hand = Line2D([instant, instant], [0, 1], color="black", linewidth=0.9)
                 hand.set_transform(below.get_xaxis_transform())
-                _draw(scene, *_moving(motion, scale, strongest, letters, now))
+                _draw(scene, *_moving_artists(motion, scale, strongest, letters, now))
                 _draw(below, hand)
             yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
@@ -306,7 +306,7 @@ def _draw(ax: Axes, *artists: Artist) -> None:
         artist.remove()
 
 
-def _size(motion: SlowMotion) -> tuple[float, float]:
+def _frame_size(motion: SlowMotion) -> tuple[float, float]:
     """Return width and height of a frame in inches."""
     balls, solvers = min(len(motion.collision.masses), 20), len(motion.histories)
     if motion.lies:

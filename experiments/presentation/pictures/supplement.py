@@ -76,7 +76,7 @@ def draw_supplement_figures() -> Iterator[Drawn]:
     """Draw the supplement's three figures, two panels each."""
     for row, (section, apart) in _FIGURES.items():
         panels = [panel for panel in _panels() if panel.name.startswith(row)]
-        yield f"supplement-{row}", _figure(panels), _caption(row, section, apart, panels)
+        yield f"supplement-{row}", _draw_panels(panels), _caption(row, section, apart, panels)
 
 
 def _caption(row: str, section: str, apart: str, panels: list[Panel]) -> str:
@@ -106,18 +106,19 @@ def _caption(row: str, section: str, apart: str, panels: list[Panel]) -> str:
     )
 
 
-def _figure(panels: list[Panel]) -> Figure:
+def _draw_panels(panels: list[Panel]) -> Figure:
+    """Draw panels side by side, the printed and the exact numbers below each."""
     with styled_figure(7.2, 4.9) as figure:
         upper, lower = figure.subplots(2, len(panels), height_ratios=(6, 1))
         for ax, below, panel in zip(upper, lower, panels, strict=True):
             outcome = solve(panel.collision, path=True)
-            _draw(ax, panel, outcome)
+            _draw_curve(ax, panel, outcome)
             below.axis("off")
-            _compare(below, panel, outcome)
+            _write_numbers(below, panel, outcome)
     return figure
 
 
-def _draw(ax: Axes, panel: Panel, outcome: Outcome) -> None:
+def _draw_curve(ax: Axes, panel: Panel, outcome: Outcome) -> None:
     """Draw the exact curve, with one colour per state, and the printed points."""
     path = outcome.path
     assert path is not None
@@ -156,7 +157,7 @@ def _draw(ax: Axes, panel: Panel, outcome: Outcome) -> None:
     ax.legend(loc="upper left", fontsize=8)
 
 
-def _compare(ax: Axes, panel: Panel, outcome: Outcome) -> None:
+def _write_numbers(ax: Axes, panel: Panel, outcome: Outcome) -> None:
     """Write the exact numbers below the printed ones."""
     rows = [
         ("", "v1/|v0|", "v2/|v0|", "states"),

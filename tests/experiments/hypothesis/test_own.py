@@ -27,7 +27,7 @@ def test_a_stiff_table_is_joined_by_the_model_and_d_is_that_of_a_hand_computatio
     assert model.distances[0] == pytest.approx(by_hand, rel=1e-9)
     assert model.as_one == "yes"
     assert model.verdict == "supported"
-    assert model.growing.startswith("D falls as contrast^-")
+    assert model.trend.startswith("D falls as contrast^-")
 
 
 def test_bodies_that_meet_first_keep_energy_that_welding_removes():

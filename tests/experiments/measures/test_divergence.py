@@ -11,8 +11,8 @@ from impact_xval.compliant_baselines.solver import Convergence, Settings
 from impact_xval.experiments.measures.divergence import (
     divergence,
     edit_distance,
+    first_difference,
     measures_of,
-    part_at,
     results_of,
 )
 from impact_xval.experiments.measures.hausdorff import distances
@@ -74,7 +74,7 @@ def test_where_state_paths_part_and_by_how_many_edits():
         ("1314", "1214", 2, 1),
         ("1234", "2341", 1, 2),
     ):
-        assert part_at(a, b) == part_at(b, a) == position, (a, b)
+        assert first_difference(a, b) == first_difference(b, a) == position, (a, b)
         assert edit_distance(a, b) == edit_distance(b, a) == edits, (a, b)
 
 

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.experiments.measures.summary import convergence_estimates, summarise
+from impact_xval.experiments.measures.summary import limit_estimates, summarise
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.schema import LIMIT, expand_columns, names_of
 from tests.experiments.conftest import swept
@@ -66,8 +66,8 @@ def test_an_engine_is_held_against_the_exact_solver_of_its_own_law(tmp_path):
     cells[["status", "marked"]] = "ok", None
     cells[["v0", "v2", "v2_limit", "limit_error", "order", "regularisation"]] = -1.0, 0.0, 0.0, 1e-3, 1.0, 0.0
     cells.to_parquet(tmp_path / "cells.parquet")
-    table = convergence_estimates(tmp_path / "cells.parquet", cells.solver)
+    table = limit_estimates(tmp_path / "cells.parquet", cells.solver)
     assert table.asked.tolist() == ["kelvin-voigt", "hunt-crossley", ""]
     assert table.asked_max.tolist() == pytest.approx([5e-4, 4e-3, math.nan], nan_ok=True)
     assert table.honest.tolist() == pytest.approx([1.0, 0.0, math.nan], nan_ok=True)
-    assert convergence_estimates(tmp_path / "cells.parquet", ["mujoco"], "naive").asked.tolist() == [""]
+    assert limit_estimates(tmp_path / "cells.parquet", ["mujoco"], "naive").asked.tolist() == [""]

@@ -46,7 +46,7 @@ def test_a_comparison_shows_numbers_without_a_result_marked_and_compares_none(pr
         assert not any(f"{v:.6f}*" in shown for v in model.velocities)
         assert "*: what the solver came to, but no result" in shown
         assert f"mujoco: {status}: too slow" in shown
-    assert list(compared.scaled) == ["state-transition"]
+    assert list(compared.scaled_velocities) == ["state-transition"]
     assert "*" not in str(SolverComparison(problem, {"state-transition": model}))
 
 

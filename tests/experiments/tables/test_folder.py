@@ -11,13 +11,13 @@ import pytest
 
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import load_config, parse_config
-from impact_xval.experiments.tables.folder import running, writing
+from impact_xval.experiments.tables.folder import is_written_to, lock_for_writing
 from tests.experiments.conftest import SMALL, resumed, tables_of
 from tests.waiting import wait_until
 
 
 def hold(root):
-    with writing(Path(root), parse_config({})):
+    with lock_for_writing(Path(root), parse_config({})):
         time.sleep(60)
 
 
@@ -33,13 +33,13 @@ def _entries(root):
 def test_the_second_run_refuses_and_a_killed_one_blocks_nobody(tmp_path, refused):
     script = f"from {__name__} import hold; hold({str(tmp_path / 'a')!r})"
     other = subprocess.Popen([sys.executable, "-c", script])
-    wait_until(lambda: running(tmp_path / "a"))
+    wait_until(lambda: is_written_to(tmp_path / "a"))
     refused(["run", "--out", tmp_path / "a"], f"--out {tmp_path / 'a'}: another run writes there")
     other.kill()
     other.wait()
-    assert not running(tmp_path / "a")
-    with writing(tmp_path / "a", parse_config({})) as (folder, continued):
-        assert running(folder.root)
+    assert not is_written_to(tmp_path / "a")
+    with lock_for_writing(tmp_path / "a", parse_config({})) as (folder, continued):
+        assert is_written_to(folder.root)
         assert continued
 
 
@@ -72,7 +72,7 @@ def test_what_is_no_run_is_one_line_and_is_left_as_it_is(tmp_path, refused):
 )
 def test_the_experiment_in_the_folder_is_that_which_was_asked_for(data, tmp_path):
     config = parse_config(data)
-    with writing(tmp_path / "a", config) as (folder, _):
+    with lock_for_writing(tmp_path / "a", config) as (folder, _):
         folder.write_config(config)
         assert folder.config() == load_config(folder.root / "experiment.toml") == config
         assert folder.config().identity() == config.identity()

@@ -7,7 +7,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from impact_xval.experiments.tables import folder
-from impact_xval.experiments.tables.parquet import blocks, rows_at, selected, table_writer
+from impact_xval.experiments.tables.parquet import read_row_groups, read_selected, rows_at, table_writer
 from tests.experiments.conftest import resumed
 
 pytestmark = pytest.mark.smoke
@@ -45,7 +45,7 @@ def test_tables_are_the_same_in_row_groups_of_whole_cells(tmp_path, monkeypatch,
         ("divergence.parquet", [16, 8]),
         ("ladder.parquet", [16, 8]),
     ):
-        read = list(blocks(tmp_path / "a" / name, ["cell", "solver"]))
+        read = list(read_row_groups(tmp_path / "a" / name, ["cell", "solver"]))
         assert list(map(len, read)) == rows
         assert set(read[0]["cell"].to_pylist()) == set(range(8))
         whole = pq.read_table(fake_run.root / name)
@@ -58,4 +58,4 @@ def test_rows_without_an_entry_are_found_in_a_column_of_none(tmp_path):
     marks = pa.array([None, None, "kink"], pa.string()), pa.array([None] * 3, pa.string())
     for mark, n in zip(marks, (2, 3), strict=True):
         pq.write_table(pa.table({"solver": ["a"] * 3, "marked": mark}), tmp_path / "a")
-        assert len(selected(tmp_path / "a", ["solver"], pc.field("marked").is_null())) == n
+        assert len(read_selected(tmp_path / "a", ["solver"], pc.field("marked").is_null())) == n

@@ -5,7 +5,7 @@ import pytest
 
 from impact_xval.experiments.measures.summary import load_divergence
 from impact_xval.experiments.presentation.page.charts import TILES, make_tiles
-from impact_xval.experiments.tables.folder import finished
+from impact_xval.experiments.tables.folder import finished_run
 from tests.experiments.conftest import swept
 
 
@@ -13,7 +13,7 @@ def tiles(root, **config):
     """Run an experiment of exact solvers, if one is given; the tiles and the table of what is there."""
     if config:
         swept(root, solvers=["kelvin-voigt", "bistiffness"], chunk_size=None, **config)
-    folder = finished(root)
+    folder = finished_run(root)
     return make_tiles(load_divergence(folder, folder.config())), pd.read_parquet(root / "divergence.parquet")
 
 
