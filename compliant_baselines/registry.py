@@ -284,6 +284,14 @@ SOLVERS = (
         "Newton (Warp) by its SemiImplicit solver: springs, and dashpots in compression only",
     ),
     SolverSpec(
+        "newton:default",
+        "engines.newton:Newton",
+        None,
+        "Newton (as it ships)",
+        "Newton's SemiImplicit solver with the stiffness and damping of its shapes, whatever contacts are asked for",
+        fixed_settings=_AS_IT_SHIPS,
+    ),
+    SolverSpec(
         "lammps",
         "engines.lammps:Lammps",
         "linear-dashpot",

@@ -6,6 +6,9 @@
 **Bodies.** A ball has two spheres, as in `drake`: the lower side is above its origin, the upper side below. So all
 contacts happen at height 0, and a penetration is no difference of large heights.
 
+**As it ships.** Every contact has the stiffness and damping that a shape has unless others are set, at a step of its
+examples, ten a frame of 1/60 s.
+
 **Units** are the radius, the step and the mass of ball 1. A step is then 1 in every scene, and one recording of steps
 serves all scenes of as many balls. Warp replays a recording in C++ at a hundredth of the cost of calls from Python.
 """
@@ -22,11 +25,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.engines.engine import Engine, standard_error_without
-from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, periods
+from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, periods, radius_of
 from impact_xval.compliant_baselines.mapping import KelvinVoigtContact
 
 #: Steps of a recording; an even number, as states are written to two places in turn.
 STEPS = 64
+
+#: Stiffness in N/m and damping in N s/m of a shape, if none are set (`newton.ModelBuilder.ShapeConfig`).
+SHIPPED_STIFFNESS, SHIPPED_DAMPING = 2500.0, 100.0
 
 #: Smallest depth over the radius that has three digits: the surface of a sphere is known to 2^-24 of the radius.
 RESOLVED = 2.0**-14
@@ -123,20 +129,19 @@ class NewtonWorld(World):
         self._speed, masses = self._length / time, np.array(scene.masses) / mass
         self._recording = _record(masses.size, scene.table, get_ident())
         model = self._recording.model
-        # The damping that gives e in compression alone gives e^2 in both directions (`restitution`).
-        pairs = [
-            KelvinVoigtContact.from_restitution(contact.k * time**2 / mass, e * e, contact.mass / mass)
-            for contact, e in zip(scene.contacts, scene.restitutions, strict=True)
-        ]
-        k, c = np.repeat(np.array([(pair.k, pair.c) for pair in pairs], np.float32).T, 2, axis=1)
+        stiffnesses, dampings = np.transpose(stiffness_and_damping(scene))
+        k, c = (
+            np.repeat(np.asarray(values, np.float32), 2)
+            for values in (stiffnesses * (time**2 / mass), dampings * (time / mass))
+        )
         ke, kd = (
             values.numpy()[1 : 1 + k.size] for values in (model.shape_material_ke, model.shape_material_kd)
         )
         ke[:], kd[:] = k, c
         means = (ke[::2] + ke[1::2]) / (k[::2] + k[1::2])
-        self.effective = {"stiffness": tuple((means * scene.stiffnesses).tolist()), "step": (time,)}
+        self.effective = {"stiffness": tuple((means * stiffnesses).tolist()), "step": (time,)}
         model.body_mass.numpy()[:], model.body_inv_mass.numpy()[:] = masses, 1 / masses
-        self.rest = scene.masses[-1] * scene.gravity / scene.stiffnesses[-1]
+        self.rest = scene.masses[-1] * scene.gravity / float(stiffnesses[-1])
         unit = self._length * 2.0**-23  # such heights are exact one radius off
         self.heights = np.round((np.array(scene.heights) - self.rest) / unit) * unit
         self._gravity = model.gravity.numpy()
@@ -161,16 +166,37 @@ class NewtonWorld(World):
         poses[:, 2], twists[:, 2] = heights / self._length, velocities / self._speed
 
 
+def stiffness_and_damping(scene: Scene) -> list[tuple[float, float]]:
+    """Return the stiffness in N/m and the damping in N s/m of each contact.
+
+    The damping that gives e in compression alone gives e^2 in both directions (`restitution`).
+    """
+    if scene.mapping == "shipped":
+        return [(SHIPPED_STIFFNESS, SHIPPED_DAMPING)] * len(scene.stiffnesses)
+    pairs = [
+        KelvinVoigtContact.from_restitution(contact.k, e * e, contact.mass)
+        for contact, e in zip(scene.contacts, scene.restitutions, strict=True)
+    ]
+    return [(pair.k, pair.c) for pair in pairs]
+
+
 class Newton(Engine):
     """Newton, SemiImplicit."""
 
     name, distribution, module, title, law = "newton", "newton", "newton", "Newton", "compression-dashpot"
     rounding, made = 1e-6, NewtonWorld
+    way_out, shipped_step = "run pip install 'impact-xval[newton]'", 1 / 600
+
+    def radius(self, scene: Scene) -> float:
+        """Return the radius in m of the balls."""
+        return radius_of(scene.depth([stiffness for stiffness, _ in stiffness_and_damping(scene)]))
 
     def refusal(self, scene: Scene) -> str | None:
         """Say why Newton cannot take a scene: another mapping, or depths too far apart for single precision."""
-        if scene.mapping != "calibrated":
+        if scene.mapping not in ("calibrated", "shipped"):
             return f"mapping = {scene.mapping!r}: Newton has one; legal: 'calibrated'"
+        if scene.mapping == "shipped":
+            return None
         depth = scene.speed * min(periods(scene)) / (2 * np.pi) / self.radius(scene)
         if depth < RESOLVED:
             return f"a contact {depth:.1e} radii deep beside others: single precision needs {RESOLVED:.1e}"

@@ -1,5 +1,6 @@
 """Dashpots in compression only: the exact law against an integration that watches nothing; Newton against the law."""
 
+import math
 import subprocess
 import sys
 
@@ -73,3 +74,14 @@ def test_newton_conforms_without_a_word_of_warp_and_refuses_what_it_has_no_digit
     assert [line.split()[0] for line in done.stdout.splitlines()] == ["passed"] * len(checks(LAW))
     (outcome,) = get_solver("newton").solve_many([Collision.two_balls(1, 2, 1, 1e9, 1, 1)], Settings())
     assert (outcome.status, "single precision" in outcome.reason) == ("unrepresentable", True)
+
+
+@installed
+def test_newton_as_it_ships_damps_compression_by_its_own_numbers():
+    """Of k = 2,500 N/m and c = 100 N s/m in compression alone: e = exp(-phi zeta/sqrt(1 - zeta^2)), cos phi = zeta."""
+    for mass, zeta in ((4.0, 0.5), (16.0, 0.25)):
+        phi = math.acos(zeta)
+        e = math.exp(-phi * zeta / math.sqrt(1 - zeta**2))
+        found = get_solver("newton:default").solve(Collision((mass,), (1e6,), (0.9,), (-1.0,), table=True))
+        assert found.velocities[0] == pytest.approx(e, abs=0.01)  # at a step of 1/600 s
+        assert found.effective["stiffness"] == (2500.0,)
