@@ -18,6 +18,10 @@ from impact_xval.model.pair.grazing import GRAZING
 from impact_xval.model.states import name_of_set
 from impact_xval.model.status import IS_RESULT, STATUSES, Status
 
+#: Events count as one instant whose times differ by less than this share of the duration: in a symmetric graph events
+#: come together, but for rounding.
+SAME_INSTANT = 1e-12
+
 #: Kinds of events in words, by `EventKind`.
 EventWord = Literal[
     "start", "end of compression", "restart", "end of restitution", "return", "loaded", "collapse"
@@ -196,8 +200,9 @@ def _contacts_of(bits: int) -> tuple[int, ...]:
 def _sets_in_time(events: Sequence[ContactEvent]) -> list[tuple[float, str]]:
     """Return the sets of active contacts that last, each with the time at which it begins."""
     sets: list[tuple[float, str]] = []
+    instant = SAME_INSTANT * events[-1].time if events else 0.0
     for event, following in zip(events, [*events[1:], None], strict=True):
-        if following is not None and following.time == event.time:
+        if following is not None and following.time - event.time <= instant:
             continue
         name = name_of_set(sum(1 << contact - 1 for contact in event.active), False)
         if not sets or sets[-1][1] != name:
