@@ -101,9 +101,12 @@ class GraphCollision:
         masses = _vector(_MASSES, self.masses)
         bodies = len(masses)
         if not bodies or len(self.velocities) != bodies:
-            raise ValueError(f"velocities: {len(self.velocities)} of them; legal: {bodies}, one per mass, at least 1")
+            raise ValueError(
+                f"velocities: {len(self.velocities)} of them; legal: {bodies}, one per mass, at least 1"
+            )
         velocities = tuple(
-            _vector(_VELOCITIES._replace(name=f"velocities[{body}]"), v) for body, v in enumerate(self.velocities, 1)
+            _vector(_VELOCITIES._replace(name=f"velocities[{body}]"), v)
+            for body, v in enumerate(self.velocities, 1)
         )
         dimension = len(velocities[0])
         if dimension not in (2, 3) or any(len(v) != dimension for v in velocities):
@@ -144,7 +147,9 @@ class GraphCollision:
                 normal = np.array(contact.normal)
                 row[start : start + dimension] += sign * normal
                 if contact.arms:
-                    row[start + dimension : start + dimension + turns] += sign * _torque(contact.arms[place], normal)
+                    row[start + dimension : start + dimension + turns] += sign * _torque(
+                        contact.arms[place], normal
+                    )
         return rows
 
     @property
@@ -356,7 +361,9 @@ def _checked_contact(name: str, contact: BodyContact, bodies: int, dimension: in
                 f"{name}.bodies = {contact.bodies!r}; legal: numbers from 1 to {bodies}, the second one or None (fixed)"
             )
     if first == second:
-        raise ValueError(f"{name}.bodies = {contact.bodies!r}: a contact of a body with itself; legal: two bodies")
+        raise ValueError(
+            f"{name}.bodies = {contact.bodies!r}: a contact of a body with itself; legal: two bodies"
+        )
     arms = contact.arms
     if len(arms) not in (0, 2):
         raise ValueError(f"{name}.arms: {len(arms)} of them; legal: 2, or none")

@@ -16,7 +16,9 @@ from impact_xval.model.inputs import Legal
 
 #: Angles in degrees; below 30 two equal balls that a third one touches would overlap.
 _BETWEEN_BALLS = Legal("angle", 30.0, math.nextafter(90.0, 0.0), "from 30 to less than 90 degrees")
-_BETWEEN_WALLS = Legal("angle", math.ulp(0.0), math.nextafter(180.0, 0.0), "more than 0 and less than 180 degrees")
+_BETWEEN_WALLS = Legal(
+    "angle", math.ulp(0.0), math.nextafter(180.0, 0.0), "more than 0 and less than 180 degrees"
+)
 _RATIO = Legal("stiffness_ratio", math.ulp(0.0), 1e150, "a finite number > 0 (k2/k1)")
 _POSITIVE = Legal("", math.ulp(0.0), 1e150, "a finite number > 0")
 
@@ -171,9 +173,9 @@ def rack(balls: int = 3, *, restitution: float = 0.95, offset: float = 0.0) -> G
     if balls not in RACKS:
         raise ValueError(f"balls = {balls!r}; legal: {', '.join(map(str, RACKS[:-1]))} or {RACKS[-1]}")
     across, along = _direction(
-        Legal("offset", -math.nextafter(90.0, 0.0), math.nextafter(90.0, 0.0), "between -90 and 90 degrees").number(
-            offset
-        )
+        Legal(
+            "offset", -math.nextafter(90.0, 0.0), math.nextafter(90.0, 0.0), "between -90 and 90 degrees"
+        ).number(offset)
     )
     places = [(math.sqrt(0.75) * row, place - row / 2) for row in range(4) for place in range(row + 1)]
     return graph_of_balls(

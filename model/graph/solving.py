@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_xval.model.arrays import Floats, Records, zero_records
+from impact_xval.model.arrays import Booleans, Floats, Records, zero_records
 from impact_xval.model.chain.following import COLLAPSE_REASON, PLASTIC_REASON, RUNAWAY_REASON
 from impact_xval.model.compiled import run_in_threads
 from impact_xval.model.graph.kernel import follow_graphs
@@ -25,10 +25,10 @@ from impact_xval.model.graph.record import (
 )
 from impact_xval.model.graph.state import new_contacts, new_matrices
 from impact_xval.model.inputs import GRAZING_THRESHOLD, LINE, MASS_PRECISION, Legal, checked_array
-from impact_xval.model.status import Ending, first_endings, reason_texts_of
+from impact_xval.model.status import IS_RESULT, Ending, first_endings, reason_texts_of
 
 #: Work after which a graph is given up: about a second. A window of C contacts is `window_work` of it.
-MOST_WORK = 30_000_000
+MOST_WORK = 15_000_000
 
 #: Graphs that a thread follows in one call, and rows for events that a log has at first, for each graph.
 SHARE, EVENT_ROWS = 512, 24
@@ -39,6 +39,10 @@ NEGATIVE = 1e-10
 #: Share of rates outside the range of W that is rounding.
 OUTSIDE = 1e-9
 
+#: Residuals of the balances of impulses and energy beyond which the numbers of a graph are no result. Bodies that are
+#: jammed between others ring without end, at ever higher stiffnesses, until rounding is all that is left of their rates.
+UNBALANCED = 1e-9
+
 #: Largest relative difference of W_ij and W_ji that is rounding, over sqrt(W_ii W_jj).
 ASYMMETRY = 1e-12
 
@@ -46,7 +50,9 @@ ASYMMETRY = 1e-12
 ROUNDING = 2.0**-46
 
 _, _STIFFNESSES, _RESTITUTIONS, _VELOCITIES, _ = LINE
-_RATES = Legal("rates", _VELOCITIES.low, _VELOCITIES.high, "finite numbers (m/s, positive where bodies approach)")
+_RATES = Legal(
+    "rates", _VELOCITIES.low, _VELOCITIES.high, "finite numbers (m/s, positive where bodies approach)"
+)
 _DELASSUS = Legal("delassus", _VELOCITIES.low, _VELOCITIES.high, "finite numbers (1/kg)")
 
 
@@ -143,10 +149,11 @@ def solve_graphs(
     mass, time, speed = units
     impulses = ends.impulses * (mass * speed)[:, None]
     final_rates = ends.rates * speed[:, None]
-    unbalanced = graphs.rates - (graphs.delassus @ ends.impulses[:, :, None])[:, :, 0] - ends.rates
-    endings = _endings(results, is_followed, most)
+    unbalanced = np.abs(graphs.rates - (graphs.delassus @ ends.impulses[:, :, None])[:, :, 0] - ends.rates)
+    is_balanced = (unbalanced.max(axis=1) <= UNBALANCED) & (np.abs(results["energy_residual"]) <= UNBALANCED)
+    endings = _endings(results, is_followed, is_balanced, most)
     status, reason = first_endings(endings, n)
-    has_result = (results["ending"] == GraphEnding.FREE) & is_followed
+    has_result = IS_RESULT[status]
     blank = ~has_result[:, None]
     offsets = np.append(0, np.cumsum(results["n_rows"]))
     if log is not None:
@@ -167,13 +174,13 @@ def solve_graphs(
         offsets=offsets,
         diagnostics={
             "energy_residual": np.where(has_result, results["energy_residual"], np.nan),
-            "impulse_residual": np.where(has_result, np.abs(unbalanced).max(axis=1), np.nan),
+            "impulse_residual": np.where(has_result, unbalanced.max(axis=1), np.nan),
         },
     )
 
 
 def window_work(contacts: int) -> int:
-    """Return the work of a window of a graph, in units of some 30 ns."""
+    """Return the work of a window of a graph, in units of some 60 ns."""
     return 60 + 20 * contacts + contacts * contacts
 
 
@@ -195,7 +202,9 @@ def _follow(graphs: Graphs, most_windows: int, ends: GraphEnds, events: bool) ->
     return log.view(np.recarray) if events else None
 
 
-def _endings(results: Records, is_followed: NDArray[np.bool_], most_windows: int) -> list[Ending]:
+def _endings(
+    results: Records, is_followed: Booleans, is_balanced: Booleans, most_windows: int
+) -> list[Ending]:
     """Return the endings that graphs may have, those without a result first."""
     ending = results["ending"]
     failures = [
@@ -221,6 +230,11 @@ def _endings(results: Records, is_followed: NDArray[np.bool_], most_windows: int
             "unconverged",
             "which of several rigid contacts press could not be decided",
         ),
+        Ending(
+            ~is_balanced,
+            "unconverged",
+            f"rounding has grown beyond {UNBALANCED:g} in the balance of impulses or energy: the bodies are jammed",
+        ),
     ]
     return failures + _closed_forms(results)
 
@@ -242,11 +256,17 @@ def _checked(
     """Return the fields as arrays; a ValueError names the first illegal one."""
     w = checked_array(_RATES, rates)
     if w.ndim != 2 or not 1 <= w.shape[1] <= MOST_CONTACTS:
-        raise ValueError(f"rates: shape {w.shape}; legal: from 1 to {MOST_CONTACTS} contacts, one rate per contact")
+        raise ValueError(
+            f"rates: shape {w.shape}; legal: from 1 to {MOST_CONTACTS} contacts, one rate per contact"
+        )
     n, contacts = w.shape
     W, k, e = (
         checked_array(legal, values)
-        for legal, values in ((_DELASSUS, delassus), (_STIFFNESSES, stiffnesses), (_RESTITUTIONS, restitutions))
+        for legal, values in (
+            (_DELASSUS, delassus),
+            (_STIFFNESSES, stiffnesses),
+            (_RESTITUTIONS, restitutions),
+        )
     )
     for legal, array, shape in (
         (_DELASSUS, W, (n, contacts, contacts)),
@@ -254,7 +274,9 @@ def _checked(
         (_RESTITUTIONS, e, (n, contacts)),
     ):
         if array.shape != shape:
-            raise ValueError(f"{legal.name}: shape {array.shape[1:]}; legal: {shape[1:]}, for {contacts} rates")
+            raise ValueError(
+                f"{legal.name}: shape {array.shape[1:]}; legal: {shape[1:]}, for {contacts} rates"
+            )
     diagonal = np.diagonal(W, axis1=1, axis2=2)
     if not (diagonal > 0).all():
         row, i = np.argwhere(~(diagonal > 0))[0]
@@ -273,13 +295,15 @@ def _checked(
     resting = np.flatnonzero(~(w > 0).any(axis=1))
     if resting.size:
         row = int(resting[0])
-        raise ValueError(f"rates = {w[row].tolist()} in row {row}: nothing approaches; legal: at least one > 0 (m/s)")
+        raise ValueError(
+            f"rates = {w[row].tolist()} in row {row}: nothing approaches; legal: at least one > 0 (m/s)"
+        )
     return W, k, e, w
 
 
 def _scaled(
     W: Floats, k: Floats, e: Floats, w: Floats
-) -> tuple[Graphs, tuple[Floats, Floats, Floats], NDArray[np.bool_]]:
+) -> tuple[Graphs, tuple[Floats, Floats, Floats], Booleans]:
     """Return graphs in units of about 1, their units of mass, time and velocity, and which can be followed.
 
     The units are 1/W_11, sqrt(1/(W_11 k_1)), and the largest rate (Theorem 5). A ValueError names a W with a negative

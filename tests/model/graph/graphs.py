@@ -6,16 +6,23 @@ from impact_xval.model.graph.collision import BodyContact, GraphCollision
 
 
 def random_graph(rng, *, least=0.5, singular=False, fixed=True):
-    """Draw bodies in a plane, up to 8, and contacts, up to 12; `singular` has more contacts than directions of motion."""
+    """Draw bodies in a plane, up to 8, and contacts, up to 12; `singular` has more contacts than directions of motion.
+
+    Some motion opens all contacts, as it does where bodies have come together. Without one, bodies would be jammed.
+    """
     while True:
         bodies = int(rng.integers(1, 5) if singular else rng.integers(2, 9))
         turns = bool(rng.integers(2))
         directions = bodies * (3 if turns else 2)
-        most = min(12, directions + 3)
-        contacts = int(rng.integers(directions + 1, most + 1)) if singular and directions < 12 else int(rng.integers(1, 13))
-        if (contacts > directions) != singular:
+        contacts = (
+            directions + int(rng.integers(1, 4))
+            if singular
+            else int(rng.integers(1, min(12, directions) + 1))
+        )
+        if contacts > 12:
             continue
-        rows = [_random_contact(rng, bodies, turns, least, fixed) for _ in range(contacts)]
+        opening = rng.normal(size=(bodies, 2)), rng.normal(size=bodies)
+        rows = [_random_contact(rng, opening, turns, least, fixed) for _ in range(contacts)]
         moving = rng.integers(2, size=bodies)
         moving[rng.integers(bodies)] = 1
         try:
@@ -30,21 +37,28 @@ def random_graph(rng, *, least=0.5, singular=False, fixed=True):
             continue
 
 
-def _random_contact(rng, bodies, turns, least, fixed):
-    first = int(rng.integers(1, bodies + 1))
-    second = int(rng.integers(1, bodies + 1))
+def _random_contact(rng, opening, turns, least, fixed):
+    """Draw a contact that opens under given velocities."""
+    velocities, spins = opening
+    bodies = len(spins)
+    first, second = (int(body) for body in rng.integers(bodies, size=2))
+    if not fixed:
+        second = (first + 1 + int(rng.integers(bodies - 1))) % bodies
     is_fixed = second == first or bool(fixed and rng.integers(4) == 0)
-    if second == first and not fixed:
-        second = first % bodies + 1
-        is_fixed = False
     angle = rng.uniform(0, 2 * np.pi)
-    arms = tuple(tuple(arm) for arm in rng.uniform(-1, 1, (2, 2))) if turns else ()
+    normal, arms = np.array([np.cos(angle), np.sin(angle)]), rng.uniform(-1, 1, (2, 2)) * turns
+    parts = [
+        velocities[body] + spins[body] * np.array([-r[1], r[0]])
+        for body, r in zip((first, second), arms, strict=True)
+    ]
+    if normal @ (parts[0] - (0 if is_fixed else parts[1])) < 0:
+        normal = -normal
     return BodyContact(
-        (first, None if is_fixed else second),
-        (np.cos(angle), np.sin(angle)),
+        (first + 1, None if is_fixed else second + 1),
+        tuple(normal.tolist()),
         10 ** rng.uniform(-1, 1),
         rng.uniform(least, 1),
-        arms,
+        tuple(tuple(arm) for arm in arms.tolist()) if turns else (),
     )
 
 

@@ -121,7 +121,10 @@ def _first_event(modes, phase, active, resolution, scale):
             if values[i, which] <= ZERO and left == 0.0:
                 ends.append((0.0, which))  # it is zero from the start, and falls
             else:
-                ends.append((brentq(lambda t: watched(t)[which], left, times[i], xtol=1e-300, rtol=1e-15), which))
+                root = brentq(
+                    lambda t, which=which: watched(t)[which], left, times[i], xtol=1e-300, rtol=1e-15
+                )
+                ends.append((root, which))
         return found(*min(ends))
 
 
