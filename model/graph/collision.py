@@ -277,8 +277,8 @@ def touching_balls(
     Returns
     -------
     list of tuple
-        First the contacts of two balls, ordered by their numbers, then those with planes, plane after plane. Balls touch
-        whose surfaces are not further apart than `TOUCHING` of the sum of their radii.
+        First the contacts of two balls, ordered by their numbers, then those with planes, plane after plane. Two balls
+        touch if the gap between them is at most `TOUCHING` of the sum of their radii.
 
     Raises
     ------

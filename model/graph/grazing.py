@@ -119,7 +119,7 @@ def amplitude_of_frequency(c, matrices, i, mode, distance, x, h):
 
 @kernel_helper
 def diagonalise(A, vectors):
-    """Diagonalise a symmetric matrix by Jacobi's rotations, and multiply `vectors` by them (Numerical Recipes, 11.1)."""
+    """Diagonalise a symmetric matrix by Jacobi's rotations, and apply them to `vectors` (Numerical Recipes, 11.1)."""
     for _ in range(MOST_SWEEPS):
         is_diagonal = True
         for p in range(A.shape[0]):

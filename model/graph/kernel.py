@@ -1,9 +1,9 @@
 """The kernel of graphs: follows a graph from first touch to its end, window by window.
 
 `follow_graphs` follows many graphs, and is the only kernel that Python calls; `collide` follows one. A segment is the
-time with one set of active contacts. It consists of windows: over a window every rate and every force is a polynomial in
-time (`graph.motion`), whose first event is found with certainty (`graph.event`). The law tells what the event does to
-its contact (`graph.law`). The collision is over when no contact is active, and none approaches.
+time with one set of active contacts. It consists of windows. Over a window every rate and every force is a polynomial
+in time (`graph.motion`), whose first event is found with certainty (`graph.event`). The law tells what the event does
+to its contact (`graph.law`). The collision is over when no contact is active, and none approaches.
 
 Used by `graph.solving`.
 """

@@ -4,15 +4,15 @@ This is the model's law (docs/theory.md, section 2), contact by contact; nothing
 
 | event | condition | effect |
 |---|---|---|
-| end of compression | w_i falls through 0 in compression | k_i <- k_i/e_i^2, F_i stays, so E_i <- e_i^2 E_i |
+| end of compression | w_i falls through 0 in compression | k_i <- k_i/e_i^2, F_i stays: E_i <- e_i^2 E_i |
 | restart of compression | w_i rises through 0 in restitution | k_i stays |
 | end of restitution | F_i falls to 0 in restitution | inactive, k_i stays |
 | return | w_i of an inactive contact rises through 0 | compression from F_i = 0 |
 
-**Start.** At first touch, and after every event, a contact without force is active if w_i > 0. Where w_i = 0, its first
-non-zero derivative decides, order by order: active if it is positive (`graph.motion.expand`). A contact of a row that is
-struck at its end, a contact between two loads that balance, a contact that its neighbour pulls open: all are cases of
-this one rule.
+**Start.** At first touch, and after every event, a contact without force is active if w_i > 0. Where w_i = 0, its
+first non-zero derivative decides, order by order: the contact is active if that is positive (`graph.motion.expand`).
+This one rule covers a contact far down a row that is struck at its end, a contact between two loads that balance, and a
+contact that its neighbour pulls open.
 
 **Limits.** At e_i = 0 an end of compression makes the contact infinitely stiff: from then on it is RIGID while its
 neighbours press it, and INACTIVE while they do not (`graph.rigid`).

@@ -200,7 +200,9 @@ def _contacts_of(bits: int) -> tuple[int, ...]:
 def _sets_in_time(events: Sequence[ContactEvent]) -> list[tuple[float, str]]:
     """Return the sets of active contacts that last, each with the time at which it begins."""
     sets: list[tuple[float, str]] = []
-    instant = SAME_INSTANT * events[-1].time if events else 0.0
+    if not events:
+        return sets
+    instant = SAME_INSTANT * events[-1].time
     for event, following in zip(events, [*events[1:], None], strict=True):
         if following is not None and following.time - event.time <= instant:
             continue

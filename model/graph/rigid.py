@@ -3,16 +3,17 @@
 **When.** At e = 0 an end of compression makes a contact rigid. For e > 0 its running stiffness may run away
 (`ringing_ends`; supplement, 3.4), as in chains.
 
-**Forces.** A rigid contact keeps w_r = 0, so (W F)_r = 0. Elimination of these rows, one after another, leaves
-W <- W - W_r W_r^T/W_rr for all other contacts and F_r = -sum_j W_rj F_j/W_rr (`eliminate`). In a chain this unites
-the two bodies. A rigid contact that others already keep at rest has no pivot, and carries no force.
+**Forces.** A rigid contact keeps w_r = 0, so (W F)_r = 0. These rows are eliminated one after another. That leaves
+W <- W - W_r W_r^T/W_rr for all other contacts, and F_r = -sum_j W_rj F_j/W_rr (`eliminate`). In a chain it unites the
+two bodies. A rigid contact that others already keep at rest has no pivot, and carries no force.
 
-**Which press.** A rigid contact pushes only: F_r >= 0, w_r <= 0, and one of them is 0. In a chain neighbours only press,
-so it is rigid for good. In a graph they may also pull it open. `expand_with_rigid` decides this as the start rule does,
-by first non-zero coefficients: F_r of a contact that presses must not begin below 0, nor w_r of one that does not begin
-above 0. These are complementarity problems in power series, which are an ordered field, so Murty's least-index rule
-(Opsearch 11, 1974) finds the answer in finitely many exchanges if W of the rigid contacts is regular. If exchanges
-go on for too long, the graph is given up.
+**Which press.** A rigid contact only pushes: F_r >= 0, w_r <= 0, and one of them is 0. In a chain neighbours only
+press, so a rigid contact stays closed. In a graph they may also pull it open. `expand_with_rigid` decides this as the
+start rule does, by first non-zero coefficients. The force of a contact that presses must not begin below 0. The rate of
+a contact that does not press must not begin above 0. `exchange` changes the first contact that breaks this, and the
+series are written anew. It is the least-index rule of Murty (Opsearch 11, 1974) for a complementarity problem. It holds
+over every ordered field, so also for power series, and ends if W of the rigid contacts is regular. If it goes on for
+too long, the graph is given up.
 
 Used by `graph.kernel`.
 """

@@ -1,6 +1,7 @@
 """`solve_graph`: one contact graph by the state-transition model, given by its Delassus matrix; `solve_graphs`: many.
 
-This module checks the input, scales it to units of about 1, calls the kernel in threads, and builds outcomes in SI units.
+This module checks the input, scales it to units of about 1, calls the kernel in threads, and builds outcomes in SI
+units.
 
 Needs `graph.kernel`. Used by `graph.collision` and by users.
 """
@@ -27,8 +28,9 @@ from impact_xval.model.graph.state import new_contacts, new_matrices
 from impact_xval.model.inputs import GRAZING_THRESHOLD, LINE, MASS_PRECISION, Legal, checked_array
 from impact_xval.model.status import IS_RESULT, Ending, first_endings, reason_texts_of
 
-#: Work after which a graph is given up: about a second. A window of C contacts is `window_work` of it.
-MOST_WORK = 15_000_000
+#: Work after which a graph is given up, about a second, and windows that every graph may have: a chain of 60 contacts
+#: needs up to 10,000. A window of C contacts is `window_work` of the work.
+MOST_WORK, LEAST_WINDOWS = 15_000_000, 20_000
 
 #: Graphs that a thread follows in one call, and rows for events that a log has at first, for each graph.
 SHARE, EVENT_ROWS = 512, 24
@@ -40,7 +42,7 @@ NEGATIVE = 1e-10
 OUTSIDE = 1e-9
 
 #: Residuals of the balances of impulses and energy beyond which the numbers of a graph are no result. Bodies that are
-#: jammed between others ring without end, at ever higher stiffnesses, until rounding is all that is left of their rates.
+#: jammed between others ring without end at ever higher stiffnesses, until only rounding is left of their rates.
 UNBALANCED = 1e-9
 
 #: Largest relative difference of W_ij and W_ji that is rounding, over sqrt(W_ii W_jj).
@@ -140,7 +142,7 @@ def solve_graphs(
     fields = _checked(delassus, stiffnesses, restitutions, rates)
     graphs, units, is_followed = _scaled(*fields)
     n, contacts = graphs.rates.shape
-    most = max_windows or max(1, MOST_WORK // window_work(contacts))
+    most = max_windows or max(LEAST_WINDOWS, MOST_WORK // window_work(contacts))
     ends = GraphEnds(
         np.full((n, contacts), np.nan), np.full((n, contacts), np.nan), zero_records(n, GRAPH_RESULT)
     )
