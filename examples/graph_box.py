@@ -1,4 +1,4 @@
-"""A box lands flat on two corners of unequal stiffness: it rebounds askew, unless its corners do not know of each other.
+"""A box lands flat on two corners of unequal stiffness, and rebounds askew, unless I = m a^2.
 
 Run as ``python examples/graph_box.py``. Columns are I/(m a^2), k2/k1, the vertical velocity in m/s and the angular
 velocity in rad/s afterwards.
