@@ -81,7 +81,11 @@ def energy_left(c, W):
 
 @kernel_helper
 def end_held(c, W):
-    """End the active contacts that rigid ones keep at rest, and return the strain energy that is dropped."""
+    """End the active contacts that rigid ones keep at rest, and return the strain energy that is dropped.
+
+    The rigid contacts press in the window that is over, so the forces are in balance, and stay so for ever: the bodies
+    are jammed.
+    """
     dropped = 0.0
     for i in range(c.size):
         contact = c[i]

@@ -21,7 +21,7 @@ of `chain.series`, for the same bound holds there. Used by `graph.kernel`, `grap
 
 from __future__ import annotations
 
-from math import inf, sqrt
+from math import sqrt
 
 import numpy as np
 
@@ -52,7 +52,7 @@ def apply_start_rule(c):
 
 @kernel_helper
 def window_length(c, W):
-    """Return the time over which the series is summed; infinite without an active contact.
+    """Return the time over which the series is summed; 1 where rigid contacts keep all others at rest.
 
     The largest eigenvalue of A is bounded by row sums of W K, which is similar to A (Gershgorin), and by the Frobenius
     norm of A; the smaller bound counts. A contact that is undecided may become active, and counts as such.
@@ -69,7 +69,7 @@ def window_length(c, W):
                 squares += entry * abs(W[i, j]) * c[i].k
         largest_row = max(largest_row, row)
     largest = min(largest_row, sqrt(squares))
-    return ANGLE / sqrt(largest) if largest > 0 else inf
+    return ANGLE / sqrt(largest) if largest > 0 else 1.0
 
 
 @kernel_helper

@@ -3,7 +3,7 @@
 This module checks the input, scales it to units of about 1, calls the kernel in threads, and builds outcomes in SI
 units.
 
-Needs `graph.kernel`. Used by `graph.collision` and by users.
+Needs `graph.kernel`. Used by `graph.collision`, by users, and by `rigid.graphs` of `compliant_baselines`.
 """
 
 from __future__ import annotations
@@ -250,6 +250,13 @@ def _closed_forms(results: Records) -> list[Ending]:
         condition = np.logical_and.reduce([results[name] for name in used])
         endings.append(Ending(condition, "closed-form", "; ".join(parts[name] for name in used)))
     return endings
+
+
+def checked_graphs(delassus: Floats, restitutions: Floats, rates: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return W, shape (C, C), e and w, shape (C,), of one graph; a ValueError names the first illegal value."""
+    W, k, e, w = _checked(delassus[None], np.ones((1, *rates.shape)), restitutions[None], rates[None])
+    _scaled(W, k, e, w)
+    return W[0], e[0], w[0]
 
 
 def _checked(

@@ -11,7 +11,7 @@ def random_graph(rng, *, least=0.5, singular=False, fixed=True):
     Some motion opens all contacts, as it does where bodies have come together. Without one, bodies would be jammed.
     """
     while True:
-        bodies = int(rng.integers(1, 5) if singular else rng.integers(2, 9))
+        bodies = int(rng.integers(1 if fixed else 2, 5) if singular else rng.integers(2, 9))
         turns = bool(rng.integers(2))
         directions = bodies * (3 if turns else 2)
         contacts = (
