@@ -351,12 +351,17 @@ def _unit(name: str, normal: Sequence[float], dimension: int) -> tuple[float, ..
     return tuple(number / length for number in numbers)
 
 
+def _is_number_of(body: object, bodies: int) -> bool:
+    """Return whether an object is the number of a body, from 1."""
+    return isinstance(body, Integral) and not isinstance(body, bool) and 1 <= int(body) <= bodies
+
+
 def _checked_contact(name: str, contact: BodyContact, bodies: int, dimension: int) -> BodyContact:
     """Return a contact with checked numbers."""
     first, second = contact.bodies
     for body in (first, second):
-        is_number = isinstance(body, Integral) and not isinstance(body, bool) and 1 <= body <= bodies
-        if not is_number and not (body is None and body is second):
+        is_fixed = body is None and body is second
+        if not is_fixed and not _is_number_of(body, bodies):
             raise ValueError(
                 f"{name}.bodies = {contact.bodies!r}; legal: numbers from 1 to {bodies}, the second one or None (fixed)"
             )

@@ -182,8 +182,8 @@ def rack(balls: int = 3, *, restitution: float = 0.95, offset: float = 0.0) -> G
         [(-1.0, 0.0), *places[:balls]],
         (1.0,) * (balls + 1),
         [(along, across), *[(0.0, 0.0)] * balls],
-        lambda *_: 1.0,
-        lambda *_: restitution,
+        lambda first, second: 1.0,
+        lambda first, second: restitution,
     )
 
 
