@@ -4,8 +4,7 @@ Run as ``python examples/graph_box.py``. Columns are I/(m a^2), k2/k1, the verti
 velocity in rad/s afterwards.
 """
 
-from impact_xval.model.graph.collision import solve_graph_collision
-from impact_xval.model.graph.named import box
+from impact_xval.model.graph import box, solve_graph_collision
 
 for inertia in (1 / 3, 2 / 3, 1.0):
     for ratio in (1.0, 1.1, 3.0):

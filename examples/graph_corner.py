@@ -4,8 +4,7 @@ Run as ``python examples/graph_corner.py``. Columns are the angle between the wa
 velocity (x, z) afterwards in m/s, and the sets of contacts that were active.
 """
 
-from impact_xval.model.graph.collision import solve_graph_collision
-from impact_xval.model.graph.named import corner
+from impact_xval.model.graph import corner, solve_graph_collision
 
 for angle in (60, 90, 120):
     for ratio in (0.1, 1, 10):

@@ -6,8 +6,7 @@ afterwards, for a cue ball with 1 m/s along x.
 
 import sys
 
-from impact_xval.model.graph.collision import solve_graph_collision
-from impact_xval.model.graph.named import rack
+from impact_xval.model.graph import rack, solve_graph_collision
 
 balls = int(sys.argv[1]) if len(sys.argv) > 1 else 10
 collision = rack(balls, restitution=0.95)

@@ -353,7 +353,7 @@ def _unit(name: str, normal: Sequence[float], dimension: int) -> tuple[float, ..
 
 def _is_number_of(body: object, bodies: int) -> bool:
     """Return whether an object is the number of a body, from 1."""
-    return isinstance(body, Integral) and not isinstance(body, bool) and 1 <= int(body) <= bodies
+    return not isinstance(body, bool) and isinstance(body, Integral) and 1 <= int(body) <= bodies
 
 
 def _checked_contact(name: str, contact: BodyContact, bodies: int, dimension: int) -> BodyContact:
