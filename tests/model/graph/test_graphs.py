@@ -103,6 +103,35 @@ def test_a_box_turns_by_its_stiffnesses():
     assert solved(box()).angular_velocities[0][0] == pytest.approx(0, abs=1e-15)
 
 
+def test_a_box_on_four_corners_is_the_box_on_two():
+    """In space W of the four corners is singular; each pair of them has the stiffness of one corner in the plane."""
+    corners = [
+        BodyContact((1, None), (0.0, 0.0, 1.0), k / 2, 0.8, ((x, y, -0.5), (0.0, 0.0, 0.0)))
+        for x, k in ((1.0, 1.0), (-1.0, 3.0))
+        for y in (0.7, -0.7)
+    ]
+    flat = GraphCollision([1.0], [(0.0, 0.0, -1.0)], corners, inertias=[(0.2, 1 / 3, 0.5)])
+    assert np.linalg.matrix_rank(flat.delassus) == 3
+    outcome = solved(flat)
+    np.testing.assert_allclose(outcome.velocities[0], (0, 0, 0.71494079771426), atol=1e-12)
+    np.testing.assert_allclose(outcome.angular_velocities[0], (0, -0.41386492765612, 0), atol=1e-12)
+    assert outcome.states == ("1+2+3+4", "1+2", "1+2+3+4", "3+4", "-")
+
+
+@nightly
+def test_a_close_pair_of_events_is_found():
+    """Between two points of a coarse grid a compression ends and begins again; a fine grid sees it."""
+    collision = random_graphs(200, 56, least=0.3)[55]
+    W, k, e, w = numbers(collision)
+    k[-1] *= 0.54054289725
+    outcome = solve_graph(W, k, e, w)
+    ends = [event.time for event in outcome.events if event.contact == 3][:2]
+    assert ends[1] - ends[0] < 1e-5
+    coarse, fine = integrate(W, k, e, w), integrate(W, k, e, w, resolution=1e-5)
+    assert np.abs(coarse.rates - outcome.rates).max() > 0.1
+    np.testing.assert_allclose(fine.rates, outcome.rates, atol=1e-10)
+
+
 def test_contacts_that_touch_and_never_act():
     assert solved(bernoulli()).states == ("1+2", "-")  # both end together, but for rounding
     assert solved(bernoulli()).impulses[2] == 0
