@@ -43,6 +43,18 @@ def test_a_cradle_by_every_solver(run):
     assert float(D["state-transition-hertz"]) == pytest.approx(0.1408, abs=1e-3)
 
 
+def test_contact_graphs(run):
+    corner = [line.split() for line in run("graph_corner.py").splitlines()]
+    right_angles = {tuple(row[2:4]) for row in corner if row[0] == "90"}
+    assert right_angles == {("0.70000", "0.27000")}  # whatever the stiffnesses are
+    assert len({tuple(row[2:4]) for row in corner}) == 7
+    box = [tuple(map(float, line.split())) for line in run("graph_box.py").splitlines()]
+    assert all((turning == 0) == (ratio == 1 or inertia == 1) for inertia, ratio, _, turning in box)
+    *balls, end = run("graph_rack.py", 6).splitlines()
+    assert sum(float(ball.split()[2]) for ball in balls) == pytest.approx(1, abs=1e-4)
+    assert end.startswith("10 contacts")
+
+
 def test_a_run_is_read_in_three_ways_that_agree(run, tmp_path, monkeypatch):
     grid = {"stiffness_ratio": [0.5, 1.0, 2.0], "mass_ratio": [1.0, 1.5], "e1": [0.9], "e2": [0.7]}
     solvers = ["bistiffness", "kelvin-voigt"]

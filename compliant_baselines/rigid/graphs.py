@@ -1,0 +1,235 @@
+"""Rigid impact laws for contact graphs, given by a Delassus matrix; their texts and sources are in `rigid.laws`.
+
+With rates of compression w and impulses P >= 0, w+ = w - W P. Contacts do not part by a flight here: all of them touch.
+Impacts follow one another until no contact approaches. Two laws are as of `rigid.laws` but for the order of contacts:
+**sequential** always takes the first contact of a given order that approaches, and **plastic-then-restitution** sweeps
+in that order.
+
+**Complementarity.** With W = L L^T and q = L c, the problem 0 <= P, q + W P >= 0, complementary, is the least-squares
+problem of L^T P = -c with P >= 0. Its L^T P is unique, and with it the velocities; P is so only where no other P >= 0
+has the same W P. `impulse_spread` is the largest range of the impulse of one contact over all such P, in its first
+impact. Poisson's law and the sweep of plastic-then-restitution depend on P: `rate_spread` is the largest difference of
+rates that the extreme P lead to.
+
+Needs `rigid.laws` for the names. Used by users.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import optimize  # pyright: ignore[reportMissingTypeStubs]
+
+from impact_xval.compliant_baselines.rigid.laws import LAWS, ROUNDING, TooManyImpactsError
+from impact_xval.model.arrays import Booleans, Floats
+from impact_xval.model.graph.solving import checked_graphs
+
+_optimize: Any = optimize
+
+#: Names of the laws of graphs: those of chains, with one sequential law for all orders.
+GRAPH_LAWS = (*(name for name in LAWS if not name.startswith("sequential")), "sequential")
+
+#: Laws whose rates depend on the split of the impulses of compression.
+_DEPENDS_ON_SPLIT = ("poisson-restitution", "plastic-then-restitution")
+
+#: Share of the largest rate, or impulse, that is rounding of a least-squares problem.
+_TINY = 1e-10
+
+
+class RigidGraphOutcome(NamedTuple):
+    """Result of a rigid law for one contact graph."""
+
+    #: The law, with its order of contacts where it has one.
+    law: str
+    #: Total impulses in N s and final rates of compression in m/s, shape (C,).
+    impulses: Floats
+    rates: Floats
+    #: Number of impacts.
+    impacts: int
+    #: Largest range of the impulse of one contact, in N s; 0 where the split of the first impact is unique.
+    impulse_spread: float
+    #: Largest difference of final rates between extreme splits, in m/s.
+    rate_spread: float
+
+
+class _Impact(NamedTuple):
+    """What a law needs of an impact."""
+
+    W: Floats
+    e: Floats
+    #: Rates before the impact.
+    w: Floats
+    #: Contacts in the order in which a law takes them.
+    order: Sequence[int]
+    #: Impulses of the compression of all contacts, 0 <= C, C W - w >= 0; one of several splits.
+    compression: Floats
+    #: Whether no impact came before.
+    is_first: bool
+
+
+def solve_rigid_graph(
+    law: str,
+    delassus: ArrayLike,
+    restitutions: ArrayLike,
+    rates: ArrayLike,
+    *,
+    order: Sequence[int] | None = None,
+    most: int = 100_000,
+) -> RigidGraphOutcome:
+    """Solve one contact graph by a rigid law.
+
+    Parameters
+    ----------
+    law : str
+        One of `GRAPH_LAWS`.
+    delassus, restitutions, rates : array_like
+        As for `impact_xval.model.graph.solving.solve_graph`.
+    order : sequence of int, optional
+        Numbers of all contacts, from 1, in the order in which a sequential law takes them; by default ascending.
+    most : int
+        Impacts after which a graph is given up.
+
+    Returns
+    -------
+    RigidGraphOutcome
+
+    Raises
+    ------
+    ValueError
+        For an illegal value, or restitutions with which the law has no solution.
+    TooManyImpactsError
+        If contacts still approach after `most` impacts.
+    """
+    if law not in GRAPH_LAWS:
+        raise ValueError(f"law = {law!r}; legal: {', '.join(GRAPH_LAWS)}")
+    e = np.asarray(restitutions, float)
+    W, e, w = checked_graphs(np.asarray(delassus, float), e, np.asarray(rates, float))
+    contacts = range(1, len(w) + 1)
+    numbers = list(contacts) if order is None else list(order)
+    if sorted(numbers) != list(contacts):
+        raise ValueError(f"order = {order!r}; legal: the numbers from 1 to {len(w)}, each once")
+    if law == "generalised-reflection" and len(set(e.tolist())) > 1:
+        raise ValueError(f"restitutions = {e.tolist()}: {law} has one e for all contacts")
+    places = [number - 1 for number in numbers]
+    compression = complementary(W, -w)
+    splits = _extreme_splits(W, w, compression)
+    impulses, impacts = _follow(law, W, e, w, places, compression, most)
+    rate_spread = 0.0
+    if law in _DEPENDS_ON_SPLIT:
+        for split in splits:
+            changed, _ = _follow(law, W, e, w, places, split, most)
+            rate_spread = max(rate_spread, float(np.abs(W @ (changed - impulses)).max()))
+    spread = np.ptp(np.array([compression, *splits]), axis=0).max()
+    is_ordered = law in ("sequential", "plastic-then-restitution")
+    name = f"{law} ({', '.join(map(str, numbers))})" if is_ordered else law
+    threshold = _TINY * float(np.abs(w).max())
+    return RigidGraphOutcome(
+        name,
+        impulses,
+        w - W @ impulses,
+        impacts,
+        0.0 if law == "sequential" else float(spread),
+        rate_spread if rate_spread > threshold else 0.0,
+    )
+
+
+def complementary(W: Floats, q: Floats) -> Floats:
+    """Solve 0 <= P, q + W P >= 0, complementary, for a positive semidefinite W and a q in its range."""
+    values, vectors = np.linalg.eigh(W)
+    is_kept = values > 1e-13 * values[-1]
+    L: Floats = vectors[:, is_kept] * np.sqrt(values[is_kept])
+    c: Floats = (vectors[:, is_kept].T @ q) / np.sqrt(values[is_kept])
+    if np.abs(L @ c - q).max() > 1e-9 * np.abs(q).max():
+        raise ValueError(
+            "restitutions: unequal ones with a singular W, where Newton's law need not have a solution; legal: one e"
+        )
+    impulses: Floats = _optimize.nnls(L.T, -c)[0]
+    return impulses
+
+
+def _extreme_splits(W: Floats, w: Floats, compression: Floats) -> list[Floats]:
+    """Return splits with the same W C in which the impulse of some contact is the least or the largest."""
+    contacts = len(w)
+    if np.linalg.matrix_rank(W, hermitian=True) == contacts:
+        return []
+    slack, scale = W @ compression - w, np.abs(w).max()
+    bounds = [(0, None if slack[i] <= _TINY * scale else 0) for i in range(contacts)]
+    splits: list[Floats] = []
+    for i in range(contacts):
+        for sign in (1.0, -1.0):
+            found = _optimize.linprog(sign * np.eye(contacts)[i], A_eq=W, b_eq=W @ compression, bounds=bounds)
+            if found.status == 0:
+                splits.append(np.asarray(found.x, float))
+    is_other = [np.abs(split - compression).max() > 1e-7 * np.abs(compression).max() for split in splits]
+    return [split for split, other in zip(splits, is_other, strict=True) if other]
+
+
+def _follow(
+    law: str, W: Floats, e: Floats, w: Floats, order: Sequence[int], compression: Floats, most: int
+) -> tuple[Floats, int]:
+    """Return total impulses, and the number of impacts until no contact approaches."""
+    total, rates, threshold = np.zeros(len(w)), w, ROUNDING * np.abs(w).max()
+    for impact in range(most):
+        if not (rates > threshold).any():
+            return total, impact
+        split = compression if impact == 0 else np.empty(0)
+        if impact > 0 and law in _DEPENDS_ON_SPLIT:
+            split = complementary(W, -rates)
+        total = total + _LAWS[law](_Impact(W, e, rates, order, split, impact == 0))
+        rates = w - W @ total
+        rates[np.abs(rates) <= threshold] = 0.0
+    raise TooManyImpactsError(f"not over after {most} impacts")
+
+
+def _newton(impact: _Impact) -> Floats:
+    return complementary(impact.W, -(1 + impact.e) * impact.w)
+
+
+def _poisson(impact: _Impact) -> Floats:
+    back = (1 + impact.e) * impact.compression
+    return back + complementary(impact.W, impact.W @ back - impact.w)
+
+
+def _reflections(impact: _Impact) -> Floats:
+    """Return the blend of the plastic and the elastic impulse; the elastic one reflects what approaches, repeatedly."""
+    elastic, rates = np.zeros(len(impact.w)), impact.w
+    threshold = ROUNDING * np.abs(impact.w).max()
+    while True:
+        approaching: Booleans = rates > threshold
+        if not approaching.any():
+            break
+        part = np.ix_(approaching, approaching)
+        elastic[approaching] += 2 * complementary(impact.W[part], -rates[approaching])
+        rates = impact.w - impact.W @ elastic
+    e = float(impact.e[0])
+    return (1 - e) * complementary(impact.W, -impact.w) + e * elastic
+
+
+def _plastic_then_restitution(impact: _Impact) -> Floats:
+    impulses, e = impact.compression.copy(), impact.e
+    if not impact.is_first:
+        e = np.where(e < 1, 0.0, e)
+    for i in impact.order:
+        if impact.w[i] > 0:
+            excess = impact.w[i] - impact.W[i] @ impulses + e[i] * impact.w[i]
+            impulses[i] = max(impulses[i] + excess / impact.W[i, i], 0.0)
+    return impulses
+
+
+def _sequential(impact: _Impact) -> Floats:
+    impulses = np.zeros(len(impact.w))
+    i = next(i for i in impact.order if impact.w[i] > ROUNDING * np.abs(impact.w).max())
+    impulses[i] = (1 + impact.e[i]) * impact.w[i] / impact.W[i, i]
+    return impulses
+
+
+_LAWS: dict[str, Callable[[_Impact], Floats]] = {
+    "newton-restitution": _newton,
+    "poisson-restitution": _poisson,
+    "generalised-reflection": _reflections,
+    "plastic-then-restitution": _plastic_then_restitution,
+    "sequential": _sequential,
+}

@@ -1,0 +1,61 @@
+"""Contact graphs: bodies of any kind that meet at once, in exact event-driven motion (docs/graphs.md).
+
+- `solving`: `solve_graph` and `solve_graphs`, given a Delassus matrix. `collision`: `GraphCollision`, given bodies and
+  contacts. `named`: graphs by name. `outcome`: what they return.
+- `law`: what is watched of a contact, and what its events do. `motion`: the motion between events, and the start rule.
+  `event`: the certified first event. `rigid`: contacts that are rigid. `grazing`: the distance from a jump.
+- `kernel`: follows a graph to its end. `state`: a graph under way. `record`: types that cross the kernel's boundary.
+
+With `model.chain` it shares what is the same for both: the order and the length of power series and their evaluation
+(`chain.series`), and the certified first root of a polynomial (`chain.roots`).
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from impact_xval.model.graph.collision import (
+        BodyContact,
+        GraphCollision,
+        Plane,
+        solve_graph_collision,
+        touching_balls,
+    )
+    from impact_xval.model.graph.named import GRAPHS, bernoulli, box, bridge, corner, graph_of_balls, rack
+    from impact_xval.model.graph.outcome import ContactEvent, GraphOutcome, GraphOutcomes
+    from impact_xval.model.graph.solving import solve_graph, solve_graphs
+
+__all__ = [
+    "GRAPHS",
+    "BodyContact",
+    "ContactEvent",
+    "GraphCollision",
+    "GraphOutcome",
+    "GraphOutcomes",
+    "Plane",
+    "bernoulli",
+    "box",
+    "bridge",
+    "corner",
+    "graph_of_balls",
+    "rack",
+    "solve_graph",
+    "solve_graph_collision",
+    "solve_graphs",
+    "touching_balls",
+]
+
+#: Modules of the names above, which are imported when they are first used, for the compiler takes a while.
+_MODULES = {
+    "collision": ("BodyContact", "GraphCollision", "Plane", "solve_graph_collision", "touching_balls"),
+    "named": ("GRAPHS", "bernoulli", "box", "bridge", "corner", "graph_of_balls", "rack"),
+    "outcome": ("ContactEvent", "GraphOutcome", "GraphOutcomes"),
+    "solving": ("solve_graph", "solve_graphs"),
+}
+
+
+def __getattr__(name: str) -> object:
+    for module, names in _MODULES.items():
+        if name in names:
+            return getattr(import_module(f"{__name__}.{module}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,385 @@
+"""`GraphCollision`: bodies that touch in any number of contacts; `solve_graph_collision` solves one by the model.
+
+`touching_balls` finds the contacts of balls, and of balls with planes. Needs `graph.solving`. Used by `graph.named` and
+by users.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from numbers import Integral
+
+import numpy as np
+
+from impact_xval.model.arrays import Floats
+from impact_xval.model.graph.outcome import GraphOutcome
+from impact_xval.model.graph.record import MOST_CONTACTS
+from impact_xval.model.graph.solving import solve_graph
+from impact_xval.model.inputs import GRAZING_THRESHOLD, LINE, Legal
+
+_MASSES, _STIFFNESSES, _RESTITUTIONS, _VELOCITIES, _ = LINE
+_INERTIAS = Legal("inertias", _MASSES.low, math.inf, "numbers > 0 (kg m^2; inf: the body does not turn)")
+_TURNS = Legal("angular_velocities", _VELOCITIES.low, _VELOCITIES.high, "finite numbers (rad/s)")
+_LENGTHS = Legal("", _VELOCITIES.low, _VELOCITIES.high, "finite numbers (m)")
+_RADII = Legal("radii", _MASSES.low, _MASSES.high, "finite numbers > 0 (m)")
+
+#: Share of the sum of two radii by which balls that touch may be apart or overlap: rounding of positions.
+TOUCHING = 1e-9
+
+#: Difference of the length of a normal from 1 that is rounding; the normal is then made a unit vector.
+UNIT = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class BodyContact:
+    """Contact of two bodies, or of one body with a fixed one.
+
+    Parameters
+    ----------
+    bodies : tuple of int and (int or None)
+        Numbers of the two bodies, from 1; None stands for a fixed body.
+    normal : sequence of float, length 2 or 3
+        Unit vector from the second body into the first: the contact force pushes the first body along it.
+    stiffness : float
+        In N/m; positive, finite.
+    restitution : float
+        Coefficient of energetic restitution, from 0 (perfectly plastic) to 1 (elastic).
+    arms : tuple of two sequences of float, or empty
+        From each body's centre of mass to the contact, in m; empty where the normal passes through both centres.
+    """
+
+    bodies: tuple[int, int | None]
+    normal: tuple[float, ...]
+    stiffness: float
+    restitution: float
+    arms: tuple[tuple[float, ...], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class GraphCollision:
+    """Bodies that meet at once, in a plane or in space, without friction.
+
+    Parameters
+    ----------
+    masses : sequence of float, one per body
+        In kg; positive, finite.
+    velocities : sequence of sequences of float
+        Of each body's centre of mass at first touch, in m/s: (x, z) in a plane, (x, y, z) in space.
+    contacts : sequence of BodyContact
+        From 1 to `MOST_CONTACTS`; at least one approaches.
+    inertias : sequence, one per body, or empty
+        Moments of inertia about the centre of mass, in kg m^2: a number in a plane, the three principal moments along
+        the axes in space; infinite for a body that does not turn. Empty if no body turns.
+    angular_velocities : sequence, one per body, or empty
+        In rad/s: a number in a plane, positive from x to z; three in space. Empty if no body turns at first.
+
+    Raises
+    ------
+    ValueError
+        For an illegal value; the message names the field, the value and the legal range.
+
+    Examples
+    --------
+    A ball falls into a corner of two walls at right angles:
+
+    >>> walls = [BodyContact((1, None), (0, 1), 1.0, 0.9), BodyContact((1, None), (1, 0), 1.0, 0.7)]
+    >>> corner = GraphCollision([1.0], [(-1.0, -0.3)], walls)
+    >>> [round(v, 12) for v in solve_graph_collision(corner).velocities[0]]
+    [0.7, 0.27]
+    """
+
+    masses: Sequence[float]
+    velocities: Sequence[Sequence[float]]
+    contacts: Sequence[BodyContact]
+    inertias: Sequence[float | Sequence[float]] = ()
+    angular_velocities: Sequence[float | Sequence[float]] = ()
+
+    def __post_init__(self) -> None:
+        masses = _vector(_MASSES, self.masses)
+        bodies = len(masses)
+        if not bodies or len(self.velocities) != bodies:
+            raise ValueError(
+                f"velocities: {len(self.velocities)} of them; legal: {bodies}, one per mass, at least 1"
+            )
+        velocities = tuple(
+            _vector(_VELOCITIES._replace(name=f"velocities[{body}]"), v)
+            for body, v in enumerate(self.velocities, 1)
+        )
+        dimension = len(velocities[0])
+        if dimension not in (2, 3) or any(len(v) != dimension for v in velocities):
+            raise ValueError(
+                f"velocities: {[len(v) for v in velocities]} numbers; legal: 2 of each body (x, z), or 3 (x, y, z)"
+            )
+        turns = 1 if dimension == 2 else 3
+        object.__setattr__(self, "masses", masses)
+        object.__setattr__(self, "velocities", velocities)
+        for legal in (_INERTIAS, _TURNS):
+            rows = getattr(self, legal.name)
+            if len(rows) not in (0, bodies):
+                raise ValueError(f"{legal.name}: {len(rows)} of them; legal: {bodies}, one per body, or none")
+            numbers = tuple(_turning(legal, body, row, turns) for body, row in enumerate(rows, 1))
+            object.__setattr__(self, legal.name, numbers)
+        if not 1 <= len(self.contacts) <= MOST_CONTACTS:
+            raise ValueError(f"contacts: {len(self.contacts)} of them; legal: from 1 to {MOST_CONTACTS}")
+        contacts = tuple(
+            _checked_contact(f"contacts[{i}]", contact, bodies, dimension)
+            for i, contact in enumerate(self.contacts, 1)
+        )
+        object.__setattr__(self, "contacts", contacts)
+        if not (self.rates > 0).any():
+            raise ValueError(
+                f"velocities = {velocities!r}: nothing meets; legal: the bodies of some contact approach"
+            )
+
+    @property
+    def jacobian(self) -> Floats:
+        """J, shape (C, D), with the velocities of all D directions of motion, body after body: w = -J v."""
+        dimension, turns = self._directions
+        rows = np.zeros((len(self.contacts), len(self.masses) * (dimension + turns)))
+        for row, contact in zip(rows, self.contacts, strict=True):
+            for place, body in enumerate(contact.bodies):
+                if body is None:
+                    continue
+                sign, start = (1.0, -1.0)[place], (body - 1) * (dimension + turns)
+                normal = np.array(contact.normal)
+                row[start : start + dimension] += sign * normal
+                if contact.arms:
+                    row[start + dimension : start + dimension + turns] += sign * _torque(
+                        contact.arms[place], normal
+                    )
+        return rows
+
+    @property
+    def inverse_masses(self) -> Floats:
+        """The diagonal of M^-1, shape (D,); 0 for directions in which a body does not turn."""
+        dimension, turns = self._directions
+        parts: list[float] = []
+        for body, mass in enumerate(self.masses):
+            parts += [1 / mass] * dimension
+            moments = np.ravel(self.inertias[body]) if len(self.inertias) else np.full(turns, math.inf)
+            parts += [float(1 / moment) for moment in moments]
+        return np.array(parts)
+
+    @property
+    def delassus(self) -> Floats:
+        """W = J M^-1 J^T in 1/kg, shape (C, C)."""
+        J = self.jacobian
+        return (J * self.inverse_masses) @ J.T
+
+    @property
+    def rates(self) -> Floats:
+        """Rates of compression w = -J v at first touch, in m/s, shape (C,)."""
+        J = self.jacobian
+        terms = -J * self._all_velocities
+        rates = terms.sum(axis=1)
+        # Bodies that move together do not approach by the rounding of their velocities.
+        return np.where(np.abs(rates) <= 2.0**-48 * np.abs(terms).sum(axis=1), 0.0, rates)
+
+    @property
+    def _directions(self) -> tuple[int, int]:
+        """Numbers of directions of translation and of rotation of a body."""
+        dimension = len(self.velocities[0])
+        return dimension, 1 if dimension == 2 else 3
+
+    @property
+    def _all_velocities(self) -> Floats:
+        """Velocities of all directions of motion at first touch, shape (D,)."""
+        dimension, turns = self._directions
+        rows = np.zeros((len(self.masses), dimension + turns))
+        rows[:, :dimension] = self.velocities
+        if len(self.angular_velocities):
+            rows[:, dimension:] = np.reshape(self.angular_velocities, (-1, turns))
+        return rows.ravel()
+
+    def after(self, impulses: Sequence[float]) -> tuple[Floats, Floats]:
+        """Return velocities, shape (B, 2 or 3), and angular velocities, shape (B, 1 or 3), after given impulses."""
+        dimension, turns = self._directions
+        new = self._all_velocities + self.inverse_masses * (self.jacobian.T @ np.asarray(impulses, float))
+        rows = new.reshape(-1, dimension + turns)
+        return rows[:, :dimension], rows[:, dimension:]
+
+
+def solve_graph_collision(
+    collision: GraphCollision,
+    *,
+    max_windows: int | None = None,
+    grazing_threshold: float = GRAZING_THRESHOLD,
+) -> GraphOutcome:
+    """Solve one collision of bodies by the state-transition model.
+
+    Parameters
+    ----------
+    collision : GraphCollision
+    max_windows, grazing_threshold
+        As for `solve_graph`.
+
+    Returns
+    -------
+    GraphOutcome
+        With velocities, v + M^-1 J^T I, and with angular velocities where bodies turn.
+
+    Raises
+    ------
+    ValueError
+        If two bodies of a contact cannot be moved by it.
+    """
+    contacts = collision.contacts
+    outcome = solve_graph(
+        collision.delassus,
+        [contact.stiffness for contact in contacts],
+        [contact.restitution for contact in contacts],
+        collision.rates,
+        max_windows=max_windows,
+        grazing_threshold=grazing_threshold,
+    )
+    velocities, turning = collision.after(outcome.impulses)
+    return replace(
+        outcome,
+        velocities=tuple(tuple(row) for row in velocities.tolist()),
+        angular_velocities=tuple(tuple(row) for row in turning.tolist()) if len(collision.inertias) else (),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Plane:
+    """A fixed half space, whose surface has the points x with normal x = offset.
+
+    Parameters
+    ----------
+    normal : sequence of float, length 2 or 3
+        Unit vector out of the half space.
+    offset : float
+        In m.
+    """
+
+    normal: tuple[float, ...]
+    offset: float = 0.0
+
+
+def touching_balls(
+    positions: Sequence[Sequence[float]],
+    radii: Sequence[float],
+    planes: Sequence[Plane] = (),
+) -> list[tuple[tuple[int, int | None], tuple[float, ...]]]:
+    """Return bodies and unit normal of each contact of balls, as `BodyContact` takes them.
+
+    Parameters
+    ----------
+    positions : sequence of sequences of float
+        Of the centres, in m.
+    radii : sequence of float
+        In m; positive, finite.
+    planes : sequence of Plane
+
+    Returns
+    -------
+    list of tuple
+        First the contacts of two balls, ordered by their numbers, then those with planes, plane after plane. Two balls
+        touch if the gap between them is at most `TOUCHING` of the sum of their radii.
+
+    Raises
+    ------
+    ValueError
+        For balls that overlap each other or a plane, and for illegal numbers.
+    """
+    sizes = _vector(_RADII, radii)
+    if len(positions) != len(sizes):
+        raise ValueError(f"positions: {len(positions)} of them; legal: {len(sizes)}, one per radius")
+    centres = [
+        np.array(_vector(_LENGTHS._replace(name=f"positions[{ball}]"), centre))
+        for ball, centre in enumerate(positions, 1)
+    ]
+    contacts: list[tuple[tuple[int, int | None], tuple[float, ...]]] = []
+    for i, j in combinations(range(len(sizes)), 2):
+        apart = centres[i] - centres[j]
+        distance, reach = float(np.linalg.norm(apart)), sizes[i] + sizes[j]
+        if distance < reach * (1 - TOUCHING):
+            raise ValueError(
+                f"positions[{i + 1}] and positions[{j + 1}]: balls overlap at a distance of {distance!r}; legal: at "
+                f"least the sum of their radii, {reach!r} (m)"
+            )
+        if distance <= reach * (1 + TOUCHING):
+            contacts.append(((i + 1, j + 1), tuple((apart / distance).tolist())))
+    for number, plane in enumerate(planes, 1):
+        normal = _unit(f"planes[{number}].normal", plane.normal, len(centres[0]))
+        for ball, (centre, radius) in enumerate(zip(centres, sizes, strict=True), 1):
+            distance = float(centre @ np.array(normal)) - plane.offset
+            if distance < radius * (1 - TOUCHING):
+                raise ValueError(
+                    f"positions[{ball}]: the ball overlaps plane {number} at a distance of {distance!r}; legal: at "
+                    f"least its radius, {radius!r} (m)"
+                )
+            if distance <= radius * (1 + TOUCHING):
+                contacts.append(((ball, None), normal))
+    return contacts
+
+
+def _torque(arm: Sequence[float], force: Floats) -> Floats:
+    """Return the torque of a force at the end of an arm; in a plane it is positive from x to z."""
+    r = np.array(arm, float)
+    if len(r) == 2:
+        return np.array([r[0] * force[1] - r[1] * force[0]])
+    return np.cross(r, force)
+
+
+def _vector(legal: Legal, values: Sequence[float]) -> tuple[float, ...]:
+    """Return numbers as floats; a ValueError names the first illegal one, counted from 1."""
+    return tuple(legal._replace(name=f"{legal.name}[{i}]").number(value) for i, value in enumerate(values, 1))
+
+
+def _turning(legal: Legal, body: int, row: float | Sequence[float], turns: int) -> float | tuple[float, ...]:
+    """Return a body's moments of inertia or angular velocities: a number in a plane, three in space."""
+    named = legal._replace(name=f"{legal.name}[{body}]")
+    if turns == 1:
+        return named.number(row)
+    if not isinstance(row, Sequence) or len(row) != 3:
+        raise ValueError(f"{named.name} = {row!r}; legal: three {legal.text}")
+    return _vector(named, row)
+
+
+def _unit(name: str, normal: Sequence[float], dimension: int) -> tuple[float, ...]:
+    """Return a normal as a unit vector; a ValueError names one that is not of unit length but for rounding."""
+    numbers = _vector(_LENGTHS._replace(name=name, text="finite numbers"), normal)
+    length = math.hypot(*numbers)
+    if len(numbers) != dimension or not abs(length - 1) <= UNIT:
+        raise ValueError(
+            f"{name} = {numbers!r}, of length {length!r}; legal: {dimension} numbers, of length 1"
+        )
+    return tuple(number / length for number in numbers)
+
+
+def _is_number_of(body: object, bodies: int) -> bool:
+    """Return whether an object is the number of a body, from 1."""
+    return not isinstance(body, bool) and isinstance(body, Integral) and 1 <= int(body) <= bodies
+
+
+def _checked_contact(name: str, contact: BodyContact, bodies: int, dimension: int) -> BodyContact:
+    """Return a contact with checked numbers."""
+    first, second = contact.bodies
+    for body in (first, second):
+        is_fixed = body is None and body is second
+        if not is_fixed and not _is_number_of(body, bodies):
+            raise ValueError(
+                f"{name}.bodies = {contact.bodies!r}; legal: numbers from 1 to {bodies}, the second one or None (fixed)"
+            )
+    if first == second:
+        raise ValueError(
+            f"{name}.bodies = {contact.bodies!r}: a contact of a body with itself; legal: two bodies"
+        )
+    arms = contact.arms
+    if len(arms) not in (0, 2):
+        raise ValueError(f"{name}.arms: {len(arms)} of them; legal: 2, or none")
+    for place, arm in enumerate(arms, 1):
+        numbers = _vector(_LENGTHS._replace(name=f"{name}.arms[{place}]"), arm)
+        if len(numbers) != dimension:
+            raise ValueError(f"{name}.arms[{place}] = {numbers!r}; legal: {dimension} numbers (m)")
+    return BodyContact(
+        (first, second),
+        _unit(f"{name}.normal", contact.normal, dimension),
+        _STIFFNESSES._replace(name=f"{name}.stiffness").number(contact.stiffness),
+        _RESTITUTIONS._replace(name=f"{name}.restitution").number(contact.restitution),
+        tuple(tuple(float(number) for number in arm) for arm in arms),
+    )

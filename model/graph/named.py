@@ -1,0 +1,238 @@
+"""Contact graphs by name: `bernoulli`, `corner`, `bridge`, `rack` and `box`, in a plane with axes x and z (up).
+
+Each function returns a `GraphCollision` with m = 1 kg, k1 = 1 N/m and a speed of 1 m/s, unless it says otherwise. A new
+graph is a function here, and a line in `GRAPHS`: `graph_of_balls` finds the contacts of balls and planes.
+
+Used by users, and by the commands through `GRAPHS`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+from impact_xval.model.graph.collision import BodyContact, GraphCollision, Plane, touching_balls
+from impact_xval.model.inputs import Legal
+
+#: Angles in degrees; below 30 two equal balls that a third one touches would overlap.
+_BETWEEN_BALLS = Legal("angle", 30.0, math.nextafter(90.0, 0.0), "from 30 to less than 90 degrees")
+_BETWEEN_WALLS = Legal(
+    "angle", math.ulp(0.0), math.nextafter(180.0, 0.0), "more than 0 and less than 180 degrees"
+)
+_RATIO = Legal("stiffness_ratio", math.ulp(0.0), 1e150, "a finite number > 0 (k2/k1)")
+_POSITIVE = Legal("", math.ulp(0.0), 1e150, "a finite number > 0")
+
+#: Balls of a rack, without the one that strikes it.
+RACKS = (3, 6, 10)
+
+
+def graph_of_balls(
+    positions: Sequence[Sequence[float]],
+    masses: Sequence[float],
+    velocities: Sequence[Sequence[float]],
+    stiffness: Callable[[int, int | None], float],
+    restitution: Callable[[int, int | None], float],
+    *,
+    radius: float = 0.5,
+    planes: Sequence[Plane] = (),
+) -> GraphCollision:
+    """Return the collision of equal balls that touch each other or planes.
+
+    Stiffness and restitution of a contact are functions of its two bodies, numbered from 1; None is a plane.
+    """
+    contacts = [
+        BodyContact(bodies, normal, stiffness(*bodies), restitution(*bodies))
+        for bodies, normal in touching_balls(positions, [radius] * len(positions), planes)
+    ]
+    return GraphCollision(masses, velocities, contacts)
+
+
+def bernoulli(
+    angle: float = 30.0, *, stiffness_ratio: float = 1.0, restitution: float = 1.0
+) -> GraphCollision:
+    """Return Bernoulli's problem: a ball falls on two balls at rest, between them.
+
+    Parameters
+    ----------
+    angle : float
+        Between the fall and each line of centres, in degrees, from 30 to less than 90. At 30 the two balls also touch
+        each other: contact 3, with stiffness k1.
+    stiffness_ratio : float
+        k2/k1. Contact 1 is with ball 2, at x < 0, contact 2 with ball 3.
+    restitution : float
+        Of all contacts.
+
+    Raises
+    ------
+    ValueError
+        For an illegal value.
+    """
+    across, down = _direction(_BETWEEN_BALLS.number(angle))
+    ratio = _RATIO.number(stiffness_ratio)
+    return graph_of_balls(
+        [(0.0, 0.0), (-across, -down), (across, -down)],
+        (1.0, 1.0, 1.0),
+        [(0.0, -1.0), (0.0, 0.0), (0.0, 0.0)],
+        lambda first, second: ratio if (first, second) == (1, 3) else 1.0,
+        lambda first, second: restitution,
+    )
+
+
+def corner(
+    angle: float = 90.0,
+    *,
+    stiffness_ratio: float = 1.0,
+    restitutions: tuple[float, float] = (1.0, 1.0),
+    velocity: tuple[float, float] = (-1.0, -0.3),
+) -> GraphCollision:
+    """Return a ball that touches two walls.
+
+    Parameters
+    ----------
+    angle : float
+        Between the walls' normals, in degrees, more than 0 and less than 180. Wall 1 has the normal (0, 1), wall 2
+        (sin angle, cos angle).
+    stiffness_ratio : float
+        k2/k1.
+    restitutions : tuple of float
+        Of both walls.
+    velocity : tuple of float
+        Of the ball, in m/s.
+
+    Raises
+    ------
+    ValueError
+        For an illegal value.
+    """
+    second = _direction(_BETWEEN_WALLS.number(angle))
+    ratio = _RATIO.number(stiffness_ratio)
+    walls = (
+        BodyContact((1, None), (0.0, 1.0), 1.0, restitutions[0]),
+        BodyContact((1, None), second, ratio, restitutions[1]),
+    )
+    return GraphCollision((1.0,), (velocity,), walls)
+
+
+def bridge(
+    angle: float = 30.0,
+    *,
+    table_stiffness_ratio: float = 3.0,
+    mass_ratio: float = 2.0,
+    restitutions: tuple[float, float] = (0.9, 0.7),
+) -> GraphCollision:
+    """Return a ball that falls on two balls, which rest on a table.
+
+    Parameters
+    ----------
+    angle : float
+        Between the fall and each line of centres, in degrees, from 30 to less than 90. At 30 the two balls also touch
+        each other.
+    table_stiffness_ratio : float
+        Stiffness of the contacts with the table over that of all others.
+    mass_ratio : float
+        Mass of each of the two balls over that of the first.
+    restitutions : tuple of float
+        Of the contacts between balls, and of those with the table.
+
+    Raises
+    ------
+    ValueError
+        For an illegal value.
+    """
+    across, down = _direction(_BETWEEN_BALLS.number(angle))
+    ratio = _RATIO._replace(name="table_stiffness_ratio").number(table_stiffness_ratio)
+    mass = _POSITIVE._replace(name="mass_ratio").number(mass_ratio)
+    return graph_of_balls(
+        [(0.0, 0.5 + down), (-across, 0.5), (across, 0.5)],
+        (1.0, mass, mass),
+        [(0.0, -1.0), (0.0, 0.0), (0.0, 0.0)],
+        lambda _, second: ratio if second is None else 1.0,
+        lambda _, second: restitutions[1] if second is None else restitutions[0],
+        planes=[Plane((0.0, 1.0))],
+    )
+
+
+def rack(balls: int = 3, *, restitution: float = 0.95, offset: float = 0.0) -> GraphCollision:
+    """Return a cue ball that strikes a rack of balls in rows of 1, 2, 3, ...; it moves along x.
+
+    Parameters
+    ----------
+    balls : int
+        3, 6 or 10. Ball 1 is the cue ball, ball 2 the first of the rack.
+    restitution : float
+        Of all contacts.
+    offset : float
+        Angle between the cue ball's velocity and the axis of the rack, in degrees, less than 90. The contact with the
+        first ball stays on the axis.
+
+    Raises
+    ------
+    ValueError
+        For an illegal value.
+    """
+    if balls not in RACKS:
+        raise ValueError(f"balls = {balls!r}; legal: {', '.join(map(str, RACKS[:-1]))} or {RACKS[-1]}")
+    across, along = _direction(
+        Legal(
+            "offset", -math.nextafter(90.0, 0.0), math.nextafter(90.0, 0.0), "between -90 and 90 degrees"
+        ).number(offset)
+    )
+    places = [(math.sqrt(0.75) * row, place - row / 2) for row in range(4) for place in range(row + 1)]
+    return graph_of_balls(
+        [(-1.0, 0.0), *places[:balls]],
+        (1.0,) * (balls + 1),
+        [(along, across), *[(0.0, 0.0)] * balls],
+        lambda first, second: 1.0,
+        lambda first, second: restitution,
+    )
+
+
+def box(
+    inertia: float = 1 / 3,
+    *,
+    stiffness_ratio: float = 1.0,
+    restitution: float = 0.8,
+    half_width: float = 1.0,
+) -> GraphCollision:
+    """Return a box that lands flat on two corners.
+
+    Parameters
+    ----------
+    inertia : float
+        Moment of inertia about the centre of mass over m a^2, with the half width a; positive. It is 1/3 for a thin
+        plate, and 1 for a box whose corners do not know of each other: W is diagonal.
+    stiffness_ratio : float
+        k2/k1. Corner 1 is at x = a, corner 2 at x = -a.
+    restitution : float
+        Of both corners.
+    half_width : float
+        a, in m; positive.
+
+    Raises
+    ------
+    ValueError
+        For an illegal value.
+    """
+    moment = _POSITIVE._replace(name="inertia").number(inertia)
+    a = _POSITIVE._replace(name="half_width").number(half_width)
+    stiffnesses = (1.0, _RATIO.number(stiffness_ratio))
+    corners = [
+        BodyContact((1, None), (0.0, 1.0), k, restitution, ((x, -a), (0.0, 0.0)))
+        for x, k in zip((a, -a), stiffnesses, strict=True)
+    ]
+    return GraphCollision((1.0,), [(0.0, -1.0)], corners, inertias=(moment * a * a,))
+
+
+def _direction(degrees: float) -> tuple[float, float]:
+    """Return sine and cosine of an angle."""
+    return math.sin(math.radians(degrees)), math.cos(math.radians(degrees))
+
+
+#: Functions that make graphs, by name.
+GRAPHS: dict[str, Callable[..., GraphCollision]] = {
+    "bernoulli": bernoulli,
+    "corner": corner,
+    "bridge": bridge,
+    "rack": rack,
+    "box": box,
+}

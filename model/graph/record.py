@@ -1,0 +1,107 @@
+"""Types that cross the boundary of the kernel of graphs: endings, inputs, and the records of events and results.
+
+Used by `graph.kernel`, which fills in the records, and by `graph.solving`, which reads them.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class GraphEnding(IntEnum):
+    """End of a graph.
+
+    The numbers differ from all of `chain.record.ChainEnding` and `pair.record.PairEnding`, so that a code of one kernel
+    means nothing to another.
+    """
+
+    UNFINISHED = 200  # given up after too many windows
+    FREE = 201  # no contact is active, and none approaches
+    GAINED_ENERGY = 202  # like FREE, but rounding has made energy
+    SEARCH_FAILED = 203  # given up: the first event of a window could not be found
+    RIGID_UNDECIDED = 204  # given up: it could not be decided which of several rigid contacts press
+
+
+class EventKind(IntEnum):
+    """Kind of an event, in the words of the law (`graph.law`)."""
+
+    START = 0  # first touch
+    END_OF_COMPRESSION = 1
+    RESTART = 2
+    END_OF_RESTITUTION = 3
+    RETURN = 4
+    LOADED = 5  # a touching contact at rest is pressed from here on, or a rigid one no longer or again
+    COLLAPSE = 6  # all that is still active comes to rest
+
+
+class Graphs(NamedTuple):
+    """Graphs of one number of contacts C, in units of about 1."""
+
+    #: Delassus matrices, shape (n, C, C).
+    delassus: NDArray[np.float64]
+    #: Shape (n, C); rates of compression are those at first touch.
+    stiffnesses: NDArray[np.float64]
+    restitutions: NDArray[np.float64]
+    rates: NDArray[np.float64]
+    #: Kinetic energies that contacts can take up, w W^+ w/2 at first touch; shape (n,).
+    energies: NDArray[np.float64]
+
+    def take(self, rows: slice) -> Graphs:
+        """Return the graphs of a slice."""
+        return Graphs(
+            delassus=self.delassus[rows],
+            stiffnesses=self.stiffnesses[rows],
+            restitutions=self.restitutions[rows],
+            rates=self.rates[rows],
+            energies=self.energies[rows],
+        )
+
+
+class GraphEnds(NamedTuple):
+    """Arrays that the kernel fills in, one row per graph, in the units of `Graphs`."""
+
+    #: Total impulses and final rates of compression, shape (n, C).
+    impulses: NDArray[np.float64]
+    rates: NDArray[np.float64]
+    #: Records of `GRAPH_RESULT`, shape (n,).
+    results: NDArray[np.void]
+
+
+#: An event. The first row of a graph is its first touch. Rows of one instant may follow one another.
+EVENT = np.dtype(
+    [
+        ("time", "f8"),  # since first touch, in units of the graph
+        ("kind", "i8"),  # EventKind
+        ("contact", "i8"),  # from 0; -1 of a first touch and of a collapse
+        ("active", "u8"),  # set of contacts that are active from here on: bit i is contact i
+    ],
+    align=True,
+)
+
+#: Most contacts of a graph: a set of active contacts has a bit for each.
+MOST_CONTACTS = 60
+
+#: Result of one graph, in its units.
+GRAPH_RESULT = np.dtype(
+    [
+        ("ending", "i8"),  # GraphEnding
+        # Closed forms that were used: that of e = 0; a contact whose stiffness runs away became rigid; bodies came to
+        # rest together after infinitely many events.
+        ("plastic", "?"),
+        ("runaway", "?"),
+        ("collapse", "?"),
+        ("n_events", "i8"),  # without first touch, and without events of the kind LOADED
+        ("n_windows", "i8"),
+        ("n_rows", "i8"),  # rows in the log of events
+        ("margin", "f8"),  # grazing margin (`graph.grazing`)
+        # Kinetic energy that went into contacts, less the strain energy that was lost there, over the energy of impact:
+        # 0 but for rounding.
+        ("energy_residual", "f8"),
+        ("time", "f8"),  # from first touch to the end
+    ],
+    align=True,
+)

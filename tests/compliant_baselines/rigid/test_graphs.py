@@ -1,0 +1,93 @@
+"""Rigid laws of contact graphs: those of chains on the matrices of chains, closed forms, splits that are not unique."""
+
+import numpy as np
+import pytest
+
+from impact_xval.compliant_baselines.rigid.graphs import GRAPH_LAWS, solve_rigid_graph
+from impact_xval.compliant_baselines.rigid.laws import follow_impacts
+from impact_xval.model import Collision
+from impact_xval.model.graph.named import bernoulli, box
+from tests.model.graph.graphs import chain_as_graph, random_graphs
+
+
+@pytest.mark.parametrize("law", GRAPH_LAWS)
+def test_on_a_chain_they_are_the_laws_of_chains(law):
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        balls = int(rng.integers(2, 6))
+        e = (rng.uniform(0.5, 1),) * balls
+        velocities = (-1.0,) + (0.0,) * (balls - 1)
+        chain = Collision(
+            tuple(10 ** rng.uniform(-0.5, 0.5, balls)), (1.0,) * balls, e, velocities, table=True
+        )
+        name = "sequential-top" if law == "sequential" else law
+        line, graph = follow_impacts(chain, name), chain_as_graph(chain)
+        # The sweep of chains: odd contacts between balls, even ones, the table.
+        order = (
+            [*range(1, balls, 2), *range(2, balls, 2), balls] if law == "plastic-then-restitution" else None
+        )
+        outcome = solve_rigid_graph(law, graph.delassus, e, graph.rates, order=order)
+        np.testing.assert_allclose(outcome.rates, -line.u, atol=1e-9)
+        assert (outcome.impulse_spread, outcome.rate_spread) == (0, 0)
+
+
+def test_a_symmetric_scene_and_an_order():
+    """One ball on two at 30 degrees, e = 1: Newton's law keeps the symmetry, a sequence of single impacts does not."""
+    scene = bernoulli()
+    both = solve_rigid_graph("newton-restitution", scene.delassus, [1, 1, 1], scene.rates)
+    velocities, _ = scene.after(both.impulses)
+    np.testing.assert_allclose(velocities[0], (0, 0.2), atol=1e-12)
+    first = solve_rigid_graph("sequential", scene.delassus, [1, 1, 1], scene.rates, order=(1, 2, 3))
+    second = solve_rigid_graph("sequential", scene.delassus, [1, 1, 1], scene.rates, order=(2, 1, 3))
+    assert first.law == "sequential (1, 2, 3)"
+    assert first.rates[0] != pytest.approx(second.rates[0], abs=0.01)
+    # Mirror images of each other.
+    np.testing.assert_allclose(
+        scene.after(first.impulses)[0][0] * (-1, 1), scene.after(second.impulses)[0][0], atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("law", GRAPH_LAWS)
+def test_a_diagonal_matrix_means_single_impacts(law):
+    scene = box(1.0)
+    outcome = solve_rigid_graph(law, scene.delassus, [0.8, 0.8], scene.rates)
+    np.testing.assert_allclose(outcome.rates, (-0.8, -0.8), atol=1e-12)
+
+
+def test_splits_that_are_not_unique():
+    """Three contacts of one direction of motion each, of which one is enough."""
+    W, w = np.ones((3, 3)), np.ones(3)
+    newton = solve_rigid_graph("newton-restitution", W, [0.5] * 3, w)
+    np.testing.assert_allclose(newton.rates, -0.5, atol=1e-12)
+    assert newton.impulse_spread == pytest.approx(1.0)
+    assert newton.rate_spread == 0
+    poisson = solve_rigid_graph("poisson-restitution", W, [0.2, 0.5, 0.8], w)
+    # All of the compression may go through any of the contacts: the rate comes back with the e of that contact.
+    assert poisson.rate_spread >= 0.3
+    with pytest.raises(ValueError, match="restitutions: unequal ones with a singular W"):
+        solve_rigid_graph("newton-restitution", W, [0.2, 0.5, 0.8], w)
+
+
+def test_no_contact_approaches_afterwards_and_equal_e_makes_no_energy():
+    for collision in random_graphs(3, 20):
+        W, w = collision.delassus, collision.rates
+        for law in ("newton-restitution", "poisson-restitution", "generalised-reflection"):
+            outcome = solve_rigid_graph(law, W, np.full(len(w), 0.7), w)
+            assert outcome.rates.max() <= 1e-9
+            assert outcome.impulses.min() >= -1e-12
+            assert outcome.impulses @ (w + outcome.rates) >= -1e-9  # twice the energy that is lost
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"law": "cooking"}, "law = 'cooking'; legal: newton-restitution, "),
+        ({"order": (1, 1)}, r"order = \(1, 1\); legal: the numbers from 1 to 2, each once"),
+        ({"law": "generalised-reflection", "e": (0.5, 0.6)}, "has one e for all contacts"),
+        ({"w": (-1.0, -1.0)}, "nothing approaches"),
+    ],
+)
+def test_illegal_input(given, says):
+    fields = {"law": "sequential", "e": (0.5, 0.5), "w": (1.0, 1.0), "order": None} | given
+    with pytest.raises(ValueError, match=says):
+        solve_rigid_graph(fields["law"], np.eye(2), fields["e"], fields["w"], order=fields["order"])
