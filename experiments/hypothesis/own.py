@@ -46,7 +46,7 @@ from impact_xval.model.collision import MAX_BALLS, Collision
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.status import RESULT_STATUSES
 
-#: Laws that solve two balls on a table only, beside the laws of chains.
+#: Laws that are asked for two balls on a table only, beside the laws of chains.
 OF_PAIRS = (
     "liu-zhao-brogliato",
     "kelvin-voigt-anchored",

@@ -191,7 +191,7 @@ def test_the_published_board_is_what_its_page_and_docs_say():
     found = find_nearest_laws(judged)
     text, page = (folder.parent / "scoreboard.md").read_text(), page_in(folder)
     shown = rows_of(board_table(judged, found))
-    assert len(shown) == 21
+    assert len(shown) == 32
     for row, (name, its) in zip(shown, found.iterrows(), strict=True):
         assert row in page
         says = describe_law(its) + f" (nearest: {its.law})" * (describe_law(its) == "as no exact law")
