@@ -363,5 +363,5 @@ def _why_unconverged(
     failed = f" ({failure})" if failure else ""
     return (
         f"halving the step may still change v by {error} of |v0|, more than the {allowed} that are allowed; the "
-        f"shortest step tried is {limit.step:.3g} s{failed}"
+        f"shortest step with an answer is {limit.step:.3g} s{failed}"
     )

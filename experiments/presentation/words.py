@@ -55,8 +55,9 @@ MEANINGS = {
 #: Mark after the numbers of a row without a result, and the note below a table with such rows.
 NO_RESULT = "*"
 WHAT_NO_RESULT_IS = (
-    f"{NO_RESULT}: what the solver came to, but no result; the status and the reason say why. Such a row has no D, and "
-    "counts in no statistic."
+    f"{NO_RESULT}: what the solver came to, but no result; the status and the reason say why. The velocities are those "
+    "at the step of the run, and a reason that speaks of halving the step is about the shortest step tried. Such a row "
+    "counts in no statistic of D."
 )
 
 #: Engines that multiply the restitutions of two bodies, and their names as their makers spell them.
