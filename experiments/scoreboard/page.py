@@ -47,14 +47,14 @@ LAW_WORDS = {
 }
 
 #: Groups of engines on the board, in their order.
-SPRINGS, GRAINS, RIGID, AS_PEOPLE_RUN_THEM = (
+GROUPS = SPRINGS, GRAINS, RIGID, AS_PEOPLE_RUN_THEM = (
     "Springs and dashpots",
     "Grains (DEM)",
     "Rigid contacts",
     "As they ship, and as people run them",
 )
 
-#: Engines that were written for grains; their contacts are springs and dashpots too.
+#: Engines whose contacts of spheres are those of grains; they are springs and dashpots too.
 _OF_GRAINS = ("lammps", "exudyn")
 
 LEAD = (
@@ -187,8 +187,7 @@ def board_sections(judged: Frame, followed: Frame) -> list[Block]:
     """Lay out the board in groups of engines, each with a table; what the tables show precedes them."""
     groups = followed.groupby(followed.index.map(group_of), sort=False)
     by_title = {title: board_table(judged, engines) for title, engines in groups}
-    order = (SPRINGS, GRAINS, RIGID, AS_PEOPLE_RUN_THEM)
-    return [BOARD, *(Section(title, [by_title[title]]) for title in order if title in by_title)]
+    return [BOARD, *(Section(title, [by_title[title]]) for title in GROUPS if title in by_title)]
 
 
 def board_table(judged: Frame, followed: Frame) -> Table:

@@ -101,6 +101,7 @@ def test_the_examples_of_the_documentation_conform(site, command):
         command(["solvers", name])
 
 
+@pytest.mark.smoke
 def test_a_run_writes_its_version_and_asks_it_for_no_law(site):
     _install_toy(site)
     grid = {"stiffness_ratio": [1.0, 2.0], "mass_ratio": [1.0], "e1": [0.9], "e2": [0.7]}

@@ -124,6 +124,7 @@ def _points(n, seed):
     return draw(Sample.model_validate({"n": n, "seed": seed, "e1": 0.9, "e2": {"linear": [0, 1]}} | ratios))
 
 
+@pytest.mark.smoke
 def test_samples_fill_the_box_follow_their_seed_and_begin_as_shorter_ones():
     cells = _points(500, 3)
     assert cells.shape == (500, 4)

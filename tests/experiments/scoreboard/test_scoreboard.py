@@ -18,6 +18,7 @@ from impact_xval.experiments.scoreboard.cases import CASE_SETUPS, CASES, MIRRORE
 from impact_xval.experiments.scoreboard.judging import find_nearest_laws, judge_answers, list_moved_answers
 from impact_xval.experiments.scoreboard.page import (
     AS_PEOPLE_RUN_THEM,
+    GRAINS,
     RIGID,
     SPRINGS,
     board_table,
@@ -28,6 +29,7 @@ from impact_xval.experiments.scoreboard.page import (
 )
 from impact_xval.experiments.sweep.pool import Slot
 from impact_xval.experiments.tables.numbers import number
+from tests.browser import opened
 
 BASIC = ("pile, k2/k1 = 1", 1.0)
 
@@ -200,9 +202,24 @@ def test_the_published_board_is_what_its_page_and_docs_say():
         assert cell in line.removesuffix(" |").split(" | ")[1].split("; ")
 
 
+@pytest.mark.slow
+def test_the_field_of_the_page_leaves_the_rows_that_have_its_words():
+    folder = Path(__file__).parents[3] / "docs" / "scoreboard"
+    with opened((folder / "report.html").as_uri()) as page:
+        shown = page.locator("#the-board tbody tr:visible")
+        everything = shown.count()
+        page.locator("#filter input").fill("DART, ships")
+        assert shown.count() == 1
+        assert shown.inner_text().startswith("DART (as it ships)")
+        assert not page.locator("#grains-dem").is_visible()
+        page.locator("#filter input").fill("")
+        assert shown.count() == everything
+
+
 def test_engines_stand_in_groups_by_what_their_contacts_are():
     groups = {
         SPRINGS: ("mujoco", "pybullet", "drake", "drake:lagged", "drake-hunt-crossley", "newton"),
+        GRAINS: ("lammps", "lammps:limit-damping", "exudyn", "exudyn:impact-model-1"),
         RIGID: ("pymunk", "dart", "rapier", "sapien", "pybullet-restitution"),
         AS_PEOPLE_RUN_THEM: ("mujoco:default", "mujoco-naive", "pybullet:step-0.1", "dart:default"),
     }
