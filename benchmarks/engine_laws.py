@@ -21,6 +21,7 @@ import argparse
 import math
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -30,6 +31,7 @@ from impact_xval.compliant_baselines.answers import answer
 from impact_xval.compliant_baselines.registry import exact_law_names, law_name_of
 from impact_xval.compliant_baselines.solver import Convergence
 from impact_xval.model import Collision
+from impact_xval.model.kinetic import kinetic_norm
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.status import RESULT_STATUSES
 
@@ -79,18 +81,13 @@ def draw(pairs: int, chains: int, seed: int) -> dict[str, list[Collision]]:
         chain = random_chain(rng, int(rng.integers(3, 7)))
         n = len(chain.stiffnesses)
         gaps = tuple(10 ** rng.uniform(-3, 0, n) * rng.integers(2, size=n)) if i % 2 else (0.0,) * n
-        drawn_chains.append(
-            Collision(
-                chain.masses, chain.stiffnesses, chain.restitutions, chain.velocities, chain.table, gaps
-            )
-        )
+        drawn_chains.append(replace(chain, gaps=gaps))
     return {"pairs": drawn_pairs, "chains": drawn_chains}
 
 
 def distance(c: Collision, a: Sequence[float], b: Sequence[float]) -> float:
     """Return D between velocities."""
-    m = np.array(c.masses)
-    return float(np.sqrt(m @ np.subtract(a, b) ** 2 / (m @ np.square(c.velocities))))
+    return float(kinetic_norm(c.masses, np.subtract(a, b)) / kinetic_norm(c.masses, c.velocities))
 
 
 def law(names: Sequence[str], options: argparse.Namespace) -> None:

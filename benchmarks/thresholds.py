@@ -42,7 +42,7 @@ def slowest_rebound(engine: str) -> float:
 
 
 def main() -> None:
-    """Print the slowest approach that rebounds, and the rebound at 1.05 and 2 times it."""
+    """Print the slowest approach that rebounds, and the rebound at 0.95, 1.05 and 2 times it."""
     for engine in sys.argv[1:] or ENGINES:
         missing = get_solver(engine).unavailable()
         if missing is not None:

@@ -34,8 +34,6 @@ _ORDINARY = (
     Collision.two_balls(m1=1.0, m2=0.5, k1=1e6, k2=1e7, e1=0.6, e2=0.8),
     Collision.two_balls(m1=1.0, m2=2.0, k1=1e6, k2=2e5, e1=1.0, e2=1.0),
 )
-#: Laws whose contacts may pull: the impulses of a path may fall.
-_PULLING = ("linear-dashpot",)
 
 #: On a table so soft that the weight of the balls decides.
 _DROPPED = Collision.two_balls(m1=1.0, m2=1.0, k1=2e3, k2=1e3, e1=0.9, e2=0.7)
@@ -43,6 +41,9 @@ _DROPPED = Collision.two_balls(m1=1.0, m2=1.0, k1=2e3, k2=1e3, e1=0.9, e2=0.7)
 #: Distance in m/s from the exact law that is near enough at any step, whatever it was at a longer step: the error of a
 #: drop changes its sign at some step.
 _NEAR = {"impact": 1e-3, "drop": 5e-3}
+
+#: Laws whose contacts may pull: the impulses of a path may fall.
+_PULLING = ("linear-dashpot",)
 
 #: Likely mistakes where a scenario goes wrong.
 _SUSPECTS = {

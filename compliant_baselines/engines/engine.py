@@ -96,7 +96,7 @@ class Engine(Solver):
     distribution: str
     #: The module that is imported.
     module: str
-    #: What to run where the import fails; empty: to install the extra of the engine's name.
+    #: What to run where the import fails; empty: to install the extra of the engine's name up to a colon.
     way_out: str = ""
 
     #: The oldest version that the adapter can run; empty: any version that can be imported.
@@ -121,7 +121,7 @@ class Engine(Solver):
 
     def unavailable(self) -> str | None:
         """Say why the engine cannot run here, and the way out; None if it can."""
-        way_out = self.way_out or f"run pip install 'impact-xval[{self.name}]'"
+        way_out = self.way_out or f"run pip install 'impact-xval[{self.name.partition(':')[0]}]'"
         if (installed := self.version()) and _comparable(installed) < _comparable(self.oldest):
             return f"{self.title} {installed} is too old: {self.oldest} or later runs: {way_out}"
         try:

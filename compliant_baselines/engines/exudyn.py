@@ -22,7 +22,8 @@ from __future__ import annotations
 
 import math
 from importlib import import_module
-from typing import Any
+from types import ModuleType
+from typing import Protocol
 
 import numpy as np
 
@@ -39,6 +40,72 @@ CONTACT_TOLERANCE = 1e-9
 OPEN = 1.0
 
 
+class ExudynSystemData(Protocol):
+    """The methods of `exudyn.SystemData` that the adapter calls; coordinates have the shape (3 N,)."""
+
+    def SetODE2Coordinates(self, coordinates: Floats, *, configuration: object) -> None:
+        """Write coordinates."""
+        ...
+
+    def SetODE2Coordinates_t(self, coordinates: Floats, *, configuration: object) -> None:
+        """Write velocities of coordinates."""
+        ...
+
+
+class ExudynIntegration(Protocol):
+    """The members of `exudyn.TimeIntegrationSettings` that the adapter writes before every run."""
+
+    numberOfSteps: int
+    endTime: float
+
+
+class ExudynSettings(Protocol):
+    """The member of `exudyn.SimulationSettings` that the adapter changes before every run."""
+
+    timeIntegration: ExudynIntegration
+
+
+class ExudynSystem(Protocol):
+    """The members of `exudyn.MainSystem` that the adapter calls.
+
+    The result of an `Add` method stands for the item in later calls.
+    """
+
+    systemData: ExudynSystemData
+
+    def AddNode(self, item: object) -> object:
+        """Add a node."""
+        ...
+
+    def AddObject(self, item: object) -> object:
+        """Add a body, a ground or a contact."""
+        ...
+
+    def AddMarker(self, item: object) -> object:
+        """Add a marker."""
+        ...
+
+    def AddSensor(self, item: object) -> object:
+        """Add a sensor."""
+        ...
+
+    def Assemble(self) -> None:
+        """Finish the system."""
+        ...
+
+    def GetObjectParameter(self, item: object, name: str) -> float:
+        """Return a number of an object."""
+        ...
+
+    def GetSensorStoredData(self, item: object) -> Floats:
+        """Return a row of time and three components for every step."""
+        ...
+
+    def SolveDynamic(self, settings: ExudynSettings, *, updateInitialValues: bool, showHints: bool) -> bool:
+        """Run, and return whether the solver succeeded."""
+        ...
+
+
 class ExudynWorld(World):
     """A scene as a system of its own."""
 
@@ -49,30 +116,34 @@ class ExudynWorld(World):
 
     def __init__(self, scene: Scene, radius: float, model: int) -> None:
         super().__init__(scene, radius)
-        exudyn: Any = import_module("exudyn")
+        exudyn = import_module("exudyn")
         self.pulls = model == 0
         self._length, mass, time = radius, scene.masses[0], min(periods(scene)) / (2 * math.pi)
         self._speed, self._step = radius / time, scene.step / time
         self._container = exudyn.SystemContainer()
-        self._system: Any = self._container.AddSystem()
+        self._system: ExudynSystem = self._container.AddSystem()
         self._nodes, contacts = _build(self._system, scene, model, mass, time)
         output = exudyn.OutputVariableType
         items = import_module("exudyn.itemInterface")
         self._sensors = [
             self._system.AddSensor(
-                items.SensorNode(nodeNumber=node, storeInternal=True, outputVariableType=what)
+                items.SensorNode(nodeNumber=node, storeInternal=True, outputVariableType=quantity)
             )
-            for what in (output.Velocity, output.Displacement)
+            for quantity in (output.Velocity, output.Displacement)
             for node in self._nodes
         ]
         self._system.Assemble()
         self._settings = _settings(exudyn)
         self._write_state(np.array(scene.velocities) / self._speed, self.heights / radius)
-        stiffness = [self._system.GetObjectParameter(contact, "contactStiffness") for contact in contacts]
+        stiffnesses = [
+            self._system.GetObjectParameter(contact, "contactStiffness") * mass / time**2
+            for contact in contacts
+        ]
         self.effective = {
             "stiffness": tuple(
-                asked if math.isclose(k * mass / time**2, asked, rel_tol=1e-14) else k * mass / time**2
-                for k, asked in zip(stiffness, scene.stiffnesses, strict=True)
+                # Units of the engine may have cost the last bits.
+                k if math.isclose(stiffness, k, rel_tol=1e-14) else stiffness
+                for stiffness, k in zip(stiffnesses, scene.stiffnesses, strict=True)
             )
         }
 
@@ -99,11 +170,13 @@ class ExudynWorld(World):
         """Do nothing: drops are refused."""
 
 
-def _build(system: Any, scene: Scene, model: int, mass: float, time: float) -> tuple[list[Any], list[Any]]:
-    """Add balls, table and contacts, in units of mass, time and radius; return the numbers of nodes and contacts."""
-    items: Any = import_module("exudyn.itemInterface")
-    nodes: list[Any] = []
-    markers: list[Any] = []
+def _build(
+    system: ExudynSystem, scene: Scene, model: int, mass: float, time: float
+) -> tuple[list[object], list[object]]:
+    """Add balls, table and contacts, in units of mass, time and radius; return nodes and contacts."""
+    items = import_module("exudyn.itemInterface")
+    nodes: list[object] = []
+    markers: list[object] = []
     balls = len(scene.masses)
     for i, ball_mass in enumerate(scene.masses):
         place = [0.0, 0.0, 2.0 * (balls - i) - 1.0]
@@ -113,7 +186,7 @@ def _build(system: Any, scene: Scene, model: int, mass: float, time: float) -> t
     if scene.table:
         ground = system.AddObject(items.ObjectGround(referencePosition=[0.0, 0.0, -1.0]))
         markers.append(system.AddMarker(items.MarkerBodyPosition(bodyNumber=ground)))
-    contacts: list[Any] = []
+    contacts: list[object] = []
     for i, (contact, e) in enumerate(zip(scene.contacts, scene.restitutions, strict=True)):
         pulling = KelvinVoigtContact.from_restitution(contact.k, e, contact.mass, "naive")
         node = system.AddNode(
@@ -135,9 +208,9 @@ def _build(system: Any, scene: Scene, model: int, mass: float, time: float) -> t
     return nodes, contacts
 
 
-def _settings(exudyn: Any) -> Any:
+def _settings(exudyn: ModuleType) -> ExudynSettings:
     """Return settings that keep to the step, write nothing, and record every step."""
-    settings: Any = exudyn.SimulationSettings()
+    settings = exudyn.SimulationSettings()
     integration = settings.timeIntegration
     integration.verboseMode = 0
     integration.adaptiveStep = False
@@ -154,7 +227,6 @@ class Exudyn(Engine):
     name = distribution = module = "exudyn"
     title = "Exudyn"
     law = "linear-dashpot"
-    way_out = "run pip install 'impact-xval[exudyn]'"
     oldest = "1.13"
     rounding = 1e-6
 

@@ -106,13 +106,14 @@ class LammpsWorld(World):
         model = "hooke {!r} {!r} damping coeff_restitution " + limit + " tangential linear_nohistory 0.0 0.0"
         models = [model.format(k, e) for k, e in zip(scene.stiffnesses, scene.restitutions, strict=True)]
         balls, wide = len(scene.masses), 2 * self.radius
+        centres: list[float] = (self.places + self.heights).tolist()
         lines = [
             "clear\nunits si\natom_style sphere\natom_modify sort 0 0\nnewton off\ncomm_modify vel yes",
             # The box is as high as the line of balls, wherever that is.
             "boundary f f s",
-            f"region box block {-wide!r} {wide!r} {-wide!r} {wide!r} {-wide!r} {self._top() + wide!r}",
+            f"region box block {-wide!r} {wide!r} {-wide!r} {wide!r} {-wide!r} {max(centres) + wide!r}",
             f"create_box {balls} box",
-            *(f"create_atoms {i} single 0 0 {z!r}" for i, z in enumerate(self._centres(), 1)),
+            *(f"create_atoms {i} single 0 0 {z!r}" for i, z in enumerate(centres, 1)),
             f"set group all diameter {wide!r}",
             "pair_style granular",
             # Balls that are no neighbours never meet, but have to have a contact.
@@ -129,14 +130,6 @@ class LammpsWorld(World):
         if scene.gravity:
             lines.append(f"fix gravity all gravity {scene.gravity!r} vector 0 0 -1")
         return "\n".join([*lines, f"dump states all custom 1 {dump} z vz\ndump_modify states sort id"])
-
-    def _centres(self) -> list[float]:
-        """Return the heights of the centres at t = 0, in m."""
-        return (self.places + self.heights).tolist()
-
-    def _top(self) -> float:
-        """Return the largest height of a centre at t = 0, in m."""
-        return max(self._centres())
 
     def _run_commands(self, commands: str) -> None:
         """Run commands; a RuntimeError carries the engine's complaint."""

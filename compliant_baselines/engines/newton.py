@@ -185,7 +185,7 @@ class Newton(Engine):
 
     name, distribution, module, title, law = "newton", "newton", "newton", "Newton", "compression-dashpot"
     rounding, made = 1e-6, NewtonWorld
-    way_out, shipped_step = "run pip install 'impact-xval[newton]'", 1 / 600
+    shipped_step = 1 / 600
 
     def radius(self, scene: Scene) -> float:
         """Return the radius in m of the balls."""

@@ -60,7 +60,7 @@ class FlightPhase(IntEnum):
 #:   that were open at first or have ceased to carry force
 #: * ``n_steps``: steps so far
 #: * ``starts``, ``starts_together``: as of `stepping.Run`
-#: * ``pulls``: of each contact, the change of the relative velocity in m/s in the last step, if it pulled in that
+#: * ``last_pulls``: of each contact, the change of the relative velocity in m/s by its pull in the last step; else 0
 #: * ``lead``, ``lead_contact``: the event that came nearest to deciding on the first flight, and the contact that
 #:   decided. In a flight the contact closed after ``lead`` steps; without one it had closed -``lead`` steps before the
 #:   other contact opened. Infinite before any such event
@@ -75,7 +75,7 @@ MEMORY = np.dtype(
             ("n_steps", "f8"),
             ("starts", "f8"),
             ("starts_together", "f8"),
-            ("pulls", "f8", MOST_CONTACTS),
+            ("last_pulls", "f8", MOST_CONTACTS),
             ("lead", "f8"),
             ("lead_contact", "i8"),
             ("flight_phase", "i8"),
@@ -151,8 +151,8 @@ def _note_forces(v, x, row, before, masses, numbers, memory):  # pragma: no cove
         elif memory.active & bit:
             memory.met_at_speed |= bit
             # A contact that pulled ends with a jump of its force, at an arbitrary instant within the step.
-            memory.starts += memory.pulls[contact]
-        memory.pulls[contact] = max(-change, 0.0)
+            memory.starts += memory.last_pulls[contact]
+        memory.last_pulls[contact] = max(-change, 0.0)
         if start > 0 or start_above > 0:
             memory.starts_together += min(change, change_above)
         change_above, start_above = change, start

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impact_xval.compliant_baselines.engines.mujoco import mjcf
-from impact_xval.compliant_baselines.inspect_mujoco.scene_contacts import Bodies, flag
+from impact_xval.compliant_baselines.inspect_mujoco.scene_contacts import Bodies, MujocoOption, flag
 from impact_xval.compliant_baselines.restitution import contact_time, damping_ratio
 
 mujoco: Any = import_module("mujoco")  # the names of the compiled module are invisible to a type checker
@@ -107,7 +107,7 @@ class Drop(NamedTuple):
 
 
 def measure_contact(
-    bodies: Bodies, option: Any, step: float, speed: float, gravity: float = 0.0, exact: bool = False
+    bodies: Bodies, option: MujocoOption, step: float, speed: float, gravity: float = 0.0, exact: bool = False
 ) -> MeasuredContact:
     """Measure two bodies alone, dropped and at rest.
 
@@ -171,7 +171,7 @@ def measure_contact(
     )
 
 
-def _compile_alone(bodies: Bodies, option: Any, step: float, speed: float, exact: bool) -> Any:
+def _compile_alone(bodies: Bodies, option: MujocoOption, step: float, speed: float, exact: bool) -> Any:
     """Compile two bodies in a scene of their own, with the user's options; the lighter one is above.
 
     Heights count the gap between them. The radius is the depth that a drop at this speed could reach before it is given
@@ -200,7 +200,7 @@ def _compile_alone(bodies: Bodies, option: Any, step: float, speed: float, exact
     return model
 
 
-def _copy_options(source: Any, target: Any) -> None:
+def _copy_options(source: object, target: object) -> None:
     """Copy the options of one model to another, one by one: older versions cannot assign all at once."""
     for name in dir(source):
         value = getattr(source, name)

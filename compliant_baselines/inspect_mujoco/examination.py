@@ -28,6 +28,7 @@ from impact_xval.compliant_baselines.inspect_mujoco.readings import (
 from impact_xval.compliant_baselines.inspect_mujoco.scene_contacts import (
     MOST_GEOMS,
     Bodies,
+    MujocoOption,
     find_contacts,
     name_of_geom,
     select_geoms,
@@ -199,7 +200,9 @@ def examine_groups(
             ]
             if time.perf_counter() < deadline:
                 # What the tolerance changes says nothing about the step.
-                changed = [names for names, found in of_rows if "tolerance" in (trap.name for trap in found)]
+                changed = [
+                    names for names, of_row in of_rows if any(trap.name == "tolerance" for trap in of_row)
+                ]
                 kept = [contact for contact in examined if contact.row.names not in changed]
                 of_group += _trap_of_long_step(kept, model.opt, speed)
             traps.append((group.names, of_group))
@@ -291,7 +294,7 @@ def _common_measurement(rows: list[MeasuredContact]) -> MeasuredContact | None:
 
 
 def _add_readings(
-    contact: ExaminedContact, option: Any, speed: float, kept: MeasuredContact, is_first: bool
+    contact: ExaminedContact, option: MujocoOption, speed: float, kept: MeasuredContact, is_first: bool
 ) -> ExaminedContact:
     """Add the readings of a contact, or advice on its damping ratio; `kept` has what it does now.
 
@@ -321,7 +324,7 @@ def _note_on_joints(bodies: Bodies) -> str:
     )
 
 
-def _traps_in_measurement(contact: ExaminedContact, option: Any, speed: float) -> Iterator[Trap]:
+def _traps_in_measurement(contact: ExaminedContact, option: MujocoOption, speed: float) -> Iterator[Trap]:
     """Yield the traps that the measurement of a contact shows."""
     row = contact.row
     if lost := _lost_to_tolerance(contact.bodies, option, speed, row):
@@ -340,8 +343,8 @@ def _traps_in_measurement(contact: ExaminedContact, option: Any, speed: float) -
         yield Trap("unkept", contact.advice.problem)
 
 
-def _trap_of_long_step(examined: list[ExaminedContact], option: Any, speed: float) -> list[Trap]:
-    """Say of which contact the step is too long, and what a drop at the step that is proposed gave."""
+def _trap_of_long_step(examined: list[ExaminedContact], option: MujocoOption, speed: float) -> list[Trap]:
+    """Return the trap of the contact that the step resolves least, with what drops at a shorter step gave, if any."""
     long = find_long_step([contact.row for contact in examined], option.timestep)
     if long is None:
         return []
@@ -363,7 +366,7 @@ def _trap_of_long_step(examined: list[ExaminedContact], option: Any, speed: floa
     return [Trap("long-step", f"{depends}. At a step of {step:g} s drops {says}")]
 
 
-def _lost_to_tolerance(bodies: Bodies, option: Any, speed: float, row: MeasuredContact) -> str:
+def _lost_to_tolerance(bodies: Bodies, option: MujocoOption, speed: float, row: MeasuredContact) -> str:
     """Say what the solver's tolerance takes from a contact; empty if it takes nothing."""
     if option.tolerance <= 0:
         return ""

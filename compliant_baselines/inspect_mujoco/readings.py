@@ -9,15 +9,15 @@ restitution.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from importlib import import_module
 from typing import Any, Literal, NamedTuple
 
 from impact_xval.compliant_baselines.inspect_mujoco.drops import MeasuredContact, measure_contact
-from impact_xval.compliant_baselines.inspect_mujoco.scene_contacts import Bodies
+from impact_xval.compliant_baselines.inspect_mujoco.scene_contacts import Bodies, MujocoOption
 from impact_xval.compliant_baselines.inspect_mujoco.traps import (
     GOOD_STEPS,
     describe_damping_ratio,
+    format_numbers,
     is_at_force_level,
 )
 from impact_xval.compliant_baselines.mapping import KelvinVoigtContact, mujoco_contact
@@ -121,7 +121,7 @@ class RatioAdvice(NamedTuple):
             f"solref {format_numbers(solref, 3)} proposed for e = {e:g} gives "
             + ("no result" if measured is None else f"{measured:.3g}")
             for (e, solref), measured in zip(self.choices, self.measured, strict=True)
-            if not is_near(measured, e)
+            if not _is_near(measured, e)
         ]
         return "; ".join(missed)
 
@@ -140,7 +140,7 @@ class RatioAdvice(NamedTuple):
 
 
 def read_direct_numbers(
-    bodies: Bodies, option: Any, speed: float, measured: MeasuredContact, kept: MeasuredContact
+    bodies: Bodies, option: MujocoOption, speed: float, measured: MeasuredContact, kept: MeasuredContact
 ) -> tuple[Reading | None, Reading | None]:
     """Read direct numbers in both ways: what they do now (`kept`), and what they mean in N/m and N s/m.
 
@@ -162,7 +162,7 @@ def read_direct_numbers(
 
 
 def meaning_in_newton_metre(
-    bodies: Bodies, option: Any, impedances: tuple[float, float] | None
+    bodies: Bodies, option: MujocoOption, impedances: tuple[float, float] | None
 ) -> KelvinVoigtContact:
     """Return the contact whose numbers in N/m and N s/m are those of a direct solref.
 
@@ -184,7 +184,7 @@ def contact_of(measured: MeasuredContact, bodies: Bodies) -> KelvinVoigtContact:
     return KelvinVoigtContact.from_restitution(stiffness, e, bodies.mass)
 
 
-def write_reading(kind: Kind, bodies: Bodies, option: Any, meant: KelvinVoigtContact) -> Reading:
+def write_reading(kind: Kind, bodies: Bodies, option: MujocoOption, meant: KelvinVoigtContact) -> Reading:
     """Write a contact as a <pair> at the level of forces, with the geoms' own condim and friction; measure nothing."""
     pair = dict(bodies.pair)
     solref, solimp = mujoco_contact(meant._replace(mass=bodies.scale * _cone_factor(bodies, option)))
@@ -208,7 +208,7 @@ def write_reading(kind: Kind, bodies: Bodies, option: Any, meant: KelvinVoigtCon
     )
 
 
-def _cone_factor(bodies: Bodies, option: Any) -> float:
+def _cone_factor(bodies: Bodies, option: MujocoOption) -> float:
     """Return the factor by which a cone multiplies the force along the normal at a small impedance.
 
     The factor of a pyramidal cone is (condim - 1)/(mu^2 (1 + mu^2)): the cone has 2 (condim - 1) edges. The
@@ -223,7 +223,7 @@ def _cone_factor(bodies: Bodies, option: Any) -> float:
 
 
 def verify_reading(
-    kind: Kind, bodies: Bodies, option: Any, speed: float, meant: KelvinVoigtContact
+    kind: Kind, bodies: Bodies, option: MujocoOption, speed: float, meant: KelvinVoigtContact
 ) -> Reading:
     """Write a contact, and drop what is written; a tolerance of 0 is part of it where the scene's is in the way."""
     reading = write_reading(kind, bodies, option, meant)
@@ -263,7 +263,7 @@ def is_as_meant(row: MeasuredContact, meant: KelvinVoigtContact) -> bool:
 
 
 def advise_on_ratio(
-    bodies: Bodies, option: Any, speed: float, measured: MeasuredContact
+    bodies: Bodies, option: MujocoOption, speed: float, measured: MeasuredContact
 ) -> RatioAdvice | None:
     """Say which damping ratios give which restitution with the duration that was measured; None for other solrefs."""
     time_constant, ratio = bodies.solref
@@ -287,59 +287,58 @@ def describe_ratio(advice: RatioAdvice, measured: MeasuredContact) -> str:
     return f"{describe_damping_ratio(advice.solref, [measured])}. {advice.text}"
 
 
-def format_numbers(numbers: Sequence[float], digits: int = 6) -> str:
-    """Format numbers as MJCF has them."""
-    return " ".join(f"{number:.{digits}g}" for number in numbers)
-
-
-def is_near(measured: float | None, e: float) -> bool:
+def _is_near(measured: float | None, e: float) -> bool:
     """Tell whether a measured restitution is the one that was meant, within `ADVICE_TOLERANCE`."""
     return measured is not None and abs(measured / e - 1) <= ADVICE_TOLERANCE
 
 
-def _find_solref(bodies: Bodies, option: Any, speed: float, e: float, duration: float) -> tuple[float, float]:
+def _find_solref(
+    bodies: Bodies, option: MujocoOption, speed: float, e: float, duration: float
+) -> tuple[float, float]:
     """Return a time constant in s and a damping ratio with which drops give a restitution in a duration in s.
 
     The first ones are exact for a constant impedance, where ln e is nearly proportional to the damping ratio, and the
     duration to the time constant. The next ones are corrected by what was measured. The nearest one is returned.
     """
     zeta, stretch = damping_ratio(e), 1.0
-    found: list[tuple[float, tuple[float, float]]] = []
+    by_formula = (duration / (contact_time(zeta) * zeta), zeta)
+    # Relative errors of restitutions, and their solrefs.
+    measured: list[tuple[float, tuple[float, float]]] = []
     for _ in range(_MOST_CORRECTIONS):
         solref = (stretch * duration / (contact_time(zeta) * zeta), zeta)
         try:
             row = measure_contact(
-                bodies_with(bodies, solref), option, _step_of_choice(option, duration, solref), speed
+                _bodies_with(bodies, solref), option, _step_of_choice(option, duration, solref), speed
             )
         except RuntimeError:
             break
         if row.restitution is None or row.duration is None:
             break
-        found.append((abs(row.restitution / e - 1), solref))
-        if found[-1][0] <= ADVICE_TOLERANCE / 4 or not 0 < row.restitution < 1:
+        error = abs(row.restitution / e - 1)
+        measured.append((error, solref))
+        if error <= ADVICE_TOLERANCE / 4 or not 0 < row.restitution < 1:
             break
         zeta *= math.log(e) / math.log(row.restitution)
         stretch *= duration / row.duration
-    zeta = damping_ratio(e)
-    return min(found)[1] if found else (duration / (contact_time(zeta) * zeta), zeta)
+    return min(measured)[1] if measured else by_formula
 
 
-def _step_of_choice(option: Any, duration: float, solref: tuple[float, float]) -> float:
+def _step_of_choice(option: MujocoOption, duration: float, solref: tuple[float, float]) -> float:
     """Return a good step in s for a contact of a duration in s: at most the scene's."""
     return min(float(option.timestep), round_down(min(duration / GOOD_STEPS, solref[0] / _REFSAFE_STEPS)))
 
 
-def bodies_with(bodies: Bodies, solref: tuple[float, float]) -> Bodies:
+def _bodies_with(bodies: Bodies, solref: tuple[float, float]) -> Bodies:
     """Return the bodies of a contact with another solref."""
     return bodies._replace(pair=tuple((dict(bodies.pair) | {"solref": solref}).items()))
 
 
 def _measure_choice(
-    bodies: Bodies, option: Any, speed: float, step: float, solref: tuple[float, float]
+    bodies: Bodies, option: MujocoOption, speed: float, step: float, solref: tuple[float, float]
 ) -> float | None:
     """Drop a contact with another solref; return its restitution, or None if a drop fails."""
     try:
-        return measure_contact(bodies_with(bodies, solref), option, step, speed).restitution
+        return measure_contact(_bodies_with(bodies, solref), option, step, speed).restitution
     except RuntimeError:
         return None
 

@@ -7,10 +7,10 @@ count in that direction.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from copy import copy
 from importlib import import_module
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,18 @@ _EVERYWHERE = 1e9
 RULES = ("pair", "override", "priority", "same", "mixed")
 
 
+class MujocoOption(Protocol):
+    """The members of `mujoco.MjOption` that are read."""
+
+    #: In s.
+    timestep: float
+    tolerance: float
+    integrator: int
+    cone: int
+    disableflags: int
+    enableflags: int
+
+
 class Losses(NamedTuple):
     """Damping and dry friction that the joints of a body oppose to its motion along the normal."""
 
@@ -73,7 +85,7 @@ class Bodies(NamedTuple):
     inertia: float
     losses: tuple[Losses, Losses] = (Losses(), Losses())
     #: The solrefs of two geoms, if one of them is direct and the engine has mixed them.
-    mixed: tuple[Any, ...] | None = None
+    mixed: tuple[tuple[float, float], tuple[float, float]] | None = None
     #: Where the parameters come from, one of `RULES`.
     rule: str = "pair"
     #: Number of points on which a body rests that lies flat on the other one.
@@ -112,9 +124,9 @@ class SceneContact(NamedTuple):
     #: The two geoms, the smaller number first.
     geoms: tuple[int, int]
     bodies: Bodies
-    geom_names: tuple[str, str] = ("", "")
+    geom_names: tuple[str, str]
     #: The solref of each geom.
-    solrefs: tuple[tuple[float, float], tuple[float, float]] = (MUJOCO_DEFAULT_SOLREF, MUJOCO_DEFAULT_SOLREF)
+    solrefs: tuple[tuple[float, float], tuple[float, float]]
 
 
 def read_contacts(model: Any) -> dict[Bodies, list[str]]:
@@ -177,7 +189,7 @@ def find_contacts(model: Any, selected: Iterable[int] | None = None) -> list[Sce
                 geoms=geoms,
                 bodies=bodies,
                 geom_names=(name_of_geom(model, first), name_of_geom(model, second)),
-                solrefs=(rules.solref_of(first), rules.solref_of(second)),
+                solrefs=(rules.solrefs[first], rules.solrefs[second]),
             )
         )
     return contacts
@@ -252,7 +264,9 @@ class _Rules:
     def __init__(self, model: Any) -> None:
         self._is_overridden = bool(model.opt.enableflags & int(mujoco.mjtEnableBit.mjENBL_OVERRIDE))
         self._priorities = model.geom_priority.tolist()
-        self._solrefs, self._solimps = model.geom_solref.tolist(), model.geom_solimp.tolist()
+        #: The solref of each geom.
+        self.solrefs: list[tuple[float, float]] = list(map(tuple, model.geom_solref.tolist()))
+        self._solimps = model.geom_solimp.tolist()
 
     def of(self, geoms: tuple[int, ...], is_pair: bool) -> str:
         """Say where the parameters of a contact come from, one of `RULES`."""
@@ -263,17 +277,14 @@ class _Rules:
             return "pair"
         if self._priorities[first] != self._priorities[second]:
             return "priority"
-        is_same = all(numbers[first] == numbers[second] for numbers in (self._solrefs, self._solimps))
+        is_same = all(numbers[first] == numbers[second] for numbers in (self.solrefs, self._solimps))
         return "same" if is_same else "mixed"
 
-    def solref_of(self, geom: int) -> tuple[float, float]:
-        """Return the solref of a geom."""
-        first, second = self._solrefs[geom]
-        return first, second
-
-    def mixed_solrefs(self, geoms: tuple[int, ...], rule: str, solref: Any) -> tuple[Any, ...] | None:
+    def mixed_solrefs(
+        self, geoms: tuple[int, int], rule: str, solref: Sequence[float]
+    ) -> tuple[tuple[float, float], tuple[float, float]] | None:
         """Return the solrefs of two geoms if the engine has mixed them and the result is direct; else None."""
-        first, second = (tuple(self._solrefs[geom]) for geom in geoms)
+        first, second = (self.solrefs[geom] for geom in geoms)
         if rule != "mixed" or first == second or min(solref) > 0:
             return None
         return first, second
@@ -388,7 +399,7 @@ def _mass_diagonal(model: Any, data: Any) -> NDArray[np.float64]:
     return diagonal
 
 
-def _has_islands(option: Any) -> bool:
+def _has_islands(option: MujocoOption) -> bool:
     """Tell whether constraints are solved island by island: by default from 3.3 on, before where a flag asks for it."""
     if disables := flag("mjtDisableBit", "mjDSBL_ISLAND"):
         return not option.disableflags & disables

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impact_xval.compliant_baselines.inspect_mujoco.drops import MeasuredContact
-from impact_xval.compliant_baselines.inspect_mujoco.scene_contacts import Bodies, SceneContact
+from impact_xval.compliant_baselines.inspect_mujoco.scene_contacts import Bodies, MujocoOption, SceneContact
 from impact_xval.compliant_baselines.mapping import (
     MUJOCO_DEFAULT_SOLIMP,
     MUJOCO_DEFAULT_SOLREF,
@@ -50,10 +50,6 @@ TRAPS = (
     "gains-energy",
     "unkept",
 )
-
-
-#: What stands for the measurements of contacts that were not measured.
-_UNMEASURED = (MeasuredContact([], (math.inf, math.inf)),)
 
 
 class LongStep(NamedTuple):
@@ -117,19 +113,19 @@ def traps_of_mixing(contacts: Sequence[SceneContact]) -> Iterator[Trap]:
     first = averaged[0]
     of_default = first.solrefs.index(default)
     other, named = first.geom_names[of_default], first.geom_names[1 - of_default]
-    solref = " ".join(f"{number:g}" for number in first.solrefs[1 - of_default])
-    result = " ".join(f"{number:g}" for number in first.bodies.solref)
-    more = f" ({len(averaged) - 1} more contacts likewise)" if len(averaged) > 1 else ""
+    solref = format_numbers(first.solrefs[1 - of_default])
+    result = format_numbers(first.bodies.solref)
+    more = f" ({len(averaged) - 1} more likewise)" if len(averaged) > 1 else ""
     yield Trap(
         "mixed-default",
-        f"geom {named} has solref {solref}, and geom {other} has the default {default[0]:g} {default[1]:g}. The engine "
+        f"geom {named} has solref {solref}, and geom {other} has the default {format_numbers(default)}. The engine "
         f'averages them by solmix to {result}{more}. For {solref} write it in a <pair>, or write priority="1" in geom '
         f'{named}, or solmix="0" in geom {other}',
     )
 
 
 def traps_in_parameters(
-    option: Any, alike: Sequence[Bodies], rows: Sequence[MeasuredContact] = ()
+    option: MujocoOption, alike: Sequence[Bodies], rows: Sequence[MeasuredContact] = ()
 ) -> Iterator[Trap]:
     """Yield the traps in the parameters of contacts.
 
@@ -178,14 +174,13 @@ def traps_in_parameters(
             f"the time constant of {first:g} s is shorter than two steps. The engine takes {effective:g} s, which is "
             f"a stiffness {(effective / first) ** 2:.3g} times lower. Shorten the step",
         )
-    if first < 0 and not all(
-        is_at_force_level(bodies.solimp, row.impedances) for row in measured or _UNMEASURED
-    ):
+    impedances = [row.impedances for row in measured] or [None]
+    if first < 0 and not all(is_at_force_level(bodies.solimp, ends) for ends in impedances):
         yield Trap("not-newton-per-metre", _describe_direct_stiffness(-first, alike, measured))
     if min(solref) > 0 and solref[1] != MUJOCO_DEFAULT_SOLREF[1]:
         yield Trap("damping-ratio", describe_damping_ratio(solref, measured))
     if solref == MUJOCO_DEFAULT_SOLREF and not np.allclose(bodies.solimp, MUJOCO_DEFAULT_SOLIMP):
-        solimp = " ".join(f"{number:g}" for number in bodies.solimp)
+        solimp = format_numbers(bodies.solimp)
         shifts = "" if dmin == dmax else ". An impedance that changes with the depth only shifts it"
         yield Trap(
             "solimp",
@@ -202,13 +197,13 @@ def traps_in_parameters(
             )
 
 
-def is_lengthened(solref: tuple[float, float], option: Any) -> bool:
+def is_lengthened(solref: tuple[float, float], option: MujocoOption) -> bool:
     """Tell whether the engine lengthens the time constant of a solref to two steps (`refsafe`)."""
     has_refsafe = not _is_discrete(option) and not option.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE
     return bool(has_refsafe) and 0 < solref[0] < 2 * option.timestep and solref[1] > 0
 
 
-def _is_discrete(option: Any) -> bool:
+def _is_discrete(option: MujocoOption) -> bool:
     """Tell whether forces are those at the end of a step, with an integrator that exists from 3.13 on."""
     return option.integrator == getattr(mujoco.mjtIntegrator, "mjINT_DISCRETE", None)
 
@@ -234,7 +229,7 @@ def _describe_direct_stiffness(
     if springs:
         gets = f"get {format_range(springs)} N/m in the drops"
     else:
-        gets = f"get at most {format_range([stiffness * each.scale for each in alike])} N/m"
+        gets = f"get at most {format_range([stiffness * other.scale for other in alike])} N/m"
     at = f"an impedance of {format_range(impedances)}" if impedances else f"solimp {dmin:g} to {dmax:g}"
     return f"the stiffness {stiffness:g} is in 1/s^2. Two bodies alone {gets}, and with {at} a third body changes that"
 
@@ -252,8 +247,8 @@ def find_long_step(measured: Sequence[MeasuredContact], step: float) -> LongStep
 
     Contacts that the bodies do not leave have no restitution that a step could change.
     """
-    found = [long for row in measured if (long := _least_resolved(row, step))]
-    return min(found, key=lambda long: long.time, default=None)
+    long_steps = [long for row in measured if (long := _least_resolved(row, step))]
+    return min(long_steps, key=lambda long: long.time, default=None)
 
 
 def _least_resolved(row: MeasuredContact, step: float) -> LongStep | None:
@@ -274,6 +269,11 @@ def _format_restitution(damping_ratio: float, measured: Sequence[MeasuredContact
     """Write the restitution that was measured, or else the one that the formula gives."""
     ends = [e for row in measured for e in row.restitution_range or ()]
     return format_range(ends) if ends else f"{restitution(damping_ratio):.2g} by the formula"
+
+
+def format_numbers(numbers: Sequence[float], digits: int = 6) -> str:
+    """Format numbers as MJCF has them."""
+    return " ".join(f"{number:.{digits}g}" for number in numbers)
 
 
 def format_range(values: Sequence[float]) -> str:

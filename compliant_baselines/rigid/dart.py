@@ -168,7 +168,7 @@ class Dart(RigidEngine):
     """DART."""
 
     name, distribution, module, title = "dart", "dartpy", "dartpy", "DART"
-    way_out, shipped_step, made = "run pip install 'impact-xval[dart]'", 1e-3, DartWorld
+    shipped_step, made = 1e-3, DartWorld
 
     def refusal(self, scene: Scene) -> str | None:
         """Say why DART cannot take a scene: it would drop the restitution of a first impact, or limit its rebound.

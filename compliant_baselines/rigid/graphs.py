@@ -160,9 +160,11 @@ def _extreme_splits(W: Floats, w: Floats, compression: Floats) -> list[Floats]:
     splits: list[Floats] = []
     for i in range(contacts):
         for sign in (1.0, -1.0):
-            found = _optimize.linprog(sign * np.eye(contacts)[i], A_eq=W, b_eq=W @ compression, bounds=bounds)
-            if found.status == 0:
-                splits.append(np.asarray(found.x, float))
+            solution = _optimize.linprog(
+                sign * np.eye(contacts)[i], A_eq=W, b_eq=W @ compression, bounds=bounds
+            )
+            if solution.status == 0:
+                splits.append(np.asarray(solution.x, float))
     is_other = [np.abs(split - compression).max() > 1e-7 * np.abs(compression).max() for split in splits]
     return [split for split, other in zip(splits, is_other, strict=True) if other]
 

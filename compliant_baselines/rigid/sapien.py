@@ -134,7 +134,7 @@ class Sapien(RigidEngine):
     """SAPIEN."""
 
     name = distribution = module = "sapien"
-    title, way_out = "SAPIEN", "run pip install 'impact-xval[sapien]'"
+    title = "SAPIEN"
     shipped_step, made = 0.01, SapienWorld
 
     def unavailable(self) -> str | None:

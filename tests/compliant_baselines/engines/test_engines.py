@@ -124,6 +124,7 @@ def test_without_an_engine_the_way_out_is_said(monkeypatch):
         ("mujoco.rollout", "mujoco", "pip install 'mujoco>=3.2.7'"),
         ("pydrake", "drake", "pip install 'impact-xval[drake]'"),
         ("pydrake", "drake-hunt-crossley", "pip install 'impact-xval[drake]'"),
+        ("dartpy", "dart:default", "DART is not installed: run pip install 'impact-xval[dart]'"),
     ):
         monkeypatch.setitem(sys.modules, module, None)
         outcome = get_solver(name).solve_many([cell()], COARSE)[0]
