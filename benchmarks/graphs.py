@@ -92,9 +92,9 @@ def windows(console: Console, options: argparse.Namespace) -> None:
         graphs = random_graphs(rng, max(2, 2000 // contacts**2), contacts)
         outcomes = solve_graphs(*graphs)
         time = best_time(lambda graphs=graphs: solve_graphs(*graphs), options.repeats)
-        each = 1e6 * time / outcomes.n_windows.sum()
+        window = 1e9 * time / outcomes.n_windows.sum()
         console.print(
-            f"{contacts} contacts: {each:.1f} us a window, {1e3 * each / window_work(contacts):.0f} ns a unit of work, "
+            f"{contacts} contacts: {window:.0f} ns a window, {window / window_work(contacts):.0f} ns a unit of work, "
             f"{outcomes.n_windows.mean():.0f} windows",
             highlight=False,
         )

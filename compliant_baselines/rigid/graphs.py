@@ -7,9 +7,9 @@ in that order.
 
 **Complementarity.** With W = L L^T and q = L c, the problem 0 <= P, q + W P >= 0, complementary, is the least-squares
 problem of L^T P = -c with P >= 0. Its L^T P is unique, and with it the velocities; P is so only where no other P >= 0
-has the same W P. `impulse_spread` is the largest range of the impulse of one contact over all such P, in its first
-impact. Poisson's law and the sweep of plastic-then-restitution depend on P: `rate_spread` is the largest difference of
-rates that the extreme P lead to.
+has the same W P. `impulse_spread` is the largest range of the impulse of compression of one contact over all such P, in
+the first impact. Poisson's law and the sweep of plastic-then-restitution depend on P: `rate_spread` is the largest
+difference of rates among those that the extreme P lead to.
 
 Needs `rigid.laws` for the names. Used by users.
 """
@@ -25,7 +25,7 @@ from scipy import optimize  # pyright: ignore[reportMissingTypeStubs]
 
 from impact_xval.compliant_baselines.rigid.laws import LAWS, ROUNDING, TooManyImpactsError
 from impact_xval.model.arrays import Booleans, Floats
-from impact_xval.model.graph.solving import checked_graphs
+from impact_xval.model.graph.solving import checked_graph
 
 _optimize: Any = optimize
 
@@ -34,6 +34,9 @@ GRAPH_LAWS = (*(name for name in LAWS if not name.startswith("sequential")), "se
 
 #: Laws whose rates depend on the split of the impulses of compression.
 _DEPENDS_ON_SPLIT = ("poisson-restitution", "plastic-then-restitution")
+
+#: Impacts after which a graph is given up.
+MOST_IMPACTS = 100_000
 
 #: Share of the largest rate, or impulse, that is rounding of a least-squares problem.
 _TINY = 1e-10
@@ -49,7 +52,7 @@ class RigidGraphOutcome(NamedTuple):
     rates: Floats
     #: Number of impacts.
     impacts: int
-    #: Largest range of the impulse of one contact, in N s; 0 where the split of the first impact is unique.
+    #: Largest range of the impulse of compression of one contact in the first impact, in N s; 0 if the split is unique.
     impulse_spread: float
     #: Largest difference of final rates between extreme splits, in m/s.
     rate_spread: float
@@ -77,7 +80,6 @@ def solve_rigid_graph(
     rates: ArrayLike,
     *,
     order: Sequence[int] | None = None,
-    most: int = 100_000,
 ) -> RigidGraphOutcome:
     """Solve one contact graph by a rigid law.
 
@@ -89,8 +91,6 @@ def solve_rigid_graph(
         As for `impact_xval.model.graph.solving.solve_graph`.
     order : sequence of int, optional
         Numbers of all contacts, from 1, in the order in which a sequential law takes them; by default ascending.
-    most : int
-        Impacts after which a graph is given up.
 
     Returns
     -------
@@ -101,12 +101,12 @@ def solve_rigid_graph(
     ValueError
         For an illegal value, or restitutions with which the law has no solution.
     TooManyImpactsError
-        If contacts still approach after `most` impacts.
+        If contacts still approach after `MOST_IMPACTS` impacts.
     """
     if law not in GRAPH_LAWS:
         raise ValueError(f"law = {law!r}; legal: {', '.join(GRAPH_LAWS)}")
     e = np.asarray(restitutions, float)
-    W, e, w = checked_graphs(np.asarray(delassus, float), e, np.asarray(rates, float))
+    W, e, w = checked_graph(np.asarray(delassus, float), e, np.asarray(rates, float))
     contacts = range(1, len(w) + 1)
     numbers = list(contacts) if order is None else list(order)
     if sorted(numbers) != list(contacts):
@@ -116,12 +116,11 @@ def solve_rigid_graph(
     places = [number - 1 for number in numbers]
     compression = complementary(W, -w)
     splits = _extreme_splits(W, w, compression)
-    impulses, impacts = _follow(law, W, e, w, places, compression, most)
-    rate_spread = 0.0
+    impulses, impacts = _follow(law, W, e, w, places, compression)
+    final_rates = [w - W @ impulses]
     if law in _DEPENDS_ON_SPLIT:
-        for split in splits:
-            changed, _ = _follow(law, W, e, w, places, split, most)
-            rate_spread = max(rate_spread, float(np.abs(W @ (changed - impulses)).max()))
+        final_rates += [w - W @ _follow(law, W, e, w, places, split)[0] for split in splits]
+    rate_spread = float(np.ptp(np.array(final_rates), axis=0).max())
     spread = np.ptp(np.array([compression, *splits]), axis=0).max()
     is_ordered = law in ("sequential", "plastic-then-restitution")
     name = f"{law} ({', '.join(map(str, numbers))})" if is_ordered else law
@@ -129,7 +128,7 @@ def solve_rigid_graph(
     return RigidGraphOutcome(
         name,
         impulses,
-        w - W @ impulses,
+        final_rates[0],
         impacts,
         0.0 if law == "sequential" else float(spread),
         rate_spread if rate_spread > threshold else 0.0,
@@ -170,11 +169,11 @@ def _extreme_splits(W: Floats, w: Floats, compression: Floats) -> list[Floats]:
 
 
 def _follow(
-    law: str, W: Floats, e: Floats, w: Floats, order: Sequence[int], compression: Floats, most: int
+    law: str, W: Floats, e: Floats, w: Floats, order: Sequence[int], compression: Floats
 ) -> tuple[Floats, int]:
     """Return total impulses, and the number of impacts until no contact approaches."""
     total, rates, threshold = np.zeros(len(w)), w, ROUNDING * np.abs(w).max()
-    for impact in range(most):
+    for impact in range(MOST_IMPACTS):
         if not (rates > threshold).any():
             return total, impact
         split = compression if impact == 0 else np.empty(0)
@@ -183,7 +182,7 @@ def _follow(
         total = total + _LAWS[law](_Impact(W, e, rates, order, split, impact == 0))
         rates = w - W @ total
         rates[np.abs(rates) <= threshold] = 0.0
-    raise TooManyImpactsError(f"not over after {most} impacts")
+    raise TooManyImpactsError(f"not over after {MOST_IMPACTS} impacts")
 
 
 def _newton(impact: _Impact) -> Floats:

@@ -53,15 +53,10 @@ def near_misses(c, n, degree, x, h, energy, margin, work):
         least = STAKE * energy / (1 - contact.e * contact.e)
         if contact.k * max(load, 0.0) ** (contact.p + 1) / (contact.p + 1) <= least:
             continue
-        for j in range(degree):
-            scratch.watched[j] = (j + 1) * scratch.rates[j + 1]
-        scratch.watched[degree], at = 0.0, 0.0
+        write_slope(scratch.rates, degree, scratch.watched)
+        at = 0.0
         while True:
-            start = scratch.watched[0]
-            leading = start
-            for j in range(1, degree):
-                leading = scratch.watched[j] if leading == 0 else leading
-            to_turn = first_root(scratch.watched, copysign(1.0, leading), abs(start), degree - 1, x - at)
+            to_turn = first_turn(scratch.watched, degree, x - at)
             if not 0 < to_turn < x - at:
                 break
             at += to_turn
@@ -71,12 +66,29 @@ def near_misses(c, n, degree, x, h, energy, margin, work):
                 if rate < min(margin, NEAR) * largest_amplitude(c, n, i, degree, at, h, work):
                     share = rate / amplitude(c, n, i, degree, at, h, work)
                     margin = share if share < min(margin, NEAR) else margin
-                    for j in range(degree):
-                        scratch.watched[j] = (j + 1) * scratch.rates[j + 1]
-                    scratch.watched[degree], to_turn = 0.0, at
+                    write_slope(scratch.rates, degree, scratch.watched)
+                    to_turn = at
             shift(scratch.watched, degree - 1, to_turn)
             scratch.watched[0] = 0.0
     return margin
+
+
+@kernel_helper
+def write_slope(coefficients, degree, derivative):
+    """Write the coefficients of the derivative of a polynomial."""
+    for j in range(degree):
+        derivative[j] = (j + 1) * coefficients[j + 1]
+    derivative[degree] = 0.0
+
+
+@kernel_helper
+def first_turn(derivative, degree, reach):
+    """Return the first root on (0, reach) of the derivative of a polynomial of a degree, as `first_root` does."""
+    start = derivative[0]
+    leading = start
+    for j in range(1, degree):
+        leading = derivative[j] if leading == 0 else leading
+    return first_root(derivative, copysign(1.0, leading), abs(start), degree - 1, reach)
 
 
 @kernel_helper

@@ -7,7 +7,8 @@
 - `kernel`: follows a graph to its end. `state`: a graph under way. `record`: types that cross the kernel's boundary.
 
 With `model.chain` it shares what is the same for both: the order and the length of power series and their evaluation
-(`chain.series`), and the certified first root of a polynomial (`chain.roots`).
+(`chain.series`), the certified first root of a polynomial (`chain.roots`), turning points (`chain.grazing`), and the
+shares of energy below which a contact counts as rigid (`chain.rigid`).
 """
 
 from importlib import import_module

@@ -224,7 +224,7 @@ def solve_graph_collision(
     Raises
     ------
     ValueError
-        If two bodies of a contact cannot be moved by it.
+        If W leaves double precision.
     """
     contacts = collision.contacts
     outcome = solve_graph(
@@ -359,12 +359,10 @@ def _is_number_of(body: object, bodies: int) -> bool:
 def _checked_contact(name: str, contact: BodyContact, bodies: int, dimension: int) -> BodyContact:
     """Return a contact with checked numbers."""
     first, second = contact.bodies
-    for body in (first, second):
-        is_fixed = body is None and body is second
-        if not is_fixed and not _is_number_of(body, bodies):
-            raise ValueError(
-                f"{name}.bodies = {contact.bodies!r}; legal: numbers from 1 to {bodies}, the second one or None (fixed)"
-            )
+    if not _is_number_of(first, bodies) or not (second is None or _is_number_of(second, bodies)):
+        raise ValueError(
+            f"{name}.bodies = {contact.bodies!r}; legal: numbers from 1 to {bodies}, the second one or None (fixed)"
+        )
     if first == second:
         raise ValueError(
             f"{name}.bodies = {contact.bodies!r}: a contact of a body with itself; legal: two bodies"

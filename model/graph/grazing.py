@@ -17,8 +17,7 @@ from __future__ import annotations
 
 from math import copysign, sqrt
 
-from impact_xval.model.chain.grazing import shift
-from impact_xval.model.chain.roots import first_root
+from impact_xval.model.chain.grazing import EPSILON, first_turn, shift, write_slope
 from impact_xval.model.chain.series import ORDER, slope, value
 from impact_xval.model.compiled import kernel_helper
 from impact_xval.model.graph.state import is_compliant
@@ -27,8 +26,8 @@ from impact_xval.model.pair.grazing import NEAR, STAKE
 #: Sweeps of Jacobi's method; some six suffice.
 MOST_SWEEPS = 40
 
-#: Rounding of an eigenvalue per contact, and the distance at which two count as equal, over the largest one.
-EPSILON, SAME = 2.0**-52, 1e-9
+#: Distance at which two eigenvalues count as equal, over the largest one.
+SAME = 1e-9
 
 
 @kernel_helper
@@ -46,14 +45,10 @@ def near_misses(c, matrices, x, h, energy, margin):
         least = 2 * contact.k * STAKE * energy / (1 - contact.e * contact.e)
         if load * load <= least:
             continue
-        write_slope(contact.rates, contact.turns)
+        write_slope(contact.rates, ORDER, contact.turns)
         at = 0.0
         while True:
-            start = contact.turns[0]
-            leading = start
-            for j in range(1, ORDER):
-                leading = contact.turns[j] if leading == 0 else leading
-            to_turn = first_root(contact.turns, copysign(1.0, leading), abs(start), ORDER - 1, x - at)
+            to_turn = first_turn(contact.turns, ORDER, x - at)
             if not 0 < to_turn < x - at:
                 break
             at += to_turn
@@ -69,21 +64,13 @@ def near_misses(c, matrices, x, h, energy, margin):
 
 
 @kernel_helper
-def write_slope(coefficients, derivative):
-    """Write the coefficients of the derivative of a polynomial."""
-    for j in range(ORDER):
-        derivative[j] = (j + 1) * coefficients[j + 1]
-    derivative[ORDER] = 0.0
-
-
-@kernel_helper
 def amplitude(c, matrices, i, x, h):
     """Return the sum of the amplitudes of the sinusoids of the rate of contact i at x of a window of length h."""
     A, vectors = matrices.A, matrices.vectors
     for a in range(c.size):
         for b in range(c.size):
-            both = is_compliant(c[a].phase) and is_compliant(c[b].phase)
-            A[a, b] = sqrt(c[a].k) * matrices.W[a, b] * sqrt(c[b].k) if both else 0.0
+            is_coupled = is_compliant(c[a].phase) and is_compliant(c[b].phase)
+            A[a, b] = sqrt(c[a].k) * matrices.W[a, b] * sqrt(c[b].k) if is_coupled else 0.0
             vectors[a, b] = 1.0 if a == b else 0.0
     diagonalise(A, vectors)
     highest = 0.0

@@ -82,12 +82,12 @@ def decide(c, W, i, order):
     contact, size = c[i], 0.0
     for j in range(c.size):
         size += abs(W[i, j] * c[j].forces[order])
-    if abs(contact.sum) <= ROUNDING * size:
+    if abs(contact.total) <= ROUNDING * size:
         return 0.0
     contact.undecided = False
-    if contact.sum > 0:
+    if contact.total > 0:
         contact.phase = GraphPhase.COMPRESSION
-    return contact.sum
+    return contact.total
 
 
 @kernel_helper
@@ -113,15 +113,15 @@ def expand(c, matrices, h):
     for order in range(ORDER):
         share = h * INVERSE[order + 1]
         for i in range(c.size):
-            c[i].sum = 0.0
+            c[i].total = 0.0
         for j in range(c.size):
             force = c[j].forces[order]
             if force != 0 and not c[j].has_pivot:
                 for i in range(c.size):
-                    c[i].sum -= W[j, i] * force
+                    c[i].total -= W[j, i] * force
         for i in range(c.size):
             contact = c[i]
-            change = decide(c, W, i, order) if contact.undecided else contact.sum
+            change = decide(c, W, i, order) if contact.undecided else contact.total
             contact.rates[order + 1] = share * change
             contact.forces[order + 1] = 0.0
             if is_compliant(contact.phase):

@@ -73,7 +73,7 @@ class GraphOutcome:
     mark : str
         One sentence if the grazing margin is small, else empty.
     n_events : int
-        Number of events.
+        Number of events of single contacts, and of collapses.
     events : tuple of ContactEvent
         All events in their order, the first touch among them.
     diagnostics : mapping of str to float

@@ -52,13 +52,7 @@ class Graphs(NamedTuple):
 
     def take(self, rows: slice) -> Graphs:
         """Return the graphs of a slice."""
-        return Graphs(
-            delassus=self.delassus[rows],
-            stiffnesses=self.stiffnesses[rows],
-            restitutions=self.restitutions[rows],
-            rates=self.rates[rows],
-            energies=self.energies[rows],
-        )
+        return Graphs(*(values[rows] for values in self))
 
 
 class GraphEnds(NamedTuple):
@@ -76,7 +70,7 @@ EVENT = np.dtype(
     [
         ("time", "f8"),  # since first touch, in units of the graph
         ("kind", "i8"),  # EventKind
-        ("contact", "i8"),  # from 0; -1 of a first touch and of a collapse
+        ("contact", "i8"),  # from 0; -1 where no single contact has the event
         ("active", "u8"),  # set of contacts that are active from here on: bit i is contact i
     ],
     align=True,
@@ -94,7 +88,7 @@ GRAPH_RESULT = np.dtype(
         ("plastic", "?"),
         ("runaway", "?"),
         ("collapse", "?"),
-        ("n_events", "i8"),  # without first touch, and without events of the kind LOADED
+        ("n_events", "i8"),  # of single contacts, and collapses
         ("n_windows", "i8"),
         ("n_rows", "i8"),  # rows in the log of events
         ("margin", "f8"),  # grazing margin (`graph.grazing`)

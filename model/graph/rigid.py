@@ -22,16 +22,11 @@ from __future__ import annotations
 
 from math import pi, sqrt
 
+from impact_xval.model.chain.rigid import RIGID, SMALL
 from impact_xval.model.chain.series import ORDER
 from impact_xval.model.compiled import kernel_helper
 from impact_xval.model.graph.motion import ROUNDING, apply_start_rule, expand, window_length
 from impact_xval.model.graph.state import GraphPhase, is_compliant, oscillation
-
-#: A contact counts as rigid where it can change less than this share of its neighbours' energy.
-RIGID = 1e-14
-
-#: Neighbours with less than this share of the other neighbours' energy ring themselves, and are disregarded.
-SMALL = 1e-6
 
 #: Pivots below this share of W_ii are rounding: the contact is kept at rest by the others.
 NO_PIVOT = 1e-12

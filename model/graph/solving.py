@@ -8,6 +8,8 @@ Needs `graph.kernel`. Used by `graph.collision`, by users, and by `rigid.graphs`
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -15,6 +17,7 @@ from impact_xval.model.arrays import Booleans, Floats, Records, zero_records
 from impact_xval.model.chain.following import COLLAPSE_REASON, PLASTIC_REASON, RUNAWAY_REASON
 from impact_xval.model.compiled import run_in_threads
 from impact_xval.model.graph.kernel import follow_graphs
+from impact_xval.model.graph.motion import ROUNDING
 from impact_xval.model.graph.outcome import GraphOutcome, GraphOutcomes
 from impact_xval.model.graph.record import (
     EVENT,
@@ -47,9 +50,6 @@ UNBALANCED = 1e-9
 
 #: Largest relative difference of W_ij and W_ji that is rounding, over sqrt(W_ii W_jj).
 ASYMMETRY = 1e-12
-
-#: Entries of W, with 1 on its diagonal, that are the rounding of 0: normals at right angles.
-ROUNDING = 2.0**-46
 
 _, _STIFFNESSES, _RESTITUTIONS, _VELOCITIES, _ = LINE
 _RATES = Legal(
@@ -100,9 +100,7 @@ def solve_graph(
     >>> outcome.status
     'ok'
     """
-    fields = [
-        np.asarray(values, dtype=np.float64)[None] for values in (delassus, stiffnesses, restitutions, rates)
-    ]
+    fields: list[Any] = [[values] for values in (delassus, stiffnesses, restitutions, rates)]
     return solve_graphs(*fields, max_windows=max_windows, grazing_threshold=grazing_threshold)[0]
 
 
@@ -252,7 +250,7 @@ def _closed_forms(results: Records) -> list[Ending]:
     return endings
 
 
-def checked_graphs(delassus: Floats, restitutions: Floats, rates: Floats) -> tuple[Floats, Floats, Floats]:
+def checked_graph(delassus: Floats, restitutions: Floats, rates: Floats) -> tuple[Floats, Floats, Floats]:
     """Return W, shape (C, C), e and w, shape (C,), of one graph; a ValueError names the first illegal value."""
     W, k, e, w = _checked(delassus[None], np.ones((1, *rates.shape)), restitutions[None], rates[None])
     _scaled(W, k, e, w)
@@ -332,6 +330,7 @@ def _scaled(
         root[~is_followed] = 1.0
         correlation = scaled_W / (root[:, :, None] * root[:, None, :])
     correlation[~is_followed] = np.eye(contacts)
+    # Normals at right angles have an entry of 0, but for rounding.
     is_noise = np.abs(correlation) <= ROUNDING
     scaled_W[is_noise] = 0.0
     correlation[is_noise] = 0.0

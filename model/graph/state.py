@@ -52,7 +52,7 @@ GRAPH_CONTACT = np.dtype(
         # Overwritten window by window:
         ("undecided", "?"),  # at rest without force: its first non-zero derivative decides (`graph.motion`)
         ("has_pivot", "?"),  # eliminated from W (`graph.rigid`)
-        ("sum", "f8"),
+        ("total", "f8"),  # of a coefficient (`graph.motion`), or `oscillation`
         ("rates", "f8", ORDER + 1),  # coefficients of w in x = t/h
         ("forces", "f8", ORDER + 1),  # those of F
         ("turns", "f8", ORDER + 1),  # those of w', shifted on the way (`graph.grazing`)
@@ -119,12 +119,12 @@ def still_rounding(c, W, energy):
     end compressions without end.
     """
     for i in range(c.size):
-        c[i].sum = oscillation(c, W, i)
+        c[i].total = oscillation(c, W, i)
     for i in range(c.size):
         contact = c[i]
         for j in range(c.size):
-            if (i == j or W[i, j] != 0) and c[j].sum > contact.reach:
-                contact.reach = c[j].sum
+            if (i == j or W[i, j] != 0) and c[j].total > contact.reach:
+                contact.reach = c[j].total
         is_loaded = contact.phase == GraphPhase.RESTITUTION or contact.phase == GraphPhase.RIGID
-        if not is_loaded and contact.sum <= rounding_energy(contact, energy):
+        if not is_loaded and contact.total <= rounding_energy(contact, energy):
             contact.w, contact.F = 0.0, 0.0

@@ -99,8 +99,8 @@ def test_a_box_turns_by_its_stiffnesses():
     assert solved(box(stiffness_ratio=3)).angular_velocities[0][0] == pytest.approx(
         0.41386492765612, abs=1e-10
     )
-    assert solved(box(1.0, stiffness_ratio=3)).angular_velocities[0][0] == 0
-    assert solved(box()).angular_velocities[0][0] == pytest.approx(0, abs=1e-15)
+    for symmetric in (box(), box(1.0, stiffness_ratio=3)):
+        assert solved(symmetric).angular_velocities[0][0] == pytest.approx(0, abs=1e-14)
 
 
 def test_a_box_on_four_corners_is_the_box_on_two():
@@ -201,7 +201,7 @@ def test_random_graphs_are_those_of_modes_on_a_grid(seed, count):
                 break
         np.testing.assert_allclose(ours.impulses, theirs.impulses, atol=1e-10, rtol=0)
         np.testing.assert_allclose(ours.rates, theirs.rates, atol=1e-10, rtol=0)
-    assert left_out <= 0.2 * count
+    assert left_out <= 0.1 * count
 
 
 @pytest.mark.parametrize(("seed", "count"), [(51, 30), pytest.param(52, 500, marks=nightly)])
@@ -332,7 +332,8 @@ def test_a_plastic_contact_is_the_limit_of_small_restitution(seed, count):
             np.abs(np.subtract(solved(with_restitution(e)).velocities, limit.velocities)).max()
             for e in (1e-4, 1e-6)
         ]
-        assert differences[1] < max(1e-5, 0.1 * differences[0]), index
+        assert differences[1] < 1e-5, index
+        assert differences[1] < 0.02 * differences[0] + 1e-9, index
 
 
 def test_a_plastic_contact_that_is_pulled_open():
@@ -383,7 +384,10 @@ def test_many_graphs_are_those_one_by_one():
     many = solve_graphs(*fields)
     for i in rng.permutation(len(same))[:5]:
         one = solve_graph(*(field[i] for field in fields))
-        assert one == many[int(i)]
+        same_one = many[int(i)]
+        # Residuals are rounding, which may differ where arrays are added up in another order.
+        assert replace(one, diagnostics={}) == replace(same_one, diagnostics={})
+        assert one.diagnostics == pytest.approx(same_one.diagnostics, abs=1e-14)
     without = solve_graphs(*fields, events=False)
     assert np.array_equal(without.rates, many.rates)
     assert without[0].states == ()

@@ -32,6 +32,10 @@ def contact(**given):
         ),
         (lambda: collide(contact(bodies=(None, 1))), r"contacts\[1\].bodies = \(None, 1\); legal"),
         (
+            lambda: collide(contact(bodies=(None, None))),
+            r"contacts\[1\].bodies = \(None, None\); legal: numbers",
+        ),
+        (
             lambda: collide(contact(normal=(0.0, 0.0))),
             r"contacts\[1\].normal = \(0.0, 0.0\), of length 0.0; legal: 2 n",
         ),
@@ -127,6 +131,13 @@ def test_illegal_collisions(make, says):
             r"stiffnesses: shape \(3,\); legal: \(2,\), for 2 rates",
         ),
         ([[1, 0], [0, np.nan]], [1, 1], [1, 1], [1, 1], r"delassus = nan in row 0; legal: finite numbers"),
+        (
+            [[1, 0], [0, 1]],
+            [1, "soft"],
+            [1, 1],
+            [1, 1],
+            r"stiffnesses = .*'soft'.*: not an array of numbers; l",
+        ),
     ],
 )
 def test_illegal_numbers(W, k, e, w, says):
