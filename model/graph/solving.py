@@ -137,6 +137,8 @@ def solve_graphs(
     ValueError
         For an illegal value; the message names the field, the value and the legal range.
     """
+    if max_windows is not None and max_windows < 1:
+        raise ValueError(f"max_windows = {max_windows!r}; legal: at least 1")
     fields = _checked(delassus, stiffnesses, restitutions, rates)
     graphs, units, is_followed = _scaled(*fields)
     n, contacts = graphs.rates.shape

@@ -146,6 +146,11 @@ def test_illegal_numbers(W, k, e, w, says):
     assert "\n" not in str(refusal.value)
 
 
+def test_a_number_of_windows_is_at_least_one():
+    with pytest.raises(ValueError, match=r"max_windows = 0; legal: at least 1"):
+        solve_graph([[1.0]], [1.0], [0.5], [1.0], max_windows=0)
+
+
 def test_rows_of_many_are_named():
     W = np.array([np.eye(2)] * 3)
     W[2, 0, 1] = W[2, 1, 0] = 2.0
