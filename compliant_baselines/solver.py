@@ -21,7 +21,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeVar, get_args
+from typing import TYPE_CHECKING, Literal, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,9 +30,13 @@ from impact_xval.compliant_baselines.states import SHORTEST_STATE
 from impact_xval.errors import ImpactXvalError
 from impact_xval.model.collision import Collision
 from impact_xval.model.collisions import Collisions
+from impact_xval.model.graph.collision_outcome import GraphCollisionOutcome
 from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, Cutoff, legal_cutoff
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.status import RESULT_STATUSES, Status
+
+if TYPE_CHECKING:
+    from impact_xval.model.graph.collision import GraphCollision
 
 Scenario = Literal["impact", "drop"]
 MappingName = Literal["calibrated", "naive", "documented", "shipped"]
@@ -169,6 +173,31 @@ class Solver(ABC):
         Sequence[Outcome]
             One outcome for every collision, in order; failures are outcomes with a status (rule 2).
         """
+
+    def solve_graphs(
+        self, collisions: Sequence[GraphCollision], settings: Settings
+    ) -> Sequence[GraphCollisionOutcome]:
+        """Solve collisions of bodies that touch in any number of contacts.
+
+        A solver that knows lines of balls alone keeps this method, which refuses all of them.
+
+        Parameters
+        ----------
+        collisions
+            The collisions.
+        settings
+            How they are solved.
+
+        Returns
+        -------
+        Sequence[GraphCollisionOutcome]
+            One outcome for every collision, in order; failures are outcomes with a status (rule 2).
+        """
+        reason = f"{self.name} solves balls in a line alone, no contact graphs"
+        return [
+            GraphCollisionOutcome.failure(self.name, collision, "unrepresentable", reason)
+            for collision in collisions
+        ]
 
     def solve(self, collision: Collision, settings: Settings | None = None) -> Outcome:
         """Solve one collision.

@@ -1,7 +1,7 @@
 """Contact graphs: bodies of any kind that meet at once, in exact event-driven motion (docs/graphs.md).
 
 - `solving`: `solve_graph` and `solve_graphs`, given a Delassus matrix. `collision`: `GraphCollision`, given bodies and
-  contacts. `named`: graphs by name. `outcome`: what they return.
+  contacts. `named`: graphs by name. `outcome`: what they return. `collision_outcome`: the result of any solver.
 - `law`: what is watched of a contact, and what its events do. `motion`: the motion between events, and the start rule.
   `event`: the certified first event. `rigid`: contacts that are rigid. `grazing`: the distance from a jump.
 - `kernel`: follows a graph to its end. `state`: a graph under way. `record`: types that cross the kernel's boundary.
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         solve_graph_collision,
         touching_balls,
     )
+    from impact_xval.model.graph.collision_outcome import GraphCollisionOutcome
     from impact_xval.model.graph.named import GRAPHS, bernoulli, box, bridge, corner, graph_of_balls, rack
     from impact_xval.model.graph.outcome import ContactEvent, GraphOutcome, GraphOutcomes
     from impact_xval.model.graph.solving import solve_graph, solve_graphs
@@ -31,6 +32,7 @@ __all__ = [
     "BodyContact",
     "ContactEvent",
     "GraphCollision",
+    "GraphCollisionOutcome",
     "GraphOutcome",
     "GraphOutcomes",
     "Plane",
@@ -49,6 +51,7 @@ __all__ = [
 #: Modules of the names above, which are imported when they are first used, for the compiler takes a while.
 _MODULES = {
     "collision": ("BodyContact", "GraphCollision", "Plane", "solve_graph_collision", "touching_balls"),
+    "collision_outcome": ("GraphCollisionOutcome",),
     "named": ("GRAPHS", "bernoulli", "box", "bridge", "corner", "graph_of_balls", "rack"),
     "outcome": ("ContactEvent", "GraphOutcome", "GraphOutcomes"),
     "solving": ("solve_graph", "solve_graphs"),
