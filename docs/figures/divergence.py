@@ -1,4 +1,4 @@
-"""Draw docs/figures/divergence.svg, three collisions and how far apart two laws end: python docs/figures/divergence.py."""
+"""Draw docs/figures/divergence.svg: what D = 0.04, 0.11 and 0.42 look like (python docs/figures/divergence.py)."""
 
 from pathlib import Path
 
