@@ -167,6 +167,24 @@ def print_boxes(steppers: dict[str, Stepper]) -> None:
         )
         print_differences(steppers, partial(new_box, floor, tilt, solref, solimp), BOX_STEPS)
         print(flush=True)
+    print_points_of_an_edge()
+
+
+def print_points_of_an_edge() -> None:
+    """Print where C and MJX lay contacts along the edge of a box that has just met another, in the same state."""
+    mujoco, jax, mjx = import_module("mujoco"), import_module("jax"), import_module("mujoco.mjx")
+    model, data = new_box("box", 30, *BOX_CONTACTS[0])
+    while not data.ncon:
+        mujoco.mj_step(model, data)
+    mujoco.mj_forward(model, data)
+    put = mjx.put_model(model)
+    start = mjx.make_data(put)
+    state = jax.jit(mjx.forward)(put, start.replace(qpos=jax.numpy.array(data.qpos)))
+    found = getattr(state, "_impl", state).contact
+    overlaps = np.array(found.dist) < 0
+    for where, places in (("C", data.contact.pos), ("MJX", np.array(found.pos)[overlaps])):
+        along = " ".join(f"{place:.2f}" for place in sorted(places[:, 1]))
+        print(f"contacts of an edge from -0.1 to 0.1 m on a box, {where}: {along}", flush=True)
 
 
 def main() -> None:
