@@ -173,7 +173,8 @@ def print_boxes(steppers: dict[str, Stepper]) -> None:
 def print_points_of_an_edge() -> None:
     """Print where C and MJX lay contacts along the edge of a box that has just met another, in the same state."""
     mujoco, jax, mjx = import_module("mujoco"), import_module("jax"), import_module("mujoco.mjx")
-    model, data = new_box("box", 30, *BOX_CONTACTS[0])
+    made: Any = new_box("box", 30, *BOX_CONTACTS[0])
+    model, data = made
     while not data.ncon:
         mujoco.mj_step(model, data)
     mujoco.mj_forward(model, data)
