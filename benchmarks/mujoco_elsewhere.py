@@ -1,20 +1,24 @@
 """The same contact in MuJoCo, in MJX (JAX) and in MuJoCo Warp, on a CPU.
 
-    python -m benchmarks.mujoco_elsewhere
+    python -m benchmarks.mujoco_elsewhere [chains] [ball] [box]
 
 needs mujoco, mujoco-mjx and mujoco-warp beside this project. Each scene is the one that the adapter `mujoco` runs, with
 the contacts that it maps. All three take the same number of steps from the same state. Printed is the largest
 difference of a velocity from MuJoCo's, over the speed before the impact, and what the step itself does: the difference
-of MuJoCo's velocity from the exact one of springs and dashpots. The last lines are of the ball that a thread on MJX is
-about (docs/questions.md, question 5), after two seconds with a bounce.
+of MuJoCo's velocity from the exact one of springs and dashpots. ``ball`` is the ball that a thread on MJX is about
+(docs/questions.md, question 5), after two seconds with a bounce. ``box`` is a box that falls on a fixed box or a plane,
+flat or on an edge, by several contacts: another thread has a falling box and names neither its size nor its contacts.
+For a ball and a box the largest difference is in m/s or rad/s.
 """
 
 from __future__ import annotations
 
 import logging
+import sys
 from collections.abc import Callable
 from functools import partial
 from importlib import import_module
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -41,6 +45,22 @@ BALL = """<mujoco><worldbody>
 <geom type="plane" size="7 7.5 0.1" solref="{solref}"/></worldbody>
 <option gravity="0 0 -9.81" timestep="0.002" density="1.2" viscosity="0.00002"/></mujoco>"""
 SOLREFS, BALL_STEPS = ("-1000 0", ".02 1"), 1000
+
+#: A box of 1 kg that falls from 0.2 m on a floor of its own kind or a plane, by the contact of a `solref` and `solimp`.
+BOX = """<mujoco><default><geom solref="{solref}" solimp="{solimp}"/></default><worldbody>
+<body pos="0 0 0.3" euler="0 {tilt} 0"><freejoint/><geom type="box" size="0.1 0.1 0.1" mass="1"/></body>
+{floor}</worldbody></mujoco>"""
+FLOORS = {
+    "box": '<geom type="box" size="1 1 0.1" pos="0 0 -0.1"/>',
+    "plane": '<geom type="plane" size="1 1 0.1"/>',
+}
+BOX_CONTACTS = (
+    (".02 1", ".9 .95 .001"),
+    (".004 1", ".9 .95 .001"),
+    (".02 .1", ".9 .95 .001"),
+    ("-10000 -10", ".0001 .0001 .001"),
+)
+TILTS, BOX_STEPS = (0, 30), 200
 
 #: Gives the velocities in m/s after so many steps.
 Stepper = Callable[[MjModel, MjData, int], Floats]
@@ -86,6 +106,15 @@ def new_ball(solref: str) -> tuple[MjModel, MjData]:
     return model, mujoco.MjData(model)
 
 
+def new_box(floor: str, tilt: float, solref: str, solimp: str) -> tuple[MjModel, MjData]:
+    """Return the box above a floor, tilted by an angle in degrees."""
+    mujoco = import_module("mujoco")
+    text = BOX.format(floor=FLOORS[floor], tilt=tilt, solref=solref, solimp=solimp)
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    return model, data
+
+
 def new_world(engine: Mujoco, scene: Scene) -> tuple[MjModel, MjData]:
     """Return a scene as the adapter sets it up; no flag that Warp does not know matters to it."""
     world = engine.world(scene)
@@ -105,14 +134,8 @@ def print_differences(
     return reference
 
 
-def main() -> None:
-    """Print the differences, by scene and step."""
-    logging.disable()
-    steppers: dict[str, Stepper] = {
-        "MJX, single": step_in_mjx("single"),
-        "MJX, double": step_in_mjx("double"),
-        "Warp": step_in_warp,
-    }
+def print_chains(steppers: dict[str, Stepper]) -> None:
+    """Print the differences of one ball on a table and of chains, by step."""
     engine = get_solver("mujoco")
     assert isinstance(engine, Mujoco)
     for name, collision in SCENES.items():
@@ -126,10 +149,56 @@ def main() -> None:
             with engine.running():
                 reference = print_differences(steppers, partial(new_world, engine, scene), n)
             print(f"; the step itself {np.abs(reference - exact).max():.1e}")
+
+
+def print_ball(steppers: dict[str, Stepper]) -> None:
+    """Print the differences of a ball on a plane."""
     for solref in SOLREFS:
         print(f"ball on solref {solref}, {BALL_STEPS} steps", end="")
         print_differences(steppers, partial(new_ball, solref), BALL_STEPS)
         print()
+
+
+def print_boxes(steppers: dict[str, Stepper]) -> None:
+    """Print the differences of a box on a box or a plane."""
+    for floor, tilt, (solref, solimp) in product(FLOORS, TILTS, BOX_CONTACTS):
+        print(
+            f"box on a {floor}, tilted by {tilt}, solref {solref}, solimp {solimp}, {BOX_STEPS} steps", end=""
+        )
+        print_differences(steppers, partial(new_box, floor, tilt, solref, solimp), BOX_STEPS)
+        print(flush=True)
+    print_points_of_an_edge()
+
+
+def print_points_of_an_edge() -> None:
+    """Print where C and MJX lay contacts along the edge of a box that has just met another, in the same state."""
+    mujoco, jax, mjx = import_module("mujoco"), import_module("jax"), import_module("mujoco.mjx")
+    made: Any = new_box("box", 30, *BOX_CONTACTS[0])
+    model, data = made
+    while not data.ncon:
+        mujoco.mj_step(model, data)
+    mujoco.mj_forward(model, data)
+    put = mjx.put_model(model)
+    start = mjx.make_data(put)
+    state = jax.jit(mjx.forward)(put, start.replace(qpos=jax.numpy.array(data.qpos)))
+    found = getattr(state, "_impl", state).contact
+    overlaps = np.array(found.dist) < 0
+    for where, places in (("C", data.contact.pos), ("MJX", np.array(found.pos)[overlaps])):
+        along = " ".join(f"{place:.2f}" for place in sorted(places[:, 1]))
+        print(f"contacts of an edge from -0.1 to 0.1 m on a box, {where}: {along}", flush=True)
+
+
+def main() -> None:
+    """Print the differences of the scenes that are named, or of all."""
+    logging.disable()
+    printers = {"chains": print_chains, "ball": print_ball, "box": print_boxes}
+    steppers: dict[str, Stepper] = {
+        "MJX, single": step_in_mjx("single"),
+        "MJX, double": step_in_mjx("double"),
+        "Warp": step_in_warp,
+    }
+    for name in sys.argv[1:] or printers:
+        printers[name](steppers)
 
 
 if __name__ == "__main__":

@@ -196,10 +196,6 @@ def _newton_compression(request: ContactRequest) -> dict[str, float]:
     return {"ke": request.contact.k, "kd": request.compression_damping, "kf": 0.0, "ka": 0.0}
 
 
-def _newton_pushing(request: ContactRequest) -> dict[str, float]:
-    return {"ke": request.contact.k, "kd": request.pushing_damping}
-
-
 def _newton_restitution(request: ContactRequest) -> dict[str, float]:
     return {"restitution": request.restitution}
 
@@ -484,17 +480,17 @@ _ALL = (
     Target(
         "newton-vbd",
         "Newton, VBD",
-        "pushes",
-        _newton(_newton_pushing, "newton.solvers.SolverVBD(model)", "builder.color()"),
-        "`ke` and `kd` of a shape; `restitution` is not read",
+        "compression",
+        _newton(_newton_compression, "newton.solvers.SolverVBD(model)", "builder.color()"),
+        "`ke` and `kd` of a shape; kd acts in compression only; `restitution` is not read",
         "means",
         _NO_THRESHOLD,
         (
-            "ke, kd: _average_contact_material in solvers/vbd/rigid_vbd_kernels.py",
+            "ke, kd: _average_contact_material in solvers/vbd/rigid_vbd_kernels.py; kd acts where v_dot_n < 0",
             "the step: solver.step(..., dt)",
         ),
         notes=(
-            "Its law was not measured here. The damping is that of a contact that pushes only.",
+            "The steps are backward Euler steps, which damp: at 200 steps in a contact e = 0.5 becomes 0.49.",
             "Without builder.color() the solver refuses a model with bodies.",
         ),
         distributions=_NEWTON,
@@ -550,7 +546,9 @@ _ALL = (
         (
             "restitution: shape_material_restitution in solvers/kamino/_src/core/conversions.py",
             "restitution_mix_mode, default 'min': solvers/kamino/config.py",
+            "constraints.gamma, default 0.01: solvers/kamino/config.py",
         ),
+        ("Each step pushes an overlap apart at 0.01 of its depth. So e is up to 0.01 larger than written.",),
         distributions=_NEWTON,
     ),
     Target(

@@ -65,6 +65,9 @@ PATIENCE = 8
 #: Factor within which two measurements of a regularisation agree, and a fall of corrections agrees with a quarter.
 ALIKE = 2.0
 
+#: Words of the reason why a limit is not known, where shorter steps do not help.
+NO_HELP = "halving the step does not help"
+
 #: Runs a scene for at most so many steps.
 Follow = Callable[[Scene, int], Run]
 
@@ -356,10 +359,7 @@ def _why_unconverged(
     elif last.dropped > tolerance:
         cause = "the engine gives slow impacts no restitution"
     if cause:
-        return (
-            f"v is off by up to {error} of |v0|, more than the {allowed} that are allowed, and halving the step does "
-            f"not help: {cause}"
-        )
+        return f"v is off by up to {error} of |v0|, more than the {allowed} that are allowed, and {NO_HELP}: {cause}"
     failed = f" ({failure})" if failure else ""
     return (
         f"halving the step may still change v by {error} of |v0|, more than the {allowed} that are allowed; the "

@@ -61,7 +61,7 @@ def solve_command(
     solver: Solvers = None,
     plot: Path | None = option(
         "FILE",
-        "Draw curves (.png, .svg, .pdf), or slow motion: up to six solvers beside the model (.gif, .html).",
+        "Draw curves (.png, .svg, .pdf), or slow motion of up to six solvers, which can take minutes (.gif, .html).",
         _drawable_path,
     ),
     json: Json = False,

@@ -8,6 +8,7 @@ from typing import TypeVar
 
 from markupsafe import Markup
 
+from impact_xval.compliant_baselines.engines.convergence import NO_HELP
 from impact_xval.compliant_baselines.registry import exact_solver_for, is_engine, stated_law
 from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
@@ -225,7 +226,10 @@ def _describe_regions(ladder: LadderSummary, solver: str, name: str) -> str:
 
 
 def describe_unsolved(summary: Summary) -> list[str]:
-    """Say for each solver in how many cells it has no result, by status, with the most frequent reason."""
+    """Say for each solver in how many cells it has no result, by status, with the most frequent reason.
+
+    A last sentence names the settings that help, if shorter steps may help in some cell.
+    """
     sentences = []
     for name in (REFERENCE, *summary.solvers):
         reasons = summary.reasons[summary.reasons.solver == name]
@@ -238,7 +242,20 @@ def describe_unsolved(summary: Summary) -> list[str]:
             f"{capitalise_first(display_name(name))} has no result in {cells} ({counts}), most often: "
             f"{reasons.reason.iloc[0]}"
         )
-    return sentences
+    return [*sentences, *_describe_shorter_steps(summary)]
+
+
+def _describe_shorter_steps(summary: Summary) -> list[str]:
+    """Say which settings shorten the steps of engines, if results did not converge for which that may help."""
+    reasons = summary.reasons.reason[summary.reasons.status == "unconverged"]
+    if reasons.str.contains(NO_HELP, regex=False).all():  # also where there are none
+        return []
+    config = summary.config
+    halvings = f"; or more halvings under [convergence], here {config.convergence.halvings}, at most 10"
+    return [
+        f"Where results are unconverged, shorter steps may help: a smaller step_fraction, here "
+        f"{number(config.step_fraction)}{halvings if config.convergence.enabled else ''}"
+    ]
 
 
 def describe_counted_cells(summary: Summary) -> str:

@@ -57,7 +57,7 @@ NO_RESULT = "*"
 WHAT_NO_RESULT_IS = (
     f"{NO_RESULT}: what the solver came to, but no result; the status and the reason say why. The velocities are those "
     "at the step of the run, and a reason that speaks of halving the step is about the shortest step tried. Such a row "
-    "counts in no statistic of D."
+    "counts in no statistic of D. A sentence on its causes, where there is one, tells its D at the step of the run."
 )
 
 #: Engines that multiply the restitutions of two bodies, and their names as their makers spell them.

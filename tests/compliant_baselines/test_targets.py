@@ -20,8 +20,17 @@ from impact_xval.experiments.commands.contact import ENGINES
 
 PAGE = Path(__file__).parents[2] / "docs" / "contacts-in-engines.md"
 FAST = ("mujoco", "pybullet", "bullet", "pymunk", "dart", "rapier")
-#: Allowed error of e at 200 steps in a contact: backward Euler takes away 2 %, other engines less than 1 %.
-ERRORS = {"pybullet": 0.025, "drake": 0.025, "newton-semi-implicit": 0.016, "newton-featherstone": 0.016}
+#: Allowed error of e at 200 steps in a contact. Backward Euler takes away 2 %. In Newton a dashpot that acts in
+#: compression misses up to 1.6 %, by where within a step the bodies touch. VBD does both. Kamino pushes an overlap
+#: apart at 0.01 of its depth a step (`constraints.gamma`), here up to 0.01 of the speed, so up to 2 % of 0.5.
+ERRORS = {
+    "pybullet": 0.025,
+    "drake": 0.025,
+    "newton-semi-implicit": 0.016,
+    "newton-featherstone": 0.016,
+    "newton-vbd": 0.036,
+    "newton-kamino": 0.02,
+}
 
 
 def request(e=0.8, masses=(1.0, math.inf), k=1e4, steps=200, speed=1.0):

@@ -1,13 +1,22 @@
-"""The contact that may pull: its closed form, and chains and drops by forces that follow from positions and rates."""
+"""The contact that may pull: its closed form, and chains and drops by forces that follow from positions and rates.
 
+`linear_dashpots.jsonl` holds outcomes of chains with many events in 113 bits (__float128): power series of order 34 in
+time between events, which are found by the signs of functions and slopes, then by bisection. The program shares nothing
+with the kernel.
+"""
+
+import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from impact_xval.compliant_baselines import Settings, conformance, get_solver
+from impact_xval.compliant_baselines.references import solve_by_law
 from impact_xval.model import Collision
+from impact_xval.model.collisions import Collisions
 from tests.compliant_baselines.reference_cells import BATCHES, coefficients_of, in_time, make_chain
 
 LAW = "linear-dashpot"
@@ -170,3 +179,17 @@ def test_what_is_refused_names_the_legal_range():
 
 def test_it_keeps_the_contract_though_its_impulses_fall():
     assert conformance.problems(get_solver(LAW), LAW) == {}
+
+
+ROWS = [json.loads(row) for row in Path(__file__).with_name("linear_dashpots.jsonl").read_text().splitlines()]
+
+
+@pytest.mark.parametrize("frozen", [False, True])
+def test_chains_end_as_in_113_bits(frozen):
+    rows = [row for row in ROWS if row["frozen"] is frozen]
+    assert len(rows) >= 30
+    for row in rows:
+        numbers = ("masses", "stiffnesses", "restitutions", "velocities", "gaps")
+        values = {name: np.array([row[name]]) for name in numbers}
+        outcomes = solve_by_law(Collisions(**values, table=row["table"]), LAW, frozen=frozen)
+        assert outcomes.velocities[0] == pytest.approx(row["end"], abs=1e-11, rel=0), row

@@ -11,8 +11,10 @@ from rich.console import Console
 from impact_xval import Collision, solve
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.cells.compared import SolverComparison
+from impact_xval.experiments.measures.summary import summarise
+from impact_xval.experiments.presentation.findings import describe_unsolved
 from impact_xval.experiments.presentation.page.opened import collect_cells
-from impact_xval.experiments.presentation.views import show_status
+from impact_xval.experiments.presentation.views import show_end, show_status
 from impact_xval.experiments.sweep.status import status_of
 from impact_xval.experiments.tables.folder import RunFolder
 from tests.experiments import fakes
@@ -87,3 +89,40 @@ def test_a_limit_that_is_not_known_is_told_in_words(tmp_path, command):
             assert f"{row['solver']}: unconverged: " in shown
             assert percent in shown
     assert "halving the step may still change v by" in shown
+
+
+class Refusing(Withholding):
+    """A limit that no shorter step makes known."""
+
+    status, reason = (
+        "unconverged",
+        "v is off by up to 20 % of |v0|, and halving the step does not help: it softens",
+    )
+
+
+def test_an_unconverged_run_names_the_settings_that_shorten_its_steps(tmp_path, monkeypatch):
+    changes = {"solvers": ["mujoco"], "grid": ONE_CELL}
+    monkeypatch.setattr(Withholding, "status", "unconverged")
+    monkeypatch.setattr(Withholding, "reason", "halving the step may still change v by 20 % of |v0|")
+    told = "a smaller step_fraction, here 0.02; or more halvings under [convergence], here 1, at most 10"
+    folder = swept(
+        tmp_path / "a", Withholding.resolve, step_fraction=0.02, convergence={"halvings": 1}, **changes
+    )
+    summary = summarise(folder)
+    assert describe_unsolved(summary)[1].endswith(told)
+    console = Console(file=io.StringIO(), width=300)
+    show_end(console, summary, 1.0, "run")
+    assert told in console.file.getvalue()
+    folder = swept(tmp_path / "b", Withholding.resolve, convergence={"enabled": False}, **changes)
+    assert describe_unsolved(summarise(folder))[1].endswith("a smaller step_fraction, here 0.001")
+    folder = swept(tmp_path / "c", Refusing.resolve, **changes)
+    assert not any("step_fraction" in each for each in describe_unsolved(summarise(folder)))
+
+
+def test_a_cell_says_of_which_step_the_d_of_an_unconverged_row_is(tmp_path, command):
+    changes = {"convergence": {"tolerance": 1e-9, "halvings": 1}, "step_fraction": 0.02, "grid": ONE_CELL}
+    folder = swept(tmp_path / "run", get_solver, solvers=["kelvin-voigt", "mujoco"], **changes)
+    shown = " ".join(command(["show", folder.root, "--cell", "0"]).split())
+    assert "ends D = " in shown
+    assert "has no D" not in shown
+    assert "A sentence on its causes, where there is one, tells its D at the step of the run." in shown
