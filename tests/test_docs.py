@@ -6,6 +6,7 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 import typer
@@ -111,6 +112,26 @@ def test_code_runs_and_prints_what_is_shown(page, folder, capsys, monkeypatch):
             capsys.readouterr()
             exec(code, names)
             _held(shown, capsys.readouterr().out)
+
+
+def test_formulas_are_ones_that_the_site_can_show():
+    """Every command of a formula is known to the converter, and no formula ends a cell of a table."""
+    from latex2mathml.converter import convert
+
+    blocks_of_formulas = [(page, code) for page, language, code, _ in BLOCKS if language == "math"]
+    inline = [
+        (page.name, formula)
+        for page in PAGES
+        for formula in re.findall(r"\$`([^`]+)`\$", page.read_text(encoding="utf-8"))
+    ]
+    assert blocks_of_formulas
+    assert inline
+    for page, formula in blocks_of_formulas + inline:
+        shown = ElementTree.fromstring(convert(formula))
+        assert "\\" not in "".join(shown.itertext()), (page, formula)
+    rows = [row for page in PAGES for row in re.findall(r"^\|.*", page.read_text(encoding="utf-8"), re.M)]
+    for formula in re.findall(r"\$`([^`]+)`\$", "\n".join(rows)):
+        assert "|" not in formula, formula
 
 
 @pytest.mark.parametrize(("code", "shown"), blocks("toml"))
