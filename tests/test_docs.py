@@ -18,11 +18,11 @@ from impact_xval.experiments.hypothesis.config import load_hypothesis_config as 
 from impact_xval.experiments.hypothesis.own import load_own_collision
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 #: Blocks of code of a page: the language, what is in it, and the output that follows it at once, if it is shown.
 BLOCKS = [
-    (page.name, *block)
+    (page.relative_to(ROOT).as_posix(), *block)
     for page in PAGES
     for block in re.findall(
         r"^```(\w+)\n(.*?)^```$(?:\n\n```text\n(.*?)^```$)?", page.read_text(encoding="utf-8"), re.M | re.S
@@ -169,4 +169,7 @@ def test_the_site_builds_without_a_warning(tmp_path):
     schema = json.loads(tmp_path.joinpath("experiment.schema.json").read_text(encoding="utf-8"))
     assert "step_fraction" in schema["properties"]
     assert "step_fraction" in tmp_path.joinpath("configuration.html").read_text(encoding="utf-8")
-    assert "solve_batch" in tmp_path.joinpath("api.html").read_text(encoding="utf-8")
+    assert "solve_batch" in tmp_path.joinpath("api/solving.html").read_text(encoding="utf-8")
+    theory = tmp_path.joinpath("theory.html").read_text(encoding="utf-8")
+    assert "<math" in theory
+    assert "$`" not in theory
