@@ -16,8 +16,8 @@ from impact_xval.experiments.config.keys import experiment_keys
 #: Stands in `configuration.md` where the table of keys goes.
 _MARK = "<!-- keys -->"
 
-#: A formula in a sentence, as GitHub writes it: code between dollars; and the marks that must not begin a line after it.
-#: It is found before code is (priority 190).
+#: A formula in a sentence, as GitHub writes it: code between dollars. The marks after it must not begin a line. The
+#: pattern is tried before that of code (priority 190).
 _INLINE, _BEFORE_CODE = r"\$`([^`]+)`\$([,.;:)]*)", 195
 
 #: Spaces around operators, left and right: browsers know names of functions as nothing, or as any operator.
