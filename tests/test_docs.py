@@ -16,6 +16,7 @@ from impact_xval.experiments.commands.cli import app, main
 from impact_xval.experiments.config.experiment import load_config
 from impact_xval.experiments.hypothesis.config import load_hypothesis_config as load_hypothesis
 from impact_xval.experiments.hypothesis.own import load_own_collision
+from tests.browser import opened
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -173,3 +174,10 @@ def test_the_site_builds_without_a_warning(tmp_path):
     theory = tmp_path.joinpath("theory.html").read_text(encoding="utf-8")
     assert "<math" in theory
     assert "$`" not in theory
+    address = tmp_path.joinpath("theory.html").as_uri()
+    with opened(address, width=1200, offline=False) as page:  # it fetches its own files, which lie beside it
+        assert (
+            page.locator(".md-sidebar--primary").bounding_box()["x"] >= 0
+        )  # the navigation is no hidden drawer
+        fetched = page.evaluate("performance.getEntriesByType('resource').map(entry => entry.name)")
+    assert all(name.startswith("file:") for name in fetched), fetched
