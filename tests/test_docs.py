@@ -6,6 +6,7 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 import typer
@@ -15,13 +16,14 @@ from impact_xval.experiments.commands.cli import app, main
 from impact_xval.experiments.config.experiment import load_config
 from impact_xval.experiments.hypothesis.config import load_hypothesis_config as load_hypothesis
 from impact_xval.experiments.hypothesis.own import load_own_collision
+from tests.browser import opened
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 #: Blocks of code of a page: the language, what is in it, and the output that follows it at once, if it is shown.
 BLOCKS = [
-    (page.name, *block)
+    (page.relative_to(ROOT).as_posix(), *block)
     for page in PAGES
     for block in re.findall(
         r"^```(\w+)\n(.*?)^```$(?:\n\n```text\n(.*?)^```$)?", page.read_text(encoding="utf-8"), re.M | re.S
@@ -113,6 +115,26 @@ def test_code_runs_and_prints_what_is_shown(page, folder, capsys, monkeypatch):
             _held(shown, capsys.readouterr().out)
 
 
+def test_formulas_are_ones_that_the_site_can_show():
+    """Every command of a formula is known to the converter, and no formula ends a cell of a table."""
+    from latex2mathml.converter import convert
+
+    blocks_of_formulas = [(page, code) for page, language, code, _ in BLOCKS if language == "math"]
+    inline = [
+        (page.name, formula)
+        for page in PAGES
+        for formula in re.findall(r"\$`([^`]+)`\$", page.read_text(encoding="utf-8"))
+    ]
+    assert blocks_of_formulas
+    assert inline
+    for page, formula in blocks_of_formulas + inline:
+        shown = ElementTree.fromstring(convert(formula))
+        assert "\\" not in "".join(shown.itertext()), (page, formula)
+    rows = [row for page in PAGES for row in re.findall(r"^\|.*", page.read_text(encoding="utf-8"), re.M)]
+    for formula in re.findall(r"\$`([^`]+)`\$", "\n".join(rows)):
+        assert "|" not in formula, formula
+
+
 @pytest.mark.parametrize(("code", "shown"), blocks("toml"))
 def test_experiments_are_legal(code, shown, tmp_path):
     path = tmp_path / "experiment.toml"
@@ -148,4 +170,14 @@ def test_the_site_builds_without_a_warning(tmp_path):
     schema = json.loads(tmp_path.joinpath("experiment.schema.json").read_text(encoding="utf-8"))
     assert "step_fraction" in schema["properties"]
     assert "step_fraction" in tmp_path.joinpath("configuration.html").read_text(encoding="utf-8")
-    assert "solve_batch" in tmp_path.joinpath("api.html").read_text(encoding="utf-8")
+    assert "solve_batch" in tmp_path.joinpath("api/solving.html").read_text(encoding="utf-8")
+    theory = tmp_path.joinpath("theory.html").read_text(encoding="utf-8")
+    assert "<math" in theory
+    assert "$`" not in theory
+    address = tmp_path.joinpath("theory.html").as_uri()
+    with opened(address, width=1200, offline=False) as page:  # it fetches its own files, which lie beside it
+        assert (
+            page.locator(".md-sidebar--primary").bounding_box()["x"] >= 0
+        )  # the navigation is no hidden drawer
+        fetched = page.evaluate("performance.getEntriesByType('resource').map(entry => entry.name)")
+    assert all(name.startswith("file:") for name in fetched), fetched

@@ -123,7 +123,9 @@ class ChainSetup(Strict):
 class ChainGrid(Axes):
     """Axes of chains of N balls; the first varies slowest."""
 
-    arrangement: list[Arrangement] = Field(default=["cradle", "pile", "stack"])
+    arrangement: list[Arrangement] = Field(
+        default=["cradle", "pile", "stack"], description=f"{_NAMES}, or a list of them"
+    )
     balls: Axis = Field(default=[2.0, 3.0, 5.0, 10.0])
     strike: Axis | None = Field(default=None)
     exponent: Axis = Field(default=[1.0])
