@@ -62,6 +62,8 @@ def fly(c, time):
     """Move all bodies by a time without forces."""
     for i in range(c.size):
         contact = c[i]
+        if time > 0:
+            contact.force_is_zero = False
         if not (contact.frozen or contact.is_rigid):
             contact.delta += time * contact.w
         if contact.phase == Phase.SLACK and contact.delta <= 0:

@@ -156,6 +156,16 @@ def test_random_graphs_are_those_of_an_integrator(law, seed, count):
     assert compared >= 0.8 * count
 
 
+def test_a_slack_contact_that_has_flown_pushes_no_sooner_than_its_force_is_zero():
+    """All bodies fly while contact 4 overlaps without force; then contact 2 returns, and presses it a little."""
+    collision = random_graphs(92, 12)[11]
+    W, k, e, w = numbers(collision)
+    b = graph_dampings(W[None], k[None], e[None], "kelvin-voigt")[0]
+    theirs = integrate("kelvin-voigt", W, k, e, w, b, step=0.2)
+    outcome = solved(collision, "kelvin-voigt")
+    np.testing.assert_allclose(outcome.velocities, collision.after(theirs.impulses)[0], atol=1e-9, rtol=0)
+
+
 def test_a_contact_that_others_open_carries_no_force():
     """At 30 degrees the two lower balls touch, and are pushed apart from the start."""
     for law in GRAPH_LAWS:
