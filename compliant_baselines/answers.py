@@ -9,11 +9,16 @@ from __future__ import annotations
 import unicodedata
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from impact_xval.compliant_baselines.solver import Settings, Solver
 from impact_xval.model.collision import Collision
+from impact_xval.model.graph.collision_outcome import GraphCollisionOutcome
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.outcomes import Outcomes
+
+if TYPE_CHECKING:
+    from impact_xval.model.graph.collision import GraphCollision
 
 #: Characters of a solver's sentence that are kept.
 LONGEST = 1000
@@ -29,6 +34,21 @@ def answer(solver: Solver, collisions: Sequence[Collision], settings: Settings) 
     if reason is not None:
         return [Outcome.failure(solver.name, c, "unavailable", reason) for c in collisions]
     return _answer_batch(solver, collisions, settings) if len(collisions) else []
+
+
+def answer_graph(solver: Solver, collision: GraphCollision, settings: Settings) -> GraphCollisionOutcome:
+    """Solve one collision of bodies by any solver; an exception, or no outcome of its bodies, is ``crashed``."""
+    reason = why_unavailable(solver)
+    if reason is not None:
+        return GraphCollisionOutcome.failure(solver.name, collision, "unavailable", reason)
+    try:
+        (outcome,) = solver.solve_graphs([collision], settings)
+        lengths = [len(v) for v in outcome.velocities]
+        if lengths != [len(v) for v in collision.velocities]:
+            raise RuntimeError(f"velocities of {lengths} numbers for {len(collision.masses)} bodies")
+    except Exception as error:
+        return GraphCollisionOutcome.failure(solver.name, collision, "crashed", describe_exception(error))
+    return replace(outcome, reason=one_line(outcome.reason), mark=one_line(outcome.mark))
 
 
 def _answer_batch(solver: Solver, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
