@@ -21,6 +21,7 @@ from impact_xval.compliant_baselines.answers import answer, describe_exception
 from impact_xval.compliant_baselines.registry import exact_law_names, get_solver
 from impact_xval.compliant_baselines.solver import KELVIN_VOIGT, Scenario, Settings, Solver
 from impact_xval.model.collision import Collision
+from impact_xval.model.graph.collision import BodyContact, GraphCollision
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.status import RESULT_STATUSES
 
@@ -37,6 +38,19 @@ _ORDINARY = (
 
 #: On a table so soft that the weight of the balls decides.
 _DROPPED = Collision.two_balls(m1=1.0, m2=1.0, k1=2e3, k2=1e3, e1=0.9, e2=0.7)
+
+#: A ball in a corner, and a box that lands flat.
+_CORNER = GraphCollision(
+    (1.0,),
+    ((-1.0, -0.3),),
+    (BodyContact((1, None), (0, 1), 1e6, 0.9), BodyContact((1, None), (1, 0), 2e6, 0.7)),
+)
+_BOX = GraphCollision(
+    (1.0,),
+    ((0.0, -1.0),),
+    tuple(BodyContact((1, None), (0, 1), 1e6, 0.8, ((x, -1.0), (0, 0))) for x in (1.0, -1.0)),
+    inertias=(0.5,),
+)
 
 #: Distance in m/s from the exact law that is near enough at any step, whatever it was at a longer step: the error of a
 #: drop changes its sign at some step.
@@ -121,7 +135,10 @@ def answers_every_collision(solver: Solver) -> None:
 
 
 def refuses_with_a_reason(solver: Solver) -> None:
-    """Demand an answer, or a refusal with a reason, to limits, N balls and a drop; neither spoils another (rule 2)."""
+    """Demand an answer, or a refusal with a reason, to limits, N balls, a drop and contact graphs (rule 2).
+
+    What is refused must not spoil another collision.
+    """
     ordinary = {"m1": 1.0, "m2": 1.0, "k1": 1e6, "k2": 1e6, "e1": 0.5, "e2": 0.5}
     changes: list[dict[str, float]] = [{"e1": 0.0}, {"e2": 0.0}, {"k2": math.inf}, {"k2": 0.0}]
     limits = [Collision.two_balls(**ordinary | change) for change in changes]
@@ -130,6 +147,13 @@ def refuses_with_a_reason(solver: Solver) -> None:
     same = _bits([outcomes[0], outcomes[-1]]) == _bits(_outcomes(solver, _ORDINARY[:2]))
     demand(same, "a collision it cannot do changes the outcomes of others in the same call")
     _outcomes(solver, _ORDINARY, dataclasses.replace(_COARSE, scenario="drop"))
+    graphs = [_CORNER, _BOX]
+    answers = solver.solve_graphs(graphs, _COARSE)
+    demand(len(answers) == len(graphs), f"{len(answers)} outcomes for {len(graphs)} contact graphs")
+    for graph, answer_to_graph in zip(graphs, answers, strict=True):
+        told = answer_to_graph.has_result or answer_to_graph.reason
+        demand(told, f"{graph}: status {answer_to_graph.status} without a reason")
+        demand(answer_to_graph.status != "crashed", f"{graph}: {answer_to_graph.reason}")
 
 
 def ends_apart_and_creates_no_energy(solver: Solver) -> None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import NamedTuple
 
 from impact_xval.compliant_baselines.restitution import (
@@ -167,34 +166,34 @@ class Side(NamedTuple):
 RIGID = Side(1e30, 0.0)
 
 
-class BodySides(NamedTuple):
-    """The two sides of a body."""
+class ContactSides(NamedTuple):
+    """The sides of two bodies that meet in a contact."""
 
-    #: Meets the body above.
-    upper: Side
-    #: Meets the body below.
-    lower: Side
+    #: Of the first body; in a line it is the lower side of the ball above.
+    first: Side
+    #: Of the second body; in a line it is the upper side of the body below.
+    second: Side
 
 
-def sides_of_bodies(
+def sides_of_contacts(
     contacts: Sequence[Side], mapping: MappingName, *, one_side_per_body: bool = False
-) -> list[BodySides]:
-    """Give every ball, and the table, its part in the contacts; `contacts` are the parameters each contact shall have.
+) -> list[ContactSides]:
+    """Give the two bodies of each contact their sides; `contacts` are the parameters each contact shall have.
 
-    The lower side of a ball carries the contact with the body below; all other sides are rigid and undamped. If bodies
-    of an engine have one side only, two balls on a table get by: the upper ball carries contact 1, the table contact 2,
-    and the lower ball is rigid. In the naive mapping, too, bodies have one side, and both balls carry contact 1.
+    The first body of a contact carries it; the side of the second is rigid and undamped. If bodies of an engine have
+    one side only, two balls on a table get by: the upper ball carries contact 1, the table contact 2, and the lower
+    ball is rigid. In the naive mapping, too, bodies have one side, and both balls carry contact 1.
     """
     if not one_side_per_body and mapping != "naive":
-        return [*(BodySides(RIGID, side) for side in contacts), BodySides(RIGID, RIGID)]
+        return [ContactSides(side, RIGID) for side in contacts]
     ball, table = contacts
     lower_ball = ball if mapping == "naive" else RIGID
-    return [BodySides(body, body) for body in (ball, lower_ball, table)]
+    return [ContactSides(ball, lower_ball), ContactSides(lower_ball, table)]
 
 
-def combine_sides(bodies: Sequence[BodySides]) -> list[Side]:
+def combine_sides(contacts: Sequence[ContactSides]) -> list[Side]:
     """Combine the two sides that meet at each contact."""
-    return [above.lower.against(below.upper) for above, below in pairwise(bodies)]
+    return [first.against(second) for first, second in contacts]
 
 
 def pybullet_side(contact: KelvinVoigtContact) -> Side:

@@ -186,7 +186,7 @@ def mjcf(scenes: Iterable[Scene]) -> list[str]:
 def _mjcf(scene: Scene, world: mujoco.MujocoWorld) -> str:
     """Write a scene by the numbers of the model that holds it."""
     model = world.model
-    root = ElementTree.fromstring(mujoco.mjcf(len(scene.masses), scene.table))
+    root = ElementTree.fromstring(mujoco.mjcf(scene.arrangement))
 
     def text_of(values: ArrayLike) -> str:
         return " ".join(repr(float(value)) for value in np.ravel(values))

@@ -14,10 +14,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from impact_xval.compliant_baselines.engines.plane_run import PlaneRun, project_to_parting
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene, periods
 from impact_xval.compliant_baselines.engines.stepping import Run, project_to_separated
 from impact_xval.compliant_baselines.solver import Convergence
@@ -68,8 +69,11 @@ ALIKE = 2.0
 #: Words of the reason why a limit is not known, where shorter steps do not help.
 NO_HELP = "halving the step does not help"
 
+#: A run in a line or in a plane.
+AnyRun = TypeVar("AnyRun", Run, PlaneRun)
+
 #: Runs a scene for at most so many steps.
-Follow = Callable[[Scene, int], Run]
+Follow = Callable[[Scene, int], AnyRun]
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +102,12 @@ class Limit:
     @property
     def diagnostics(self) -> dict[str, float]:
         """The numbers that are known, under their names in `Outcome.diagnostics`."""
-        numbers = {f"v{i}_limit": v for i, v in enumerate(self.velocities, 1)} | {
+        return {f"v{i}_limit": v for i, v in enumerate(self.velocities, 1)} | self.quality
+
+    @property
+    def quality(self) -> dict[str, float]:
+        """The known numbers that say how well the limit is known, under their names in `diagnostics`."""
+        numbers = {
             "limit_error": self.error,
             "regularisation": self.regularisation,
             "finest_step": self.step,
@@ -115,12 +124,50 @@ class Extrapolation(NamedTuple):
     order: float
 
 
+class Parting(NamedTuple):
+    """How bodies of a scene part: functions of velocities in m/s."""
+
+    #: Return the rates of all contacts in m/s, shape (n, contacts), from velocities of the shape (n, N axes).
+    rates: Callable[[Floats], Floats]
+    #: Return the nearest velocities at which no contact approaches, shape (N axes,).
+    project: Callable[[Floats], tuple[float, ...]]
+
+
+def parting_in_line(masses: Sequence[float], table: bool = True) -> Parting:
+    """Return how balls in a line part, with or without a table below the last ball.
+
+    The unit of masses does not matter.
+    """
+
+    def rates(velocities: Floats) -> Floats:
+        return np.diff(np.pad(velocities, ((0, 0), (0, 1))) if table else velocities, axis=1)
+
+    def project(velocities: Floats) -> tuple[float, ...]:
+        return project_to_separated(velocities.tolist(), masses, table)
+
+    return Parting(rates, project)
+
+
+def parting_of(scene: Scene) -> Parting:
+    """Return how the bodies of a scene part."""
+    if scene.graph is None:
+        return parting_in_line([m / scene.masses[0] for m in scene.masses], scene.table)
+    J = scene.graph.jacobian
+
+    def rates(velocities: Floats) -> Floats:
+        return -(velocities @ J.T)
+
+    def project(velocities: Floats) -> tuple[float, ...]:
+        return tuple(project_to_parting(velocities, scene).tolist())
+
+    return Parting(rates, project)
+
+
 def extrapolate(
     velocities: Floats,
     touch_doubt: float,
-    weights: Sequence[float],
+    parting: Parting,
     *,
-    table: bool = True,
     same_states: bool = True,
     orders: int = 2,
     gravity_doubt: float = 0.0,
@@ -130,13 +177,11 @@ def extrapolate(
     Parameters
     ----------
     velocities
-        In m/s, shape (n, balls), n >= 3, at steps each half of the one before.
+        In m/s, shape (n, N axes), n >= 3, at steps each half of the one before.
     touch_doubt
         What the instants of touching may change, in m/s (`_touch_doubt`).
-    weights
-        Masses over the mass of the first ball.
-    table
-        Whether a table is below the last ball.
+    parting
+        How the bodies part.
     same_states
         Whether the last two runs pass through the same states to the same end.
     orders
@@ -150,8 +195,7 @@ def extrapolate(
         first_order, limits = limits, (4 * limits[1:] - limits[:-1]) / 3
         doubt = CHANGE * np.abs(limits[-1] - first_order[-1])
     smooth_error = np.maximum(np.abs(limits[-1] - limits[-2]), doubt)
-    bodies = np.pad(velocities, ((0, 0), (0, 1))) if table else velocities
-    rates = np.diff(bodies, axis=1)
+    rates = parting.rates(velocities)
     before, last = np.abs(np.diff(rates[-3:], axis=0))
     growth = last / np.maximum(before, last / GROWTH + np.finfo(float).tiny)
     bent = (last > STRAIGHT * np.abs(rates[-1])) | (growth > 1) | (not same_states)
@@ -161,7 +205,7 @@ def extrapolate(
         touch_doubt,
         gravity_doubt,
     )
-    inside = project_to_separated(limits[-1].tolist(), weights, table)
+    inside = parting.project(limits[-1])
     moves, order = np.abs(np.diff(velocities, axis=0)).max(axis=1), math.nan
     if np.all(moves > 0):
         steps = np.arange(len(moves), dtype=np.float64)
@@ -194,7 +238,7 @@ class _Regularisation:
         #: Changes of velocities in m/s, at ever shorter steps; an engine without any regularisation changes nothing.
         self.moves = [] if factor else [0.0]
 
-    def measure(self, follow: Follow, base: Run, max_steps: int) -> None:
+    def measure(self, follow: Follow[AnyRun], base: AnyRun, max_steps: int) -> None:
         """Run the scene of a run once more, with more regularisation."""
         more = follow(replace(base.scene, regularisation=self.factor), max_steps)
         if more.over:
@@ -222,7 +266,7 @@ class _Regularisation:
         return limit.error <= self.tolerance or self.stays()
 
 
-def _flight_doubt(before: Run, last: Run) -> float:
+def _flight_doubt(before: AnyRun, last: AnyRun) -> float:
     """Bound, in m/s, what gravity does in a contact that a first flight may or may not precede.
 
     The lead of the flight is extrapolated as velocities are. If it changes its sign on the way to a step of zero, or is
@@ -238,15 +282,23 @@ def _flight_doubt(before: Run, last: Run) -> float:
     return scene.gravity * 0.5 * periods(scene)[contact]
 
 
-def _touch_doubt(runs: Sequence[Run]) -> float:
+def _touch_doubt(runs: Sequence[AnyRun]) -> float:
     """Bound, in m/s, what the instants at which contacts are met may change, and a meeting that is left.
 
     A dashpot misses a share of its first step, and what it does there shrinks with the step. A rigid contact does all
     it does in its first step, whatever its length, so that nothing is missing. There are three exceptions: neighbouring
     contacts fall into one step, and their impulses depend on one another; the engine solves contacts only to its
     `World.accuracy`; or it gives slow contacts no restitution.
+
+    In a plane normals turn, and with them the impulses: by up to the angle, times the speed.
     """
     meeting_left = MEETINGS * max(run.meeting_left for run in runs[-2:])
+    turning = max(run.turning for run in runs[-2:]) * runs[-1].scene.speed
+    return turning + _start_doubt(runs, meeting_left)
+
+
+def _start_doubt(runs: Sequence[AnyRun], meeting_left: float) -> float:
+    """Bound, in m/s, what first steps of contacts may change, given the bound of a meeting that is left."""
     starts = [run.starts for run in runs[-3:]]
     changed, last = max(starts) - min(starts), runs[-1]
     if changed <= WHOLE * last.starts:
@@ -255,7 +307,7 @@ def _touch_doubt(runs: Sequence[Run]) -> float:
     return max(CHANCE * last.starts, meeting_left) + last.dropped
 
 
-def _limit_of(runs: Sequence[Run], regularisation: Sequence[float]) -> Limit | None:
+def _limit_of(runs: Sequence[AnyRun], regularisation: Sequence[float]) -> Limit | None:
     """Find the limit of runs, from the longest step to the shortest; None if they are fewer than three.
 
     `regularisation` are the changes measured, as of `_Regularisation.moves`.
@@ -271,8 +323,7 @@ def _limit_of(runs: Sequence[Run], regularisation: Sequence[float]) -> Limit | N
     extrapolation = extrapolate(
         np.array([run.reported for run in runs]),
         _touch_doubt(runs),
-        [m / scene.masses[0] for m in scene.masses],
-        table=scene.table,
+        parting_of(scene),
         same_states=courses[0] == courses[1],
         orders=2 if courses[0] == courses[1] == courses[2] and resolved else 1,
         gravity_doubt=max(_flight_doubt(runs[-2], last), scene.gravity * scene.step),
@@ -292,7 +343,7 @@ def _percentage(share: float) -> str:
 
 
 def estimate_limit(
-    follow: Follow, probe: float | None, first: Run, convergence: Convergence, max_steps: int
+    follow: Follow[AnyRun], probe: float | None, first: AnyRun, convergence: Convergence, max_steps: int
 ) -> tuple[Limit | None, str]:
     """Find the limit of a scene from runs at longer and shorter steps.
 
@@ -348,7 +399,7 @@ def estimate_limit(
 
 
 def _why_unconverged(
-    limit: Limit, tolerance: float, speed: float, last: Run, regularisation_stays: bool, failure: str
+    limit: Limit, tolerance: float, speed: float, last: AnyRun, regularisation_stays: bool, failure: str
 ) -> str:
     """Say why a limit is not known to a tolerance in m/s; `failure` is of the run at the next shorter step."""
     error, allowed = _percentage(limit.error / speed), _percentage(tolerance / speed)

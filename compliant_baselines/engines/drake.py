@@ -1,8 +1,9 @@
 """Drake: spheres on prismatic joints; docs/mapping.md, section 2, gives the reason of each setting.
 
 **Bodies.** Stiffness and dissipation are properties of geometries, and a ball inside a line has two contacts. So each
-ball has two spheres at one place. The lower side carries the contact with the body below; the upper side is rigid and
-undamped, like the table. Filters let only these pairs meet. Steps are logged in C++.
+ball has a sphere for each of its contacts, all at one place. The first body of a contact, in a line the upper one,
+carries it; the sphere of the second is rigid and undamped, like a plane. Filters let only these pairs meet. Steps are
+logged in C++.
 
 **Discrete time.** Drake has three approximations of a contact. ``kSap`` is a spring and a dashpot with a relaxation
 time. ``kLagged``, which Drake takes unless another is asked for, and ``kSimilar`` are Hunt and Crossley's contacts.
@@ -22,22 +23,21 @@ import math
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
 from importlib import import_module
-from itertools import pairwise
 from types import ModuleType
 from typing import Protocol
 
 import numpy as np
 
+from impact_xval.compliant_baselines.engines.arrangement import SPACE_AXES, in_space
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, periods, radius_of
 from impact_xval.compliant_baselines.mapping import (
-    BodySides,
+    ContactSides,
     Side,
     combine_sides,
     drake_side,
-    sides_of_bodies,
+    sides_of_contacts,
 )
 from impact_xval.compliant_baselines.restitution import hunt_crossley_coefficients
 
@@ -146,6 +146,7 @@ class Drake(Engine):
     """Drake, discrete time."""
 
     name = distribution = "drake"
+    knows_planes = True
     title, module, way_out = "Drake", "pydrake", "run pip install 'impact-xval[drake]' (Linux and macOS only)"
     #: A member of `DiscreteContactApproximation`; empty: continuous time.
     approximation = "kSap"
@@ -203,9 +204,9 @@ class DrakeWorld(World):
         else:
             dissipation = hunt_crossley_coefficients(np.array(scene.restitutions)) / scene.speed
             contacts = [*map(Side, scene.stiffnesses, dissipation.tolist())]
-        self._sides = sides_of_bodies(contacts, scene.mapping)
+        self._sides = sides_of_contacts(contacts, scene.mapping)
         pairs = combine_sides(self._sides)
-        radius = radius_of(scene.depth([pair.stiffness for pair in pairs]))
+        radius = radius_of(scene.depth([pair.stiffness for pair in pairs]), scene.axes)
         super().__init__(scene, radius, scene.masses[-1] * scene.gravity / pairs[-1].stiffness)
         self._refused = _too_short(scene) if approximation else None
         self._build(scene.velocities, self.heights)
@@ -215,7 +216,7 @@ class DrakeWorld(World):
             self.effective["damping"] = tuple(pair.stiffness * pair.dissipation for pair in pairs)
 
     def _build(self, velocities: Sequence[float], heights: Floats) -> None:
-        """Make a plant whose balls have these velocities and heights, and its simulator."""
+        """Make a plant whose balls have these coordinates and rates, and its simulator."""
         scene, step = self._scene, self._scene.step
         plants, builder = _module("multibody.plant"), _module("systems.framework").DiagramBuilder()
         plant, graph = plants.AddMultibodyPlantSceneGraph(
@@ -249,32 +250,52 @@ class DrakeWorld(World):
         self._simulator.Initialize()
 
     def _add_bodies(self, plant: DrakePlant, graph: DrakeSceneGraph) -> list[DrakeJoint]:
-        """Add table and balls and finish the plant; return the joints of the balls, from the upper one down."""
-        geometry, tree = _module("geometry"), _module("multibody.tree")
-        identity = _module("math").RigidTransform()
+        """Add planes and balls and finish the plant; return the joints of the balls, one an axis, ball after ball."""
+        geometry, tree, transforms = _module("geometry"), _module("multibody.tree"), _module("math")
+        identity, arrangement = transforms.RigidTransform(), self._scene.arrangement
         sphere, inertia = geometry.Sphere(self.radius), tree.UnitInertia.SolidSphere(self.radius)
         joints: list[DrakeJoint] = []
-        bodies: list[tuple[DrakeBody, object]] = []
+        balls: list[DrakeBody] = []
         for i, mass in enumerate(self._scene.masses):
-            body = plant.AddRigidBody(f"B{i + 1}", tree.SpatialInertia(mass, [0, 0, 0], inertia))
-            frames = plant.world_frame(), body.body_frame()
-            slide = tree.PrismaticJoint(f"B{i + 1}", *frames, [0, 0, 1], damping=0)
-            joints.append(plant.AddJoint(slide))
-            bodies.append((body, sphere))
-        if self._scene.table:
-            bodies.append((plant.world_body(), geometry.HalfSpace()))
-        shapes: list[list[object]] = []
-        for i, ((body, shape), body_sides) in enumerate(zip(bodies, self._sides, strict=True)):
-            add = partial(plant.RegisterCollisionGeometry, body, identity, shape)
-            shapes.append([add(f"{i}-{n}", self._material(side)) for n, side in enumerate(body_sides)])
+            frame = plant.world_frame()
+            *lighter, last_axis = SPACE_AXES[arrangement.axes]
+            for axis in (
+                lighter
+            ):  # a body without mass slides along the first axis, and the ball along the last on it
+                carrier = plant.AddRigidBody(f"B{i + 1}-{axis}", tree.SpatialInertia.Zero())
+                joints.append(plant.AddJoint(_slide(f"B{i + 1}-{axis}", frame, carrier, axis)))
+                frame = carrier.body_frame()
+            ball = plant.AddRigidBody(f"B{i + 1}", tree.SpatialInertia(mass, [0, 0, 0], inertia))
+            joints.append(plant.AddJoint(_slide(f"B{i + 1}", frame, ball, last_axis)))
+            balls.append(ball)
+        shapes: list[tuple[object, object]] = []
+        for contact, (touch, sides) in enumerate(zip(arrangement.touches, self._sides, strict=True)):
+            second, pose, shape = plant.world_body(), identity, geometry.HalfSpace()
+            if touch.second is None:
+                (point,) = in_space(self.radius * arrangement.surface(contact), arrangement.axes)
+                (normal,) = in_space(np.array(touch.normal), arrangement.axes)
+                turn = transforms.RotationMatrix.MakeYRotation(math.atan2(normal[0], normal[2]))
+                pose = transforms.RigidTransform(turn, point)
+            else:
+                second, shape = balls[touch.second], sphere
+            materials = [self._material(side) for side in sides]
+            add = plant.RegisterCollisionGeometry
+            shapes.append(
+                (
+                    add(balls[touch.first], identity, sphere, f"{contact}-first", materials[0]),
+                    add(second, pose, shape, f"{contact}-second", materials[1]),
+                )
+            )
         plant.Finalize()
         all_shapes = geometry.GeometrySet([shape for both in shapes for shape in both])
         filters = geometry.CollisionFilterDeclaration().ExcludeWithin(all_shapes)
-        for (_, lower_side), (upper_side, _) in pairwise(shapes):
-            filters.AllowBetween(geometry.GeometrySet(lower_side), geometry.GeometrySet(upper_side))
+        for first_side, second_side in shapes:
+            filters.AllowBetween(geometry.GeometrySet(first_side), geometry.GeometrySet(second_side))
         graph.collision_filter_manager().Apply(filters)
         properties = graph.model_inspector().GetProximityProperties
-        self._sides_read = [BodySides(*(_read_side(properties(shape)) for shape in both)) for both in shapes]
+        self._sides_read = [
+            ContactSides(*(_read_side(properties(shape)) for shape in both)) for both in shapes
+        ]
         return joints
 
     def _material(self, side: Side) -> DrakeProperties:
@@ -293,18 +314,24 @@ class DrakeWorld(World):
         """Take n steps, logged in C++."""
         if self._refused:
             raise RuntimeError(self._refused)
-        balls, step = len(self.places), self._scene.step
+        coordinates, step = len(self.places), self._scene.step
         self._log.Clear()
         self._simulator.AdvanceTo((self._taken + n) * step)
         # The first sample may repeat the last of the call before.
         data = self._log.data()[:, self._log.sample_times() > (self._taken + 0.5) * step]
         self._taken += n
-        return data[balls:].T.copy(), data[:balls].T - self.places
+        return data[coordinates:].T.copy(), data[:coordinates].T - self.places
 
     def weightless(self, velocities: Floats, heights: Floats) -> None:
         """Go on with a new plant: the gravity of a finished plant cannot be changed."""
         self._scene = replace(self._scene, gravity=0.0)
         self._build(velocities.tolist(), heights)
+
+
+def _slide(name: str, frame: object, body: DrakeBody, axis: int) -> object:
+    """Make the joint along which a body slides on a frame."""
+    direction = np.eye(3)[axis]
+    return _module("multibody.tree").PrismaticJoint(name, frame, body.body_frame(), direction, damping=0)
 
 
 def _module(name: str) -> ModuleType:
@@ -325,7 +352,7 @@ def _too_short(scene: Scene) -> str | None:
     meets at the speed u counts as sqrt(M) u beside sqrt(sum m v^2). In a step of length h at the time t after touch the
     impulse is k v t h; it reaches the tolerance at a phase omega t, which must come early.
     """
-    momentum = math.sqrt(sum(m * v * v for m, v in zip(scene.masses, scene.velocities, strict=True)))
+    momentum = math.sqrt(sum(m * v * v for m, v in zip(scene.inertia, scene.velocities, strict=True)))
     slowest = min(c.omega * math.sqrt(c.mass) for c in scene.contacts) * scene.speed / momentum
     if SAP_TOLERANCE / (slowest * scene.step) <= LATEST_START:
         return None

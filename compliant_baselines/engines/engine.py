@@ -15,10 +15,12 @@ from math import inf
 from platform import python_version
 from threading import Lock
 from types import MappingProxyType, ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from impact_xval.compliant_baselines.engines.convergence import Limit, estimate_limit
+from impact_xval.compliant_baselines.engines.plane_run import PlaneRun, follow_plane_scene
 from impact_xval.compliant_baselines.engines.scanner import MOST_CONTACTS
 from impact_xval.compliant_baselines.engines.scene import Scene, World, radius_of, reduced_masses
 from impact_xval.compliant_baselines.engines.stepping import Run, follow_scene
@@ -26,7 +28,11 @@ from impact_xval.compliant_baselines.marks import DropEnd, marks_of
 from impact_xval.compliant_baselines.references import law_at
 from impact_xval.compliant_baselines.solver import Settings, Solver, group_by_layout
 from impact_xval.model.collision import Collision
+from impact_xval.model.graph.collision_outcome import GraphCollisionOutcome
 from impact_xval.model.outcome import Outcome
+
+if TYPE_CHECKING:
+    from impact_xval.model.graph.collision import GraphCollision
 
 #: The refusal of a scene whose numbers double precision does not have.
 BEYOND = (
@@ -109,6 +115,9 @@ class Engine(Solver):
     #: Settings of this solver, whatever is configured (`registry`).
     fixed_settings: Mapping[str, object] = MappingProxyType({})
 
+    #: Whether the adapter sets up scenes in a plane (docs/adding-a-solver.md).
+    knows_planes: bool = False
+
     #: Step in s of the engine as it ships; only for engines that are run so.
     shipped_step: float
 
@@ -140,7 +149,7 @@ class Engine(Solver):
 
     def radius(self, scene: Scene) -> float:
         """Return the radius in m of the balls of a scene."""
-        return radius_of(scene.depth(scene.stiffnesses))
+        return radius_of(scene.depth(scene.stiffnesses), scene.axes)
 
     def world(self, scene: Scene) -> World:
         """Set a scene up; the world made before is not used any more."""
@@ -166,16 +175,19 @@ class Engine(Solver):
         if refusal is not None:
             return refusal
         try:
-            scene = Scene.of(collision, settings)
-            if settings.mapping == "shipped":
-                scene = replace(scene, step=self.shipped_step)
-            energy = sum(m * v * v for m, v in zip(scene.masses, scene.velocities, strict=True))
-            # Energies are divided by the energy at the start, and radii follow from how deep contacts go.
-            if not (0 < energy < inf and 0 < scene.step < inf and scene.depth(scene.stiffnesses) > 0):
-                return BEYOND
-            return self.refusal(scene) or scene
+            return self._accepted(Scene.of(collision, settings))
         except ArithmeticError:
             return BEYOND
+
+    def _accepted(self, scene: Scene) -> Scene | str:
+        """Return a scene as this engine takes it, or say in one sentence why it takes none."""
+        if scene.mapping == "shipped":
+            scene = replace(scene, step=self.shipped_step)
+        energy = sum(m * v * v for m, v in zip(scene.inertia.tolist(), scene.velocities, strict=True))
+        # Energies are divided by the energy at the start, and radii follow from how deep contacts go.
+        if not (0 < energy < inf and 0 < scene.step < inf and scene.depth(scene.stiffnesses) > 0):
+            return BEYOND
+        return self.refusal(scene) or scene
 
     def _refusal_of_collision(self, collision: Collision, settings: Settings) -> str | None:
         """Say in one sentence why no engine of this kind takes a collision; None if it may."""
@@ -187,18 +199,44 @@ class Engine(Solver):
                 f"exponent = {c.exponent!r}: the contacts of an engine are linear springs and dashpots; legal: 1 "
                 "(the references kelvin-voigt, hunt-crossley and bistiffness have others)"
             )
-        if len(c.stiffnesses) > MOST_CONTACTS:
-            return f"{len(c.stiffnesses)} contacts: engines run up to {MOST_CONTACTS}"
+        refusal = self._refusal_of_contacts(c.stiffnesses, c.restitutions, shipped)
+        if refusal is None and shipped and settings.scenario == "drop":
+            return "scenario = 'drop': an engine as it ships is run without gravity; legal: 'impact'"
+        return refusal
+
+    def _refusal_of_contacts(
+        self, stiffnesses: Sequence[float], restitutions: Sequence[float], shipped: bool
+    ) -> str | None:
+        """Say in one sentence why no engine of this kind takes such contacts; None if it may."""
+        if len(stiffnesses) > MOST_CONTACTS:
+            return f"{len(stiffnesses)} contacts: engines run up to {MOST_CONTACTS}"
         model = "or the state-transition model, which knows the limit"
-        for i, (k, e) in enumerate(zip(c.stiffnesses, c.restitutions, strict=True), 1):
+        for i, (k, e) in enumerate(zip(stiffnesses, restitutions, strict=True), 1):
             if k in (0, inf):
                 return f"k{i} = {k!r} N/m: an engine needs a finite stiffness > 0; take a large or small k2/k1, {model}"
             if e == 0 and self.kind == "compliant" and not shipped:
                 reason = "no finite damping makes a dashpot perfectly plastic; take a small positive e"
                 return f"e{i} = 0: {reason}, {model}"
-        if shipped and settings.scenario == "drop":
-            return "scenario = 'drop': an engine as it ships is run without gravity; legal: 'impact'"
         return None
+
+    def plane_scene_or_refusal(self, collision: GraphCollision, settings: Settings) -> Scene | str:
+        """Set a contact graph up as a scene that this engine takes, or say in one sentence why it takes none."""
+        if not self.knows_planes:
+            return f"{self.name} solves balls in a line alone, no contact graphs"
+        if settings.scenario == "drop":
+            return "scenario = 'drop': contact graphs are run without gravity; legal: 'impact'"
+        refusal = self._refusal_of_contacts(
+            [contact.stiffness for contact in collision.contacts],
+            [contact.restitution for contact in collision.contacts],
+            settings.mapping == "shipped",
+        )
+        if refusal is not None:
+            return refusal
+        try:
+            scene = Scene.of_graph(collision, settings)
+            return scene if isinstance(scene, str) else self._accepted(scene)
+        except ArithmeticError:
+            return BEYOND
 
     def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
         """Solve every collision, in order; failures are outcomes with a status."""
@@ -213,6 +251,51 @@ class Engine(Solver):
         if settings.mark and settings.mapping == "calibrated" and self.law is not None:
             self._mark(outcomes, [limit for _, limit in solved], collisions, self.law, settings)
         return outcomes
+
+    def solve_graphs(
+        self, collisions: Sequence[GraphCollision], settings: Settings
+    ) -> Sequence[GraphCollisionOutcome]:
+        """Solve contact graphs of balls in a plane; failures are outcomes with a status.
+
+        `velocities` are those at the step asked for. With `Settings.convergence`, `limit_velocities` are those of the
+        limit dt -> 0, and `diagnostics` say how well the limit is known, by the names that lines of balls have.
+        """
+        settings = replace(settings, **self.fixed_settings)
+        if (missing := self.unavailable()) is not None:
+            return [GraphCollisionOutcome.failure(self.name, c, "unavailable", missing) for c in collisions]
+        if not self.knows_planes:
+            return super().solve_graphs(collisions, settings)
+        with self.running():
+            return [self._solve_graph(collision, settings) for collision in collisions]
+
+    def follow_plane(self, scene: Scene, max_steps: int) -> PlaneRun:
+        """Run a scene in a plane; to be called while `running`."""
+        return follow_plane_scene(scene, self.world(scene), max_steps)
+
+    def _solve_graph(self, collision: GraphCollision, settings: Settings) -> GraphCollisionOutcome:
+        """Solve one contact graph, with its limit dt -> 0 if that is asked for and known."""
+        scene = self.plane_scene_or_refusal(collision, settings)
+        if isinstance(scene, str):
+            return GraphCollisionOutcome.failure(self.name, collision, "unrepresentable", scene)
+        run = self.follow_plane(scene, settings.max_steps)
+        if not run.over:
+            advice = "; a smaller step may help" if run.status == "crashed" else ""
+            return GraphCollisionOutcome.failure(self.name, collision, run.status, run.problem() + advice)
+        outcome = graph_outcome_of(self.name, run)
+        if settings.convergence is None:
+            return outcome
+        limit, reason = estimate_limit(
+            self.follow_plane, self.regularisation_probe, run, settings.convergence, settings.max_steps
+        )
+        if reason and outcome.status == "ok":
+            outcome = replace(outcome, status="unconverged", reason=reason)
+        if limit is None:
+            return outcome
+        return replace(
+            outcome,
+            limit_velocities=_by_body(limit.velocities, scene.axes),
+            diagnostics={**outcome.diagnostics, **limit.quality},
+        )
 
     def _mark(
         self,
@@ -287,6 +370,33 @@ def outcome_of(solver: str, collision: Collision, run: Run, settings: Settings) 
         requested=c.requested,
         effective=run.effective,
     )
+
+
+def graph_outcome_of(solver: str, run: PlaneRun) -> GraphCollisionOutcome:
+    """Turn a finished run in a plane into an outcome.
+
+    `diagnostics` are `step`, `n_steps`, `duration` and `energy_gain`, as of `outcome_of`.
+    """
+    reason = run.too_much_energy()
+    return GraphCollisionOutcome(
+        solver,
+        _by_body(run.reported, run.scene.axes),
+        status="unconverged" if reason else "ok",
+        reason=reason,
+        diagnostics={
+            "step": run.scene.step,
+            "n_steps": float(run.n_steps),
+            "duration": run.duration,
+            "energy_gain": run.energy_gain(),
+        },
+        requested=run.scene.requested,
+        effective=run.effective,
+    )
+
+
+def _by_body(coordinates: Sequence[float], axes: int) -> tuple[tuple[float, ...], ...]:
+    """Return coordinates body by body."""
+    return tuple(tuple(coordinates[i : i + axes]) for i in range(0, len(coordinates), axes))
 
 
 def _diagnostics_of(run: Run) -> dict[str, float]:

@@ -1,23 +1,23 @@
-"""MuJoCo: balls on vertical slides; docs/mapping.md, section 2, gives the reason of each setting.
+"""MuJoCo: balls on slides, vertical ones in a line; docs/mapping.md, section 2, gives the reason of each setting.
 
 `mujoco.rollout` takes many steps in C++ and records each of them; all versions from 3.2.7 on have it. A model is
-compiled once for each number of balls, and the numbers of a collision are written into its arrays.
+compiled once for each arrangement of balls, and the numbers of a collision are written into its arrays.
 """
 
 from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 from importlib import import_module
-from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from impact_xval.compliant_baselines.engines.arrangement import Arrangement, in_space
 from impact_xval.compliant_baselines.engines.engine import BEYOND, Engine
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, radius_of, reduced_masses
 from impact_xval.compliant_baselines.mapping import (
@@ -40,31 +40,73 @@ SCENE = """
       actuation="disable" sensor="disable"/>
   </option>
   <worldbody>
-    <geom name="table" type="plane" size="0 0 1" contype="0" conaffinity="0"/>{bodies}
+{planes}{bodies}
   </worldbody>
   <contact>{pairs}
   </contact>
 </mujoco>
 """
+PLANE = """
+    <geom name="{name}" type="plane" size="0 0 1"{place} contype="0" conaffinity="0"/>"""
 BODY = """
-    <body name="{name}" pos="0 0 {z}">
-      <joint name="{name}" type="slide" axis="0 0 1"/>
+    <body name="{name}" pos="{place}">{joints}
       <geom name="{name}" type="sphere" size="1" mass="1" contype="0" conaffinity="0"/>
     </body>"""
+JOINT = """
+      <joint name="{name}" type="slide" axis="{axis}"/>"""
 PAIR = """
     <pair name="{i}" geom1="{upper}" geom2="{lower}" condim="1" solref="-1 -0"/>"""
 
 
-def mjcf(balls: int, table: bool) -> str:
-    """Write an MJCF file of N balls of 1 kg and 1 m, whose numbers `MujocoWorld` replaces.
+#: Names of the joints of a ball after its own name, and their directions.
+JOINTS = {1: {"": "0 0 1"}, 2: {"x": "1 0 0", "z": "0 0 1"}}
 
-    The pairs are named by the numbers of the contacts.
+
+def mjcf(arrangement: Arrangement) -> str:
+    """Write an MJCF file of balls of 1 kg and 1 m, whose numbers `MujocoWorld` replaces.
+
+    The pairs are named by the numbers of the contacts. The first plane is the table, which is there without contacts
+    too; each further contact with a fixed body has a plane of its own.
     """
-    names = [f"B{i}" for i in range(1, balls + 1)]
-    bodies = (BODY.format(name=name, z=2 * (balls - i) - 1) for i, name in enumerate(names))
-    contacts = enumerate(pairwise([*names, "table"] if table else names), 1)
-    pairs = (PAIR.format(i=i, upper=upper, lower=lower) for i, (upper, lower) in contacts)
-    return SCENE.format(bodies="".join(bodies), pairs="".join(pairs))
+    names = [f"B{i}" for i in range(1, len(arrangement.centres) + 1)]
+    places = in_space(np.ravel(arrangement.centres), arrangement.axes)
+    bodies = [
+        BODY.format(
+            name=name,
+            place=_numbers(place),
+            joints="".join(
+                JOINT.format(name=name + joint, axis=axis) for joint, axis in JOINTS[arrangement.axes].items()
+            ),
+        )
+        for name, place in zip(names, places.tolist(), strict=True)
+    ]
+    planes: list[str] = []
+    pairs: list[str] = []
+    for i, touch in enumerate(arrangement.touches, 1):
+        lower = names[touch.second] if touch.second is not None else plane_name(arrangement, i)
+        if touch.second is None:
+            (point,) = in_space(arrangement.surface(i - 1), arrangement.axes).tolist()
+            (normal,) = in_space(np.array(touch.normal), arrangement.axes).tolist()
+            moved = [f' pos="{_numbers(point)}"' if any(point) else ""]
+            moved += [f' zaxis="{_numbers(normal)}"' if normal != [0, 0, 1] else ""]
+            planes.append("".join(moved))
+        pairs.append(PAIR.format(i=i, upper=names[touch.first], lower=lower))
+    geoms = [
+        PLANE.format(name=f"table{i}" if i > 1 else "table", place=place)
+        for i, place in enumerate(planes or [""], 1)
+    ]
+    return SCENE.format(planes="".join(geoms).lstrip("\n"), bodies="".join(bodies), pairs="".join(pairs))
+
+
+def plane_name(arrangement: Arrangement, contact: int) -> str:
+    """Return the name of the plane of a contact, counted from 1."""
+    number = sum(touch.second is None for touch in arrangement.touches[:contact])
+    return f"table{number}" if number > 1 else "table"
+
+
+def _numbers(values: Sequence[float]) -> str:
+    """Write numbers for an attribute: whole ones without a point."""
+    return " ".join(repr(int(value)) if value == int(value) else repr(value) for value in values)
 
 
 class MjOption(Protocol):
@@ -89,6 +131,7 @@ class MjModel(Protocol):
     nq: int
     geom_size: Floats
     geom_rbound: Floats
+    geom_pos: Floats
     body_pos: Floats
     body_mass: Floats
     body_invweight0: Floats
@@ -125,7 +168,7 @@ class MjData(Protocol):
 
 
 class _Compiled:
-    """A model of so many balls that MuJoCo has compiled; the numbers of a scene are still to be written.
+    """An arrangement of balls that MuJoCo has compiled; the numbers of a scene are still to be written.
 
     Attributes
     ----------
@@ -134,14 +177,25 @@ class _Compiled:
     data
         `MjData` of the model.
     pairs
-        Indices of the contacts from the top down; the engine sorts pairs by their geoms.
+        Indices of the contacts in their order; the engine sorts pairs by their geoms.
+    planes, balls
+        Indices of the geoms that do not move, and of those of the balls.
     """
 
-    def __init__(self, balls: int, table: bool) -> None:
+    def __init__(self, arrangement: Arrangement) -> None:
         mujoco = import_module("mujoco")
-        self.model: MjModel = mujoco.MjModel.from_xml_string(mjcf(balls, table))
+        self.model: MjModel = mujoco.MjModel.from_xml_string(mjcf(arrangement))
         self.data: MjData = mujoco.MjData(self.model)
-        self.pairs = [self.model.pair(str(i)).id for i in range(1, balls + table)]
+        contacts = len(arrangement.touches)
+        self.pairs = [self.model.pair(str(i)).id for i in range(1, contacts + 1)]
+        planes = max(1, sum(touch.second is None for touch in arrangement.touches))
+        self.planes, self.balls = slice(0, planes), slice(planes, planes + len(arrangement.centres))
+        self.plane_points = np.array(self.model.geom_pos[self.planes])
+        # Numbers of the bodies of a contact: body 0 does not move.
+        self.bodies = [
+            (touch.first + 1, 0 if touch.second is None else touch.second + 1)
+            for touch in arrangement.touches
+        ]
 
 
 @lru_cache(maxsize=1)
@@ -186,6 +240,7 @@ class Mujoco(Engine):
     title, module, way_out = "MuJoCo", "mujoco.rollout", "run pip install 'mujoco>=3.2.7'"
     oldest = "3.2.7"  # `rollout` took other arguments before
     regularisation_probe = 10.0
+    knows_planes = True
     shipped_step = 0.002
 
     def refusal(self, scene: Scene) -> str | None:
@@ -203,11 +258,11 @@ class Mujoco(Engine):
 
     def radius(self, scene: Scene) -> float:
         """Return the radius in m of the balls."""
-        return radius_of(map_scene(scene).depth)
+        return radius_of(map_scene(scene).depth, scene.axes)
 
     def world(self, scene: Scene) -> MujocoWorld:
         """Set a scene up."""
-        return MujocoWorld(scene, self._compiled(len(scene.masses), scene.table))
+        return MujocoWorld(scene, self._compiled(scene.arrangement))
 
     @contextmanager
     def running(self) -> Generator[None]:
@@ -239,12 +294,13 @@ class MujocoWorld(World):
         mujoco = import_module("mujoco")
         model, contacts = compiled.model, compiled.pairs
         self.model, self._data = model, compiled.data
-        balls = slice(1, 1 + len(scene.masses))  # body 0 is the table
+        balls = slice(1, 1 + len(scene.masses))  # body 0 does not move
         pairs, depth, acceleration = map_scene(scene)
-        super().__init__(scene, radius_of(depth), pairs[-1].equilibrium_depth(scene.gravity))
-        model.geom_size[balls, 0] = self.radius
-        model.geom_rbound[balls] = self.radius
-        model.body_pos[balls, 2] = self.places
+        super().__init__(scene, radius_of(depth, scene.axes), pairs[-1].equilibrium_depth(scene.gravity))
+        model.geom_size[compiled.balls, 0] = self.radius
+        model.geom_rbound[compiled.balls] = self.radius
+        model.geom_pos[compiled.planes] = self.radius * compiled.plane_points
+        model.body_pos[balls] = in_space(self.places, scene.axes)
         model.body_mass[balls] = scene.masses
         model.opt.timestep = scene.step
         # The engine compares an acceleration and its square with it: with the smaller, Newton's method stops after two
@@ -256,7 +312,7 @@ class MujocoWorld(World):
         mujoco.mj_setConst(model, self._data)  # the inverse weights follow the masses
         mujoco.mj_resetData(model, self._data)
         self._data.qpos[:], self._data.qvel[:] = self.heights, scene.velocities
-        self.effective = _read_back(model, contacts, balls.stop)
+        self.effective = _read_back(model, contacts, compiled.bodies)
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
         """Take n steps, recorded in C++."""
@@ -269,11 +325,12 @@ class MujocoWorld(World):
         self.model.opt.gravity[2] = 0.0
 
 
-def _read_back(model: MjModel, contacts: list[int], bodies: int) -> dict[str, tuple[float, ...]]:
+def _read_back(
+    model: MjModel, contacts: list[int], bodies: Sequence[tuple[int, int]]
+) -> dict[str, tuple[float, ...]]:
     """Read back what the engine will use for each contact as a pair alone (docs/mapping.md); as `World.effective`."""
-    # The engine's own inverse weights; the weight of the table, body 0, is 0.
-    inverse = model.body_invweight0[[*range(1, bodies), 0], 0]
-    masses = 1 / (inverse[1:] + inverse[:-1])[: len(contacts)]
+    # The engine's own inverse weights; the weight of body 0, which does not move, is 0.
+    masses = 1 / model.body_invweight0[np.array(bodies), 0].sum(axis=1)
     solref, solimp = model.pair_solref[contacts], model.pair_solimp[contacts]
     share = solimp[:, 0] / solimp[:, 1]
     is_time_constant = solref[:, 0] > 0

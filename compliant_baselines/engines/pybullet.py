@@ -3,7 +3,8 @@
 **Bodies.** The engine combines the stiffness and damping of two bodies. Two balls on a table get by with a lower ball
 that is rigid and undamped: the upper ball carries contact 1, the table contact 2. In any other line a ball has two
 sides. Its base meets the ball below and carries the contact. A massless link, fixed to the base at the same place,
-meets the ball above and is rigid and undamped. Filters let only these pairs meet. Balls without a link are bodies in
+meets the ball above and is rigid and undamped. In a plane a ball has a side, the base or a link, for each contact, and
+the first body of a contact carries it. Filters let only these pairs meet. Balls without a link are bodies in
 maximal coordinates: their step costs 60 % of a multibody's, and a broadphase that tries every pair saves a seventh
 more.
 
@@ -19,19 +20,26 @@ import sys
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from impact_xval.compliant_baselines.engines.arrangement import Arrangement, along_axes, in_space
 from impact_xval.compliant_baselines.engines.engine import Engine, import_quietly
-from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, count_sweeps, radius_of
+from impact_xval.compliant_baselines.engines.scene import (
+    WIDER,
+    Floats,
+    Scene,
+    World,
+    count_sweeps,
+    radius_of,
+)
 from impact_xval.compliant_baselines.mapping import (
-    BodySides,
+    ContactSides,
     Side,
     combine_sides,
     pybullet_side,
-    sides_of_bodies,
+    sides_of_contacts,
 )
 
 #: Most sub-steps of one call.
@@ -54,6 +62,9 @@ EXACT = {
     "useSplitImpulse": 0,
 }
 
+#: Radius in m of the largest balls in a plane. It takes the place of a larger one if it has so many depths.
+LARGEST_PLANE_RADIUS, NARROWEST = 2.0**18, 2.0**12
+
 #: `contactBreakingThreshold` over the radius.
 BREAKING_OVER_RADIUS = 2e-7
 
@@ -70,7 +81,10 @@ ZERO = (
 )
 FREE = {**dict.fromkeys(ZERO, 0.0), "maxJointVelocity": 1e30}
 
-#: Parts of a ball, as the engine numbers them: the base meets the ball below, the link the ball above.
+#: Those of them that are of a surface. In one call with any of the others the engine does not set them on a link.
+SURFACE = dict.fromkeys(ZERO[:4], 0.0)
+
+#: Parts of a ball, as the engine numbers them: in a line the base meets the ball below, the link the ball above.
 BASE, LINK = -1, 0
 
 
@@ -78,21 +92,28 @@ class BodyPart(NamedTuple):
     """A part of a body, as the engine's calls take it."""
 
     body: int
-    #: `BASE` or `LINK`.
+    #: `BASE`, or the number of a link, from `LINK` up.
     link: int
 
 
-class BodyParts(NamedTuple):
-    """The two parts of a body; one and the same if it has no link."""
+class ContactParts(NamedTuple):
+    """The parts that meet in a contact."""
 
-    #: Meets the body above.
-    upper: BodyPart
-    #: Meets the body below.
-    lower: BodyPart
+    first: BodyPart
+    second: BodyPart
+
+
+class SceneBodies(NamedTuple):
+    """The bodies of a scene."""
+
+    #: Numbers of the balls.
+    balls: list[int]
+    #: One a contact.
+    contacts: list[ContactParts]
 
 
 #: Arguments of `createMultiBody` that make a fixed, massless link.
-FIXED: dict[str, object] = {
+FIXED: dict[str, list[object]] = {
     "linkMasses": [0],
     "linkVisualShapeIndices": [-1],
     "linkParentIndices": [0],
@@ -135,7 +156,7 @@ class Pybullet(Engine):
     """PyBullet, where it has wheels (CPython up to 3.11) or was built; a client is connected for a call."""
 
     name = distribution = module = "pybullet"
-    title = "PyBullet"
+    title, knows_planes = "PyBullet", True
     way_out = (
         "run pip install 'pybullet>=3.2.7' (it has no wheels beyond CPython 3.11: run with Python 3.11, or build it "
         "from source)"
@@ -162,7 +183,7 @@ class Pybullet(Engine):
 
     def radius(self, scene: Scene) -> float:
         """Return the radius in m of the balls."""
-        return radius_of(scene.depth([contact.stiffness for contact in combine_sides(_sides(scene))]))
+        return _radius(scene, combine_sides(_sides(scene)))
 
     def world(self, scene: Scene) -> PybulletWorld:
         """Set a scene up."""
@@ -176,8 +197,8 @@ class Pybullet(Engine):
             yield
 
 
-#: The bodies that a client holds, the table last, by number of balls, table and radius; at most one entry.
-Bodies = dict[tuple[int, bool, float], list[BodyParts]]
+#: The bodies that a client holds, by arrangement and radius; at most one entry.
+Bodies = dict[tuple[Arrangement, float], SceneBodies]
 
 
 class PybulletWorld(World):
@@ -189,15 +210,16 @@ class PybulletWorld(World):
         self._p, self._step, self._stride, self._falls = p, scene.step, 0, scene.gravity > 0
         sides = _sides(scene)
         contacts = combine_sides(sides)
-        radius = radius_of(scene.depth([contact.stiffness for contact in contacts]))
+        radius = _radius(scene, contacts)
         super().__init__(scene, radius, scene.masses[-1] * scene.gravity / contacts[-1].stiffness)
-        self._x = self.heights
-        key = len(scene.masses), scene.table, radius
+        self._x, self._axes = self.heights, scene.axes
+        if scene.graph is not None:
+            self.longest_leap = 0
+        key = scene.arrangement, radius
         if key not in bodies:
             bodies.clear()
             bodies[key] = self._make_bodies(scene, radius)
-        parts = bodies[key]
-        self.balls = [ball.lower.body for ball in parts[: len(scene.masses)]]
+        self.balls, parts = bodies[key]
         h = scene.step
         softening = [1 / (h * (h * contact.stiffness + contact.dissipation)) for contact in contacts]
         # Two more sweeps, for the cap at zero force to settle which contacts are active.
@@ -205,17 +227,18 @@ class PybulletWorld(World):
         p.setPhysicsEngineParameter(fixedTimeStep=h, numSubSteps=0, numSolverIterations=iterations)
         for ball, mass in zip(self.balls, scene.masses, strict=True):
             p.changeDynamics(ball, BASE, mass=mass)
-        for body_parts, body_sides in zip(parts, sides, strict=True):
-            for part, side in zip(body_parts, body_sides, strict=True):
+        # In the order of the bodies: two parts may be one and the same.
+        for contact_parts, contact_sides in zip(parts, sides, strict=True):
+            for part, side in zip(contact_parts, contact_sides, strict=True):
                 p.changeDynamics(*part, contactStiffness=side.stiffness, contactDamping=side.dissipation)
         # Apart for a step, in which the engine forgets its contact points and the impulses it would start from.
         p.setGravity(0, 0, 0)
-        self._place(10 * self.places, [0.0] * len(self.balls))
+        self._place(10 * self.places, np.zeros(self.places.size))
         p.stepSimulation()
         p.setGravity(0, 0, -scene.gravity)
-        self._place(self.places + self._x, scene.velocities)
+        self._place(self.places + self._x, np.array(scene.velocities))
         if _has_links(scene):  # bodies in maximal coordinates cannot be read back
-            contacts = combine_sides([BodySides(*map(self._read_side, both)) for both in parts])
+            contacts = combine_sides([ContactSides(*map(self._read_side, both)) for both in parts])
         self.effective = {
             "stiffness": tuple(contact.stiffness for contact in contacts),
             "damping": tuple(contact.dissipation for contact in contacts),
@@ -227,53 +250,84 @@ class PybulletWorld(World):
         damping, stiffness = self._p.getDynamicsInfo(*part)[8:10]
         return Side(stiffness, damping)
 
-    def _make_bodies(self, scene: Scene, radius: float) -> list[BodyParts]:
-        """Empty the client and make the balls, from the upper one down, and the table."""
-        p, linked = self._p, _has_links(scene)
+    def _make_bodies(self, scene: Scene, radius: float) -> SceneBodies:
+        """Empty the client and make the planes, and the balls, the last one first."""
+        p, linked, arrangement = self._p, _has_links(scene), scene.arrangement
         p.resetSimulation(0 if linked else p.RESET_USE_SIMPLE_BROADPHASE)
-        p.setPhysicsEngineParameter(contactBreakingThreshold=BREAKING_OVER_RADIUS * radius, **EXACT)
-        plane = p.createCollisionShape(p.GEOM_PLANE)
-        sphere = p.createCollisionShape(p.GEOM_SPHERE, radius)
+        threshold = BREAKING_OVER_RADIUS * (radius if scene.graph is None else radius / WIDER)
+        p.setPhysicsEngineParameter(contactBreakingThreshold=threshold, **EXACT)
         coordinates = {"useMaximalCoordinates": int(not linked)}
-        table = p.createMultiBody(0, plane, **coordinates)
-        link: Mapping[str, object] = coordinates
-        if linked:
-            link = {**FIXED, "linkCollisionShapeIndices": [sphere], "linkJointTypes": [p.JOINT_FIXED]}
-        parts = [BodyParts(BodyPart(table, BASE), BodyPart(table, BASE))] if scene.table else []
-        for z in 10 * self.places[::-1]:
-            ball = p.createMultiBody(1, sphere, basePosition=(0, 0, z), **link)
-            parts.insert(0, BodyParts(BodyPart(ball, LINK if linked else BASE), BodyPart(ball, BASE)))
-        for part in {part for both in parts for part in both}:
+        planes = self._make_planes(scene, radius, coordinates)
+        sphere = p.createCollisionShape(p.GEOM_SPHERE, radius)
+        first: dict[int, BodyPart] = {}
+        second = {contact: BodyPart(plane, BASE) for contact, plane in planes.items()}
+        all_parts = {BodyPart(plane, BASE) for plane in planes.values()}
+        balls: list[int] = []
+        places = in_space(10 * self.places, scene.axes).tolist()
+        for number in reversed(range(len(places))):
+            as_first, as_second = arrangement.sides(number)
+            # The base carries the first contact of which the ball is the first body.
+            base, links = as_first[:1], [*as_first[1:], *as_second]
+            made: dict[str, object] = {**coordinates}
+            if linked:
+                made = {name: values * max(1, len(links)) for name, values in FIXED.items()}
+                made["linkCollisionShapeIndices"] = [sphere] * max(1, len(links))
+                made["linkJointTypes"] = [p.JOINT_FIXED] * max(1, len(links))
+            ball = p.createMultiBody(1, sphere, basePosition=tuple(places[number]), **made)
+            balls.insert(0, ball)
+            first |= {contact: BodyPart(ball, BASE) for contact in base}
+            for link, contact in enumerate(links):
+                side = second if contact in as_second else first
+                side[contact] = BodyPart(ball, link if linked else BASE)
+            all_parts |= {BodyPart(ball, link) for link in range(BASE, max(1, len(links)) if linked else 0)}
+        for part in all_parts:
             p.changeDynamics(*part, activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING, **FREE)
+            p.changeDynamics(*part, **SURFACE)
             if linked:
                 p.setCollisionFilterGroupMask(*part, 0, 0)
+        parts = [ContactParts(first[i], second[i]) for i in range(len(arrangement.touches))]
         if linked:
-            for above, below in pairwise(parts):
-                lower, upper = above.lower, below.upper
+            for lower, upper in parts:
                 p.setCollisionFilterPair(lower.body, upper.body, lower.link, upper.link, 1)
-        return parts
+        return SceneBodies(balls, parts)
 
-    def _place(self, heights: Floats, velocities: Sequence[float]) -> None:
-        for ball, z, v in zip(self.balls, heights.tolist(), velocities, strict=True):
-            self._p.resetBasePositionAndOrientation(ball, (0, 0, z), (0, 0, 0, 1))
-            self._p.resetBaseVelocity(ball, (0, 0, v), (0, 0, 0))
+    def _make_planes(self, scene: Scene, radius: float, coordinates: Mapping[str, object]) -> dict[int, int]:
+        """Make a plane for each contact with a fixed body, and one for a line without; return them by contact."""
+        p, arrangement = self._p, scene.arrangement
+        planes: dict[int, int] = {}
+        for contact, touch in enumerate(arrangement.touches):
+            if touch.second is None:
+                (normal,) = in_space(np.array(touch.normal), scene.axes).tolist()
+                (point,) = in_space(radius * arrangement.surface(contact), scene.axes).tolist()
+                shape = p.createCollisionShape(p.GEOM_PLANE, planeNormal=tuple(normal))
+                planes[contact] = p.createMultiBody(0, shape, basePosition=tuple(point), **coordinates)
+        if not planes:
+            p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE), **coordinates)
+        return planes
+
+    def _place(self, places: Floats, velocities: Floats) -> None:
+        points = in_space(places, self._axes).tolist(), in_space(velocities, self._axes).tolist()
+        for ball, point, velocity in zip(self.balls, *points, strict=True):
+            self._p.resetBasePositionAndOrientation(ball, tuple(point), (0, 0, 0, 1))
+            self._p.resetBaseVelocity(ball, tuple(velocity), (0, 0, 0))
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
         """Take n steps, or, while bodies fall, fewer: up to the first after which all gaps are open."""
         self._set_stride(0)
         p, client, h = self._p.module, self._p.number, self._step  # a keyword would cost a tenth
         step, read = p.stepSimulation, p.getBaseVelocity
-        balls, (upper, lower) = self.balls, self._x[:2].tolist()
-        velocities: list[list[float]] = []
+        balls = self.balls
+        upper, lower = self._x[:2].tolist()  # heights, of two balls that fall
+        velocities: list[list[tuple[float, float, float]]] = []
         for _ in range(n):
             step(client)
-            v = [read(ball, client)[0][2] for ball in balls]
+            v = [read(ball, client)[0] for ball in balls]
             velocities.append(v)
             if self._falls:
-                upper, lower = upper + h * v[0], lower + h * v[1]
+                upper, lower = upper + h * v[0][2], lower + h * v[1][2]
                 if upper >= lower >= 0:
                     break
-        taken = np.array(velocities)
+        taken = along_axes(np.array(velocities), self._axes)
         heights = np.cumsum(np.vstack([self._x, h * taken]), axis=0)[1:]
         self._x = heights[-1]
         return taken, heights
@@ -310,11 +364,20 @@ class PybulletWorld(World):
 
 
 def _has_links(scene: Scene) -> bool:
-    """Tell whether balls need two sides; see the module."""
-    return not (scene.table and len(scene.masses) == 2)
+    """Tell whether balls need more than one side; see the module."""
+    return scene.graph is not None or not (scene.table and len(scene.masses) == 2)
 
 
-def _sides(scene: Scene) -> list[BodySides]:
-    """Return stiffness and damping of both sides of every body."""
+def _radius(scene: Scene, contacts: Sequence[Side]) -> float:
+    """Return the radius in m of the balls; in a plane it is no larger than the engine takes, if balls can be wide."""
+    depth = scene.depth([contact.stiffness for contact in contacts])
+    radius = radius_of(depth, scene.axes)
+    if scene.graph is not None and NARROWEST * depth <= LARGEST_PLANE_RADIUS:
+        return min(radius, LARGEST_PLANE_RADIUS)
+    return radius
+
+
+def _sides(scene: Scene) -> list[ContactSides]:
+    """Return stiffness and damping of both sides of every contact."""
     contacts = [pybullet_side(contact) for contact in scene.contacts]
-    return sides_of_bodies(contacts, scene.mapping, one_side_per_body=not _has_links(scene))
+    return sides_of_contacts(contacts, scene.mapping, one_side_per_body=not _has_links(scene))

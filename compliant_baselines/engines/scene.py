@@ -1,7 +1,13 @@
-"""Scenes: N balls in a line in the numbers an engine needs; and worlds: scenes as an engine has set them up.
+"""Scenes: N bodies in a line or in a plane in the numbers an engine needs; and worlds: scenes as an engine has them.
 
-The height of ball i is counted from the place at which it and all bodies below it only just touch; the last body is the
-table, if there is one. Contact i has the gap x_i - x_{i+1}, and the last contact on a table has the gap x_N.
+**In a line** the height of ball i is counted from the place at which it and all bodies below it only just touch; the
+last body is the table, if there is one. Contact i has the gap x_i - x_{i+1}, and the last contact on a table has the
+gap x_N.
+
+**In a plane** bodies have two coordinates, x and z, body after body: N bodies have 2 N velocities and 2 N heights. A
+line is the case of one coordinate. Heights are displacements from the places at which all contacts touch, and J x are
+the gaps, with the fixed normals of the contacts. Normals turn by displacement over distance: by a millionth, for radii
+are then larger by `WIDER` (`radius_of`).
 """
 
 from __future__ import annotations
@@ -9,32 +15,45 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from impact_xval.compliant_baselines.engines.arrangement import (
+    ROUNDING_OVERLAP,
+    Arrangement,
+    arrangement_of_graph,
+    line_of_balls,
+)
 from impact_xval.compliant_baselines.mapping import KelvinVoigtContact
 from impact_xval.compliant_baselines.solver import MappingName, Settings
 from impact_xval.model.arrays import Floats
 from impact_xval.model.collision import Collision
 
+if TYPE_CHECKING:
+    from impact_xval.model.graph.collision import GraphCollision
+
+#: Factor on the radii of balls in a plane, where normals turn by displacement over distance.
+WIDER = 2.0**20
+
 
 @dataclass(frozen=True)
 class Scene:
-    """N balls in a line, ball 1 on top, in SI units, up is positive."""
+    """N bodies in SI units, up is positive: balls in a line, ball 1 on top, or in a plane (x, z)."""
 
-    #: In kg, one a ball.
+    #: In kg, one a body.
     masses: tuple[float, ...]
-    #: At t = 0, in m/s, one a ball.
+    #: At t = 0, in m/s, one a body in a line, two in a plane.
     velocities: tuple[float, ...]
-    #: At t = 0, in m, one a ball, counted as the module says.
+    #: At t = 0, in m, one a body in a line, two in a plane, counted as the module says.
     heights: tuple[float, ...]
-    #: Asked for, in N/m, one a contact; the last contact is with the table, if there is one.
+    #: Asked for, in N/m, one a contact; in a line the last contact is with the table, if there is one.
     stiffnesses: tuple[float, ...]
     #: Asked for, one a contact.
     restitutions: tuple[float, ...]
-    #: Whether a fixed table is below the last ball.
+    #: Whether a fixed table is below the last ball; in a plane, whether some body touches a fixed plane.
     table: bool
     #: Time step in s.
     step: float
@@ -46,6 +65,8 @@ class Scene:
     regularisation: float = 1.0
     #: As of `Settings`.
     partner_restitution: float = 1.0
+    #: Of a scene in a plane; None in a line.
+    graph: Arrangement | None = None
 
     @classmethod
     def of(cls, collision: Collision, settings: Settings) -> Scene:
@@ -68,6 +89,54 @@ class Scene:
             partner_restitution=settings.partner_restitution,
         )
 
+    @classmethod
+    def of_graph(cls, collision: GraphCollision, settings: Settings) -> Scene | str:
+        """Set a contact graph up with a share of its shortest contact period as step, or say why no scene holds it.
+
+        An ArithmeticError says that double precision has no number for a period.
+        """
+        arrangement = arrangement_of_graph(collision)
+        if isinstance(arrangement, str):
+            return arrangement
+        velocities = tuple(float(number) for velocity in collision.velocities for number in velocity)
+        scene = cls(
+            tuple(collision.masses),
+            velocities,
+            (0.0,) * len(velocities),
+            tuple(contact.stiffness for contact in collision.contacts),
+            tuple(contact.restitution for contact in collision.contacts),
+            arrangement.has_fixed_body,
+            step=math.nan,
+            mapping=settings.mapping,
+            partner_restitution=settings.partner_restitution,
+            graph=arrangement,
+        )
+        return replace(scene, step=float(settings.step_fraction * min(periods(scene))))
+
+    @property
+    def arrangement(self) -> Arrangement:
+        """The contacts, and the places of the bodies."""
+        return self.graph or line_of_balls(len(self.masses), self.table)
+
+    @property
+    def axes(self) -> int:
+        """Coordinates of a body: 1 in a line, 2 in a plane (x, z)."""
+        return self.arrangement.axes
+
+    @property
+    def inertia(self) -> Floats:
+        """Mass in kg of each coordinate, shape (N axes,)."""
+        return np.repeat(np.array(self.masses, np.float64), self.axes)
+
+    @property
+    def closing(self) -> Floats:
+        """Displacement that makes each touching contact overlap by a radius, over the radius; shape (N axes,)."""
+        if self.graph is not None:
+            J = self.graph.jacobian
+            return np.linalg.lstsq(J, -np.ones(len(J)), rcond=None)[0]
+        touches_below = np.append(self.gaps == 0, [] if self.table else [False])
+        return -np.cumsum(touches_below[::-1])[::-1].astype(np.float64)
+
     @cached_property
     def contacts(self) -> tuple[KelvinVoigtContact, ...]:
         """The contacts asked for, as springs and dashpots; a ValueError for e = 0, which no dashpot gives."""
@@ -86,12 +155,12 @@ class Scene:
     @property
     def gaps(self) -> Floats:
         """Gaps of the contacts at t = 0, in m, shape (C,)."""
-        return -np.diff([*self.heights, *([0.0] if self.table else [])])
+        return self.arrangement.jacobian @ np.array(self.heights)
 
     @property
     def rates(self) -> Floats:
         """Compression rates at t = 0, in m/s, shape (C,)."""
-        return np.diff([*self.velocities, *([0.0] if self.table else [])])
+        return -(self.arrangement.jacobian @ np.array(self.velocities))
 
     @property
     def speed(self) -> float:
@@ -101,7 +170,8 @@ class Scene:
     @property
     def fastest(self) -> float:
         """Largest speed at t = 0, in m/s."""
-        return max(map(abs, self.velocities))
+        axes = self.axes
+        return max(math.hypot(*self.velocities[i : i + axes]) for i in range(0, len(self.velocities), axes))
 
     def depth(self, stiffnesses: Sequence[float]) -> float:
         """Bound the penetrations in m, given the stiffnesses in N/m as the engine has them.
@@ -109,19 +179,19 @@ class Scene:
         For two balls on a table the bound is what a spring needs to stop the masses above it from the highest speed,
         and what their weight presses it in. Otherwise all energy goes into the softest contact.
         """
-        if self.table and len(self.masses) == 2:
+        if self.graph is None and self.table and len(self.masses) == 2:
             (k1, k2), above = stiffnesses, sum(self.masses)
             dynamic = self.fastest * (math.sqrt(reduced_masses(self)[0] / k1) + math.sqrt(above / k2))
             return dynamic + self.gravity * (self.masses[0] / k1 + above / k2)
-        m, v = np.array(self.masses), np.array(self.velocities)
-        mean = 0.0 if self.table else float(m @ v / m.sum())
-        return math.sqrt(float(m @ (v - mean) ** 2) / min(stiffnesses))
+        m, v = np.array(self.masses), np.reshape(self.velocities, (len(self.masses), -1))
+        mean = 0.0 if self.table else m @ v / m.sum()
+        return math.sqrt(float((m @ (v - mean) ** 2).sum()) / min(stiffnesses))
 
 
 class World(ABC):
     """A scene as an engine has set it up, at t = 0; an adapter gives it, and `stepping` follows it."""
 
-    #: At t = 0, in m, as the engine has them, counted as the heights of a scene; shape (N,).
+    #: At t = 0, in m, as the engine has them, counted as the heights of a scene; shape (N axes,).
     heights: Floats
     #: The numbers that the engine says it will use, read back after setting them. ``"stiffness"`` (N/m), ``"damping"``
     #: (N s/m) and ``"restitution"`` are one a contact. ``"step"`` (s) and ``"threshold"`` (the speed of approach in m/s
@@ -148,14 +218,19 @@ class World(ABC):
     #: Most steps of one `leap` between events, which the effective stiffness and damping foretell
     #: (`engines.event_free_steps`); 0 for an engine that is read after every step.
     longest_leap: int = 0
+    #: Rate of approach in m/s of a contact in a plane that counts as none: what the engine leaves of a contact at rest.
+    resting_rate: float = 0.0
 
     def __init__(self, scene: Scene, radius: float, rest: float = 0.0) -> None:
-        #: Heights in m of the centres above the table where all balls, of this radius, only just touch; shape (N,).
-        self.places = radius * np.arange(2 * len(scene.masses) - 1, 0, -2, dtype=np.float64)
+        #: Coordinates in m of the centres where all balls, of this radius, only just touch; shape (N axes,). In a line
+        #: they are heights above the table.
+        self.places = radius * np.ravel(scene.arrangement.centres)
         self.radius, self.rest = radius, rest
         # Rounded so that adding up to 2 N radii rounds nothing away: gaps are then exact, see `radius_of`.
         far = 2.0 ** math.ceil(math.log2(2 * len(scene.masses) * radius))
         self.heights = np.asarray((np.array(scene.heights) - rest + far) - far, np.float64)
+        if scene.graph is not None:
+            self.heights += ROUNDING_OVERLAP * radius * scene.closing
 
     @abstractmethod
     def advance(self, n: int) -> tuple[Floats, Floats]:
@@ -168,7 +243,7 @@ class World(ABC):
 
         Returns
         -------
-        Velocities in m/s and heights in m after each step, shape (steps, N) each, from one step to n.
+        Velocities in m/s and heights in m after each step, shape (steps, N axes) each, from one step to n.
 
         Raises
         ------
@@ -187,11 +262,17 @@ class World(ABC):
 
 
 def reduced_masses(of: Collision | Scene) -> tuple[float, ...]:
-    """Return the reduced mass of the two bodies of each contact, in kg; at the table it is the mass of the ball."""
-    pairs = zip(of.masses, of.masses[1:], strict=False)
-    # A ratio of masses beyond double precision leaves the lighter mass.
-    between = (m / (1 + m / below) if m / below < math.inf else below for m, below in pairs)
-    return (*between, *(of.masses[-1:] if of.table else ()))
+    """Return the reduced mass of the two bodies of each contact, in kg; at a fixed body it is the mass of the ball."""
+    arrangement = of.arrangement if isinstance(of, Scene) else line_of_balls(len(of.masses), of.table)
+    masses: list[float] = []
+    for first, second, _ in arrangement.touches:
+        m = of.masses[first]
+        if second is not None:
+            other = of.masses[second]
+            # A ratio of masses beyond double precision leaves the lighter mass.
+            m = m / (1 + m / other) if m / other < math.inf else other
+        masses.append(m)
+    return tuple(masses)
 
 
 def periods(of: Collision | Scene) -> tuple[float, ...]:
@@ -208,19 +289,39 @@ def count_sweeps(scene: Scene, softening: Sequence[float] | float = 0.0) -> int:
     the square of the radius of Jacobi's (Varga, Matrix Iterative Analysis, 1962, section 4.1).
     """
     diagonal = 1 / np.array(reduced_masses(scene)) + softening
-    with np.errstate(over="ignore"):
-        beside = 1 / (np.array(scene.masses)[1 : diagonal.size] * np.sqrt(diagonal[:-1] * diagonal[1:]))
-    radius = np.abs(np.linalg.eigvalsh(np.diag(beside, 1) + np.diag(beside, -1))).max(initial=0.0)
-    if radius**2 < 1e-16:
+    if scene.graph is not None:
+        radius_of_sweep = _radius_of_sweep(scene.graph.jacobian, scene.inertia, diagonal)
+    else:
+        with np.errstate(over="ignore"):
+            beside = 1 / (np.array(scene.masses)[1 : diagonal.size] * np.sqrt(diagonal[:-1] * diagonal[1:]))
+        radius = np.abs(np.linalg.eigvalsh(np.diag(beside, 1) + np.diag(beside, -1))).max(initial=0.0)
+        radius_of_sweep = float(radius**2)
+    if radius_of_sweep < 1e-16:
         return 0
-    return math.ceil(36.7 / -math.log(min(radius**2, 1 - 2.0**-52)))  # 36.7 = -ln(1.1e-16)
+    return math.ceil(36.7 / -math.log(min(radius_of_sweep, 1 - 2.0**-52)))  # 36.7 = -ln(1.1e-16)
 
 
-def radius_of(depth: float) -> float:
+def _radius_of_sweep(J: Floats, inertia: Floats, diagonal: Floats) -> float:
+    """Return the spectral radius of Gauss and Seidel's method on contacts that do not stand in a line.
+
+    Where the matrix is singular the method has eigenvalues of 1, which move impulses between contacts and no velocity;
+    they do not count.
+    """
+    W = (J / inertia) @ J.T
+    np.fill_diagonal(W, diagonal)
+    lower = np.tril(W)
+    moduli = np.abs(np.linalg.eigvals(np.linalg.solve(lower, lower - W)))
+    return float(moduli[moduli < 1 - 1e-9].max(initial=0.0))
+
+
+def radius_of(depth: float, axes: int = 1) -> float:
     """Choose the radius in m of balls whose contacts go this deep: the power of two from four depths up.
+
+    In a plane it is larger by `WIDER`: normals turn by about depth over radius while contacts act, and final velocities
+    with them, by a millionth of the speed. Places are rounded by 1e-9 of the depth.
 
     No ball then comes near to passing through another. A larger radius would cost digits: a penetration is the
     difference of positions of that size. A power of two makes the places exact at which the balls only just touch.
     Whether a contact shows in the first step is then the same at any scale, and not up to rounding.
     """
-    return 2.0 ** math.ceil(math.log2(4 * depth))
+    return 2.0 ** math.ceil(math.log2(4 * depth)) * (1.0 if axes == 1 else WIDER)

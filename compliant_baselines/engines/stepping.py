@@ -126,7 +126,11 @@ class Run:
         Where the first flight of a drop began; None without one.
     effective, accuracy, dropped
         As of `World`.
+    turning
+        0: normals in a line do not turn.
     """
+
+    turning = 0.0
 
     def __init__(self, scene: Scene, world: World, max_steps: int, record_path: bool = False) -> None:
         self.scene, self.max_steps = scene, max_steps

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from impact_xval.compliant_baselines.engines.arrangement import line_of_balls
 from impact_xval.compliant_baselines.engines.mujoco import mjcf
 from impact_xval.compliant_baselines.inspect_mujoco.scene_contacts import Bodies, MujocoOption, flag
 from impact_xval.compliant_baselines.restitution import contact_time, damping_ratio
@@ -178,7 +179,7 @@ def _compile_alone(bodies: Bodies, option: MujocoOption, step: float, speed: flo
     up.
     """
     fixed, radius = math.isinf(bodies.masses[1]), speed * step * MOST_STEPS
-    model = mujoco.MjModel.from_xml_string(mjcf(1 if fixed else 2, table=fixed))
+    model = mujoco.MjModel.from_xml_string(mjcf(line_of_balls(1 if fixed else 2, fixed)))
     for name, value in bodies.pair:
         getattr(model, f"pair_{name}")[:] = value
     model.geom_size[1:, 0] = model.geom_rbound[1:] = radius

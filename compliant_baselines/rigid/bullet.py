@@ -49,8 +49,8 @@ class BulletWorld(RigidWorld):
         sphere = p.createCollisionShape(p.GEOM_SPHERE, self.radius)
         link = {**FIXED, "linkCollisionShapeIndices": [sphere], "linkJointTypes": [p.JOINT_FIXED]}
         self._balls = [
-            p.createMultiBody(mass, sphere, basePosition=(0, 0, z), **link)
-            for mass, z in zip(scene.masses, self.centres, strict=True)
+            p.createMultiBody(mass, sphere, basePosition=centre, **link)
+            for mass, centre in zip(scene.masses, self.centres, strict=True)
         ]
         bodies = [(ball, LINK) for ball in self._balls]
         if scene.table:

@@ -14,13 +14,17 @@ Run as it ships, DART keeps its collision detector (FCL), its solvers and the co
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from importlib import import_module
+from itertools import combinations
 from typing import Protocol
 
 import numpy as np
 
+from impact_xval.compliant_baselines.engines.arrangement import SPACE_AXES
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene
-from impact_xval.compliant_baselines.rigid.lines import RigidEngine, RigidWorld
+from impact_xval.compliant_baselines.rigid.lines import PLANE_WIDER, RigidEngine, RigidWorld
 
 #: Speed of rebound in m/s up to which DART drops restitution (DART_BOUNCING_VELOCITY_THRESHOLD in
 #: dart/constraint/ContactConstraint.cpp).
@@ -31,7 +35,15 @@ FASTEST = 100.0
 
 
 class DartJoint(Protocol):
-    """What the adapter reads of `dartpy.dynamics.PrismaticJoint` after a step."""
+    """What the adapter calls of `dartpy.dynamics.PrismaticJoint` and `TranslationalJoint`."""
+
+    def setPosition(self, index: int, position: float) -> None:
+        """Set a position along the joint in m."""
+        ...
+
+    def setVelocity(self, index: int, velocity: float) -> None:
+        """Set a velocity along the joint in m/s."""
+        ...
 
     def getPosition(self, index: int) -> float:
         """Return the position along the joint in m."""
@@ -65,6 +77,10 @@ class DartShapeNode(Protocol):
         """Place the shape in its body; in m."""
         ...
 
+    def setRelativeRotation(self, rotation: list[list[float]]) -> None:
+        """Turn the shape in its body, by a rotation matrix."""
+        ...
+
     def createCollisionAspect(self) -> object:
         """Let the shape collide."""
         ...
@@ -77,8 +93,26 @@ class DartShapeNode(Protocol):
 class DartBody(Protocol):
     """What the adapter calls of `dartpy.dynamics.BodyNode`."""
 
+    def setMass(self, mass: float) -> None:
+        """Set the mass in kg."""
+        ...
+
     def createShapeNode(self, shape: object) -> DartShapeNode:
         """Add a shape to the body."""
+        ...
+
+
+class DartSkeleton(Protocol):
+    """What the adapter calls of `dartpy.dynamics.Skeleton`."""
+
+    def createPrismaticJointAndBodyNodePair(
+        self, parent: None, properties: object
+    ) -> tuple[DartJoint, DartBody]:
+        """Add a body that slides along an axis."""
+        ...
+
+    def createTranslationalJointAndBodyNodePair(self) -> tuple[DartJoint, DartBody]:
+        """Add a body that slides along x, y and z."""
         ...
 
 
@@ -93,8 +127,8 @@ class DartWorld(RigidWorld):
         world, half = dart.simulation.World(), self.radius / 2
         self._world = world
         self._joints: list[DartJoint] = []
-        lower: list[DartMaterial] = []
-        upper: list[DartMaterial] = []
+        first: dict[int, DartMaterial] = {}
+        second: dict[int, DartMaterial] = {}
         world.setGravity([0, 0, 0])
         world.setTimeStep(scene.step)
         solver = world.getConstraintSolver()
@@ -109,54 +143,82 @@ class DartWorld(RigidWorld):
                 dart.constraint.PgsBoxedLcpSolverOption(10_000, 0.0, 1e-14)
             )
 
-        def add(body: DartBody, shape: object, z: float, e: float) -> DartMaterial:
+        def add(
+            body: DartBody, shape: object, place: Sequence[float], e: float, turn: float = 0.0
+        ) -> DartMaterial:
             node = body.createShapeNode(shape)
-            node.setRelativeTranslation([0, 0, z])
+            node.setRelativeTranslation([*place])
+            cosine, sine = math.cos(turn), math.sin(turn)
+            node.setRelativeRotation([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]])
             node.createCollisionAspect()
             material = node.createDynamicsAspect()
             material.setFrictionCoeff(0)
             material.setRestitutionCoeff(e)
             return material
 
-        e_below = (*scene.restitutions, 1.0)  # the lowest ball may have nothing below
-        slide = dart.dynamics.PrismaticJointProperties()
-        slide.mAxis = [0, 0, 1]
-        for mass, z, v, e in zip(scene.masses, self.centres, scene.velocities, e_below, strict=False):
+        #: The coordinates of a joint that are those of the scene.
+        self._indices = SPACE_AXES[self.axes] if self.axes > 1 else [0]
+        bodies: list[DartBody] = []
+        coordinates = np.reshape(self.places + self.heights, (-1, self.axes)).tolist()
+        velocities = np.reshape(scene.velocities, (-1, self.axes)).tolist()
+        for i, (mass, place, v) in enumerate(zip(scene.masses, coordinates, velocities, strict=True)):
             skeleton = dart.dynamics.Skeleton()
-            joint, body = skeleton.createPrismaticJointAndBodyNodePair(None, slide)
+            joint, body = self._slide(skeleton)
             body.setMass(mass)
-            lower.append(add(body, dart.dynamics.SphereShape(half), -half, e))
-            upper.append(add(body, dart.dynamics.SphereShape(half), half, scene.partner_restitution))
-            joint.setPosition(0, z)
-            joint.setVelocity(0, v)
+            for contact, offset, is_first in self.spheres(i):
+                e = scene.restitutions[contact] if is_first else scene.partner_restitution
+                material = add(body, dart.dynamics.SphereShape(half), offset, e)
+                (first if is_first else second)[contact] = material
+            for index, x, rate in zip(self._indices, place, v, strict=True):
+                joint.setPosition(index, x)
+                joint.setVelocity(index, rate)
             self._joints.append(joint)
+            bodies.append(body)
             world.addSkeleton(skeleton)
-        if scene.table:
+        touching = {frozenset(touch[:2]) for touch in scene.arrangement.touches if touch.second is not None}
+        for wall in self.walls:
             skeleton = dart.dynamics.Skeleton()
             _, body = skeleton.createWeldJointAndBodyNodePair()
-            upper.append(
-                add(body, dart.dynamics.BoxShape([100 * half] * 3), -50 * half, scene.partner_restitution)
-            )
+            middle = (wall.point - 50 * half * wall.normal).tolist()
+            box = dart.dynamics.BoxShape([100 * half] * 3)
+            second[wall.contact] = add(body, box, middle, scene.partner_restitution, wall.angle)
+            touching.add(frozenset((scene.arrangement.touches[wall.contact].first, len(bodies))))
+            bodies.append(body)
             world.addSkeleton(skeleton)
-        pairs = zip(lower, upper[1:], strict=False)
+        for i, j in combinations(range(len(bodies)), 2):
+            if frozenset((i, j)) not in touching:
+                solver.getCollisionOption().collisionFilter.addBodyNodePairToBlackList(bodies[i], bodies[j])
+        pairs = [(first[i], second[i]) for i in range(len(scene.restitutions))]
         self._restitutions, self._velocities = np.array(scene.restitutions), np.array(scene.velocities)
+        self._J = scene.arrangement.jacobian
         self.effective = {
             "restitution": tuple(a.getRestitutionCoeff() * b.getRestitutionCoeff() for a, b in pairs),
             "step": (world.getTimeStep(),),
             **({"threshold": (SLOWEST,)} if exact else {}),
         }
 
+    def _slide(self, skeleton: DartSkeleton) -> tuple[DartJoint, DartBody]:
+        """Add a body that slides: upwards in a line, and in a plane along x, y and z, of which y stays 0.
+
+        Contacts do not move a `TranslationalJoint2D` along its second axis (dartpy 6.20).
+        """
+        if self.axes > 1:
+            return skeleton.createTranslationalJointAndBodyNodePair()
+        slide = import_module("dartpy").dynamics.PrismaticJointProperties()
+        slide.mAxis = [0, 0, 1]
+        return skeleton.createPrismaticJointAndBodyNodePair(None, slide)
+
     def step(self) -> tuple[list[float], list[float]]:
         """Take a step."""
         self._world.step()
-        return [j.getVelocity(0) for j in self._joints], [j.getPosition(0) for j in self._joints]
+        velocities = [joint.getVelocity(index) for joint in self._joints for index in self._indices]
+        return velocities, [joint.getPosition(index) for joint in self._joints for index in self._indices]
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
         """Take n steps, and add up the restitution that DART has dropped in them."""
         velocities, heights = super().advance(n)
         states = np.vstack([self._velocities, velocities])
-        table = np.zeros(len(states))
-        rates = np.diff(np.column_stack([states, table]))[:, : len(self._restitutions)]
+        rates = -(states @ self._J.T)
         rebound = self._restitutions * rates[:-1]
         struck = (rebound > 0) & (rebound <= SLOWEST) & (rates[1:] != rates[:-1])
         self.dropped += float(rebound[struck].sum())
@@ -169,6 +231,7 @@ class Dart(RigidEngine):
 
     name, distribution, module, title = "dart", "dartpy", "dartpy", "DART"
     shipped_step, made = 1e-3, DartWorld
+    knows_planes, plane_wider = True, PLANE_WIDER
 
     def refusal(self, scene: Scene) -> str | None:
         """Say why DART cannot take a scene: it would drop the restitution of a first impact, or limit its rebound.

@@ -1,13 +1,19 @@
-"""The common part of the adapters of rigid engines: spheres in a line, and steps that are read one by one.
+"""The common part of the adapters of rigid engines: spheres in a line or a plane, and steps that are read one by one.
 
 **Overlap.** Contacts that touch overlap at first by `OVERLAP` of a radius. Bodies that only just touch are met by most
 engines in another step than bodies that overlap, or not at all, and what is meant to be one impact would become
 several. The overlap is not pushed out: each adapter switches the correction of positions off.
 
-**Restitution.** Most engines make the restitution of a contact from one number a body. A ball is therefore two spheres
-of half its radius, one above the other. The lower sphere carries the contact with the body below and has the e of that
-contact. The upper sphere carries the contact with the ball above. Where an engine multiplies two numbers, the upper
-sphere and the table have `Settings.partner_restitution`, by default 1. No other two spheres can meet.
+**Restitution.** Most engines make the restitution of a contact from one number a body. A ball is therefore one sphere
+of half its radius for each of its contacts, inside the ball and against the body that it touches. In a line one of two
+is above the other. The sphere of the first body of a contact (in a line the upper ball) has the e of the contact. Where
+an engine multiplies two numbers, the sphere of the second body, or the plane, has `Settings.partner_restitution`, by
+default 1. Each contact with a fixed body has a plane of its own. Two shapes of different contacts cannot meet.
+
+**In a plane** normals turn by displacement over radius. Radii are larger by `PLANE_WIDER` where positions are double
+precision. Single precision does not resolve the steps of larger balls. There normals turn by about a thousandth in a
+step of a thousandth of a period, if engines take several steps for what is meant to be one impact; in the limit dt -> 0
+that is removed, and its bound is part of the limit's error.
 
 **Rest.** Relative velocities of up to `RigidWorld.resolution` of the fastest ball at the start are reported as 0.
 Otherwise a collision would not be over until a gap has closed at 1e-17 m/s.
@@ -15,12 +21,15 @@ Otherwise a collision would not be over until a gap has closed at 1e-17 m/s.
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
+from typing import NamedTuple
 
 import numpy as np
 
+from impact_xval.compliant_baselines.engines.arrangement import in_space
 from impact_xval.compliant_baselines.engines.engine import Engine
-from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, count_sweeps
+from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, count_sweeps, radius_of
 
 #: Overlap of touching bodies over the radius: 60 units in the last place of a single-precision height of four radii, a
 #: fiftieth of the way in a step of a thousandth of a period. A power of two, so that it is exact in double precision.
@@ -32,12 +41,41 @@ SHIPPED_RADIUS = 2.0**-4
 #: Sixty-four units in the last place, in double and in single precision.
 DOUBLE, SINGLE = 2.0**-46, 2.0**-17
 
+#: Factor on the radii of balls in a plane, in double precision. Overlaps stay as long as they are in a line.
+PLANE_WIDER = 2.0**20
+
 #: A large number; it and its inverse are numbers of single precision.
 LARGEST = 1e30
 
 
+class Sphere(NamedTuple):
+    """One of the small spheres of a ball."""
+
+    #: Number of its contact, from 0.
+    contact: int
+    #: Of its centre from the centre of the ball, in m: (x, y, z).
+    offset: tuple[float, float, float]
+    #: Whether the ball is the first body of the contact, whose e the sphere then has.
+    is_first: bool
+
+
+class Wall(NamedTuple):
+    """A fixed plane, against which one ball lies."""
+
+    #: Number of its contact, from 0.
+    contact: int
+    #: The point in m at which the ball touches it, and its normal, in space (x, y, z).
+    point: Floats
+    normal: Floats
+
+    @property
+    def angle(self) -> float:
+        """The turn in rad about y that takes the z axis to the normal."""
+        return math.atan2(float(self.normal[0]), float(self.normal[2]))
+
+
 class RigidWorld(World):
-    """Spheres in a line, ball 1 on top; the table's surface is at height 0."""
+    """Spheres in a line, ball 1 on top, the table's surface at height 0; or spheres and walls in a plane."""
 
     #: Relative velocity, over the largest speed at the start, that is reported as 0.
     resolution = DOUBLE
@@ -49,24 +87,54 @@ class RigidWorld(World):
             raise TypeError("RigidWorld.partner is Settings(partner_restitution=...) now")
         super().__init__(scene, radius)
         self._table, self._tiny = scene.table, self.resolution * scene.fastest
-        touches_below = np.append(scene.gaps == 0, [] if scene.table else [False])
-        overlaps_below = np.cumsum(touches_below[::-1])[::-1]
-        self.heights = self.heights - OVERLAP * self.radius * overlaps_below
+        self._is_line, self.axes = scene.graph is None, scene.axes
+        self.resting_rate = self._tiny
+        overlap = OVERLAP * self.radius
+        if scene.graph is not None:  # no longer than in a line
+            overlap = OVERLAP * min(self.radius, radius_of(scene.depth(scene.stiffnesses)))
+        self.heights = self.heights + overlap * scene.closing
+        self._arrangement = scene.arrangement
         #: Sweeps over the contacts after which sequential impulses are converged to rounding.
         self.sweeps = 4 + min(996, count_sweeps(scene))
 
     @property
-    def centres(self) -> list[float]:
-        """Heights of the centres at t = 0, in m."""
-        return (self.places + self.heights).tolist()
+    def centres(self) -> list[tuple[float, float, float]]:
+        """Centres of the balls at t = 0 in space, in m."""
+        return [tuple(centre) for centre in in_space(self.places + self.heights, self.axes).tolist()]
+
+    def spheres(self, ball: int) -> list[Sphere]:
+        """Return the spheres of a ball: of the contacts in which it is first, then of those in which it is second."""
+        as_first, as_second = self._arrangement.sides(ball)
+        spheres: list[Sphere] = []
+        for contact in [*as_first, *as_second]:
+            is_first = contact in as_first
+            normal = np.array(self._arrangement.touches[contact].normal)
+            ((x, y, z),) = in_space((-0.5 if is_first else 0.5) * self.radius * normal, self.axes).tolist()
+            spheres.append(Sphere(contact, (x, y, z), is_first))
+        return spheres
+
+    @property
+    def walls(self) -> list[Wall]:
+        """The fixed planes."""
+        return [
+            Wall(
+                contact,
+                in_space(self.radius * self._arrangement.surface(contact), self.axes)[0],
+                in_space(np.array(touch.normal), self.axes)[0],
+            )
+            for contact, touch in enumerate(self._arrangement.touches)
+            if touch.second is None
+        ]
 
     @abstractmethod
     def step(self) -> tuple[list[float], list[float]]:
-        """Take a step; return the velocities in m/s and the heights of the centres in m after it."""
+        """Take a step; return the velocities in m/s and the coordinates of the centres in m after it."""
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
         """Take n steps."""
         states = np.array([self.step() for _ in range(n)])
+        if not self._is_line:
+            return states[:, 0], states[:, 1] - self.places
         v = np.column_stack([states[:, 0], np.zeros(len(states))])
         balls = v.shape[1] - 1
         lowest_contact = balls - 1 if self._table else balls - 2
@@ -83,10 +151,15 @@ class RigidEngine(Engine):
     """A rigid engine: restitutions are those of the contacts, stiffnesses decide only how long a step is."""
 
     kind, law = "rigid", None
+    #: Factor on radii in a plane: `PLANE_WIDER` in double precision.
+    plane_wider: float = 1.0
 
     def radius(self, scene: Scene) -> float:
         """Return the radius in m of the balls."""
-        return SHIPPED_RADIUS if scene.mapping == "shipped" else super().radius(scene)
+        if scene.mapping == "shipped":
+            return SHIPPED_RADIUS
+        radius = radius_of(scene.depth(scene.stiffnesses))
+        return radius if scene.graph is None else radius * self.plane_wider
 
     def refusal(self, scene: Scene) -> str | None:
         """Say why the engine cannot take a scene: a drop, or numbers beyond single precision."""
@@ -102,6 +175,14 @@ class RigidEngine(Engine):
         if 1 / LARGEST < min(numbers) <= max(numbers) < LARGEST:
             return None
         return f"masses, velocities or a step beyond {LARGEST:.0e} or below its inverse, in SI units"
+
+
+def filter_bit(contact: int) -> int:
+    """Return the bit of engines' filters by which the two shapes of a contact, counted from 0, meet each other alone.
+
+    Filters have 32 bits. Contacts that share a bit are kept apart by their places.
+    """
+    return 1 << contact % 32
 
 
 def nearest_float32(value: float, requested: float) -> float:

@@ -1,7 +1,7 @@
-"""Pymunk (Chipmunk, 2-D): circles that do not turn, on a thick segment; iterated impulses in double precision.
+"""Pymunk (Chipmunk, 2-D): circles that do not turn, on thick segments; iterated impulses in double precision.
 
 The restitution of a contact is the product of the elasticities of its two shapes. `collision_bias` = 1 and
-`collision_slop` = 0 leave overlaps as they are.
+`collision_slop` = 0 leave overlaps as they are. Filters let only the two shapes of a contact meet.
 """
 
 from __future__ import annotations
@@ -10,8 +10,11 @@ from importlib import import_module
 from math import inf
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from impact_xval.compliant_baselines.engines.arrangement import in_space
 from impact_xval.compliant_baselines.engines.scene import Scene
-from impact_xval.compliant_baselines.rigid.lines import RigidEngine, RigidWorld
+from impact_xval.compliant_baselines.rigid.lines import PLANE_WIDER, RigidEngine, RigidWorld, filter_bit
 
 if TYPE_CHECKING:
     from pymunk import Shape
@@ -27,26 +30,34 @@ class PymunkWorld(RigidWorld):
         space.iterations, space.collision_slop, space.collision_bias = self.sweeps, 0, 1
         half, self._h = self.radius / 2, scene.step
         self._balls = [pymunk.Body(mass, inf) for mass in scene.masses]
-        lower = [pymunk.Circle(ball, half, (0, -half)) for ball in self._balls]
-        upper: list[Shape] = [pymunk.Circle(ball, half, (0, half)) for ball in self._balls]
-        if scene.table:
-            width = 100 * half
-            upper.append(pymunk.Segment(space.static_body, (-width, -half), (width, -half), half))
-        # The lowest ball may have nothing below.
-        for shape, e in zip(lower, scene.restitutions, strict=False):
-            shape.elasticity = e
-        for shape in upper:
-            shape.elasticity = scene.partner_restitution
-        for ball, z, v in zip(self._balls, self.centres, scene.velocities, strict=True):
-            ball.position, ball.velocity = (0, z), (0, v)
-        space.add(*self._balls, *lower, *upper)
-        pairs = zip(lower, upper[1:], strict=False)
-        self.effective = {"restitution": tuple(above.elasticity * below.elasticity for above, below in pairs)}
+        first: dict[int, Shape] = {}
+        second: dict[int, Shape] = {}
+        for number, ball in enumerate(self._balls):
+            for contact, (x, _, z), is_first in self.spheres(number):
+                (first if is_first else second)[contact] = pymunk.Circle(ball, half, (x, z))
+        for contact, (px, _, pz), (nx, _, nz) in self.walls:
+            width, x, z = 100 * half, px - half * nx, pz - half * nz
+            ends = (x - width * nz, z + width * nx), (x + width * nz, z - width * nx)
+            second[contact] = pymunk.Segment(space.static_body, *ends, half)
+        for contact, e in enumerate(scene.restitutions):
+            first[contact].elasticity = e
+            second[contact].elasticity = scene.partner_restitution
+            for shape in (first[contact], second[contact]):
+                shape.filter = pymunk.ShapeFilter(categories=filter_bit(contact), mask=filter_bit(contact))
+        velocities = in_space(np.array(scene.velocities), self.axes).tolist()
+        for ball, (x, _, z), (vx, _, vz) in zip(self._balls, self.centres, velocities, strict=True):
+            ball.position, ball.velocity = (x, z), (vx, vz)
+        contacts = range(len(scene.restitutions))
+        space.add(*self._balls, *(first[i] for i in contacts), *(second[i] for i in contacts))
+        self.effective = {"restitution": tuple(first[i].elasticity * second[i].elasticity for i in contacts)}
 
     def step(self) -> tuple[list[float], list[float]]:
         """Take a step."""
         self._space.step(self._h)
-        return [ball.velocity.y for ball in self._balls], [ball.position.y for ball in self._balls]
+        if self.axes == 1:
+            return [ball.velocity.y for ball in self._balls], [ball.position.y for ball in self._balls]
+        velocities = [number for ball in self._balls for number in ball.velocity]
+        return velocities, [number for ball in self._balls for number in ball.position]
 
 
 class Pymunk(RigidEngine):
@@ -54,4 +65,4 @@ class Pymunk(RigidEngine):
 
     name = distribution = module = "pymunk"
     title = "Pymunk"
-    made = PymunkWorld
+    made, knows_planes, plane_wider = PymunkWorld, True, PLANE_WIDER

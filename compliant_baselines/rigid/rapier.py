@@ -1,8 +1,8 @@
 """Rapier, 3-D, in single precision: contacts are solved without restitution in sub-steps, then restitution once.
 
-The adapter makes Rapier multiply the coefficients of two colliders. Bodies move along one axis and do not turn. The
-solver iterates until it has converged. Overlaps are not pushed out. Rapier caps the speed of bodies, by default at 400
-lengths a second; here the cap is a million times the fastest ball.
+The adapter makes Rapier multiply the coefficients of two colliders. Bodies move along one axis, or two in a plane, and
+do not turn. The solver iterates until it has converged. Overlaps are not pushed out. Rapier caps the speed of bodies,
+by default at 400 lengths a second; here the cap is a million times the fastest ball.
 
 Run as it ships, Rapier keeps all its parameters and takes the mean of two coefficients, so both colliders of a contact
 have its e.
@@ -13,8 +13,17 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Protocol, Self
 
+import numpy as np
+
+from impact_xval.compliant_baselines.engines.arrangement import SPACE_AXES, in_space
 from impact_xval.compliant_baselines.engines.scene import Scene
-from impact_xval.compliant_baselines.rigid.lines import SINGLE, RigidEngine, RigidWorld, nearest_float32
+from impact_xval.compliant_baselines.rigid.lines import (
+    SINGLE,
+    RigidEngine,
+    RigidWorld,
+    filter_bit,
+    nearest_float32,
+)
 
 if TYPE_CHECKING:
     from rapier3d import ColliderHandle, RigidBodyHandle
@@ -29,6 +38,14 @@ class RapierShape(Protocol):
 
     def density(self, d: float, /) -> Self:
         """Set the density in kg/m^3."""
+        ...
+
+    def rotation(self, v: tuple[float, float, float], /) -> Self:
+        """Turn the shape in its body, by a vector along the axis; in rad."""
+        ...
+
+    def collision_groups(self, g: object, /) -> Self:
+        """Set the `InteractionGroups` that the shape is in and meets."""
         ...
 
     def friction(self, f: float, /) -> Self:
@@ -66,33 +83,45 @@ class RapierWorld(RigidWorld):
         rule = rules.MULTIPLY if exact else rules.AVERAGE
 
         def add(
-            shape: RapierShape, z: float, e: float, body: RigidBodyHandle | None = None
+            shape: RapierShape,
+            contact: int,
+            place: tuple[float, float, float],
+            e: float,
+            body: RigidBodyHandle | None = None,
         ) -> ColliderHandle:
-            shape = shape.translation((0, 0, z)).density(0).friction(0)
+            group = rapier.Group(filter_bit(contact))
+            shape = shape.translation(place).density(0).friction(0)
+            shape = shape.collision_groups(rapier.InteractionGroups(group, group))
             return world.add_collider(shape.restitution(e).restitution_combine_rule(rule), body)
 
         def combine(e: float, partner: float) -> float:
             return e * partner if exact else (e + partner) / 2
 
-        e_below = (*scene.restitutions, 1.0)  # the lowest ball may have nothing below
-        # Of the upper side of each body; the first ball has nothing above.
-        partner = scene.partner_restitution
-        e_above = [partner] * (len(scene.masses) + 1) if exact else [1.0, *scene.restitutions]
-        lower: list[ColliderHandle] = []
-        upper: list[ColliderHandle] = []
+        def e_of_second(contact: int) -> float:
+            return scene.partner_restitution if exact else scene.restitutions[contact]
+
+        first: dict[int, ColliderHandle] = {}
+        second: dict[int, ColliderHandle] = {}
         bodies: list[RigidBodyHandle] = []
-        for i, (mass, z, v) in enumerate(zip(scene.masses, self.centres, scene.velocities, strict=True)):
+        free = tuple(axis in SPACE_AXES[self.axes] for axis in range(3))
+        velocities = in_space(np.array(scene.velocities), self.axes).tolist()
+        for i, (mass, centre, v) in enumerate(zip(scene.masses, self.centres, velocities, strict=True)):
             body = (
                 rapier.RigidBodyBuilder(rapier.RigidBodyType.DYNAMIC).additional_mass(mass).can_sleep(False)
             )
-            body = body.translation((0, 0, z)).linvel((0, 0, v)).enabled_rotations((False, False, False))
-            bodies.append(world.add_body(body.enabled_translations((False, False, True))))
-            lower.append(add(rapier.Collider.ball(half), -half, e_below[i], bodies[-1]))
-            upper.append(add(rapier.Collider.ball(half), half, e_above[i], bodies[-1]))
-        if scene.table:
-            upper.append(add(rapier.Collider.cuboid(50 * half, 50 * half, half), -half, e_above[-1]))
+            body = body.translation(centre).linvel(tuple(v)).enabled_rotations((False, False, False))
+            bodies.append(world.add_body(body.enabled_translations(free)))
+            for contact, offset, is_first in self.spheres(i):
+                e = scene.restitutions[contact] if is_first else e_of_second(contact)
+                collider = add(rapier.Collider.ball(half), contact, offset, e, bodies[-1])
+                (first if is_first else second)[contact] = collider
+        for wall in self.walls:
+            box = rapier.Collider.cuboid(50 * half, 50 * half, half)
+            box = box.rotation((0, wall.angle, 0))
+            middle = tuple((wall.point - half * wall.normal).tolist())
+            second[wall.contact] = add(box, wall.contact, middle, e_of_second(wall.contact))
         self._world, self._set, self._bodies = world, world.rigid_bodies, bodies
-        pairs = zip(lower, upper[1:], scene.restitutions, strict=False)
+        pairs = [(first[i], second[i], e) for i, e in enumerate(scene.restitutions)]
         self.effective = {
             "restitution": tuple(
                 nearest_float32(
@@ -112,11 +141,14 @@ class RapierWorld(RigidWorld):
         if not self._world.quarantine.is_empty():
             raise RuntimeError("Rapier has put bodies into quarantine: numbers beyond single precision")
         bodies = [self._set[body] for body in self._bodies]
-        return [body.linvel.z for body in bodies], [body.translation.z for body in bodies]
+        if self.axes == 1:
+            return [body.linvel.z for body in bodies], [body.translation.z for body in bodies]
+        velocities = [number for body in bodies for number in (body.linvel.x, body.linvel.z)]
+        return velocities, [number for body in bodies for number in (body.translation.x, body.translation.z)]
 
 
 class Rapier(RigidEngine):
     """Rapier."""
 
     name, distribution, module, title = "rapier", "rapier3d", "rapier3d", "Rapier"
-    shipped_step, made = 1 / 60, RapierWorld
+    shipped_step, made, knows_planes = 1 / 60, RapierWorld, True

@@ -1,9 +1,9 @@
 """SAPIEN (PhysX 5 on a CPU) in single precision: the TGS solver, restitution by material.
 
 PhysX takes the mean of the coefficients of two shapes, so both shapes of a contact have its e, and
-`Settings.partner_restitution` does not matter. Rotations and two of three translations are locked. SAPIEN has one speed
-for all scenes below which contacts have no restitution. It is 0 while our scenes run (by default 2 m/s), and restored
-afterwards.
+`Settings.partner_restitution` does not matter. Rotations are locked, and translations across the line or the plane.
+SAPIEN has one speed for all scenes below which contacts have no restitution. It is 0 while our scenes run (by default
+2 m/s), and restored afterwards.
 
 Run as it ships, SAPIEN keeps that speed, its offsets of contacts, its iterations, its sleep and the correction of
 overlaps.
@@ -11,14 +11,24 @@ overlaps.
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from typing import Protocol
 
+import numpy as np
+
+from impact_xval.compliant_baselines.engines.arrangement import SPACE_AXES, in_space
 from impact_xval.compliant_baselines.engines.scene import Scene
-from impact_xval.compliant_baselines.rigid.lines import SINGLE, RigidEngine, RigidWorld, nearest_float32
+from impact_xval.compliant_baselines.rigid.lines import (
+    SINGLE,
+    RigidEngine,
+    RigidWorld,
+    filter_bit,
+    nearest_float32,
+)
 
 #: Position and velocity iterations: as many as PhysX allows. After four a single ball rebounds with 0.693, not 0.7.
 MAX_ITERATIONS = 255
@@ -38,6 +48,10 @@ class SapienShape(Protocol):
     local_pose: object
     contact_offset: float
     rest_offset: float
+
+    def set_collision_groups(self, groups: list[int]) -> None:
+        """Set what the shape is, what it meets, and two groups of shapes that do not meet."""
+        ...
 
 
 class SapienBody(Protocol):
@@ -79,45 +93,50 @@ class SapienWorld(RigidWorld):
         self._scene = sapien.Scene([system])
         system.timestep = scene.step
 
-        def attach(body: SapienBody, shape: SapienShape, z: float) -> None:
-            shape.local_pose = sapien.Pose([0, 0, z])
+        def attach(
+            body: SapienBody, shape: SapienShape, contact: int, place: Sequence[float], turn: float = 0.0
+        ) -> None:
+            shape.local_pose = sapien.Pose([*place], [math.cos(turn / 2), 0, math.sin(turn / 2), 0])
+            bit = filter_bit(contact)
+            shape.set_collision_groups([bit, bit, 0, 0])
             if exact:
                 shape.contact_offset, shape.rest_offset = CONTACT_OFFSET * self.radius, 0.0
             body.attach(shape)
 
-        def add(body: SapienBody, z: float) -> None:
+        def add(body: SapienBody, place: Sequence[float]) -> None:
             entity = sapien.Entity()
             entity.add_component(body)
-            entity.pose = sapien.Pose([0, 0, z])
+            entity.pose = sapien.Pose([*place])
             self._scene.add_entity(entity)
 
-        materials = [physx.PhysxMaterial(0, 0, e) for e in (*scene.restitutions, 0.0)]
+        materials = [physx.PhysxMaterial(0, 0, e) for e in scene.restitutions]
         self._bodies: list[SapienDynamicBody] = []
-        above = physx.PhysxMaterial(0, 0, 0)
-        for mass, z, v, below in zip(scene.masses, self.centres, scene.velocities, materials, strict=False):
+        locked = [axis not in SPACE_AXES[self.axes] for axis in range(3)] + [True] * 3
+        velocities = in_space(np.array(scene.velocities), self.axes).tolist()
+        for i, (mass, centre, v) in enumerate(zip(scene.masses, self.centres, velocities, strict=True)):
             body = physx.PhysxRigidDynamicComponent()
-            attach(body, physx.PhysxCollisionShapeSphere(half, above), half)
-            attach(body, physx.PhysxCollisionShapeSphere(half, below), -half)
+            for contact, offset, _ in reversed(self.spheres(i)):
+                attach(body, physx.PhysxCollisionShapeSphere(half, materials[contact]), contact, offset)
             body.mass, body.inertia = mass, [mass * half**2] * 3
             body.linear_damping = body.angular_damping = 0
-            body.set_locked_motion_axes([True, True, False, True, True, True])
+            body.set_locked_motion_axes(locked)
             body.disable_gravity = True
             if exact:
                 body.sleep_threshold = 0
                 body.max_depenetration_velocity = 1e-20
                 body.solver_position_iterations = body.solver_velocity_iterations = MAX_ITERATIONS
-            add(body, z)
-            body.linear_velocity = [0, 0, v]
+            add(body, centre)
+            body.linear_velocity = v
             self._bodies.append(body)
-            above = below
-        if scene.table:
+        for wall in self.walls:
             body = physx.PhysxRigidStaticComponent()
-            attach(body, physx.PhysxCollisionShapeBox([50 * half, 50 * half, half], above), -half)
-            add(body, 0.0)
+            box = physx.PhysxCollisionShapeBox([50 * half, 50 * half, half], materials[wall.contact])
+            attach(body, box, wall.contact, (-half * wall.normal).tolist(), wall.angle)
+            add(body, wall.point.tolist())
         self.effective = {
             "restitution": tuple(
                 nearest_float32(material.restitution, e)
-                for material, e in zip(materials, scene.restitutions, strict=False)
+                for material, e in zip(materials, scene.restitutions, strict=True)
             ),
             "step": (nearest_float32(system.timestep, scene.step),),
             **({"threshold": (physx.get_scene_config().bounce_threshold,)} if exact else {}),
@@ -126,8 +145,9 @@ class SapienWorld(RigidWorld):
     def step(self) -> tuple[list[float], list[float]]:
         """Take a step."""
         self._system.step()
-        velocities = [float(body.linear_velocity[2]) for body in self._bodies]
-        return velocities, [float(body.pose.p[2]) for body in self._bodies]
+        axes = SPACE_AXES[self.axes]
+        velocities = [float(body.linear_velocity[axis]) for body in self._bodies for axis in axes]
+        return velocities, [float(body.pose.p[axis]) for body in self._bodies for axis in axes]
 
 
 class Sapien(RigidEngine):
@@ -135,7 +155,7 @@ class Sapien(RigidEngine):
 
     name = distribution = module = "sapien"
     title = "SAPIEN"
-    shipped_step, made = 0.01, SapienWorld
+    shipped_step, made, knows_planes = 0.01, SapienWorld, True
 
     def unavailable(self) -> str | None:
         """Say why SAPIEN cannot run; its warning that it finds no graphics is held back."""

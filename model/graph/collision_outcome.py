@@ -32,6 +32,9 @@ class GraphCollisionOutcome:
         As in `Outcome`.
     diagnostics : mapping of str to float
         Further numbers that the solver states, as in `Outcome`.
+    limit_velocities : tuple of tuple of float
+        Of each body in the limit of a time step of zero, as `velocities`; empty where no limit was asked for or is
+        known. ``limit_error`` of `diagnostics` is its error in m/s.
     requested, effective : mapping of str to tuple of float
         As in `Outcome`.
     """
@@ -43,6 +46,7 @@ class GraphCollisionOutcome:
     reason: str = ""
     mark: str = ""
     diagnostics: Mapping[str, float] = field(default_factory=dict[str, float])
+    limit_velocities: tuple[tuple[float, ...], ...] = ()
     requested: Mapping[str, tuple[float, ...]] = field(default_factory=dict[str, tuple[float, ...]])
     effective: Mapping[str, tuple[float, ...]] = field(default_factory=dict[str, tuple[float, ...]])
 

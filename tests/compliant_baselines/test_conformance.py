@@ -8,6 +8,7 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.conformance import checks, problems
 from impact_xval.compliant_baselines.references import ReferenceSolver
 from impact_xval.compliant_baselines.registry import law_name_of
+from impact_xval.model.graph import GraphCollisionOutcome
 from tests.compliant_baselines.conftest import installed
 
 pytestmark = pytest.mark.smoke
@@ -36,6 +37,9 @@ class Mutant(ReferenceSolver):
                 for o in get_solver(self.exact).solve_many(collisions, settings)
             ]
         )
+
+    def solve_graphs(self, collisions, settings):
+        return get_solver(self.exact).solve_graphs(collisions, settings)
 
     name, exact = "mutant", "kelvin-voigt"
 
@@ -103,6 +107,17 @@ MUTANTS = {
 
 def test_the_mutant_conforms_unchanged():
     assert problems(Mutant()) == {}
+
+
+def test_contact_graphs_are_answered_or_refused_with_a_reason(monkeypatch):
+    monkeypatch.setattr(Mutant, "solve_graphs", lambda self, collisions, settings: [])
+    assert problems(Mutant()) == {"refuses_with_a_reason": "0 outcomes for 2 contact graphs"}
+
+    def crash(self, collisions, settings):
+        return [GraphCollisionOutcome.failure("mutant", c, "crashed", "no normals") for c in collisions]
+
+    monkeypatch.setattr(Mutant, "solve_graphs", crash)
+    assert problems(Mutant())["refuses_with_a_reason"].endswith("no normals")
 
 
 def test_every_way_of_breaking_the_contract_is_caught():

@@ -16,6 +16,7 @@ from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.presentation.findings import overall_table
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.model.collision import Collision
+from impact_xval.model.graph import corner
 from tests.compliant_baselines.third_party import ANVIL, TOY, install
 
 ALL = solver_names(on_request=True)
@@ -87,6 +88,11 @@ def test_an_installed_engine_is_found_and_used(site, command):
     assert (toy.name, toy.version(), toy.unavailable()) == ("toy", "1.0", None)
     # Contact 1 to -0.05 and -0.95 m/s, contact 2 to 0.665; contact 1 to 0.62925 and -0.01425, contact 2 to 0.009975.
     assert toy.solve(CELL).velocities == pytest.approx((0.62925, 0.009975), abs=1e-14)
+    (graph,) = toy.solve_graphs([corner()], Settings())
+    assert (graph.status, graph.reason) == (
+        "unrepresentable",
+        "toy solves balls in a line alone, no contact graphs",
+    )
     with pytest.raises(SolverError, match=r"toy: unrepresentable: gravity = 9.81 m/s\^2"):
         toy.solve(CELL, Settings(scenario="drop"))
     ours, _ = json.loads(command(f"{SOLVE} --scenario impact --solver toy --json"))  # and the model

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import DOP853
 
 from impact_xval.compliant_baselines import get_solver, references
-from impact_xval.compliant_baselines.engines.convergence import extrapolate
+from impact_xval.compliant_baselines.engines.convergence import extrapolate, parting_in_line
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.engines.stepping import project_to_separated
 from impact_xval.compliant_baselines.mapping import MUJOCO_IMPEDANCE
@@ -23,7 +23,7 @@ from tests.compliant_baselines.reference_cells import random_cells, two_balls
 H = 2.0 ** -np.arange(3)
 
 #: Two balls of one mass.
-PAIR = (1.0, 1.0)
+PAIR = parting_in_line((1.0, 1.0))
 
 
 def sequence(f, steps=H):
@@ -66,12 +66,16 @@ def test_runs_of_other_states_are_doubted_as_a_whole_and_a_first_flight_as_much_
 
 def test_a_limit_of_balls_that_part_is_one_of_balls_that_parted():
     # v2 - v1 falls by 0.01 with each halving and is 0.005 beyond the last: the balls have yet to meet there.
-    limit, error, _ = extrapolate(np.array([[0.4, 0.375], [0.4, 0.385], [0.4, 0.395]]), 0.0, (1.0, 3.0))
+    limit, error, _ = extrapolate(
+        np.array([[0.4, 0.375], [0.4, 0.385], [0.4, 0.395]]), 0.0, parting_in_line((1.0, 3.0))
+    )
     mean = 0.4 * 0.25 + 0.405 * 0.75  # momentum is kept
     assert limit[0] == limit[1] == pytest.approx(mean)
     assert error == pytest.approx(0.01)  # the differences do not fall
     # B2 would go into the table
-    limit, error, _ = extrapolate(np.array([[0.4, 0.012], [0.4, 0.004], [0.4, 0.0]]), 0.0, (1.0, 3.0))
+    limit, error, _ = extrapolate(
+        np.array([[0.4, 0.012], [0.4, 0.004], [0.4, 0.0]]), 0.0, parting_in_line((1.0, 3.0))
+    )
     assert limit == (0.4, 0)
     assert error == pytest.approx(0.004)  # and would leave it as fast as it was going to
 

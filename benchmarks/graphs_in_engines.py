@@ -1,0 +1,152 @@
+"""Hold engines on contact graphs against exact laws: ``python -m benchmarks.graphs_in_engines --engine NAME``.
+
+The graphs are random trees of balls in a plane, some at walls. For an engine of springs and dashpots the script counts
+the limits dt -> 0 that are within three stated errors of the exact motion under its law. For a rigid engine it prints
+the nearest rigid law for each graph, and its distance: the kinetic norm of the difference over that of the velocities
+at first touch. Laws that depend on an order of contacts are tried in all orders, and named with the nearest.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from itertools import permutations
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from impact_xval.compliant_baselines.registry import get_solver
+from impact_xval.compliant_baselines.rigid.graphs import GRAPH_LAWS, complementary, solve_rigid_graph
+from impact_xval.compliant_baselines.rigid.laws import TooManyImpactsError
+from impact_xval.compliant_baselines.solver import Convergence, Settings, Solver
+from impact_xval.model.arrays import Floats
+from impact_xval.model.graph import GraphCollision, GraphCollisionOutcome
+from impact_xval.model.kinetic import kinetic_norm
+from tests.compliant_baselines.plane_graphs import random_graph
+
+#: Newton's law with restitution of the contacts that approach alone: 0 <= P, u+ + e min(u-, 0) >= 0, complementary. The
+#: law of `rigid.graphs` lets a contact that parts before the impact approach after it, and then has another impact.
+APPROACHING = "newton-of-approaching"
+
+#: Distance up to which laws are equally near; then the first of them is named, as in most graphs several laws agree.
+NEAR = 1e-4
+
+#: Distance up to which a law explains an answer.
+EXPLAINED = 1e-3
+
+#: Laws that take contacts in an order.
+ORDERED = ("sequential", "plastic-then-restitution")
+
+
+def distance(collision: GraphCollision, velocities: object, others: object) -> float:
+    """Return the kinetic norm of a difference of velocities over that of the velocities at first touch."""
+    masses = np.repeat(collision.masses, 2)
+    difference = np.ravel(np.asarray(velocities, float)) - np.ravel(np.asarray(others, float))
+    return float(kinetic_norm(masses, difference) / kinetic_norm(masses, np.ravel(collision.velocities)))
+
+
+def newton_of_approaching(collision: GraphCollision) -> Floats:
+    """Return the velocities after impacts by the law `APPROACHING`, until no contact approaches."""
+    W, rates = collision.delassus, collision.rates
+    e = np.array([contact.restitution for contact in collision.contacts])
+    total, rounding = np.zeros(len(rates)), 1e-12 * np.abs(rates).max()
+    while (rates > rounding).any():
+        total += complementary(W, -rates - e * np.maximum(rates, 0))
+        rates = collision.rates - W @ total
+        rates[np.abs(rates) <= rounding] = 0.0
+    return collision.after(total.tolist())[0]
+
+
+def nearest_law(collision: GraphCollision, outcome: GraphCollisionOutcome) -> tuple[float, str]:
+    """Return the distance to the nearest rigid law, and its name."""
+    restitutions = [contact.restitution for contact in collision.contacts]
+    orders = [*permutations(range(1, len(restitutions) + 1))]
+    found: list[tuple[float, str]] = []
+    for law in GRAPH_LAWS:
+        for order in orders if law in ORDERED else orders[:1]:
+            try:
+                rigid = solve_rigid_graph(law, collision.delassus, restitutions, collision.rates, order=order)
+            except (ValueError, TooManyImpactsError):
+                continue
+            velocities, _ = collision.after(rigid.impulses.tolist())
+            found.append((distance(collision, outcome.velocities, velocities), rigid.law))
+    found.insert(1, (distance(collision, outcome.velocities, newton_of_approaching(collision)), APPROACHING))
+    return min(found, key=lambda law: max(law[0], NEAR))
+
+
+def compare_compliant(
+    engine: Solver, graphs: list[GraphCollision], settings: Settings, console: Console
+) -> None:
+    """Print how many limits are within three stated errors of the exact law."""
+    outcomes = engine.solve_graphs(graphs, settings)
+    exact = get_solver(engine.law or "kelvin-voigt").solve_graphs(graphs, settings)
+    table = Table("graph", "contacts", "status", "off, m/s", "stated error", "off/error", "at the step, m/s")
+    ratios: list[float] = []
+    for number, (graph, outcome, reference) in enumerate(zip(graphs, outcomes, exact, strict=True)):
+        row = [str(number), str(len(graph.contacts)), outcome.status]
+        if outcome.limit_velocities and reference.has_result:
+            off = float(np.abs(np.subtract(outcome.limit_velocities, reference.velocities)).max())
+            at_step = float(np.abs(np.subtract(outcome.velocities, reference.velocities)).max())
+            error = outcome.diagnostics["limit_error"]
+            ratios.append(off / error)
+            row += [f"{off:.1e}", f"{error:.1e}", f"{off / error:.2f}", f"{at_step:.1e}"]
+        else:
+            row += [outcome.reason or reference.reason]
+        table.add_row(*row)
+    console.print(table)
+    within = sum(ratio <= 3 for ratio in ratios)
+    worst = max(ratios, default=math.nan)
+    console.print(
+        f"{engine.name}: {within} of {len(graphs)} limits within three stated errors; {len(ratios)} have a limit; "
+        f"the furthest is {worst:.2f} stated errors off"
+    )
+
+
+def compare_rigid(engine: Solver, graphs: list[GraphCollision], settings: Settings, console: Console) -> None:
+    """Print the nearest rigid law of each graph, and how often each law is the nearest."""
+    table = Table("graph", "contacts", "status", "nearest law", "distance")
+    nearest: dict[str, list[float]] = {}
+    without = 0
+    for number, (graph, outcome) in enumerate(
+        zip(graphs, engine.solve_graphs(graphs, settings), strict=True)
+    ):
+        row = [str(number), str(len(graph.contacts)), outcome.status]
+        if np.isfinite(outcome.velocities).all():
+            off, law = nearest_law(graph, outcome)
+            nearest.setdefault(law.partition(" (")[0], []).append(off)
+            row += [law, f"{off:.1e}"]
+        else:
+            row += [outcome.reason]
+            without += 1
+        table.add_row(*row)
+    console.print(table)
+    for law, distances in sorted(nearest.items()):
+        close = sum(off <= EXPLAINED for off in distances)
+        console.print(
+            f"{engine.name}: {law} is the nearest to {len(distances)} of {len(graphs)} graphs, within {EXPLAINED:g} "
+            f"to {close}; median {np.median(distances):.1e}, largest {max(distances):.1e}"
+        )
+    unexplained = sum(off > EXPLAINED for distances in nearest.values() for off in distances)
+    console.print(f"{engine.name}: no law is within {EXPLAINED:g} of {unexplained} graphs")
+    if without:
+        console.print(f"{engine.name}: no result for {without}")
+
+
+def main() -> None:
+    """Run the comparison that the command line asks for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--engine", required=True)
+    parser.add_argument("--graphs", type=int, default=60)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--max-steps", type=int, default=100_000)
+    options = parser.parse_args()
+    rng, engine, console = np.random.default_rng(options.seed), get_solver(options.engine), Console(width=118)
+    graphs = [random_graph(rng) for _ in range(options.graphs)]
+    settings = Settings(convergence=Convergence(), max_steps=options.max_steps)
+    compare = compare_rigid if engine.kind == "rigid" else compare_compliant
+    compare(engine, graphs, settings, console)
+
+
+if __name__ == "__main__":
+    main()

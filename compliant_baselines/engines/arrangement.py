@@ -1,0 +1,135 @@
+"""Arrangements: which bodies of a scene touch which, in which direction, and where equal balls lie that touch so.
+
+Bodies move along one axis (a line, upwards) or two (a plane: x, and z upwards). Lengths are in radii of the balls.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from impact_xval.model.arrays import Floats
+
+if TYPE_CHECKING:
+    from impact_xval.model.graph.collision import GraphCollision
+
+#: Distance in radii by which a contact may miss the places of equal balls: the rounding of normals.
+FITTING = 1e-9
+
+#: Overlap in radii that hides the rounding of places in a plane: a contact that touches is met in the first step.
+ROUNDING_OVERLAP = 2.0**-48
+
+
+class Touch(NamedTuple):
+    """Contact of two bodies, or of a body with a fixed plane of its own."""
+
+    #: Numbers of the bodies, from 0; None stands for a plane.
+    first: int
+    second: int | None
+    #: Unit vector from the second body into the first, one number an axis.
+    normal: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Arrangement:
+    """Equal balls that touch each other and planes."""
+
+    #: Of the balls where all contacts only just touch, in radii, one number an axis.
+    centres: tuple[tuple[float, ...], ...]
+    touches: tuple[Touch, ...]
+
+    @property
+    def axes(self) -> int:
+        """Number of axes along which bodies move: 1 in a line, 2 in a plane."""
+        return len(self.centres[0])
+
+    @cached_property
+    def jacobian(self) -> Floats:
+        """J, shape (C, N axes), with the velocities of all bodies, body after body: contacts are compressed at -J v."""
+        rows = np.zeros((len(self.touches), len(self.centres), self.axes))
+        for row, touch in zip(rows, self.touches, strict=True):
+            row[touch.first] += touch.normal
+            if touch.second is not None:
+                row[touch.second] -= touch.normal
+        return rows.reshape(len(self.touches), -1)
+
+    @property
+    def has_fixed_body(self) -> bool:
+        """Tell whether a plane holds some ball."""
+        return any(touch.second is None for touch in self.touches)
+
+    def surface(self, contact: int) -> Floats:
+        """Return the point, in radii, at which a ball touches the plane of a contact; shape (axes,)."""
+        touch = self.touches[contact]
+        return np.subtract(self.centres[touch.first], touch.normal)
+
+    def sides(self, body: int) -> tuple[list[int], list[int]]:
+        """Return the contacts in which a body is the first, and those in which it is the second."""
+        return (
+            [i for i, touch in enumerate(self.touches) if touch.first == body],
+            [i for i, touch in enumerate(self.touches) if touch.second == body],
+        )
+
+
+@lru_cache
+def line_of_balls(balls: int, table: bool) -> Arrangement:
+    """Return balls in a line, ball 1 on top, with a table below or without."""
+    centres = tuple((float(height),) for height in range(2 * balls - 1, 0, -2))
+    touches = [Touch(upper, upper + 1, (1.0,)) for upper in range(balls - 1)]
+    return Arrangement(centres, (*touches, *([Touch(balls - 1, None, (1.0,))] if table else [])))
+
+
+def arrangement_of_graph(collision: GraphCollision) -> Arrangement | str:
+    """Arrange equal balls by the normals of a contact graph in a plane, or say in one sentence why none touch so."""
+    axes = len(collision.velocities[0])
+    if axes != 2:
+        return "the bodies move in space: engines run contact graphs in a plane; legal: velocities (x, z)"
+    turning = any(contact.arms for contact in collision.contacts)
+    if turning or any(collision.angular_velocities):
+        return "contacts with arms: engines run balls, which do not turn; legal: contacts without arms"
+    touches = tuple(
+        Touch(first - 1, None if second is None else second - 1, contact.normal)
+        for contact in collision.contacts
+        for first, second in [contact.bodies]
+    )
+    pairs = [tuple(sorted((touch.first, touch.second))) for touch in touches if touch.second is not None]
+    if len(set(pairs)) < len(pairs):
+        return "two contacts of the same two bodies: balls touch in one point"
+    centres = np.zeros((len(collision.masses), axes))
+    between = [touch for touch in touches if touch.second is not None]
+    if between:
+        # Differences of centres, an equation an axis and contact.
+        differences = np.zeros((len(between), len(centres)))
+        for row, touch in zip(differences, between, strict=True):
+            row[touch.first], row[touch.second] = 1.0, -1.0
+        wanted = 2 * np.array([touch.normal for touch in between])
+        centres = np.linalg.lstsq(differences, wanted, rcond=None)[0]
+        missed = np.linalg.norm(differences @ centres - wanted, axis=1)
+        if missed.max() > FITTING * len(between):
+            contact = touches.index(between[int(missed.argmax())]) + 1
+            return (
+                f"no equal balls touch with these normals: contact {contact} misses by {missed.max():.2g} radii; "
+                "legal: normals that close every ring of contacts"
+            )
+    return Arrangement(tuple(map(tuple, centres.tolist())), touches)
+
+
+def in_space(coordinates: Floats, axes: int) -> Floats:
+    """Return coordinates along the axes, shape (..., N axes), as points in space (x, y, z), shape (..., N, 3)."""
+    points = np.reshape(coordinates, (*np.shape(coordinates)[:-1], -1, axes))
+    space = np.zeros((*points.shape[:-1], 3))
+    space[..., SPACE_AXES[axes]] = points
+    return space
+
+
+def along_axes(points: Floats, axes: int) -> Floats:
+    """Return points in space, shape (..., N, 3), as coordinates along the axes, shape (..., N axes)."""
+    coordinates = np.asarray(points)[..., SPACE_AXES[axes]]
+    return coordinates.reshape(*coordinates.shape[:-2], -1)
+
+
+#: The axes of a line and of a plane among x, y, z.
+SPACE_AXES: dict[int, list[int]] = {1: [2], 2: [0, 2]}

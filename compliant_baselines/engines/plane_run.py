@@ -1,0 +1,274 @@
+"""Following a scene in a plane through the steps of an engine: forces, and when the collision is over.
+
+All contacts touch at t = 0, and nothing falls. Rates and gaps are those of the fixed normals, -J v and J x.
+
+**A contact carries force** in a step if its impulse exceeds `World.rounding` of the momenta in the balance, and
+`TURNED` of the largest impulse of the step. Impulses follow from the changes of momentum, J^T P = M dv, by least
+squares. Where contacts depend on one another (J^T has not full rank) that is one of several splits. Impulses decide on
+states and on what is doubted of a limit, never on velocities.
+
+**Over**: at the end of the first step in which no body's momentum changes beyond rounding and no contact approaches. A
+flight whose next meeting lies further ahead than the collision has taken ends too if that meeting may change little, by
+the bound of `stepping`: the nearest velocities at which all contacts part, in the kinetic norm, are then reported. A
+flight that outlasts the steps that are left is given up.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize  # pyright: ignore[reportMissingTypeStubs]
+
+from impact_xval.compliant_baselines.engines.scanner import RunEnd
+from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, periods
+from impact_xval.compliant_baselines.engines.stepping import (
+    ENERGY_GAIN_ALLOWED,
+    SLOWEST_MEETING,
+    WINDOW,
+    FlightLead,
+)
+from impact_xval.compliant_baselines.states import Runs, merge_runs
+from impact_xval.model.arrays import Booleans
+from impact_xval.model.status import Status
+
+_optimize: Any = optimize
+
+#: Share of the largest impulse of a step that the turning of normals may show as an impulse of another contact.
+TURNED = 1e-4
+
+#: Gap in radii above which a contact has opened: above the rounding of places, and of an initial overlap.
+OPEN = 2.0**-44
+
+#: Share of the terms of a rate that is rounding of their sum.
+RATE_ROUNDING = 2.0**-48
+
+
+def project_to_parting(velocities: Floats, scene: Scene) -> Floats:
+    """Return the nearest velocities, in the kinetic norm, at which no contact of a scene in a plane approaches.
+
+    Velocities have the shape (N axes,). They are v + M^-1 J^T P with the plastic impulses P >= 0 of all contacts.
+    """
+    J, root = scene.arrangement.jacobian, np.sqrt(scene.inertia)
+    impulses: Floats = _optimize.nnls((J / root).T, -root * velocities)[0]
+    return velocities + J.T @ impulses / scene.inertia
+
+
+class PlaneRun:
+    """A scene in a plane under way, or over; its members are named as those of `stepping.Run`.
+
+    Attributes
+    ----------
+    scene
+        The scene.
+    max_steps
+        Steps after which the run is given up.
+    n_steps
+        Steps taken.
+    end
+        Its state; `RunEnd.GOING` if it ran out of `max_steps`.
+    failure
+        The complaint of an engine that broke.
+    velocities, heights
+        In m/s and m, after the last step, shape (N axes,).
+    effective, accuracy, dropped
+        As of `World`.
+    starts, starts_together
+        As of `stepping.Run`: changes of relative velocities in m/s in the first steps of contacts that were met at a
+        speed, and the part that depends on another contact of the same body.
+    turning
+        Largest angle in rad by which a normal has turned up to the last step with a force.
+    first_flight, flight_lead, b2_settled
+        As of `stepping.Run`, where nothing falls.
+    """
+
+    first_flight = None
+    flight_lead = FlightLead(math.inf, 0)
+    b2_settled = False
+
+    def __init__(self, scene: Scene, world: World, max_steps: int) -> None:
+        self.scene, self.max_steps = scene, max_steps
+        self.n_steps, self.end, self.failure = 0, RunEnd.GOING, ""
+        self.velocities: Floats = np.array(scene.velocities, float)
+        self.heights: Floats = np.array(world.heights, float)
+        self.effective, self.accuracy, self.dropped = dict(world.effective), world.accuracy, world.dropped
+        self.turning = self.starts_together = self._starts = 0.0
+        self._world, self._start = world, self.heights
+        self._first_step_share = world.first_step_share
+        self._J, self._inertia = scene.arrangement.jacobian, scene.inertia
+        self._W = (self._J / self._inertia) @ self._J.T
+        self._impulses_of = np.linalg.pinv(self._J.T)
+        self._met_at_speed = np.zeros(len(self._J), bool)
+        self._active = np.zeros(len(self._J), bool)
+        self._sets: list[NDArray[np.int64]] = []
+
+    def feed(self, v: Floats, x: Floats) -> None:
+        """Take the next steps, as far as they belong to the collision; v and x have the shape (n, N axes)."""
+        finite: Booleans = np.isfinite(v).all(axis=1) & np.isfinite(x).all(axis=1)
+        before = np.vstack([self.velocities, v[:-1]])
+        x_before = np.vstack([self.heights, x[:-1]])
+        with np.errstate(invalid="ignore", over="ignore"):
+            changes = self._inertia * (v - before)
+            noise = self._world.rounding * self._inertia * (np.abs(v) + np.abs(before))
+            moved: Booleans = (np.abs(changes) > noise).any(axis=1)
+            impulses = changes @ self._impulses_of.T
+            rates, limits = -(v @ self._J.T), np.abs(v) @ np.abs(self._J).T
+            approaching: Booleans = (
+                rates > np.maximum(RATE_ROUNDING * limits, self._world.resting_rate)
+            ).any(axis=1)
+        largest = np.abs(impulses).max(axis=1, keepdims=True)
+        acts = moved[:, None] & (impulses > TURNED * largest)
+        opened = x_before @ self._J.T > OPEN * self._world.radius
+        taken = 0
+        for row in range(len(v)):
+            if not finite[row]:
+                self.end = RunEnd.BROKEN
+                break
+            taken += 1
+            self.n_steps += 1
+            self._note_forces(acts[row], opened[row], impulses[row])
+            self.velocities, self.heights = v[row], x[row]
+            if not moved[row]:
+                self.end = self._end_of_flight(bool(approaching[row]))
+                if self.end != RunEnd.GOING:
+                    break
+        self._sets.append(acts[:taken] @ _bits(len(self._J)))
+        loaded = np.flatnonzero(moved[:taken])
+        if loaded.size:
+            self._note_turning(x[loaded[-1]])
+
+    def _note_forces(self, acts: Booleans, opened: Booleans, impulses: Floats) -> None:
+        """Note the contacts that carry force in a step, and what those that were met at a speed do in it."""
+        self._met_at_speed |= opened
+        self._met_at_speed |= self._active & ~acts
+        starting = acts & ~self._active & self._met_at_speed
+        if starting.any():
+            changes = np.where(acts, impulses * self._W.diagonal(), 0.0)
+            self._starts += float(changes[starting].sum())
+            for contact in np.flatnonzero(starting):
+                neighbours = (self._W[contact] != 0) & acts
+                neighbours[contact] = False
+                others = np.minimum(changes[neighbours], changes[contact])
+                self.starts_together += float(others.max(initial=0.0))
+        self._met_at_speed &= ~acts
+        self._active = acts
+
+    def _note_turning(self, x: Floats) -> None:
+        """Note by how much normals of two balls have turned at displacements in m, shape (N axes,)."""
+        places = np.reshape(x - self._start, (-1, self.scene.axes))
+        for touch in self.scene.arrangement.touches:
+            if touch.second is None:
+                continue
+            apart = places[touch.first] - places[touch.second]
+            across = apart - (apart @ np.array(touch.normal)) * np.array(touch.normal)
+            self.turning = max(self.turning, float(np.linalg.norm(across)) / (2 * self._world.radius))
+
+    def _end_of_flight(self, approaching: bool) -> RunEnd:
+        """Return how the run stands after a step without forces."""
+        if not approaching:
+            return RunEnd.APART
+        rates, gaps = -(self._J @ self.velocities), self._J @ self.heights
+        nearing = rates > 0
+        soonest = float((np.maximum(gaps[nearing], 0.0) / rates[nearing]).min(initial=math.inf))
+        if soonest > (self.max_steps - self.n_steps) * self.scene.step:
+            return RunEnd.IN_FLIGHT
+        if soonest > self.duration and self._distance_to_parting() <= SLOWEST_MEETING * self.scene.speed:
+            return RunEnd.IN_FLIGHT
+        return RunEnd.GOING
+
+    def _distance_to_parting(self) -> float:
+        """Bound in m/s on what a meeting that is left may change in a velocity."""
+        change = project_to_parting(self.velocities, self.scene) - self.velocities
+        return math.sqrt(float(self._inertia @ change**2) / float(self._inertia.min()))
+
+    @property
+    def starts(self) -> float:
+        """A change counts as that of a whole step (`World.first_step_share`)."""
+        return self._starts / self._first_step_share
+
+    @property
+    def duration(self) -> float:
+        """Time it took, in s."""
+        return self.n_steps * self.scene.step
+
+    @property
+    def reported(self) -> tuple[float, ...]:
+        """Velocities in m/s as an outcome states them, shape (N axes,)."""
+        if self.end == RunEnd.IN_FLIGHT:
+            return tuple(project_to_parting(self.velocities, self.scene).tolist())
+        return tuple(self.velocities.tolist())
+
+    @property
+    def meeting_left(self) -> float:
+        """As of `stepping.Run`."""
+        if self.end == RunEnd.APART:
+            return 0.0
+        return self._distance_to_parting() if self.end == RunEnd.IN_FLIGHT else math.inf
+
+    @property
+    def over(self) -> bool:
+        """Whether the collision came to its end, but for a meeting that changes next to nothing."""
+        return self.meeting_left <= SLOWEST_MEETING * self.scene.speed
+
+    @property
+    def status(self) -> Status:
+        """As of `stepping.Run`."""
+        if self.over:
+            return "ok"
+        return "crashed" if self.end == RunEnd.BROKEN else "timeout"
+
+    def problem(self) -> str:
+        """Say why the collision is not over; empty if it is."""
+        if self.over:
+            return ""
+        after = f"after {self.n_steps} steps of {self.scene.step:.3g} s"
+        if self.end == RunEnd.BROKEN:
+            return f"{after}: {self.failure or 'velocities are no longer finite'}"
+        return f"not over {after}"
+
+    def merged_states(self, shortest_state: float) -> Runs:
+        """Return the state sequence, in steps; `shortest_state` is as of `solver.Settings`."""
+        sets = np.concatenate([np.zeros(0, np.int64), *self._sets])
+        starts = np.flatnonzero(np.diff(sets, prepend=-1))
+        shortest = shortest_state * min(periods(self.scene)) / self.scene.step
+        return merge_runs(Runs(starts, sets[starts], self.n_steps), shortest, int(_bits(len(self._J)).sum()))
+
+    def energy_gain(self) -> float:
+        """Return the kinetic energy gained over that at the start, without a fixed body about the centre of mass."""
+        m = np.array(self.scene.masses)
+
+        def kinetic(velocities: Floats) -> float:
+            v = np.reshape(velocities, (len(m), -1))
+            mean = 0.0 if self.scene.table else m @ v / m.sum()
+            return 0.5 * float((m @ (v - mean) ** 2).sum())
+
+        before = kinetic(np.array(self.scene.velocities))
+        return (kinetic(self.velocities) - before) / before
+
+    def too_much_energy(self) -> str:
+        """Say why the result is not converged, if it has gained too much energy; else empty."""
+        if (gain := self.energy_gain()) <= ENERGY_GAIN_ALLOWED:
+            return ""
+        return f"it ended with {gain:.1%} more energy than it began with: the step is too long"
+
+
+def _bits(contacts: int) -> NDArray[np.int64]:
+    """Return the bits of so many contacts in a set."""
+    return 1 << np.arange(contacts, dtype=np.int64)
+
+
+def follow_plane_scene(scene: Scene, world: World, max_steps: int) -> PlaneRun:
+    """Run a scene in a plane until its collision is over or `max_steps` steps are taken.
+
+    A RuntimeError of the engine ends the run.
+    """
+    run = PlaneRun(scene, world, max_steps)
+    try:
+        while run.end == RunEnd.GOING and run.n_steps < max_steps:
+            run.feed(*world.advance(min(WINDOW, max_steps - run.n_steps)))
+    except RuntimeError as error:
+        run.end, run.failure = RunEnd.BROKEN, " ".join(str(error).split())
+    run.dropped = world.dropped
+    return run
