@@ -12,6 +12,8 @@ from dataclasses import replace
 
 from impact_xval.compliant_baselines.solver import Settings, Solver
 from impact_xval.model.collision import Collision
+from impact_xval.model.graph.collision import GraphCollision
+from impact_xval.model.graph.collision_outcome import GraphCollisionOutcome
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.outcomes import Outcomes
 
@@ -47,6 +49,45 @@ def _answer_batch(solver: Solver, collisions: Sequence[Collision], settings: Set
             return [Outcome.failure(solver.name, collisions[0], "crashed", describe_exception(error))]
     halves = collisions[: n // 2], collisions[n // 2 :]
     return [outcome for half in halves for outcome in _answer_batch(solver, half, settings)]
+
+
+def answer_graphs(
+    solver: Solver, collisions: Sequence[GraphCollision], settings: Settings
+) -> list[GraphCollisionOutcome]:
+    """Solve contact graphs by any solver, as `answer` solves collisions of balls in a line."""
+    reason = why_unavailable(solver)
+    if reason is not None:
+        return [GraphCollisionOutcome.failure(solver.name, c, "unavailable", reason) for c in collisions]
+    return _answer_graphs(solver, collisions, settings) if len(collisions) else []
+
+
+def _answer_graphs(
+    solver: Solver, collisions: Sequence[GraphCollision], settings: Settings
+) -> list[GraphCollisionOutcome]:
+    """Call a solver; where the call fails, halve the batch until the collision at fault is alone."""
+    n = len(collisions)
+    try:
+        outcomes = list(solver.solve_graphs(collisions, settings))
+        if len(outcomes) != n:
+            raise RuntimeError(f"{len(outcomes)} outcomes for {n} collisions")
+        return [_clean_graph(solver.name, o, c) for o, c in zip(outcomes, collisions, strict=True)]
+    except Exception as error:
+        if n == 1:
+            reason = describe_exception(error)
+            return [GraphCollisionOutcome.failure(solver.name, collisions[0], "crashed", reason)]
+    halves = collisions[: n // 2], collisions[n // 2 :]
+    return [outcome for half in halves for outcome in _answer_graphs(solver, half, settings)]
+
+
+def _clean_graph(
+    name: str, outcome: GraphCollisionOutcome, collision: GraphCollision
+) -> GraphCollisionOutcome:
+    """Return an outcome with printable texts; ``crashed`` if it has the wrong numbers of bodies or components."""
+    given, legal = ([len(v) for v in each.velocities] for each in (outcome, collision))
+    if given != legal:
+        reason = f"velocities: {given} components by body; legal: {legal}"
+        return GraphCollisionOutcome.failure(name, collision, "crashed", reason)
+    return replace(outcome, reason=one_line(outcome.reason), mark=one_line(outcome.mark))
 
 
 def _clean(name: str, outcome: Outcome, collision: Collision) -> Outcome:

@@ -1,6 +1,6 @@
 """The result of one collision of bodies by any solver: `GraphCollisionOutcome`.
 
-Needs `graph.collision` and `model.status`. The model's own result, with its events, is `graph.outcome.GraphOutcome`.
+Needs `graph.collision`, `model.outcome` and `model.status`. The model's own result, with its events, is `graph.outcome.GraphOutcome`.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from impact_xval.model.outcome import describe_differences
 from impact_xval.model.status import IS_RESULT, STATUSES, Status
 
 if TYPE_CHECKING:
@@ -32,6 +33,9 @@ class GraphCollisionOutcome:
         As in `Outcome`.
     diagnostics : mapping of str to float
         Further numbers that the solver states, as in `Outcome`.
+    limit_velocities : tuple of tuple of float
+        Of each body in the limit of a time step of zero, as `velocities`; empty where no limit was asked for or is
+        known. ``limit_error`` of `diagnostics` is its error in m/s.
     requested, effective : mapping of str to tuple of float
         As in `Outcome`.
     """
@@ -43,6 +47,7 @@ class GraphCollisionOutcome:
     reason: str = ""
     mark: str = ""
     diagnostics: Mapping[str, float] = field(default_factory=dict[str, float])
+    limit_velocities: tuple[tuple[float, ...], ...] = ()
     requested: Mapping[str, tuple[float, ...]] = field(default_factory=dict[str, tuple[float, ...]])
     effective: Mapping[str, tuple[float, ...]] = field(default_factory=dict[str, tuple[float, ...]])
 
@@ -50,6 +55,11 @@ class GraphCollisionOutcome:
     def has_result(self) -> bool:
         """True where the numbers are a result."""
         return bool(IS_RESULT[STATUSES.index(self.status)])
+
+    @property
+    def differences(self) -> str:
+        """Sentence about the parameters that an engine replaced by others, beyond rounding; empty without any."""
+        return describe_differences(self.requested, self.effective)
 
     @classmethod
     def failure(
