@@ -20,6 +20,9 @@ touch, and the same A for every p (`restitution`).
 **bistiffness** is the model's own law in time. In a drop an end of compression takes 1 - e2^2 of all the strain energy
 of contact 2, also of the energy that carries the weight: the permanent indentation belongs to the contact, whatever
 presses it.
+
+Contact graphs are solved under the laws whose contacts are linear (`model.graph.in_time`), with c_i from e_i by the
+reduced mass 1/W_ii of each contact, as in chains.
 """
 
 from __future__ import annotations
@@ -28,6 +31,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
 from importlib.metadata import version
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -47,9 +51,15 @@ from impact_xval.model.chain.power_law import TOLERANCE
 from impact_xval.model.chain.record import ChainEnding
 from impact_xval.model.collision import Collision
 from impact_xval.model.collisions import Collisions
+from impact_xval.model.graph.collision import solve_graph_collision
+from impact_xval.model.graph.collision_outcome import GraphCollisionOutcome
+from impact_xval.model.graph.in_time.following import TimedGraphOutcomes, solve_timed_graphs
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.outcomes import Outcomes
 from impact_xval.model.status import Ending
+
+if TYPE_CHECKING:
+    from impact_xval.model.graph.collision import GraphCollision
 
 #: Codes of the kernel, by the names of the laws.
 LAWS = {
@@ -203,6 +213,91 @@ def law_at(law: str, *, frozen: bool = False, max_steps: int = MAX_WINDOWS) -> m
     return solve_without_states
 
 
+#: Laws without a form on contact graphs, with the reason.
+_NOT_ON_GRAPHS = {
+    "kelvin-voigt-anchored": "kelvin-voigt-anchored is a law of two balls on a table",
+    "hunt-crossley": "hunt-crossley is no linear contact; contact graphs are solved under linear ones",
+    "liu-zhao-brogliato": "liu-zhao-brogliato is solved for balls in a line alone, no contact graphs",
+}
+
+
+def solve_graphs_by_law(
+    collisions: Sequence[GraphCollision], law: str, *, frozen: bool = False, max_steps: int = MAX_WINDOWS
+) -> list[GraphCollisionOutcome]:
+    """Solve collisions of bodies by a law in time.
+
+    All contacts touch at first, and normals stay as they are (`model.graph.in_time.law` has the law).
+
+    Parameters
+    ----------
+    collisions
+    law
+        One of `LAWS`; those of `_NOT_ON_GRAPHS` are refused.
+    frozen
+        Whether positions are frozen, as in the model.
+    max_steps
+        Windows after which a collision is given up, if that is less than what takes about a second.
+
+    Returns
+    -------
+    list of GraphCollisionOutcome
+        In the order of the collisions, exact to rounding. The status is ``closed-form`` where contacts of bistiffness
+        became rigid or came to rest together. ``duration`` is in s, ``n_steps`` counts windows.
+    """
+    if law not in LAWS:
+        raise ValueError(f"law = {law!r}; legal: {', '.join(LAWS)}")
+    outcomes: dict[int, GraphCollisionOutcome] = {}
+    places: dict[int, list[int]] = {}
+    for place, collision in enumerate(collisions):
+        plastic = any(contact.restitution == 0 for contact in collision.contacts)
+        reason = _NOT_ON_GRAPHS.get(law, _PLASTIC if plastic else "")
+        if reason:
+            outcomes[place] = GraphCollisionOutcome.failure(law, collision, "unrepresentable", reason)
+        else:
+            places.setdefault(len(collision.contacts), []).append(place)
+    for group in places.values():
+        some = [collisions[place] for place in group]
+        W = np.array([collision.delassus for collision in some])
+        k, e = (
+            np.array([[getattr(contact, name) for contact in collision.contacts] for collision in some])
+            for name in ("stiffness", "restitution")
+        )
+        w = np.array([collision.rates for collision in some])
+        c = graph_dampings(W, k, e, law)
+        went = solve_timed_graphs(LAWS[law], W, k, e, w, c, frozen=frozen, max_windows=max_steps)
+        for i, place in enumerate(group):
+            outcomes[place] = _graph_outcome(law, collisions[place], went, i)
+    return [outcomes[place] for place in range(len(collisions))]
+
+
+def graph_dampings(W: Floats, k: Floats, e: Floats, law: str) -> Floats:
+    """Return c of each contact of n graphs in N s/m, shape (n, C), from e and the reduced mass 1/W_ii."""
+    if law == "bistiffness":
+        return np.zeros(k.shape)
+    ratios = textbook_damping_ratios if law in _TEXTBOOK else damping_ratios
+    flat = e.ravel()
+    if law == "compression-dashpot":
+        flat = flat**2  # e in compression alone is the root of e in both directions, see `restitution`
+    diagonal = np.diagonal(W, axis1=1, axis2=2)
+    with np.errstate(over="ignore", under="ignore", invalid="ignore", divide="ignore"):
+        return 2 * ratios(flat).reshape(k.shape) * np.sqrt(k) / np.sqrt(diagonal)
+
+
+def _graph_outcome(
+    law: str, collision: GraphCollision, went: TimedGraphOutcomes, i: int
+) -> GraphCollisionOutcome:
+    """Return the outcome of graph i with the velocities of its bodies."""
+    velocities, turning = collision.after(went.impulses[i].tolist())
+    return GraphCollisionOutcome(
+        law,
+        tuple(tuple(row) for row in velocities.tolist()),
+        tuple(tuple(row) for row in turning.tolist()) if len(collision.inertias) else (),
+        status=went.status_of(i),
+        reason=went.reason_texts[int(went.reason[i])],
+        diagnostics={"duration": float(went.duration[i]), "n_steps": float(went.n_windows[i])},
+    )
+
+
 class ExactSolver(Solver):
     """A solver of this project that solves arrays of collisions."""
 
@@ -242,6 +337,18 @@ class ReferenceSolver(ExactSolver):
         law = law_at(self.name, max_steps=most)
         return outcomes.with_marks(marks.marks_of(law, self.name, collisions, outcomes, gravity))
 
+    def solve_graphs(
+        self, collisions: Sequence[GraphCollision], settings: Settings
+    ) -> Sequence[GraphCollisionOutcome]:
+        """Solve collisions of bodies, without gravity and without marks."""
+        if settings.scenario != "impact":
+            reason = "scenario = 'drop': contact graphs are solved without gravity; legal: 'impact'"
+            return [
+                GraphCollisionOutcome.failure(self.name, collision, "unrepresentable", reason)
+                for collision in collisions
+            ]
+        return solve_graphs_by_law(collisions, self.name, max_steps=settings.max_steps)
+
 
 class StateTransitionSolver(ExactSolver):
     """The state-transition model; it ignores all settings but the cut-off, the threshold of marks and the path.
@@ -271,3 +378,28 @@ class StateTransitionSolver(ExactSolver):
             paths=settings.record_path,
         )
         return replace(outcomes, solver=self.name)
+
+    def solve_graphs(
+        self, collisions: Sequence[GraphCollision], settings: Settings
+    ) -> Sequence[GraphCollisionOutcome]:
+        """Solve collisions of bodies by the primary model; there is no cut-off on graphs."""
+        if self.name != "state-transition":
+            reason = _NOT_ON_GRAPHS[self.name]
+            return [
+                GraphCollisionOutcome.failure(self.name, collision, "unrepresentable", reason)
+                for collision in collisions
+            ]
+        return [self._solve_graph(collision, settings) for collision in collisions]
+
+    def _solve_graph(self, collision: GraphCollision, settings: Settings) -> GraphCollisionOutcome:
+        """Solve one collision of bodies."""
+        outcome = solve_graph_collision(collision, grazing_threshold=settings.grazing_threshold)
+        return GraphCollisionOutcome(
+            self.name,
+            outcome.velocities,
+            outcome.angular_velocities,
+            status=outcome.status,
+            reason=outcome.reason,
+            mark=outcome.mark,
+            diagnostics={"grazing_margin": outcome.grazing_margin, **outcome.diagnostics},
+        )

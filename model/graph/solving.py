@@ -139,8 +139,8 @@ def solve_graphs(
     """
     if max_windows is not None and max_windows < 1:
         raise ValueError(f"max_windows = {max_windows!r}; legal: at least 1")
-    fields = _checked(delassus, stiffnesses, restitutions, rates)
-    graphs, units, is_followed = _scaled(*fields)
+    fields = checked_graphs(delassus, stiffnesses, restitutions, rates)
+    graphs, units, is_followed = scaled_graphs(*fields)
     n, contacts = graphs.rates.shape
     most = max_windows or max(LEAST_WINDOWS, MOST_WORK // window_work(contacts))
     ends = GraphEnds(
@@ -254,12 +254,12 @@ def _closed_forms(results: Records) -> list[Ending]:
 
 def checked_graph(delassus: Floats, restitutions: Floats, rates: Floats) -> tuple[Floats, Floats, Floats]:
     """Return W, shape (C, C), e and w, shape (C,), of one graph; a ValueError names the first illegal value."""
-    W, k, e, w = _checked(delassus[None], np.ones((1, *rates.shape)), restitutions[None], rates[None])
-    _scaled(W, k, e, w)
+    W, k, e, w = checked_graphs(delassus[None], np.ones((1, *rates.shape)), restitutions[None], rates[None])
+    scaled_graphs(W, k, e, w)
     return W[0], e[0], w[0]
 
 
-def _checked(
+def checked_graphs(
     delassus: ArrayLike, stiffnesses: ArrayLike, restitutions: ArrayLike, rates: ArrayLike
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Return the fields as arrays; a ValueError names the first illegal one."""
@@ -310,7 +310,7 @@ def _checked(
     return W, k, e, w
 
 
-def _scaled(
+def scaled_graphs(
     W: Floats, k: Floats, e: Floats, w: Floats
 ) -> tuple[Graphs, tuple[Floats, Floats, Floats], Booleans]:
     """Return graphs in units of about 1, their units of mass, time and velocity, and which can be followed.

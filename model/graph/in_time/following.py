@@ -1,0 +1,196 @@
+"""`solve_timed_graphs`: contact graphs under a law in time, as arrays in SI units.
+
+Needs `in_time.kernel`, and `graph.solving` for the checks of the input. Used by `compliant_baselines.references`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+from typing import cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from impact_xval.model.arrays import Booleans, Floats, Integers, Records, zero_records
+from impact_xval.model.chain.following import COLLAPSE_REASON, RUNAWAY_REASON
+from impact_xval.model.chain.laws import Law
+from impact_xval.model.compiled import run_in_threads
+from impact_xval.model.graph.in_time.kernel import follow_timed_graphs
+from impact_xval.model.graph.in_time.law import GRAPH_LAWS
+from impact_xval.model.graph.in_time.record import TIMED_RESULT, TimedEnding
+from impact_xval.model.graph.in_time.state import new_timed_contacts, new_timed_matrices
+from impact_xval.model.graph.record import GraphEnds
+from impact_xval.model.graph.solving import (
+    LEAST_WINDOWS,
+    MOST_WORK,
+    SHARE,
+    UNBALANCED,
+    checked_graphs,
+    scaled_graphs,
+    window_work,
+)
+from impact_xval.model.inputs import MASS_PRECISION
+from impact_xval.model.status import IS_RESULT, STATUSES, Ending, Status, first_endings, reason_texts_of
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TimedGraphOutcomes:
+    """Results of n graphs of C contacts under a law in time.
+
+    Attributes
+    ----------
+    impulses, rates : ndarray, shape (n, C)
+        Total impulses in N s, and rates of compression in m/s when the collision is over; NaN where there is no result.
+    status, reason : ndarray of int, shape (n,)
+        Indices into `STATUSES` and `reason_texts`.
+    reason_texts : tuple of str
+    duration : ndarray, shape (n,)
+        In s since first touch.
+    n_events, n_windows : ndarray of int, shape (n,)
+    """
+
+    impulses: Floats
+    rates: Floats
+    status: Integers
+    reason: Integers
+    reason_texts: tuple[str, ...]
+    duration: Floats
+    n_events: Integers
+    n_windows: Integers
+
+    @property
+    def has_result(self) -> Booleans:
+        """True where the numbers are a result."""
+        return IS_RESULT[self.status]
+
+    def status_of(self, i: int) -> Status:
+        """Return the status of graph i as a text."""
+        return cast("Status", STATUSES[int(self.status[i])])
+
+
+def solve_timed_graphs(
+    law: Law,
+    delassus: ArrayLike,
+    stiffnesses: ArrayLike,
+    restitutions: ArrayLike,
+    rates: ArrayLike,
+    dampings: ArrayLike,
+    *,
+    frozen: bool = False,
+    max_windows: int | None = None,
+) -> TimedGraphOutcomes:
+    """Solve n contact graphs of one number of contacts under a law in time, on all processors.
+
+    Parameters
+    ----------
+    law : Law
+        One of `GRAPH_LAWS` of `graph.in_time.law`.
+    delassus : array_like, shape (n, C, C)
+    stiffnesses, restitutions, rates : array_like, shape (n, C)
+        As for `impact_xval.model.graph.solving.solve_graph`. Restitutions are used by bistiffness alone, where they are
+        above 0.
+    dampings : array_like, shape (n, C)
+        In N s/m; 0 of bistiffness.
+    frozen : bool
+        Whether positions are frozen, as in the model.
+    max_windows : int, optional
+        Number of windows after which a graph is given up, if that is less than what takes about a second.
+
+    Returns
+    -------
+    TimedGraphOutcomes
+        Status ``closed-form`` where a closed form was used, ``timeout`` after too many windows, ``unconverged`` where
+        a graph was given up for another reason, ``unrepresentable`` where inverse masses or stiffnesses are too far
+        apart for double precision, else ``ok``.
+
+    Raises
+    ------
+    ValueError
+        For an illegal value; the message names the field, the value and the legal range.
+    """
+    if law not in GRAPH_LAWS:
+        raise ValueError(f"law = {law.name}; legal: {', '.join(each.name for each in GRAPH_LAWS)}")
+    graphs, (mass, time, speed), is_followed = scaled_graphs(
+        *checked_graphs(delassus, stiffnesses, restitutions, rates)
+    )
+    n, contacts = graphs.rates.shape
+    with np.errstate(over="ignore", invalid="ignore"):
+        scaled_dampings = np.asarray(dampings, float) * (time / mass)[:, None]
+    scaled_dampings[~is_followed] = 0.0
+    most = max(LEAST_WINDOWS, MOST_WORK // window_work(contacts))
+    most = most if max_windows is None else min(most, max_windows)
+    results = zero_records(n, TIMED_RESULT)
+    impulses, final_rates = np.full((n, contacts), np.nan), np.full((n, contacts), np.nan)
+
+    def follow_share(share: slice, _: object) -> int:
+        ends = GraphEnds(impulses[share], final_rates[share], results[share])
+        c, matrices = new_timed_contacts(contacts, law, frozen), new_timed_matrices(contacts)
+        follow_timed_graphs(c, matrices, graphs.take(share), scaled_dampings[share], most, ends)
+        return 0
+
+    run_in_threads(follow_share, n, share=SHARE, log_rows=0, row_shape=(), log_type=np.dtype(np.uint8))
+    unbalanced = np.abs(graphs.rates - (graphs.delassus @ impulses[:, :, None])[:, :, 0] - final_rates)
+    is_balanced = (unbalanced.max(axis=1) <= UNBALANCED) & (np.abs(results["energy_residual"]) <= UNBALANCED)
+    endings = _endings(results, is_followed, is_balanced, most)
+    status, reason = first_endings(endings, n)
+    blank = ~IS_RESULT[status]
+    return TimedGraphOutcomes(
+        impulses=np.where(blank[:, None], np.nan, impulses * (mass * speed)[:, None]),
+        rates=np.where(blank[:, None], np.nan, final_rates * speed[:, None]),
+        status=status.astype(np.int64),
+        reason=reason.astype(np.int64),
+        reason_texts=reason_texts_of(endings),
+        duration=np.where(blank, np.nan, results["time"] * time),
+        n_events=results["n_events"].copy(),
+        n_windows=results["n_windows"].copy(),
+    )
+
+
+def _endings(
+    results: Records, is_followed: Booleans, is_balanced: Booleans, most_windows: int
+) -> list[Ending]:
+    """Return the endings that graphs may have, those without a result first."""
+    ending = results["ending"]
+    endings = [
+        Ending(
+            ~is_followed,
+            "unrepresentable",
+            f"where an inverse mass or a stiffness exceeds {MASS_PRECISION:g} times another, squares of velocities "
+            "are lost",
+        ),
+        Ending(
+            ending == TimedEnding.GAINED_ENERGY,
+            "unrepresentable",
+            "energy was made: double precision cannot follow inverse masses and stiffnesses this far apart",
+        ),
+        Ending(ending == TimedEnding.UNFINISHED, "timeout", f"not over within {most_windows} windows"),
+        Ending(
+            ending == TimedEnding.SEARCH_FAILED,
+            "unconverged",
+            "the search for the first event of a window was given up",
+        ),
+        Ending(
+            ending == TimedEnding.HELD,
+            "unconverged",
+            "contacts that are rigid to rounding hold a loaded one at rest: the bodies are jammed",
+        ),
+        Ending(
+            ending == TimedEnding.PULLED_OPEN,
+            "unconverged",
+            "a contact that is rigid to rounding was pulled open: with positions it may close again with a blow",
+        ),
+        Ending(
+            ~is_balanced,
+            "unconverged",
+            f"rounding has grown beyond {UNBALANCED:g} in the balance of impulses or energy: the bodies are jammed",
+        ),
+    ]
+    for runaway, collapse in product((True, False), repeat=2):
+        parts = [(runaway, RUNAWAY_REASON), (collapse, COLLAPSE_REASON)]
+        if runaway or collapse:
+            condition = (results["runaway"] == runaway) & (results["collapse"] == collapse)
+            endings.append(
+                Ending(condition, "closed-form", "; ".join(text for is_used, text in parts if is_used))
+            )
+    return endings

@@ -1,0 +1,151 @@
+"""The state of a graph in time under way, the scratch space of its kernel, and its energies.
+
+Needs `chain.laws`, whose functions read the fields of a contact by name. Used by all modules of `graph.in_time` that
+follow.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_xval.model.arrays import Records, zero_records
+from impact_xval.model.chain.laws import Law, deactivate, force, is_active
+from impact_xval.model.chain.series import ORDER
+from impact_xval.model.compiled import kernel_helper
+from impact_xval.model.graph.state import oscillation, rounding_energy
+from impact_xval.model.pair.law import Phase
+
+#: A contact under way, with its scratch space.
+TIMED_CONTACT = np.dtype(
+    [
+        # The fields of `chain.laws`. The exponent p is 1; gravity g is 0, and without it `a` has no meaning.
+        ("k", "f8"),  # running stiffness
+        ("original", "f8"),  # stiffness at first touch
+        ("e", "f8"),  # coefficient of restitution
+        ("b", "f8"),  # damping
+        ("w", "f8"),  # rate of compression
+        ("delta", "f8"),  # depth; below 0 a gap
+        ("phase", "i8"),  # Phase
+        ("law", "i8"),  # Law
+        ("frozen", "?"),  # whether positions are frozen
+        ("p", "f8"),
+        ("g", "f8"),
+        ("a", "f8"),
+        ("F", "f8"),  # force
+        ("impulse", "f8"),  # so far
+        (
+            "reach",
+            "f8",
+        ),  # twice the largest energy that it or a neighbour has had (`graph.state.oscillation`)
+        ("is_rigid", "?"),  # rigid for good; its phase is INACTIVE (`in_time.rigid`)
+        ("eliminated", "i8"),  # of record n, the contact that became rigid as number n
+        ("force_is_zero", "?"),  # whether the force is zero by an event of this instant
+        # Overwritten window by window:
+        ("undecided", "?"),  # at rest without depth: its first non-zero derivative decides (`in_time.motion`)
+        ("total", "f8"),  # of a coefficient, or the contact's oscillation
+        ("rates", "f8", ORDER + 1),  # coefficients of w in x = t/h
+        ("deltas", "f8", ORDER + 1),  # those of delta
+        ("forces", "f8", ORDER + 1),  # those of F
+        ("watched", "f8", ORDER + 1),  # those of k delta + b w of a slack contact
+    ],
+    align=True,
+)
+
+
+class TimedMatrices(NamedTuple):
+    """Matrices of one graph under way, each of shape (C, C)."""
+
+    #: Delassus matrix.
+    full: NDArray[np.float64]
+    #: The same with rigid contacts eliminated, and the rows of the elimination (`in_time.rigid`).
+    W: NDArray[np.float64]
+    pivots: NDArray[np.float64]
+
+
+def new_timed_contacts(contacts: int, law: Law, frozen: bool) -> Records:
+    """Return contacts for the kernel to fill in."""
+    c = zero_records(contacts, TIMED_CONTACT)
+    c.law, c.frozen, c.p = law, frozen, 1.0
+    return c
+
+
+def new_timed_matrices(contacts: int) -> TimedMatrices:
+    """Return matrices for the kernel to fill in."""
+    return TimedMatrices(*np.zeros((3, contacts, contacts)))
+
+
+@kernel_helper
+def spring_energy(contact):
+    """Return the strain energy of the spring of a contact; 0 if it is not active."""
+    return 0.5 * contact.k * contact.delta * contact.delta if is_active(contact) else 0.0
+
+
+@kernel_helper
+def write_forces(c):
+    """Write the forces of all contacts that are not rigid."""
+    for i in range(c.size):
+        if not c[i].is_rigid:
+            c[i].F = force(c[i])
+
+
+@kernel_helper
+def is_moving(contact):
+    """Return whether a contact is active, and not at rest without depth."""
+    return is_active(contact) and (contact.delta > 0 or contact.w != 0)
+
+
+@kernel_helper
+def may_still_act(contact):
+    """Return whether a contact is active, or will be because its bodies approach."""
+    return is_moving(contact) or contact.w > 0
+
+
+@kernel_helper
+def still_rounding(c, W, energy):
+    """Bring to rest the contacts of bistiffness without load that have no energy but that of rounding.
+
+    In a symmetric graph a contact may be at rest for all times. Its rounding would otherwise end compressions, each of
+    which stiffens it for good. The depth of an inactive contact may be a gap of rounding.
+    """
+    for i in range(c.size):
+        c[i].total = oscillation(c, W, i)
+    for i in range(c.size):
+        contact = c[i]
+        for j in range(c.size):
+            if (i == j or W[i, j] != 0) and c[j].total > contact.reach:
+                contact.reach = c[j].total
+        gap_energy = contact.k * contact.delta * contact.delta if contact.phase == Phase.INACTIVE else 0.0
+        is_unloaded = contact.phase <= Phase.COMPRESSION and not contact.is_rigid
+        if is_unloaded and contact.total + gap_energy <= rounding_energy(contact, energy):
+            contact.w, contact.delta, contact.F = 0.0, 0.0, 0.0
+
+
+@kernel_helper
+def energy_left(c, W):
+    """Return the energy of the contacts that are active, or approach."""
+    total = 0.0
+    for i in range(c.size):
+        contact = c[i]
+        if W[i, i] > 0 and may_still_act(contact):
+            total += 0.5 * contact.w * contact.w / W[i, i] + spring_energy(contact)
+    return total
+
+
+@kernel_helper
+def bring_to_rest(c):
+    """End all contacts that are active or approach.
+
+    Returned are the strain energy that is dropped, and whether a contact with e < 1 was among them.
+    """
+    dropped, is_lossy = 0.0, False
+    for i in range(c.size):
+        contact = c[i]
+        if may_still_act(contact):
+            dropped += spring_energy(contact)
+            is_lossy |= contact.e < 1
+            contact.w = 0.0
+            deactivate(contact)
+    return dropped, is_lossy
