@@ -39,7 +39,7 @@ Cottle, Pang and Stone, The Linear Complementarity Problem, 1992, section 4.7.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from typing import NamedTuple
 
@@ -50,6 +50,8 @@ from impact_xval.compliant_baselines.rigid.collapse import VANISHED_GAP, VANISHE
 from impact_xval.compliant_baselines.solver import OneByOne, Settings
 from impact_xval.model.arrays import Floats
 from impact_xval.model.collision import Collision
+from impact_xval.model.graph.collision import GraphCollision
+from impact_xval.model.graph.collision_outcome import GraphCollisionOutcome
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.path import Path
 from impact_xval.model.states import name_of_set
@@ -350,6 +352,9 @@ class RigidLaw(OneByOne):
     It ignores stiffnesses, exponents and steps. Impacts take no time: the states are the contacts that touch at first,
     and no contact. `n_events` is the number of impacts, ``duration`` the time of the last impact in s. The status is
     ``closed-form`` if a sequence had infinitely many impacts; only its first impacts are counted and in the path.
+
+    Contact graphs are solved by `rigid.graphs`. There ``sequential-top`` takes the first of the contacts that approach,
+    and ``sequential-bottom`` the last one; plastic-then-restitution sweeps in the order of the contacts.
     """
 
     kind = "reference"
@@ -383,6 +388,39 @@ class RigidLaw(OneByOne):
             n_events=line.impacts,
             diagnostics={"duration": line.time},
             path=_path_of(line) if settings.record_path else None,
+        )
+
+    def solve_graphs(
+        self, collisions: Sequence[GraphCollision], settings: Settings
+    ) -> Sequence[GraphCollisionOutcome]:
+        """Solve contact graphs, one by one; ``impacts`` of the diagnostics is the number of impacts."""
+        return [self._solve_graph(collision, settings) for collision in collisions]
+
+    def _solve_graph(self, collision: GraphCollision, settings: Settings) -> GraphCollisionOutcome:
+        """Solve one contact graph."""
+        # `rigid.graphs` needs this module for the names of the laws.
+        from impact_xval.compliant_baselines.rigid.graphs import solve_rigid_graph
+
+        if settings.scenario != "impact":
+            reason = f"scenario = {settings.scenario!r}: rigid laws are without gravity; legal: 'impact'"
+            return GraphCollisionOutcome.failure(self.name, collision, "unrepresentable", reason)
+        contacts = collision.contacts
+        numbers = range(1, len(contacts) + 1)
+        order = numbers[::-1] if self.name == "sequential-bottom" else numbers
+        law = "sequential" if self.name.startswith("sequential") else self.name
+        restitutions = [contact.restitution for contact in contacts]
+        try:
+            solved = solve_rigid_graph(law, collision.delassus, restitutions, collision.rates, order=order)
+        except TooManyImpactsError as error:
+            return GraphCollisionOutcome.failure(self.name, collision, "timeout", str(error))
+        except ValueError as error:
+            return GraphCollisionOutcome.failure(self.name, collision, "unrepresentable", str(error))
+        velocities, turning = collision.after(solved.impulses.tolist())
+        return GraphCollisionOutcome(
+            self.name,
+            tuple(tuple(row) for row in velocities.tolist()),
+            tuple(tuple(row) for row in turning.tolist()) if len(collision.inertias) else (),
+            diagnostics={"impacts": float(solved.impacts)},
         )
 
 

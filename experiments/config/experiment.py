@@ -357,9 +357,11 @@ class Config(Strict):
         if self.graph is not None and self.graph.unused_axes:
             left_out["graph"] = self.graph.unused_axes
         of_others = {"grid", "figure_cell", "figure_chain", "gravity"}
-        of_others -= {"pair": {"grid", "figure_cell", "gravity"}, "chain": {"figure_chain"}, "graph": set[str]()}[
-            self.kind
-        ]
+        of_others -= {
+            "pair": {"grid", "figure_cell", "gravity"},
+            "chain": {"figure_chain"},
+            "graph": set[str](),
+        }[self.kind]
         of_others |= {name for name in self.grid.in_si if name in ("m1", "k1")}
         if self.sample is not None or self.cells is not None:
             of_others.add("grid")

@@ -92,9 +92,7 @@ GRAPH_SPECS = {
     ),
     "corner": GraphSpec(
         ("angle", "stiffness_ratio", "e"),
-        lambda x: corner(
-            x["angle"], stiffness_ratio=x["stiffness_ratio"], restitutions=(x["e"], x["e"])
-        ),
+        lambda x: corner(x["angle"], stiffness_ratio=x["stiffness_ratio"], restitutions=(x["e"], x["e"])),
         lambda x: None,
         (60.0, 90.0, 120.0),
         _BETWEEN_WALLS,
@@ -195,7 +193,6 @@ class GraphGrid(Axes):
             for key in GRAPH_AXES
             if key != "graph"
         }
-
 
     def corners(self) -> Iterator[tuple[str, dict[str, float]]]:
         """Yield graphs at the ends of all axes, by name and numbers: if any is illegal, one of these is."""

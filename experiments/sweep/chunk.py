@@ -21,9 +21,15 @@ import pyarrow as pa
 from filelock import FileLock
 from numba.core import event
 
-from impact_xval.compliant_baselines.answers import answer, answer_graphs, one_line, stated_version, why_unavailable
+from impact_xval.compliant_baselines.answers import (
+    answer,
+    answer_graphs,
+    one_line,
+    stated_version,
+    why_unavailable,
+)
 from impact_xval.compliant_baselines.engines.scanner import scan
-from impact_xval.compliant_baselines.registry import is_engine, is_ours
+from impact_xval.compliant_baselines.registry import is_engine, is_ours, kind_of
 from impact_xval.experiments.config.cells import CellBlock, experiment_cells
 from impact_xval.experiments.config.errors import TomlTable
 from impact_xval.experiments.config.experiment import REFERENCE, CellKind, parse_config
@@ -46,6 +52,7 @@ from impact_xval.experiments.sweep.rows import (
 from impact_xval.experiments.tables.folder import part_bytes
 from impact_xval.model.chain.kernel import follow_chains
 from impact_xval.model.compiled import is_compiled, kernel_cache_folder
+from impact_xval.model.graph.in_time.kernel import follow_timed_graphs
 from impact_xval.model.graph.kernel import follow_graphs
 from impact_xval.model.pair.kernel import collide_all
 
@@ -53,7 +60,14 @@ from impact_xval.model.pair.kernel import collide_all
 Kernel = Any
 
 #: In the order in which they are locked.
-_KERNELS: tuple[Kernel, ...] = (collide_all, distances, follow_chains, follow_graphs, scan)
+_KERNELS: tuple[Kernel, ...] = (
+    collide_all,
+    distances,
+    follow_chains,
+    follow_timed_graphs,
+    follow_graphs,
+    scan,
+)
 
 #: Seconds for what follows the solvers of a chunk, or the cells of a run; not their limit, for these are references in
 #: closed form, and tables must not depend on how busy a machine is.
@@ -150,7 +164,8 @@ def _lock_kernels(*kernels: Kernel) -> Generator[None]:
 def kernels_of(name: str, kind: CellKind) -> list[Kernel]:
     """Kernels that rows of a solver need, its own first: references, and marks of engines, follow chains."""
     if kind == "graph":
-        return [follow_graphs]
+        is_law_in_time = is_ours(name) and kind_of(name) == "reference"
+        return [follow_timed_graphs, follow_graphs] if is_law_in_time else [follow_graphs]
     pair = kind == "pair"
     model = collide_all if pair else follow_chains
     if not is_ours(name):

@@ -171,9 +171,7 @@ def _graphs_to_results(
     experiment: Experiment, block: CellBlock, outcomes: Sequence[GraphCollisionOutcome]
 ) -> SolverResults:
     """Make arrays of the outcomes of contact graphs."""
-    return results_of_graphs(
-        outcomes, np.abs(block.parameters["v0"]), experiment.layout.counts.components
-    )
+    return results_of_graphs(outcomes, np.abs(block.parameters["v0"]), experiment.layout.counts.components)
 
 
 def _masses_and_starts(experiment: Experiment, block: CellBlock) -> tuple[Floats, Floats]:

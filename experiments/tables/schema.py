@@ -1,4 +1,4 @@
-"""Columns of the tables that a run writes, with their units: a row is a cell and a solver, of a pair, chain or graph."""
+"""Columns of the tables that a run writes, with their units; a row is a cell and a solver."""
 
 from __future__ import annotations
 
@@ -133,13 +133,17 @@ GRAPH_PARAMETERS: Columns = (
     Column("cell", "int", "-", "number of the graph in the experiment, from 0"),
     Column("graph", "text", "-", "bernoulli, corner, bridge or rack"),
     Column("stiffness_ratio", "float", "-", "k2/k1; of a bridge that of the table over that between balls"),
-    Column("angle", "float", "degrees", "between the fall and each line of centres, or between normals of walls"),
+    Column(
+        "angle", "float", "degrees", "between the fall and each line of centres, or between normals of walls"
+    ),
     Column("mass_ratio", "float", "-", "m2/m1, of a bridge"),
     Column("balls", "int", "-", "balls of a rack, without the one that strikes it"),
     Column("e", "float", "-", "restitution of every contact"),
     Column("m1", "float", "kg", "mass of ball 1"),
     Column("k1", "float", "N/m", "stiffness of contact 1"),
-    Column("v0", "float", "m/s", "its size is the speed of ball 1 at first touch; in a corner the speed along x"),
+    Column(
+        "v0", "float", "m/s", "its size is the speed of ball 1 at first touch; in a corner the speed along x"
+    ),
 )
 #: Solver of a row, and whether it has a result.
 SOLVER_AND_STATUS: Columns = (

@@ -1,6 +1,7 @@
 """The result of one collision of bodies by any solver: `GraphCollisionOutcome`.
 
-Needs `graph.collision`, `model.outcome` and `model.status`. The model's own result, with its events, is `graph.outcome.GraphOutcome`.
+Needs `graph.collision`, `model.outcome` and `model.status`. The model's own result, with its events, is
+`graph.outcome.GraphOutcome`.
 """
 
 from __future__ import annotations
