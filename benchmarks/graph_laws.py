@@ -88,7 +88,9 @@ def main() -> None:
         found[e] = {law: distance(outcomes, rigid_outcome(law, e)) for law in RIGID_LAWS}
         shown = model_outcomes(SHOWN, e)
         title = f"D from the model, e = {e}; by any law without stiffness at least {least_error(outcomes):.3f} somewhere"
-        table = Table("law", *(f"k2/k1 = {ratio:g}" for ratio in SHOWN), "least", "largest", box=None, title=title)
+        table = Table(
+            "law", *(f"k2/k1 = {ratio:g}" for ratio in SHOWN), "least", "largest", box=None, title=title
+        )
         for law, over in found[e].items():
             at = distance(shown, rigid_outcome(law, e))
             table.add_row(law, *(f"{d:.4f}" for d in at), f"{over.min():.4f}", f"{over.max():.4f}")

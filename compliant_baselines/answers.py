@@ -9,13 +9,16 @@ from __future__ import annotations
 import unicodedata
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from impact_xval.compliant_baselines.solver import Settings, Solver
 from impact_xval.model.collision import Collision
-from impact_xval.model.graph.collision import GraphCollision
 from impact_xval.model.graph.collision_outcome import GraphCollisionOutcome
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.outcomes import Outcomes
+
+if TYPE_CHECKING:
+    from impact_xval.model.graph.collision import GraphCollision
 
 #: Characters of a solver's sentence that are kept.
 LONGEST = 1000
@@ -31,6 +34,11 @@ def answer(solver: Solver, collisions: Sequence[Collision], settings: Settings) 
     if reason is not None:
         return [Outcome.failure(solver.name, c, "unavailable", reason) for c in collisions]
     return _answer_batch(solver, collisions, settings) if len(collisions) else []
+
+
+def answer_graph(solver: Solver, collision: GraphCollision, settings: Settings) -> GraphCollisionOutcome:
+    """Solve one contact graph by any solver, as `answer_graphs` does."""
+    return answer_graphs(solver, [collision], settings)[0]
 
 
 def _answer_batch(solver: Solver, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:

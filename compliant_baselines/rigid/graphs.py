@@ -11,13 +11,14 @@ has the same W P. `impulse_spread` is the largest range of the impulse of compre
 the first impact. Poisson's law and the sweep of plastic-then-restitution depend on P: `rate_spread` is the largest
 difference of rates among those that the extreme P lead to.
 
-Needs `rigid.laws` for the names. Used by users.
+`solve_graph_by_rigid_law` gives velocities of bodies. Needs `rigid.laws` for the names. Used by the command `solve`,
+and by users.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,7 +26,11 @@ from scipy import optimize  # pyright: ignore[reportMissingTypeStubs]
 
 from impact_xval.compliant_baselines.rigid.laws import LAWS, ROUNDING, TooManyImpactsError
 from impact_xval.model.arrays import Booleans, Floats
+from impact_xval.model.graph.collision_outcome import GraphCollisionOutcome
 from impact_xval.model.graph.solving import checked_graph
+
+if TYPE_CHECKING:
+    from impact_xval.model.graph.collision import GraphCollision
 
 _optimize: Any = optimize
 
@@ -132,6 +137,47 @@ def solve_rigid_graph(
         impacts,
         0.0 if law == "sequential" else float(spread),
         rate_spread if rate_spread > threshold else 0.0,
+    )
+
+
+def solve_graph_by_rigid_law(law: str, collision: GraphCollision) -> GraphCollisionOutcome:
+    """Solve one collision of bodies by one of the laws of chains.
+
+    Parameters
+    ----------
+    law : str
+        One of `rigid.laws.LAWS`. On a graph ``sequential-top`` takes contacts in ascending order, and
+        ``sequential-bottom`` in descending order.
+    collision : GraphCollision
+
+    Returns
+    -------
+    GraphCollisionOutcome
+        With the diagnostics ``impacts``, ``impulse_spread`` in N s and ``rate_spread`` in m/s. The status is
+        ``unrepresentable`` where the law has no solution, ``timeout`` after `MOST_IMPACTS` impacts.
+    """
+    if law not in LAWS:
+        raise ValueError(f"law = {law!r}; legal: {', '.join(LAWS)}")
+    numbers = range(1, len(collision.contacts) + 1)
+    order = list(reversed(numbers)) if law == "sequential-bottom" else list(numbers)
+    name = "sequential" if law.startswith("sequential") else law
+    e = [contact.restitution for contact in collision.contacts]
+    try:
+        found = solve_rigid_graph(name, collision.delassus, e, collision.rates, order=order)
+    except TooManyImpactsError as error:
+        return GraphCollisionOutcome.failure(law, collision, "timeout", str(error))
+    except ValueError as error:
+        return GraphCollisionOutcome.failure(law, collision, "unrepresentable", str(error))
+    velocities, turning = collision.after(found.impulses.tolist())
+    return GraphCollisionOutcome(
+        law,
+        tuple(tuple(row) for row in velocities.tolist()),
+        tuple(tuple(row) for row in turning.tolist()) if len(collision.inertias) else (),
+        diagnostics={
+            "impacts": float(found.impacts),
+            "impulse_spread": found.impulse_spread,
+            "rate_spread": found.rate_spread,
+        },
     )
 
 

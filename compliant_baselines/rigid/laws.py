@@ -352,9 +352,6 @@ class RigidLaw(OneByOne):
     It ignores stiffnesses, exponents and steps. Impacts take no time: the states are the contacts that touch at first,
     and no contact. `n_events` is the number of impacts, ``duration`` the time of the last impact in s. The status is
     ``closed-form`` if a sequence had infinitely many impacts; only its first impacts are counted and in the path.
-
-    Contact graphs are solved by `rigid.graphs`. There ``sequential-top`` takes the first of the contacts that approach,
-    and ``sequential-bottom`` the last one; plastic-then-restitution sweeps in the order of the contacts.
     """
 
     kind = "reference"
@@ -393,35 +390,16 @@ class RigidLaw(OneByOne):
     def solve_graphs(
         self, collisions: Sequence[GraphCollision], settings: Settings
     ) -> Sequence[GraphCollisionOutcome]:
-        """Solve contact graphs, one by one; ``impacts`` of the diagnostics is the number of impacts."""
-        return [self._solve_graph(collision, settings) for collision in collisions]
-
-    def _solve_graph(self, collision: GraphCollision, settings: Settings) -> GraphCollisionOutcome:
-        """Solve one contact graph."""
+        """Solve contact graphs, one by one (`rigid.graphs`)."""
         # `rigid.graphs` needs this module for the names of the laws.
-        from impact_xval.compliant_baselines.rigid.graphs import solve_rigid_graph
+        from impact_xval.compliant_baselines.rigid.graphs import solve_graph_by_rigid_law
 
         if settings.scenario != "impact":
             reason = f"scenario = {settings.scenario!r}: rigid laws are without gravity; legal: 'impact'"
-            return GraphCollisionOutcome.failure(self.name, collision, "unrepresentable", reason)
-        contacts = collision.contacts
-        numbers = range(1, len(contacts) + 1)
-        order = numbers[::-1] if self.name == "sequential-bottom" else numbers
-        law = "sequential" if self.name.startswith("sequential") else self.name
-        restitutions = [contact.restitution for contact in contacts]
-        try:
-            solved = solve_rigid_graph(law, collision.delassus, restitutions, collision.rates, order=order)
-        except TooManyImpactsError as error:
-            return GraphCollisionOutcome.failure(self.name, collision, "timeout", str(error))
-        except ValueError as error:
-            return GraphCollisionOutcome.failure(self.name, collision, "unrepresentable", str(error))
-        velocities, turning = collision.after(solved.impulses.tolist())
-        return GraphCollisionOutcome(
-            self.name,
-            tuple(tuple(row) for row in velocities.tolist()),
-            tuple(tuple(row) for row in turning.tolist()) if len(collision.inertias) else (),
-            diagnostics={"impacts": float(solved.impacts)},
-        )
+            return [
+                GraphCollisionOutcome.failure(self.name, c, "unrepresentable", reason) for c in collisions
+            ]
+        return [solve_graph_by_rigid_law(self.name, collision) for collision in collisions]
 
 
 def _path_of(line: Line) -> Path:

@@ -18,6 +18,7 @@ from typer.core import TyperCommand
 
 from impact_xval.experiments.config.collision_options import PARAMETERS
 from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.config.graph_options import GRAPH_PARAMETERS
 
 
 def parse_number(text: str) -> float:
@@ -172,10 +173,13 @@ Solvers = Annotated[
 ]
 
 
-def with_collision_options(*without: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def with_collision_options(
+    *without: str, graphs: bool = False
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Return a decorator that replaces the keywords of a command by the options of one collision.
 
-    The options named in `without` are skipped.
+    The options named in `without` are skipped. With `graphs` those of contact graphs follow. Of these the help has
+    --graph alone, for the others depend on the graph (docs/graphs.md).
     """
 
     def add(command: Callable[..., None]) -> Callable[..., None]:
@@ -186,6 +190,10 @@ def with_collision_options(*without: str) -> Callable[[Callable[..., None]], Cal
             for name, (metavar, help_text) in PARAMETERS.items()
             if name not in without
         }
+        for name, (metavar, help_text) in GRAPH_PARAMETERS.items() if graphs else ():
+            hidden = name != "graph"
+            given = typer.Option(metavar=metavar, help=help_text, hidden=hidden)
+            shared[name] = Annotated[str | None, given]
         typed = [
             inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
             for name, annotation in shared.items()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import webbrowser
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,8 +23,9 @@ from impact_xval.experiments.commands.options import (
     with_collision_options,
     word_parser,
 )
-from impact_xval.experiments.config.collision_options import OF_CHAIN, parse_collision
+from impact_xval.experiments.config.collision_options import OF_CHAIN, parse_collision, parse_settings
 from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.config.graph_options import GRAPH_PARAMETERS, SOLVED_BY, parse_graph
 
 if TYPE_CHECKING:
     from impact_xval.compliant_baselines import Settings
@@ -55,13 +57,13 @@ def _drawable_path(text: str) -> Path:
     return file
 
 
-@with_collision_options()
+@with_collision_options(graphs=True)
 def solve_command(
     *,
     solver: Solvers = None,
     plot: Path | None = option(
         "FILE",
-        "Draw curves (.png, .svg, .pdf), or slow motion: up to six solvers beside the model (.gif, .html).",
+        "A picture (.png, .svg, .pdf) or a film (.gif, .html).",
         _drawable_path,
     ),
     json: Json = False,
@@ -69,12 +71,19 @@ def solve_command(
 ) -> None:
     """Solve one collision by every solver.
 
-    Two balls on a table, by ratios or in SI units, or N balls with --arrangement. Velocities are per |v0|, those of
-    the diagnostics too, impulses per m1 |v0|, times in s. D stands between each solver and the model and, below the
-    table, between every two solvers.
+    Two balls on a table, by ratios or in SI units, N balls with --arrangement, or other bodies with --graph. Velocities
+    are per |v0|, of a graph in m/s, impulses per m1 |v0|, times in s. D stands between each solver and the model and,
+    below the table, between every two solvers.
 
-    Example: impact-xval solve --stiffness-ratio 40 --mass-ratio 1.15 --e1 0.9 --e2 0.7
+    Example: impact-xval solve --stiffness-ratio 40 --mass-ratio 2 --e1 1 --e2 1
     """
+    of_graph = {key: typed.pop(key) for key in GRAPH_PARAMETERS}
+    if of_graph["graph"] is not None:
+        _solve_graph(of_graph | typed, solver, plot, json=json)
+        return
+    for key, value in of_graph.items():
+        if value is not None:
+            raise UserError(f"--{key.replace('_', '-')} = {value!r:.60}; legal: with --graph")
     from impact_xval.experiments.presentation.terminal import (
         error_line,
         make_console,
@@ -102,6 +111,49 @@ def solve_command(
         print_blocks(make_console(), compared.blocks())
     if plot is not None:
         error_line(f"{plot}: {_draw_into(plot, compared, config)}")
+
+
+def _solve_graph(
+    typed: Mapping[str, str | None], solver: list[str] | None, plot: Path | None, *, json: bool
+) -> None:
+    """Solve one contact graph by the model, the references, the rigid laws and any solver that is named."""
+    from impact_xval.experiments.presentation.terminal import (
+        error_line,
+        make_console,
+        print_blocks,
+        say_waiting,
+    )
+    from impact_xval.experiments.sweep.one import open_solvers_apart
+
+    if plot is not None and plot.suffix in _FILMS:
+        raise UserError(f"--plot = {str(plot)!r:.60} beside --graph; legal: {', '.join(_PICTURES)}")
+    config = parse_settings({key: typed[key] for key in SOLVED_BY})
+    collision, setup = parse_graph(typed)
+    with open_solvers_apart(solver or (), graphs=True) as apart:
+        from impact_xval.compliant_baselines.registry import get_solver
+        from impact_xval.compliant_baselines.rigid.graphs import solve_graph_by_rigid_law
+        from impact_xval.experiments.cells.compared_graph import REFERENCES, RIGID_LAWS, GraphComparison
+        from impact_xval.experiments.config.experiment import REFERENCE
+
+        names = known_solvers(solver) if solver else [REFERENCE, *REFERENCES, *RIGID_LAWS]
+        others = [name for name in names if name not in RIGID_LAWS]
+        outcomes = apart.solve_graph(collision, config, others, get_solver, say_waiting)
+    for name in names:
+        if name in RIGID_LAWS:
+            outcomes[name] = solve_graph_by_rigid_law(name, collision)
+    compared = GraphComparison(collision, outcomes, setup, apart.versions)
+    if json:
+        print_json(compared.objects())
+    else:
+        print_blocks(make_console(), compared.blocks())
+    if plot is not None:
+        from impact_xval.experiments.presentation.style import save_picture
+
+        try:
+            save_picture(compared.plot(), plot)
+        except ValueError as error:
+            raise UserError(f"--plot {plot}: {error}") from None
+        error_line(f"{plot}: {compared.caption()}")
 
 
 def _count_path_points(chain: ChainSetup | None, *, film: bool) -> int | None:

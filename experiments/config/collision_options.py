@@ -71,6 +71,14 @@ def parse_collision(
     return _parse_chain(plain) if chain_key else _parse_two_balls(plain)
 
 
+def parse_settings(parameters: Mapping[str, str | None]) -> Config:
+    """Make a configuration of how an impact is solved alone, of parameters as they are typed."""
+    from impact_xval.experiments.config.experiment import Config
+
+    plain = {key: _number_or_text(value) for key, value in parameters.items() if value is not None}
+    return validate(Config, {"scenario": "impact", **plain}, "", name=_option_of_key)
+
+
 def _parse_two_balls(plain: dict[str, float | str]) -> tuple[Collision, None, Config]:
     from impact_xval.experiments.config.axes import RATIO_OF
     from impact_xval.experiments.config.cells import collision_of

@@ -13,16 +13,18 @@ from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Future, wait
 from typing import TYPE_CHECKING, TypeVar
 
-from impact_xval.compliant_baselines.registry import get_solver, is_ours, solver_names
+from impact_xval.compliant_baselines.registry import get_solver, is_engine, is_ours, solver_names
 from impact_xval.experiments.config.experiment import CellKind, Config
 from impact_xval.experiments.sweep.pool import TO_PREPARE, Slot, SlotPool, open_pool
 from impact_xval.experiments.sweep.process import FaultError
 from impact_xval.model.collision import Collision
+from impact_xval.model.graph.collision_outcome import GraphCollisionOutcome
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.path import Path
 
 if TYPE_CHECKING:
     from impact_xval.experiments.sweep.rows import Resolve
+    from impact_xval.model.graph.collision import GraphCollision
 
 _Answer = TypeVar("_Answer")
 
@@ -53,11 +55,6 @@ class SolversApart:
         points at most, none with 0.
         """
         kind: CellKind = "pair" if collision.falls_on_resting else "chain"
-        with contextlib.suppress(FaultError):  # then the solvers say so
-            if not self._begun.result():
-                say("")
-        ended = f"has taken {{:.0f}} s; it is ended after {TO_PREPARE:g} s"
-        at_work = f"has worked for {{:.0f}} s; it is ended after {config.cell_timeout:g} s"
 
         def prepare(slot: Slot[None], name: str) -> None:
             slot.prepare(name, _warm_up, resolve, name, kind)
@@ -68,7 +65,51 @@ class SolversApart:
                 name, _outcome_and_version, resolve, name, config, collision, points, timeout=limit
             )
 
-        solved: dict[str, Outcome] = {}
+        def fail(name: str, fault: FaultError) -> Outcome:
+            return Outcome.failure(name, collision, fault.status, fault.reason)
+
+        return self._solve_by_each(names, config, say, prepare, solve, fail)
+
+    def solve_graph(
+        self,
+        collision: GraphCollision,
+        config: Config,
+        names: Sequence[str],
+        resolve: Resolve,
+        say: Callable[[str], None],
+    ) -> dict[str, GraphCollisionOutcome]:
+        """Solve a collision of bodies by solvers, as `solve` does."""
+
+        def prepare(slot: Slot[None], name: str) -> None:
+            slot.prepare(name, _warm_graphs, resolve, name)
+
+        def solve(slot: Slot[None], name: str) -> tuple[GraphCollisionOutcome, str]:
+            limit = config.cell_timeout
+            return slot.call(
+                name, _graph_outcome_and_version, resolve, name, config, collision, timeout=limit
+            )
+
+        def fail(name: str, fault: FaultError) -> GraphCollisionOutcome:
+            return GraphCollisionOutcome.failure(name, collision, fault.status, fault.reason)
+
+        return self._solve_by_each(names, config, say, prepare, solve, fail)
+
+    def _solve_by_each(
+        self,
+        names: Sequence[str],
+        config: Config,
+        say: Callable[[str], None],
+        prepare: Callable[[Slot[None], str], None],
+        solve: Callable[[Slot[None], str], tuple[_Answer, str]],
+        fail: Callable[[str, FaultError], _Answer],
+    ) -> dict[str, _Answer]:
+        """Have each solver made ready, and solve; where it crashes or takes too long, `fail` gives its outcome."""
+        with contextlib.suppress(FaultError):  # then the solvers say so
+            if not self._begun.result():
+                say("")
+        ended = f"has taken {{:.0f}} s; it is ended after {TO_PREPARE:g} s"
+        at_work = f"has worked for {{:.0f}} s; it is ended after {config.cell_timeout:g} s"
+        solved: dict[str, _Answer] = {}
         for name in names:
             self._call_and_report(say, f"making {name} ready {ended}", prepare, name)
             try:
@@ -76,7 +117,7 @@ class SolversApart:
                     say, f"{name} {at_work}", solve, name
                 )
             except FaultError as fault:
-                solved[name] = Outcome.failure(name, collision, fault.status, fault.reason)
+                solved[name] = fail(name, fault)
         return solved
 
     def _call_and_report(
@@ -94,14 +135,19 @@ class SolversApart:
 
 
 @contextlib.contextmanager
-def open_solvers_apart(names: Sequence[str], *, chains: bool = False) -> Generator[SolversApart]:
-    """Start a process, which imports solvers meanwhile, for chains of N balls if so; it is gone when the block ends.
+def open_solvers_apart(
+    names: Sequence[str], *, chains: bool = False, graphs: bool = False
+) -> Generator[SolversApart]:
+    """Start a process, which imports solvers meanwhile; it is gone when the block ends.
 
-    Names may be illegal; none stand for the solvers that a run has by default.
+    They are to solve two balls, or chains of N balls, or contact graphs. Names may be illegal; none stand for the
+    solvers that a run has by default.
     """
     legal = [name for name in solver_names(on_request=True) if name in names] or list(solver_names())
 
     def begin(slot: Slot[None]) -> bool:
+        if graphs:
+            return slot.call(None, _are_graphs_compiled, timeout=TO_PREPARE)
         return slot.call(None, _import_solvers, legal, "chain" if chains else "pair", timeout=TO_PREPARE)
 
     with open_pool(None, 1) as pool:
@@ -125,6 +171,40 @@ def _warm_up(_: object, resolve: Resolve, name: str, kind: CellKind) -> bool:
         resolve(name).unavailable()
         return False
     return warm(_, resolve, name, kind)
+
+
+def _are_graphs_compiled(_: object) -> bool:
+    """Import the kernels of graphs; whether they are compiled."""
+    from impact_xval.model.compiled import is_compiled
+    from impact_xval.model.graph.in_time.kernel import follow_timed_graphs
+    from impact_xval.model.graph.kernel import follow_graphs
+
+    return is_compiled(follow_graphs) and is_compiled(follow_timed_graphs)
+
+
+def _warm_graphs(_: object, resolve: Resolve, name: str) -> bool:
+    """Have one of our solvers solve a graph, so that its kernel is compiled outside of any limit of a cell.
+
+    Returned is whether the solver was asked.
+    """
+    from impact_xval.compliant_baselines.solver import Settings
+    from impact_xval.model.graph import box
+
+    is_asked = is_ours(name) and not is_engine(name)
+    if is_asked:
+        resolve(name).solve_graphs([box()], Settings())
+    return is_asked
+
+
+def _graph_outcome_and_version(
+    _: object, resolve: Resolve, name: str, config: Config, collision: GraphCollision
+) -> tuple[GraphCollisionOutcome, str]:
+    """Solve a collision of bodies by a solver; its outcome, and the version it states."""
+    from impact_xval.compliant_baselines.answers import answer_graph, stated_version
+    from impact_xval.experiments.sweep.rows import settings_of
+
+    solver = resolve(name)
+    return answer_graph(solver, collision, settings_of(config, paths=False)), stated_version(solver)
 
 
 def _outcome_and_version(

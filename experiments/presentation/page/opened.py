@@ -22,6 +22,7 @@ from impact_xval.compliant_baselines.paste import mjcf
 from impact_xval.compliant_baselines.registry import exact_law_names, get_solver, solver_names
 from impact_xval.experiments.config.axes import RATIO_OF, SI_AXES
 from impact_xval.experiments.config.experiment import AXES_OF, Config
+from impact_xval.experiments.config.graphs import GRAPH_SPECS
 from impact_xval.experiments.presentation.words import display_name, format_axis_value, name_solver_in
 from impact_xval.experiments.sweep.curves import points_to_keep
 from impact_xval.experiments.sweep.rows import settings_of
@@ -35,6 +36,8 @@ from impact_xval.model.status import RESULT_STATUSES
 #: Digits of the impulses of a curve: ten times finer than a screen shows.
 _DIGITS = 4
 
+
+_SAME_PER_V0 = "per |v0| it is the same"
 
 #: Impulses I1 and I2 per m1 |v0| along a curve.
 Curve = list[list[float]]
@@ -154,6 +157,14 @@ def _commands_for_cell(root: Path, config: Config, row: Record) -> list[list[str
     """Return the commands that show a cell on a terminal, each with its description."""
     run, cell = shlex.quote(str(root)), row["cell"]
     show = ["every cause, in every order", f"impact-xval show {run} --cell {cell}"]
+    if config.kind == "graph":
+        again = f"impact-xval solve --graph {row['graph']} {_options_of_graph(row)}"
+        solved = [f"once more, at m1 = 1 kg, k1 = 1 N/m and |v0| = 1 m/s: {_SAME_PER_V0}", again]
+        return [
+            ["its outcome by every solver", show[1]],
+            solved,
+            ["as a picture", f"{again} --plot cell-{cell}.svg"],
+        ]
     axes = AXES_OF[config.kind]
     ours = ["scenario"] if config.kind == "pair" else []
     ours += [*(["gravity"] if config.scenario == "drop" else []), "m1", "k1", "v0", "step_fraction"]
@@ -171,6 +182,20 @@ def _commands_for_cell(root: Path, config: Config, row: Record) -> list[list[str
     scene = ["scenes that run in the engine alone", f"impact-xval scene {run} {cell}"]
     film = ["in slow motion", f"impact-xval solve {again} --plot cell-{cell}.html"]
     return [show, *([scene] if config.kind == "pair" else []), solve, film]
+
+
+def _options_of_graph(row: Record) -> str:
+    """Return the options of ``solve --graph`` for a cell; the bridge has a name of its own for k2/k1."""
+    name = row["graph"]
+    both = name in ("corner", "bridge")
+    renamed = {"e": ("--e1", "--e2") if both else ("--restitution",)}
+    if name == "bridge":
+        renamed["stiffness_ratio"] = ("--table-stiffness-ratio",)
+    words: list[str] = []
+    for axis in GRAPH_SPECS[name].axes:
+        for option in renamed.get(axis, (f"--{axis.replace('_', '-')}",)):
+            words += [option, f"{row[axis]}"]
+    return " ".join(words)
 
 
 def _exact_curves(config: Config, collisions: Sequence[Collision]) -> list[dict[str, Curve]]:
