@@ -2,6 +2,7 @@
 
 import io
 import math
+from itertools import pairwise
 
 import numpy as np
 import pandas as pd
@@ -15,11 +16,13 @@ from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import REFERENCE, load_config, parse_config
+from impact_xval.experiments.config.graph_options import parse_graph
 from impact_xval.experiments.config.graphs import GRAPH_SPECS, GraphGrid
 from impact_xval.experiments.measures.divergence import asymmetry, results_of_graphs
 from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.presentation import views
 from impact_xval.experiments.presentation.findings import summary_blocks
+from impact_xval.experiments.presentation.page.opened import collect_cells
 from impact_xval.experiments.presentation.report import present_run
 from impact_xval.experiments.sweep.run import present_once, run_sweep
 from impact_xval.experiments.tables.comparison import compare_runs
@@ -221,3 +224,21 @@ def test_the_page_says_what_was_compared_what_came_out_and_why(graph_run):
     assert "state paths" not in page.lower()
     names = {path.stem for path in (graph_run.root / "figures").glob("*.svg")}
     assert names == {"divergence-by-stiffness", "divergence-by-angle", "divergence-by-restitution"}
+
+
+def test_the_command_of_a_cell_solves_the_same_graph(graph_run):
+    cells = pd.read_parquet(graph_run.root / "cells.parquet").drop_duplicates("graph")
+    shown = collect_cells(graph_run, cells.cell.tolist())
+    blocks = experiment_cells(graph_run.config())
+    for number, name in zip(cells.cell, cells.graph, strict=True):
+        contents = shown[number]
+        command = contents["commands"][1][1].split()
+        typed = {key[2:].replace("-", "_"): value for key, value in pairwise(command) if key.startswith("--")}
+        graph, _ = parse_graph(typed)
+        unit = blocks.block(range(number, number + 1)).graphs[0]
+        assert graph.velocities == unit.velocities
+        assert graph.masses == unit.masses
+        assert [c.restitution for c in graph.contacts] == [c.restitution for c in unit.contacts]
+        assert np.allclose([1e8 * c.stiffness for c in graph.contacts], [c.stiffness for c in unit.contacts])
+        of_model = contents["results"][0]["velocities"]
+        assert len(of_model) == 2 * len(graph.masses), name
