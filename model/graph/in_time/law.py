@@ -26,7 +26,9 @@ never slack.
 w > 0. Where w = 0 too, its first non-zero derivative decides, order by order. If that is positive the contact is
 active: a dashpot pushes from that order on. Else a gap opens (`in_time.motion.expand`).
 
-**Over.** The collision is over when no contact carries force, and no gap closes.
+**Over.** The collision is over when no contact carries force, and no gap closes. Bistiffness has two closed forms, as
+in chains: a contact whose running stiffness runs away becomes rigid (`in_time.rigid`), and contacts come to rest where
+they have 1e-30 of the energy of impact left. Laws with a dashpot have none.
 
 **Ties.** Events at one instant are applied one after another, in the order of contacts. The order does not matter: each
 changes only its own contact, and leaves all rates as they are. Of a linear dashpot the force may jump. That changes

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from math import pi, sqrt
 
-from impact_xval.model.chain.laws import deactivate
+from impact_xval.model.chain.laws import deactivate, is_active
 from impact_xval.model.chain.rigid import RIGID
 from impact_xval.model.chain.roots import first_root
 from impact_xval.model.chain.series import ORDER
@@ -32,7 +32,7 @@ def ringing_ends(c, W, i):
     time = 4 * pi / sqrt(c[i].k * W[i, i]) / (1 - c[i].e)
     swing = 0.0
     for j in range(c.size):
-        if W[i, j] != 0:
+        if j != i and W[i, j] != 0 and is_active(c[j]):
             swing = max(swing, oscillation(c, W, j))
     return not gap_closes_within(c, W, time, RIGID * swing)
 

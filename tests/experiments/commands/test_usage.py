@@ -9,6 +9,7 @@ COMMANDS: list[str] = sorted(vars(typer.main.get_command(app))["commands"])
 
 CELL = "solve --stiffness-ratio 1 --mass-ratio 1 --e1 0.9 --e2 0.7"
 CRADLE = "solve --arrangement cradle"
+GRAPH = "solve --graph"
 PLOT = "legal: a file that ends in .png, .svg, .pdf, .gif, .html"
 ASK = "contact --engine mujoco --masses 1.0 0.5 --restitution 0.7"
 OF_TWO = "contact --engine mujoco --masses 1 1"
@@ -134,6 +135,40 @@ WRONG = [
     (f"{CRADLE} --k1 1e300 --stiffness-taper 1e10", "k = 1e+300, stiffness_taper = 1", "numbers > 0"),
     (f"{CRADLE} --m1 1e-200 --v0 -1e-200", "m = 1e-200", "v0 = -1e-200", "product > 0"),
     (f"{CRADLE} --e 2 --gap -1", "--e = 2.0", "(and 1 more)"),
+    (
+        f"{GRAPH} cornr",
+        "--graph = 'cornr' is no graph (did you mean 'corner'?)",
+        "legal: bernoulli, corner, ",
+    ),
+    (f"{GRAPH} rack --balls 5", "--balls = 5; legal: 3, 6 or 10"),
+    (f"{GRAPH} rack --offset 90", "--offset = 90.0; legal: between -90 and 90 degrees"),
+    (f"{GRAPH} bernoulli --angle 29", "--angle = 29.0; legal: from 30 to less than 90 degrees"),
+    (f"{GRAPH} bernoulli --angle wide", "--angle = 'wide'; legal: a number"),
+    (f"{GRAPH} bernoulli --restitution 1.5", "--restitution = '1.5'; legal: from 0 to 1"),
+    (f"{GRAPH} bernoulli --stiffness-ratio 0", "--stiffness-ratio = 0.0; legal: a finite number > 0 (k2/k1)"),
+    (f"{GRAPH} bernoulli --mass-ratio 2", "--mass-ratio = '2' beside --graph bernoulli; legal: --angle, "),
+    (f"{GRAPH} corner --angle 180", "--angle = 180.0; legal: more than 0 and less than 180 degrees"),
+    (
+        f"{GRAPH} corner --velocity 1,1",
+        "--velocity = '1,1': nothing meets; legal: the bodies of some contact ",
+    ),
+    (f"{GRAPH} corner --velocity 1", "--velocity = '1'; legal: two numbers X,Z (m/s)"),
+    (f"{GRAPH} corner --velocity inf,0", "--velocity = 'inf,0'", "legal: finite numbers (m/s"),
+    (f"{GRAPH} bridge --e1 2", "--e1 = '2'; legal: from 0 to 1"),
+    (
+        f"{GRAPH} bridge --table-stiffness-ratio -1",
+        "--table-stiffness-ratio = -1.0; legal: a finite number > 0",
+    ),
+    (f"{GRAPH} box --inertia 0", "--inertia = 0.0; legal: a finite number > 0"),
+    (f"{GRAPH} box --scenario drop", "--scenario = 'drop' beside --graph box; legal: --inertia, "),
+    (f"{GRAPH} box --cell-timeout 0", "--cell-timeout = 0.0; legal: "),
+    (f"{GRAPH} box --solver bullet", "--solver 'bullet'", "did you mean 'pybullet'", "legal:"),
+    *(
+        (f"{GRAPH} box --plot a.{x}", f"--plot = 'a.{x}' beside --graph; legal: .png, ")
+        for x in ("gif", "html")
+    ),
+    (f"{CELL} --angle 30", "--angle = '30'; legal: with --graph"),
+    (f"{CRADLE} --restitution 1", "--restitution = '1'; legal: with --graph"),
 ]
 
 

@@ -36,31 +36,35 @@ class _Run:
         self.delta, self.impulses = np.zeros(len(k)), np.zeros(len(k))
         self.phase = np.full(len(k), OPEN)
         self.first = COMPRESSION if law in (BISTIFFNESS, COMPRESSION_DASHPOT) else LOADED
-        self.decide()
+        self.phase[self.w > ZERO * self.scale] = self.first
 
     def decide(self):
-        """A contact without depth is active if the first derivative of its rate that is not 0 is positive."""
-        undecided = np.abs(self.w) <= ZERO * self.scale
+        """A contact at rest without depth is active if the first derivative of its rate that is not 0 is positive.
+
+        Contacts that nothing presses or opens stay undecided; they are returned.
+        """
+        undecided = (self.phase == OPEN) & (self.delta == 0) & (np.abs(self.w) <= ZERO * self.scale)
         self.w[undecided] = 0.0
-        self.phase[self.w > 0] = self.first
         unit = 1 / np.sqrt((np.diagonal(self.W) * self.k).max())
         delta, rate = self.delta, self.w
         for _ in range(2 * len(self.k) + 2):
-            force = np.where(self.phase != OPEN, self.k * delta + self.b * rate, 0.0)
-            terms = unit * self.W * force
+            terms = unit * self.W * self.forces(delta, rate)
             delta, rate = unit * rate, -terms.sum(axis=1)
             rate[np.abs(rate) <= 1e-11 * np.abs(terms).sum(axis=1)] = 0.0
             self.phase[undecided & (rate > 0)] = self.first
             undecided &= rate == 0
+        return undecided
 
     def forces(self, delta, w):
         damped = np.isin(self.phase, (LOADED, COMPRESSION))
         active = damped | (self.phase == RESTITUTION)
         return np.where(active, self.k * delta, 0.0) + np.where(damped, self.b * w, 0.0)
 
-    def watched(self):
+    def watched(self, undecided):
         """Functions of (delta, w), each with the direction in which it passes zero, its contact and the next phase."""
         for i, phase in enumerate(self.phase):
+            if undecided[i]:
+                continue
             gap = lambda delta, w, i=i: delta[i]  # noqa: E731
             rate = lambda delta, w, i=i: w[i]  # noqa: E731
             force = lambda delta, w, i=i: self.k[i] * delta[i] + self.b[i] * w[i]  # noqa: E731
@@ -81,7 +85,7 @@ class _Run:
 
     def follow(self, step):
         """Move to the first event, and apply it."""
-        n, functions = len(self.k), list(self.watched())
+        n, functions = len(self.k), list(self.watched(self.decide()))
         moving = np.sqrt(np.linalg.eigvalsh(self.W)[-1] * self.k.max())
         moving += np.linalg.eigvalsh(self.W)[-1] * self.b.max()
 

@@ -1,0 +1,134 @@
+"""``impact-xval solve --graph``: what is printed of a contact graph, and its picture."""
+
+import json
+
+import numpy as np
+import pytest
+
+from impact_xval.compliant_baselines import Settings, get_solver
+from impact_xval.compliant_baselines.rigid.graphs import solve_graph_by_rigid_law
+from impact_xval.compliant_baselines.rigid.laws import LAWS
+from impact_xval.experiments.cells.compared_graph import REFERENCES, GraphComparison
+from impact_xval.experiments.commands.cli import main
+from impact_xval.model.graph.collision_outcome import GraphCollisionOutcome
+from impact_xval.model.graph.named import bernoulli, box, corner, rack
+
+BERNOULLI = [
+    "solve",
+    "--graph",
+    "bernoulli",
+    "--angle",
+    "30",
+    "--stiffness-ratio",
+    "4",
+    "--restitution",
+    "0.5",
+]
+
+
+def test_the_list_has_the_model_the_references_and_the_rigid_laws(command):
+    found = json.loads(command([*BERNOULLI, "--json"]), parse_constant=pytest.fail)
+    by_name = {each["solver"]: each for each in found}
+    assert list(by_name) == ["state-transition", *REFERENCES, *LAWS]
+    scene = bernoulli(30, stiffness_ratio=4, restitution=0.5)
+    for name in ("state-transition", *REFERENCES):
+        (outcome,) = get_solver(name).solve_graphs([scene], Settings())
+        assert by_name[name]["velocities"] == [list(v) for v in outcome.velocities]
+        assert by_name[name]["diagnostics"].keys() == outcome.diagnostics.keys()
+    assert by_name["state-transition"]["D"] == 0
+    change = np.subtract(by_name["kelvin-voigt"]["velocities"], by_name["state-transition"]["velocities"])
+    assert by_name["kelvin-voigt"]["D"] == pytest.approx(np.sqrt((change**2).sum()), rel=1e-12)
+    speeds = np.array(by_name["kelvin-voigt"]["velocities"])
+    assert by_name["kelvin-voigt"]["retained_energy"] == pytest.approx((speeds**2).sum(), rel=1e-12)
+
+
+def test_solvers_that_are_named_are_asked_instead(command):
+    names = ["pymunk", "newton-restitution", "hunt-crossley"]
+    words = [*BERNOULLI, *(word for name in names for word in ("--solver", name))]
+    found = json.loads(command([*words, "--json"]))
+    assert {each["solver"] for each in found} == {*names, "state-transition"}
+    refused = next(each for each in found if each["solver"] == "hunt-crossley")
+    assert (refused["status"], refused["D"]) == ("unrepresentable", None)
+    assert refused["velocities"] == [[None, None]] * 3
+    table = command(words)
+    assert "hunt-crossley: unrepresentable: hunt-crossley is no linear contact" in table
+    row = next(line for line in table.splitlines() if line.startswith("hunt-crossley "))
+    assert row.split() == ["hunt-crossley", "unrepresentable", *"-----"]
+
+
+def test_the_table_has_velocities_of_all_bodies(command):
+    lines = command([*BERNOULLI, "--solver", "kelvin-voigt"]).splitlines()
+    assert lines[0] == "Bernoulli, angle 30, restitution 0.5, stiffness ratio 4."
+    header, *rows = [line.split() for line in lines if " ok " in line or line.startswith("solver")]
+    assert header == [
+        "solver",
+        "status",
+        "v1",
+        "(x,",
+        "z)",
+        "v2",
+        "(x,",
+        "z)",
+        "v3",
+        "(x,",
+        "z)",
+        "D",
+        "E/E0",
+    ]
+    assert rows[0][:4] == ["state-transition", "ok", "-0.0801,", "-0.0915"]
+    assert rows[0][-2] == "0"
+
+
+def test_e1_and_e2_are_the_restitutions_of_a_corner(command):
+    words = "solve --graph corner --angle 60 --e1 0.9 --e2 0.7 --velocity -2,-0.6 --json --solver newton-restitution"
+    model = json.loads(command(words.split()))[0]
+    expected = 2 * np.array([(0.38155485401021, 0.68399552358526)])
+    np.testing.assert_allclose(model["velocities"], expected, atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "first", "options"),
+    [
+        ("png", b"\x89PNG", "bernoulli"),
+        ("svg", b"<?xml", "box --stiffness-ratio 3"),
+        ("pdf", b"%PDF", "corner"),
+    ],
+)
+def test_a_picture_has_a_caption(tmp_path, capsys, suffix, first, options):
+    file = tmp_path / f"one.{suffix}"
+    words = ["solve", "--graph", *options.split(), "--solver", "kelvin-voigt", "--plot", str(file), "--json"]
+    assert main(words) == 0
+    out, err = capsys.readouterr()
+    assert len(json.loads(out)) == 2
+    assert "by solver. Black arrows: normals of contacts. Grey arrows: velocities before" in " ".join(
+        err.split()
+    )
+    assert file.read_bytes().startswith(first)
+    if suffix == "svg":
+        text = file.read_text(encoding="utf-8")
+        assert text.count("Box, stiffness ratio 3, by solver.") >= 1  # matplotlib keeps texts as comments
+        assert "m/s" in text
+        assert "rad/s" in text
+
+
+def test_a_picture_of_nothing_is_refused():
+    scene = box()
+    failure = GraphCollisionOutcome.failure("state-transition", scene, "timeout", "for a test")
+    compared = GraphComparison(scene, {"state-transition": failure}, "box")
+    with pytest.raises(ValueError, match="no solver has a result to draw"):
+        compared.plot()
+    assert np.isnan(compared.divergences["state-transition"])
+
+
+def test_rigid_laws_of_bodies():
+    (x, z) = solve_graph_by_rigid_law("newton-restitution", corner(90)).velocities[0]
+    assert (x, z) == pytest.approx((1.0, 0.3), abs=1e-12)
+    top, bottom = (
+        solve_graph_by_rigid_law(f"sequential-{end}", bernoulli(31)).velocities for end in ("top", "bottom")
+    )
+    np.testing.assert_allclose(top[0], np.array(bottom[0]) * (-1, 1), atol=1e-12)
+    mixed = solve_graph_by_rigid_law("generalised-reflection", corner(60, restitutions=(0.9, 0.7)))
+    assert (mixed.status, "one e for all" in mixed.reason) == ("unrepresentable", True)
+    assert len(solve_graph_by_rigid_law("poisson-restitution", rack()).velocities) == 4
+    with pytest.raises(ValueError, match="law = 'newton'; legal: newton-restitution"):
+        solve_graph_by_rigid_law("newton", box())
