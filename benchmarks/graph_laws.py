@@ -87,7 +87,8 @@ def main() -> None:
         outcomes = model_outcomes(RATIOS, e)
         found[e] = {law: distance(outcomes, rigid_outcome(law, e)) for law in RIGID_LAWS}
         shown = model_outcomes(SHOWN, e)
-        title = f"D from the model, e = {e}; by any law without stiffness at least {least_error(outcomes):.3f} somewhere"
+        least = least_error(outcomes)
+        title = f"D from the model, e = {e}; by any law without stiffness at least {least:.3f} somewhere"
         table = Table(
             "law", *(f"k2/k1 = {ratio:g}" for ratio in SHOWN), "least", "largest", box=None, title=title
         )
