@@ -37,8 +37,6 @@ from impact_xval.model.status import RESULT_STATUSES
 _DIGITS = 4
 
 
-_SAME_PER_V0 = "per |v0| it is the same"
-
 #: Impulses I1 and I2 per m1 |v0| along a curve.
 Curve = list[list[float]]
 
@@ -159,12 +157,9 @@ def _commands_for_cell(root: Path, config: Config, row: Record) -> list[list[str
     show = ["every cause, in every order", f"impact-xval show {run} --cell {cell}"]
     if config.kind == "graph":
         again = f"impact-xval solve --graph {row['graph']} {_options_of_graph(row)}"
-        solved = [f"once more, at m1 = 1 kg, k1 = 1 N/m and |v0| = 1 m/s: {_SAME_PER_V0}", again]
-        return [
-            ["its outcome by every solver", show[1]],
-            solved,
-            ["as a picture", f"{again} --plot cell-{cell}.svg"],
-        ]
+        unit = "once more, at m1 = 1 kg, k1 = 1 N/m and |v0| = 1 m/s: per |v0| the outcome is the same"
+        picture = f"{again} --plot cell-{cell}.svg"
+        return [["its outcome by every solver", show[1]], [unit, again], ["as a picture", picture]]
     axes = AXES_OF[config.kind]
     ours = ["scenario"] if config.kind == "pair" else []
     ours += [*(["gravity"] if config.scenario == "drop" else []), "m1", "k1", "v0", "step_fraction"]
