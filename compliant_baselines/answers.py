@@ -37,18 +37,8 @@ def answer(solver: Solver, collisions: Sequence[Collision], settings: Settings) 
 
 
 def answer_graph(solver: Solver, collision: GraphCollision, settings: Settings) -> GraphCollisionOutcome:
-    """Solve one collision of bodies by any solver; an exception, or no outcome of its bodies, is ``crashed``."""
-    reason = why_unavailable(solver)
-    if reason is not None:
-        return GraphCollisionOutcome.failure(solver.name, collision, "unavailable", reason)
-    try:
-        (outcome,) = solver.solve_graphs([collision], settings)
-        lengths = [len(v) for v in outcome.velocities]
-        if lengths != [len(v) for v in collision.velocities]:
-            raise RuntimeError(f"velocities of {lengths} numbers for {len(collision.masses)} bodies")
-    except Exception as error:
-        return GraphCollisionOutcome.failure(solver.name, collision, "crashed", describe_exception(error))
-    return replace(outcome, reason=one_line(outcome.reason), mark=one_line(outcome.mark))
+    """Solve one contact graph by any solver, as `answer_graphs` does."""
+    return answer_graphs(solver, [collision], settings)[0]
 
 
 def _answer_batch(solver: Solver, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
@@ -67,6 +57,45 @@ def _answer_batch(solver: Solver, collisions: Sequence[Collision], settings: Set
             return [Outcome.failure(solver.name, collisions[0], "crashed", describe_exception(error))]
     halves = collisions[: n // 2], collisions[n // 2 :]
     return [outcome for half in halves for outcome in _answer_batch(solver, half, settings)]
+
+
+def answer_graphs(
+    solver: Solver, collisions: Sequence[GraphCollision], settings: Settings
+) -> list[GraphCollisionOutcome]:
+    """Solve contact graphs by any solver, as `answer` solves collisions of balls in a line."""
+    reason = why_unavailable(solver)
+    if reason is not None:
+        return [GraphCollisionOutcome.failure(solver.name, c, "unavailable", reason) for c in collisions]
+    return _answer_graphs(solver, collisions, settings) if len(collisions) else []
+
+
+def _answer_graphs(
+    solver: Solver, collisions: Sequence[GraphCollision], settings: Settings
+) -> list[GraphCollisionOutcome]:
+    """Call a solver; where the call fails, halve the batch until the collision at fault is alone."""
+    n = len(collisions)
+    try:
+        outcomes = list(solver.solve_graphs(collisions, settings))
+        if len(outcomes) != n:
+            raise RuntimeError(f"{len(outcomes)} outcomes for {n} collisions")
+        return [_clean_graph(solver.name, o, c) for o, c in zip(outcomes, collisions, strict=True)]
+    except Exception as error:
+        if n == 1:
+            reason = describe_exception(error)
+            return [GraphCollisionOutcome.failure(solver.name, collisions[0], "crashed", reason)]
+    halves = collisions[: n // 2], collisions[n // 2 :]
+    return [outcome for half in halves for outcome in _answer_graphs(solver, half, settings)]
+
+
+def _clean_graph(
+    name: str, outcome: GraphCollisionOutcome, collision: GraphCollision
+) -> GraphCollisionOutcome:
+    """Return an outcome with printable texts; ``crashed`` if it has the wrong numbers of bodies or components."""
+    given, legal = ([len(v) for v in each.velocities] for each in (outcome, collision))
+    if given != legal:
+        reason = f"velocities: {given} components by body; legal: {legal}"
+        return GraphCollisionOutcome.failure(name, collision, "crashed", reason)
+    return replace(outcome, reason=one_line(outcome.reason), mark=one_line(outcome.mark))
 
 
 def _clean(name: str, outcome: Outcome, collision: Collision) -> Outcome:

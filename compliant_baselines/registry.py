@@ -68,7 +68,7 @@ def _model(name: str, title: str, description: str) -> SolverSpec:
 
 def _rigid_law(name: str, description: str) -> SolverSpec:
     """Specify an exact rigid impact law as a solver of its name."""
-    return SolverSpec(name, "rigid.laws:RigidLaw", name, name, description, "reference")
+    return SolverSpec(name, "rigid.law_solver:RigidLaw", name, name, description, "reference")
 
 
 def _rigid_as_it_ships(name: str, factory: str, title: str, description: str) -> SolverSpec:

@@ -103,14 +103,7 @@ class Outcome:
     @property
     def differences(self) -> str:
         """Sentence about the parameters that an engine replaced by others, beyond rounding; empty without any."""
-        phrases: list[str] = []
-        for name in sorted(self.requested.keys() & self.effective.keys()):
-            requested, effective = self.requested[name], self.effective[name]
-            for i, (value, used) in enumerate(zip(requested, effective, strict=True), 1):
-                if not math.isclose(value, used, rel_tol=1e-9):
-                    parameter = f"{name} {i}" if len(requested) > 1 else name
-                    phrases.append(f"{parameter} is {used:.6g}, {value:.6g} was asked for")
-        return "; ".join(phrases)
+        return describe_differences(self.requested, self.effective)
 
     def retained_energy(self, collision: Collision) -> float:
         """Return the kinetic energy after the collision over the kinetic energy before it."""
@@ -124,3 +117,16 @@ class Outcome:
         unknown = (math.nan,)
         balls, contacts = len(collision.masses), len(collision.stiffnesses)
         return cls(solver, unknown * balls, unknown * contacts, status=status, reason=reason)
+
+
+def describe_differences(
+    requested: Mapping[str, tuple[float, ...]], effective: Mapping[str, tuple[float, ...]]
+) -> str:
+    """Say which parameters an engine replaced by others, beyond rounding; empty without any."""
+    phrases: list[str] = []
+    for name in sorted(requested.keys() & effective.keys()):
+        for i, (value, used) in enumerate(zip(requested[name], effective[name], strict=True), 1):
+            if not math.isclose(value, used, rel_tol=1e-9):
+                parameter = f"{name} {i}" if len(requested[name]) > 1 else name
+                phrases.append(f"{parameter} is {used:.6g}, {value:.6g} was asked for")
+    return "; ".join(phrases)

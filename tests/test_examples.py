@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from impact_xval.experiments.config.experiment import parse_config
+from impact_xval.experiments.config.experiment import load_config, parse_config
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.folder import RunFolder
 from tests.test_project import ROOT
@@ -53,6 +53,11 @@ def test_contact_graphs(run):
     *balls, end = run("graph_rack.py", 6).splitlines()
     assert sum(float(ball.split()[2]) for ball in balls) == pytest.approx(1, abs=1e-4)
     assert end.startswith("10 contacts")
+
+
+def test_a_run_of_contact_graphs_is_legal():
+    config = load_config(EXAMPLES / "graphs.toml")
+    assert config.size().startswith("168 graphs: name 4, stiffness_ratio 9")
 
 
 def test_a_run_is_read_in_three_ways_that_agree(run, tmp_path, monkeypatch):

@@ -40,19 +40,14 @@ Cottle, Pang and Stone, The Linear Complementarity Problem, 1992, section 4.7.
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib.metadata import version
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solveh_banded  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
 from impact_xval.compliant_baselines.rigid.collapse import VANISHED_GAP, VANISHED_SPEED, Bools, Watch
-from impact_xval.compliant_baselines.solver import OneByOne, Settings
 from impact_xval.model.arrays import Floats
 from impact_xval.model.collision import Collision
-from impact_xval.model.outcome import Outcome
-from impact_xval.model.path import Path
-from impact_xval.model.states import name_of_set
 
 #: Rounding of a sum, over the sum of the absolute values of its terms; a smaller sum counts as 0.
 ROUNDING = 2.0**-46
@@ -342,54 +337,3 @@ def follow_impacts(collision: Collision, law: str, most: int = 100_000) -> Line:
     # Rates of approach that are left are rounding (`Line.fly`).
     line.u = np.maximum(line.u, 0.0)
     return line
-
-
-class RigidLaw(OneByOne):
-    """One of `LAWS` as a solver, by its name: an exact solver for rigid engines to be compared with.
-
-    It ignores stiffnesses, exponents and steps. Impacts take no time: the states are the contacts that touch at first,
-    and no contact. `n_events` is the number of impacts, ``duration`` the time of the last impact in s. The status is
-    ``closed-form`` if a sequence had infinitely many impacts; only its first impacts are counted and in the path.
-    """
-
-    kind = "reference"
-
-    def version(self) -> str:
-        """Return the version of this project, which contains the solver."""
-        return version("impact-xval")
-
-    def solve_one(self, collision: Collision, settings: Settings) -> Outcome:
-        """Solve one collision."""
-        c = collision
-        if settings.scenario != "impact":
-            reason = f"scenario = {settings.scenario!r}: rigid laws are without gravity; legal: 'impact'"
-            return Outcome.failure(self.name, c, "unrepresentable", reason)
-        try:
-            line = follow_impacts(c, self.name, min(settings.max_steps, 100_000))
-        except TooManyImpactsError as error:
-            return Outcome.failure(self.name, c, "timeout", str(error))
-        except ValueError as error:
-            return Outcome.failure(self.name, c, "unrepresentable", str(error))
-        touching = sum(1 << int(i) for i in np.flatnonzero(line.points[0].acting))
-        paper = c.table and len(c.masses) == 2
-        first, end = name_of_set(touching, paper), name_of_set(0, paper)
-        return Outcome(
-            self.name,
-            tuple(line.v.tolist()),
-            tuple(line.impulses(line.v).tolist()),
-            (first, end) if touching else (end,),
-            "closed-form" if line.endless else "ok",
-            "bodies come to rest together after infinitely many impacts" if line.endless else "",
-            n_events=line.impacts,
-            diagnostics={"duration": line.time},
-            path=_path_of(line) if settings.record_path else None,
-        )
-
-
-def _path_of(line: Line) -> Path:
-    """Return the path of a line that is over; it ends with the velocities that are reported."""
-    time, u, acting = (np.array(values) for values in zip(*line.points, strict=True))
-    u[-1], acting[-1] = line.u, False
-    velocities = np.array([line.velocities(rates) for rates in u])
-    impulses = np.array([line.impulses(v) for v in velocities])
-    return Path(time, velocities, impulses, np.zeros_like(impulses), acting)

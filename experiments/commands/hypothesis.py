@@ -69,7 +69,8 @@ def hypothesis_command(
     )
     from impact_xval.experiments.sweep.chunk import are_compiled
 
-    if not are_compiled("state-transition", pair=collision_and_contact[0].falls_on_resting):
+    is_pair = collision_and_contact[0].falls_on_resting
+    if not are_compiled("state-transition", "pair" if is_pair else "chain"):
         error_line(COMPILING)
     with report_waiting("solving the collision at rising contrasts"):
         pair = judge_own_pair(*collision_and_contact)

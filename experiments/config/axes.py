@@ -96,8 +96,12 @@ def _spacing_entries(value: object, count: int) -> list[object] | None:
 
 
 def _legal_axis(value: object, info: ValidationInfo) -> object:
+    """Return an axis whose field's name says what is legal, as `legal_axis` does."""
+    return legal_axis(LEGAL[str(info.field_name)], value)
+
+
+def legal_axis(legal: Legal, value: object) -> object:
     """Return an axis as a list of legal numbers, or as its legal spacing; a ValueError says what is illegal."""
-    legal = LEGAL[str(info.field_name)]
     if (entries := _spacing_entries(value, 3)) is not None and is_table(value):
         lo, hi, n = entries
         is_log = "log" in value
@@ -133,15 +137,17 @@ def _legal_range(value: object, info: ValidationInfo) -> object:
     return value
 
 
-#: Values of a parameter: a number, a list, ``{"log": [lo, hi, n]}`` or ``{"linear": [lo, hi, n]}``. The name of the
-#: field says what is legal.
-Axis = Annotated[list[float] | dict[str, list[int | float]], BeforeValidator(_legal_axis)]
+#: Values of a parameter once they are legal: a list, ``{"log": [lo, hi, n]}`` or ``{"linear": [lo, hi, n]}``.
+GivenAxis = list[float] | dict[str, list[int | float]]
+
+#: The same, or a number. The name of the field says what is legal.
+Axis = Annotated[GivenAxis, BeforeValidator(_legal_axis)]
 
 #: Where a parameter is sampled: a number, ``{"log": [lo, hi]}`` or ``{"linear": [lo, hi]}``.
 Range = Annotated[float | dict[str, list[int | float]], BeforeValidator(_legal_range)]
 
 
-def expand_axis(axis: Axis) -> list[float]:
+def expand_axis(axis: GivenAxis) -> list[float]:
     """Values of a legal axis, in the order given."""
     if isinstance(axis, list):
         return list(axis)

@@ -1,4 +1,4 @@
-"""The cells of an experiment: a grid, a sample (`scipy.stats.qmc`), a list from a file, or chains of N balls.
+"""The cells of an experiment: a grid, a sample (`scipy.stats.qmc`), a list from a file, chains, or contact graphs.
 
 They are numbered and deterministic, and made block by block: ten million of them are never in memory at once.
 """
@@ -24,8 +24,10 @@ from impact_xval.experiments.config.arrangements import ChainSetup, chain_setup_
 from impact_xval.experiments.config.axes import AXES, LEGAL, MAX_CELLS, RATIO_OF, Sample
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import Cell, Config, split_restitution
+from impact_xval.experiments.config.graphs import GRAPH_AXES, named_graph
 from impact_xval.model.collision import Collision
 from impact_xval.model.collisions import Collisions
+from impact_xval.model.graph.collision import GraphCollision
 
 if TYPE_CHECKING:
     from scipy.stats import qmc
@@ -33,8 +35,8 @@ if TYPE_CHECKING:
 #: Values of columns by name, shape (n,). A column is of numbers or of texts, so that its dtype is open.
 ColumnArrays = dict[str, NDArray[Any]]
 
-#: Cells of a chunk where an engine is among the solvers, a few seconds of work with their estimates: of two balls, of
-#: chains. Without an engine at most so many; a million cells then make a thousand parts.
+#: Cells of a chunk where an engine is among the solvers, a few seconds of work with their estimates: of two balls; of
+#: chains and graphs. Without an engine at most so many; a million cells then make a thousand parts.
 _CHUNK, _CHAINS_CHUNK, _QUICK_CHUNK = 16, 4, 1024
 
 #: The number of chunks from which they become larger instead of more.
@@ -47,17 +49,19 @@ class CellBlock:
 
     #: Number of each cell in the experiment.
     index: NDArray[np.int64]
-    #: Parameters of the cells by name, shape (n,): the columns of a pair or a chain in `schema`.
+    #: Parameters of the cells by name, shape (n,): the columns of a pair, a chain or a graph in `schema`.
     parameters: ColumnArrays
-    #: What is solved; a `Collisions` where all are of one kind.
+    #: What is solved; a `Collisions` where all are of one kind. Empty in an experiment of graphs.
     collisions: Sequence[Collision]
+    #: What is solved in an experiment of graphs; else empty.
+    graphs: Sequence[GraphCollision] = ()
 
     def __len__(self) -> int:
         return len(self.index)
 
     def __getitem__(self, place: slice) -> CellBlock:
         parameters = {name: values[place] for name, values in self.parameters.items()}
-        return CellBlock(self.index[place], parameters, self.collisions[place])
+        return CellBlock(self.index[place], parameters, self.collisions[place], self.graphs[place])
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,9 +81,13 @@ class ExperimentCells:
     def block(self, indices: range) -> CellBlock:
         """Make the cells of a range of indices."""
         config, parameters = self.config, self.values(indices)
+        collisions: Sequence[Collision] = ()
+        graphs: Sequence[GraphCollision] = ()
         for name in ("m1", "k1", "v0"):
             parameters.setdefault(name, np.full(len(indices), getattr(config, name)))
-        if config.chain is None:
+        if config.kind == "graph":
+            graphs = _make_graphs(parameters)
+        elif config.kind == "pair":
             parameters = split_restitution(parameters)
             for ratio, (quantity, unit) in RATIO_OF.items():
                 if quantity in parameters:
@@ -90,7 +98,7 @@ class ExperimentCells:
         else:
             collisions = _make_chains(parameters)
             parameters["balls"] = parameters["balls"].astype(int)
-        return CellBlock(np.arange(indices.start, indices.stop), parameters, collisions)
+        return CellBlock(np.arange(indices.start, indices.stop), parameters, collisions, graphs)
 
     def __getitem__(self, index: int) -> Collision:
         if not 0 <= index < len(self):
@@ -102,7 +110,7 @@ class ExperimentCells:
         """Cells of a chunk: as configured, or by whether an engine is among the solvers."""
         if self.config.chunk_size is not None:
             return self.config.chunk_size
-        usual = _CHUNK if self.config.chain is None else _CHAINS_CHUNK
+        usual = _CHUNK if self.config.kind == "pair" else _CHAINS_CHUNK
         if not any(map(is_engine, self.config.solvers)):
             usual = max(_CHUNK, min(_QUICK_CHUNK, len(self) // 64))
         return max(usual, -(-len(self) // _MOST_CHUNKS))
@@ -124,6 +132,9 @@ def experiment_cells(config: Config) -> ExperimentCells:
         return _cells_of_grids(
             config, [{"arrangement": [name], **table.axes(name)} for name in table.arrangement]
         )
+    if config.graph is not None:
+        grid = config.graph
+        return _cells_of_grids(config, [{"graph": [name], **grid.axes(name)} for name in grid.name])
     if config.sample is not None:
         return cells_from_ratios(config, draw(config.sample))
     if config.cells is not None:
@@ -194,6 +205,15 @@ def _make_chains(cells: ColumnArrays) -> Sequence[Collision]:
     chains = [ChainSetup.model_construct(None, **setup).collision() for setup in setups]
     kinds = {(len(chain.masses), chain.table, chain.exponent) for chain in chains}
     return Collisions.of(chains) if len(kinds) == 1 else chains
+
+
+def _make_graphs(cells: ColumnArrays) -> list[GraphCollision]:
+    axes = [name for name in GRAPH_AXES if name != "graph"]
+    rows = zip(*(cells[name].tolist() for name in (*axes, "m1", "k1", "v0")), strict=True)
+    return [
+        named_graph(name, dict(zip(axes, numbers, strict=True)), m1, k1, v0)
+        for name, (*numbers, m1, k1, v0) in zip(cells["graph"].tolist(), rows, strict=True)
+    ]
 
 
 def sobol_sequence(dimensions: int, generator: np.random.Generator) -> qmc.Sobol:

@@ -18,8 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from impact_xval.compliant_baselines.states import SHORTEST_STATE
-from impact_xval.experiments.config.arrangements import ChainGrid, ChainSetup
+from impact_xval.experiments.config.arrangements import CHAIN_AXES, ChainGrid, ChainSetup
 from impact_xval.experiments.config.axes import (
+    AXES,
     KEPT,
     LEGAL,
     RATIO_OF,
@@ -36,11 +37,21 @@ from impact_xval.experiments.config.axes import (
     whole_field,
 )
 from impact_xval.experiments.config.errors import UserError, hint, is_table, read_toml, shorten, validate
+from impact_xval.experiments.config.graphs import GRAPH_AXES, GraphGrid, named_graph
 from impact_xval.experiments.config.renamed import EXPERIMENT_KEYS, rename_keys
 from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, V0, Cutoff, legal_cutoff
 
 #: What says which cells are computed; an experiment has one of them, without any the built-in grid.
-DESIGNS = ("grid", "sample", "cells", "chain")
+DESIGNS = ("grid", "sample", "cells", "chain", "graph")
+
+#: What every cell of an experiment is: two balls on a table, a chain of N balls, or a contact graph.
+CellKind = Literal["pair", "chain", "graph"]
+
+#: By what the cells of a kind are grouped, and how a reader knows it.
+AXES_OF: Mapping[CellKind, Mapping[str, str]] = {"pair": AXES, "chain": CHAIN_AXES, "graph": GRAPH_AXES}
+
+#: What the cells of a kind are called, in the plural.
+NOUN_OF: Mapping[CellKind, str] = {"pair": "cells", "chain": "chains", "graph": "graphs"}
 
 #: Keys on which no row depends. The cells of a list are part of the identity of each chunk, wherever their file lies.
 COSMETIC = ("name", "workers", "figure_cell", "figure_chain", "cells")
@@ -179,15 +190,16 @@ class Config(Strict):
     sample: Sample | None = Field(None, description="a table: n, seed and ranges")
     cells: str | None = Field(None, min_length=1, description="the path of a CSV or Parquet file")
     chain: ChainGrid | None = Field(None, description=f"a table: {', '.join(ChainGrid.model_fields)}")
+    graph: GraphGrid | None = Field(None, description=f"a table: {', '.join(GraphGrid.model_fields)}")
     convergence: ConvergenceTable = table_field(ConvergenceTable)
     figure_cell: Cell = table_field(Cell)
     figure_chain: ChainSetup = table_field(ChainSetup)
 
     @model_validator(mode="before")
     @classmethod
-    def _chains_have_no_gravity(cls, data: object, info: ValidationInfo) -> object:
+    def _only_pairs_have_gravity(cls, data: object, info: ValidationInfo) -> object:
         data = rename_keys(data, EXPERIMENT_KEYS, warn=info.context != KEPT)
-        if is_table(data) and data.get("chain") is not None:
+        if is_table(data) and (data.get("chain") is not None or data.get("graph") is not None):
             return {"scenario": "impact", **data}
         return data
 
@@ -214,30 +226,42 @@ class Config(Strict):
 
     @model_validator(mode="after")
     def _one_design(self) -> Config:
-        given, chains = self.model_fields_set, self.chain is not None
+        given = self.model_fields_set
         designs = [name for name in DESIGNS if name in given and getattr(self, name) is not None]
         for name in self.grid.in_si:
             if name in given:
                 raise ValueError(f"{name} is given above every [table] and in [grid]; legal: one of both")
         if len(designs) > 1:
             raise ValueError(f"{' and '.join(designs)} are given; legal: one of {', '.join(DESIGNS)}")
-        others = {"figure_chain": "figure_cell"}
-        if chains:
-            others = {"figure_cell": "figure_chain", "gravity": "none, chains are solved without it"}
-        for name, legal in others.items():
+        with_or_without = "without chain" if self.kind == "pair" else f"with {self.kind}"
+        for name, legal in self._keys_of_others().items():
             if name in given:
-                raise ValueError(f"{name} is given {'with' if chains else 'without'} chain; legal: {legal}")
-        if chains and self.scenario != "impact":
-            raise ValueError(f"scenario = {self.scenario!r}: chains have no gravity; legal: 'impact'")
+                raise ValueError(f"{name} is given {with_or_without}; legal: {legal}")
+        if self.kind != "pair" and self.scenario != "impact":
+            raise ValueError(
+                f"scenario = {self.scenario!r}: {NOUN_OF[self.kind]} have no gravity; legal: 'impact'"
+            )
         if "gravity" in given and self.scenario == "impact":
             raise ValueError(f"gravity = {self.gravity:g}: scenario = 'impact' has none; legal: with 'drop'")
         return self
+
+    def _keys_of_others(self) -> dict[str, str]:
+        """Return keys that are for other kinds of cells, each with what is legal in its place."""
+        match self.kind:
+            case "pair":
+                return {"figure_chain": "figure_cell"}
+            case "chain":
+                return {"figure_cell": "figure_chain", "gravity": "none, chains are solved without it"}
+            case "graph":
+                none = "none, no single graph is drawn"
+                without = "none, graphs are solved without it"
+                return {"figure_cell": none, "figure_chain": none, "gravity": without}
 
     @model_validator(mode="after")
     def _computable(self) -> Config:
         # The built-in grid stands beside other designs too, and nothing computes it there.
         ends: dict[str, list[float]] = {}
-        if self.cells is None and self.chain is None:
+        if self.cells is None and self.kind == "pair":
             ends = self.grid.axes() if self.sample is None else self.sample.ends()
         for m1, k1 in itertools.product(
             *(_extremes(ends.get(name, [own])) for name, own in self.scales.items())
@@ -255,7 +279,18 @@ class Config(Strict):
                 raise ValueError(found[1])
         for corner in self.chain.corners() if self.chain else ():
             validate(ChainSetup, corner | {"m": self.m1, "k": self.k1, "v0": self.v0}, "chain")
+        for name, numbers in self.graph.corners() if self.graph else ():
+            try:
+                named_graph(name, numbers, self.m1, self.k1, self.v0)
+            except ValueError as error:
+                scales = f"m1 = {self.m1!r}, k1 = {self.k1!r}, v0 = {self.v0!r}"
+                raise ValueError(f"graph: {name} with {scales}: {error}") from None
         return self
+
+    @property
+    def kind(self) -> CellKind:
+        """What every cell is."""
+        return "chain" if self.chain is not None else "graph" if self.graph is not None else "pair"
 
     @property
     def scales(self) -> dict[str, float]:
@@ -307,19 +342,26 @@ class Config(Strict):
         """Say how many cells the axes make, and which of them took their defaults; "" without axes."""
         if self.sample is not None or self.cells is not None:
             return ""
-        table = self.chain or self.grid
+        table = self.chain or self.graph or self.grid
         axes = (
             f"{name} {len(values)}" + ("" if name in table.model_fields_set else " (default)")
             for name, values in table.varied().items()
         )
-        return f"{table.count()} {'cells' if self.chain is None else 'chains'}: {', '.join(axes)}"
+        return f"{table.count()} {NOUN_OF[self.kind]}: {', '.join(axes)}"
 
     def _as_written(self) -> dict[str, object]:
         """Return the configuration as a file holds it."""
         left_out: dict[str, set[str] | bool] = (
             {"grid": self.grid.replaced_axes} if self.grid.replaced_axes else {}
         )
-        of_others = {"figure_chain"} if self.chain is None else {"grid", "figure_cell", "gravity"}
+        if self.graph is not None and self.graph.unused_axes:
+            left_out["graph"] = self.graph.unused_axes
+        of_others = {"grid", "figure_cell", "figure_chain", "gravity"}
+        of_others -= {
+            "pair": {"grid", "figure_cell", "gravity"},
+            "chain": {"figure_chain"},
+            "graph": set[str](),
+        }[self.kind]
         of_others |= {name for name in self.grid.in_si if name in ("m1", "k1")}
         if self.sample is not None or self.cells is not None:
             of_others.add("grid")
@@ -345,6 +387,8 @@ class Config(Strict):
             plain["grid"] = _plain(self.grid.varied())
         if self.chain is not None:
             plain["chain"] = [[name, self.chain.axes(name)] for name in self.chain.arrangement]
+        if self.graph is not None:
+            plain["graph"] = _plain({name: self.graph.axes(name) for name in self.graph.name})
         return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 
 

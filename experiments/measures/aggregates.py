@@ -11,9 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.registry import law_name_of
-from impact_xval.experiments.config.arrangements import CHAIN_AXES
-from impact_xval.experiments.config.axes import AXES
-from impact_xval.experiments.config.experiment import REFERENCE, Config
+from impact_xval.experiments.config.experiment import AXES_OF, REFERENCE, Config
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.frames import AxisValue, Frame
 from impact_xval.experiments.tables.parquet import read_codes, read_column, read_selected, read_where_present
@@ -52,8 +50,8 @@ class AxisLevels:
 
 
 def axis_levels(config: Config, axis: str, x: np.ndarray) -> AxisLevels:
-    """Return the levels of an axis: the values of a grid or of chains, else the bins of scattered values."""
-    if config.chain is not None:
+    """Return the levels of an axis: the values of a grid, of chains or of graphs, else the bins of scattered values."""
+    if config.kind != "pair":
         return AxisLevels(sorted(set(pd.Series(x).dropna())))
     scattered = config.sample is not None or config.cells is not None
     axes = {} if scattered else config.grid.axes()
@@ -134,7 +132,7 @@ def load_divergence(folder: RunFolder, config: Config) -> DivergenceTable:
     solvers = [name for name in config.solvers if name != REFERENCE]
     rows = pd.DataFrame({"solver": pd.Categorical.from_codes(read_codes(path, "solver", solvers), solvers)})
     levels = {}
-    for axis in AXES if config.chain is None else CHAIN_AXES:
+    for axis in AXES_OF[config.kind]:
         x = read_column(path, axis)
         levels[axis] = axis_levels(config, axis, x)
         rows[axis] = pd.Categorical.from_codes(levels[axis].codes(x), levels[axis].values)

@@ -14,9 +14,12 @@ from impact_xval.compliant_baselines.registry import exact_solver_for
 from impact_xval.compliant_baselines.states import comparable_states
 from impact_xval.experiments.config.cells import ColumnArrays
 from impact_xval.experiments.config.experiment import REFERENCE
+from impact_xval.experiments.config.graphs import GRAPH_AXES, GRAPH_SPECS
 from impact_xval.model.arrays import Floats
 from impact_xval.model.collision import Collision
 from impact_xval.model.collisions import Collisions
+from impact_xval.model.graph.collision import GraphCollision
+from impact_xval.model.graph.collision_outcome import GraphCollisionOutcome
 from impact_xval.model.kinetic import kinetic_norm
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.outcomes import Outcomes
@@ -26,7 +29,7 @@ from impact_xval.model.status import RESULT_STATUSES
 Texts = NDArray[np.object_]
 
 #: Diagnostics in m/s; tables and JSON state them per abs(v0).
-_VELOCITY = re.compile(r"v\d+_limit|limit_error|velocity_error|regularisation|rest_speed")
+_VELOCITY = re.compile(r"v\d+[xz]?_limit|limit_error|velocity_error|regularisation|rest_speed")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +55,10 @@ class ImpulseCurves:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SolverResults:
-    """Outcomes of n cells by one solver; NaN where a cell has fewer than N balls, and where nothing is known."""
+    """Outcomes of n cells by one solver; NaN where a cell has fewer than N balls, and where nothing is known.
+
+    Of graphs N counts components of velocities, x and z of each body: `components` are their names.
+    """
 
     #: Final velocities in m/s, shape (n, N).
     velocities: Floats
@@ -73,6 +79,8 @@ class SolverResults:
     diagnostics: dict[str, Floats]
     #: Impulse curves of pairs; None for chains, and in a `Comparison`.
     curves: ImpulseCurves | None
+    #: Names of the components of velocity, as in the names of columns, if they are not 1, 2, ...
+    components: tuple[str, ...] = ()
 
     @property
     def has_result(self) -> NDArray[np.bool_]:
@@ -92,8 +100,8 @@ class SolverResults:
 
     def limits(self) -> Floats:
         """Return the limits dt -> 0 of the velocities per abs(v0), shape (n, N); NaN where there is none."""
-        balls = range(1, 1 + self.velocities.shape[1])
-        limits = np.column_stack([self.diagnostic(f"v{i}_limit") for i in balls])
+        names = self.components or range(1, 1 + self.velocities.shape[1])
+        limits = np.column_stack([self.diagnostic(f"v{i}_limit") for i in names])
         return np.where(self.has_result[:, None], limits, np.nan)
 
     def diagnostic(self, name: str) -> Floats:
@@ -120,6 +128,7 @@ class SolverResults:
             margin=self.margin[place],
             diagnostics={name: x[place] for name, x in self.diagnostics.items()},
             curves=None if self.curves is None else self.curves[place],
+            components=self.components,
         )
 
     @classmethod
@@ -145,6 +154,7 @@ class SolverResults:
                 name: np.concatenate([piece.diagnostic(name) for piece in pieces]) for name in names
             },
             curves=ImpulseCurves.concatenate(curves) if curves else None,
+            components=pieces[0].components,
         )
 
 
@@ -256,6 +266,50 @@ def _results_of_list(outcomes: Sequence[Outcome], balls: int, contacts: int) -> 
     )
 
 
+def results_of_graphs(
+    outcomes: Sequence[GraphCollisionOutcome], speed: Floats, components: tuple[str, ...]
+) -> SolverResults:
+    """Make arrays of outcomes of contact graphs, which have no impulses, states and paths.
+
+    Parameters
+    ----------
+    outcomes : sequence of GraphCollisionOutcome
+    speed : array, shape (n,)
+        abs(v0) of each cell in m/s.
+    components : tuple of str
+        Names of the components of velocity (`schema.Counts`).
+    """
+    n = len(outcomes)
+    names = dict.fromkeys(name for outcome in outcomes for name in outcome.diagnostics)
+    diagnostics = {
+        name: np.array([outcome.diagnostics.get(name) for outcome in outcomes], float) for name in names
+    }
+    limits = _pad([_flattened(outcome.limit_velocities) for outcome in outcomes], len(components))
+    if not np.isnan(limits).all():
+        diagnostics |= {f"v{i}_limit": limit for i, limit in zip(components, limits.T, strict=True)}
+    return SolverResults(
+        velocities=_pad([_flattened(outcome.velocities) for outcome in outcomes], len(components)),
+        impulses=np.empty((n, 0)),
+        status=np.array([outcome.status for outcome in outcomes], dtype=object),
+        reason=np.array([outcome.reason for outcome in outcomes], dtype=object),
+        mark=np.array([outcome.mark for outcome in outcomes], dtype=object),
+        differences=np.array([outcome.differences for outcome in outcomes], dtype=object),
+        states=[""] * n,
+        compared=[""] * n,
+        n_states=np.zeros(n, np.int64),
+        n_events=np.zeros(n, np.int64),
+        margin=np.full(n, np.nan),
+        diagnostics={name: x / speed if _VELOCITY.fullmatch(name) else x for name, x in diagnostics.items()},
+        curves=None,
+        components=components,
+    )
+
+
+def _flattened(velocities: Sequence[Sequence[float]]) -> list[float]:
+    """Return the components of velocities, body after body."""
+    return [component for velocity in velocities for component in velocity]
+
+
 def _pad(rows: Floats | Sequence[Sequence[float]], width: int) -> Floats:
     """Return numbers of each row as an array of this width, NaN where a row has fewer."""
     if isinstance(rows, np.ndarray) and rows.shape[1] == width:
@@ -272,6 +326,12 @@ def masses_and_starts(collisions: Sequence[Collision], balls: int) -> tuple[Floa
         return _pad(collisions.masses, balls), _pad(collisions.velocities, balls)
     masses, velocities = ([getattr(c, name) for c in collisions] for name in ("masses", "velocities"))
     return _pad(masses, balls), _pad(velocities, balls)
+
+
+def masses_and_starts_of_graphs(collisions: Sequence[GraphCollision], width: int) -> tuple[Floats, Floats]:
+    """Return masses in kg and velocities at first touch in m/s of every component of velocity, shape (n, width)."""
+    masses = [[mass for mass in c.masses for _ in c.velocities[0]] for c in collisions]
+    return _pad(masses, width), _pad([_flattened(c.velocities) for c in collisions], width)
 
 
 def norms(masses: Floats, differences: Floats, starts: Floats) -> Floats:
@@ -293,7 +353,10 @@ def divergence(
     di = np.where(both[:, None], other.impulses - model.impulses, np.nan)
     measures: ColumnArrays = {
         "velocity_divergence": np.where(absent, np.nan, norms(masses, dv, starts)),
-        **{f"dv{i}": x / speed for i, x in enumerate(dv.T, 1)},
+        **{
+            f"dv{i}": x / speed
+            for i, x in zip(model.components or range(1, 1 + dv.shape[1]), dv.T, strict=True)
+        },
         **{f"dimpulse{i}": x / (masses[:, 0] * speed) for i, x in enumerate(di.T, 1)},
         "largest_dv": np.max(np.abs(dv), axis=1, where=~np.isnan(dv), initial=0.0) / speed,
         "dretained_energy": retained_energy(masses, starts, other) - retained_energy(masses, starts, model),
@@ -338,6 +401,48 @@ def retained_momentum(masses: Floats, starts: Floats, results: SolverResults) ->
     with np.errstate(all="ignore"):  # there may be no momentum before
         after, before = (np.nansum(weights * v, axis=1) for v in (results.velocities, starts))
         return np.where(np.isnan(results.velocities).all(axis=1), np.nan, after / before)
+
+
+def retained_momentum_of_graphs(
+    collisions: Sequence[GraphCollision], masses: Floats, starts: Floats, results: SolverResults
+) -> Floats:
+    """Return the component along the momentum before of that after, over it, shape (n,); NaN where bodies are fixed."""
+    axes = len(collisions[0].velocities[0]) if len(collisions) else 1
+    weights = masses / np.nanmax(masses, axis=1, keepdims=True)
+
+    def momenta(velocities: Floats) -> Floats:
+        return np.nansum((weights * velocities).reshape(len(masses), -1, axes), axis=1)
+
+    before = momenta(starts)
+    with np.errstate(all="ignore"):
+        along = (momenta(results.velocities) * before).sum(axis=1) / (before**2).sum(axis=1)
+    free = [all(contact.bodies[1] is not None for contact in c.contacts) for c in collisions]
+    return np.where(free & results.has_numbers, along, np.nan)
+
+
+def asymmetry(parameters: ColumnArrays, results: SolverResults) -> Floats:
+    """Return how far velocities are from their mirror images, shape (n,).
+
+    It is the largest difference, per abs(v0), between a velocity and the mirrored velocity of the body's mirror image;
+    NaN where the scene is not symmetric.
+
+    Parameters
+    ----------
+    parameters : mapping of str to array, shape (n,)
+        Those of graphs by name.
+    results : SolverResults
+    """
+    axes = [name for name in GRAPH_AXES if name != "graph"]
+    numbers = zip(*(parameters[name].tolist() for name in axes), strict=True)
+    found = np.full(len(results), np.nan)
+    for i, (name, row) in enumerate(zip(parameters["graph"].tolist(), numbers, strict=True)):
+        mirror = GRAPH_SPECS[name].mirror(dict(zip(axes, row, strict=True)))
+        if mirror is not None:
+            velocities = results.velocities[i].reshape(-1, 2)[: len(mirror.images)]
+            images = velocities[list(mirror.images)]
+            images[:, mirror.coordinate] *= -1
+            found[i] = np.abs(velocities - images).max() / abs(parameters["v0"][i])
+    return found
 
 
 def first_difference(a: Sequence[str], b: Sequence[str]) -> int | None:

@@ -255,7 +255,7 @@ def ladders(
     columns: dict[str, ColumnArrays] = {name: {} for name in engines}
     if not engines:
         return columns
-    pair = config.chain is None
+    pair = config.kind == "pair"
     laws = {name: law_name_of(name) or "" for name in engines}
     for places, collisions in group_by_layout(block.collisions):
         n, balls = collisions.masses.shape

@@ -2,38 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import pyarrow.compute as pc
 
 from impact_xval.compliant_baselines.registry import is_engine, law_name_of
-from impact_xval.experiments.config.experiment import REFERENCE, Config
+from impact_xval.experiments.config.experiment import REFERENCE, CellKind, Config
 from impact_xval.experiments.measures.corners import corner_names
 from impact_xval.experiments.measures.ladder import Contribution, contributions_of
 from impact_xval.experiments.tables import schema
-from impact_xval.experiments.tables.schema import Column, Columns, Layout, TableSpec
+from impact_xval.experiments.tables.schema import Column, Columns, Counts, Layout, TableSpec
 
 #: Put before the name of a column of the table of ladders, in the parts.
 LADDER_PREFIX = "ladder_"
 
+_PARAMETERS: Mapping[CellKind, Columns] = {
+    "pair": schema.PAIR_PARAMETERS,
+    "chain": schema.CHAIN_PARAMETERS,
+    "graph": schema.GRAPH_PARAMETERS,
+}
+
 
 def layout_of(config: Config) -> Layout:
     """Lay out the parts and tables of an experiment."""
-    pair = config.chain is None
-    balls, contacts = _largest_counts(config)
-    parameters = schema.PAIR_PARAMETERS if pair else schema.CHAIN_PARAMETERS
+    kind, counts = config.kind, _largest_counts(config)
+    pair = kind == "pair"
+    parameters = _PARAMETERS[kind]
 
     def block(*groups: Columns) -> Columns:
-        columns = schema.union(*groups)
-        return schema.expand_columns((c for c in columns if pair or not c.pairs_only), balls, contacts)
+        columns = schema.union([c for group in groups for c in group if kind in c.kinds])
+        return schema.expand_columns(columns, counts)
 
     cells = block(parameters, schema.SOLVER_AND_STATUS, schema.OUTCOME, schema.LIMIT)
     divergence = block(
         parameters,
         schema.SOLVER_AND_STATUS,
         schema.MEASURES,
-        schema.pick(schema.OUTCOME, ("states", "states_compared")),
+        schema.pick(schema.OUTCOME, ("states", "states_compared", "asymmetry")),
         schema.LIMIT,
         schema.MODEL,
     )
@@ -52,24 +58,27 @@ def layout_of(config: Config) -> Layout:
         ),
     }
     part = schema.union(cells, divergence, ladder_in_part if engines_with_ladders(config) else ())
-    return Layout(
-        pair=pair, balls=balls, contacts=contacts, part_schema=schema.arrow_schema(part), tables=tables
-    )
+    return Layout(kind, counts, part_schema=schema.arrow_schema(part), tables=tables)
 
 
-def _largest_counts(config: Config) -> tuple[int, int]:
-    """Return the largest numbers of balls and of contacts that a cell of an experiment has."""
+def _largest_counts(config: Config) -> Counts:
+    """Return the largest numbers of balls and of contacts that a cell of an experiment has.
+
+    Contacts of graphs have no columns: an outcome of a graph has no impulses.
+    """
+    if config.graph is not None:
+        return Counts(config.graph.most_bodies(), 0, ("x", "z"))
     if config.chain is None:
-        return 2, 2
+        return Counts(2, 2)
     balls = int(max(config.chain.axes("pile")["balls"]))
     on_table = {"pile", "stack"} & set(config.chain.arrangement)
-    return balls, balls if on_table else balls - 1
+    return Counts(balls, balls if on_table else balls - 1)
 
 
 def engines_with_ladders(config: Config) -> list[str]:
-    """List the engines that have ladders: those that were asked for the law of an exact solver."""
+    """List the engines that have ladders: those that were asked for the law of an exact solver. Graphs have none."""
     engines = [name for name in config.solvers if is_engine(name) and law_name_of(name) is not None]
-    return engines if config.measures == "all" else []
+    return engines if config.measures == "all" and config.kind != "graph" else []
 
 
 def ladder_columns(*, gravity: bool) -> Columns:

@@ -20,9 +20,8 @@ from numpy.typing import ArrayLike
 
 from impact_xval.compliant_baselines.registry import exact_solver_for, is_engine, sort_by_law
 from impact_xval.compliant_baselines.solver import MappingName
-from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
-from impact_xval.experiments.config.experiment import REFERENCE, Config
+from impact_xval.experiments.config.experiment import AXES_OF, REFERENCE, CellKind, Config
 from impact_xval.experiments.measures.aggregates import (
     FULL_PATHS,
     OWN_LAW,
@@ -52,10 +51,12 @@ from impact_xval.experiments.tables.parquet import (
 from impact_xval.model.arrays import Floats
 from impact_xval.model.status import RESULT_STATUSES
 
-#: Measures that are summarised, by their size: of two balls, and of chains of N.
+#: Measures that are summarised, by their size: of two balls, of chains of N, and of graphs.
 SUMMARISED = ("velocity_divergence", "dv1", "dv2", "dimpulse1", "dimpulse2")
 SUMMARISED += ("dretained_energy", "impulse_curve_distance", "states_edit_distance")
 SUMMARISED_OF_CHAINS = ("velocity_divergence", "largest_dv", "dretained_energy", "limit_distance")
+
+SUMMARISED_OF_GRAPHS = (*SUMMARISED_OF_CHAINS, "asymmetry")
 
 _SHARES = ("states_equal", FULL_PATHS, OWN_LAW)
 
@@ -75,7 +76,7 @@ class Summary:
 
     def __init__(self, folder: RunFolder) -> None:
         self.config = config = folder.config()
-        pair, cells, outcomes = config.chain is None, folder.table_path("cells.parquet"), folder.tally()
+        pair, cells, outcomes = config.kind == "pair", folder.table_path("cells.parquet"), folder.tally()
         #: The solvers that were compared with the reference, grouped by the law they were asked for.
         self.solvers = sort_by_law(name for name in config.solvers if name != REFERENCE)
         table = load_divergence(folder, config)
@@ -84,7 +85,7 @@ class Summary:
         self.axes = {axis: each.values for axis, each in self.levels.items() if len(each.values) > 1}
         #: `STATISTICS`: cells are "all", "regular" or "marked", an axis may be "all"; measures are taken by size, those
         #: of `_SHARES` have only a mean.
-        self.statistics = rows = _statistics(table, pair=pair)
+        self.statistics = rows = _statistics(table, config.kind)
         values = rows.value.where(rows.axis != "all", "")
         keys = zip(rows.solver, rows.measure, rows.axis, rows.cells, values, strict=True)
         self._places = {key: place for place, key in enumerate(keys)}
@@ -107,6 +108,8 @@ class Summary:
         beyond = (marked & result & ~marked[:, :1]).sum(axis=0).tolist()
         #: Cells, and those of them in which the model is marked.
         self.n_cells, self.n_marked = len(marked), int(marked[:, 0].sum())
+        #: By solver, the model among them, the largest asymmetry of its results in symmetric graphs, and their number.
+        self.asymmetries = largest_asymmetries(cells, config.solvers) if config.kind == "graph" else {}
         #: Of solvers the number of results that are marked where that of the model is not, where there are any.
         self.marked_beyond = {name: n for name, n in zip(config.solvers, beyond, strict=True) if n}
 
@@ -136,15 +139,21 @@ def count_reasons(outcomes: Tally) -> list[tuple[str, str, str, int]]:
     return sorted(rows, key=lambda row: (-row[3], row[0], row[2], row[1]))
 
 
-def _statistics(table: DivergenceTable, *, pair: bool) -> Frame:
+def _statistics(table: DivergenceTable, kind: CellKind) -> Frame:
     """Compute `Summary.statistics`: of two balls by axis for regular cells only, and shares of equal paths."""
     frames = []
+    pair = kind == "pair"
+    measures = {
+        "pair": (*SUMMARISED, *_SHARES),
+        "chain": SUMMARISED_OF_CHAINS,
+        "graph": SUMMARISED_OF_GRAPHS,
+    }
     parts = {
         "all": table.rows.compared,
         "regular": table.regular,
         "marked": table.rows.compared & table.rows.marked,
     }
-    for measure in (*SUMMARISED, *_SHARES) if pair else SUMMARISED_OF_CHAINS:
+    for measure in measures[kind]:
         sized = table.rows.assign(size=np.abs(table.measure(measure)))
         for cells, kept in parts.items():
             rows = sized[kept]
@@ -185,6 +194,18 @@ def pairwise_divergence(path: Path, config: Config) -> Frame:
     return pd.DataFrame(rows, columns=["solver", "other", "n", "median", "p95", "max"])
 
 
+def largest_asymmetries(path: Path, solvers: Sequence[str]) -> dict[str, tuple[float, int]]:
+    """Return the largest asymmetry of each solver, per abs(v0), and the number of symmetric graphs that it solved."""
+    done = read_codes(path, "status", RESULT_STATUSES) >= 0
+    values = np.where(done, read_column(path, "asymmetry"), np.nan).reshape(-1, len(solvers))
+    found: dict[str, tuple[float, int]] = {}
+    for name, column in zip(solvers, values.T, strict=True):
+        known = column[~np.isnan(column)]
+        if len(known):
+            found[name] = float(known.max()), len(known)
+    return found
+
+
 def limit_estimates(
     path: Path, solvers: Sequence[str], mapping: MappingName = "calibrated", *, marked: bool = True
 ) -> Frame:
@@ -203,12 +224,12 @@ def limit_estimates(
 
     Without `marked` the marked rows are left out.
     """
-    limits = [name for name in pq.read_schema(path).names if re.fullmatch(r"v\d+_limit", name)]
+    limits = [name for name in pq.read_schema(path).names if re.fullmatch(r"v\d+[xz]?_limit", name)]
     velocities = [name.removesuffix("_limit") for name in limits]
     known = ["solver", "status", "v0", "limit_error", "limit_distance", "order", "regularisation"]
     rows = []
     for name in solvers:
-        keep = (pc.field("solver") == name) & pc.field("v1_limit").is_valid()
+        keep = (pc.field("solver") == name) & pc.field(limits[0]).is_valid()
         if not marked:
             keep &= pc.field("marked").is_null()
         table = read_selected(path, [*known, *limits, *velocities], keep).to_pandas()
@@ -276,10 +297,10 @@ def band_of(stiffness_ratio: ArrayLike) -> Floats:
 
 def summarise_ladder(folder: RunFolder, config: Config) -> LadderSummary:
     """Compute the statistics of the ladders of a finished run, the rows of an engine in memory at a time."""
-    path, pair, frames = folder.table_path("ladder.parquet"), config.chain is None, []
+    path, pair, frames = folder.table_path("ladder.parquet"), config.kind == "pair", []
     columns = [f"{c.name}_{number}" for c in contributions_of(gravity=pair) for number in ("norm", "share")]
     columns += [f"{name}_along" for name in corner_names(gravity=pair).values()]
-    columns += [*(AXES if pair else CHAIN_AXES), "velocity_divergence"]
+    columns += [*AXES_OF[config.kind], "velocity_divergence"]
     regular = (pc.field("status") == "ok") & pc.field("marked").is_null()  # others count in no statistic
     for solver in filter(is_engine, config.solvers):
         rows = read_selected(path, columns, regular & (pc.field("solver") == solver)).to_pandas()
@@ -296,9 +317,11 @@ def summarise_ladder(folder: RunFolder, config: Config) -> LadderSummary:
 def _region_values(rows: Frame, config: Config) -> dict[str, np.ndarray]:
     """Return by axis the value by which every row is grouped; for chains only axes with several values."""
     regions: dict[str, np.ndarray] = {"all": np.zeros(len(rows))}
-    if config.chain is not None:
+    if config.kind != "pair":
         # strikers are of cradles alone
-        several = [axis for axis in CHAIN_AXES if rows[axis].nunique() > 1 and rows[axis].notna().all()]
+        several = [
+            axis for axis in AXES_OF[config.kind] if rows[axis].nunique() > 1 and rows[axis].notna().all()
+        ]
         return regions | {axis: np.asarray(rows[axis]) for axis in several}
     for axis in AXES:
         x = rows[axis].to_numpy()

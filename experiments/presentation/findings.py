@@ -6,13 +6,22 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import TypeVar
 
+import numpy as np
 from markupsafe import Markup
 
 from impact_xval.compliant_baselines.engines.convergence import NO_HELP
-from impact_xval.compliant_baselines.registry import exact_solver_for, is_engine, stated_law
+from impact_xval.compliant_baselines.registry import (
+    exact_solver_for,
+    is_engine,
+    kind_of,
+    law_name_of,
+    stated_law,
+)
+from impact_xval.compliant_baselines.rigid.laws import LAWS as RIGID_LAWS
 from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
-from impact_xval.experiments.config.experiment import REFERENCE
+from impact_xval.experiments.config.experiment import NOUN_OF, REFERENCE
+from impact_xval.experiments.config.graphs import GRAPH_AXES
 from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, cancelling_pair
 from impact_xval.experiments.measures.summary import LadderSummary, Summary
 from impact_xval.experiments.presentation.document import Block, Table, Value, fill_sentence
@@ -26,7 +35,7 @@ from impact_xval.experiments.presentation.words import (
     format_axis_value,
 )
 from impact_xval.experiments.tables.frames import AxisValue, Frame, FrameRow
-from impact_xval.experiments.tables.numbers import number, percent
+from impact_xval.experiments.tables.numbers import join_words, number, percent
 
 _Value = TypeVar("_Value")
 
@@ -35,15 +44,21 @@ CUTS = ("median", "p95", "max")
 
 D = "velocity_divergence"
 
+#: Largest asymmetry, per abs(v0), that is rounding.
+ROUNDING = 1e-12
+
 #: Most rows of a table along an axis.
 _ROWS = 40
 
 LABELS = {c.name: c.label for c in CONTRIBUTIONS}
 
+#: Labels of axes of all kinds of cells.
+LABELS_OF_AXES = AXES | CHAIN_AXES | GRAPH_AXES
+
 
 def row_noun(summary: Summary) -> str:
-    """Return the plural noun for the rows of a run: ``cells`` or ``chains``."""
-    return "cells" if summary.config.chain is None else "chains"
+    """Return the plural noun for the rows of a run: ``cells``, ``chains`` or ``graphs``."""
+    return NOUN_OF[summary.config.kind]
 
 
 def statistic_value(
@@ -78,9 +93,12 @@ def solvers_of_sentences(summary: Summary) -> list[str]:
 
 
 def describe_row(summary: Summary, row: FrameRow) -> str:
-    """Describe a cell by its axes; a chain by its arrangement and the axes that have several values."""
-    if summary.config.chain is None:
+    """Describe a cell by its axes; a chain by its arrangement and the axes that have several values; so a graph."""
+    if summary.config.kind == "pair":
         return describe_cell(row)
+    if summary.config.kind == "graph":
+        known = [axis for axis in summary.axes if axis != "graph" and not math.isnan(row[axis])]
+        return ", ".join([row.graph, *(f"{GRAPH_AXES[axis]} = {number(row[axis])}" for axis in known)])
     strike = f", {row.strike:g} striking" if row.arrangement == "cradle" else ""
     axes = [axis for axis in summary.axes if axis not in ("arrangement", "balls", "strike")]
     settings = "".join(f", {CHAIN_AXES[axis]} = {number(row[axis])}" for axis in axes)
@@ -111,9 +129,9 @@ def describe_distances(summary: Summary) -> Markup:
 def distances_from_own_laws(summary: Summary) -> Iterator[tuple[str, str, Value, Value]]:
     """Yield each engine with the exact solver of its law, and their median and largest distance.
 
-    The distance is D for two balls; for chains it is the distance of the engine's limit dt -> 0.
+    The distance is D for two balls; for chains and graphs it is the distance of the engine's limit dt -> 0.
     """
-    if summary.config.chain is None:
+    if summary.config.kind == "pair":
         for row in summary.between.to_dict("records"):
             for name, law in ((row["solver"], row["other"]), (row["other"], row["solver"])):
                 if exact_solver_for(name, summary.config.mapping) == law != name:
@@ -131,7 +149,7 @@ def distances_from_own_laws(summary: Summary) -> Iterator[tuple[str, str, Value,
 def describe_distances_from_own_laws(summary: Summary) -> list[Markup]:
     """Say how near engines are to the exact solver of the law that they were asked for."""
     near = "{solver} ends D = {median} (median; at most {most}) from {law}"
-    if summary.config.chain is not None:
+    if summary.config.kind != "pair":
         near = "The limits dt -> 0 of {solver} are {median} |v0| (median; at most {most} |v0|) from {law}"
     laws = {
         exact_solver_for(name, summary.config.mapping)
@@ -225,6 +243,82 @@ def _describe_regions(ladder: LadderSummary, solver: str, name: str) -> str:
     )
 
 
+def describe_asymmetries(summary: Summary) -> Markup:
+    """Say how far the outcomes of symmetric graphs are from their mirror images; empty without a symmetric graph."""
+    known = summary.asymmetries
+    groups: dict[bool, list[str]] = {True: [], False: []}
+    for name in (REFERENCE, *summary.solvers):
+        if name in known:
+            groups[known[name][0] <= ROUNDING].append(name)
+    sentences: list[Markup] = []
+    if groups[True]:
+        count = max(known[name][1] for name in groups[True])
+        names = capitalise_first(join_words(map(display_name, groups[True])))
+        verb = "keeps" if len(groups[True]) == 1 else "keep"
+        sentences.append(
+            fill_sentence(
+                "{names} {verb} the mirror symmetry of a symmetric scene to rounding, in {count} graphs.",
+                names=names,
+                verb=verb,
+                count=count,
+            )
+        )
+    for name in groups[False]:
+        most, count = known[name]
+        sentences.append(
+            fill_sentence(
+                "{solver} breaks the mirror symmetry: velocities differ from those of their mirror image by up to "
+                "{most} |v0|, in {count} symmetric graphs.",
+                solver=capitalise_first(display_name(name)),
+                most=Value(most, f"{name} largest asymmetry"),
+                count=count,
+            )
+        )
+    return Markup(" ").join(sentences)
+
+
+def describe_why_graphs_differ(summary: Summary) -> list[Markup]:
+    """Say by what solvers of graphs part from the model: what they know of stiffness, dissipation, and positions."""
+    names = compared_solvers(summary)
+    levels = summary.levels["e"].values
+    said: list[Markup] = []
+    blind = [name for name in names if not knows_stiffness(name)]
+    if blind:
+        said.append(
+            fill_sentence(
+                "{names} {know} no stiffness: over k2/k1 {their} D changes because the model's outcome does.",
+                names=capitalise_first(join_words(map(display_name, blind))),
+                know="knows" if len(blind) == 1 else "know",
+                their="its" if len(blind) == 1 else "their",
+            )
+        )
+    elastic, least = (summary.levels["e"].values[i] for i in np.argsort(levels)[[-1, 0]])
+    for name in (each for each in names if each not in blind and elastic == 1 and elastic != least):
+        sentence = (
+            "At e = 1 contacts are plain springs, and {solver} has the law of the model: it differs only because "
+            "bodies move while they collide, by D up to {most}."
+        )
+        if law_name_of(name) == "bistiffness":
+            sentence += " So it does at any e: at e = {least} D is at most {damped}."
+        else:
+            sentence += " At e = {least} D is up to {damped}, for its law of dissipation is another one."
+        said.append(
+            fill_sentence(
+                sentence,
+                solver=display_name(name),
+                most=statistic_value(summary, name, "max", axis="e", at=elastic),
+                least=number(float(least)),
+                damped=statistic_value(summary, name, "max", axis="e", at=least),
+            )
+        )
+    return said
+
+
+def knows_stiffness(name: str) -> bool:
+    """Tell whether a solver knows the stiffness of a contact: laws in time and compliant engines do."""
+    return kind_of(name) != "rigid" and name not in RIGID_LAWS
+
+
 def describe_unsolved(summary: Summary) -> list[str]:
     """Say for each solver in how many cells it has no result, by status, with the most frequent reason.
 
@@ -273,7 +367,7 @@ def describe_counted_cells(summary: Summary) -> str:
 
 def axis_table(summary: Summary, axis: str) -> Table:
     """Tabulate D along an axis, one row per value."""
-    levels, label = summary.levels[axis], (AXES | CHAIN_AXES)[axis]
+    levels, label = summary.levels[axis], LABELS_OF_AXES[axis]
     values = thin_out(levels.values)
 
     def cell(name: str, value: AxisValue) -> str:
@@ -316,7 +410,12 @@ def _share_text(region: Frame, name: str) -> str:
 def overall_table(summary: Summary) -> Table:
     """Tabulate the distance of each solver from the model, one row per solver, for one screen."""
     last = {"same path": lambda name: percent(summary.get(name, "states_equal")["mean"])}
-    if summary.config.chain is not None:
+    if summary.config.kind == "graph":
+        last = {
+            str(graph): lambda name, graph=graph: number(summary.get(name, D, "graph", graph)["median"])
+            for graph in summary.levels["graph"].values
+        }
+    elif summary.config.kind == "chain":
         last = {
             f"N = {n:g}": lambda name, n=n: number(summary.get(name, D, "balls", n)["median"])
             for n in thin_out(summary.levels["balls"].values)
@@ -343,4 +442,5 @@ def summary_blocks(summary: Summary) -> list[Block]:
     blocks += [f"D is largest at {place}: {', '.join(names)}." for place, names in places.items()]
     blocks += describe_distances_from_own_laws(summary)
     blocks += [describe_causes(summary, name, 3) for name in summary.ladder.solvers]
+    blocks += [said] if (said := describe_asymmetries(summary)) else []
     return [*blocks, *describe_unsolved(summary), describe_counted_cells(summary), LAWS_WITH_LAWS]

@@ -10,7 +10,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from impact_xval.experiments.presentation.document import Block, Piece, Section, Value
-from impact_xval.experiments.presentation.words import display_name
+from impact_xval.experiments.presentation.words import GRAPHS_IN_WORDS, display_name
 from impact_xval.experiments.tables.numbers import join_words, number
 
 _ENVIRONMENT = Environment(
@@ -24,6 +24,7 @@ _ENVIRONMENT.policies["json.dumps_kwargs"] = {}  # in the order in which they we
 _ENVIRONMENT.globals["Value"] = Value
 _ENVIRONMENT.filters |= {"kind": lambda block: type(block).__name__}
 _ENVIRONMENT.filters |= {"number": number, "join_words": join_words, "named": display_name}
+_ENVIRONMENT.filters["in_words"] = GRAPHS_IN_WORDS.__getitem__
 
 
 def render_page(title: str, blocks: Sequence[Block], folder: Path | None = None) -> str:

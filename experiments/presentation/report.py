@@ -40,7 +40,7 @@ def present_run(folder: RunFolder, apart: Apart) -> Summary:
 
 def write_tables(folder: RunFolder, summary: Summary) -> None:
     """Write ``summary.csv`` of a finished run."""
-    ladders = [] if summary.config.chain is not None else ladder_statistics_for_csv(summary.ladder)
+    ladders = [] if summary.config.kind != "pair" else ladder_statistics_for_csv(summary.ladder)
     with replacing(folder.root / "summary.csv") as temporary:
         statistics = pd.concat([summary.statistics, *ladders], ignore_index=True)
         statistics.to_csv(temporary, index=False, lineterminator="\n")

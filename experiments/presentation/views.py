@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import shlex
+from collections.abc import Sequence
 from dataclasses import asdict
 
 import pyarrow.parquet as pq
@@ -13,6 +14,7 @@ from rich.console import Console
 from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.config.graphs import GRAPH_AXES
 from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, cancelling_pair, format_share_range
 from impact_xval.experiments.measures.summary import Summary
 from impact_xval.experiments.presentation.document import Block, Table
@@ -90,9 +92,8 @@ def rows_of_cell(folder: RunFolder, cell: int) -> list[Record]:
 
 def show_cell(console: Console, cell: int, rows: list[Record]) -> None:
     """Print a cell: the outcome of each solver, and why engines diverge."""
-    axes = CHAIN_AXES if "balls" in rows[0] else AXES
-    balls = range(1, 1 + (rows[0].get("balls") or 2))
-    balls = balls if len(balls) <= _SHOWN else range(0)
+    axes = GRAPH_AXES if "graph" in rows[0] else CHAIN_AXES if "arrangement" in rows[0] else AXES
+    balls = _shown_components(rows)
     speed = abs(rows[0]["v0"])
     outcomes = [
         (
@@ -108,6 +109,8 @@ def show_cell(console: Console, cell: int, rows: list[Record]) -> None:
     setup = describe_cell(rows[0], axes)
     if axes is AXES:
         setup += f"; {describe_si_values(rows[0])}"
+    if axes is GRAPH_AXES:
+        setup += f"; v1x is along x, v1z up; |v0| = {number(speed)} m/s"
     blocks: list[Block] = [f"cell {cell}: {setup}", Table(header, outcomes, text=2)]
     if any(NO_RESULT in "".join(outcome) for outcome in outcomes):
         blocks.append(WHAT_NO_RESULT_IS)
@@ -122,6 +125,19 @@ def show_cell(console: Console, cell: int, rows: list[Record]) -> None:
     print_blocks(console, blocks)
 
 
+def _shown_components(rows: list[Record]) -> list[str]:
+    """List the numbers of the balls, or of a graph the components, whose velocities fit in one row; none of too many.
+
+    Of a graph it is those of which some solver, or the shape of the graph, has a number.
+    """
+    if "graph" not in rows[0]:
+        balls = rows[0].get("balls") or 2
+        return [str(i) for i in range(1, 1 + balls)] if balls <= _SHOWN else []
+    names = [name[1:] for name in rows[0] if re.fullmatch(r"v[1-9]\d*[xz]", name)]
+    known = [name for name in names if any(row[f"v{name}"] is not None for row in rows)]
+    return known if len(known) <= 2 * _SHOWN else []
+
+
 def _format_velocity(row: Record, name: str, speed: float) -> str:
     """Write a velocity per |v0|, marked if the row has no result, or a dash if there is no number."""
     if row[name] is None:
@@ -129,7 +145,7 @@ def _format_velocity(row: Record, name: str, speed: float) -> str:
     return f"{row[name] / speed:.6f}" + (NO_RESULT if row["status"] not in RESULT_STATUSES else "")
 
 
-def _contribution_rows(row: Record, balls: range) -> list[tuple[str, ...]]:
+def _contribution_rows(row: Record, balls: Sequence[str]) -> list[tuple[str, ...]]:
     """Return the rows of the table of contributions of a cell and engine; empty without a ladder."""
     contributions = [c for c in CONTRIBUTIONS if row.get(f"{c.name}_norm") is not None]
     pair = cancelling_pair([row[f"{c.name}_share"] for c in contributions]) or ()

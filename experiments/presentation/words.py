@@ -52,6 +52,14 @@ MEANINGS = {
     "discretisation": "the engine's step is not zero",
 }
 
+#: What happens in the contact graphs of an experiment, by name.
+GRAPHS_IN_WORDS = {
+    "bernoulli": "a ball falls between two equal balls at rest (bernoulli)",
+    "corner": "a ball meets two walls at once (corner)",
+    "bridge": "a ball falls on two balls that rest on a table (bridge)",
+    "rack": "a ball strikes a rack of balls (rack)",
+}
+
 #: Mark after the numbers of a row without a result, and the note below a table with such rows.
 NO_RESULT = "*"
 WHAT_NO_RESULT_IS = (

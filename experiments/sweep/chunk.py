@@ -21,11 +21,18 @@ import pyarrow as pa
 from filelock import FileLock
 from numba.core import event
 
-from impact_xval.compliant_baselines.answers import answer, one_line, stated_version, why_unavailable
+from impact_xval.compliant_baselines.answers import (
+    answer,
+    answer_graphs,
+    one_line,
+    stated_version,
+    why_unavailable,
+)
 from impact_xval.compliant_baselines.engines.scanner import scan
-from impact_xval.compliant_baselines.registry import is_engine, is_ours
+from impact_xval.compliant_baselines.registry import is_engine, is_ours, kind_of
 from impact_xval.experiments.config.cells import CellBlock, experiment_cells
-from impact_xval.experiments.config.experiment import REFERENCE, parse_config
+from impact_xval.experiments.config.errors import TomlTable
+from impact_xval.experiments.config.experiment import REFERENCE, CellKind, parse_config
 from impact_xval.experiments.measures.divergence import Comparison, SolverResults
 from impact_xval.experiments.measures.hausdorff import distances
 from impact_xval.experiments.sweep.pool import TO_STATE, Slot, SlotPool, answers_in_flight
@@ -45,13 +52,22 @@ from impact_xval.experiments.sweep.rows import (
 from impact_xval.experiments.tables.folder import part_bytes
 from impact_xval.model.chain.kernel import follow_chains
 from impact_xval.model.compiled import is_compiled, kernel_cache_folder
+from impact_xval.model.graph.in_time.kernel import follow_timed_graphs
+from impact_xval.model.graph.kernel import follow_graphs
 from impact_xval.model.pair.kernel import collide_all
 
 #: A function that numba compiles; what `njit` returns has no type of its own.
 Kernel = Any
 
 #: In the order in which they are locked.
-_KERNELS: tuple[Kernel, ...] = (collide_all, distances, follow_chains, scan)
+_KERNELS: tuple[Kernel, ...] = (
+    collide_all,
+    distances,
+    follow_chains,
+    follow_timed_graphs,
+    follow_graphs,
+    scan,
+)
 
 #: Seconds for what follows the solvers of a chunk, or the cells of a run; not their limit, for these are references in
 #: closed form, and tables must not depend on how busy a machine is.
@@ -68,30 +84,30 @@ UNAVAILABLE = "unavailable: "
 
 def begin_compiling(pool: SlotPool[Experiment], experiment: Experiment) -> None:
     """Have kernels compiled that are not, by two workers: that of N balls takes as long as all others together."""
-    pair = experiment.layout.pair
+    kind = experiment.layout.kind
     chains: list[str] = []
     others: list[str] = []
     for name in filter(is_ours, experiment.config.solvers):
-        kernel, *_ = kernels_of(name, pair=pair)
+        kernel, *_ = kernels_of(name, kind)
         if not is_compiled(kernel):
             (chains if kernel is follow_chains else others).append(name)
     for names in filter(None, (chains, others)):
-        pool.submit(_compile_in, names, pair)
+        pool.submit(_compile_in, names, kind)
 
 
-def _compile_in(slot: Slot[Experiment], names: Sequence[str], pair: bool) -> None:
+def _compile_in(slot: Slot[Experiment], names: Sequence[str], kind: CellKind) -> None:
     """Have a process of the slot compile the kernels of solvers."""
-    slot.compile(compile_own, slot.context.resolve, names, pair)
+    slot.compile(compile_own, slot.context.resolve, names, kind)
 
 
-def warm(_: object, resolve: Resolve, name: str, pair: bool) -> bool:
+def warm(_: object, resolve: Resolve, name: str, kind: CellKind) -> bool:
     """Solve ordinary cells by a solver, so that all is imported and compiled; return whether anything was compiled.
 
     Such a process may differ in a last bit from those that read the kernels. The parts of a kernel are weak symbols of
     it: where they have just been compiled alone, these are linked, and they were optimised in other surroundings.
     """
-    experiment, blocks = _ordinary_cells(resolve, pair)
-    with event.install_recorder("numba:compile") as compiled, _lock_kernels(*kernels_of(name, pair=pair)):
+    experiment, blocks = _ordinary_cells(resolve, kind)
+    with event.install_recorder("numba:compile") as compiled, _lock_kernels(*kernels_of(name, kind)):
         for block in blocks:
             model = solve_by_model(experiment, block)
             if name != REFERENCE:
@@ -99,30 +115,36 @@ def warm(_: object, resolve: Resolve, name: str, pair: bool) -> bool:
     return bool(compiled.buffer)
 
 
-def compile_own(_: object, resolve: Resolve, names: Sequence[str], pair: bool) -> None:
+def compile_own(_: object, resolve: Resolve, names: Sequence[str], kind: CellKind) -> None:
     """Have each solver solve cells by itself, so that another process can compile the kernels of others meanwhile.
 
     With the model, distances of nothing are measured, for all others need them.
     """
-    experiment, blocks = _ordinary_cells(resolve, pair)
+    experiment, blocks = _ordinary_cells(resolve, kind)
     alone = replace(settings_of(experiment.config), mark=False)
-    own = {kernels_of(name, pair=pair)[0] for name in names}
+    own = {kernels_of(name, kind)[0] for name in names}
     with _lock_kernels(*own, *([distances] if collide_all in own else [])):
         for name in names:
             for block in blocks:
-                answer(resolve(name), block.collisions, alone)
+                if kind == "graph":
+                    answer_graphs(resolve(name), block.graphs, alone)
+                else:
+                    answer(resolve(name), block.collisions, alone)
         if collide_all in own:
             distances(np.empty((0, 2)), np.empty((0, 2)), np.zeros(1, int), np.zeros(1, int))
 
 
-def _ordinary_cells(resolve: Resolve, pair: bool) -> tuple[Experiment, list[CellBlock]]:
+def _ordinary_cells(resolve: Resolve, kind: CellKind) -> tuple[Experiment, list[CellBlock]]:
     """Return an experiment of cells that any solver does at once, one of them and two.
 
     A column of an array is contiguous where that has one row only, and numba compiles for either.
     """
-    grid = {"stiffness_ratio": [1.0, 2.0], "mass_ratio": [2.0], "e1": [0.9], "e2": [0.7]}
-    chain = {"arrangement": "cradle", "balls": [2], "e": [0.8, 0.9]}
-    usual = parse_config({"grid": grid} if pair else {"chain": chain})
+    designs: dict[CellKind, TomlTable] = {
+        "pair": {"grid": {"stiffness_ratio": [1.0, 2.0], "mass_ratio": [2.0], "e1": [0.9], "e2": [0.7]}},
+        "chain": {"chain": {"arrangement": "cradle", "balls": [2], "e": [0.8, 0.9]}},
+        "graph": {"graph": {"name": "corner", "angle": 60, "stiffness_ratio": 1, "e": [0.8, 0.9]}},
+    }
+    usual = parse_config(designs[kind])
     cells = experiment_cells(usual)
     return Experiment(usual, resolve), [cells.block(range(n)) for n in (1, 2)]
 
@@ -139,8 +161,12 @@ def _lock_kernels(*kernels: Kernel) -> Generator[None]:
         yield
 
 
-def kernels_of(name: str, *, pair: bool) -> list[Kernel]:
+def kernels_of(name: str, kind: CellKind) -> list[Kernel]:
     """Kernels that rows of a solver need, its own first: references, and marks of engines, follow chains."""
+    if kind == "graph":
+        is_law_in_time = is_ours(name) and kind_of(name) == "reference"
+        return [follow_timed_graphs, follow_graphs] if is_law_in_time else [follow_graphs]
+    pair = kind == "pair"
     model = collide_all if pair else follow_chains
     if not is_ours(name):
         return [model, distances] if pair else [model]
@@ -150,9 +176,9 @@ def kernels_of(name: str, *, pair: bool) -> list[Kernel]:
     return [model] if name == REFERENCE else [*own, follow_chains, distances, model]
 
 
-def are_compiled(name: str, *, pair: bool) -> bool:
+def are_compiled(name: str, kind: CellKind) -> bool:
     """Return whether the kernels that rows of a solver need are in the cache."""
-    return all(map(is_compiled, kernels_of(name, pair=pair)))
+    return all(map(is_compiled, kernels_of(name, kind)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,7 +280,7 @@ class Chunk:
     ) -> _Answer:
         """Call a function in the process of a solver, within the limit of a cell."""
         experiment = self._experiment
-        self._slot.prepare(name, warm, experiment.resolve, name, experiment.layout.pair)
+        self._slot.prepare(name, warm, experiment.resolve, name, experiment.layout.kind)
         start, limit = time.perf_counter(), experiment.config.cell_timeout
         try:
             return self._slot.call(name, function, *arguments, timeout=limit)

@@ -45,8 +45,9 @@ CURVES_SCHEMA = arrow_schema(
 
 
 def write_curves(config: Config, folder: RunFolder, pool: SlotPool[Experiment]) -> None:
-    """Solve the cell, or the chain, of the figures by every solver, and keep its curves."""
-    calls = [pool.submit(_solve_curves, name, config.cell_timeout) for name in config.solvers]
+    """Solve the cell, or the chain, of the figures by every solver, and keep its curves; of graphs there are none."""
+    names = [] if config.kind == "graph" else config.solvers
+    calls = [pool.submit(_solve_curves, name, config.cell_timeout) for name in names]
     curves = pa.Table.from_pylist([call.result() for call in calls], CURVES_SCHEMA)
     with replacing(folder.root / CURVES) as temporary:
         pq.write_table(curves, temporary, compression="zstd")
@@ -56,7 +57,7 @@ def _solve_curves(slot: Slot[Experiment], name: str, timeout: float) -> Record:
     """Have the curves of a solver computed in its process; the row of one that fails says so."""
 
     def call() -> Record:
-        slot.prepare(name, warm, slot.context.resolve, name, slot.context.layout.pair)
+        slot.prepare(name, warm, slot.context.resolve, name, slot.context.layout.kind)
         return slot.call(name, _curves_of_solver, name, timeout=timeout)
 
     def row_of_failure(fault: FaultError) -> Record:

@@ -14,7 +14,7 @@ from concurrent.futures import Future, wait
 from typing import TYPE_CHECKING, TypeVar
 
 from impact_xval.compliant_baselines.registry import get_solver, is_engine, is_ours, solver_names
-from impact_xval.experiments.config.experiment import Config
+from impact_xval.experiments.config.experiment import CellKind, Config
 from impact_xval.experiments.sweep.pool import TO_PREPARE, Slot, SlotPool, open_pool
 from impact_xval.experiments.sweep.process import FaultError
 from impact_xval.model.collision import Collision
@@ -54,10 +54,10 @@ class SolversApart:
         `say` is given a line about what is waited for, empty once kernels are about to be compiled. Paths have so many
         points at most, none with 0.
         """
-        pair = collision.falls_on_resting
+        kind: CellKind = "pair" if collision.falls_on_resting else "chain"
 
         def prepare(slot: Slot[None], name: str) -> None:
-            slot.prepare(name, _warm_up, resolve, name, pair)
+            slot.prepare(name, _warm_up, resolve, name, kind)
 
         def solve(slot: Slot[None], name: str) -> tuple[Outcome, str]:
             limit = config.cell_timeout
@@ -148,29 +148,29 @@ def open_solvers_apart(
     def begin(slot: Slot[None]) -> bool:
         if graphs:
             return slot.call(None, _are_graphs_compiled, timeout=TO_PREPARE)
-        return slot.call(None, _import_solvers, legal, not chains, timeout=TO_PREPARE)
+        return slot.call(None, _import_solvers, legal, "chain" if chains else "pair", timeout=TO_PREPARE)
 
     with open_pool(None, 1) as pool:
         yield SolversApart(pool, pool.submit(begin))
 
 
-def _import_solvers(_: object, names: Sequence[str], pair: bool) -> bool:
+def _import_solvers(_: object, names: Sequence[str], kind: CellKind) -> bool:
     """Import our solvers; whether all kernels are compiled."""
     from impact_xval.experiments.sweep.chunk import are_compiled
 
     for name in filter(is_ours, names):
         get_solver(name).unavailable()
-    return all(are_compiled(name, pair=pair) for name in names)
+    return all(are_compiled(name, kind) for name in names)
 
 
-def _warm_up(_: object, resolve: Resolve, name: str, pair: bool) -> bool:
+def _warm_up(_: object, resolve: Resolve, name: str, kind: CellKind) -> bool:
     """Make a process ready; one of our solvers whose kernels are compiled reads them as fast while it solves."""
     from impact_xval.experiments.sweep.chunk import are_compiled, warm
 
-    if is_ours(name) and are_compiled(name, pair=pair):
+    if is_ours(name) and are_compiled(name, kind):
         resolve(name).unavailable()
         return False
-    return warm(_, resolve, name, pair)
+    return warm(_, resolve, name, kind)
 
 
 def _are_graphs_compiled(_: object) -> bool:

@@ -16,7 +16,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.answers import answer, describe_exception
+from impact_xval.compliant_baselines.answers import answer, answer_graphs, describe_exception
 from impact_xval.compliant_baselines.registry import exact_solver_for
 from impact_xval.compliant_baselines.solver import Convergence, Settings, Solver
 from impact_xval.experiments.config.cells import CellBlock, ColumnArrays
@@ -25,16 +25,21 @@ from impact_xval.experiments.measures.divergence import (
     Comparison,
     Floats,
     SolverResults,
+    asymmetry,
     divergence,
     masses_and_starts,
+    masses_and_starts_of_graphs,
     results_of,
+    results_of_graphs,
     retained_energy,
     retained_momentum,
+    retained_momentum_of_graphs,
 )
 from impact_xval.experiments.measures.ladder import ladders
 from impact_xval.experiments.measures.layout import LADDER_PREFIX, engines_with_ladders, layout_of
 from impact_xval.experiments.tables.schema import Layout, to_table
 from impact_xval.model.collisions import Collisions
+from impact_xval.model.graph.collision_outcome import GraphCollisionOutcome
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.status import Status
 
@@ -115,6 +120,9 @@ def results_without_outcome(
     experiment: Experiment, name: str, block: CellBlock, status: Status, reason: str
 ) -> SolverResults:
     """Return results that say for every cell why the solver has no outcome; the solver is not called."""
+    if experiment.layout.kind == "graph":
+        failures = [GraphCollisionOutcome.failure(name, graph, status, reason) for graph in block.graphs]
+        return _graphs_to_results(experiment, block, failures)
     outcomes = [Outcome.failure(name, collision, status, reason) for collision in block.collisions]
     return _to_results(experiment, block, outcomes)
 
@@ -144,6 +152,9 @@ def _isolate_errors(
 def _results_of_solver(experiment: Experiment, name: str, block: CellBlock) -> SolverResults:
     """Call a solver for cells."""
     settings = settings_of(experiment.config, paths=experiment.layout.pair)
+    if experiment.layout.kind == "graph":
+        outcomes = answer_graphs(experiment.resolve(name), block.graphs, settings)
+        return _graphs_to_results(experiment, block, outcomes)
     return _to_results(experiment, block, answer(experiment.resolve(name), block.collisions, settings))
 
 
@@ -152,14 +163,30 @@ def _to_results(experiment: Experiment, block: CellBlock, outcomes: Sequence[Out
     config, layout = experiment.config, experiment.layout
     has_paths = layout.pair and config.measures == "all"
     shortest = config.shortest_state * shortest_periods(block) if has_paths else None
-    return results_of(outcomes, np.abs(block.parameters["v0"]), layout.balls, layout.contacts, shortest)
+    counts = layout.counts
+    return results_of(outcomes, np.abs(block.parameters["v0"]), counts.balls, counts.contacts, shortest)
+
+
+def _graphs_to_results(
+    experiment: Experiment, block: CellBlock, outcomes: Sequence[GraphCollisionOutcome]
+) -> SolverResults:
+    """Make arrays of the outcomes of contact graphs."""
+    return results_of_graphs(outcomes, np.abs(block.parameters["v0"]), experiment.layout.counts.components)
+
+
+def _masses_and_starts(experiment: Experiment, block: CellBlock) -> tuple[Floats, Floats]:
+    """Return masses in kg and velocities at first touch in m/s, as `masses_and_starts` does, of cells of any kind."""
+    counts = experiment.layout.counts
+    if experiment.layout.kind == "graph":
+        return masses_and_starts_of_graphs(block.graphs, len(counts.components))
+    return masses_and_starts(block.collisions, counts.balls)
 
 
 def _compare(
     experiment: Experiment, name: str, block: CellBlock, model: SolverResults, results: SolverResults
 ) -> Comparison:
     """Compare results with the model's; an ArithmeticError where a measure leaves double precision."""
-    masses, starts = masses_and_starts(block.collisions, experiment.layout.balls)
+    masses, starts = _masses_and_starts(experiment, block)
     measures = divergence(masses, starts, np.abs(block.parameters["v0"]), model, results)
     both = model.has_result & results.has_result
     for key in ("velocity_divergence", "dretained_energy"):
@@ -231,7 +258,7 @@ def _columns_of_solver(
     """Return the columns of the rows of a solver, but for what needs several solvers."""
     results = comparison.results
     is_reported = results.has_numbers
-    masses, starts = masses_and_starts(block.collisions, experiment.layout.balls)
+    masses, starts = _masses_and_starts(experiment, block)
 
     def where_reported(values: np.ndarray) -> Floats:
         return np.where(is_reported, values, np.nan)
@@ -248,7 +275,10 @@ def _columns_of_solver(
         "marked": comparison.marked,
         "reason": results.reason,
         "differences": results.differences,
-        **{f"v{i}": where_reported(v) for i, v in enumerate(results.velocities.T, 1)},
+        **{
+            f"v{i}": where_reported(v)
+            for i, v in zip(experiment.layout.counts.components, results.velocities.T, strict=True)
+        },
         **{f"impulse{i}": where_reported(v) for i, v in enumerate(results.impulses.T, 1)},
         "states": texts_where_reported(results.states),
         "states_compared": texts_where_reported(results.compared),
@@ -256,7 +286,6 @@ def _columns_of_solver(
         "n_events": where_reported(results.n_events),
         "grazing_margin": results.margin,
         "retained_energy": where_reported(retained_energy(masses, starts, results)),
-        "retained_momentum": where_reported(retained_momentum(masses, starts, results)),
         "model_states": np.array(model.results.states, dtype=object),
         "model_states_compared": np.array(model.results.compared, dtype=object),
         "model_status": model.results.status,
@@ -265,6 +294,11 @@ def _columns_of_solver(
     if experiment.layout.pair:
         scales = (block.parameters[key] for key in ("m2", "m1", "k1"))
         columns["gravity_number"] = experiment.config.gravity_number(*scales)
+    if experiment.layout.kind == "graph":
+        columns["retained_momentum"] = retained_momentum_of_graphs(block.graphs, masses, starts, results)
+        columns["asymmetry"] = where_reported(asymmetry(block.parameters, results))
+    else:
+        columns["retained_momentum"] = where_reported(retained_momentum(masses, starts, results))
     return columns | comparison.measures
 
 

@@ -70,7 +70,7 @@ class RunComparison:
 def compare_runs(a: RunFolder, b: RunFolder, tolerance: float) -> RunComparison:
     """Compare two finished runs; a `UserError` says where a cell is not the same in both, or a table is damaged."""
     config_a, config_b = a.config(), b.config()
-    kinds = ["collisions" if config.chain is None else "chains of N balls" for config in (config_a, config_b)]
+    kinds = [_KINDS[config.kind] for config in (config_a, config_b)]
     if kinds[0] != kinds[1]:
         raise UserError(
             f"{a.root}: a run of {kinds[0]}, {b.root}: of {kinds[1]}; legal: two runs of one kind"
@@ -79,7 +79,7 @@ def compare_runs(a: RunFolder, b: RunFolder, tolerance: float) -> RunComparison:
     of_a, of_b = _read_compared_rows(a, both), _read_compared_rows(b, both)
     rows = of_a.merge(of_b, on=["cell", "solver"], suffixes=("_a", "_b"))
     _check_same_cells(a, b, rows)
-    velocities = sorted(name[:-2] for name in rows if re.fullmatch(r"v[1-9]\d*_a", name))
+    velocities = sorted(name[:-2] for name in rows if re.fullmatch(r"v[1-9]\d*[xz]?_a", name))
     speed = rows.v0_a.abs()
     rows["velocity"] = np.max(
         [_sizes_of_changes(rows, name) / speed for name in velocities], axis=0, initial=0.0
@@ -113,8 +113,11 @@ def compare_runs(a: RunFolder, b: RunFolder, tolerance: float) -> RunComparison:
     )
 
 
+#: What the cells of a kind are called.
+_KINDS = {"pair": "collisions", "chain": "chains of N balls", "graph": "contact graphs"}
+
 #: Settings that say nothing of what is compared: the cells are, one by one, and the solvers are named.
-_ELSEWHERE = ("name", "workers", "grid", "sample", "cells", "chain", "solvers", "chunk_size")
+_ELSEWHERE = ("name", "workers", "grid", "sample", "cells", "chain", "graph", "solvers", "chunk_size")
 
 
 def _differing(a: Mapping[str, object], b: Mapping[str, object]) -> dict[str, tuple[str, str]]:
@@ -128,7 +131,7 @@ def _read_compared_rows(run: RunFolder, solvers: Sequence[str]) -> Frame:
     names = pq.read_schema(path).names
     wanted = [
         *names[: names.index("status") + 1],
-        *(name for name in names if re.fullmatch(r"v[1-9]\d*", name)),
+        *(name for name in names if re.fullmatch(r"v[1-9]\d*[xz]?", name)),
     ]
     chosen = [("solver", "in", list(solvers))]
     cells = pq.read_table(path, columns=wanted, filters=chosen).to_pandas()

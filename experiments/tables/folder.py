@@ -407,8 +407,9 @@ def finished_run(root: Path) -> RunFolder:
 def finished_run_of_pairs(root: Path) -> RunFolder:
     """Return the folder of a finished run of two balls, or a `UserError`."""
     folder = finished_run(root)
-    if folder.config().chain is not None:
-        raise UserError(f"{root}: a run of chains of N balls; legal: a run of collisions of two balls")
+    if (kind := folder.config().kind) != "pair":
+        what = "chains of N balls" if kind == "chain" else "contact graphs"
+        raise UserError(f"{root}: a run of {what}; legal: a run of collisions of two balls")
     return folder
 
 

@@ -1,4 +1,4 @@
-"""Columns of the tables that a run writes, with their units: a row is a cell and a solver, of a pair or of a chain."""
+"""Columns of the tables that a run writes, with their units; a row is a cell and a solver."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from typing import Literal
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+
+from impact_xval.experiments.config.experiment import CellKind
 
 #: Type of the values of a column.
 ColumnType = Literal["int", "float", "text", "bool", "floats", "lists"]
@@ -25,6 +27,29 @@ _ARROW_TYPES: dict[ColumnType, pa.DataType] = {
 
 #: Stands for the number of a ball or contact in the name and meaning of a column by ball or by contact.
 _NUMBER = "{i}"
+
+#: A column may be in the tables of these kinds of cells only.
+_PAIRS: tuple[CellKind, ...] = ("pair",)
+_LINES: tuple[CellKind, ...] = ("pair", "chain")
+_GRAPHS: tuple[CellKind, ...] = ("graph",)
+_ALL: tuple[CellKind, ...] = ("pair", "chain", "graph")
+
+
+@dataclass(frozen=True, slots=True)
+class Counts:
+    """How many columns those by ball and by contact stand for.
+
+    A column by ball is one by ball and direction in a graph: its velocities have two components, x and z (up).
+    """
+
+    balls: int
+    contacts: int
+    directions: tuple[str, ...] = ("",)
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Names of the components of velocity, ball after ball: 1, 2, ... or 1x, 1z, 2x, ..."""
+        return tuple(f"{ball}{x}" for ball in range(1, 1 + self.balls) for x in self.directions)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,21 +69,26 @@ class Column:
     meaning: str
     #: Whether the table has the column once, or once for every ball or contact.
     per: Literal["row", "ball", "contact"] = "row"
-    #: Whether only tables of pairs have the column.
-    pairs_only: bool = False
+    #: Kinds of cells whose tables have the column.
+    kinds: tuple[CellKind, ...] = _ALL
 
-    def expand(self, balls: int, contacts: int) -> tuple[Column, ...]:
+    def expand(self, counts: Counts) -> tuple[Column, ...]:
         """Return the columns that this one stands for, numbered from 1, in cells of so many balls and contacts."""
-        if self.per == "row":
-            return (self,)
-        count = balls if self.per == "ball" else contacts
-        return tuple(self._numbered(i) for i in range(1, 1 + count))
+        match self.per:
+            case "row":
+                return (self,)
+            case "ball":
+                return tuple(map(self._numbered, counts.components))
+            case "contact":
+                return tuple(self._numbered(str(i)) for i in range(1, 1 + counts.contacts))
 
-    def _numbered(self, i: int) -> Column:
+    def _numbered(self, i: str) -> Column:
+        number = i.rstrip("xz")
+        in_words = number if number == i else f"{number} along {i[-1]}"
         return replace(
             self,
-            name=self.name.replace(_NUMBER, str(i)),
-            meaning=self.meaning.replace(_NUMBER, str(i)),
+            name=self.name.replace(_NUMBER, i),
+            meaning=self.meaning.replace(_NUMBER, in_words),
             per="row",
         )
 
@@ -98,6 +128,23 @@ CHAIN_PARAMETERS: Columns = (
     Column("k1", "float", "N/m^p", "stiffness of contact 1"),
     Column("v0", "float", "m/s", "velocity of what strikes at first touch; up is positive"),
 )
+#: Parameters of a contact graph; those that a graph does not have are null.
+GRAPH_PARAMETERS: Columns = (
+    Column("cell", "int", "-", "number of the graph in the experiment, from 0"),
+    Column("graph", "text", "-", "bernoulli, corner, bridge or rack"),
+    Column("stiffness_ratio", "float", "-", "k2/k1; of a bridge that of the table over that between balls"),
+    Column(
+        "angle", "float", "degrees", "between the fall and each line of centres, or between normals of walls"
+    ),
+    Column("mass_ratio", "float", "-", "m2/m1, of a bridge"),
+    Column("balls", "int", "-", "balls of a rack, without the one that strikes it"),
+    Column("e", "float", "-", "restitution of every contact"),
+    Column("m1", "float", "kg", "mass of ball 1"),
+    Column("k1", "float", "N/m", "stiffness of contact 1"),
+    Column(
+        "v0", "float", "m/s", "its size is the speed of ball 1 at first touch; in a corner the speed along x"
+    ),
+)
 #: Solver of a row, and whether it has a result.
 SOLVER_AND_STATUS: Columns = (
     Column("solver", "text", "-", "name of the solver"),
@@ -117,6 +164,15 @@ SOLVER_AND_STATUS: Columns = (
         "what an engine says it uses instead of what it was asked for; null if nothing",
     ),
 )
+#: How far an outcome is from its own mirror image.
+ASYMMETRY = Column(
+    "asymmetry",
+    "float",
+    "-",
+    "largest difference between a velocity and the mirrored one of the body's mirror image, per |v0|; null where the "
+    "scene is not symmetric",
+    kinds=_GRAPHS,
+)
 #: Outcome of the collision.
 OUTCOME: Columns = (
     Column("v{i}", "float", "m/s", "velocity of ball {i} when the collision is over", per="ball"),
@@ -126,23 +182,24 @@ OUTCOME: Columns = (
         "text",
         "-",
         "state sequence, separated by spaces; an engine's without states held too briefly",
-        pairs_only=True,
+        kinds=_PAIRS,
     ),
     Column(
         "states_compared",
         "text",
         "-",
         "state sequence without states held too briefly, for any solver",
-        pairs_only=True,
+        kinds=_PAIRS,
     ),
-    Column("n_states", "int", "-", "length of the state sequence"),
-    Column("n_events", "int", "-", "number of events"),
+    Column("n_states", "int", "-", "length of the state sequence", kinds=_LINES),
+    Column("n_events", "int", "-", "number of events", kinds=_LINES),
     Column(
         "grazing_margin",
         "float",
         "-",
         "smallest compression rate at a turning point, per amplitude of that rate, up to 0.05; a jump of "
         "the model is at 0; infinite: none is near",
+        kinds=_LINES,
     ),
     Column("retained_energy", "float", "-", "kinetic energy after over before"),
     Column(
@@ -151,7 +208,16 @@ OUTCOME: Columns = (
         "-",
         "sum of m_i v_i after over that before, up is positive: negative if falling balls leave a table "
         "upwards (before: m1 v0 < 0); 1 without a table",
+        kinds=_LINES,
     ),
+    Column(
+        "retained_momentum",
+        "float",
+        "-",
+        "component along the momentum before of that after, over it; null where a fixed body takes momentum",
+        kinds=_GRAPHS,
+    ),
+    ASYMMETRY,
     Column("step", "float", "s", "time step"),
     Column("n_steps", "int", "-", "number of time steps"),
     Column("duration", "float", "s", "from first touch to the end of the collision"),
@@ -166,7 +232,7 @@ OUTCOME: Columns = (
         "float",
         "-",
         "g/(|v0| omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)); 0 without gravity",
-        pairs_only=True,
+        kinds=_PAIRS,
     ),
 )
 #: Limit of an engine's velocities at a time step of zero, and its error.
@@ -217,42 +283,44 @@ MEASURES: Columns = (
         "bool",
         "-",
         "whether states_compared and model_states_compared are equal",
-        pairs_only=True,
+        kinds=_PAIRS,
     ),
     Column(
         "states_differ_at",
         "int",
         "-",
         "position, from 1, of the first state that differs; null if equal",
-        pairs_only=True,
+        kinds=_PAIRS,
     ),
     Column(
         "states_edit_distance",
         "int",
         "-",
         "insertions, deletions and substitutions between the two",
-        pairs_only=True,
+        kinds=_PAIRS,
     ),
     Column(
         "impulse_curve_distance",
         "float",
         "-",
         "symmetric Hausdorff distance of the impulse curves, per m1 |v0|",
-        pairs_only=True,
+        kinds=_PAIRS,
     ),
 )
 #: Results of the model in the same cell.
 MODEL: Columns = (
-    Column("model_states", "text", "-", "state sequence of the state-transition model", pairs_only=True),
+    Column("model_states", "text", "-", "state sequence of the state-transition model", kinds=_PAIRS),
     Column(
         "model_states_compared",
         "text",
         "-",
         "states_compared of the state-transition model",
-        pairs_only=True,
+        kinds=_PAIRS,
     ),
     Column("model_status", "text", "-", "status of the state-transition model"),
-    Column("model_grazing_margin", "float", "-", "grazing margin of the state-transition model"),
+    Column(
+        "model_grazing_margin", "float", "-", "grazing margin of the state-transition model", kinds=_LINES
+    ),
 )
 
 
@@ -288,21 +356,24 @@ class TableSpec:
 class Layout:
     """Columns of the parts and tables of an experiment."""
 
-    #: Whether cells are pairs.
-    pair: bool
-    #: Largest number of balls of a cell.
-    balls: int
-    #: Largest number of contacts of a cell.
-    contacts: int
+    #: What every cell is.
+    kind: CellKind
+    #: Largest numbers of balls and contacts of a cell.
+    counts: Counts
     #: Schema of a part, with all columns of all tables: a row is a cell and a solver.
     part_schema: pa.Schema
     #: Tables by their names, without suffix.
     tables: dict[str, TableSpec]
 
+    @property
+    def pair(self) -> bool:
+        """Whether cells are pairs."""
+        return self.kind == "pair"
 
-def expand_columns(columns: Iterable[Column], balls: int, contacts: int) -> Columns:
+
+def expand_columns(columns: Iterable[Column], counts: Counts) -> Columns:
     """Return columns with each column by ball or by contact replaced by the columns that it stands for."""
-    return tuple(single for column in columns for single in column.expand(balls, contacts))
+    return tuple(single for column in columns for single in column.expand(counts))
 
 
 def names_of(columns: Iterable[Column]) -> tuple[str, ...]:

@@ -1,6 +1,7 @@
 """The result of one collision of bodies by any solver: `GraphCollisionOutcome`.
 
-Needs `graph.collision` and `model.status`. The model's own result, with its events, is `graph.outcome.GraphOutcome`.
+Needs `graph.collision`, `model.outcome` and `model.status`. The model's own result, with its events, is
+`graph.outcome.GraphOutcome`.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from impact_xval.model.outcome import describe_differences
 from impact_xval.model.status import IS_RESULT, STATUSES, Status
 
 if TYPE_CHECKING:
@@ -54,6 +56,11 @@ class GraphCollisionOutcome:
     def has_result(self) -> bool:
         """True where the numbers are a result."""
         return bool(IS_RESULT[STATUSES.index(self.status)])
+
+    @property
+    def differences(self) -> str:
+        """Sentence about the parameters that an engine replaced by others, beyond rounding; empty without any."""
+        return describe_differences(self.requested, self.effective)
 
     @classmethod
     def failure(

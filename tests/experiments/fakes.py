@@ -10,6 +10,7 @@ import numpy as np
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Solver
 from impact_xval.model import Outcome, solve
+from impact_xval.model.graph import GraphCollisionOutcome, solve_graph_collision
 
 
 class Shifted(Solver):
@@ -33,6 +34,17 @@ class Shifted(Solver):
         o = solve(collision, path=settings.record_path and pair)
         faster = np.add(o.velocities, [0.01, 0.0] if pair else 0.01)
         return dataclasses.replace(o, solver=self.name, velocities=tuple(faster.tolist()))
+
+
+class ShiftedGraphs(Shifted):
+    """The model's answer to a contact graph, with ball 1 faster by 0.01 m/s along x."""
+
+    def solve_graphs(self, collisions, settings):
+        outcomes = []
+        for collision in collisions:
+            (x, z), *others = solve_graph_collision(collision).velocities
+            outcomes.append(GraphCollisionOutcome(self.name, ((x + 0.01, z), *others)))
+        return outcomes
 
 
 class Perfect(Shifted):
@@ -140,6 +152,7 @@ class Slow(Shifted):
 
 
 shifted, perfect, graded = (c.resolve for c in (Shifted, Perfect, Graded))
+shifted_graphs = ShiftedGraphs.resolve
 refusing, crashing, interrupting = (c.resolve for c in (Refusing, Crashing, Interrupting))
 faulty, faulty_model = Faulty.resolve, FaultyModel.resolve
 slow_to_start, slow = SlowToStart.resolve, Slow.resolve

@@ -13,6 +13,6 @@ def from_python(part):
 @pytest.fixture(scope="session", autouse=True)
 def compiled_kernels():
     """Compile what solvers and runs need before the first test, once for all workers: `warm` locks."""
-    for pair in (True, False):
+    for kind in ("pair", "chain", "graph"):
         for name in ("state-transition", "kelvin-voigt", "mujoco", "pybullet"):
-            warm(None, get_solver, name, pair)
+            warm(None, get_solver, name, kind)

@@ -29,7 +29,8 @@ from markupsafe import Markup
 
 from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
-from impact_xval.experiments.config.experiment import REFERENCE
+from impact_xval.experiments.config.experiment import REFERENCE, CellKind
+from impact_xval.experiments.config.graphs import GRAPH_AXES
 from impact_xval.experiments.measures.aggregates import DivergenceTable, levels_of
 from impact_xval.experiments.presentation.html import render_template
 from impact_xval.experiments.presentation.words import (
@@ -50,7 +51,10 @@ TILES = 1000
 _FEW = 24
 
 #: Labels of axes for readers.
-LABELS = AXES | CHAIN_AXES
+LABELS = AXES | CHAIN_AXES | GRAPH_AXES
+
+#: Stands on an axis that a graph does not have.
+_ABSENT = "-"
 
 #: Least D with a colour of its own: about the rounding of the solvers.
 _FLOOR = 1e-4
@@ -86,6 +90,12 @@ def make_tiles(table: DivergenceTable) -> Tiles:
     for axis, levels in table.levels.items():
         rows[axis] = rows[axis].cat.reorder_categories(sorted(levels.values))
     along, *up = table.levels
+    if "graph" in table.levels:
+        several = [axis for axis, levels in table.levels.items() if len(levels.values) > 1]
+        along, *up = several if len(several) > 1 else [*several, "graph", "e"][:2]
+        for axis in (along, *up):
+            if rows[axis].isna().any():
+                rows[axis] = rows[axis].cat.add_categories([_ABSENT]).fillna(_ABSENT)
 
     def count(*axes: str) -> int:
         return math.prod(len(rows[axis].cat.categories) for axis in axes)
@@ -117,9 +127,9 @@ def make_tiles(table: DivergenceTable) -> Tiles:
     return Tiles(along, tuple(up), tiles, medians.reindex(tiles.index))
 
 
-def cells_piece(tiles: Tiles, n_cells: int, packed: str, solvers: Sequence[str]) -> Markup:
+def cells_piece(tiles: Tiles, n_cells: int, packed: str, solvers: Sequence[str], kind: CellKind) -> Markup:
     """Lay out the map of a run in which a solver was compared, and the cell that is open (`opened.pack_cells`)."""
-    plots = {"map": _draw_map(tiles)} | ({"curves": curves_chart(solvers)} if tiles.along in AXES else {})
+    plots = {"map": _draw_map(tiles)} | ({"curves": curves_chart(solvers)} if kind == "pair" else {})
     return render_template(
         "cells.html.j2",
         compared=[(name, display_name(name)) for name in tiles.medians],
@@ -132,6 +142,7 @@ def cells_piece(tiles: Tiles, n_cells: int, packed: str, solvers: Sequence[str])
         no_result=NO_RESULT,
         what_no_result_is=WHAT_NO_RESULT_IS,
         curves="curves" in plots,
+        planar=kind == "graph",
         charts=[json_item(plot, ID(name)) for name, plot in plots.items()],
     )
 

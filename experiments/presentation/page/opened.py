@@ -20,9 +20,9 @@ from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.paste import mjcf
 from impact_xval.compliant_baselines.registry import exact_law_names, get_solver, solver_names
-from impact_xval.experiments.config.arrangements import CHAIN_AXES
-from impact_xval.experiments.config.axes import AXES, RATIO_OF, SI_AXES
-from impact_xval.experiments.config.experiment import Config
+from impact_xval.experiments.config.axes import RATIO_OF, SI_AXES
+from impact_xval.experiments.config.experiment import AXES_OF, Config
+from impact_xval.experiments.config.graphs import GRAPH_SPECS
 from impact_xval.experiments.presentation.words import display_name, format_axis_value, name_solver_in
 from impact_xval.experiments.sweep.curves import points_to_keep
 from impact_xval.experiments.sweep.rows import settings_of
@@ -89,7 +89,7 @@ def collect_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, CellCont
     Curves are those of the exact solvers, solved again: of the others the table holds the end.
     """
     config = folder.config()
-    pair, axes = config.chain is None, AXES if config.chain is None else CHAIN_AXES
+    pair, axes = config.kind == "pair", AXES_OF[config.kind]
     shown: dict[int, CellContents] = {cell: {"results": [], "causes": []} for cell in cells}
 
     def rows(table: str, *columns: str) -> list[Record]:
@@ -101,12 +101,20 @@ def collect_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, CellCont
     divergence = rows("divergence", "velocity_divergence")
     ds = {(row["cell"], row["solver"]): row["velocity_divergence"] for row in divergence}
     names = pq.read_schema(folder.table_path("cells.parquet")).names
-    balls = [name for name in names if re.fullmatch(r"v[1-9]\d*", name)]
+    balls = [name for name in names if re.fullmatch(r"v[1-9]\d*[xz]?", name)]
+    index = cells_of_run(folder, config)
+    # Of a graph two components of each body.
+    components = {
+        cell: 2 * len(graph.masses)
+        for cell in (cells if config.kind == "graph" else ())
+        for graph in index.block(range(cell, cell + 1)).graphs
+    }
     ends, paths = (["impulse1", "impulse2"], ["states_compared"]) if pair else ([], [])
     scales = ("m1", "m2", "k1", "k2") if pair else ("m1", "k1")
     for row in rows("cells", *axes, "status", "marked", "reason", *scales, "v0", *balls, *ends, *paths):
         cell, speed = shown[row["cell"]], abs(row["v0"])
-        velocities = [row[name] for name in balls[: row.get("balls", 2)]]
+        moving = components[row["cell"]] if config.kind == "graph" else row.get("balls", 2)
+        velocities = [row[name] for name in balls[:moving]]
         impulses = [row[name] for name in ends if row[name] is not None]
         cell["at"] = {
             label: format_axis_value(row[axis], 6) for axis, label in axes.items() if row[axis] is not None
@@ -136,7 +144,6 @@ def collect_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, CellCont
             name_solver_in(row["solver"], row["sentence"] or row["reason"] or "")
         )
     if pair:
-        index = cells_of_run(folder, config)
         collisions = [index[cell] for cell in cells]
         both = zip(cells, _exact_curves(config, collisions), _mjcf_scenes(config, collisions), strict=True)
         for cell, curves, scene in both:
@@ -148,7 +155,13 @@ def _commands_for_cell(root: Path, config: Config, row: Record) -> list[list[str
     """Return the commands that show a cell on a terminal, each with its description."""
     run, cell = shlex.quote(str(root)), row["cell"]
     show = ["every cause, in every order", f"impact-xval show {run} --cell {cell}"]
-    axes, ours = (CHAIN_AXES, []) if config.chain is not None else (AXES, ["scenario"])
+    if config.kind == "graph":
+        again = f"impact-xval solve --graph {row['graph']} {_options_of_graph(row)}"
+        unit = "once more, at m1 = 1 kg, k1 = 1 N/m and |v0| = 1 m/s: per |v0| the outcome is the same"
+        picture = f"{again} --plot cell-{cell}.svg"
+        return [["its outcome by every solver", show[1]], [unit, again], ["as a picture", picture]]
+    axes = AXES_OF[config.kind]
+    ours = ["scenario"] if config.kind == "pair" else []
     ours += [*(["gravity"] if config.scenario == "drop" else []), "m1", "k1", "v0", "step_fraction"]
     given = {axis: row[axis] for axis in axes if row[axis] is not None}
     given |= {name: row[name] if name in row else getattr(config, name) for name in ours}
@@ -163,7 +176,21 @@ def _commands_for_cell(root: Path, config: Config, row: Record) -> list[list[str
     solve = ["once more, by every solver", f"impact-xval solve {again}"]
     scene = ["scenes that run in the engine alone", f"impact-xval scene {run} {cell}"]
     film = ["in slow motion", f"impact-xval solve {again} --plot cell-{cell}.html"]
-    return [show, *([scene] if config.chain is None else []), solve, film]
+    return [show, *([scene] if config.kind == "pair" else []), solve, film]
+
+
+def _options_of_graph(row: Record) -> str:
+    """Return the options of ``solve --graph`` for a cell; the bridge has a name of its own for k2/k1."""
+    name = row["graph"]
+    both = name in ("corner", "bridge")
+    renamed = {"e": ("--e1", "--e2") if both else ("--restitution",)}
+    if name == "bridge":
+        renamed["stiffness_ratio"] = ("--table-stiffness-ratio",)
+    words: list[str] = []
+    for axis in GRAPH_SPECS[name].axes:
+        for option in renamed.get(axis, (f"--{axis.replace('_', '-')}",)):
+            words += [option, f"{row[axis]}"]
+    return " ".join(words)
 
 
 def _exact_curves(config: Config, collisions: Sequence[Collision]) -> list[dict[str, Curve]]:

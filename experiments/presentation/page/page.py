@@ -1,4 +1,4 @@
-"""The page of a run, section by section, of two balls on a table and of chains of balls."""
+"""The page of a run, section by section: of two balls on a table, of chains of balls, and of contact graphs."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ import pandas as pd
 from markupsafe import Markup
 
 from impact_xval.compliant_baselines.registry import is_engine, kind_of
-from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.errors import is_table
-from impact_xval.experiments.config.experiment import REFERENCE
+from impact_xval.experiments.config.experiment import AXES_OF, REFERENCE
 from impact_xval.experiments.measures.aggregates import FULL_PATHS, OWN_LAW
 from impact_xval.experiments.measures.ladder import cancelling_pair
 from impact_xval.experiments.measures.summary import HONEST, Summary, load_divergence
@@ -83,6 +82,10 @@ GLOSSARY = (
         "where an engine's result goes as its step shrinks, with an estimate of how well that is known",
     ),
     ("marked", "beside a jump, where an arbitrarily small change of a parameter ends in another outcome"),
+    (
+        "asymmetry",
+        "the largest difference between a velocity and the mirrored one of the body's mirror image, per |v0|",
+    ),
     ("closed-form (a status)", "a closed-form limiting case of the model was used"),
 )
 
@@ -96,7 +99,8 @@ def run_blocks(
     folder: RunFolder, summary: Summary, captions: Captions, cells: Callable[[], str]
 ) -> list[Block]:
     """Return the blocks of the page of a finished run; `cells` returns the cells that open, and is called if any do."""
-    pair, unit = summary.config.chain is None, row_noun(summary)[:-1]
+    kind, unit = summary.config.kind, row_noun(summary)[:-1]
+    pair = kind == "pair"
     compared_names = compared_solvers(summary)
     answers = _answer_questions(summary, captions) if compared_names else [f"No {unit} could be compared."]
     along = [findings.axis_table(summary, axis) for axis in summary.axes]
@@ -109,7 +113,7 @@ def run_blocks(
         else None,
         Section("Divergence by solver", [findings.overall_table(summary)]) if not pair else None,
         Section("All against all", [_pairwise_table(summary)]) if pair and compared_names else None,
-        _causes_section(summary, captions),
+        _causes_section(summary, captions) if kind != "graph" else None,
         _accuracy_section(summary),
         Section("Hypothesis", [_HYPOTHESIS]) if pair else None,
         _effective_section(folder),
@@ -129,7 +133,8 @@ def _figure_blocks(captions: Captions, *names: str) -> list[Block]:
 
 def _opening(summary: Summary) -> Piece:
     """Return the opening: what was compared, and the numbers to remember."""
-    spans = {AXES[axis]: x for axis, x in summary.axes.items() if axis in AXES}
+    labels = AXES if summary.config.kind == "pair" else {}
+    spans = {labels[axis]: x for axis, x in summary.axes.items() if axis in labels}
     return render_template(
         "opening.html.j2",
         s=summary,
@@ -146,7 +151,25 @@ def _opening(summary: Summary) -> Piece:
 
 
 def _numbers_to_remember(summary: Summary) -> Iterator[tuple[Value | str, str]]:
-    """Yield up to three numbers to remember: D from the model, D from the law asked for, and the largest cause."""
+    """Yield up to three numbers to remember: D from the model, D from the law asked for, and the largest cause.
+
+    Of graphs it is the largest D, and the largest asymmetry.
+    """
+    if summary.config.kind == "graph":
+        for name in solvers_of_sentences(summary)[:1]:
+            yield (
+                statistic_value(summary, name, "max"),
+                f"is the largest D of {display_name(name)} from the model",
+            )
+        name, (most, count) = max(
+            summary.asymmetries.items(), key=lambda each: each[1][0], default=("", (0.0, 0))
+        )
+        if most > findings.ROUNDING:
+            yield (
+                Value(most, f"{name} largest asymmetry"),
+                f"of |v0| is the largest asymmetry of {display_name(name)}, in {count} symmetric graphs",
+            )
+        return
     for name in solvers_of_sentences(summary)[:1]:
         n = int(statistic_value(summary, name, "n").value)
         yield (
@@ -154,7 +177,7 @@ def _numbers_to_remember(summary: Summary) -> Iterator[tuple[Value | str, str]]:
             f"is the median D of {display_name(name)} from the model, of {n} {row_noun(summary)}",
         )
     for name, law, median, _ in list(findings.distances_from_own_laws(summary))[:1]:
-        measure = "D" if summary.config.chain is None else "distance of the limit dt -> 0, per |v0|,"
+        measure = "D" if summary.config.kind == "pair" else "distance of the limit dt -> 0, per |v0|,"
         yield (
             median,
             f"is the median {measure} of {display_name(name)} from {display_name(law)}, the law it was set to",
@@ -178,7 +201,13 @@ def _advice_section(summary: Summary, captions: Captions) -> Section:
 
 def _answer_questions(summary: Summary, captions: Captions) -> list[Block]:
     """Return the findings as questions, each with its answer and picture."""
-    pair, names, engines = summary.config.chain is None, solvers_of_sentences(summary), summary.ladder.solvers
+    if summary.config.kind == "graph":
+        return _answer_questions_of_graphs(summary, captions)
+    pair, names, engines = (
+        summary.config.kind == "pair",
+        solvers_of_sentences(summary),
+        summary.ladder.solvers,
+    )
     axis, over = ("stiffness_ratio", "stiffness") if pair else ("balls", "balls")
     sections: list[Block] = []
 
@@ -201,12 +230,42 @@ def _answer_questions(summary: Summary, captions: Captions) -> list[Block]:
     return sections
 
 
+def _answer_questions_of_graphs(summary: Summary, captions: Captions) -> list[Block]:
+    """Return the findings of a run of graphs as questions, each with its answer and picture."""
+    names = compared_solvers(summary)
+    over_stiffness = [_describe_extremes(summary, name, "stiffness_ratio") for name in names]
+    over_angle = [_describe_extremes(summary, name, "angle") for name in names]
+    asked: list[tuple[str, list[str], str]] = [
+        (
+            "How far are they from the model?",
+            [findings.describe_distances(summary), describe_shared_laws(summary.solvers), *over_stiffness],
+            "divergence-by-stiffness",
+        ),
+        ("Why do they differ?", [*findings.describe_why_graphs_differ(summary)], "divergence-by-restitution"),
+        ("Does the angle matter?", over_angle, "divergence-by-angle"),
+        ("Does a symmetric scene stay symmetric?", [findings.describe_asymmetries(summary)], ""),
+        (
+            "Do engines do what they were asked for?",
+            [*findings.describe_distances_from_own_laws(summary)],
+            "",
+        ),
+    ]
+    sections: list[Block] = []
+    for question, sentences, picture in asked:
+        said, figure = [*filter(None, sentences)], _figure_blocks(captions, picture)
+        if said or figure:
+            sections.append(Section(question, [*said, *figure], beside=bool(said and figure)))
+    return sections
+
+
 def _describe_extremes(summary: Summary, name: str, axis: str) -> str:
     """Say where along an axis the median D is largest and smallest."""
     values = [(at, statistic_value(summary, name, axis=axis, at=at)) for at in summary.levels[axis].values]
     known = sorted((each for each in values if not math.isnan(each[1].value)), key=lambda each: each[1].value)
+    if not known:
+        return ""
     (low, least), (high, most) = known[0], known[-1]
-    if least.value == most.value:
+    if least.value == most.value or (summary.config.kind == "graph" and most.value <= findings.ROUNDING):
         return ""
     return fill_sentence(
         "By {axis} the median D of {solver} is largest, {most}, at {high}, and smallest, {least}, at {low}.",
@@ -240,9 +299,9 @@ def _cell_blocks(folder: RunFolder, summary: Summary, packed: str) -> list[Block
     """Lay out the map of cells that open, and the table of the cells with the largest D."""
     tiles = make_tiles(load_divergence(folder, summary.config))
     opens, unit = set(tiles.places.cell), row_noun(summary)
-    piece = cells_piece(tiles, summary.n_cells, packed, summary.config.solvers)
+    piece = cells_piece(tiles, summary.n_cells, packed, summary.config.solvers, summary.config.kind)
     button = Markup('<button type="button" data-cell="{0}">{0}</button>')
-    axes = AXES if summary.config.chain is None else CHAIN_AXES
+    axes = AXES_OF[summary.config.kind]
     order = summary.worst.solver.map(summary.solvers.index).sort_values(kind="stable").index
     rows = [
         (
@@ -386,8 +445,9 @@ def _method_section(folder: RunFolder, summary: Summary) -> Section:
 
 def _glossary_section(summary: Summary) -> Section:
     """Return the glossary, and the identifiers of solvers in tables and commands."""
-    pair = summary.config.chain is None
-    rows = [(word, f"{meaning}.") for word, meaning in GLOSSARY if pair or not word.startswith("S1")]
+    left_out = {"pair": ("asymmetry",), "chain": ("S1", "asymmetry"), "graph": ("S1", "share")}
+    absent = left_out[summary.config.kind]
+    rows = [(word, f"{meaning}.") for word, meaning in GLOSSARY if not word.startswith(absent)]
     names = [(display_name(name), name) for name in summary.config.solvers]
     tables = [
         Table(["word", "meaning"], rows, text=2),

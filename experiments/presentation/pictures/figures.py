@@ -40,6 +40,21 @@ _LABELS = {
 _SIDE = "solvers stand side by side."
 _MEDIANS = f"Markers: medians over all other axes; bars: 5th to 95th percentile; {_SIDE}"
 
+#: Labels of the axes of the figures.
+_AXIS_LABELS = {
+    "balls": "number of balls N",
+    "stiffness_ratio": "stiffness ratio k2/k1 (-)",
+    "angle": "angle (degrees)",
+    "e": "restitution e of every contact (-)",
+}
+
+#: Figures of graphs by the axis that they are drawn over.
+_FIGURES_OF_GRAPHS = {
+    "stiffness_ratio": "divergence-by-stiffness",
+    "angle": "divergence-by-angle",
+    "e": "divergence-by-restitution",
+}
+
 #: Captions of the figures over k2/k1, or for chains over the number of balls.
 _CAPTIONS = {
     _D: "Velocity divergence D of each solver from the model over {over}. "
@@ -60,8 +75,11 @@ def write_figures(folder: RunFolder, summary: Summary) -> dict[str, str]:
 
 def _draw_figures(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
     """Draw the figures of a run that have something to show."""
-    config, pair = summary.config, summary.config.chain is None
+    config, pair = summary.config, summary.config.kind == "pair"
     curves = folder.read_table(CURVES).to_pandas()  # of a damaged folder nothing is drawn
+    if config.kind == "graph":
+        yield from _draw_graphs(folder, summary)
+        return
     if pair:
         measures = {_D: "divergence-by-stiffness", FULL_PATHS: "state-paths"}
         axis, over = "stiffness_ratio", "the stiffness ratio k2/k1"
@@ -84,6 +102,23 @@ def _draw_figures(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
     yield from (draw_cell_curves if pair else draw_chain_figures)(curves, config)
 
 
+def _draw_graphs(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
+    """Draw D over each axis that has several values in some graph, a panel a graph; over e all graphs."""
+    table = load_divergence(folder, summary.config)
+    rows = table.frame((_D,))
+    solvers = [name for name in summary.solvers if name in set(rows.solver)]
+    for axis, name in _FIGURES_OF_GRAPHS.items() if solvers else ():
+        panels: dict[str, tuple[Frame, Sequence[AxisValue]]] = {}
+        for graph, some in rows.groupby("graph", observed=True, sort=False):
+            values = [value for value in sorted(table.levels[axis].values) if value in set(some[axis])]
+            if len(values) > 1:
+                panels[str(graph)] = some, values
+        if panels:
+            figure = _draw_over_axis(panels, solvers, axis, _D)
+            over = f"{_AXIS_LABELS[axis].removesuffix(' (-)')}, a panel a graph"
+            yield name, figure, _CAPTIONS[_D].format(over=over, votes=describe_shared_laws(solvers)).strip()
+
+
 def _draw_over_axis(
     panels: Mapping[str, tuple[Frame, Sequence[AxisValue]]],
     solvers: Sequence[str],
@@ -98,8 +133,7 @@ def _draw_over_axis(
         axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
         for ax, (title, (rows, values)) in zip(axes, panels.items(), strict=True):
             label_axis_values(ax.xaxis, values, 8)
-            xlabel = "number of balls N" if axis == "balls" else "stiffness ratio k2/k1 (-)"
-            ax.set(xlabel=xlabel, title=title)
+            ax.set(xlabel=_AXIS_LABELS[axis], title=title)
             for position, solver in enumerate(solvers):
                 style = look_of(solver)
                 at = np.arange(len(values)) + 0.6 * ((position + 0.5) / len(solvers) - 0.5)
@@ -126,7 +160,7 @@ def recommended_steps(summary: Summary) -> list[Record]:
 
     The step is over the faster contact period, and extrapolated from the step of the run by the measured order.
     """
-    rows = summary.estimates.to_dict("records") if summary.config.chain is None else []
+    rows = summary.estimates.to_dict("records") if summary.config.kind == "pair" else []
     return [
         row | {"enough": summary.config.step_fraction * (ACCEPTED / row["step_p95"]) ** (1 / row["order"])}
         for row in rows

@@ -16,7 +16,7 @@ from impact_xval.experiments.measures.divergence import (
     results_of,
 )
 from impact_xval.experiments.measures.hausdorff import distances
-from impact_xval.experiments.tables.schema import MEASURES, expand_columns, names_of
+from impact_xval.experiments.tables.schema import MEASURES, Counts, expand_columns, names_of
 from impact_xval.model import Collision, Outcome
 
 
@@ -28,7 +28,7 @@ def test_measures_by_hand():
     results = [results_of([each], speed, 2, 2, np.zeros(1)) for each in (model, other)]
     measures = divergence(np.array([c.masses]), np.array([c.velocities]), speed, *results)
     found = {name: values[0] for name, values in measures.items()}
-    assert set(found) == set(names_of(expand_columns(MEASURES, 2, 2)))
+    assert set(found) == set(names_of(expand_columns(MEASURES, Counts(2, 2))))
     assert found["dv1"] == pytest.approx(-1 / 5)
     assert found["dv2"] == pytest.approx(0.5 / 5)
     assert found["largest_dv"] == pytest.approx(1 / 5)

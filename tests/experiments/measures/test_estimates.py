@@ -9,10 +9,10 @@ import pytest
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.measures.summary import limit_estimates, summarise
 from impact_xval.experiments.tables.folder import RunFolder
-from impact_xval.experiments.tables.schema import LIMIT, expand_columns, names_of
+from impact_xval.experiments.tables.schema import LIMIT, Counts, expand_columns, names_of
 from tests.experiments.conftest import swept
 
-LIMIT_COLUMNS = list(names_of(expand_columns(LIMIT, 2, 2)))
+LIMIT_COLUMNS = list(names_of(expand_columns(LIMIT, Counts(2, 2))))
 
 
 def run(tmp_path, **changes) -> Any:  # with a data frame; its annotations are too wide to check code against

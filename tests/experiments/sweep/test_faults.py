@@ -113,7 +113,7 @@ def _compiled(experiment):
     """In a process of its own: signatures of kernels after the warm-up, and after cells by several at once."""
     kernels, names = (collide_all, follow_chains, distances, scan), experiment.config.solvers
     for name in names:
-        warm(None, experiment.resolve, name, True)
+        warm(None, experiment.resolve, name, "pair")
     before = [kernel.signatures for kernel in kernels]
     block = experiment_cells(experiment.config).block(range(12))
     for some in (block, block[:3], block[1:2], block[::2], pickle.loads(pickle.dumps(block))):

@@ -9,7 +9,7 @@ from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.layout import layout_of
 from impact_xval.experiments.sweep.run import run_sweep, van_der_corput
 from impact_xval.experiments.tables.folder import RunFolder
-from impact_xval.experiments.tables.schema import MEASURES, expand_columns, names_of
+from impact_xval.experiments.tables.schema import MEASURES, Counts, expand_columns, names_of
 from tests.experiments import fakes
 from tests.experiments.conftest import SMALL, resumed, tables_of
 
@@ -28,7 +28,7 @@ def test_the_tables_are_long_and_tidy(fake_run, chain_run):
     assert row["velocity_divergence"] == pytest.approx(0.01)
     missing = "no wheel for this Python; use Python 3.11"
     assert (absent["status"], absent["reason"]) == ("unavailable", missing)
-    assert all(absent[measure] is None for measure in names_of(expand_columns(MEASURES, 2, 2)))
+    assert all(absent[measure] is None for measure in names_of(expand_columns(MEASURES, Counts(2, 2))))
 
 
 def test_chunks_done_so_far_lie_all_over_the_grid():
