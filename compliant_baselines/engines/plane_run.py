@@ -106,18 +106,17 @@ class PlaneRun:
 
     def feed(self, v: Floats, x: Floats) -> None:
         """Take the next steps, as far as they belong to the collision; v and x have the shape (n, N axes)."""
-        finite: Booleans = np.isfinite(v).all(axis=1) & np.isfinite(x).all(axis=1)
+        finite = np.asarray(np.isfinite(v).all(axis=1) & np.isfinite(x).all(axis=1))
         before = np.vstack([self.velocities, v[:-1]])
         x_before = np.vstack([self.heights, x[:-1]])
         with np.errstate(invalid="ignore", over="ignore"):
             changes = self._inertia * (v - before)
             noise = self._world.rounding * self._inertia * (np.abs(v) + np.abs(before))
-            moved: Booleans = (np.abs(changes) > noise).any(axis=1)
+            moved = np.asarray((np.abs(changes) > noise).any(axis=1))
             impulses = changes @ self._impulses_of.T
             rates, limits = -(v @ self._J.T), np.abs(v) @ np.abs(self._J).T
-            approaching: Booleans = (
-                rates > np.maximum(RATE_ROUNDING * limits, self._world.resting_rate)
-            ).any(axis=1)
+            resting = np.maximum(RATE_ROUNDING * limits, self._world.resting_rate)
+            approaching = np.asarray((rates > resting).any(axis=1))
         largest = np.abs(impulses).max(axis=1, keepdims=True)
         acts = moved[:, None] & (impulses > TURNED * largest)
         opened = x_before @ self._J.T > OPEN * self._world.radius

@@ -133,7 +133,7 @@ class Scene:
         """Displacement that makes each touching contact overlap by a radius, over the radius; shape (N axes,)."""
         if self.graph is not None:
             J = self.graph.jacobian
-            return np.linalg.lstsq(J, -np.ones(len(J)), rcond=None)[0]
+            return np.asarray(np.linalg.lstsq(J, -np.ones(len(J)), rcond=None)[0], np.float64)
         touches_below = np.append(self.gaps == 0, [] if self.table else [False])
         return -np.cumsum(touches_below[::-1])[::-1].astype(np.float64)
 
