@@ -46,6 +46,8 @@ class NewtonSetting(NamedTuple):
     options: tuple[tuple[str, bool | int | float], ...]
     #: Steps of a recording; an even number, as states are written to two places in turn.
     steps: int
+    #: Length of a step in the engine's units of time.
+    time: float = 1.0
 
 
 SEMI_IMPLICIT = NewtonSetting("SolverSemiImplicit", (("angular_damping", 0.0),), 64)
@@ -143,7 +145,7 @@ def _record(setting: NewtonSetting, balls: int, table: bool, _thread: int) -> Re
             now, after = states[n % 2], states[1 - n % 2]
             now.clear_forces()
             pipeline.collide(now, contacts)
-            solver.step(now, after, control, contacts, 1.0)
+            solver.step(now, after, control, contacts, setting.time)
             warp.copy(poses[n], after.body_q)
             warp.copy(twists[n], after.body_qd)
 
@@ -155,7 +157,7 @@ def _record(setting: NewtonSetting, balls: int, table: bool, _thread: int) -> Re
 
 
 class RecordedScene:
-    """A scene, written into a recording, in units of the radius, the step and the mass of ball 1.
+    """A scene, written into a recording, in units of the radius, the mass of ball 1, and the setting's time.
 
     Parameters
     ----------
@@ -172,7 +174,7 @@ class RecordedScene:
     def __init__(
         self, scene: Scene, radius: float, setting: NewtonSetting, contacts: Mapping[str, Floats]
     ) -> None:
-        self._length, self._speed = radius, radius / scene.step
+        self._length, self._speed = radius, setting.time * radius / scene.step
         self._recording = recording = _record(setting, len(scene.masses), scene.table, get_ident())
         self._steps = setting.steps
         for attribute, numbers in contacts.items():

@@ -107,7 +107,7 @@ def test_featherstone_takes_masses_and_contacts_of_each_scene():
     for masses, e, speed in (((1.0, 3.0), 0.5, 1.0), ((5.0, 1.0), 0.8, 10.0), ((1.0, 3.0), 0.5, 0.1)):
         v1, v2 = solver.solve(make_chain(-speed, 0.0, e=e, masses=masses)).velocities
         assert v1 - v2 == pytest.approx(e * speed, abs=1e-3 * speed)
-        assert masses[0] * v1 + masses[1] * v2 == pytest.approx(-masses[0] * speed, rel=1e-6)
+        assert masses[0] * v1 + masses[1] * v2 == pytest.approx(-masses[0] * speed, rel=1e-5)
 
 
 @installed
@@ -119,7 +119,7 @@ def test_xpbd_returns_the_restitution_of_one_contact():
                 table = len(masses) == 1
                 o = solver.solve(make_chain(*(-v, 0.0)[: len(masses)], e=e, masses=masses, table=table))
                 returned = (o.velocities[0] - (0 if table else o.velocities[1])) / v
-                assert returned == pytest.approx(e, abs=2e-5), (v, masses)
+                assert returned == pytest.approx(e, abs=1e-6), (v, masses)
                 assert o.effective["restitution"] == pytest.approx((e,), abs=1e-15)
 
 
@@ -138,4 +138,4 @@ def test_xpbd_conforms_and_refuses_drops_and_other_mappings():
 def test_xpbd_loses_momentum_where_a_ball_touches_two():
     """A ball with two contacts gets the mean of their impulses, a ball with one contact gets all of it."""
     v = get_solver("newton:xpbd").solve(make_chain(-1.0, 0.0, 0.0)).velocities
-    assert sum(v) == pytest.approx(-0.43, abs=0.1)  # not -1
+    assert v == pytest.approx((0.5, -0.5, -0.5), abs=1e-5)  # a momentum of -0.5 kg m/s, not -1
