@@ -284,6 +284,21 @@ SOLVERS = (
         "Newton (Warp) by its SemiImplicit solver: springs, and dashpots in compression only",
     ),
     SolverSpec(
+        "newton:featherstone",
+        "engines.newton:NewtonFeatherstone",
+        "compression-dashpot",
+        "Newton (Featherstone)",
+        "Newton (Warp) by its Featherstone solver: the contacts of `newton`, in joint coordinates",
+    ),
+    SolverSpec(
+        "newton:xpbd",
+        "rigid.newton:NewtonXpbd",
+        None,
+        "Newton (XPBD)",
+        "Newton (Warp) by its XPBD solver: rigid contacts, moved apart and then given a rebound",
+        "rigid",
+    ),
+    SolverSpec(
         "newton:default",
         "engines.newton:Newton",
         None,

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from impact_xval.compliant_baselines import Settings, get_solver
-from impact_xval.compliant_baselines.conformance import checks
+from impact_xval.compliant_baselines import Settings, SolverError, get_solver
+from impact_xval.compliant_baselines.conformance import checks, problems
 from impact_xval.compliant_baselines.engines.engine import version_of
 from impact_xval.model import Collision
 from tests.compliant_baselines.reference_cells import in_time, make_chain
@@ -17,6 +17,9 @@ from tests.compliant_baselines.references.test_chains import by_force_alone, wit
 from tests.model.test_chains import random_chain
 
 LAW = "compression-dashpot"
+
+#: Solvers of Newton that have this law.
+COMPLIANT = ("newton", "newton:featherstone")
 
 installed = pytest.mark.skipif(not version_of("newton"), reason="newton is not installed")
 
@@ -57,22 +60,24 @@ def test_the_exact_law_ends_as_its_forces_alone_do(exponent):
         ("drop", Collision.two_balls(1, 2, 1e6, 1e6, 0.7, 0.7), (0.43427, 0.34709), 5e-4),
     ],
 )
-def test_newton_ends_as_the_exact_law(scenario, collision, velocities, tolerance):
+@pytest.mark.parametrize("name", COMPLIANT)
+def test_newton_ends_as_the_exact_law(name, scenario, collision, velocities, tolerance):
     settings = Settings(scenario=scenario)
-    exact, outcome = (get_solver(solver).solve(collision, settings) for solver in (LAW, "newton"))
+    exact, outcome = (get_solver(solver).solve(collision, settings) for solver in (LAW, name))
     assert exact.velocities == pytest.approx(velocities, abs=1e-5)
     assert outcome.velocities == pytest.approx(velocities, abs=tolerance)
     assert (outcome.states, outcome.differences) == (exact.states, "")
 
 
 @installed
-def test_newton_conforms_without_a_word_of_warp_and_refuses_what_it_has_no_digits_for():
-    command = [sys.executable, "-m", "impact_xval", "solvers", "newton"]
+@pytest.mark.parametrize("name", COMPLIANT)
+def test_newton_conforms_without_a_word_of_warp_and_refuses_what_it_has_no_digits_for(name):
+    command = [sys.executable, "-m", "impact_xval", "solvers", name]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     # What a busy machine adds is of the clock, not of Warp.
     assert [line for line in done.stderr.splitlines() if "has taken" not in line] == []
     assert [line.split()[0] for line in done.stdout.splitlines()] == ["passed"] * len(checks(LAW))
-    (outcome,) = get_solver("newton").solve_many([Collision.two_balls(1, 2, 1, 1e9, 1, 1)], Settings())
+    (outcome,) = get_solver(name).solve_many([Collision.two_balls(1, 2, 1, 1e9, 1, 1)], Settings())
     assert (outcome.status, "single precision" in outcome.reason) == ("unrepresentable", True)
 
 
@@ -85,3 +90,52 @@ def test_newton_as_it_ships_damps_compression_by_its_own_numbers():
         found = get_solver("newton:default").solve(Collision((mass,), (1e6,), (0.9,), (-1.0,), table=True))
         assert found.velocities[0] == pytest.approx(e, abs=0.01)  # at a step of 1/600 s
         assert found.effective["stiffness"] == (2500.0,)
+
+
+@pytest.mark.parametrize("name", ["newton:featherstone", "newton:xpbd"])
+def test_without_newton_its_solvers_say_how_to_get_it(name, monkeypatch):
+    monkeypatch.setitem(sys.modules, "newton", None)
+    (outcome,) = get_solver(name).solve_many([make_chain(-1.0, 0.0)], Settings())
+    assert outcome.status == "unavailable"
+    assert "pip install 'impact-xval[newton]'" in outcome.reason
+
+
+@installed
+def test_featherstone_takes_masses_and_contacts_of_each_scene():
+    """It keeps masses of its own: a scene must not have those of the scene before."""
+    solver = get_solver("newton:featherstone")
+    for masses, e, speed in (((1.0, 3.0), 0.5, 1.0), ((5.0, 1.0), 0.8, 10.0), ((1.0, 3.0), 0.5, 0.1)):
+        v1, v2 = solver.solve(make_chain(-speed, 0.0, e=e, masses=masses)).velocities
+        assert v1 - v2 == pytest.approx(e * speed, abs=1e-3 * speed)
+        assert masses[0] * v1 + masses[1] * v2 == pytest.approx(-masses[0] * speed, rel=1e-5)
+
+
+@installed
+def test_xpbd_returns_the_restitution_of_one_contact():
+    solver = get_solver("newton:xpbd")
+    for e in (0.0, 0.5, 1.0):
+        for v in (1e-3, 1.0, 1000.0):
+            for masses in ((1.0, 1.0), (1.0, 100.0), (100.0, 1.0), (1.0,)):
+                table = len(masses) == 1
+                o = solver.solve(make_chain(*(-v, 0.0)[: len(masses)], e=e, masses=masses, table=table))
+                returned = (o.velocities[0] - (0 if table else o.velocities[1])) / v
+                assert returned == pytest.approx(e, abs=1e-6), (v, masses)
+                assert o.effective["restitution"] == pytest.approx((e,), abs=1e-15)
+
+
+@installed
+def test_xpbd_conforms_and_refuses_drops_and_other_mappings():
+    solver = get_solver("newton:xpbd")
+    assert problems(solver, "none") == {}
+    pair = Collision.two_balls(1, 1, 1, 1, 0.5, 0.5)
+    with pytest.raises(SolverError, match=r"gravity = 9\.81 m/s\^2: rigid engines are run without"):
+        solver.solve(pair, Settings(scenario="drop", gravity=9.81))
+    with pytest.raises(SolverError, match=r"mapping = 'naive': Newton has one; legal: 'calibrated'"):
+        solver.solve(pair, Settings(mapping="naive"))
+
+
+@installed
+def test_xpbd_loses_momentum_where_a_ball_touches_two():
+    """A ball with two contacts gets the mean of their impulses, a ball with one contact gets all of it."""
+    v = get_solver("newton:xpbd").solve(make_chain(-1.0, 0.0, 0.0)).velocities
+    assert v == pytest.approx((0.5, -0.5, -0.5), abs=1e-5)  # a momentum of -0.5 kg m/s, not -1
