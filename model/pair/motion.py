@@ -96,7 +96,7 @@ class Modes(NamedTuple):
 
 @force_inlined
 def modes_of(mu, k1, k2):
-    """Return the modes at mass ratio mu and stiffnesses k1 and k2: the solution of the eigenvalue problem of `Modes`."""
+    """Return the modes at mass ratio mu and stiffnesses k1 and k2, which solve the eigenvalue problem of `Modes`."""
     inverse_mu = 1 / mu
     s12 = -k1 * sqrt(inverse_mu)
     difference = k1 - (k1 + k2) * inverse_mu

@@ -118,7 +118,7 @@ def root_before(c, t, h, low, start, end, noise, omega, a, b):
 
 @force_inlined
 def envelope_time(lag, c, t, omega, a, b, radius):
-    """Return the first time from t on at which a watched function's slow sinusoid is near the amplitude of its fast one.
+    """Return the first time from t on at which a function's slow sinusoid is near the amplitude of its fast one.
 
     The two are near if they differ by at most `ENVELOPE_RESERVE` of the sum of both amplitudes. `lag` is 0 for a rate
     and a quarter turn for a force, because a force is a sum of r_j. `radius` holds the amplitudes of both modal
