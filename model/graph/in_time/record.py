@@ -11,13 +11,13 @@ import numpy as np
 
 
 class TimedEnding(IntEnum):
-    """End of a graph in time; the numbers differ from those of all other kernels."""
+    """End of a graph in time; the numbers differ from the numbers of all other kernels."""
 
     UNFINISHED = 300  # given up after too many windows
     FREE = 301  # no contact carries force, and no gap closes
     GAINED_ENERGY = 302  # like FREE, but rounding has made energy
     SEARCH_FAILED = 303  # given up: the first event of a window could not be found
-    HELD = 304  # given up: rigid contacts hold the active ones at rest
+    HELD = 304  # given up: rigid contacts hold the active contacts at rest
     PULLED_OPEN = 305  # given up: a rigid contact was pulled open
 
 
@@ -25,14 +25,14 @@ class TimedEnding(IntEnum):
 TIMED_RESULT = np.dtype(
     [
         ("ending", "i8"),  # TimedEnding
-        # Closed forms that were used: a contact whose stiffness runs away became rigid; bodies came to rest together
-        # after infinitely many events.
+        # Closed forms that were used. runaway: a contact whose stiffness runs away became rigid; collapse: bodies came
+        # to rest together after infinitely many events.
         ("runaway", "?"),
         ("collapse", "?"),
         ("n_events", "i8"),
         ("n_windows", "i8"),
-        # Of bistiffness: kinetic energy that went into contacts, less the strain energy that was lost there, over the
-        # energy of impact; 0 but for rounding.
+        # Under bistiffness: kinetic energy that went into contacts, less the strain energy that was lost there, over
+        # the energy of impact. It differs from 0 by rounding only.
         ("energy_residual", "f8"),
         ("time", "f8"),  # from first touch to the end
     ],
