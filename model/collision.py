@@ -44,7 +44,7 @@ def scaling_units(
 ) -> tuple[Floats, Floats]:
     """Return units of time (s) and velocity (m/s) of n collisions, as in `Units`; each of shape (n,).
 
-    Given are masses, shape (n, N), stiffnesses and compression rates, shape (n, C), and p.
+    `masses` has the shape (n, N), `stiffnesses` and the compression rates `rates` have the shape (n, C).
     """
     speed = np.abs(rates).max(axis=1)
     with np.errstate(over="ignore", divide="ignore"):
@@ -222,7 +222,7 @@ class Collision:
         return Units(float(times[0]), speed, self.m1 * speed)
 
     def reversed(self) -> Collision:
-        """Return the mirror image of a collision without a table: the order of balls and all velocities are reversed."""
+        """Return the mirror image of a collision without a table: order of balls and all velocities are reversed."""
         if self.table:
             raise ValueError("table = True: a chain on a table has no reverse; legal: False")
         return replace(
