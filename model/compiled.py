@@ -126,5 +126,5 @@ def is_compiled(kernel: Any) -> bool:
     Numba compares the bytes of the source. Time stamps would differ in every copy of an installation.
     """
     if vars(config)["DISABLE_JIT"]:
-        return True  # nothing is compiled
+        return True  # no code is compiled
     return bool(kernel._cache._cache_file._load_index())

@@ -133,7 +133,7 @@ class MaterialContact:
 
     @property
     def _yielding(self) -> list[Body]:
-        """Bodies that take part in the compression: the hollow ones, or both if none is hollow."""
+        """Bodies that take part in the compression: the hollow bodies, or both bodies if neither is hollow."""
         hollow = [body for body in (self.upper, self.lower) if body.material.wall is not None]
         return hollow or [self.upper, self.lower]
 
@@ -177,7 +177,7 @@ class MaterialContact:
     def duration(self, speed: float) -> float:
         """Return the duration in s of an elastic impact at a speed in m/s."""
         x = 1 / (self.exponent + 1)
-        shape = 2 * math.sqrt(math.pi) * math.gamma(1 + x) / math.gamma(0.5 + x)  # pi, or Hertz's 2.9432
+        shape = 2 * math.sqrt(math.pi) * math.gamma(1 + x) / math.gamma(0.5 + x)  # pi, or 2.9432 for p = 1.5
         return shape * self.compression(speed) / speed
 
     def linear(self, speed: float) -> float:

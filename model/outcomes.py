@@ -92,7 +92,7 @@ class Outcomes(Sequence[Outcome]):
 
     @property
     def statuses(self) -> NDArray[np.str_]:
-        """Statuses as texts; computed on demand, because they take more room than all other arrays."""
+        """Statuses as texts. They are computed on demand, because they take more memory than all other arrays."""
         return np.array(STATUSES)[self.status]
 
     @property

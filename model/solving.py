@@ -292,14 +292,14 @@ def _pair_paths(collisions: Collisions, options: PairOptions) -> Paths:
     time_unit, speed = c.units
     result, points = follow_with_paths(_cells_of(c), options)
     lengths = result.records["n_points"]
-    row = np.repeat(np.arange(len(c)), lengths)  # the collision of each point
+    row = np.repeat(np.arange(len(c)), lengths)  # the number of each point's collision
     offsets = np.append(0, np.cumsum(lengths))
     time = points["time"].copy()
     for i, j in pairwise(offsets.tolist()):  # rounding may end a segment before its start
         np.maximum.accumulate(time[i:j], out=time[i:j])
     velocities = np.stack([points["v1"], points["v2"]], axis=1) * speed[row, None]
     impulses = np.cumsum(c.masses[row] * (velocities - c.velocities[row]), axis=1)
-    with np.errstate(divide="ignore"):  # the forces of an instant are infinite
+    with np.errstate(divide="ignore"):  # forces that act for an instant are infinite
         force_unit = (c.masses[:, 0] * speed / time_unit)[row]
     forces = np.stack([points["F1"], points["F2"]], axis=1)
     active = np.stack([np.isin(points["state"], (1, 3)), np.isin(points["state"], (1, 2))], axis=1)

@@ -256,7 +256,7 @@ class Problem:
 
 
 def closed_forms(records: Records) -> list[Ending]:
-    """Return the endings of chains that closed forms finished, one for each combination of closed forms."""
+    """Return the endings of chains that a closed form finished: one ending for each combination of closed forms."""
     endings: list[Ending] = []
     for plastic, runaway, collapse in product((False, True), repeat=3):
         parts = [(plastic, PLASTIC_REASON), (runaway, RUNAWAY_REASON), (collapse, COLLAPSE_REASON)]

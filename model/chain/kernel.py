@@ -299,7 +299,7 @@ def collide(c, work, setup, options, logs, first_row, first_set, result):
         set_row = log_set(c, ZERO, work, logs.sets, first_set, set_row)
     for i in range(n):
         work[i].rates[0] = c[i].w
-    row = log_points(c, n, work, ZERO, 0.0, 1.0, time, setup, ONE, logs.path, row)  # the end
+    row = log_points(c, n, work, ZERO, 0.0, 1.0, time, setup, ONE, logs.path, row)  # end point
     result.ending = ending
     result.n_events, result.n_windows = events, windows
     result.n_points, result.n_states = row - first_row, set_row - first_set

@@ -62,8 +62,8 @@ class Watched(IntEnum):
     """Function of time of one contact that the search for events may watch."""
 
     FORCE = 0  # a function with the sign of a dashpot's force before the force is cut off at zero
-    GAP = 1  # the deformation
-    RATE = 2  # the compression rate
+    GAP = 1  # the deformation delta; its zero is the end of a gap or of an overlap
+    RATE = 2  # the compression rate w
     TURN = 3  # the compression rate of an inactive contact; its zero ends a window, but is no event
 
 

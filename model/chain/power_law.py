@@ -55,18 +55,15 @@ WORK = np.dtype(
         ("b", "f8"),  # damping; 0 if the contact is not active
         ("moves", "f8"),  # 1 if delta changes, else 0
         ("value", "f8"),  # rate, or slope of the rate, at a point of a path
-        # Derivatives of w and delta at the stages of a step.
-        ("kw", "f8", STAGES + 1),
-        ("kd", "f8", STAGES + 1),
-        # w, delta and w'' at the start of a step.
-        ("w", "f8"),
-        ("delta", "f8"),
-        ("jerk", "f8"),
+        ("kw", "f8", STAGES + 1),  # derivatives of w at the stages of a step
+        ("kd", "f8", STAGES + 1),  # derivatives of delta at the stages of a step
+        ("w", "f8"),  # rate at the start of a step
+        ("delta", "f8"),  # deformation at the start of a step
+        ("jerk", "f8"),  # w'' at the start of a step
         ("ruled_out", "u1", 4),  # 1 for each function of `Watched` that has no further event in this window
         ("force_is_zero", "?"),  # whether an event at this instant has made the force zero
-        # Whether this contact of the collision is active now, and whether it was active when `log_set` was last called.
-        ("active", "?"),
-        ("was_active", "?"),
+        ("active", "?"),  # whether this contact of the collision is active now
+        ("was_active", "?"),  # whether it was active at the previous call of `log_set`
     ],
     align=True,
 )

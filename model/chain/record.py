@@ -22,10 +22,10 @@ class ChainEnding(IntEnum):
 
     UNFINISHED = 0  # not over yet, or given up: after too many windows, or where an event cannot be found
     FREE = 1  # no bodies touch or approach any more; in a drop, both balls have left the table
-    LOWER_SETTLED = 2  # a drop: B1 left B2, which is settled on the table
-    BOTH_SETTLED = 3  # a drop: B1 settled on B2
+    LOWER_SETTLED = 2  # end of a drop: B1 left B2, which is settled on the table
+    BOTH_SETTLED = 3  # end of a drop: B1 settled on B2
     GAINED_ENERGY = 4  # like FREE, but rounding has made energy
-    SKIPPED = 5  # not followed
+    SKIPPED = 5  # the chain was not followed
 
 
 class Chains(NamedTuple):
@@ -39,7 +39,7 @@ class Chains(NamedTuple):
     dampings: NDArray[np.float64]
     rates: NDArray[np.float64]
     gaps: NDArray[np.float64]
-    #: Velocity of the centre of mass, shape (n,); without meaning on a table.
+    #: Velocity of the centre of mass, shape (n,); 0 on a table.
     drifts: NDArray[np.float64]
     #: Shape (n,); above 0 for drops of two balls only.
     gravities: NDArray[np.float64]
@@ -91,25 +91,22 @@ class Setup(NamedTuple):
     points: int
 
 
-#: Result of one chain. Time, lengths and masses are in units of the chain.
+#: Result of one chain, in units of the chain. Energies are relative to the centre of mass or the table. Under laws
+#: without dashpots and without gravity, `energy_share` differs from 1 by rounding only.
 RESULT = np.dtype(
     [
-        ("ending", "i8"),  # ChainEnding
-        # Closed forms that were used. plastic: a contact with e = 0 ended compression; runaway: a contact whose
-        # stiffness runs away became rigid; collapse: bodies came to rest together after infinitely many events.
-        ("plastic", "?"),
-        ("runaway", "?"),
-        ("collapse", "?"),
+        ("ending", "i8"),  # one of `ChainEnding`
+        ("plastic", "?"),  # closed form: a contact with e = 0 ended compression
+        ("runaway", "?"),  # closed form: a contact whose stiffness runs away became rigid
+        ("collapse", "?"),  # closed form: bodies came to rest together after infinitely many events
         ("n_events", "i8"),
         ("n_windows", "i8"),
-        ("n_points", "i8"),  # rows in the log of paths
-        ("n_states", "i8"),  # entries in the log of sets
+        ("n_points", "i8"),  # number of rows in the log of paths
+        ("n_states", "i8"),  # number of entries in the log of sets
         ("margin", "f8"),  # grazing margin (`chain.grazing`); infinite under laws of dashpots
-        # Lost energy plus remaining energy over the energy of impact, relative to the centre of mass or the table.
-        # Under laws without dashpots and without gravity it differs from 1 by rounding only.
-        ("energy_share", "f8"),
-        ("time", "f8"),  # from first touch to the end
-        ("fall", "f8"),  # from first touch to the first flight of a drop; equal to `time` without a flight
+        ("energy_share", "f8"),  # lost plus remaining energy, over the energy of impact
+        ("time", "f8"),  # duration from first touch to the end
+        ("fall", "f8"),  # time of the first flight of a drop; equal to `time` without a flight
     ],
     align=True,
 )

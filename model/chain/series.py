@@ -140,7 +140,7 @@ def expand_product(c, n, h, work):
     """Write the coefficients of a product's series, and return the time, at most h, over which the series holds."""
     expand(c, n, h, work)
     share = trusted_share(n, work)
-    while not share > 0:  # some terms are beyond double precision
+    while not share > 0:  # some terms of the series leave double precision
         h *= 1e-3
         expand(c, n, h, work)
         share = trusted_share(n, work)

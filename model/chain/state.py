@@ -57,10 +57,9 @@ CONTACT = np.dtype(
         ("phase", "i8"),  # Phase: INACTIVE, COMPRESSION, RESTITUTION or SLACK
         ("index", "i8"),  # number of the contact in the collision; rigid contacts are no longer in the chain
         ("balls", "i8"),  # number of balls of the body
-        # The same for all contacts of the chain: Law, exponent of the force, whether positions are frozen.
-        ("law", "i8"),
-        ("p", "f8"),
-        ("frozen", "?"),
+        ("law", "i8"),  # Law; one for the whole chain, like p and frozen
+        ("p", "f8"),  # exponent of the force
+        ("frozen", "?"),  # whether positions are frozen
     ],
     align=True,
 )

@@ -37,8 +37,8 @@ from impact_xval.model.graph.state import GraphPhase
 class GraphWatched(IntEnum):
     """Function of time of one contact that the search for events may watch."""
 
-    FORCE = 0  # F_i
-    RATE = 1  # w_i
+    FORCE = 0  # the force F_i
+    RATE = 1  # the rate of compression w_i
 
 
 #: Sign of each function until its event, by phase and `GraphWatched`; 0 where the function is not watched.

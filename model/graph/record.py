@@ -68,10 +68,10 @@ class GraphEnds(NamedTuple):
 #: An event. The first row of a graph is its first touch. Rows of one instant may follow one another.
 EVENT = np.dtype(
     [
-        ("time", "f8"),  # since first touch, in units of the graph
-        ("kind", "i8"),  # EventKind
-        ("contact", "i8"),  # from 0; -1 where no single contact has the event
-        ("active", "u8"),  # set of contacts that are active from here on: bit i is contact i
+        ("time", "f8"),  # time since first touch, in units of the graph
+        ("kind", "i8"),  # one of `EventKind`
+        ("contact", "i8"),  # number of the contact, from 0; -1 for an event without a single contact
+        ("active", "u8"),  # set of contacts that are active from here on; bit i stands for contact i
     ],
     align=True,
 )
@@ -79,23 +79,20 @@ EVENT = np.dtype(
 #: Most contacts of a graph: a set of active contacts has a bit for each.
 MOST_CONTACTS = 60
 
-#: Result of one graph, in its units.
+#: Result of one graph, in its units. `energy_residual` is the kinetic energy that went into contacts, less the strain
+#: energy that was lost there, over the energy of impact; it differs from 0 by rounding only.
 GRAPH_RESULT = np.dtype(
     [
-        ("ending", "i8"),  # GraphEnding
-        # Closed forms that were used. plastic: a contact with e = 0 ended compression; runaway: a contact whose
-        # stiffness runs away became rigid; collapse: bodies came to rest together after infinitely many events.
-        ("plastic", "?"),
-        ("runaway", "?"),
-        ("collapse", "?"),
-        ("n_events", "i8"),  # of single contacts, and collapses
+        ("ending", "i8"),  # one of `GraphEnding`
+        ("plastic", "?"),  # closed form: a contact with e = 0 ended compression
+        ("runaway", "?"),  # closed form: a contact whose stiffness runs away became rigid
+        ("collapse", "?"),  # closed form: bodies came to rest together after infinitely many events
+        ("n_events", "i8"),  # number of events of single contacts, and of collapses
         ("n_windows", "i8"),
-        ("n_rows", "i8"),  # rows in the log of events
+        ("n_rows", "i8"),  # number of rows in the log of events
         ("margin", "f8"),  # grazing margin (`graph.grazing`)
-        # Kinetic energy that went into contacts, less the strain energy that was lost there, over the energy of impact.
-        # It differs from 0 by rounding only.
-        ("energy_residual", "f8"),
-        ("time", "f8"),  # from first touch to the end
+        ("energy_residual", "f8"),  # residual of the energy balance of contacts, over the energy of impact
+        ("time", "f8"),  # duration from first touch to the end
     ],
     align=True,
 )

@@ -243,7 +243,7 @@ def _endings(
 
 
 def _closed_forms(results: Records) -> list[Ending]:
-    """Return the endings of graphs that closed forms finished, one for each combination of closed forms."""
+    """Return the endings of graphs that a closed form finished: one ending for each combination of closed forms."""
     parts = {"plastic": PLASTIC_REASON, "runaway": RUNAWAY_REASON, "collapse": COLLAPSE_REASON}
     endings: list[Ending] = []
     for bits in range(7, 0, -1):
@@ -254,7 +254,7 @@ def _closed_forms(results: Records) -> list[Ending]:
 
 
 def checked_graph(delassus: Floats, restitutions: Floats, rates: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return W, shape (C, C), e and w, shape (C,), of one graph; a ValueError names the first illegal value."""
+    """Return Delassus matrix, restitutions and rates of one graph, checked; a ValueError names the first illegal value."""
     W, k, e, w = checked_graphs(delassus[None], np.ones((1, *rates.shape)), restitutions[None], rates[None])
     scaled_graphs(W, k, e, w)
     return W[0], e[0], w[0]

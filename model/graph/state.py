@@ -32,13 +32,13 @@ UNDERFLOW = 1e-150
 class GraphPhase(IntEnum):
     """Phase of a contact of a graph."""
 
-    INACTIVE = 0  # carries no force
+    INACTIVE = 0  # the contact carries no force
     COMPRESSION = 1
     RESTITUTION = 2
     RIGID = 3  # infinitely stiff: its force keeps its rate at 0
 
 
-#: A contact during a collision, with its scratch space.
+#: A contact during a collision, with its scratch space: the fields from `undecided` on, which each window overwrites.
 GRAPH_CONTACT = np.dtype(
     [
         ("k", "f8"),  # running stiffness
@@ -46,12 +46,11 @@ GRAPH_CONTACT = np.dtype(
         ("w", "f8"),  # rate of compression
         ("F", "f8"),  # force
         ("impulse", "f8"),  # impulse so far
-        ("phase", "i8"),  # GraphPhase
-        ("is_rigid", "?"),  # rigid for good: its phase is RIGID or INACTIVE
+        ("phase", "i8"),  # one of `GraphPhase`
+        ("is_rigid", "?"),  # whether the contact is rigid for good: its phase is RIGID or INACTIVE
         ("reach", "f8"),  # twice the largest energy so far of this contact and its neighbours (`oscillation`)
-        # These fields are overwritten in each window.
-        ("undecided", "?"),  # at rest without force: its first non-zero derivative decides (`graph.motion`)
-        ("has_pivot", "?"),  # eliminated from W (`graph.rigid`)
+        ("undecided", "?"),  # whether the contact is at rest without force, so that the start rule decides
+        ("has_pivot", "?"),  # whether the contact is eliminated from W (`graph.rigid`)
         ("total", "f8"),  # sum for a coefficient (`graph.motion`), or `oscillation`
         ("rates", "f8", ORDER + 1),  # coefficients of w in x = t/h
         ("forces", "f8", ORDER + 1),  # coefficients of F

@@ -26,7 +26,7 @@ from impact_xval.model.compiled import force_inlined
 class Phase(IntEnum):
     """Phase of a contact; SLACK and HELD occur in chains only (`chain.laws`)."""
 
-    INACTIVE = 0  # carries no force
+    INACTIVE = 0  # the contact carries no force
     COMPRESSION = 1
     RESTITUTION = 2
     SLACK = 3  # the bodies overlap without force

@@ -130,10 +130,10 @@ def runaway(view):
     A = F - F_s
     period = 2 * pi * sqrt(mass / k)
     tau = period / (1 - e)
-    slope = share * k_soft * V  # slope of F_s in time
+    slope = share * k_soft * V  # derivative of F_s in time
     drift = abs(slope) * tau
     swing = V * V + G * G / (k_soft * united)  # square of the amplitude of V
-    wiggle = share * A / sqrt(k * mass)  # amplitude of the ringing in V
+    wiggle = share * A / sqrt(k * mass)  # amplitude that the ringing gives V
     room = V - G * tau / united if V > 0 else -V
     # The rate of the stiff contact rings about slope/k with the amplitude A/sqrt(k mass). It has zeros if slope/k is
     # below the amplitude.

@@ -218,7 +218,7 @@ def follow_single_contact(mass, d, E, e, compressing, impulse_to_return):
     w = sqrt(d * d + 2 * E / mass)
     if compressing:
         w *= e
-    maximum = mass * (d + w)  # supplement: Delta I_max, both cases
+    maximum = mass * (d + w)  # Delta I_max of the supplement, in both of its cases
     if not impulse_to_return < maximum:
         return Exit(False, compressing, maximum, -w, 0.0)
     d_exit = d - impulse_to_return / mass

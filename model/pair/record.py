@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 class State(IntEnum):
     """State of the diagram, by the contacts that are active; contact 1 is ball-ball, contact 2 ball-table."""
 
-    S1 = 1  # both
+    S1 = 1  # both contacts
     S2 = 2  # contact 2
     S3 = 3  # contact 1
-    S4 = 4  # none: the end
+    S4 = 4  # no contact: the end
 
 
 class PairEnding(IntEnum):
@@ -27,11 +27,11 @@ class PairEnding(IntEnum):
     No number is used in `chain.record.ChainEnding`, so that the codes of two kernels cannot be mixed up.
     """
 
-    FINISHED = 100  # followed to S4
+    FINISHED = 100  # the collision was followed to S4
     CLOSED_FORM = 101  # finished by the closed form of a limiting case
     PRECISION = 102  # finished like CLOSED_FORM, because the running stiffness ratio left double precision
     COLLAPSED = 103  # the bodies came to rest together after infinitely many events
-    TOO_MANY_EVENTS = 104  # given up
+    TOO_MANY_EVENTS = 104  # given up after too many events
     UNREPRESENTABLE = 105  # not followed: m2/m1 lies beyond `MASS_PRECISION`
 
 
@@ -77,8 +77,8 @@ class PairLogs(NamedTuple):
 #: Point of a path, in units of m1, k1 and abs(v0).
 PATH_POINT = np.dtype(
     [
-        ("state", "i8"),  # State
-        ("time", "f8"),  # since first touch
+        ("state", "i8"),  # one of `State`
+        ("time", "f8"),  # time since first touch
         ("v1", "f8"),
         ("v2", "f8"),
         ("F1", "f8"),
@@ -89,10 +89,10 @@ PATH_POINT = np.dtype(
 #: Result of one collision, in units of m1, k1 and abs(v0).
 RESULT = np.dtype(
     [
-        ("ending", "i8"),  # PairEnding
+        ("ending", "i8"),  # one of `PairEnding`
         ("n_states", "i8"),
         ("n_events", "i8"),
-        ("n_points", "i8"),  # in the log of paths
+        ("n_points", "i8"),  # number of points in the log of paths
         ("margin", "f8"),  # grazing margin (`pair.grazing`)
         ("energy_residual", "f8"),  # the energy of impact, 1/2, less the lost energy and the remaining energy
     ]

@@ -24,17 +24,15 @@ class TimedEnding(IntEnum):
 #: Result of one graph, in its units.
 TIMED_RESULT = np.dtype(
     [
-        ("ending", "i8"),  # TimedEnding
-        # Closed forms that were used. runaway: a contact whose stiffness runs away became rigid; collapse: bodies came
-        # to rest together after infinitely many events.
-        ("runaway", "?"),
-        ("collapse", "?"),
+        ("ending", "i8"),  # one of `TimedEnding`
+        ("runaway", "?"),  # closed form: a contact whose stiffness runs away became rigid
+        ("collapse", "?"),  # closed form: bodies came to rest together after infinitely many events
         ("n_events", "i8"),
         ("n_windows", "i8"),
         # Under bistiffness: kinetic energy that went into contacts, less the strain energy that was lost there, over
         # the energy of impact. It differs from 0 by rounding only.
         ("energy_residual", "f8"),
-        ("time", "f8"),  # from first touch to the end
+        ("time", "f8"),  # duration from first touch to the end
     ],
     align=True,
 )

@@ -18,7 +18,7 @@ from impact_xval.model.compiled import kernel_helper
 from impact_xval.model.graph.state import oscillation, rounding_energy
 from impact_xval.model.pair.law import Phase
 
-#: A contact during a collision, with its scratch space.
+#: A contact during a collision, with its scratch space: the fields from `undecided` on, which each window overwrites.
 TIMED_CONTACT = np.dtype(
     [
         # The fields that `chain.laws` reads. The exponent p is 1. Gravity g is 0, so `a` is not used.
@@ -27,9 +27,9 @@ TIMED_CONTACT = np.dtype(
         ("e", "f8"),  # coefficient of restitution
         ("b", "f8"),  # damping
         ("w", "f8"),  # rate of compression
-        ("delta", "f8"),  # depth; below 0 a gap
-        ("phase", "i8"),  # Phase
-        ("law", "i8"),  # Law
+        ("delta", "f8"),  # depth; a gap if it is negative
+        ("phase", "i8"),  # one of `Phase`
+        ("law", "i8"),  # one of `Law`
         ("frozen", "?"),  # whether positions are frozen
         ("p", "f8"),
         ("g", "f8"),
@@ -40,11 +40,10 @@ TIMED_CONTACT = np.dtype(
             "reach",
             "f8",
         ),  # twice the largest energy so far of this contact and its neighbours (`graph.state.oscillation`)
-        ("is_rigid", "?"),  # rigid for good; its phase is INACTIVE (`in_time.rigid`)
+        ("is_rigid", "?"),  # whether the contact is rigid for good; its phase is INACTIVE then
         ("eliminated", "i8"),  # in record n: the contact that became rigid as number n
         ("force_is_zero", "?"),  # whether an event at this instant has made the force zero
-        # These fields are overwritten in each window.
-        ("undecided", "?"),  # at rest without depth: its first non-zero derivative decides (`in_time.motion`)
+        ("undecided", "?"),  # whether the contact is at rest without depth, so that the start rule decides
         ("total", "f8"),  # sum for a coefficient, or the contact's oscillation
         ("rates", "f8", ORDER + 1),  # coefficients of w in x = t/h
         ("deltas", "f8", ORDER + 1),  # coefficients of delta
