@@ -25,7 +25,7 @@ from impact_xval.model.inputs import (
     Legal,
 )
 
-#: Most balls of a collision.
+#: Largest number of balls of a collision.
 MAX_BALLS = 1000
 
 

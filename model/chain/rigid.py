@@ -1,8 +1,7 @@
 """Contacts of a chain that become rigid during a collision, because their running stiffness runs away.
 
 The supplement describes this in section 3.4. `ringing_ends` decides it after an end of compression, `rests_rigidly` for
-a contact at rest. Needs `chain.state`. Used
-by `chain.kernel`, which then unites the bodies.
+a contact at rest. Needs `chain.state`. Used by `chain.kernel`, which then unites the bodies.
 """
 
 from __future__ import annotations

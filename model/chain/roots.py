@@ -3,9 +3,9 @@
 Let f be a polynomial on [0, 1] with C = sum n (n-1) (n-2) (n-3) abs(a_n), so that abs(f'''') <= C there. The cubic H
 with the values and slopes of f at both ends of an interval of length w misses f by at most C w^4 x^2 (1 - x)^2/24, and
 x^2 (1 - x)^2 <= (B1 + B2)/12 in Bernstein polynomials of degree three. Hence f > 0 inside the interval if the outer
-Bernstein coefficients of H are >= 0 and the inner ones exceed C w^4/288. If a
-root splits an interval, the part before the root is certified. An interval that can be neither certified nor split like
-this is halved. So no root, and no pair of close roots, is stepped over.
+Bernstein coefficients of H are >= 0 and the inner ones exceed C w^4/288. If a root splits an interval, the part before
+the root is certified. An interval that can be neither certified nor split like this is halved. So no root, and no pair
+of close roots, is stepped over.
 
 A polynomial may start next to zero and grow with a high power: the load of a contact far ahead of a wave does. By the
 cubic it could be certified on tiny intervals only. A second certificate compares the sum P of the positive terms with

@@ -101,7 +101,7 @@ def expand(c, n, h, work):
 
 @kernel_helper
 def force_coefficient(contact, scratch, order, is_product):
-    """Return a coefficient of the force of a contact, less the weight that the contact holds."""
+    """Return a coefficient of the series of a contact's force; the weight that the contact holds is left out."""
     if not is_product:
         return scratch.k * scratch.deltas[order] + scratch.b * scratch.rates[order]
     if scratch.k == 0:

@@ -76,7 +76,7 @@ EVENT = np.dtype(
     align=True,
 )
 
-#: Most contacts of a graph: a set of active contacts has a bit for each.
+#: Largest number of contacts of a graph: a set of active contacts has one bit for each contact.
 MOST_CONTACTS = 60
 
 #: Result of one graph, in its units. `energy_residual` is the kinetic energy that went into contacts, less the strain

@@ -1,4 +1,4 @@
-"""Contact graphs that are given by their Delassus matrices, by the state-transition model.
+"""Solutions of contact graphs by the state-transition model, given their Delassus matrices.
 
 `solve_graph` solves one graph, `solve_graphs` many. This module checks the input, scales it to units of about 1, calls
 the kernel in threads, and builds outcomes in SI units.
@@ -254,7 +254,7 @@ def _closed_forms(results: Records) -> list[Ending]:
 
 
 def checked_graph(delassus: Floats, restitutions: Floats, rates: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return Delassus matrix, restitutions and rates of one graph, checked; a ValueError names the first illegal value."""
+    """Check Delassus matrix, restitutions and rates of one graph; a ValueError names the first illegal value."""
     W, k, e, w = checked_graphs(delassus[None], np.ones((1, *rates.shape)), restitutions[None], rates[None])
     scaled_graphs(W, k, e, w)
     return W[0], e[0], w[0]

@@ -51,7 +51,7 @@ GRAPH_CONTACT = np.dtype(
         ("reach", "f8"),  # twice the largest energy so far of this contact and its neighbours (`oscillation`)
         ("undecided", "?"),  # whether the contact is at rest without force, so that the start rule decides
         ("has_pivot", "?"),  # whether the contact is eliminated from W (`graph.rigid`)
-        ("total", "f8"),  # sum for a coefficient (`graph.motion`), or `oscillation`
+        ("total", "f8"),  # intermediate sum of a coefficient (`graph.motion`), or `oscillation`
         ("rates", "f8", ORDER + 1),  # coefficients of w in x = t/h
         ("forces", "f8", ORDER + 1),  # coefficients of F
         ("turns", "f8", ORDER + 1),  # coefficients of w'; `graph.grazing` shifts them

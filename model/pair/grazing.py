@@ -30,7 +30,7 @@ NEAR = 0.05
 #: Stretches shorter than this, in radians of the fast mode, are not halved further to find pairs of turning points.
 SHORTEST_STRETCH = 1e-7
 
-#: Stretches after which the search of a window for turning points is given up.
+#: Number of stretches after which the search of a window for turning points is given up.
 MOST_STRETCHES = 1000
 
 #: A cut-off marks a result if it changes (v1, v2) by more than this, in the kinetic norm per sqrt(m1) abs(v0).
@@ -44,7 +44,7 @@ CUTOFF = (
     f"cut-off: the outcome without a cut-off differs by more than {CUTOFF_THRESHOLD:g} |v0|, or is not known"
 )
 
-#: The sentences of marks, by the sum of 1 (grazing) and 2 (cut-off).
+#: Sentences of marks. The index is 1 for grazing, 2 for a cut-off, 3 for both, and 0 for an outcome without a mark.
 MARKS = ("", GRAZING, CUTOFF, f"{GRAZING}; {CUTOFF}")
 
 

@@ -44,7 +44,7 @@ TIMED_CONTACT = np.dtype(
         ("eliminated", "i8"),  # in record n: the contact that became rigid as number n
         ("force_is_zero", "?"),  # whether an event at this instant has made the force zero
         ("undecided", "?"),  # whether the contact is at rest without depth, so that the start rule decides
-        ("total", "f8"),  # sum for a coefficient, or the contact's oscillation
+        ("total", "f8"),  # intermediate sum of a coefficient, or the contact's oscillation
         ("rates", "f8", ORDER + 1),  # coefficients of w in x = t/h
         ("deltas", "f8", ORDER + 1),  # coefficients of delta
         ("forces", "f8", ORDER + 1),  # coefficients of F
