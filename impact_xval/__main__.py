@@ -28,7 +28,7 @@ def entry() -> int:
             raise KeyboardInterrupt
 
     def unraisable(what: Any) -> None:
-        """Interrupt again: Python drops an interruption in a deletion of an object, or in a callback from C."""
+        """Repeat an interruption that Python has dropped, in the deletion of an object or in a callback from C."""
         if heard and _is_ending(what.exc_value):
             import threading
 

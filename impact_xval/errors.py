@@ -1,4 +1,4 @@
-"""The base of the errors of this project that a user may want to catch."""
+"""The base class of the errors of this project that a user may want to catch."""
 
 
 class ImpactXvalError(Exception):

@@ -162,7 +162,7 @@ class Collision:
     def from_ratios(cls, stiffness_ratio: float, mass_ratio: float, e1: float, e2: float) -> Collision:
         r"""Make a collision of two balls on a table with m1 = 1 kg, k1 = 1 N/m and v0 = -1 m/s.
 
-        By Theorem 5 of the paper, the outcome per \|v0\| depends on these four numbers only.
+        By Theorem 5 of the paper, the outcome per \|v0\| depends on the four parameters below only.
 
         Parameters
         ----------

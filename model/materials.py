@@ -50,7 +50,8 @@ class Material:
 MATERIALS = {
     material.name: material
     for material in (
-        # All four: Hlosta et al., Processes 8:222 (2020); the first three are those of EN 1993-1-1 and EN 1993-1-2.
+        # All four numbers: Hlosta et al., Processes 8:222 (2020). EN 1993-1-1 and EN 1993-1-2 have the same first
+        # three.
         Material("steel", 210e9, 0.3, 7850.0, 0.85),
         # Soda-lime glass by EN 572-1; restitution of two spheres of 3 mm: Foerster, Louge, Chang and Allia, Phys.
         # Fluids 6:1108 (1994).

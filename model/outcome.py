@@ -37,8 +37,8 @@ class Outcome:
         One sentence; not empty where the status is neither ``"ok"`` nor ``"closed-form"``.
     grazing_margin : float or None
         How near the collision came to a jump of the model's outcome (docs/theory.md, section 6): the smallest
-        compression rate at a turning point, relative to its own amplitude. Infinity if none is below
-        `pair.grazing.NEAR`, None if not computed.
+        compression rate at a turning point, relative to its own amplitude. It is infinite if no rate comes below
+        `pair.grazing.NEAR`, and None if it was not computed.
     mark : str
         One sentence if the outcome is marked, else empty. It names a jump of the outcome or a cut-off that is very
         near: tiny changes of the input would change the numbers. Statistics leave marked results out.

@@ -291,5 +291,5 @@ class GridOutcomes:
 
     @property
     def diagnostics(self) -> dict[str, Floats]:
-        """Further numbers by name; NaN where an outcome does not state one."""
+        """Further numbers by name; NaN where an outcome does not state the number."""
         return {name: values.reshape(self.shape) for name, values in self.flat.diagnostics.items()}

@@ -4,7 +4,7 @@
 `chain.roots.first_root`. In a step of a power law the polynomials only approximate the motion, so
 `chain.power_law.refine_event` refines the event afterwards.
 
-Needs `chain.laws` for what is watched. Used by `chain.kernel`.
+Needs `chain.laws` for the watched functions. Used by `chain.kernel`.
 """
 
 from __future__ import annotations

@@ -180,7 +180,7 @@ def end_compression(contact):
 def restart_compression(contact):
     """Restart compression at the same stiffness.
 
-    Under the law of Liu, Zhao and Brogliato, the restart takes back what the end of compression did.
+    Under the law of Liu, Zhao and Brogliato, the restart reverses the end of compression.
     """
     contact.phase = Phase.COMPRESSION
     if contact.law == Law.LIU_ZHAO_BROGLIATO:

@@ -227,8 +227,8 @@ def refine_event(c, n, h, x, i, watched, sign, work):
     and whether the zero is an event: the polynomial may have a root where the motion has none.
 
     Once the function is known to change its sign, Newton's iteration stays inside a bracket, and halves the bracket
-    where Newton's step would leave it. For the force of a weak dashpot bends so sharply next to its end that Newton's
-    step from beyond the end is useless.
+    where Newton's step would leave it. The reason is the force of a weak dashpot: it bends so sharply next to its end
+    that Newton's step from beyond the end is useless.
     """
     contact, scratch = c[i], work[i]
     low, high = 0.0, 1.0

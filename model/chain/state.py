@@ -1,4 +1,4 @@
-"""The state of a chain under way, and the quantities that follow from it.
+"""The state of a chain during a collision, and quantities that are computed from it.
 
 `CONTACT` is the record of a contact; `begin` fills in a chain at first touch. Further functions compute accelerations,
 energies and the load by neighbours (`static_load`). `still_rounding` removes energy that only rounding has made,
@@ -7,10 +7,10 @@ energies and the load by neighbours (`static_load`). `still_rounding` removes en
 Contact i is between bodies i and i + 1, counted from 0. A body is a ball, or several balls that a rigid contact has
 united, or the table, which is then the last body and has infinite mass. The unknowns are, for each contact, the
 compression rate w = v_{i+1} - v_i and the deformation delta. With frozen positions delta' = w holds only while the
-contact is active, which is equations (13)-(15) of docs/theory.md in time. With positions it always holds, and delta is
-negative across a gap. All w and F are continuous through every event.
+contact is active; these are equations (13)-(15) of docs/theory.md, written in time. With positions delta' = w always
+holds, and delta is negative across a gap. All w and F are continuous through every event.
 
-Needs `chain.laws`. Used by all modules of `chain` that follow.
+Needs `chain.laws`. Used by the other modules of `chain`, from the motion to the kernel.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ ROUNDING, ROUNDING_OF_STEPS = 1e-32, 1e-26
 UNDERFLOW = 1e-150
 
 
-#: A contact under way and the body above it. A chain c has one such record per contact, and one more for the body below
-#: the last contact. This last record is always INACTIVE. As c[-1] it also stands before the first contact, so that the
-#: contacts at both ends have a neighbour without force.
+#: A contact during a collision and the body above it. A chain c has one such record per contact, and one more for the
+#: body below the last contact. This last record is always INACTIVE. As c[-1] it also stands before the first contact,
+#: so that the contacts at both ends have a neighbour without force.
 CONTACT = np.dtype(
     [
         ("a", "f8"),  # inverse mass of the body; 0 for the table

@@ -243,7 +243,7 @@ def follow_graphs(c, matrices, graphs, most_windows, log, ends):
     most_windows : int
         Windows after which a graph is given up.
     log : recarray of `graph.record.EVENT`
-        Filled in as far as there is room; `n_rows` of the results counts all rows, with those that had no room.
+        Filled in as far as there is room; `n_rows` of the results also counts the rows without room.
     ends : GraphEnds
         Filled in; the results are zeros before.
     """

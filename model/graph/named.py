@@ -39,7 +39,8 @@ def graph_of_balls(
 ) -> GraphCollision:
     """Return the collision of equal balls that touch each other or planes.
 
-    Stiffness and restitution of a contact are functions of the numbers of its two bodies, from 1; None is a plane.
+    `stiffness` and `restitution` return the value of a contact. Their arguments are the numbers of its two bodies, from
+    1; None is a plane.
     """
     contacts = [
         BodyContact(bodies, normal, stiffness(*bodies), restitution(*bodies))

@@ -63,7 +63,7 @@ def eliminate(c, matrices):
         for j in range(c.size):
             W[r, j] = W[j, r] = 0.0
     for r in range(c.size):
-        if c[r].phase == GraphPhase.RIGID:  # contacts without a pivot too, because others keep them at rest
+        if c[r].phase == GraphPhase.RIGID:  # also a contact without a pivot: others keep it at rest
             for j in range(c.size):
                 W[r, j] = W[j, r] = 0.0
 

@@ -7,7 +7,7 @@ The law sees the Delassus matrix W, stiffnesses k, restitutions e, rates of comp
 All w and F are continuous through every event, so an event changes k_i and the phase of its own contact alone
 (`graph.law`). Strain energies are E_i = F_i^2/(2 k_i).
 
-Used by all modules of `graph` that follow.
+Used by the other modules of `graph`, from the motion to the kernel.
 """
 
 from __future__ import annotations

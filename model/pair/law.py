@@ -1,4 +1,4 @@
-"""The impact law: what an event does to one contact of two balls on a table.
+"""The impact law: the effect of an event on one contact of two balls on a table.
 
 `Contact` is one contact during a collision, `Pair` are two balls and both contacts during a collision. The functions
 return the contact after an event.
