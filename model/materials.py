@@ -178,7 +178,8 @@ class MaterialContact:
     def duration(self, speed: float) -> float:
         """Return the duration in s of an elastic impact at a speed in m/s."""
         x = 1 / (self.exponent + 1)
-        shape = 2 * math.sqrt(math.pi) * math.gamma(1 + x) / math.gamma(0.5 + x)  # pi, or 2.9432 for p = 1.5
+        # The factor is pi for p = 1, and 2.9432 for p = 1.5.
+        shape = 2 * math.sqrt(math.pi) * math.gamma(1 + x) / math.gamma(0.5 + x)
         return shape * self.compression(speed) / speed
 
     def linear(self, speed: float) -> float:

@@ -37,8 +37,8 @@ def ringing_ends(c, n, i):
     is negligible beside its neighbours' energy; the neighbours keep pressing it; no other body arrives; and its ringing
     cannot carry a neighbour's rate through zero, which would be an end of compression.
 
-    A contact at rest without force will ring about its static load too. Its tangent and its energy are then of the
-    order that they have at that load.
+    A contact at rest without force will ring about its static load too. Its tangent and its energy are then about as
+    large as under that load.
     """
     contact, upper = c[i], c[i - 1]
     e, F = contact.e, force(contact)

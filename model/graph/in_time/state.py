@@ -92,7 +92,7 @@ def write_forces(c):
 
 @kernel_helper
 def is_moving(contact):
-    """Return whether a contact is active, and not at rest without depth."""
+    """Return whether a contact is active, and has a depth or a rate."""
     return is_active(contact) and (contact.delta > 0 or contact.w != 0)
 
 
