@@ -1,8 +1,8 @@
 """Cross-validation of physics engines against the state-transition model of simultaneous impacts.
 
-The three folders beside this package are its floors, reached through it: `impact_xval.experiments` imports
-`impact_xval.compliant_baselines`, which imports `impact_xval.model`. What a notebook needs is here, and imported when
-it is first used, so that the command starts at once.
+This package offers the names that a notebook needs. They are imported at first use, so that the command starts at once.
+The three folders beside this package are its layers: `impact_xval.experiments` imports
+`impact_xval.compliant_baselines`, which imports `impact_xval.model`.
 """
 
 from importlib import import_module
@@ -38,7 +38,7 @@ __all__ = [
     "solve_batch",
 ]
 
-#: Where the names are that are not of the model.
+#: Packages of the names that `impact_xval.model` does not offer.
 _MODULES = {"get_solver": "compliant_baselines", "compare": "experiments.cells.compared"}
 
 

@@ -1,4 +1,4 @@
-"""The command ``impact-xval``, also as ``python -m impact_xval``."""
+"""The command ``impact-xval``; ``python -m impact_xval`` runs it too."""
 
 import contextlib
 import os
@@ -7,16 +7,17 @@ import sys
 from types import FrameType
 from typing import Any, NoReturn
 
-#: What ends a command: Ctrl-C, a scheduler of jobs, a terminal that is closed.
+#: Signals that end a command: of Ctrl-C, of a scheduler of jobs, of a closed terminal.
 ENDS = (signal.SIGINT, signal.SIGTERM, *((signal.SIGHUP,) if hasattr(signal, "SIGHUP") else ()))
-#: Seconds after which an interruption is raised again that was raised where nothing can be.
+#: Seconds after which an interruption is raised again if Python had to drop it.
 _AGAIN = 0.1
 
 
 def entry() -> int:
-    """Run the command line of this process, which a signal interrupts as Ctrl-C does, with a line and no traceback.
+    """Run the command line of this process.
 
-    Further signals are ignored while the command ends.
+    Every signal of `ENDS` interrupts it as Ctrl-C does: with one line, without a traceback. Further signals are ignored
+    while the command ends.
     """
     heard: list[int] = []
     over = False
@@ -27,7 +28,7 @@ def entry() -> int:
             raise KeyboardInterrupt
 
     def unraisable(what: Any) -> None:
-        """Interrupt again where that came while an object was deleted, or C called back: Python drops it there."""
+        """Repeat an interruption that Python has dropped, in the deletion of an object or in a callback from C."""
         if heard and _is_ending(what.exc_value):
             import threading
 
@@ -37,8 +38,8 @@ def entry() -> int:
         else:
             sys.__unraisablehook__(what)
 
-    # SIG_IGN is left as it is, as by nohup. It is not set at the first signal, for Python prints a traceback where a
-    # second one was on its way.
+    # A signal that is ignored already, as nohup does, stays ignored. The handlers stay in place at the first signal: if
+    # they were set to SIG_IGN while a second signal is on its way, Python would print a traceback.
     for number in ENDS:
         if signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, interrupt)
@@ -52,8 +53,8 @@ def entry() -> int:
             code = main()
         finally:
             over = True
-            # Python puts the handlers of the system back before its process is gone. Blocked first: where a signal
-            # comes while it is told to be ignored, Python prints a traceback.
+            # Python restores the handlers of the system before its process ends, so signals are ignored from here on.
+            # They are blocked first: if a signal comes just when it is set to be ignored, Python prints a traceback.
             if sys.platform != "win32":
                 signal.pthread_sigmask(signal.SIG_BLOCK, ENDS)
             for number in ENDS:
@@ -61,7 +62,8 @@ def entry() -> int:
     except BaseException:
         if not heard:
             raise
-        # Any exception: an extension module whose import is interrupted raises an ImportError of its own.
+        # Any exception may come of an interruption: an extension module whose import is interrupted raises an
+        # ImportError.
         print("impact-xval: interrupted", file=sys.stderr)
         code = 1
     if heard:
@@ -72,17 +74,17 @@ def entry() -> int:
 def _leave(code: int) -> NoReturn:
     """End the process without waiting for its threads, after an interruption.
 
-    An import that was interrupted can leave its lock held, and another thread that imports the same then waits for it
-    for ever; Python would wait for that thread.
+    An interrupted import may never release its lock. Another thread that imports the same module then waits for ever,
+    and Python would wait for that thread.
     """
     for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(OSError, ValueError):  # nobody reads it any more, or it is closed
+        with contextlib.suppress(OSError, ValueError):  # the stream may be closed, or have no reader any more
             stream.flush()
     os._exit(code)
 
 
 def _signal_main_thread(number: int) -> None:
-    """Send a signal to the main thread: it wakes from a system call, except on Windows, which has no such call."""
+    """Send a signal to the main thread, so that it wakes from a system call; Windows has no such wake-up."""
     if sys.platform == "win32":
         signal.raise_signal(number)
     else:
@@ -92,7 +94,7 @@ def _signal_main_thread(number: int) -> None:
 
 
 def _is_ending(handled: BaseException | None) -> bool:
-    """Whether what is handled now is an interruption, or has come of one: then the command is about to end."""
+    """Return whether an exception is an interruption or has come of one; the command is then about to end."""
     while handled is not None and not isinstance(handled, KeyboardInterrupt):
         handled = handled.__context__
     return handled is not None

@@ -1,10 +1,10 @@
-"""The base of the errors of this project that a user may want to catch."""
+"""The base class of the errors of this project that a user may want to catch."""
 
 
 class ImpactXvalError(Exception):
-    """Something that was asked for cannot be done; the message is one line that says why.
+    """Error that says in one line why a request cannot be fulfilled.
 
-    Its kinds are `SolverError` (`impact_xval.plugins`), where a solver has no result, `UserError`, where an experiment,
-    a file or a folder cannot be used, and `InterruptedRunError`, where a run was stopped before its end. An illegal
-    value of a collision is a plain ValueError.
+    It has three kinds. `SolverError` (`impact_xval.plugins`): a solver has no result. `UserError`: an experiment, a
+    file or a folder cannot be used. `InterruptedRunError`: a run was stopped before its end. An illegal value of a
+    collision raises a plain ValueError.
     """

@@ -1,11 +1,11 @@
-"""Everything the author of a solver for impact-xval imports (docs/adding-a-solver.md).
+"""All names that the author of a solver for impact-xval imports (docs/adding-a-solver.md).
 
 An adapter of a physics engine derives from `Engine` and gives a `World` for every `Scene`; `examples/toy_engine.py` is
-one in full. A solver of another kind derives from `OneByOne`, or from `Solver` if it answers many collisions at once,
-and gives an `Outcome` for every `Collision`; `examples/anvil.py` is one. `checks` are the tests that a solver keeps the
-contract.
+a complete adapter. A solver of another kind derives from `OneByOne`, or from `Solver` if it answers many collisions at
+once, and gives an `Outcome` for every `Collision`; `examples/anvil.py` is an example. `checks` are tests that a solver
+keeps the contract.
 
-These names stay importable from here. The modules behind them may move.
+These names will stay in this module. The modules behind them may move.
 """
 
 from impact_xval.compliant_baselines.conformance import NonConformingError, checks

@@ -9,13 +9,13 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
 
-#: Indices of rows, or for each row whether it is meant.
+#: Selection of rows: their indices, or one flag for each row.
 Rows = Booleans | NDArray[np.signedinteger]
 
-#: Records whose fields are attributes too.
+#: Array of records whose fields can also be read as attributes.
 Records = np.recarray[tuple[int, ...], np.dtype[np.record]]
 
 
 def zero_records(n: int, fields: np.dtype[np.void]) -> Records:
-    """Return n records of given fields, all zero."""
+    """Return n records with given fields, all of them zero."""
     return np.zeros(n, fields).view(np.recarray)

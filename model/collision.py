@@ -1,7 +1,7 @@
-"""One collision of N balls in a line: `Collision`, checked when it is made, and its `Units`.
+"""One collision of N balls in a line (`Collision`), and the units that scale it (`Units`).
 
-Needs `model.inputs` for what is legal. Used by every solver; `model.collisions` has many collisions as arrays. Nothing
-here computes a collision.
+A `Collision` holds the input of a solver, and checks it. Needs `model.inputs` for the legal ranges. Used by every
+solver; `model.collisions` has many collisions as arrays.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from impact_xval.model.inputs import (
     Legal,
 )
 
-#: Most balls of a collision.
+#: Largest number of balls of a collision.
 MAX_BALLS = 1000
 
 
@@ -44,7 +44,7 @@ def scaling_units(
 ) -> tuple[Floats, Floats]:
     """Return units of time (s) and velocity (m/s) of n collisions, as in `Units`; each of shape (n,).
 
-    Given are masses, shape (n, N), stiffnesses and compression rates, shape (n, C), and p.
+    `masses` has the shape (n, N), `stiffnesses` and the compression rates `rates` have the shape (n, C).
     """
     speed = np.abs(rates).max(axis=1)
     with np.errstate(over="ignore", divide="ignore"):
@@ -53,9 +53,9 @@ def scaling_units(
 
 
 class Units(NamedTuple):
-    """Units in which a collision has m1 = 1, k1 = 1, and 1 as its largest compression rate (Theorem 5)."""
+    """Units in which a collision has m1 = 1, k1 = 1, and a largest compression rate of 1 (Theorem 5)."""
 
-    #: In s. With linear contacts it is sqrt(m1/k1); it is infinite where k1 is 0.
+    #: In s. With linear contacts it is sqrt(m1/k1), which is infinite if k1 is 0.
     time: float
     #: In m/s: the largest compression rate at first touch, which for two balls on a table is abs(v0).
     velocity: float
@@ -80,14 +80,15 @@ class Collision:
     restitutions : sequence of float, one per contact
         Coefficients of energetic restitution, from 0 (perfectly plastic) to 1 (elastic).
     velocities : sequence of float, length N
-        At first touch, in m/s; finite. At least one ball approaches the next, or ball N approaches the table.
+        Velocities at first touch, in m/s; finite. At least one ball approaches the next, or ball N approaches the
+        table.
     table : bool
         Whether there is a fixed table below ball N.
     gaps : sequence of float, one per contact
         Distance of the bodies of each contact at the start, in m; not negative. By default there are no gaps. Only
         solvers with positions accept gaps.
     exponent : float
-        p of the contacts' forces, from 1 (linear) to 3; contacts with 1.5 are Hertz's.
+        p of the contacts' forces, from 1 (linear) to 3; Hertz's contact has 1.5.
 
     Raises
     ------
@@ -133,7 +134,7 @@ class Collision:
     def two_balls(
         cls, m1: float, m2: float, k1: float, k2: float, e1: float, e2: float, v0: float = -1.0
     ) -> Collision:
-        """Make the collision of B1 that falls onto B2, which rests on a table.
+        """Make the collision of two balls on a table: B1 falls onto B2, which is at rest.
 
         Contact 1 is ball-ball, contact 2 ball-table.
 
@@ -161,7 +162,7 @@ class Collision:
     def from_ratios(cls, stiffness_ratio: float, mass_ratio: float, e1: float, e2: float) -> Collision:
         r"""Make a collision of two balls on a table with m1 = 1 kg, k1 = 1 N/m and v0 = -1 m/s.
 
-        By Theorem 5 of the paper, the outcome per \|v0\| depends on these four numbers only.
+        By Theorem 5 of the paper, the outcome per \|v0\| depends on the four parameters below only.
 
         Parameters
         ----------
@@ -213,7 +214,7 @@ class Collision:
 
     @property
     def units(self) -> Units:
-        """Units in which only the ratios of this collision's numbers are left."""
+        """Units of time, velocity and impulse in which only ratios of this collision's numbers matter."""
         masses, stiffnesses = np.array([self.masses]), np.array([self.stiffnesses])
         rates = np.array([self.compression_rates])
         times, speeds = scaling_units(masses, stiffnesses, rates, self.exponent)
@@ -221,7 +222,7 @@ class Collision:
         return Units(float(times[0]), speed, self.m1 * speed)
 
     def reversed(self) -> Collision:
-        """Return a collision without a table as seen from below: the order of balls and all velocities reversed."""
+        """Return the mirror image of a collision without a table: order of balls and all velocities are reversed."""
         if self.table:
             raise ValueError("table = True: a chain on a table has no reverse; legal: False")
         return replace(

@@ -1,6 +1,6 @@
 """Many collisions of one number of balls as arrays: `Collisions`.
 
-Needs `model.collision` and `model.inputs`. Used by every solver that answers arrays of collisions.
+Needs `model.collision` and `model.inputs`. Used by every solver of arrays of collisions.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Collisions(Sequence[Collision]):
 
     @classmethod
     def of(cls, collisions: Iterable[Collision]) -> Collisions:
-        """Make arrays of collisions that agree in their number of balls, in their table and in their exponent."""
+        """Make arrays from collisions that have the same number of balls and exponent, and all or none a table."""
         if isinstance(collisions, cls):
             return collisions
         rows = list(collisions)
@@ -86,7 +86,7 @@ class Collisions(Sequence[Collision]):
     ) -> Collisions:
         """Make collisions of two balls on a table with m1 = 1 kg, k1 = 1 N/m and v0 = -1 m/s.
 
-        The inputs, as in `Collision.from_ratios`, are broadcast and flattened.
+        The inputs are those of `Collision.from_ratios`; they are broadcast and flattened.
         """
         arrays = np.broadcast_arrays(*map(checked_array, RATIOS, (stiffness_ratio, mass_ratio, e1, e2)))
         kappa, mu, e1, e2 = map(np.ravel, arrays)

@@ -1,4 +1,4 @@
-"""Numba options of all kernels, and a loop that hands parts of arrays to threads.
+"""Numba options of all kernels, and a loop that runs a kernel on parts of arrays in threads.
 
 Decorators: `kernel_entry` and `strict_float` for kernels that Python calls; `force_inlined`, `inlined_helper`,
 `kernel_helper` and `strict_float_helper` for functions that only other compiled code calls. `run_in_threads` calls a
@@ -19,7 +19,7 @@ import numpy as np
 from numba import config, njit
 from numpy.typing import NDArray
 
-#: A decorator of kernels. Numba infers the types of what it returns, so they cannot be stated here.
+#: Type of a decorator of kernels. Numba infers the types of the decorated function, so they cannot be stated here.
 Decorator = Callable[[Callable[..., Any]], Any]
 
 #: Type of the entries of a log.
@@ -40,7 +40,7 @@ _HELPER: Mapping[str, object] = {"cache": False, "no_cpython_wrapper": True, "no
 
 def kernel_decorator(**options: object) -> Decorator:
     """Return numba's decorator with the options of every kernel, updated by further options."""
-    compile_: Any = njit  # whose stubs lack some options
+    compile_: Any = njit  # the stubs of njit lack some options
     return compile_(**{**_OPTIONS, **options})
 
 
@@ -48,22 +48,22 @@ def kernel_decorator(**options: object) -> Decorator:
 #: references.
 kernel_entry = kernel_decorator(nogil=True, _nrt=False)
 
-#: Kernel, and helper, whose operations are rounded exactly as they are written.
+#: Kernel and helper whose operations are rounded one by one, exactly as they are written.
 strict_float = kernel_decorator(fastmath=False)
 strict_float_helper = kernel_decorator(fastmath=False, **_HELPER)
 
-#: Helper that the compiler always copies into its caller. The kernel of two balls consists of these.
+#: Helper that the compiler always copies into its caller. The kernel of two balls consists of such helpers.
 force_inlined = kernel_decorator(forceinline=True, **_HELPER)
 
-#: Helper without reference counting, which would take longer than the work itself. The kernel of chains consists of
-#: these.
+#: Helper without reference counting, which would take longer than the work itself. The kernels of chains and graphs
+#: consist of such helpers.
 kernel_helper = kernel_decorator(_nrt=False, **_HELPER)
 
-#: Helper that becomes part of its caller before types are inferred. It is meant for a function that makes up nearly all
-#: of its caller: compiled by itself, it would be optimised twice.
+#: Helper that becomes part of its caller before types are inferred. A function that makes up nearly all of its caller
+#: uses it: compiled by itself, such a function would be optimised twice.
 inlined_helper = kernel_decorator(_nrt=False, inline="always", **_HELPER)
 
-#: Rows for states that a log has at first, for each collision.
+#: Rows per collision that a log of states has at first.
 STATE_ROWS = 32
 
 
@@ -78,8 +78,8 @@ def run_in_threads(
 ) -> NDArray[Entry]:
     """Follow n collisions in threads, and return the rows that they logged, in the order of the collisions.
 
-    A kernel that releases Python's lock is compiled once this way. Numba's own parallel loop takes four times as long
-    to compile.
+    This loop needs only a kernel that releases Python's lock. Numba's own parallel loop takes four times as long to
+    compile.
 
     Parameters
     ----------
@@ -116,15 +116,15 @@ def run_in_threads(
 
 def kernel_cache_folder(kernel: Any) -> Path:
     """Return the folder in which numba keeps the machine code of a kernel between processes."""
-    # Numba has no public name for it.
+    # Numba has no public name for this folder.
     return Path(kernel._cache.cache_path)
 
 
 def is_compiled(kernel: Any) -> bool:
     """Return whether the cache holds machine code of a kernel for its present source.
 
-    Numba compares the bytes of the source. A time stamp would change with every copy of an installation.
+    Numba compares the bytes of the source. Time stamps would differ in every copy of an installation.
     """
     if vars(config)["DISABLE_JIT"]:
-        return True  # nothing is compiled
+        return True  # no code is compiled
     return bool(kernel._cache._cache_file._load_index())

@@ -13,8 +13,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-#: Grazing margin below which a result is marked. `benchmarks/grazing.py` measures how well it tells
-#: the cells that jump.
+#: Grazing margin below which a result is marked. `benchmarks/grazing.py` measures how well this number separates cells
+#: that jump from cells that do not.
 GRAZING_THRESHOLD = 5e-5
 
 
@@ -46,7 +46,7 @@ V0 = Legal("v0", -_LARGEST, -_LEAST, "a finite number < 0 (m/s, up is positive)"
 STIFFNESS_RATIO = Legal("stiffness_ratio", 0.0, math.inf, "from 0 to inf (k2/k1)")
 MASS_RATIO = Legal("mass_ratio", _LEAST, _LARGEST, "a finite number > 0 (m2/m1)")
 
-#: Parameters of two balls on a table, and the ratios that decide their outcome (Theorem 5).
+#: Legal ranges of the parameters of two balls on a table, and of the ratios that decide their outcome (Theorem 5).
 TWO_BALLS = (
     *(Legal(name, _LEAST, _LARGEST, "a finite number > 0 (kg)") for name in ("m1", "m2")),
     *(Legal(name, 0.0, math.inf, "from 0 to inf (N/m)") for name in ("k1", "k2")),
@@ -54,7 +54,7 @@ TWO_BALLS = (
 )
 RATIOS = (STIFFNESS_RATIO, MASS_RATIO, E1, E2)
 
-#: Fields of N balls in a line; and the stiffnesses of two balls on a table.
+#: Legal ranges of the fields of N balls in a line, and of the stiffnesses of two balls on a table.
 LINE = (
     Legal("masses", _LEAST, _LARGEST, "finite numbers > 0 (kg)"),
     Legal("stiffnesses", _LEAST, _LARGEST, "finite numbers > 0 (N/m)"),
@@ -70,7 +70,7 @@ EXPONENT = Legal("exponent", 1.0, 3.0, "from 1 (linear contacts; 1.5: Hertz) to 
 #: Mass ratios outside [1/x, x] are refused: squares of velocities would leave double precision.
 MASS_PRECISION = 1e150
 
-#: Cut-off of the running stiffness ratio: a number, or the rule that gives the outcome without one (`model.solve`).
+#: Cut-off of the running stiffness ratio: a number, or ``exact`` for the outcome without a cut-off (`model.solve`).
 Cutoff = float | Literal["exact"]
 LEGAL_CUTOFF = "greater than 1, up to inf, or 'exact'"
 

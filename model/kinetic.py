@@ -1,4 +1,4 @@
-"""The norm in which velocities of N balls are compared. Used by measures of divergence and by outcomes."""
+"""The kinetic norm, in which velocities of N balls are compared. Used by measures of divergence and by outcomes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ def kinetic_norm(masses: ArrayLike, velocities: ArrayLike) -> Any:
     """Return the mass-weighted norm sqrt(sum m_i v_i^2/m_max) of velocities, or of their differences.
 
     The velocity divergence D is the norm of a difference of final velocities over the norm of the velocities at first
-    touch. Only such quotients are meaningful, because the norm is relative to the largest mass.
+    touch. Only a quotient of two norms is meaningful, because the norm is relative to the largest mass.
 
     Parameters
     ----------

@@ -1,10 +1,10 @@
-"""Materials by name, and the contact of two bodies made of them: Hertz's, and a linear one in its place.
+"""Materials by name, and the contact of two bodies made of them: Hertz's contact, and a linear contact in its place.
 
 `MATERIALS` are the materials, `Body` is a ball or a flat, `MaterialContact` the contact of two bodies, and `line` makes
 a collision of bodies. Used by the command `contact`, by `compliant_baselines.single_contact` and by users.
 
-The contact is F = K delta^p. Between solids it is Hertz's (Johnson, Contact Mechanics, 1985, sections 4.2 and 11.4),
-elastic and quasi-static:
+A contact has the force F = K delta^p. The contact between solids is Hertz's, elastic and quasi-static (Johnson, Contact
+Mechanics, 1985, sections 4.2 and 11.4):
 
     p = 3/2, K = 4/3 E* sqrt(R*), 1/E* = (1 - nu_1^2)/E_1 + (1 - nu_2^2)/E_2, 1/R* = 1/R_1 + 1/R_2.
 
@@ -13,14 +13,14 @@ A hollow ball bends where it is touched. With a wall of thickness h, p = 1 and K
 4:49, 2001). The indentation of a solid that a hollow ball meets is neglected.
 
 At a speed of impact v, the linear contact with the same greatest compression and the same stored energy has
-k = M v^2/delta_max^2. It lasts pi/2.9432 times as long as Hertz's, which is 6.7 % longer, and its peak force is 4/5 of
-Hertz's. Several contacts at once share an impact differently: by the model at 1 m/s, the outcomes of both laws differ
-by D = 0.15 for two steel balls of 20 mm radius, one on the other on a steel flat, and by 0.14 for one ball on four in a
-row (tests/model/test_materials.py).
+k = M v^2/delta_max^2. It lasts pi/2.9432 times as long as Hertz's contact, which is 6.7 % longer, and its peak force is
+4/5 of Hertz's. Where several contacts share an impact, the two laws give different outcomes. By the model at 1 m/s they
+differ by D = 0.15 for a steel ball that falls on another one on a steel flat (radius 20 mm), and by D = 0.14 for one
+ball that strikes a row of four (tests/model/test_materials.py).
 
 Restitution is energetic. Each body gives back e_i^2 of the work done on it, which is its share of the compression
 (Coaplen, Stronge and Ravani, Int. J. Impact Eng. 30:581, 2004). Restitution falls with the speed, most of all for
-metals. Each value here is that of its source, at the speed of that source.
+metals. Each value in this module comes from its source, and holds at the speed of that source.
 """
 
 from __future__ import annotations
@@ -46,11 +46,12 @@ class Material:
     wall: float | None = None
 
 
-#: By name; the help of the command `contact` and docs/mapping.md list the names too.
+#: Materials by name; the help of the command `contact` and docs/mapping.md list the names too.
 MATERIALS = {
     material.name: material
     for material in (
-        # All four: Hlosta et al., Processes 8:222 (2020); the first three are those of EN 1993-1-1 and EN 1993-1-2.
+        # All four numbers: Hlosta et al., Processes 8:222 (2020). EN 1993-1-1 and EN 1993-1-2 have the same first
+        # three.
         Material("steel", 210e9, 0.3, 7850.0, 0.85),
         # Soda-lime glass by EN 572-1; restitution of two spheres of 3 mm: Foerster, Louge, Chang and Allia, Phys.
         # Fluids 6:1108 (1994).
@@ -79,7 +80,7 @@ class Body:
     """Ball, or fixed flat if the radius is infinite; a ValueError names the field, the value and the legal range."""
 
     material: Material
-    #: In m.
+    #: Radius in m.
     radius: float = math.inf
 
     def __post_init__(self) -> None:
@@ -117,7 +118,7 @@ class MaterialContact:
     def of(cls, materials: Sequence[str], radii: Sequence[float]) -> MaterialContact:
         """Make the contact of two bodies from names of materials and radii in m, one or two each.
 
-        A single name is the material of both bodies; with a single radius, the second body is a flat.
+        If one name is given, it is the material of both bodies. If one radius is given, the second body is a flat.
         """
         for name, values, partner in (("material", materials, "radius"), ("radius", radii, "material")):
             if not 1 <= len(values) <= 2:
@@ -133,7 +134,7 @@ class MaterialContact:
 
     @property
     def _yielding(self) -> list[Body]:
-        """Bodies that take part in the compression: the hollow ones, or both if none is hollow."""
+        """Bodies that take part in the compression: the hollow bodies, or both bodies if neither is hollow."""
         hollow = [body for body in (self.upper, self.lower) if body.material.wall is not None]
         return hollow or [self.upper, self.lower]
 
@@ -177,7 +178,8 @@ class MaterialContact:
     def duration(self, speed: float) -> float:
         """Return the duration in s of an elastic impact at a speed in m/s."""
         x = 1 / (self.exponent + 1)
-        shape = 2 * math.sqrt(math.pi) * math.gamma(1 + x) / math.gamma(0.5 + x)  # pi, or Hertz's 2.9432
+        # The factor is pi for p = 1, and 2.9432 for p = 1.5.
+        shape = 2 * math.sqrt(math.pi) * math.gamma(1 + x) / math.gamma(0.5 + x)
         return shape * self.compression(speed) / speed
 
     def linear(self, speed: float) -> float:
@@ -193,9 +195,9 @@ def line(bodies: Sequence[Body], velocities: Sequence[float], *, exponent: float
     bodies : sequence of Body
         Balls from top to bottom; a flat at the end is the table.
     velocities : sequence of float
-        At first touch in m/s, one for each ball.
+        Velocities at first touch in m/s, one for each ball.
     exponent : float
-        1.5 for Hertz's contacts; 1 for the linear contacts in their place at the largest of the speeds.
+        1.5 for Hertz's contacts; 1 for linear contacts in their place, at the largest speed of the balls.
 
     Returns
     -------

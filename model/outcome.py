@@ -24,33 +24,33 @@ class Outcome:
     ----------
     solver : str
     velocities : tuple of float, length N
-        When the collision is over, in m/s; NaN only with a status that explains it.
+        Velocities when the collision is over, in m/s; NaN only with a status that explains it.
     impulses : tuple of float, one per contact
         Total impulses in N s.
     states : tuple of str
-        The sets of active contacts in their order, such as ``("1+2", "2", "-")``; for two balls on a table the paper's
-        names, such as ``("S1", "S3", "S1", "S2", "S4")``.
+        The sets of active contacts in the order of time, such as ``("1+2", "2", "-")``; for two balls on a table the
+        paper's names, such as ``("S1", "S3", "S1", "S2", "S4")``.
     status : str
-        One of `STATUSES`: ``"ok"``; ``"closed-form"`` where a closed form was used; any other one says why there is no
-        result.
+        One of `STATUSES`: ``"ok"``; ``"closed-form"`` where a closed form was used; any other status says why there is
+        no result.
     reason : str
         One sentence; not empty where the status is neither ``"ok"`` nor ``"closed-form"``.
     grazing_margin : float or None
         How near the collision came to a jump of the model's outcome (docs/theory.md, section 6): the smallest
-        compression rate at a turning point, relative to its own amplitude. Infinity if none is below
-        `pair.grazing.NEAR`, None if not computed.
+        compression rate at a turning point, relative to its own amplitude. It is infinite if no rate comes below
+        `pair.grazing.NEAR`, and None if it was not computed.
     mark : str
-        One sentence that names the jump of the outcome, or the cut-off, that is so near that tiny changes of the input
-        would change the numbers; empty if nothing is near. Statistics leave marked results out.
+        One sentence if the outcome is marked, else empty. It names a jump of the outcome or a cut-off that is very
+        near: tiny changes of the input would change the numbers. Statistics leave marked results out.
     n_events : int
         Number of events.
     diagnostics : mapping of str to float
         Further numbers that the solver states, such as its time step, its number of steps, an energy residual.
     path : Path or None
-        The way to the outcome, if it was recorded.
+        Velocities, impulses and forces during the collision, if they were recorded.
     requested, effective : mapping of str to tuple of float
-        Parameters that an engine was given, and those that it says it uses, one number per contact or one in all:
-        ``"stiffness"`` (N/m), ``"damping"`` (N s/m), ``"restitution"``, ``"step"`` (s).
+        Parameters that an engine was given, and parameters that it reports to use; one number per contact or one in
+        all: ``"stiffness"`` (N/m), ``"damping"`` (N s/m), ``"restitution"``, ``"step"`` (s).
 
     Raises
     ------
@@ -102,7 +102,7 @@ class Outcome:
 
     @property
     def differences(self) -> str:
-        """Sentence about the parameters that an engine replaced by others, beyond rounding; empty without any."""
+        """Sentence about the parameters that an engine changed beyond rounding; empty if there are none."""
         return describe_differences(self.requested, self.effective)
 
     def retained_energy(self, collision: Collision) -> float:

@@ -1,6 +1,6 @@
 """Many outcomes of one solver as arrays: `Outcomes`, and the impulses that follow from velocities.
 
-Needs `model.outcome`, `model.status`, `model.states` and `model.path`. Returned by every solver of arrays.
+Needs `model.outcome`, `model.status`, `model.states` and `model.path`. Every solver of arrays returns `Outcomes`.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class Outcomes(Sequence[Outcome]):
 
     @property
     def statuses(self) -> NDArray[np.str_]:
-        """Statuses as texts; computed on demand, because they take more room than all other arrays."""
+        """Statuses as texts. They are computed on demand, because they take more memory than all other arrays."""
         return np.array(STATUSES)[self.status]
 
     @property
@@ -131,7 +131,7 @@ class Outcomes(Sequence[Outcome]):
         diagnostics: dict[str, Floats] | None = None,
         paths: Paths | None = None,
     ) -> Outcomes:
-        """Build outcomes, none marked, from final velocities in m/s and the endings that collisions may have.
+        """Build outcomes without marks from final velocities in m/s and the endings that collisions may have.
 
         The first ending whose condition holds counts (`first_endings`). `fallen` is the speed that gravity has added
         (`total_impulses`).
@@ -157,11 +157,11 @@ class Outcomes(Sequence[Outcome]):
 
     @classmethod
     def failures(cls, solver: str, collisions: Collisions, status: Status, reason: str) -> Outcomes:
-        """Return the outcomes of a solver that gave no result of any collision, all with one reason."""
+        """Return the outcomes of a solver that gave no result for any collision, all with one reason."""
         return cls.of(solver, collisions, np.nan * collisions.masses, [Ending(True, status, reason)])
 
     def with_marks(self, sentences: NDArray[np.object_]) -> Outcomes:
-        """Return the outcomes with other marks, given as sentences of shape (n,); the empty text marks nothing."""
+        """Return the outcomes with new marks: sentences of shape (n,), empty for outcomes that are not marked."""
         marked = np.flatnonzero(sentences != "")
         mark = np.zeros(len(self), np.int32)
         mark[marked] = 1 + np.arange(marked.size)
@@ -203,12 +203,12 @@ class Outcomes(Sequence[Outcome]):
 class GridOutcomes:
     """Outcomes of a grid of collisions of two balls on a table; `[i, j, ...]` is the `Outcome` of one of them.
 
-    The arrays have the shape of the grid, and velocities and impulses an axis of length 2 after it.
+    The arrays have the shape of the grid. Velocities and impulses have one more axis, of length 2, at the end.
 
     Attributes
     ----------
     flat : Outcomes
-        The outcomes one after the other, the last axis of the grid fastest.
+        The outcomes in a row; the index of the last axis of the grid changes fastest.
     shape : tuple of int
         The shape of the grid.
     """
@@ -291,5 +291,5 @@ class GridOutcomes:
 
     @property
     def diagnostics(self) -> dict[str, Floats]:
-        """Further numbers by name; NaN where an outcome does not state one."""
+        """Further numbers by name; NaN where an outcome does not state the number."""
         return {name: values.reshape(self.shape) for name, values in self.flat.diagnostics.items()}

@@ -1,4 +1,4 @@
-"""The way of a collision to its outcome: `Path` of one collision, `Paths` of many.
+"""Velocities, impulses and forces during a collision: `Path` of one collision, `Paths` of many.
 
 Used by solvers that record paths, by `Outcome` and `Outcomes`, and by pictures.
 """
@@ -16,19 +16,21 @@ from impact_xval.model.arrays import Booleans, Floats, Integers
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Path:
-    """Way of one collision: p points in the order of time; several points may be at one instant.
+    """Velocities, impulses and forces at p points of one collision, in the order of time.
+
+    Several points may be at one instant.
 
     Attributes
     ----------
     time : ndarray, shape (p,)
-        Since first touch, in s; infinite from where a contact without stiffness has to finish. For the model: time
-        computed with frozen positions.
+        Time since first touch, in s; infinite from the point on at which a contact without stiffness is to finish. The
+        model computes time with frozen positions.
     velocities : ndarray, shape (p, N)
         In m/s.
     impulses, forces : ndarray, shape (p, C)
-        Accumulated impulses in N s, and forces in N. A rigid contact has the force that it passes on. Forces of an
-        engine are means since the point before. Where the model completes the impact of a stiff contact by a closed
-        form, the soft contact stands still meanwhile, and its force does not change velocities (supplement, 3.4).
+        Accumulated impulses in N s, and forces in N. The force of a rigid contact is the force that it passes on. The
+        forces of an engine are means since the previous point. While the model completes the impact of a stiff contact
+        by a closed form, the soft contact stands still, and its force does not change velocities (supplement, 3.4).
     active : ndarray of bool, shape (p, C)
         The contacts that are active from each point on. A rigid contact is active while another contact is.
     """
@@ -67,7 +69,7 @@ class Paths(Sequence[Path | None]):
 
     @classmethod
     def of(cls, paths: Iterable[Path | None], balls: int, contacts: int) -> Paths:
-        """Concatenate paths of a given number of balls and contacts; None counts as an empty path."""
+        """Concatenate paths with given numbers of balls and contacts; None counts as an empty path."""
         no_impulses = np.empty((0, contacts))
         empty = Path(
             np.empty(0), np.empty((0, balls)), no_impulses, no_impulses, np.empty((0, contacts), bool)
@@ -79,7 +81,7 @@ class Paths(Sequence[Path | None]):
         return cls(np.cumsum([0, *(len(path.time) for path in rows)]), *arrays)
 
     def scatter(self, has_path: Booleans) -> Paths:
-        """Return the paths of more collisions: `has_path`, shape (m,), marks the n collisions that have these paths."""
+        """Return the paths of m collisions, of which `has_path`, shape (m,), marks the n that have these paths."""
         lengths = np.zeros(len(has_path), np.int64)
         lengths[has_path] = np.diff(self.offsets)
         return replace(self, offsets=np.append(0, np.cumsum(lengths)))

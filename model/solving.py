@@ -46,9 +46,9 @@ NAME = "state-transition"
 #: Impact laws by name: the model's own, and the law of Liu, Zhao and Brogliato (`pair.law`).
 LAWS = {"jia-mason-erdmann": Law.STATE_TRANSITION, "liu-zhao-brogliato": Law.LIU_ZHAO_BROGLIATO}
 
-#: Number of events after which two balls are given up; they take a second. At extreme stiffness ratios there are some
-#: 50/(1 - e) events, for e of the contact that oscillates, or as many as the ratio of the modes' frequencies if that is
-#: smaller.
+#: Number of events after which two balls are given up, after about a second. At extreme stiffness ratios a collision
+#: has some 50/(1 - e) events, where e belongs to the contact that oscillates; the ratio of the modes' frequencies is a
+#: further bound.
 MAX_EVENTS = 2_000_000
 
 
@@ -111,16 +111,16 @@ def solve_many(
     ----------
     collisions : Collisions
     law : str
-        ``jia-mason-erdmann``, the model's own law, or ``liu-zhao-brogliato``, which differs from the second compression
-        of a contact on: that runs at the original stiffness.
+        ``jia-mason-erdmann``, the model's own law, or ``liu-zhao-brogliato``. The second law differs in repeated
+        compressions of a contact: they run at the original stiffness.
     stiffness_ratio_cutoff : float or "exact"
-        For two balls on a table. A number greater than 1: when the running ratio k2/k1 exceeds it, or falls below its
-        inverse, the closed form of the limiting case finishes the collision (supplement, 3.4, where the number is
-        `SUPPLEMENT_CUTOFF`). Infinity switches the cut-off off. With ``exact`` the outcome is the one without a
-        cut-off, to `pair.limits.BOUND`: the closed form finishes the collision once it cannot change more than that.
+        For two balls on a table. A number greater than 1 is a cut-off: when the running ratio k2/k1 exceeds it, or
+        falls below its inverse, the closed form of the limiting case finishes the collision. The supplement, section
+        3.4, uses `SUPPLEMENT_CUTOFF`. Infinity means no cut-off. With ``exact`` the closed form finishes the collision
+        as soon as it changes the outcome by less than `pair.limits.BOUND`.
     max_events : int, optional
-        Number of events after which a collision is given up; for N balls it is the number of windows. By default a
-        number that takes about a second.
+        Number of events after which a collision is given up; for N balls it is the number of windows. The default takes
+        about a second.
     grazing_threshold : float
         Grazing margin below which an outcome is marked.
     states, paths : bool
@@ -130,8 +130,8 @@ def solve_many(
     -------
     Outcomes
         Status ``closed-form`` where a closed form was used, ``unconverged`` after `max_events`, ``unrepresentable``
-        where masses or stiffnesses are further apart than `MASS_PRECISION`, or so far that rounding made energy, else
-        ``ok``.
+        where masses or stiffnesses are further apart than `MASS_PRECISION` or rounding made energy, else ``ok``.
+
         Outcomes are marked where the grazing margin is small, or where a cut-off changed the outcome by more than
         `CUTOFF_THRESHOLD` (`pair.grazing`). The diagnostic ``energy_residual`` is the residual of the energy balance
         per kinetic energy at first touch, relative to the centre of mass or the table. With a finite cut-off,
@@ -176,7 +176,7 @@ def _pair_options(law: str, cutoff: float, max_events: int | None) -> PairOption
 def _with_marks(outcomes: Outcomes, law: Law, grazing_threshold: float) -> Outcomes:
     """Return outcomes with marks where they graze, or where a cut-off has changed them."""
     margin = outcomes.grazing_margin
-    if law != Law.STATE_TRANSITION:  # the outcome does not jump: a restart takes back the loss
+    if law != Law.STATE_TRANSITION:  # then the outcome does not jump: a restart gives back the lost energy
         margin = np.where(outcomes.has_result, np.inf, np.nan)
     mark = np.zeros(len(margin), np.int32)
     grazing = np.flatnonzero(margin < grazing_threshold)
@@ -224,7 +224,7 @@ def _solve_pairs(collisions: Collisions, options: PairOptions, *, states: bool, 
 
 
 def _cells_of(c: Collisions) -> PairRatios:
-    """Return the ratios of collisions of two balls, as contiguous arrays: the kernel is compiled for these."""
+    """Return the ratios of collisions of two balls as contiguous arrays, for which the kernel is compiled."""
     return PairRatios(
         np.array(c.stiffness_ratio),
         np.array(c.mass_ratio),
@@ -248,7 +248,7 @@ def _solve_cells(cells: PairRatios, options: PairOptions, *, states: bool) -> Ou
     impulses = np.empty((n, 2))
     impulses[:, 0] = velocities[:, 0] + 1
     impulses[:, 1] = impulses[:, 0] + cells.mu * velocities[:, 1]
-    # Reasons are worked out only for the collisions that were not followed to their end.
+    # Reasons are computed only for collisions that were not followed to their ends.
     unfinished = np.flatnonzero(records["ending"] != PairEnding.FINISHED)
     endings = _pair_endings(cells.take(unfinished), records["ending"][unfinished], options)
     status, reason = np.zeros(n, np.uint8), np.zeros(n, np.int32)
@@ -292,14 +292,14 @@ def _pair_paths(collisions: Collisions, options: PairOptions) -> Paths:
     time_unit, speed = c.units
     result, points = follow_with_paths(_cells_of(c), options)
     lengths = result.records["n_points"]
-    row = np.repeat(np.arange(len(c)), lengths)  # the collision of each point
+    row = np.repeat(np.arange(len(c)), lengths)  # the number of each point's collision
     offsets = np.append(0, np.cumsum(lengths))
     time = points["time"].copy()
     for i, j in pairwise(offsets.tolist()):  # rounding may end a segment before its start
         np.maximum.accumulate(time[i:j], out=time[i:j])
     velocities = np.stack([points["v1"], points["v2"]], axis=1) * speed[row, None]
     impulses = np.cumsum(c.masses[row] * (velocities - c.velocities[row]), axis=1)
-    with np.errstate(divide="ignore"):  # the forces of an instant are infinite
+    with np.errstate(divide="ignore"):  # forces that act for an instant are infinite
         force_unit = (c.masses[:, 0] * speed / time_unit)[row]
     forces = np.stack([points["F1"], points["F2"]], axis=1)
     active = np.stack([np.isin(points["state"], (1, 3)), np.isin(points["state"], (1, 2))], axis=1)
@@ -320,7 +320,7 @@ def _times_unit(values: Floats, unit: Floats) -> Floats:
 
 
 def _pair_endings(cells: PairRatios, ending: NDArray[np.int64], options: PairOptions) -> list[Ending]:
-    """Return the ways in which two balls may end that were not followed to S4."""
+    """Return the endings of collisions of two balls that were not followed to S4."""
     kappa, e1, e2 = cells.kappa, cells.e1, cells.e2
     cutoff = options.cutoff
     is_exact = cutoff == EXACT
@@ -376,7 +376,8 @@ def solve_batch(
     Returns
     -------
     GridOutcomes
-        Arrays of the shape that the inputs broadcast to: `v1`, `v2`, `statuses`, `grazing_margin`, `marked`, ...
+        Arrays of the common shape to which the inputs broadcast: `v1`, `v2`, `statuses`, `grazing_margin`, `marked`,
+        ...
 
     Raises
     ------

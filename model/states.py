@@ -20,7 +20,8 @@ _STATE_OF_SET = ("S4", "S3", "S2", "S1")
 def name_of_set(contacts: int, paper: bool) -> str:
     """Return the name of a set of active contacts, given as bits: bit i is contact i + 1.
 
-    With `paper`, for two balls on a table, it is the paper's, such as ``"S2"``; else it is such as ``"1+3"``.
+    With `paper`, for two balls on a table, the name is the paper's, such as ``"S2"``; else it lists the contacts, such
+    as ``"1+3"``.
     """
     if paper:
         return _STATE_OF_SET[contacts]
@@ -37,7 +38,7 @@ class States(NamedTuple):
 
     @classmethod
     def of(cls, counts: Floats | Integers, sets: NDArray[np.uint64]) -> States:
-        """Make sequences from the number of states of each collision, shape (n,), and the log of all sets."""
+        """Make sequences of states from the number of states of each collision, shape (n,), and the log of all sets."""
         return cls(np.append(0, np.cumsum(counts)).astype(np.int64), sets)
 
     def texts(self) -> list[str]:

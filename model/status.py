@@ -17,7 +17,7 @@ from impact_xval.model.arrays import Booleans
 Status = Literal["ok", "closed-form", "unconverged", "timeout", "unrepresentable", "unavailable", "crashed"]
 STATUSES: tuple[str, ...] = get_args(Status)
 
-#: Statuses of an outcome whose numbers are its result. With ``unconverged`` there may be numbers that are no result.
+#: Statuses of outcomes with a result. An ``unconverged`` outcome may have numbers, but they are no result.
 RESULT_STATUSES: tuple[Status, ...] = ("ok", "closed-form")
 
 #: Whether an outcome has a result, by the index of its status.
@@ -27,10 +27,10 @@ IS_RESULT = np.array([status in RESULT_STATUSES for status in STATUSES])
 class Ending(NamedTuple):
     """A way in which collisions may end."""
 
-    #: Where they end like this; shape (n,) or ().
+    #: True for collisions that end in this way; shape (n,) or ().
     condition: Booleans | np.bool_ | bool
     status: Status
-    #: One sentence.
+    #: One sentence that says why.
     reason: str
 
 
@@ -47,5 +47,5 @@ def first_endings(endings: Sequence[Ending], n: int) -> tuple[NDArray[np.uint8],
 
 
 def reason_texts_of(endings: Sequence[Ending]) -> tuple[str, ...]:
-    """Return the texts that the reasons of `first_endings` are indices into."""
+    """Return the texts of reasons; the indices of reasons from `first_endings` point into them."""
     return ("", *(ending.reason for ending in endings))

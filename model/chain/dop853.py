@@ -1,8 +1,8 @@
 """Coefficients of DOP853, the method of order 8 of Hairer, Norsett and Wanner.
 
 Source: E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I: Nonstiff Problems, 2nd
-edition (1993), section II.5. The numbers are those of the authors' program dop853.f; scipy.integrate has the same. Used
-by `chain.power_law`.
+edition (1993), section II.5. The numbers come from the authors' program dop853.f; scipy.integrate has the same ones.
+Used by `chain.power_law`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 #: Number of stages of a step.
 STAGES = 12
 
-#: Weights of the derivatives at stages 0 to s - 1 in stage s; row s of a lower triangle.
+#: Row s holds the weights that stage s gives to the derivatives at stages 0 to s - 1.
 A = np.zeros((STAGES, STAGES))
 A[1, :1] = [0.05260015195876773]
 A[2, :2] = [0.0197250569845379, 0.0591751709536137]
@@ -76,7 +76,7 @@ A[11, :11] = [
     0.6433927460157636,
 ]
 
-#: Weights of the derivatives at all stages in the step itself.
+#: Weights that the step itself gives to the derivatives at all stages.
 B = np.array(
     [
         0.054293734116568765,
@@ -94,7 +94,7 @@ B = np.array(
     ]
 )
 
-#: Weights, at all stages and at the end of the step, of the error estimate of third order.
+#: Weights that the error estimate of third order gives to the derivatives at all stages and at the end of the step.
 E3 = np.array(
     [
         -0.18980075407240762,
@@ -113,7 +113,7 @@ E3 = np.array(
     ]
 )
 
-#: Weights, at all stages and at the end of the step, of the error estimate of fifth order.
+#: Weights that the error estimate of fifth order gives to the derivatives at all stages and at the end of the step.
 E5 = np.array(
     [
         0.01312004499419488,

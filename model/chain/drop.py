@@ -1,20 +1,24 @@
-"""When a drop is over, and when it is in flight: two balls on a table, the lower one settled, with gravity.
+"""The end of a drop: B1 falls with gravity on B2, which has settled on the table.
 
-`drop_ending` tells how a drop is over, `in_flight` whether gravity ends, `fall_time` how long a window without forces
-may be, `over_within` when inside a window a drop is over.
+`drop_ending` tells whether a drop is over, and how. `in_flight` tells whether gravity ends. `fall_time` gives the
+length of a window without forces. `over_within` finds the instant inside a window at which a drop is over.
 
 docs/theory.md, section 8, defines over, settled and in flight. A drop becomes over
 
-* where a contact opens, or B1 and B2 reach the same velocity; both are ends of windows; or
-* where the energy about equilibrium falls to the energy that unloads the contacts. While the same contacts are active
-  that energy only falls, so its value at the end of a window tells, and bisection finds the instant.
+* where a contact opens, or where B1 and B2 reach the same velocity; a window ends at both; or
+* where the energy about equilibrium falls to the energy that unloads the contacts. This energy never rises while the
+  same contacts are active. So its value at the end of a window shows whether the drop became over within the window,
+  and bisection finds the instant.
 
-**Settling.** With both contacts loaded the motion is linear. About its equilibrium it is a sum of four terms
-a_j v_j exp(lambda_j t), none of which grows. The force that they add to the weight that a contact carries stays below
-the sum of their magnitudes now. While these sums are below m1 g and (m1 + m2) g, no contact lets go, and the drop is
-over however slowly its energy falls: two balls whose damped contact is far stiffer than the elastic one ring on for
-millions of periods. Next to critical damping eigenvectors are nearly parallel, and nothing is certified until the
-motion has died down. Nor does a contact let go that may pull: where k delta + c delta' > 0 from now on, delta > 0 too.
+**Settling.** While both contacts are loaded, the motion is linear. About its equilibrium it is a sum of four terms
+a_j v_j exp(lambda_j t), none of which grows. These terms add a force to the weight that a contact carries. The added
+force never exceeds the sum of the magnitudes that its terms have now. Once this sum is below m1 g in contact 1 and
+below (m1 + m2) g in contact 2, both contacts stay loaded for ever, and the drop is over. Its energy may take far longer
+to fall: two balls whose damped contact is far stiffer than the elastic one ring for millions of periods.
+
+Next to critical damping the eigenvectors are nearly parallel and the sums are large, so nothing is certified until the
+motion has died down. The argument also covers contacts that may pull: while k delta + c delta' stays positive, so does
+delta.
 
 Units: m1 = 1, and 1/a[1] is m2. Used by `chain.kernel`.
 """
@@ -29,19 +33,22 @@ from impact_xval.model.chain.series import place
 from impact_xval.model.compiled import kernel_helper
 from impact_xval.model.pair.law import Phase
 
-#: Number of windows without an event after which `settles` is asked, and again after as many more.
+#: `settles` is called each time that this many more windows have passed without an event.
 QUIET = 6
 
-#: Share of a bound that rounding may make.
+#: Rounding of a bound, as a share of the bound.
 _ROUNDING = 1e-9
 
-#: Most steps to the four eigenvalues; some 30 are needed.
+#: Largest number of iterations for the four eigenvalues; some 30 are needed.
 _MOST_STEPS = 400
 
 
 @kernel_helper
 def excess_energy_on_table(last):
-    """Return twice the last body's energy about its equilibrium, less what unloads its contact; settled if <= 0."""
+    """Return twice the excess of the last body's energy about equilibrium over the energy that unloads its contact.
+
+    The body has settled if the result is not positive.
+    """
     weight = last.g / last.a
     kinetic = last.w * last.w / last.a
     return kinetic + last.k * last.delta * last.delta - weight * weight / last.k
@@ -49,7 +56,10 @@ def excess_energy_on_table(last):
 
 @kernel_helper
 def excess_energy_of_both(upper, lower):
-    """Return twice the energy of both balls about their equilibrium, less what unloads a contact; settled if <= 0."""
+    """Return twice the excess of both balls' energy about equilibrium over the least energy that unloads a contact.
+
+    Both balls have settled if the result is not positive.
+    """
     g, mass = lower.g, 1 / lower.a
     u1 = upper.delta - g / (upper.a * upper.k)
     u2 = lower.delta - g / (upper.a * lower.k)
@@ -62,7 +72,7 @@ def excess_energy_of_both(upper, lower):
 
 @kernel_helper
 def ending_in_state(c, n):
-    """Return how a drop is over in the state that it is in, or `UNFINISHED`."""
+    """Return the ending of a drop by its present state alone, or `UNFINISHED`."""
     if n == 0:
         return ChainEnding.BOTH_SETTLED
     upper, lower = c[0], c[1]
@@ -87,7 +97,10 @@ def ending_in_state(c, n):
 
 @kernel_helper
 def drop_ending(c, n, settling_is_due):
-    """Return how a drop is over, or `UNFINISHED`; `settling_is_due` asks whether it only settles from here on."""
+    """Return the ending of a drop, or `UNFINISHED`.
+
+    With `settling_is_due`, a drop whose contacts will stay loaded for ever counts as over too (`settles`).
+    """
     ending = ending_in_state(c, n)
     is_linear = n == 2 and (c[0].law == Law.KELVIN_VOIGT or c[0].law == Law.LINEAR_DASHPOT)
     if not settling_is_due or not is_linear or ending != ChainEnding.UNFINISHED:
@@ -107,9 +120,10 @@ def in_flight(c, n):
 
 @kernel_helper
 def fall_time(c, n):
-    """Return a time after which, without forces, a gap has closed or a penetration is gone; infinite without any.
+    """Return the length of a window without forces; infinite if no event lies ahead.
 
-    It is half as long again as the time until then, so that the event lies well inside the window.
+    The event is that a gap closes or that a penetration ends. The window is 1.5 times as long as the time up to the
+    event, so that the event lies well inside the window.
     """
     first, last = inf, c[n - 1]
     g = last.g
@@ -118,7 +132,7 @@ def fall_time(c, n):
     height, v = -last.delta - equilibrium_depth(last), -last.w
     square, second = v * v + 2 * g * height, inf
     if height < 0 and v > 0:
-        # Out of the table: at the surface, or at the top of a flight that never gets there.
+        # The ball rises out of the table: up to the surface, or up to the top of a flight that stays below the surface.
         second = -2 * height / (v + sqrt(square)) if square > 0 else v / g
     elif height >= 0:
         root = sqrt(square)
@@ -133,20 +147,24 @@ def fall_time(c, n):
 
 @kernel_helper
 def excess_energy_at(c, n, x, work):
-    """Move the chain to x of its window, and return twice the energy there beyond the energy that ends the drop."""
+    """Move the chain to x of its window, and return twice the excess of its energy there.
+
+    The excess is the energy beyond the energy at which the drop is over.
+    """
     place(c, n, x, work)
     return excess_energy_of_both(c[0], c[1]) if is_active(c[0]) else excess_energy_on_table(c[n - 1])
 
 
 @kernel_helper
 def over_within(c, n, x, work):
-    """Return when before x of a window the energy falls to the energy that ends the drop; x if it does not.
+    """Return the first place before x of a window at which the drop is over by its energy; x if there is none.
 
-    At the instant that is returned the energy has fallen.
+    At the returned place the energy is already at or below the bound.
     """
     may_end = is_active(c[1])
     if not is_active(c[0]):
-        # B1 must be clear of B2 and not approach. Neither changes within a window, and B1's own velocity only falls.
+        # B1 must be clear of B2 and must not approach it. Both hold throughout a window or not at all, and B1's own
+        # velocity only falls.
         rates, deltas = work[0].rates, work[0].deltas
         may_end = deltas[0] <= 0 and (rates[0] < 0 or (rates[0] == 0 and rates[1] <= 0))
     if not may_end or excess_energy_at(c, n, 0.0, work) <= 0 or excess_energy_at(c, n, x, work) > 0:
@@ -168,7 +186,7 @@ def over_within(c, n, x, work):
 def quartic_roots(p0, p1, p2, p3, p4):
     """Return the four complex roots of p0 + p1 z + p2 z^2 + p3 z^3 + p4 z^4, for positive coefficients.
 
-    All are found together (Aberth, Mathematics of Computation 27:339, 1973).
+    Aberth's iteration finds all four together (Mathematics of Computation 27:339, 1973).
     """
     size, converged = (p0 / p4) ** 0.25, 0
     z0, z1 = size * complex(0.8, 0.6), size * complex(-0.6, 0.8)
@@ -187,11 +205,11 @@ def quartic_roots(p0, p1, p2, p3, p4):
 
 @kernel_helper
 def modal_bounds(roots, upper, lower):
-    """Return bounds of what both forces add to the weights that they carry, from now on, by the eigenvalues `roots`.
+    """Return bounds, valid from now on, of the forces that the motion adds to the weights in both contacts.
 
-    In the compressions u beyond equilibrium the motion is M u" + C u' + K u = 0, with M = ((1, 1), (1, 1 + m2)) and
-    diagonal C and K. All three are symmetric, so an eigenvector is a left eigenvector too, which gives its share of the
-    state at once.
+    `roots` are the eigenvalues of the motion. In the compressions u beyond equilibrium the motion is
+    M u" + C u' + K u = 0, with M = ((1, 1), (1, 1 + m2)) and diagonal C and K. All three matrices are symmetric, so
+    each eigenvector is a left eigenvector too. A product with the left eigenvector gives its share of the state.
     """
     mu, k1, k2, c1, c2, g = 1 / lower.a, upper.k, lower.k, upper.b, lower.b, lower.g
     u1, u2, d1, d2 = upper.delta - g / k1, lower.delta - g / k2, upper.w, lower.w
@@ -201,7 +219,7 @@ def modal_bounds(roots, upper, lower):
         row1, row2 = square + c1 * z + k1, (1 + mu) * square + c2 * z + k2
         size1 = abs(square) + abs(c1 * z) + k1
         size2 = (1 + mu) * abs(square) + abs(c2 * z) + k2
-        # The eigenvector comes from the row that loses fewer digits. Its share by those of the other roots is 0.
+        # The eigenvector comes from the row that loses fewer digits.
         from_row1 = abs(row1) * size2 > abs(row2) * size1
         x1, x2 = (-square, row1) if from_row1 else (row2, -square)
         share = x1 * (z * (u1 + u2) + c1 * u1 + d1 + d2) + x2 * (
@@ -215,7 +233,7 @@ def modal_bounds(roots, upper, lower):
 
 @kernel_helper
 def settles(upper, lower):
-    """Return whether neither contact of two balls on a table, both loaded now, will ever let go."""
+    """Return whether both contacts of two balls on a table, which are loaded now, will stay loaded for ever."""
     mu, k1, k2, c1, c2, g = 1 / lower.a, upper.k, lower.k, upper.b, lower.b, lower.g
     u1, u2 = upper.delta - g / k1, lower.delta - g / k2
     weight1, weight2 = g, (1 + mu) * g

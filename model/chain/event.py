@@ -1,10 +1,10 @@
 """The first event of a window: which contact, which watched function, and when.
 
 `first_event` looks at all watched functions of all contacts; `first_zero` finds the first zero of one of them with
-`chain.roots.first_root`. In steps of a power law the polynomials only approximate the motion, so the event is refined
-afterwards (`chain.power_law.refine_event`).
+`chain.roots.first_root`. In a step of a power law the polynomials only approximate the motion, so
+`chain.power_law.refine_event` refines the event afterwards.
 
-Needs `chain.laws` for what is watched. Used by `chain.kernel`.
+Needs `chain.laws` for the watched functions. Used by `chain.kernel`.
 """
 
 from __future__ import annotations
@@ -32,16 +32,19 @@ class Event(NamedTuple):
 
     #: Contact, -1 for none.
     contact: int
-    #: The watched function that is zero, one of `Watched`, and its sign before.
+    #: The watched function that is zero at the event, one of `Watched`, and its sign before the event.
     watched: int
     sign: float
-    #: Time over the length of the window; infinite without an event, -1 where the search was given up.
+    #: Time of the event over the length of the window; infinite without an event, -1 where the search was given up.
     x: float
 
 
 @kernel_helper
 def upper_ball_may_settle(c, n, i, watched):
-    """Return whether B1 flies freely above B2, which the table holds; B2 may settle once B1 no longer approaches."""
+    """Return whether the end of B1's approach to B2 is watched: B1 flies freely, and the table holds B2.
+
+    B2 may settle as soon as B1 no longer approaches.
+    """
     return (
         watched == Watched.TURN
         and i == 0
@@ -55,7 +58,7 @@ def upper_ball_may_settle(c, n, i, watched):
 
 @kernel_helper
 def sign_of_approach(scratch):
-    """Return 1 if the bodies of a contact approach, or are about to; else -1."""
+    """Return 1 if the bodies of a contact approach or begin to approach; else -1."""
     w = scratch.rates[0]
     approaches = w > 0 or (w == 0 and scratch.rates[1] > 0)
     return 1.0 if approaches else -1.0
@@ -74,7 +77,7 @@ def watched_sign(c, n, i, watched, work):
 
 @kernel_helper
 def write_force_series(contact, scratch):
-    """Write the series of the force of a dashpot before it is cut off, up to a positive factor."""
+    """Write the series of a dashpot's force before the force is cut off at zero, up to a positive factor."""
     is_product, k, b = contact.law == Law.HUNT_CROSSLEY, contact.k, contact.b
     for j in range(ORDER + 1):
         damping = b * scratch.rates[j]
@@ -84,7 +87,10 @@ def write_force_series(contact, scratch):
 
 @kernel_helper
 def first_zero(contact, scratch, watched, sign, h, latest):
-    """Return x = t/h of the first zero of a watched function before x = `latest`, as `chain.roots.first_root` does."""
+    """Return x = t/h of the first zero of a watched function before x = `latest`.
+
+    Infinity, 0 and -1 mean the same as in `chain.roots.first_root`.
+    """
     is_series = has_series(contact)
     table = scratch.rates
     if watched == Watched.FORCE:
@@ -101,7 +107,7 @@ def first_zero(contact, scratch, watched, sign, h, latest):
         start = sign * table[0]
     at_rest = not is_series and scratch.w == 0 and scratch.delta == 0
     if at_rest and (watched == Watched.FORCE or scratch.kw[0] == 0):
-        # The contact is not pressed yet. The polynomial does not show how a load begins, but it can only press.
+        # The contact is not pressed yet. The polynomial does not show how its load begins, but a load can only press.
         rises = table[3] + table[4] + table[5] > 0
         return 0.0 if sign < 0 and rises else inf
     return first_root(table, sign, start, ORDER if is_series else ORDER_OF_STEP, latest)

@@ -1,7 +1,7 @@
 """Chains as arrays: scaled to units of about 1, followed by the kernel in threads, and back in SI units.
 
-`Problem` holds collisions, their law and their options; `ChainResult` is what the kernel returns of them. Needs
-`chain.kernel`. Used by `model.solving` and by `compliant_baselines.references`.
+`Problem` holds collisions, their law and their options; `ChainResult` is the kernel's result. Needs `chain.kernel`.
+Used by `model.solving` and by `compliant_baselines.references`.
 """
 
 from __future__ import annotations
@@ -31,13 +31,14 @@ from impact_xval.model.status import Ending
 #: Windows after which a collision is given up.
 MAX_WINDOWS = 1_000_000
 
-#: Points of a path in each window, and the most numbers that its log may hold (64 MB): windows get fewer points then.
+#: Points of a path in each window, and the largest number of floats in the log of one path (64 MB). A path that would
+#: need more gets fewer points in each window.
 POINTS, LOG_NUMBERS = 9, 2**23
 
 #: Collisions that a thread follows in one call: some ten milliseconds of work.
 SHARE = 512
 
-#: Reasons of chains without a result: one was skipped, one has more kinetic energy than before.
+#: Reasons of chains without a result: of skipped chains, and of chains that gained kinetic energy.
 TOO_FAR_APART = (
     f"where one mass or stiffness exceeds {MASS_PRECISION:g} times another, squares of velocities are lost"
 )
@@ -65,7 +66,7 @@ class ChainResult(NamedTuple):
 
     @property
     def given_up(self) -> Booleans:
-        """True where a collision was given up, after too many windows or where an event could not be found."""
+        """True where a collision was given up: after too many windows, or where an event could not be found."""
         return self.records["ending"] == ChainEnding.UNFINISHED
 
     @property
@@ -85,8 +86,8 @@ class Problem:
 
     collisions: Collisions
     law: Law
-    #: Damping of each contact in units of the collision, shape (n, C) (`chain.laws`). A collision is skipped if one is
-    #: not finite, as it is if its masses are too far apart.
+    #: Damping of each contact in units of the collision, shape (n, C) (`chain.laws`). A collision is skipped if one of
+    #: its dampings is not finite, or if its masses or stiffnesses are too far apart.
     dampings: Floats
     frozen: bool
     #: In m/s^2, shape (n,); above 0 only for two balls on a table.
@@ -98,7 +99,7 @@ class Problem:
 
     @property
     def most_windows(self) -> int:
-        """Windows after which the kernel gives a collision up: `max_windows`, or fewer where contacts are many."""
+        """Windows after which the kernel gives up a collision: `max_windows`, or fewer if there are many contacts."""
         other_contacts = self.collisions.stiffnesses.shape[1] - 1
         return min(self.max_windows, -(-MOST_WORK // other_contacts)) if other_contacts else self.max_windows
 
@@ -125,7 +126,7 @@ class Problem:
             log_type=np.dtype(np.uint64),
         )
         time_unit, speed = c.units
-        with np.errstate(over="ignore", invalid="ignore"):  # no fall has an end where nothing falls
+        with np.errstate(over="ignore", invalid="ignore"):  # without a fall its end is infinite
             records["time"] *= time_unit
             records["fall"] *= time_unit
         logged = States.of(records["n_states"], sets) if states else None
@@ -149,9 +150,9 @@ class Problem:
         solver
         result
         failures
-            Endings without a result; besides, there is none where a chain was skipped or gained energy.
+            Endings without a result. Chains that were skipped or gained energy are added here.
         margin, diagnostics
-            Of the outcomes with a result.
+            Grazing margins and diagnostics; they are kept where there is a result.
         fallen
             Speed in m/s that gravity has added to free balls.
         paths
@@ -184,7 +185,10 @@ class Problem:
         )
 
     def paths(self, n_windows: NDArray[np.int64]) -> Paths:
-        """Follow all collisions once more, and return their paths; `n_windows` is as `follow` has counted."""
+        """Follow all collisions once more, and return their paths.
+
+        `n_windows` are the numbers of windows that `follow` has counted.
+        """
         c, g = self.collisions, self.gravity
         time_unit, speed = c.units
         (n, balls), contacts = c.masses.shape, c.stiffnesses.shape[1]
@@ -199,7 +203,7 @@ class Problem:
         offsets = np.append(0, np.cumsum(lengths))
         row: NDArray[np.int64] = np.repeat(np.arange(n, dtype=np.int64), lengths)
         log = log[: len(row)]
-        # The outcome says it if a number leaves double precision. Without gravity a fall has no end.
+        # If a number leaves double precision, the outcome says so. Without gravity the end of a fall is infinite.
         with np.errstate(over="ignore", invalid="ignore"):
             fallen = (g * time_unit)[row] * np.minimum(log[:, 0], fall[row])
             is_aloft = (fall < time)[row] & (log[:, 0] >= fall[row])
@@ -213,13 +217,13 @@ class Problem:
             return Paths(offsets, log[:, 0] * time_unit[row], velocities, impulses, forces, active)
 
     def _rows(self, rows: Booleans) -> Problem:
-        """Return the problem of the collisions that `rows`, shape (n,), marks."""
+        """Return the problem of some of the collisions; `rows`, shape (n,), marks them."""
         return replace(
             self, collisions=self.collisions[rows], dampings=self.dampings[rows], gravity=self.gravity[rows]
         )
 
     def _scaled(self, points: NDArray[np.int64]) -> Chains:
-        """Return the collisions in their units, as the kernel takes them."""
+        """Return the collisions as the kernel takes them: each scaled to its own units."""
         c = self.collisions
         time_unit, speed = c.units
         with np.errstate(over="ignore", under="ignore", invalid="ignore", divide="ignore"):
@@ -232,7 +236,7 @@ class Problem:
         return Chains(
             masses=masses,
             stiffnesses=stiffnesses,
-            restitutions=c.restitutions.copy(),  # the kernel would be compiled once more for a read-only array
+            restitutions=c.restitutions.copy(),  # numba would compile the kernel once more for read-only arrays
             dampings=self.dampings,
             rates=c.compression_rates / speed[:, None],
             gaps=gaps,
@@ -252,7 +256,7 @@ class Problem:
 
 
 def closed_forms(records: Records) -> list[Ending]:
-    """Return the endings of chains that closed forms finished, one for each combination of closed forms."""
+    """Return the endings of chains that a closed form finished: one ending for each combination of closed forms."""
     endings: list[Ending] = []
     for plastic, runaway, collapse in product((False, True), repeat=3):
         parts = [(plastic, PLASTIC_REASON), (runaway, RUNAWAY_REASON), (collapse, COLLAPSE_REASON)]
@@ -268,7 +272,7 @@ def closed_forms(records: Records) -> list[Ending]:
 
 
 def too_far_apart(collisions: Collisions) -> Booleans:
-    """Return whether masses or stiffnesses of each collision are further apart than `MASS_PRECISION`."""
+    """Return for each collision whether its masses or stiffnesses differ by more than the factor `MASS_PRECISION`."""
     beyond = np.zeros(len(collisions), bool)
     for values in (collisions.masses, collisions.stiffnesses):
         with np.errstate(over="ignore", invalid="ignore"):

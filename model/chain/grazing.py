@@ -1,8 +1,8 @@
 """The grazing margin of a chain (docs/theory.md, section 6): turning points of compression rates, and their amplitudes.
 
-`near_misses` updates the margin after a window. `amplitude` is the amplitude of a rate: the sum of the amplitudes of
-the sinusoids that the rate consists of while the set of active contacts stays. For forces that are not linear, the
-motion is linearised at the turning point.
+`near_misses` updates the margin after a window. `amplitude` is the amplitude of a rate. While the set of active
+contacts stays the same, a rate is a sum of sinusoids, and its amplitude is the sum of theirs. Where forces are not
+linear, the motion is linearised at the turning point.
 
 With K the diagonal of the stiffnesses and A the inverse masses of the contacts (`chain.series`), w'' = -A K w, so that
 z = K^(1/2) w obeys z'' = -S z with S = K^(1/2) A K^(1/2), symmetric and tridiagonal. An eigenvector u of S with its
@@ -10,9 +10,9 @@ eigenvalue gives the amplitude
 
     abs(u_i)/k_i^(1/2) sqrt((u z)^2 + (u z')^2/eigenvalue).
 
-Of u only u_i, u z and u z' are needed. The QL method diagonalises S by rotations, and these turn rows with u_i, u z and
-u z' as they would turn the rows of the eigenvectors (Golub and Welsch, Math. Comp. 23:221, 1969, do so for one
-component).
+Only the numbers u_i, u z and u z' of an eigenvector are needed. The QL method diagonalises S by rotations. The same
+rotations, applied to three rows that start as unit vector i, z and z', turn these into u_i, u z and u z' for all
+eigenvectors (Golub and Welsch, Math. Comp. 23:221, 1969, do so for one component).
 
 Used by `chain.kernel`.
 """
@@ -27,22 +27,22 @@ from impact_xval.model.chain.series import slope, value
 from impact_xval.model.compiled import kernel_helper
 from impact_xval.model.pair.grazing import NEAR, STAKE
 
-#: Places in `watched` of the workspace, which holds nothing else then: diagonal and subdiagonal of the matrix, and the
-#: rows with u_i, u z and u z'.
+#: Places in the array `watched` of the workspace, which is free at that time: diagonal and subdiagonal of the matrix,
+#: and the rows that become u_i, u z and u z'.
 DIAGONAL, BESIDE, UNIT, RATES, SLOPES = range(5)
 
-#: Most iterations of the QL method for one eigenvalue; two or three suffice.
+#: Largest number of iterations of the QL method for one eigenvalue; two or three suffice.
 MOST_ITERATIONS = 60
 
-#: Rounding of an eigenvalue, relative to the largest contact.
+#: Relative rounding of double precision; eigenvalues below this share of the largest one are rounding.
 EPSILON = 2.0**-52
 
 
 @kernel_helper
 def near_misses(c, n, degree, x, h, energy, margin, work):
-    """Return the grazing margin after the part x of a window of length h, given the margin before it.
+    """Return the grazing margin after the first part x of a window of length h, given the margin before the window.
 
-    `c` is at the end of that part, `energy` the energy of impact.
+    The chain `c` is at the end of that part; `energy` is the energy of impact.
     """
     for i in range(n):
         contact, scratch = c[i], work[i]
@@ -83,7 +83,7 @@ def write_slope(coefficients, degree, derivative):
 
 @kernel_helper
 def first_turn(derivative, degree, reach):
-    """Return the first root on (0, reach) of the derivative of a polynomial of a degree, as `first_root` does."""
+    """Return the first root in (0, reach) of the derivative of a polynomial of degree `degree` (`first_root`)."""
     start = derivative[0]
     leading = start
     for j in range(1, degree):
@@ -93,7 +93,7 @@ def first_turn(derivative, degree, reach):
 
 @kernel_helper
 def shift(coefficients, degree, x):
-    """Replace the coefficients of a polynomial about 0 by those about x."""
+    """Replace the coefficients of a polynomial in powers of t by its coefficients in powers of t - x."""
     for low in range(degree):
         for j in range(degree - 1, low - 1, -1):
             coefficients[j] += x * coefficients[j + 1]
@@ -101,7 +101,7 @@ def shift(coefficients, degree, x):
 
 @kernel_helper
 def stiffness_at(contact, scratch, degree, x):
-    """Return dF/ddelta of a contact at x of a window; 0 if it is not active."""
+    """Return dF/ddelta of a contact at the place x of a window; 0 if the contact is not active."""
     if not is_active(contact):
         return 0.0
     if contact.p == 1:
@@ -111,7 +111,7 @@ def stiffness_at(contact, scratch, degree, x):
 
 @kernel_helper
 def block(c, n, i, degree, x, work):
-    """Return the first and the last contact of the row of active contacts that holds contact i."""
+    """Return the first and the last contact of the unbroken row of active contacts around contact i."""
     first, last = i, i
     while first > 0 and stiffness_at(c[first - 1], work[first - 1], degree, x) > 0:
         first -= 1
@@ -124,8 +124,8 @@ def block(c, n, i, degree, x, work):
 def largest_amplitude(c, n, i, degree, x, h, work):
     """Return an upper bound of `amplitude` by the energy alone; infinite with gravity.
 
-    By Cauchy's inequality the sum of the amplitudes is at most (a_i + a_{i+1})^(1/2) times the root of twice the energy
-    of the block relative to its centre of mass, or to the table.
+    By Cauchy's inequality the sum of the amplitudes is at most sqrt(2 E (a_i + a_{i+1})). E is the energy of the block
+    of active contacts, relative to its centre of mass or to the table.
     """
     if c[n - 1].g > 0:
         return inf
@@ -143,7 +143,7 @@ def largest_amplitude(c, n, i, degree, x, h, work):
 
 @kernel_helper
 def amplitude(c, n, i, degree, x, h, work):
-    """Return the sum of the amplitudes of the sinusoids of the rate of contact i at x of a window of length h."""
+    """Return the amplitude of the rate of contact i at the place x of a window of length h."""
     first, last = block(c, n, i, degree, x, work)
     for j in range(first, last + 1):
         table, root = work[j].watched, sqrt(stiffness_at(c[j], work[j], degree, x))
@@ -167,7 +167,7 @@ def amplitude(c, n, i, degree, x, h, work):
 
 @kernel_helper
 def diagonalise(first, last, work):
-    """Diagonalise the tridiagonal matrix in `work`, and turn the rows with it.
+    """Diagonalise the tridiagonal matrix in `work`, and apply the same rotations to the three rows.
 
     This is the implicit QL method (Numerical Recipes, section 11.3; EISPACK's tql2).
     """

@@ -1,17 +1,17 @@
 """The kernel of chains: follows a chain from its first touch to its end, window by window.
 
-`follow_chains` follows many chains, and is the only kernel that Python calls; `collide` follows one. A segment is the
-time with one set of active contacts. It consists of windows: over a window every rate and every deformation is a
-polynomial in time (`chain.series`, `chain.power_law`), whose first event is found with certainty (`chain.event`). The
-law tells what the event does to its contact (`chain.laws`).
+`follow_chains` follows many chains, and is the only kernel that Python calls; `collide` follows one chain. A segment is
+the time with one set of active contacts. A segment consists of windows. Over a window every rate and every deformation
+is a polynomial in time (`chain.series`, `chain.power_law`), so the first event is found with certainty
+(`chain.event`). The law tells what the event does to its contact (`chain.laws`).
 
-With frozen positions the collision is over when no contact is active. With positions it is over when, besides, no gap
-will close.
+With frozen positions the collision is over when no contact is active. With positions, it is over when no contact is
+active and no gap will close.
 
 **Ties.** Events at one instant are applied one after another, in the order of contacts. The order does not matter,
 because each event changes only its own contact, and leaves all rates and forces as they are.
 
-Used by `chain.following`; the sweeps compile it first.
+Used by `chain.following`. The sweeps compile this kernel before they start.
 """
 
 from __future__ import annotations
@@ -49,35 +49,37 @@ from impact_xval.model.pair.law import Phase
 #: Share of the energy of impact at which the bodies of all active contacts count as at rest.
 COLLAPSED = 1e-30
 
-#: Windows, times contacts less one, after which a chain is given up: about a second.
+#: Largest product of windows and contacts less one. A chain that exceeds it is given up, after about a second.
 MOST_WORK = 1_000_000
 
-#: Share of the kinetic energy by which a chain may end above it. No law makes energy. Rounding and steps have made at
-#: most 1.2e-11 (p = 1.5; 3e-14 for p = 1 and 3), in 20,000 chains with masses and stiffnesses up to 1e12 apart.
+#: Largest relative gain of kinetic energy that counts as rounding; no law makes energy. The largest gain by rounding
+#: and steps was 1.2e-11 (p = 1.5; 3e-14 for p = 1 and 3), in 20,000 chains with masses and stiffnesses up to 1e12
+#: apart.
 GAIN = 1e-9
 
-#: Numbers that are passed on. Numba would compile a function once more for a literal 0 or 1.
+#: The numbers 0 and 1 as arguments. Numba would compile a function once more for a literal 0 or 1.
 ZERO, ONE = np.int64(0), np.int64(1)
 
-#: First length of a step of the method for power laws, in units of about 1 of masses, stiffnesses and velocities.
+#: Length of the first step of the method for power laws, in units in which masses, stiffnesses and velocities are
+#: about 1.
 FIRST_STEP = 1e-3
 
 
 class Action(IntEnum):
     """Next action of a chain."""
 
-    END = 0  # nothing: it is over
+    END = 0  # nothing: the collision is over
     FLY = 1  # fly without forces until a gap closes
     FOLLOW = 2  # move under forces to the first event
 
 
 class Window(NamedTuple):
-    """Window that ends with its first event, or without one."""
+    """Window that was followed to its first event, or to its end without an event."""
 
-    #: Length, and the part of it that is over at the event; below 0 where the event cannot be found.
+    #: Length of the window, and the share x of it up to the event; x is below 0 where the event cannot be found.
     h: float
     x: float
-    #: Contact of the event, -1 for none, and the watched function that is zero, one of `Watched`.
+    #: Contact of the event, -1 for none, and the watched function that is zero there, one of `Watched`.
     contact: int
     watched: int
     #: Length of the step to try next.
@@ -86,9 +88,9 @@ class Window(NamedTuple):
 
 @kernel_helper
 def next_action(c, n):
-    """Return what a chain without gravity does next, which contact's gap closes in a flight, and how long that takes.
+    """Return the next action of a chain without gravity; for a flight also the contact whose gap closes, and the time.
 
-    A contact that is active at rest carries no force.
+    An active contact at rest without deformation carries no force, so its bodies may fly.
     """
     first, first_contact = inf, -1
     for i in range(n):
@@ -136,7 +138,7 @@ def follow_series(c, n, next_step, work):
 
 @kernel_helper
 def follow_step(c, n, first_step, tolerance, work):
-    """Follow a window of a power law up to its first event, by one step that is repeated up to the event."""
+    """Follow a window of a power law up to its first event: make one step, and repeat it up to the event."""
     h, next_step = advance(c, n, first_step, tolerance, work)
     contact, watched = -1, 0
     while True:
@@ -148,7 +150,7 @@ def follow_step(c, n, first_step, tolerance, work):
         x, happens = refine_event(c, n, h, event.x, event.contact, event.watched, event.sign, work)
         work[event.contact].ruled_out[event.watched] = 1
         if happens:
-            # The step now ends with this event. Where the polynomial had its time wrong, another may come before it.
+            # The step now ends with this event. If the polynomial gave a wrong time, another event may come first.
             contact, watched, h = event.contact, event.watched, x * h
             if h == 0:
                 return Window(h, 0.0, contact, watched, next_step)
@@ -170,9 +172,9 @@ def follow(c, n, first_step, tolerance, work):
 
 @kernel_helper
 def apply_event(c, n, i, watched, energy, result):
-    """Apply the event of contact i, and unite its bodies if that made it rigid.
+    """Apply the event of contact i, and unite its bodies if the event made the contact rigid.
 
-    Returned are the number of contacts that are left and the energy that was lost.
+    Returned are the number of remaining contacts and the energy that was lost.
     """
     contact = c[i]
     before = strain_energy(contact)
@@ -205,7 +207,7 @@ def apply_event(c, n, i, watched, energy, result):
 
 @kernel_helper
 def unite_resting(c, n, energy, result):
-    """Unite the bodies of all contacts that rest rigidly, and return the number of contacts that are left."""
+    """Unite the bodies of all contacts that rest rigidly, and return the number of remaining contacts."""
     for i in range(n - 1, -1, -1):
         if rests_rigidly(c, n, i, energy):
             n = unite(c, n, i)
@@ -215,7 +217,7 @@ def unite_resting(c, n, energy, result):
 
 @kernel_helper
 def end_gravity(c, n):
-    """Continue a drop without gravity: its deformations count from first touch again."""
+    """Continue a drop without gravity: count the deformation at the table from first touch again."""
     last = c[n - 1]
     last.delta += equilibrium_depth(last)
     last.g = 0.0
@@ -225,8 +227,8 @@ def end_gravity(c, n):
 def collide(c, work, setup, options, logs, first_row, first_set, result):
     """Follow a chain from first touch to its end; a part of `follow_chains`.
 
-    Returned are the number of contacts that are left and the energy that was lost. The fields of `result` are filled in
-    (`chain.record.RESULT`), but for `energy_share`. Points are logged from `first_row` on, sets from `first_set` on.
+    Returned are the number of remaining contacts and the energy that was lost. All fields of `result` are filled in
+    except `energy_share` (`chain.record.RESULT`). Points are logged from `first_row` on, sets from `first_set` on.
     """
     n = work.size
     frozen, dashpot, law = c[0].frozen, has_dashpot(c[0]), c[0].law
@@ -284,7 +286,7 @@ def collide(c, work, setup, options, logs, first_row, first_set, result):
             loss += lost
             if dashpot:
                 work[event_contact].force_is_zero = watched == Watched.FORCE
-            # If bodies part that overlapped without force, nothing changes.
+            # Bodies that overlapped without force may part: that changes no force.
             changes_forces = not dashpot or is_active(c[event_contact]) != was_active
             if watched != Watched.TURN and changes_forces:
                 events, quiet = events + 1, 0
@@ -297,7 +299,7 @@ def collide(c, work, setup, options, logs, first_row, first_set, result):
         set_row = log_set(c, ZERO, work, logs.sets, first_set, set_row)
     for i in range(n):
         work[i].rates[0] = c[i].w
-    row = log_points(c, n, work, ZERO, 0.0, 1.0, time, setup, ONE, logs.path, row)  # the end
+    row = log_points(c, n, work, ZERO, 0.0, 1.0, time, setup, ONE, logs.path, row)  # end point
     result.ending = ending
     result.n_events, result.n_windows = events, windows
     result.n_points, result.n_states = row - first_row, set_row - first_set
@@ -321,7 +323,7 @@ def follow_chains(c, work, chains, options, logs, velocities, results):
     logs : ChainLogs
         Filled in.
     velocities : ndarray, shape (n, N)
-        Final velocities, filled in but for skipped chains.
+        Final velocities; filled in for all chains that are not skipped.
     results : recarray of `chain.record.RESULT`, shape (n,)
         Filled in; zeros before.
     """

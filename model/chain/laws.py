@@ -1,4 +1,4 @@
-"""The contact laws as data: what is watched of a contact in each phase, and what an event does to it.
+"""The contact laws as data: the functions that are watched in each phase of a contact, and the effects of events.
 
 | law | force of an active contact | memory |
 |---|---|---|
@@ -10,21 +10,24 @@
 | `LINEAR_DASHPOT` | as `KELVIN_VOIGT`, and it may pull: it lasts until delta = 0 | none |
 
 A contact is INACTIVE while it carries no force. With frozen positions, as in the model, it keeps delta = 0 and returns
-when its bodies begin to approach. With positions, it returns when its gap has closed. `STATE_TRANSITION` with positions
-is called *bistiffness*: an end of compression moves the point of zero force by (1 - e^2) delta into the contact, for
-good, so that a contact that ends restitution opens with a gap of exactly zero.
+when its bodies begin to approach. With positions, it returns when its gap has closed.
+
+`STATE_TRANSITION` with positions is called *bistiffness*. There an end of compression moves the point of zero force by
+(1 - e^2) delta into the contact, for good. So a contact that ends restitution opens with a gap of exactly zero.
 
 With gravity, the lower ball of a drop has settled on the table. Its contact counts delta from the equilibrium depth, so
-that the weight need not cancel to rounding (`equilibrium_depth`). An end of compression takes 1 - e^2 of all its strain
-energy, that of the weight included.
+that the weight need not cancel to rounding (`equilibrium_depth`). An end of compression takes 1 - e^2 of the whole
+strain energy of this contact; the strain by the weight is included.
 
-A dashpot pushes from first touch on, and its force is spent before its bodies are apart. The contact is then SLACK:
-the bodies overlap without force, and the contact is loaded again if a neighbour pushes them together. Without damping a
-contact is never slack. Nor is one whose dashpot acts in compression only: delta' = 0 at both ends of the dashpot's
-action, so the force is continuous, and while the bodies part it is the spring's, which lasts as long as they overlap.
-Nor is one that may pull: it is active for as long as its bodies overlap. At both ends of that time its force jumps
-between 0 and that of the dashpot, but neither position nor rate does; where delta and delta' are both zero, so is the
-force.
+A contact with a dashpot pushes from first touch on, and its force ends before its bodies are apart. The contact is then
+SLACK: the bodies overlap without force, and the contact is loaded again if a neighbour pushes them together. Three
+kinds of contact are never slack:
+
+* a contact without damping;
+* a contact whose dashpot acts in compression only. The dashpot begins and ceases to act at delta' = 0, so the force is
+  continuous. While the bodies part, only the spring acts, and it pushes for as long as they overlap;
+* a contact that may pull. It is active for as long as its bodies overlap. When it becomes active or inactive, its force
+  jumps between 0 and the force of the dashpot, while positions and rates stay continuous.
 
 Used by all modules of `chain`; `Law` also by the callers of `chain.following`.
 """
@@ -40,11 +43,11 @@ from impact_xval.model.pair.law import Phase
 
 
 class Law(IntEnum):
-    """Law of all contacts of a chain; the order counts: those with a dashpot come after those without.
+    """Law of all contacts of a chain. The order counts: laws with a dashpot come after laws without a dashpot.
 
-    Laws are told apart in `WATCHED`, `damping`, `force`, `force_indicator` and by their events. Hunt-Crossley's, whose
-    force is a product, is so in `chain.series` and `chain.event` too, and those that are linear throughout a contact in
-    `chain.drop`.
+    Most of the code that depends on the law is in this module: `WATCHED`, `damping`, `force`, `force_indicator` and the
+    events. `chain.series` and `chain.event` treat `HUNT_CROSSLEY` separately, because its force is a product.
+    `chain.drop` treats the two laws separately that are linear throughout a contact.
     """
 
     STATE_TRANSITION = 0
@@ -56,16 +59,16 @@ class Law(IntEnum):
 
 
 class Watched(IntEnum):
-    """Function of time that may be watched of a contact."""
+    """Function of time of one contact that the search for events may watch."""
 
-    FORCE = 0  # a function with the sign of a dashpot's force before that is cut off at zero
-    GAP = 1  # the deformation
-    RATE = 2  # the compression rate
+    FORCE = 0  # a function with the sign of a dashpot's force before the force is cut off at zero
+    GAP = 1  # the deformation delta; its zero is the end of a gap or of an overlap
+    RATE = 2  # the compression rate w
     TURN = 3  # the compression rate of an inactive contact; its zero ends a window, but is no event
 
 
-#: Sign that a watched function has until its event, by law, phase and `Watched`; 0 where it is not watched. An inactive
-#: contact with frozen positions has the phase HELD here.
+#: Sign of each function until its event, by law, phase and `Watched`; 0 where the function is not watched. HELD is the
+#: phase of an inactive contact with frozen positions.
 WATCHED = np.zeros((len(Law), len(Phase), len(Watched)))
 WATCHED[:, Phase.INACTIVE, Watched.GAP] = WATCHED[:, Phase.HELD, Watched.RATE] = -1
 for _law in (Law.STATE_TRANSITION, Law.LIU_ZHAO_BROGLIATO, Law.COMPRESSION_DASHPOT):
@@ -88,13 +91,13 @@ def is_active(contact):
 
 @kernel_helper
 def has_dashpot(contact):
-    """Return whether the force depends on the rate; such a contact has no memory."""
+    """Return whether the force of a contact depends on the rate; a contact with a dashpot has no memory."""
     return contact.law >= Law.KELVIN_VOIGT
 
 
 @kernel_helper
 def has_series(contact):
-    """Return whether the motion between events is summed as a power series; otherwise it is taken in steps."""
+    """Return whether the motion between events is summed as a power series; otherwise it is integrated in steps."""
     return contact.p == 1
 
 
@@ -115,7 +118,7 @@ def spring_force(contact):
 
 @kernel_helper
 def damping(contact):
-    """Return the coefficient b of a contact in its phase: 0 while a compression dashpot is parting."""
+    """Return the coefficient b of a contact; 0 for a compression dashpot while its bodies part."""
     is_parting = contact.law == Law.COMPRESSION_DASHPOT and contact.phase != Phase.COMPRESSION
     return 0.0 if is_parting else contact.b
 
@@ -135,10 +138,10 @@ def force(contact):
 
 @kernel_helper
 def force_indicator(contact, delta, w, dw):
-    """Return a function with the sign of a dashpot's force before that is cut off at zero, and its slope in time.
+    """Return a function with the sign of a dashpot's force before the force is cut off at zero, and its slope in time.
 
-    Of a linear contact with a dashpot it is the force. Given are the deformation, the rate w and its slope dw. A
-    contact that may pull is not asked.
+    For a linear contact with a dashpot the function is the force itself. `dw` is the slope of the rate w. The function
+    is not meant for contacts that may pull, because their force is never cut off.
     """
     if contact.law == Law.HUNT_CROSSLEY:
         return 1 + contact.b * w, contact.b * dw
@@ -177,7 +180,7 @@ def end_compression(contact):
 def restart_compression(contact):
     """Restart compression at the same stiffness.
 
-    Under the law of Liu, Zhao and Brogliato, the restart takes back what the end of compression did.
+    Under the law of Liu, Zhao and Brogliato, the restart reverses the end of compression.
     """
     contact.phase = Phase.COMPRESSION
     if contact.law == Law.LIU_ZHAO_BROGLIATO:

@@ -9,15 +9,16 @@ from impact_xval.model.chain.series import slope, value
 from impact_xval.model.chain.state import write_ball_values
 from impact_xval.model.compiled import kernel_helper
 
-#: A number that is passed on. Numba would compile a function once more for a literal 1.
+#: The number 1 as an argument. Numba would compile a function once more for a literal 1.
 _ONE = np.int64(1)
 
 
 @kernel_helper
 def log_points(c, n, work, degree, x, h, time, setup, points, log, row):
-    """Write points of the part x of a window of length h that began at `time`, and return the next row.
+    """Write points of the motion in the first part x of a window of length h, and return the next free row.
 
-    A row holds time, velocities and accelerations of balls, and 1 for each active contact.
+    The window began at `time`. A row holds the time, velocities of balls, accelerations of balls, and for each contact
+    1 if it is active, else 0.
     """
     balls = (log.shape[1] - c.size) // 2
     for point in range(points):
@@ -38,7 +39,7 @@ def log_points(c, n, work, degree, x, h, time, setup, points, log, row):
 
 @kernel_helper
 def log_set(c, n, work, sets, first, row):
-    """Write the set of active contacts unless it is the one before it; return the next row.
+    """Write the set of active contacts unless it equals the set before it, and return the next free row.
 
     The sets of this chain begin at row `first`. A rigid contact counts as active while another contact is.
     """

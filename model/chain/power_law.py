@@ -1,11 +1,11 @@
-"""Motion under forces that are no power series (Hertz: p = 1.5): steps of DOP853, as no closed form is known.
+"""Motion under power laws such as Hertz's (p = 1.5), in steps of the method DOP853: no closed form is known.
 
-`advance` makes one step, `refine_event` repeats it up to an event. `WORK` is the workspace of a contact, also for
-series.
+`advance` makes one step; `refine_event` repeats it up to an event. `WORK` is the workspace of a contact; the motion by
+power series uses it too.
 
-Each step, of order 8, is followed by cubics and quintics through its ends. They find the first event, as for linear
+After each step, of order 8, cubics and quintics are laid through its ends, and their first event is found as for linear
 contacts. The step is then repeated up to the event, with Newton's iteration on its time, so that the event has the
-order of the method. Where a force begins or ends it is not smooth, and the error estimate shortens the steps.
+order of the method. A force is not smooth where it begins or ends; there the error estimate shortens the steps.
 
 Needs `chain.dop853` for the coefficients. Used by `chain.kernel` and `chain.event`.
 """
@@ -27,43 +27,43 @@ from impact_xval.model.pair.law import Phase
 #: Degree of the polynomials through the ends of a step.
 ORDER_OF_STEP = 5
 
-#: Error of a step: of a velocity per velocity of impact, of a deformation per deformation that would hold all energy.
+#: Largest error of a step. Velocities are measured per velocity of impact, deformations per deformation that would hold
+#: all the energy of impact.
 TOLERANCE = 1e-14
 
-#: Most steps to the time of an event between whose bounds a sign changes; halving alone would reach it.
+#: Largest number of iterations for the time of an event inside a bracket; halving alone would need no more.
 MOST_REFINEMENTS = 60
 
-#: Most of Newton's steps while no change of sign is known, and the longest of them as a share of the step.
+#: Largest number of Newton's iterations while no bracket is known, and their largest change of time as a share of the
+#: step.
 REFINEMENTS, LONGEST = 8, 0.05
 
-#: Newton's step, as a share of the step of the method, at which the iteration stops, and what rounding may leave of it.
+#: Changes of time as shares of the step: below the first, Newton's iteration stops; a last change below the second is
+#: rounding.
 CONVERGED, RESOLVED = 1e-15, 1e-6
 
 
 #: Workspace of a contact, made once for all chains.
 WORK = np.dtype(
     [
-        # Coefficients in x = t/h of the rate w, of the deformation delta, and of a watched function, in a window of
-        # length h.
+        # Coefficients, in powers of x = t/h over a window of length h, of the rate w, of the deformation delta, and of
+        # a watched function.
         ("rates", "f8", ORDER + 1),
         ("deltas", "f8", ORDER + 1),
         ("watched", "f8", ORDER + 1),
         ("k", "f8"),  # stiffness; 0 if the contact is not active
         ("b", "f8"),  # damping; 0 if the contact is not active
         ("moves", "f8"),  # 1 if delta changes, else 0
-        ("value", "f8"),  # rate, or its slope, at a point of a path
-        # Derivatives of w and delta at the stages of a step.
-        ("kw", "f8", STAGES + 1),
-        ("kd", "f8", STAGES + 1),
-        # w, delta and w'' at the start of a step.
-        ("w", "f8"),
-        ("delta", "f8"),
-        ("jerk", "f8"),
-        ("ruled_out", "u1", 4),  # 1 for each of `Watched` that was seen not to have its event in this window
-        ("force_is_zero", "?"),  # whether the force is zero by an event of this instant
-        # Whether this contact of the collision is active, and whether it was when the log of sets was last written.
-        ("active", "?"),
-        ("was_active", "?"),
+        ("value", "f8"),  # rate, or slope of the rate, at a point of a path
+        ("kw", "f8", STAGES + 1),  # derivatives of w at the stages of a step
+        ("kd", "f8", STAGES + 1),  # derivatives of delta at the stages of a step
+        ("w", "f8"),  # rate at the start of a step
+        ("delta", "f8"),  # deformation at the start of a step
+        ("jerk", "f8"),  # w'' at the start of a step
+        ("ruled_out", "u1", 4),  # 1 for each function of `Watched` that has no further event in this window
+        ("force_is_zero", "?"),  # whether an event at this instant has made the force zero
+        ("active", "?"),  # whether this contact of the collision is active now
+        ("was_active", "?"),  # whether it was active at the previous call of `log_set`
     ],
     align=True,
 )
@@ -76,7 +76,7 @@ def new_workspace(contacts: int) -> Records:
 
 @kernel_helper
 def write_derivatives(c, n, stage, work):
-    """Write the derivatives of the state in `c` as those at a stage."""
+    """Write the derivatives of the present state as the derivatives at a stage."""
     above, middle, below = 0.0, 0.0, 0.0
     for i in range(-1, n):
         above, middle, below = middle, below, force(c[i + 1])
@@ -101,11 +101,11 @@ def move_to_stage(c, n, stage, h, work):
 
 @kernel_helper
 def error_of_step(c, n, h, work):
-    """Estimate the error of a step of length h from the derivatives at its stages; relative as in `TOLERANCE`.
+    """Estimate the error of a step of length h from the derivatives at its stages; units as in `TOLERANCE`.
 
-    A deformation is measured by the length of its contact: at the running stiffness while that is active, else at the
-    original one. The gap of a contact that has become far stiffer is rounded coarsely in its length at the running
-    stiffness.
+    Deformations are measured by the length of their contact. An active contact takes the length at its running
+    stiffness. An inactive contact takes the length at its original stiffness: it may have become far stiffer, and its
+    gap is then rounded coarsely in units of the shorter length.
     """
     fifth, third = 0.0, 0.0
     for i in range(n):
@@ -162,10 +162,10 @@ def write_quintic(out, f0, d0, s0, f1, d1, s1):
 
 @kernel_helper
 def advance(c, n, h, tolerance, work):
-    """Move the chain by one step as long as its error allows, at first of length h.
+    """Move the chain by one step, whose length h is reduced until its error is small enough.
 
-    Returned are the length of the step, and the length to try next. The former is 0 where no step is short enough,
-    because a slope is beyond double precision.
+    Returned are the length of the step, and the length to try next. The length of the step is 0 where no step is short
+    enough, because a slope is beyond double precision.
     """
     for i in range(n):
         scratch = work[i]
@@ -183,7 +183,7 @@ def advance(c, n, h, tolerance, work):
 
 @kernel_helper
 def interpolate(c, n, h, work):
-    """Write the polynomials in x = t/h through the ends of a step of length h; `c` is at its end."""
+    """Write the polynomials in x = t/h through both ends of a step of length h; `c` is at the end of the step."""
     for i in range(n):
         contact, scratch = c[i], work[i]
         w0, w1 = h * scratch.kw[0], h * scratch.kw[STAGES]
@@ -203,7 +203,7 @@ def interpolate(c, n, h, work):
 
 @kernel_helper
 def interpolate_force(contact, h, scratch):
-    """Write the polynomial of a dashpot's `force_indicator` through the ends of a step of length h."""
+    """Write the polynomial of a dashpot's `force_indicator` through both ends of a step of length h."""
     f0, d0 = force_indicator(contact, scratch.delta, scratch.w, scratch.kw[0])
     f1, d1 = force_indicator(contact, contact.delta, contact.w, scratch.kw[STAGES])
     write_cubic(scratch.watched, f0, h * d0, f1, h * d1)
@@ -221,12 +221,14 @@ def value_and_slope_at_end(contact, scratch, watched):
 
 @kernel_helper
 def refine_event(c, n, h, x, i, watched, sign, work):
-    """Repeat a step of length h, which `c` is after, up to the zero of a watched function of contact i near x h.
+    """Repeat a step of length h up to the zero, near x h, of a watched function of contact i.
 
-    Returned are the time of the zero over h, and whether it is an event: the polynomial may have a root where the
-    motion has none. The chain is moved to that time. Newton's iteration stays within the part of the step in which the
-    function changes its sign, and halves that part where it would leave it: the force of a weak dashpot bends so
-    sharply next to its end that Newton's step from beyond that end is of no use.
+    On entry the chain is at the end of the step; on return it is at the zero. Returned are the time of the zero over h,
+    and whether the zero is an event: the polynomial may have a root where the motion has none.
+
+    Once the function is known to change its sign, Newton's iteration stays inside a bracket, and halves the bracket
+    where Newton's step would leave it. The reason is the force of a weak dashpot: it bends so sharply next to its end
+    that Newton's step from beyond the end is useless.
     """
     contact, scratch = c[i], work[i]
     low, high = 0.0, 1.0

@@ -1,7 +1,7 @@
-"""Contacts of a chain that count as rigid from some event on: their running stiffness runs away (supplement, 3.4).
+"""Contacts of a chain that become rigid during a collision, because their running stiffness runs away.
 
-`ringing_ends` decides it after an end of compression, `rests_rigidly` for a contact at rest. Needs `chain.state`. Used
-by `chain.kernel`, which then unites the bodies.
+The supplement describes this in section 3.4. `ringing_ends` decides it after an end of compression, `rests_rigidly` for
+a contact at rest. Needs `chain.state`. Used by `chain.kernel`, which then unites the bodies.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from impact_xval.model.chain.state import (
 from impact_xval.model.compiled import kernel_helper
 from impact_xval.model.pair.law import Phase
 
-#: Bodies are united where the contact between them can change less than this share of its neighbours' energy.
+#: Bodies are united if the contact between them can change less than this share of its neighbours' energy.
 RIGID = 1e-14
 
-#: Neighbours with less than this share of the other neighbour's energy ring themselves, and are disregarded.
+#: A neighbour with less than this share of the other neighbour's energy is disregarded: it only rings itself.
 SMALL = 1e-6
 
 
@@ -31,14 +31,14 @@ SMALL = 1e-6
 def ringing_ends(c, n, i):
     """Return whether contact i, which has just ended compression or is at rest, may count as rigid from here on.
 
-    The contact rings about the static force that its neighbours ask of it. Each end of compression makes its tangent
-    stiffer by 1/e^2 at the same force, and its periods shorter by e, so it is rigid after a finite time tau
-    (supplement, 3.4). It counts as rigid at once if its energy is negligible beside its neighbours', if they press it
-    together all the while, if no other body arrives meanwhile, and if its ringing cannot carry a neighbour's rate
-    through zero, which would be an end of compression.
+    The contact rings about its static load, the force that holds its bodies at one velocity. Each end of compression
+    makes its tangent stiffer by 1/e^2 at the same force, and its periods shorter by e. So the contact becomes rigid
+    after a finite time tau (supplement, 3.4). It counts as rigid at once if four conditions hold up to then: its energy
+    is negligible beside its neighbours' energy; the neighbours keep pressing it; no other body arrives; and its ringing
+    cannot carry a neighbour's rate through zero, which would be an end of compression.
 
-    Under a constant load, a contact at rest without force comes back to that state: the end of compression shrinks the
-    way back by e^2 and the energy too. So it rings about the load, with a tangent and an energy of that order.
+    A contact at rest without force will ring about its static load too. Its tangent and its energy are then about as
+    large as under that load.
     """
     contact, upper = c[i], c[i - 1]
     e, F = contact.e, force(contact)
@@ -50,7 +50,7 @@ def ringing_ends(c, n, i):
         return False
     load_squared = max(F, static) ** 2
     if contact.g > 0 and i > 0 and not is_active(upper):
-        swing = oscillation(c, i - 1)  # the upper ball comes down again with this energy
+        swing = oscillation(c, i - 1)  # the upper ball will fall back with this energy
         load_squared = max(load_squared, upper.k * swing)
     may_unload = abs(change) * tau >= 0.5 * static
     has_energy = load_squared / (k * (1 - e)) > RIGID * swing
@@ -67,10 +67,10 @@ def ringing_ends(c, n, i):
 
 @kernel_helper
 def rests_rigidly(c, n, i, energy):
-    """Return whether contact i of a power law is at rest without force, and rigid under the load of its neighbours.
+    """Return whether contact i of a power law is at rest without force, and would be rigid under its neighbours' load.
 
-    Such a contact counts as at rest again after every step if its energy under that load is below rounding
-    (`chain.state.still_rounding`), so no step would show how it rings.
+    If its energy under that load is below rounding, `chain.state.still_rounding` brings it to rest after every step. So
+    the steps never show how such a contact rings.
     """
     contact = c[i]
     is_pristine = contact.phase == Phase.COMPRESSION and contact.w == 0 and contact.delta == 0

@@ -3,16 +3,16 @@
 Let f be a polynomial on [0, 1] with C = sum n (n-1) (n-2) (n-3) abs(a_n), so that abs(f'''') <= C there. The cubic H
 with the values and slopes of f at both ends of an interval of length w misses f by at most C w^4 x^2 (1 - x)^2/24, and
 x^2 (1 - x)^2 <= (B1 + B2)/12 in Bernstein polynomials of degree three. Hence f > 0 inside the interval if the outer
-Bernstein coefficients of H are >= 0 and the inner ones exceed C w^4/288. An interval is halved if it is neither
-certified like this, nor split by a root into a certified part and a rest. So no root, and no pair of close roots, is
-stepped over.
+Bernstein coefficients of H are >= 0 and the inner ones exceed C w^4/288. If a root splits an interval, the part before
+the root is certified. An interval that can be neither certified nor split like this is halved. So no root, and no pair
+of close roots, is stepped over.
 
-A polynomial that starts next to zero and grows with a high power, such as the load of a contact far ahead of a wave,
-could be certified only on tiny intervals. For it the sum P of its positive terms and the sum N of the magnitudes of its
-negative terms are compared. Both increase, so f > 0 on [x, y] if P(x) > N(y).
+A polynomial may start next to zero and grow with a high power: the load of a contact far ahead of a wave does. By the
+cubic it could be certified on tiny intervals only. A second certificate compares the sum P of the positive terms with
+the sum N of the magnitudes of the negative terms. Both sums increase, so f > 0 on [x, y] if P(x) > N(y).
 
-A function that is zero when the segment begins, to whatever order, is first divided by that power of time, so that the
-zero from which it starts is never found again (contact 2 starts from a zero of third order).
+A function that is zero when the segment begins is first divided by the power of time with which it begins. So the zero
+from which it starts is never found again. (The force of contact 2 of a pair starts from a zero of third order.)
 
 Used by `chain.event` and `chain.grazing`.
 """
@@ -23,16 +23,16 @@ from math import inf, sqrt
 
 from impact_xval.model.compiled import kernel_helper
 
-#: Length of an interval, relative to a window, that resolves a tangency to rounding.
+#: Length of an interval, as a share of the window, that resolves a tangency to rounding.
 SHORTEST = 1e-10
 
-#: Intervals after which the search is given up. Numbers that are not finite, or hardly, are never certified.
+#: Intervals after which the search is given up. Without this limit it would never end where numbers overflow.
 MOST_INTERVALS = 500
 
 
 @kernel_helper
 def value_and_slope(f, sign, f0, first, degree, x):
-    """Return value and slope at x of `sign` times a polynomial divided by x^first, whose value at 0 is f0."""
+    """Return value and slope at x of `sign` times a polynomial divided by x^first; the quotient is f0 at 0."""
     value, slope = f[degree], 0.0
     for n in range(degree - 1, first, -1):
         slope = slope * x + value
@@ -56,7 +56,7 @@ def is_positive(f0, df0, f1, df1, w, C):
 def signed_sums(f, sign, start, first, degree, x):
     """Return the sum of the positive terms at x, and the sum of the magnitudes of the negative ones.
 
-    The terms are those of `sign` times a polynomial divided by x^first, whose value at 0 is `start`.
+    The terms belong to `sign` times a polynomial divided by x^first; the quotient is `start` at 0.
     """
     positive, negative = 0.0, 0.0
     for n in range(degree, first, -1):
@@ -70,8 +70,8 @@ def signed_sums(f, sign, start, first, degree, x):
 def refine(f, sign, start, first, degree, low, high, f0, f1, df1):
     """Return a root in (low, high] and the slope there; the function is positive at low and not positive at high.
 
-    Newton's method within bisection, from the root of a parabola. Its steps shrink as s, s^2, s^4...; it stops at a
-    step whose successor would be lost in rounding.
+    The method is Newton's inside a bracket, and starts from the root of a parabola. Its steps shrink as s, s^2, s^4...;
+    it stops when the next step would be lost in rounding.
     """
     w = high - low
     bend = (f0 - f1 + w * df1) / (w * w)
@@ -105,10 +105,10 @@ def refine(f, sign, start, first, degree, low, high, f0, f1, df1):
 def first_root(f, sign, start, degree, limit):
     """Return the first root in (0, limit), limit <= 1, of a polynomial that is positive, or zero and rising, at 0.
 
-    The polynomial is `sign` times the one with the coefficients f, up to `degree`, and the value `start` at 0; there
-    exactly 0 marks a zero that is not to be found. Returned is infinity without a root; 0 if the polynomial is not
-    positive from the start; -1 if the search was given up. A limit below 0, from an earlier search that was given up,
-    finds nothing.
+    The polynomial is `sign` times the polynomial with the coefficients f up to `degree`, except that its value at 0 is
+    `start`. If `start` is exactly 0, the zero at 0 is not searched for. The result is infinity if there is no root, 0
+    if the polynomial is negative from the start, and -1 if the search was given up. If `limit` is below 0, because an
+    earlier search was given up, the result is infinity.
     """
     if limit < 0:
         return inf

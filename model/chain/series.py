@@ -1,19 +1,22 @@
-"""Exact motion of linear contacts while the set of active ones stays: its power series in time, to rounding.
+"""Exact motion of linear contacts while the set of active contacts stays: power series in time, to rounding.
 
-`window_length` gives the time over which the series is summed, `expand` and `expand_product` write its coefficients,
-`place` moves the chain; `value` and `slope` evaluate polynomials.
+`window_length` gives the time over which the series is summed. `expand` and `expand_product` write the coefficients,
+`place` moves the chain, and `value` and `slope` evaluate polynomials.
 
-delta_i' = w_i and w_i' = a_i F_{i-1} - (a_i + a_{i+1}) F_i + a_{i+1} F_{i+1}, with F_i = k_i delta_i + b_i w_i, have as
-many modes as contacts are active. Their power series is summed here. In the norm of energy the equations are
-y' = (S - B) y, with S skew of the norm omega, the highest frequency, and B >= 0 of the norm gamma, the highest rate of
-decay. Over a window, a time h of `ANGLE`/(omega + gamma), the remainder of the series is below rounding.
+The equations of motion are
 
-The series costs O(N) per window, where finding the modes costs O(N^3). It loses no digits where stiffnesses differ by
-many orders, or next to critical damping, where modes are nearly parallel. And a contact at rest that is loaded by its
-neighbours at a high order (docs/chains.md, section 1) has exactly zero coefficients below that order.
+    delta_i' = w_i        w_i' = a_i F_{i-1} - (a_i + a_{i+1}) F_i + a_{i+1} F_{i+1}        F_i = k_i delta_i + b_i w_i
 
-Hunt-Crossley's force k delta (1 + b delta') is a Cauchy product of series. Its remainder has no bound that is known
-beforehand (`trusted_share`).
+In the norm of energy they read y' = (S - B) y. S is skew, and its norm omega is the highest frequency. B >= 0 has the
+norm gamma, the highest rate of decay. A window has the length h = `ANGLE`/(omega + gamma); over this time the remainder
+of the series is below rounding.
+
+The series costs O(N) per window, whereas the natural modes would cost O(N^3). The series loses no digits where
+stiffnesses differ by many orders, or where modes are nearly parallel next to critical damping. Neighbours may load a
+contact at rest at a high order only (docs/chains.md, section 1); its coefficients below that order are exactly zero.
+
+Hunt-Crossley's force k delta (1 + b delta') is a Cauchy product of series. No bound of the remainder is known
+beforehand; `trusted_share` estimates it afterwards.
 
 Used by `chain.kernel`; `value` and `slope` also by `chain.grazing` and `chain.logs`, `place` by `chain.drop`.
 """
@@ -27,7 +30,7 @@ import numpy as np
 from impact_xval.model.chain.laws import Law, damping, equilibrium_depth, is_active
 from impact_xval.model.compiled import kernel_helper
 
-#: Highest power of the series, and omega + gamma times the length of a window: 2.8^29/29! is 1e-18.
+#: Highest power of the series; and the length of a window times (omega + gamma). The remainder is 2.8^29/29! = 1e-18.
 ORDER = 28
 ANGLE = 2.8
 
@@ -37,7 +40,7 @@ INVERSE = np.append(0.0, 1 / np.arange(1.0, ORDER + 1))
 
 @kernel_helper
 def largest_eigenvalue(c, n, stiffnesses):
-    """Bound the largest eigenvalue of the active contacts, with given stiffnesses, by row sums (Gershgorin)."""
+    """Bound the largest eigenvalue of the active contacts at given stiffnesses, by sums of rows (Gershgorin)."""
     largest_row = 0.0
     for i in range(n):
         if not is_active(c[i]):
@@ -90,7 +93,7 @@ def expand(c, n, h, work):
                 scratch.rates[order + 1] = share * (c[i].a * (above - middle) + c[i + 1].a * (below - middle))
                 scratch.deltas[order + 1] = share * scratch.moves * scratch.rates[order]
         if order == 0:
-            # The last body falls, or the bodies above it if the table holds it.
+            # Gravity moves the last body; if the table holds that body, gravity moves the body above it.
             falls = last - 1 if work[last].k > 0 else last
             if falls >= 0:
                 work[falls].rates[1] += h * c[last].g
@@ -98,7 +101,7 @@ def expand(c, n, h, work):
 
 @kernel_helper
 def force_coefficient(contact, scratch, order, is_product):
-    """Return a coefficient of the force of a contact beyond the weight that it holds."""
+    """Return a coefficient of the series of a contact's force; the weight that the contact holds is left out."""
     if not is_product:
         return scratch.k * scratch.deltas[order] + scratch.b * scratch.rates[order]
     if scratch.k == 0:
@@ -111,17 +114,17 @@ def force_coefficient(contact, scratch, order, is_product):
 
 @kernel_helper
 def trusted_share(n, work):
-    """Return the share of a time, at most 1, over which the last two terms of a product's series stay below rounding.
+    """Return the share of a window, at most 1, over which the last two terms of a product's series are below rounding.
 
     This is the usual step of a Taylor integrator (Jorba and Zou, Experimental Mathematics 14:99, 2005). The terms fall
-    geometrically, so the remainder is of the size of the last two.
+    geometrically, so the remainder is of the size of the last two terms.
     """
     longest = 1.0
     for of_deltas in range(2):
         size = 0.0
         for i in range(n):
             table = work[i].deltas if of_deltas else work[i].rates
-            for j in range(7):  # later terms may grow without bound over a time that is too long
+            for j in range(7):  # over too long a time, later terms may grow without bound
                 size = max(size, abs(table[j]))
         for i in range(n):
             table = work[i].deltas if of_deltas else work[i].rates
@@ -134,10 +137,10 @@ def trusted_share(n, work):
 
 @kernel_helper
 def expand_product(c, n, h, work):
-    """Write the coefficients of a product's series, and return the part of the time h over which it holds."""
+    """Write the coefficients of a product's series, and return the time, at most h, over which the series holds."""
     expand(c, n, h, work)
     share = trusted_share(n, work)
-    while not share > 0:  # some terms are beyond double precision
+    while not share > 0:  # some terms of the series leave double precision
         h *= 1e-3
         expand(c, n, h, work)
         share = trusted_share(n, work)
@@ -170,6 +173,6 @@ def slope(coefficients, degree, x):
 
 @kernel_helper
 def place(c, n, x, work):
-    """Move a chain to x of its window."""
+    """Move a chain to the place x of its window."""
     for i in range(n):
         c[i].w, c[i].delta = value(work[i].rates, ORDER, x), value(work[i].deltas, ORDER, x)

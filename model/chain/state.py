@@ -1,16 +1,16 @@
-"""The state of a chain under way, and the quantities that follow from it.
+"""The state of a chain during a collision, and quantities that are computed from it.
 
-`CONTACT` is the record of a contact; `begin` fills in a chain at first touch. Then come accelerations, energies and the
-load by neighbours (`static_load`); energy by rounding (`still_rounding`); bodies that become one (`unite`); and
-velocities of balls (`write_velocities`).
+`CONTACT` is the record of a contact; `begin` fills in a chain at first touch. Further functions compute accelerations,
+energies and the load by neighbours (`static_load`). `still_rounding` removes energy that only rounding has made,
+`unite` makes two bodies one, and `write_velocities` writes the velocities of balls.
 
 Contact i is between bodies i and i + 1, counted from 0. A body is a ball, or several balls that a rigid contact has
-united, or the table: the last body, of infinite mass. The unknowns are, for each contact, the compression rate
-w = v_{i+1} - v_i and the deformation delta. With frozen positions delta' = w holds only while the contact is active,
-which is equations (13)-(15) of docs/theory.md in time. With positions it always holds, and delta is negative across a
-gap. All w and F are continuous through every event.
+united, or the table, which is then the last body and has infinite mass. The unknowns are, for each contact, the
+compression rate w = v_{i+1} - v_i and the deformation delta. With frozen positions delta' = w holds only while the
+contact is active; these are equations (13)-(15) of docs/theory.md, written in time. With positions delta' = w always
+holds, and delta is negative across a gap. All w and F are continuous through every event.
 
-Needs `chain.laws`. Used by all modules of `chain` that follow.
+Needs `chain.laws`. Used by the other modules of `chain`, from the motion to the kernel.
 """
 
 from __future__ import annotations
@@ -31,16 +31,17 @@ from impact_xval.model.chain.laws import (
 from impact_xval.model.compiled import kernel_helper
 from impact_xval.model.pair.law import Phase
 
-#: Rounding of a neighbour's motion, as a share of its energy: the square of 2^-53, and what steps leave.
+#: Rounding of a neighbour's motion, as a share of its energy. Exact motion is rounded by 2^-53, whose square is the
+#: first number; motion by steps leaves the second.
 ROUNDING, ROUNDING_OF_STEPS = 1e-32, 1e-26
 
-#: Share of the energy of impact below which a load counts as none: far ahead of a wave, loads underflow.
+#: Loads below this share of the energy of impact count as zero: far ahead of a wave, loads underflow.
 UNDERFLOW = 1e-150
 
 
-#: A contact under way and the body above it, one record each. The last record of a chain is the body below its last
-#: contact. That record is always INACTIVE, and as c[-1] it also stands above the first contact, so that the contacts at
-#: both ends have a neighbour without force.
+#: A contact during a collision and the body above it. A chain c has one such record per contact, and one more for the
+#: body below the last contact. This last record is always INACTIVE. As c[-1] it also stands before the first contact,
+#: so that the contacts at both ends have a neighbour without force.
 CONTACT = np.dtype(
     [
         ("a", "f8"),  # inverse mass of the body; 0 for the table
@@ -51,15 +52,14 @@ CONTACT = np.dtype(
         ("w", "f8"),  # compression rate
         ("delta", "f8"),  # deformation
         ("length", "f8"),  # deformation that would hold all the energy of impact at the original stiffness
-        ("reach", "f8"),  # twice the largest energy that this contact or a neighbour has had (`oscillation`)
+        ("reach", "f8"),  # twice the largest energy so far of this contact and its neighbours (`oscillation`)
         ("g", "f8"),  # gravity of the contact with the table; 0 for others, and from the first flight on
         ("phase", "i8"),  # Phase: INACTIVE, COMPRESSION, RESTITUTION or SLACK
-        ("index", "i8"),  # number of the contact in the collision: rigid contacts are taken out of the chain
+        ("index", "i8"),  # number of the contact in the collision; rigid contacts are no longer in the chain
         ("balls", "i8"),  # number of balls of the body
-        # The same for all contacts of the chain: Law, exponent of the force, whether positions are frozen.
-        ("law", "i8"),
-        ("p", "f8"),
-        ("frozen", "?"),
+        ("law", "i8"),  # Law; one for the whole chain, like p and frozen
+        ("p", "f8"),  # exponent of the force
+        ("frozen", "?"),  # whether positions are frozen
     ],
     align=True,
 )
@@ -76,7 +76,8 @@ def new_chain(contacts: int, p: float, law: Law, frozen: bool) -> Records:
 def begin(c, masses, stiffnesses, restitutions, dampings, rates, gaps, g):
     """Put a chain at first touch.
 
-    A closed contact is active if it approaches, or if it is at rest in a row of closed contacts beside one that does.
+    A closed contact is active if its bodies approach. A closed contact at rest is active too if a row of closed
+    contacts connects it with a contact whose bodies approach.
     """
     n = c.size - 1
     for i in range(n + 1):
@@ -100,14 +101,14 @@ def begin(c, masses, stiffnesses, restitutions, dampings, rates, gaps, g):
 
 @kernel_helper
 def activate_resting(contact, gap, neighbour):
-    """Make a closed contact at rest active if its neighbour is."""
+    """Make a closed contact at rest active if its neighbour is active."""
     if contact.w == 0 and gap == 0 and neighbour.phase == Phase.COMPRESSION:
         contact.phase = Phase.COMPRESSION
 
 
 @kernel_helper
 def acceleration(c, i):
-    """Return w' of contact i: the effect of its own force, of its neighbours' forces, and of gravity at the table."""
+    """Return w' of contact i by its own force, by its neighbours' forces, and by gravity at the table."""
     above, below = c[i].a, c[i + 1].a
     by_itself = (above + below) * force(c[i])
     return above * force(c[i - 1]) + below * force(c[i + 1]) - by_itself + c[i].g
@@ -146,9 +147,9 @@ def oscillation(c, i):
 
 @kernel_helper
 def static_load(c, i):
-    """Return the force of contact i at which w_i' = 0, the slope of that force in time, and its neighbours' energy.
+    """Return the force of contact i at which w_i' = 0, the slope of this force in time, and a neighbour's energy.
 
-    The energy is twice that of the oscillation of the neighbour that has more (`oscillation`).
+    The energy is `oscillation` of the neighbour that has more of it.
     """
     inverse = c[i].a + c[i + 1].a
     static, slope, swing = c[i].g / inverse, 0.0, 0.0
@@ -166,9 +167,9 @@ def static_load(c, i):
 def rounding_energy(contact, energy):
     """Return twice the energy that rounding alone can give a contact, where the energy of impact is `energy`.
 
-    A neighbour gives the ball that both share at most a kinetic energy of its own, and the rounding of that velocity is
-    all that the contact can have of it by mistake. Ahead of a wave no neighbour has moved; there only loads that
-    underflow count as rounding.
+    A contact shares a ball with its neighbour. The neighbour gives this ball at most the neighbour's own energy, and
+    the rounding of the ball's velocity is all the energy that the contact can get by mistake. Ahead of a wave no
+    neighbour has moved; there only loads that underflow count as rounding.
     """
     share = ROUNDING_OF_STEPS
     if has_dashpot(contact):
@@ -180,7 +181,7 @@ def rounding_energy(contact, energy):
 
 @kernel_helper
 def still_rounding(c, n, energy):
-    """Bring to rest the contacts in compression that have no energy but that of rounding."""
+    """Bring to rest the contacts in compression whose energy is only rounding."""
     above, middle, below = 0.0, 0.0, 0.0
     for i in range(-1, n):
         above, middle, below = middle, below, oscillation(c, i + 1) if i + 1 < n else 0.0
@@ -194,7 +195,7 @@ def still_rounding(c, n, energy):
 
 @kernel_helper
 def unite(c, n, i):
-    """Make the two bodies of contact i one for good, and return the number of contacts that are left."""
+    """Make the two bodies of contact i one for good, and return the number of remaining contacts."""
     last = c[n - 1]
     last.delta += equilibrium_depth(last)
     g = last.g
@@ -211,10 +212,10 @@ def unite(c, n, i):
 
 @kernel_helper
 def write_ball_values(c, n, rates, drift, out, row, column):
-    """Write velocities of balls, from compression rates, into a row of `out` from a column on.
+    """Write velocities of balls, computed from compression rates, into a row of `out` from a column on.
 
-    `drift` is the velocity of the centre of mass, without meaning on a table. With slopes of rates, and the
-    acceleration of the centre of mass, accelerations are written.
+    `drift` is the velocity of the centre of mass; it is not used on a table. Given slopes of rates and the acceleration
+    of the centre of mass, the function writes accelerations.
     """
     last, ball = 0.0, column
     if c[n].a > 0:
@@ -247,9 +248,9 @@ def write_velocities(c, n, masses, drift, velocities, row):
 def kinetic_energy(c, n):
     """Return the kinetic energy relative to the centre of mass or the table, computed from rates alone.
 
-    Body after body is added, with its velocity moment/mass relative to the centre of mass of the bodies above it.
-    Velocities (`write_velocities`) would not do: beside a ball 1e30 times as heavy, all energy of the other balls is
-    lost in its rounding.
+    The bodies are added from the top. Each adds the energy of its motion relative to the centre of mass of the bodies
+    above it; the relative velocity is moment/mass. Velocities of balls would not do: beside a ball 1e30 times as heavy,
+    rounding of its velocity hides the energy of all other balls.
     """
     total, mass, moment = 0.0, 0.0, 0.0
     for i in range(n):
@@ -261,13 +262,13 @@ def kinetic_energy(c, n):
 
 @kernel_helper
 def may_still_act(contact):
-    """Return whether a contact is active, or will be because its bodies approach across a gap."""
+    """Return whether a contact is active, or its bodies approach across a gap."""
     return is_active(contact) or (contact.w > 0 and not contact.frozen)
 
 
 @kernel_helper
 def energy_left(c, n):
-    """Return the energy of contacts that are active, and of bodies that approach across a gap."""
+    """Return the energy of active contacts, and of bodies that approach across a gap."""
     total = 0.0
     for i in range(n):
         contact = c[i]
@@ -278,10 +279,10 @@ def energy_left(c, n):
 
 @kernel_helper
 def bring_to_rest(c, n):
-    """End all contacts that are active or approach, and return the strain energy that is dropped.
+    """End all contacts that are active or whose bodies approach, and return the strain energy that is dropped.
 
-    Also returned is whether a contact with e < 1 was among them. If not, no events without end led here, and all the
-    energy that goes is that of rounding.
+    Also returned is whether one of these contacts has e < 1. If none has, the state is no end of infinitely many
+    events, and the dropped energy is only rounding.
     """
     dropped, is_lossy = 0.0, False
     for i in range(n):

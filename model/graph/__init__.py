@@ -1,14 +1,17 @@
 """Contact graphs: bodies of any kind that meet at once, in exact event-driven motion (docs/graphs.md).
 
-- `solving`: `solve_graph` and `solve_graphs`, given a Delassus matrix. `collision`: `GraphCollision`, given bodies and
-  contacts. `named`: graphs by name. `outcome`: what they return. `collision_outcome`: the result of any solver.
-- `law`: what is watched of a contact, and what its events do. `motion`: the motion between events, and the start rule.
+- `solving`: `solve_graph` and `solve_graphs` solve graphs given by a Delassus matrix. `collision`: `GraphCollision`,
+  given by bodies and contacts. `named`: graphs by name. `outcome`: the model's results. `collision_outcome`: the result
+  of any solver.
+- `law`: the watched functions and the events of a contact. `motion`: the motion between events, and the start rule.
   `event`: the certified first event. `rigid`: contacts that are rigid. `grazing`: the distance from a jump.
-- `kernel`: follows a graph to its end. `state`: a graph under way. `record`: types that cross the kernel's boundary.
+- `kernel`: follows graphs to their ends. `state`: the record of a contact, and its energies. `record`: types that cross
+  the kernel's boundary.
+- `in_time`: graphs whose contacts have a depth.
 
-With `model.chain` it shares what is the same for both: the order and the length of power series and their evaluation
-(`chain.series`), the certified first root of a polynomial (`chain.roots`), turning points (`chain.grazing`), and the
-shares of energy below which a contact counts as rigid (`chain.rigid`).
+From `model.chain` this package takes the order, the length and the evaluation of power series (`chain.series`), the
+certified first root of a polynomial (`chain.roots`), turning points (`chain.grazing`), and the shares of energy below
+which a contact counts as rigid (`chain.rigid`).
 """
 
 from importlib import import_module
@@ -48,7 +51,7 @@ __all__ = [
     "touching_balls",
 ]
 
-#: Modules of the names above, which are imported when they are first used, for the compiler takes a while.
+#: Module of each name above. Modules are imported at first use, because importing the compiler takes a while.
 _MODULES = {
     "collision": ("BodyContact", "GraphCollision", "Plane", "solve_graph_collision", "touching_balls"),
     "collision_outcome": ("GraphCollisionOutcome",),

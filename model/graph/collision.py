@@ -1,7 +1,7 @@
-"""`GraphCollision`: bodies that touch in any number of contacts; `solve_graph_collision` solves one by the model.
+"""Bodies that touch in any number of contacts (`GraphCollision`), and their collision by the model.
 
-`touching_balls` finds the contacts of balls, and of balls with planes. Needs `graph.solving`. Used by `graph.named` and
-by users.
+`solve_graph_collision` solves one collision. `touching_balls` finds the contacts of balls, and of balls with planes.
+Needs `graph.solving`. Used by `graph.named` and by users.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ _TURNS = Legal("angular_velocities", _VELOCITIES.low, _VELOCITIES.high, "finite 
 _LENGTHS = Legal("", _VELOCITIES.low, _VELOCITIES.high, "finite numbers (m)")
 _RADII = Legal("radii", _MASSES.low, _MASSES.high, "finite numbers > 0 (m)")
 
-#: Share of the sum of two radii by which balls that touch may be apart or overlap: rounding of positions.
+#: Largest gap or overlap of touching balls, as a share of the sum of their radii: it is rounding of positions.
 TOUCHING = 1e-9
 
-#: Difference of the length of a normal from 1 that is rounding; the normal is then made a unit vector.
+#: Largest difference of a normal's length from 1 that counts as rounding; the normal is then scaled to length 1.
 UNIT = 1e-9
 
 
@@ -48,7 +48,7 @@ class BodyContact:
     restitution : float
         Coefficient of energetic restitution, from 0 (perfectly plastic) to 1 (elastic).
     arms : tuple of two sequences of float, or empty
-        From each body's centre of mass to the contact, in m; empty where the normal passes through both centres.
+        Vectors from each body's centre of mass to the contact, in m; empty if the normal passes through both centres.
     """
 
     bodies: tuple[int, int | None]
@@ -67,14 +67,14 @@ class GraphCollision:
     masses : sequence of float, one per body
         In kg; positive, finite.
     velocities : sequence of sequences of float
-        Of each body's centre of mass at first touch, in m/s: (x, z) in a plane, (x, y, z) in space.
+        Velocity of each body's centre of mass at first touch, in m/s: (x, z) in a plane, (x, y, z) in space.
     contacts : sequence of BodyContact
-        From 1 to `MOST_CONTACTS`; at least one approaches.
+        From 1 to `MOST_CONTACTS` contacts; the bodies of at least one contact approach.
     inertias : sequence, one per body, or empty
-        Moments of inertia about the centre of mass, in kg m^2: a number in a plane, the three principal moments along
-        the axes in space; infinite for a body that does not turn. Empty if no body turns.
+        Moments of inertia about the centre of mass, in kg m^2: in a plane one number, in space the three principal
+        moments along the axes. Infinite for a body that does not turn; empty if no body turns.
     angular_velocities : sequence, one per body, or empty
-        In rad/s: a number in a plane, positive from x to z; three in space. Empty if no body turns at first.
+        In rad/s: in a plane one number, positive from x to z; in space three numbers. Empty if no body turns at first.
 
     Raises
     ------
@@ -175,12 +175,12 @@ class GraphCollision:
         J = self.jacobian
         terms = -J * self._all_velocities
         rates = terms.sum(axis=1)
-        # Bodies that move together do not approach by the rounding of their velocities.
+        # Bodies that move together would otherwise approach by the rounding of their velocities.
         return np.where(np.abs(rates) <= 2.0**-48 * np.abs(terms).sum(axis=1), 0.0, rates)
 
     @property
     def _directions(self) -> tuple[int, int]:
-        """Numbers of directions of translation and of rotation of a body."""
+        """Numbers of directions of translation and of directions of rotation of a body."""
         dimension = len(self.velocities[0])
         return dimension, 1 if dimension == 2 else 3
 
@@ -269,7 +269,7 @@ def touching_balls(
     Parameters
     ----------
     positions : sequence of sequences of float
-        Of the centres, in m.
+        Positions of the centres, in m.
     radii : sequence of float
         In m; positive, finite.
     planes : sequence of Plane
@@ -277,8 +277,8 @@ def touching_balls(
     Returns
     -------
     list of tuple
-        First the contacts of two balls, ordered by their numbers, then those with planes, plane after plane. Two balls
-        touch if the gap between them is at most `TOUCHING` of the sum of their radii.
+        First the contacts of two balls, ordered by their numbers, then the contacts with planes, plane after plane. Two
+        balls touch if the gap between them is at most the share `TOUCHING` of the sum of their radii.
 
     Raises
     ------
@@ -331,7 +331,7 @@ def _vector(legal: Legal, values: Sequence[float]) -> tuple[float, ...]:
 
 
 def _turning(legal: Legal, body: int, row: float | Sequence[float], turns: int) -> float | tuple[float, ...]:
-    """Return a body's moments of inertia or angular velocities: a number in a plane, three in space."""
+    """Return a body's moments of inertia or angular velocities: one number in a plane, three numbers in space."""
     named = legal._replace(name=f"{legal.name}[{body}]")
     if turns == 1:
         return named.number(row)
@@ -341,7 +341,7 @@ def _turning(legal: Legal, body: int, row: float | Sequence[float], turns: int) 
 
 
 def _unit(name: str, normal: Sequence[float], dimension: int) -> tuple[float, ...]:
-    """Return a normal as a unit vector; a ValueError names one that is not of unit length but for rounding."""
+    """Return a normal as a unit vector; a ValueError names a normal whose length differs from 1 beyond rounding."""
     numbers = _vector(_LENGTHS._replace(name=name, text="finite numbers"), normal)
     length = math.hypot(*numbers)
     if len(numbers) != dimension or not abs(length - 1) <= UNIT:

@@ -26,17 +26,17 @@ class GraphCollisionOutcome:
     ----------
     solver : str
     velocities : tuple of tuple of float
-        Of each body's centre of mass when the collision is over, in m/s: (x, z) in a plane, (x, y, z) in space. NaN
-        only with a status that explains it.
+        Velocity of each body's centre of mass when the collision is over, in m/s: (x, z) in a plane, (x, y, z) in
+        space. NaN only with a status that explains it.
     angular_velocities : tuple of tuple of float
-        Of each body, in rad/s; empty where no body turns.
+        Angular velocity of each body, in rad/s; empty where no body turns.
     status, reason, mark : str
         As in `Outcome`.
     diagnostics : mapping of str to float
         Further numbers that the solver states, as in `Outcome`.
     limit_velocities : tuple of tuple of float
-        Of each body in the limit of a time step of zero, as `velocities`; empty where no limit was asked for or is
-        known. ``limit_error`` of `diagnostics` is its error in m/s.
+        Velocities in the limit of a time step of zero, in the form of `velocities`; empty where the limit is not known
+        or was not asked for. ``limit_error`` of `diagnostics` is the error of the limit in m/s.
     requested, effective : mapping of str to tuple of float
         As in `Outcome`.
     """
@@ -59,7 +59,7 @@ class GraphCollisionOutcome:
 
     @property
     def differences(self) -> str:
-        """Sentence about the parameters that an engine replaced by others, beyond rounding; empty without any."""
+        """Sentence about the parameters that an engine changed beyond rounding; empty if there are none."""
         return describe_differences(self.requested, self.effective)
 
     @classmethod

@@ -1,16 +1,13 @@
-"""The first event of a window, with certainty: which contact, which watched function, and when.
+"""The certified first event of a window: its contact, its watched function, and its time.
 
-**Certificate.** Over a window each watched function, a force F_i or a rate w_i, is a polynomial in x = t/h: its power
-series up to `ORDER`, whose remainder is below rounding (`graph.motion` has the proof, which needs no sign of W).
-`chain.roots.first_root` finds the first root of a polynomial on [0, 1] in this way. It bounds the fourth derivative by
-the coefficients. So on any interval the function is at least the cubic through its values and slopes at both ends, less
-a known reserve. Where the Bernstein coefficients of that cubic exceed the reserve, the interval holds no root, and is
-passed over. Where they do not, it is halved. Where a root splits it, the part before the root has to be certified too.
-So no root, and no pair of close roots, is stepped over. A function that is 0 when the window begins is first divided by
-the power of x with which it begins: the event that has just happened is not found again.
+**Certificate.** A watched function is a force F_i or a rate w_i. Over a window it is a polynomial in x = t/h: its power
+series up to `ORDER`, whose remainder is below rounding. (`graph.motion` has the proof, which needs no sign of W.)
+`chain.roots.first_root` finds the first root of the polynomial on [0, 1], and describes the method. No root, and no
+pair of close roots, is stepped over. A function that is 0 when the window begins is first divided by the power of x
+with which it begins, so that the event that has just happened is not found again.
 
-**First.** Contacts are searched in their order, each up to the earliest root so far. The event is the earliest root; of
-equal ones that of the first contact (`graph.law` on ties).
+**First.** Contacts are searched in their order, each up to the earliest root so far. The event is the earliest root. Of
+equal roots, the root of the first contact counts (`graph.law` explains ties).
 
 Used by `graph.kernel`.
 """
@@ -29,10 +26,10 @@ from impact_xval.model.graph.law import WATCHED, GraphWatched
 class GraphEvent(NamedTuple):
     """First event of a window."""
 
-    #: Contact, -1 for none, and the watched function that is zero, one of `GraphWatched`.
+    #: Contact, -1 for none, and the watched function that is zero at the event, one of `GraphWatched`.
     contact: int
     watched: int
-    #: Time over the length of the window; infinite without an event, -1 where the search was given up.
+    #: Time of the event over the length of the window; infinite without an event, -1 where the search was given up.
     x: float
 
 

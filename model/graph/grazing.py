@@ -1,14 +1,16 @@
 """The grazing margin of a graph: turning points of the rates of active contacts, over their amplitudes.
 
-The definition is that of docs/theory.md, section 6: the smallest abs(w_i) at a turning point, w_i' = 0, over the sum of
-the amplitudes of the sinusoids that w_i then consists of. Points count below `NEAR`, and where an end of compression
-would lose at least `STAKE` of the energy of impact.
+docs/theory.md, section 6, defines it: the smallest abs(w_i) at a turning point, w_i' = 0, over the sum of the
+amplitudes of the sinusoids of w_i at that time. A turning point counts if this quotient is below `NEAR`, and if an end
+of compression there would lose at least the share `STAKE` of the energy of impact.
 
-With u_i = sqrt(k_i) w_i, u'' = -A u (`graph.motion`). A unit eigenvector p of A to the eigenvalue lambda adds to w_i a
-sinusoid of the amplitude abs(p_i)/sqrt(k_i) sqrt((p u)^2 + (p u')^2/lambda). Modes of one frequency are one sinusoid,
-and are added before the root is taken: in a symmetric graph their eigenvectors are arbitrary. Eigenvectors are those of
-Jacobi's method, which turns only contacts that are coupled. By Cauchy's inequality the sum is at most
-sqrt(2 E W_ii), with the energy of impact E, and eigenvectors are sought only where that allows a smaller margin.
+With u_i = sqrt(k_i) w_i the motion is u'' = -A u (`graph.motion`). A unit eigenvector p of A with the eigenvalue lambda
+adds to w_i a sinusoid of the amplitude abs(p_i)/sqrt(k_i) sqrt((p u)^2 + (p u')^2/lambda). In a symmetric graph several
+modes have one frequency, and their eigenvectors are arbitrary. Such modes form one sinusoid, so they are added before
+the root is taken. Jacobi's method finds the eigenvectors; it rotates only contacts that are coupled.
+
+By Cauchy's inequality the sum of amplitudes is at most sqrt(2 E W_ii), where E is the energy of impact. Eigenvectors
+are computed only where this bound allows a smaller margin.
 
 Used by `graph.kernel`.
 """
@@ -23,18 +25,18 @@ from impact_xval.model.compiled import kernel_helper
 from impact_xval.model.graph.state import is_compliant
 from impact_xval.model.pair.grazing import NEAR, STAKE
 
-#: Sweeps of Jacobi's method; some six suffice.
+#: Largest number of sweeps of Jacobi's method; some six suffice.
 MOST_SWEEPS = 40
 
-#: Distance at which two eigenvalues count as equal, over the largest one.
+#: Largest difference of two eigenvalues that count as equal, over the largest eigenvalue.
 SAME = 1e-9
 
 
 @kernel_helper
 def near_misses(c, matrices, x, h, energy, margin):
-    """Return the grazing margin after the part x of a window of length h, given the margin before it.
+    """Return the grazing margin after the first part x of a window of length h, given the margin before the window.
 
-    The graph is at the end of that part, `energy` is the energy of impact.
+    The graph is at the end of that part; `energy` is the energy of impact.
     """
     for i in range(c.size):
         contact = c[i]
@@ -65,7 +67,7 @@ def near_misses(c, matrices, x, h, energy, margin):
 
 @kernel_helper
 def amplitude(c, matrices, i, x, h):
-    """Return the sum of the amplitudes of the sinusoids of the rate of contact i at x of a window of length h."""
+    """Return the sum of the amplitudes of the sinusoids of contact i's rate, at the place x of a window of length h."""
     A, vectors = matrices.A, matrices.vectors
     for a in range(c.size):
         for b in range(c.size):
@@ -78,7 +80,7 @@ def amplitude(c, matrices, i, x, h):
         highest = max(highest, A[mode, mode])
     total = 0.0
     for mode in range(c.size):
-        is_new = A[mode, mode] > c.size * EPSILON * highest  # else the motion has no such mode
+        is_new = A[mode, mode] > c.size * EPSILON * highest  # else no such mode is in the motion
         for before in range(mode):
             is_new &= abs(A[before, before] - A[mode, mode]) > SAME * highest
         if is_new:
@@ -88,7 +90,7 @@ def amplitude(c, matrices, i, x, h):
 
 @kernel_helper
 def amplitude_of_frequency(c, matrices, i, mode, distance, x, h):
-    """Return sqrt(k_i) times the amplitude in the rate of contact i of all modes with the frequency of `mode`."""
+    """Return sqrt(k_i) times the amplitude, in the rate of contact i, of all modes with the frequency of `mode`."""
     A, vectors = matrices.A, matrices.vectors
     by_rate, by_slope = 0.0, 0.0
     for same in range(mode, c.size):

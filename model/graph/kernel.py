@@ -1,9 +1,9 @@
 """The kernel of graphs: follows a graph from first touch to its end, window by window.
 
-`follow_graphs` follows many graphs, and is the only kernel that Python calls; `collide` follows one. A segment is the
-time with one set of active contacts. It consists of windows. Over a window every rate and every force is a polynomial
-in time (`graph.motion`), whose first event is found with certainty (`graph.event`). The law tells what the event does
-to its contact (`graph.law`). The collision is over when no contact is active, and none approaches.
+`follow_graphs` follows many graphs, and is the only kernel that Python calls; `collide` follows one graph. A segment is
+the time with one set of active contacts. A segment consists of windows. Over a window every rate and every force is a
+polynomial in time (`graph.motion`), so the first event is found with certainty (`graph.event`). The law tells what the
+event does to its contact (`graph.law`). The collision is over when no contact is active and no bodies approach.
 
 Used by `graph.solving`.
 """
@@ -35,10 +35,10 @@ from impact_xval.model.graph.state import (
     strain_energy,
 )
 
-#: Share of the energy of impact at which all active contacts count as at rest.
+#: Share of the energy of impact below which all active contacts count as at rest.
 COLLAPSED = 1e-30
 
-#: Share of the energy of impact by which a graph may end above it. No law makes energy.
+#: Largest gain of energy, as a share of the energy of impact, that counts as rounding; no law makes energy.
 GAIN = 1e-9
 
 
@@ -58,7 +58,7 @@ def begin(c, matrices, graphs, graph):
 
 @kernel_helper
 def is_over(c):
-    """Return whether no contact is active, and none approaches; a rigid contact alone carries no force."""
+    """Return whether no contact is active and no bodies approach; rigid contacts alone carry no force."""
     for i in range(c.size):
         contact = c[i]
         if is_compliant(contact.phase) and (contact.F > 0 or contact.w != 0):
@@ -70,7 +70,7 @@ def is_over(c):
 
 @kernel_helper
 def energy_left(c, W):
-    """Return the energy of the contacts that are active, or approach."""
+    """Return the energy of contacts that are active or whose bodies approach."""
     total = 0.0
     for i in range(c.size):
         contact = c[i]
@@ -81,10 +81,10 @@ def energy_left(c, W):
 
 @kernel_helper
 def end_held(c, W):
-    """End the active contacts that rigid ones keep at rest, and return the strain energy that is dropped.
+    """End the active contacts that rigid contacts keep at rest, and return the strain energy that is dropped.
 
-    The rigid contacts press in the window that is over, so the forces are in balance, and stay so for ever: the bodies
-    are jammed.
+    The rigid contacts pressed in the last window, so all forces are in balance, and stay in balance for ever. The
+    bodies are jammed.
     """
     dropped = 0.0
     for i in range(c.size):
@@ -98,7 +98,7 @@ def end_held(c, W):
 
 @kernel_helper
 def bring_to_rest(c):
-    """End all active contacts; return the strain energy that is dropped, and whether one with e < 1 was among them."""
+    """End all active contacts; return the strain energy that is dropped, and whether one of them has e < 1."""
     dropped, is_lossy = 0.0, False
     for i in range(c.size):
         contact = c[i]
@@ -143,7 +143,7 @@ def apply_event(c, W, i, watched, energy, result):
 
 @kernel_helper
 def active_set(c):
-    """Return the set of active contacts: bit i is contact i. A rigid contact counts where it presses."""
+    """Return the set of active contacts: bit i stands for contact i. A rigid contact counts while it presses."""
     contacts = np.uint64(0)
     for i in range(c.size):
         if c[i].phase != GraphPhase.INACTIVE:
@@ -153,7 +153,7 @@ def active_set(c):
 
 @kernel_helper
 def log_event(log, row, time, kind, contact, active):
-    """Write an event, as far as the log has room, and return the next row."""
+    """Write an event if the log has room for it, and return the next row."""
     if row < log.size:
         log[row].time, log[row].kind, log[row].contact, log[row].active = time, kind, contact, active
     return row + 1
@@ -161,9 +161,9 @@ def log_event(log, row, time, kind, contact, active):
 
 @kernel_helper
 def log_active(log, row, time, logged, active):
-    """Write the set that is active from the last event on, and return the next row.
+    """Write the set of contacts that are active from the last event on, and return the next row.
 
-    `logged` is the time of the last event. A set that has changed since is an event of its own.
+    `logged` is the time of the last event. A later change of the set is an event of its own.
     """
     if time > logged:
         return log_event(log, row, time, EventKind.LOADED, -1, active)
@@ -176,7 +176,7 @@ def log_active(log, row, time, logged, active):
 def collide(c, matrices, energy, most_windows, log, first_row, result):
     """Follow a graph from first touch to its end; return the energy that was lost in contacts, and the next row.
 
-    The fields of `result` are filled in (`graph.record.GRAPH_RESULT`), but for `energy_residual`.
+    All fields of `result` are filled in except `energy_residual` (`graph.record.GRAPH_RESULT`).
     """
     ending, events, windows = GraphEnding.UNFINISHED, 0, 0
     margin, loss, time = inf, 0.0, 0.0
@@ -243,7 +243,7 @@ def follow_graphs(c, matrices, graphs, most_windows, log, ends):
     most_windows : int
         Windows after which a graph is given up.
     log : recarray of `graph.record.EVENT`
-        Filled in as far as it has room; `n_rows` of the results count all rows.
+        Filled in as far as there is room; `n_rows` of the results also counts the rows without room.
     ends : GraphEnds
         Filled in; the results are zeros before.
     """

@@ -1,6 +1,6 @@
-"""The law of a contact: what is watched of it in each phase, and what its events do.
+"""The law of a contact: the functions that are watched in each phase, and the effects of events.
 
-This is the model's law (docs/theory.md, section 2), contact by contact; nothing in it knows how contacts are connected.
+This is the model's law (docs/theory.md, section 2) for one contact. It does not depend on how contacts are connected.
 
 | event | condition | effect |
 |---|---|---|
@@ -9,18 +9,18 @@ This is the model's law (docs/theory.md, section 2), contact by contact; nothing
 | end of restitution | F_i falls to 0 in restitution | inactive, k_i stays |
 | return | w_i of an inactive contact rises through 0 | compression from F_i = 0 |
 
-**Start.** At first touch, and after every event, a contact without force is active if w_i > 0. Where w_i = 0, its
-first non-zero derivative decides, order by order: the contact is active if that is positive (`graph.motion.expand`).
-This one rule covers a contact far down a row that is struck at its end, a contact between two loads that balance, and a
-contact that its neighbour pulls open.
+**Start.** At first touch, and after every event, a contact without force is active if w_i > 0. If w_i = 0, the first
+non-zero derivative of w_i decides: the contact is active if this derivative is positive (`graph.motion.expand`). The
+rule covers a contact far down a row whose end is struck, a contact between two loads that balance, and a contact that
+its neighbour pulls open.
 
 **Limits.** At e_i = 0 an end of compression makes the contact infinitely stiff: from then on it is RIGID while its
 neighbours press it, and INACTIVE while they do not (`graph.rigid`).
 
-**Ties.** Events at one instant are applied one after another, in the order of contacts. The order does not matter:
-each changes only its own contact, and leaves all rates and forces as they are.
+**Ties.** Events at one instant are applied one after another, in the order of contacts. The order does not matter,
+because each event changes only its own contact, and leaves all rates and forces as they are.
 
-To change the law, change `WATCHED` for what ends a phase, and the four functions for what an event does. Used by
+To change the law, change `WATCHED`, which tells what ends a phase, and the four functions that apply events. Used by
 `graph.event` and `graph.kernel`.
 """
 
@@ -35,19 +35,19 @@ from impact_xval.model.graph.state import GraphPhase
 
 
 class GraphWatched(IntEnum):
-    """Function of time that may be watched of a contact."""
+    """Function of time of one contact that the search for events may watch."""
 
-    FORCE = 0  # F_i
-    RATE = 1  # w_i
+    FORCE = 0  # the force F_i
+    RATE = 1  # the rate of compression w_i
 
 
-#: Sign that a watched function has until its event, by phase and `GraphWatched`; 0 where it is not watched.
+#: Sign of each function until its event, by phase and `GraphWatched`; 0 where the function is not watched.
 WATCHED = np.zeros((len(GraphPhase), len(GraphWatched)))
 WATCHED[GraphPhase.INACTIVE, GraphWatched.RATE] = -1  # return
 WATCHED[GraphPhase.COMPRESSION, GraphWatched.RATE] = 1  # end of compression
 WATCHED[GraphPhase.RESTITUTION, GraphWatched.RATE] = -1  # restart
 WATCHED[GraphPhase.RESTITUTION, GraphWatched.FORCE] = 1  # end of restitution
-WATCHED[GraphPhase.RIGID, GraphWatched.FORCE] = 1  # its neighbours no longer press it
+WATCHED[GraphPhase.RIGID, GraphWatched.FORCE] = 1  # the neighbours no longer press the contact
 
 
 @kernel_helper
@@ -72,7 +72,7 @@ def deactivate(contact):
 
 @kernel_helper
 def reactivate(contact):
-    """Begin compression from zero force; a contact that is rigid for good waits until a load presses it."""
+    """Begin compression from zero force; a contact that is rigid for good stays inactive until a load presses it."""
     contact.F = 0.0
     if not contact.is_rigid:
         contact.phase = GraphPhase.COMPRESSION

@@ -4,19 +4,22 @@ Between events w' = -W F and F_i' = k_i w_i for active contacts. With z_i = F_i/
 
     z' = u        u' = -A z        A = sqrt(K) W sqrt(K), symmetric and positive semidefinite.
 
-The rates lie in the range of W, u in that of A, so the motion is a sum of sinusoids. In the norm of energy it is
-y' = S y, y = (A^(1/2) z, u), with a skew S whose norm is omega, the root of the largest eigenvalue of A. Energy
-2 E = abs(y)^2 is conserved. So the remainder of the series after the power `ORDER` is at most
-(omega t)^29/29! sqrt(2 E) in this norm, and w_i, of an active contact or not, is off by at most sqrt(W_ii) times that
-(Cauchy's inequality). Over a window, the time h = `ANGLE`/omega, it is 1e-18 of sqrt(2 E W_ii): below rounding. No sign
-of an entry of W is used, and W may be singular.
+The rates lie in the range of W, and u lies in the range of A, so the motion is a sum of sinusoids. In the norm of
+energy it reads y' = S y with y = (A^(1/2) z, u). S is skew, and its norm is omega, the root of the largest eigenvalue
+of A. The energy 2 E = abs(y)^2 is conserved.
 
-A series has no modes to find, loses no digits where stiffnesses differ by many orders, and answers the start rule: the
-first non-zero derivative of a rate is its first non-zero coefficient. `expand` decides it on the way, order by order. A
-contact that becomes active at order n has F_i of order n + 1, so no coefficient that is already written changes.
+**Remainder.** In this norm the remainder of the series after the power `ORDER` is at most (omega t)^29/29! sqrt(2 E).
+By Cauchy's inequality the error of w_i, for active and inactive contacts, is at most sqrt(W_ii) times as large. A
+window has the length h = `ANGLE`/omega; over this time the error is 1e-18 of sqrt(2 E W_ii), which is below rounding.
+The proof uses no sign of an entry of W, and W may be singular.
 
-`window_length` gives h, `expand` writes the coefficients, `place` moves the graph. `ORDER`, `ANGLE`, `value` are those
-of `chain.series`, for the same bound holds there. Used by `graph.kernel`, `graph.rigid`.
+**Start rule.** Natural modes need not be found, and the series loses no digits where stiffnesses differ by many orders.
+The series also answers the start rule: the first non-zero derivative of a rate is its first non-zero coefficient.
+`expand` decides this order by order. A contact that becomes active at order n has a force F_i of order n + 1, so no
+coefficient that is already written changes.
+
+`window_length` gives h, `expand` writes the coefficients, `place` moves the graph. `ORDER`, `ANGLE` and `value` come
+from `chain.series`, where the same bound holds. Used by `graph.kernel`, `graph.rigid`.
 """
 
 from __future__ import annotations
@@ -29,8 +32,8 @@ from impact_xval.model.chain.series import ANGLE, INVERSE, ORDER, value
 from impact_xval.model.compiled import kernel_helper
 from impact_xval.model.graph.state import GraphPhase, is_compliant
 
-#: Rounding of a sum over contacts, over the sum of the absolute values of its terms; a smaller sum counts as 0 where
-#: only its sign matters.
+#: Rounding of a sum over contacts, as a share of the sum of the absolute values of its terms. A sum below this share
+#: counts as 0 where only its sign matters.
 ROUNDING = 2.0**-46
 
 #: 1/(n + 1): the factors of an integral of a power series.
@@ -39,7 +42,7 @@ INVERSE_NEXT = 1 / np.arange(1.0, ORDER + 2)
 
 @kernel_helper
 def apply_start_rule(c):
-    """Make contacts without force active that approach, and leave those at rest undecided."""
+    """Make contacts without force active whose bodies approach, and leave contacts at rest undecided."""
     for i in range(c.size):
         contact = c[i]
         is_idle = contact.F == 0 and not contact.is_rigid and contact.phase != GraphPhase.RESTITUTION
@@ -52,10 +55,11 @@ def apply_start_rule(c):
 
 @kernel_helper
 def window_length(c, W):
-    """Return the time over which the series is summed; 1 where rigid contacts keep all others at rest.
+    """Return the time over which the series is summed; 1 if rigid contacts keep all other contacts at rest.
 
-    The largest eigenvalue of A is bounded by row sums of W K, which is similar to A (Gershgorin), and by the Frobenius
-    norm of A; the smaller bound counts. A contact that is undecided may become active, and counts as such.
+    Two bounds of the largest eigenvalue of A are computed, and the smaller one counts: sums of rows of W K, which is
+    similar to A (Gershgorin), and the Frobenius norm of A. An undecided contact may become active, and counts as active
+    here.
     """
     largest_row, squares = 0.0, 0.0
     for i in range(c.size):
@@ -76,7 +80,7 @@ def window_length(c, W):
 def decide(c, W, i, order):
     """Decide whether the undecided contact i is pressed, by the next coefficient of its rate.
 
-    Returned is the sum over contacts that the coefficient consists of. What may be rounding of it counts as 0, and the
+    The coefficient is a sum over contacts, and this sum is returned. A sum that may be rounding counts as 0; then the
     next order decides.
     """
     contact, size = c[i], 0.0
@@ -92,7 +96,7 @@ def decide(c, W, i, order):
 
 @kernel_helper
 def write_rigid_forces(c, pivots, order):
-    """Write a coefficient of the forces of rigid contacts: those that keep their rates at 0 (`graph.rigid`)."""
+    """Write a coefficient of the forces of rigid contacts, which keep their rates at 0 (`graph.rigid`)."""
     for r in range(c.size - 1, -1, -1):
         if c[r].has_pivot:
             force = 0.0
@@ -134,7 +138,7 @@ def expand(c, matrices, h):
 
 @kernel_helper
 def place(c, x, h):
-    """Move a graph to x of its window of length h, and add the impulses of that time."""
+    """Move a graph to the place x of its window of length h, and add the impulses of that time."""
     for i in range(c.size):
         contact = c[i]
         contact.w = value(contact.rates, ORDER, x)

@@ -1,7 +1,8 @@
 """Contact graphs by name: `bernoulli`, `corner`, `bridge`, `rack` and `box`, in a plane with axes x and z (up).
 
-Each function returns a `GraphCollision` with m = 1 kg, k1 = 1 N/m and a speed of 1 m/s, unless it says otherwise. A new
-graph is a function here, and a line in `GRAPHS`: `graph_of_balls` finds the contacts of balls and planes.
+Each function returns a `GraphCollision` with m = 1 kg, k1 = 1 N/m and a speed of 1 m/s, unless it says otherwise. To
+add a graph, write a function in this module and a line in `GRAPHS`. `graph_of_balls` finds the contacts of balls and
+planes.
 
 Used by users, and by the commands through `GRAPHS`.
 """
@@ -22,7 +23,7 @@ _BETWEEN_WALLS = Legal(
 _RATIO = Legal("stiffness_ratio", math.ulp(0.0), 1e150, "a finite number > 0 (k2/k1)")
 _POSITIVE = Legal("", math.ulp(0.0), 1e150, "a finite number > 0")
 
-#: Balls of a rack, without the one that strikes it.
+#: Legal numbers of balls of a rack; the cue ball is not counted.
 RACKS = (3, 6, 10)
 
 
@@ -38,7 +39,8 @@ def graph_of_balls(
 ) -> GraphCollision:
     """Return the collision of equal balls that touch each other or planes.
 
-    Stiffness and restitution of a contact are functions of its two bodies, numbered from 1; None is a plane.
+    `stiffness` and `restitution` return the value of a contact. Their arguments are the numbers of its two bodies, from
+    1; None is a plane.
     """
     contacts = [
         BodyContact(bodies, normal, stiffness(*bodies), restitution(*bodies))
@@ -55,12 +57,12 @@ def bernoulli(
     Parameters
     ----------
     angle : float
-        Between the fall and each line of centres, in degrees, from 30 to less than 90. At 30 the two balls also touch
-        each other: contact 3, with stiffness k1.
+        Angle between the fall and each line of centres, in degrees, from 30 to less than 90. At 30 the two balls also
+        touch each other in contact 3, which has stiffness k1.
     stiffness_ratio : float
-        k2/k1. Contact 1 is with ball 2, at x < 0, contact 2 with ball 3.
+        k2/k1. Contact 1 is with ball 2, at x < 0; contact 2 is with ball 3.
     restitution : float
-        Of all contacts.
+        Restitution of all contacts.
 
     Raises
     ------
@@ -90,14 +92,14 @@ def corner(
     Parameters
     ----------
     angle : float
-        Between the walls' normals, in degrees, more than 0 and less than 180. Wall 1 has the normal (0, 1), wall 2
-        (sin angle, cos angle).
+        Angle between the walls' normals, in degrees, more than 0 and less than 180. Wall 1 has the normal (0, 1), wall
+        2 the normal (sin angle, cos angle).
     stiffness_ratio : float
         k2/k1.
     restitutions : tuple of float
-        Of both walls.
+        Restitutions of both walls.
     velocity : tuple of float
-        Of the ball, in m/s.
+        Velocity of the ball, in m/s.
 
     Raises
     ------
@@ -125,14 +127,14 @@ def bridge(
     Parameters
     ----------
     angle : float
-        Between the fall and each line of centres, in degrees, from 30 to less than 90. At 30 the two balls also touch
-        each other.
+        Angle between the fall and each line of centres, in degrees, from 30 to less than 90. At 30 the two balls also
+        touch each other.
     table_stiffness_ratio : float
-        Stiffness of the contacts with the table over that of all others.
+        Stiffness of the contacts with the table over the stiffness of all other contacts.
     mass_ratio : float
-        Mass of each of the two balls over that of the first.
+        Mass of each of the two balls over the mass of the first ball.
     restitutions : tuple of float
-        Of the contacts between balls, and of those with the table.
+        Restitution of the contacts between balls, and restitution of the contacts with the table.
 
     Raises
     ------
@@ -158,9 +160,9 @@ def rack(balls: int = 3, *, restitution: float = 0.95, offset: float = 0.0) -> G
     Parameters
     ----------
     balls : int
-        3, 6 or 10. Ball 1 is the cue ball, ball 2 the first of the rack.
+        3, 6 or 10. Ball 1 is the cue ball, ball 2 the first ball of the rack.
     restitution : float
-        Of all contacts.
+        Restitution of all contacts.
     offset : float
         Angle between the cue ball's velocity and the axis of the rack, in degrees, less than 90. The contact with the
         first ball stays on the axis.
@@ -200,11 +202,11 @@ def box(
     ----------
     inertia : float
         Moment of inertia about the centre of mass over m a^2, with the half width a; positive. It is 1/3 for a thin
-        plate, and 1 for a box whose corners do not know of each other: W is diagonal.
+        plate. At 1 the two corners do not act on each other: W is diagonal.
     stiffness_ratio : float
         k2/k1. Corner 1 is at x = a, corner 2 at x = -a.
     restitution : float
-        Of both corners.
+        Restitution of both corners.
     half_width : float
         a, in m; positive.
 

@@ -18,8 +18,8 @@ from impact_xval.model.pair.grazing import GRAZING
 from impact_xval.model.states import name_of_set
 from impact_xval.model.status import IS_RESULT, STATUSES, Status
 
-#: Events count as one instant whose times differ by less than this share of the duration: in a symmetric graph events
-#: come together, but for rounding.
+#: Events count as simultaneous if their times differ by less than this share of the duration. In a symmetric graph
+#: rounding alone separates simultaneous events.
 SAME_INSTANT = 1e-12
 
 #: Kinds of events in words, by `EventKind`.
@@ -38,7 +38,7 @@ EVENT_WORDS: Mapping[EventKind, EventWord] = {
 
 
 class ContactEvent(NamedTuple):
-    """Event of a graph."""
+    """One event of a graph."""
 
     #: Since first touch, in s.
     time: float
@@ -56,31 +56,31 @@ class GraphOutcome:
     Attributes
     ----------
     impulses : tuple of float, one per contact
-        Total impulses along the normals, in N s; NaN only with a status that explains it. Where W is singular they are
-        the model's own split, by stiffnesses.
+        Total impulses along the normals, in N s; NaN only with a status that explains it. Where W is singular,
+        velocities do not determine the impulses; the model's stiffnesses do.
     rates : tuple of float, one per contact
         Rates of compression when the collision is over, in m/s: zero or negative.
     states : tuple of str
-        The sets of active contacts in their order, such as ``("1+2", "2", "-")``.
+        The sets of active contacts, in the order of time, such as ``("1+2", "2", "-")``.
     times : tuple of float
-        When each of these sets begins, in s since first touch, in the time that frozen positions give.
+        Time at which each of these sets begins, in s since first touch, computed with frozen positions.
     status : str
         As in `Outcome`: ``"ok"``, ``"closed-form"``, or a status that says why there is no result.
     reason : str
         One sentence; not empty where there is no result.
     grazing_margin : float
-        As in `Outcome`; infinite if no rate turned around next to zero.
+        As in `Outcome`; infinite if no rate had a turning point next to zero.
     mark : str
         One sentence if the grazing margin is small, else empty.
     n_events : int
         Number of events of single contacts, and of collapses.
     events : tuple of ContactEvent
-        All events in their order, the first touch among them.
+        All events in the order of time; the first of them is the first touch.
     diagnostics : mapping of str to float
         ``energy_residual``: residual of the energy balance over the energy of impact. ``impulse_residual``: largest
         difference of `rates` from w - W I, over the largest rate at first touch.
     velocities, angular_velocities : tuple
-        Of each body when the collision is over, in m/s and rad/s; empty where only W is known.
+        Velocities of each body when the collision is over, in m/s and rad/s; empty where only W is known.
     """
 
     impulses: tuple[float, ...]
@@ -198,7 +198,7 @@ def _contacts_of(bits: int) -> tuple[int, ...]:
 
 
 def _sets_in_time(events: Sequence[ContactEvent]) -> list[tuple[float, str]]:
-    """Return the sets of active contacts that last, each with the time at which it begins."""
+    """Return the sets of active contacts that last longer than an instant, each with the time at which it begins."""
     sets: list[tuple[float, str]] = []
     if not events:
         return sets

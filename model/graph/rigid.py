@@ -1,18 +1,21 @@
-"""Contacts of a graph that are rigid: when they become so, their forces, and which of them press.
+"""Rigid contacts of a graph: when a contact becomes rigid, the forces of rigid contacts, and which of them press.
 
 **When.** At e = 0 an end of compression makes a contact rigid. For e > 0 its running stiffness may run away
 (`ringing_ends`; supplement, 3.4), as in chains.
 
-**Forces.** A rigid contact keeps w_r = 0, so (W F)_r = 0. These rows are eliminated one after another. That leaves
-W <- W - W_r W_r^T/W_rr for all other contacts, and F_r = -sum_j W_rj F_j/W_rr (`eliminate`). In a chain it unites the
-two bodies. A rigid contact that others already keep at rest has no pivot, and carries no force.
+**Forces.** A rigid contact keeps w_r = 0, so (W F)_r = 0. `eliminate` removes these rows one after another. Each
+elimination gives W <- W - W_r W_r^T/W_rr for all other contacts, and F_r = -sum_j W_rj F_j/W_rr. In a chain this is the
+same as one body in place of two. A rigid contact that other rigid contacts already keep at rest has no pivot, and
+carries no force.
 
-**Which press.** A rigid contact only pushes: F_r >= 0, w_r <= 0, and one of them is 0. In a chain neighbours only
-press, so a rigid contact stays closed. In a graph they may also pull it open. `expand_with_rigid` decides this as the
-start rule does, by first non-zero coefficients. The force of a contact that presses must not begin below 0. The rate of
-a contact that does not press must not begin above 0. `exchange` changes the first contact that breaks this, and the
-series are written anew. It is the least-index rule of Murty (Opsearch 11, 1974) for a complementarity problem. It holds
-over every ordered field, so also for power series, and ends if W of the rigid contacts is regular. If it goes on for
+**Which contacts press.** A rigid contact only pushes: F_r >= 0 and w_r <= 0, and one of the two is 0. In a chain the
+neighbours only press, so a rigid contact stays closed. In a graph neighbours may also pull it open. As in the start
+rule, first non-zero coefficients decide. The force of a contact that presses must not begin below 0, and the rate of a
+contact that does not press must not begin above 0. `exchange` changes the first contact that breaks this rule, and
+`expand_with_rigid` writes the series anew until no contact breaks it.
+
+This is the least-index rule of Murty (Opsearch 11, 1974) for a complementarity problem. The rule is valid over every
+ordered field, so also for power series, and it ends if W of the rigid contacts is regular. If the exchanges go on for
 too long, the graph is given up.
 
 Used by `graph.kernel`.
@@ -28,16 +31,16 @@ from impact_xval.model.compiled import kernel_helper
 from impact_xval.model.graph.motion import ROUNDING, apply_start_rule, expand, window_length
 from impact_xval.model.graph.state import GraphPhase, is_compliant, oscillation
 
-#: Pivots below this share of W_ii are rounding: the contact is kept at rest by the others.
+#: Pivots below this share of W_ii are rounding: other rigid contacts keep the contact at rest.
 NO_PIVOT = 1e-12
 
-#: Exchanges of rigid contacts that press, per contact, after which a graph is given up.
+#: Exchanges per contact, by `exchange`, after which a graph is given up.
 MOST_EXCHANGES = 8
 
 
 @kernel_helper
 def eliminate(c, matrices):
-    """Write W with the contacts eliminated whose phase is RIGID, and the rows that give their forces."""
+    """Write W without the contacts whose phase is RIGID, and the rows that give the forces of these contacts."""
     full, W, pivots = matrices.full, matrices.W, matrices.pivots
     for i in range(c.size):
         c[i].has_pivot = False
@@ -60,14 +63,14 @@ def eliminate(c, matrices):
         for j in range(c.size):
             W[r, j] = W[j, r] = 0.0
     for r in range(c.size):
-        if c[r].phase == GraphPhase.RIGID:  # also one without a pivot moves with the others
+        if c[r].phase == GraphPhase.RIGID:  # also a contact without a pivot: others keep it at rest
             for j in range(c.size):
                 W[r, j] = W[j, r] = 0.0
 
 
 @kernel_helper
 def leading_sign(coefficients, scale):
-    """Return the sign of the first coefficient that is not rounding, 0 without one; those before it are set to 0."""
+    """Return the sign of the first coefficient that is not rounding, or 0; earlier coefficients are set to 0."""
     for order in range(ORDER + 1):
         if abs(coefficients[order]) > ROUNDING * scale:
             return 1 if coefficients[order] > 0 else -1
@@ -77,9 +80,9 @@ def leading_sign(coefficients, scale):
 
 @kernel_helper
 def expand_with_rigid(c, matrices):
-    """Write the series of the next window, with the rigid contacts decided.
+    """Decide which rigid contacts press, and write the series of the next window.
 
-    Returned is the length of the window, -1 if it could not be decided which rigid contacts press.
+    Returned is the length of the window; -1 if the decision was given up.
     """
     any_rigid = False
     for i in range(c.size):
@@ -98,7 +101,10 @@ def expand_with_rigid(c, matrices):
 
 @kernel_helper
 def exchange(c, full, h):
-    """Change the phase of the first rigid contact that pulls, or that is pressed and does not press; False if none."""
+    """Change the phase of the first rigid contact whose phase is wrong, and return whether there was one.
+
+    The phase is wrong if the contact would pull, or if its bodies would approach.
+    """
     for r in range(c.size):
         contact = c[r]
         if not contact.is_rigid or contact.w != 0:
@@ -128,11 +134,11 @@ def make_rigid(contact):
 def ringing_ends(c, W, i):
     """Return whether contact i, which has just ended compression, may count as rigid from here on.
 
-    The contact rings about the static force that its neighbours ask of it. Each end of compression makes it stiffer by
-    1/e^2 at the same force, and its periods shorter by e, so it is rigid after a finite time tau (supplement, 3.4). It
-    counts as rigid at once if its energy is negligible beside its neighbours', if they press it all the while, and if
-    its ringing cannot carry a neighbour's rate through zero, which would be an event. Chains have the same rule
-    (`chain.rigid`).
+    The contact rings about its static load, the force that keeps its rate constant. Each end of compression makes the
+    contact stiffer by 1/e^2 at the same force, and its periods shorter by e. So the contact becomes rigid after a
+    finite time tau (supplement, 3.4). It counts as rigid at once if three conditions hold up to then: its energy is
+    negligible beside its neighbours' energy; the neighbours keep pressing it; and its ringing cannot carry a
+    neighbour's rate through zero, which would be an event. Chains have the same rule (`chain.rigid`).
     """
     contact, inverse = c[i], W[i, i]
     if inverse <= 0:
@@ -163,7 +169,10 @@ def ringing_ends(c, W, i):
 
 @kernel_helper
 def has_events(c, W, j, least):
-    """Return whether contact j may have an event while a neighbour rings; one with less energy than `least` rings."""
+    """Return whether contact j may have an event while a neighbour rings.
+
+    A contact with less energy than `least` only rings itself, and is disregarded.
+    """
     if is_compliant(c[j].phase):
         return oscillation(c, W, j) > least
     return c[j].phase == GraphPhase.INACTIVE and c[j].w < 0

@@ -1,7 +1,7 @@
-"""`solve_graph`: one contact graph by the state-transition model, given by its Delassus matrix; `solve_graphs`: many.
+"""Solutions of contact graphs by the state-transition model, given their Delassus matrices.
 
-This module checks the input, scales it to units of about 1, calls the kernel in threads, and builds outcomes in SI
-units.
+`solve_graph` solves one graph, `solve_graphs` many. This module checks the input, scales it to units of about 1, calls
+the kernel in threads, and builds outcomes in SI units.
 
 Needs `graph.kernel`. Used by `graph.collision`, by users, and by `rigid.graphs` of `compliant_baselines`.
 """
@@ -31,24 +31,25 @@ from impact_xval.model.graph.state import new_contacts, new_matrices
 from impact_xval.model.inputs import GRAZING_THRESHOLD, LINE, MASS_PRECISION, Legal, checked_array
 from impact_xval.model.status import IS_RESULT, Ending, first_endings, reason_texts_of
 
-#: Work after which a graph is given up, about a second, and windows that every graph may have: a chain of 60 contacts
-#: needs up to 10,000. A window of C contacts is `window_work` of the work.
+#: Work after which a graph is given up, about a second; and number of windows that every graph may have in any case. A
+#: chain of 60 contacts needs up to 10,000 windows. `window_work` is the work of one window.
 MOST_WORK, LEAST_WINDOWS = 15_000_000, 20_000
 
-#: Graphs that a thread follows in one call, and rows for events that a log has at first, for each graph.
+#: Graphs that a thread follows in one call; rows per graph that a log of events has at first.
 SHARE, EVENT_ROWS = 512, 24
 
-#: Eigenvalues of W, with 1 on its diagonal, below minus this share of the largest are negative, not rounding.
+#: Largest magnitude of a negative eigenvalue that is rounding, as a share of the largest eigenvalue; W is scaled to
+#: ones on its diagonal.
 NEGATIVE = 1e-10
 
-#: Share of rates outside the range of W that is rounding.
+#: Largest part of the rates outside the range of W that is rounding, as a share of the rates.
 OUTSIDE = 1e-9
 
-#: Residuals of the balances of impulses and energy beyond which the numbers of a graph are no result. Bodies that are
-#: jammed between others ring without end at ever higher stiffnesses, until only rounding is left of their rates.
+#: Largest residual of the balances of impulses and of energy with which the numbers of a graph are a result. Jammed
+#: bodies exceed it: they ring without end at ever higher stiffnesses, until their rates are only rounding.
 UNBALANCED = 1e-9
 
-#: Largest relative difference of W_ij and W_ji that is rounding, over sqrt(W_ii W_jj).
+#: Largest difference of W_ij and W_ji that is rounding, over sqrt(W_ii W_jj).
 ASYMMETRY = 1e-12
 
 _, _STIFFNESSES, _RESTITUTIONS, _VELOCITIES, _ = LINE
@@ -72,8 +73,8 @@ def solve_graph(
     Parameters
     ----------
     delassus : array_like, shape (C, C)
-        W = J M^-1 J^T in 1/kg, with rows J_i of the contacts: symmetric, without negative eigenvalues, and with a
-        positive diagonal. It may be singular. C is from 1 to `MOST_CONTACTS`.
+        W = J M^-1 J^T in 1/kg, where row J_i belongs to contact i. W is symmetric, without negative eigenvalues, and
+        with a positive diagonal. It may be singular. C is from 1 to `MOST_CONTACTS`.
     stiffnesses : array_like, shape (C,)
         In N/m; positive, finite.
     restitutions : array_like, shape (C,)
@@ -81,7 +82,7 @@ def solve_graph(
     rates : array_like, shape (C,)
         Rates of compression -J v at first touch, in m/s, in the range of W. At least one is positive.
     max_windows : int, optional
-        Number of windows after which a graph is given up; by default a number that takes about a second.
+        Number of windows after which a graph is given up; the default takes about a second.
     grazing_threshold : float
         Grazing margin below which the outcome is marked.
 
@@ -207,7 +208,7 @@ def _follow(graphs: Graphs, most_windows: int, ends: GraphEnds, events: bool) ->
 def _endings(
     results: Records, is_followed: Booleans, is_balanced: Booleans, most_windows: int
 ) -> list[Ending]:
-    """Return the endings that graphs may have, those without a result first."""
+    """Return the endings that graphs may have; the endings without a result come first."""
     ending = results["ending"]
     failures = [
         Ending(
@@ -242,7 +243,7 @@ def _endings(
 
 
 def _closed_forms(results: Records) -> list[Ending]:
-    """Return the endings of graphs that closed forms finished, one for each combination of closed forms."""
+    """Return the endings of graphs that a closed form finished: one ending for each combination of closed forms."""
     parts = {"plastic": PLASTIC_REASON, "runaway": RUNAWAY_REASON, "collapse": COLLAPSE_REASON}
     endings: list[Ending] = []
     for bits in range(7, 0, -1):
@@ -253,7 +254,7 @@ def _closed_forms(results: Records) -> list[Ending]:
 
 
 def checked_graph(delassus: Floats, restitutions: Floats, rates: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return W, shape (C, C), e and w, shape (C,), of one graph; a ValueError names the first illegal value."""
+    """Check Delassus matrix, restitutions and rates of one graph; a ValueError names the first illegal value."""
     W, k, e, w = checked_graphs(delassus[None], np.ones((1, *rates.shape)), restitutions[None], rates[None])
     scaled_graphs(W, k, e, w)
     return W[0], e[0], w[0]
@@ -313,7 +314,7 @@ def checked_graphs(
 def scaled_graphs(
     W: Floats, k: Floats, e: Floats, w: Floats
 ) -> tuple[Graphs, tuple[Floats, Floats, Floats], Booleans]:
-    """Return graphs in units of about 1, their units of mass, time and velocity, and which can be followed.
+    """Return graphs in units of about 1; their units of mass, time and velocity; and which graphs can be followed.
 
     The units are 1/W_11, sqrt(1/(W_11 k_1)), and the largest rate (Theorem 5). A ValueError names a W with a negative
     eigenvalue, and rates outside its range.
@@ -332,7 +333,7 @@ def scaled_graphs(
         root[~is_followed] = 1.0
         correlation = scaled_W / (root[:, :, None] * root[:, None, :])
     correlation[~is_followed] = np.eye(contacts)
-    # Normals at right angles have an entry of 0, but for rounding.
+    # Contacts with normals at right angles have an entry that is 0 but for rounding.
     is_noise = np.abs(correlation) <= ROUNDING
     scaled_W[is_noise] = 0.0
     correlation[is_noise] = 0.0

@@ -1,4 +1,4 @@
-"""The state of a graph under way, and the scratch space of its kernel.
+"""The state of a graph during a collision, its energies, and the scratch space of the kernel.
 
 The law sees the Delassus matrix W, stiffnesses k, restitutions e, rates of compression w and forces F:
 
@@ -7,7 +7,7 @@ The law sees the Delassus matrix W, stiffnesses k, restitutions e, rates of comp
 All w and F are continuous through every event, so an event changes k_i and the phase of its own contact alone
 (`graph.law`). Strain energies are E_i = F_i^2/(2 k_i).
 
-Used by all modules of `graph` that follow.
+Used by the other modules of `graph`, from the motion to the kernel.
 """
 
 from __future__ import annotations
@@ -22,51 +22,50 @@ from impact_xval.model.arrays import Records, zero_records
 from impact_xval.model.chain.series import ORDER
 from impact_xval.model.compiled import kernel_helper
 
-#: Share of a neighbour's energy that is rounding: the square of 2^-48, for a rate is a sum over many contacts.
+#: Share of a neighbour's energy that is rounding: the square of 2^-48, because a rate is a sum over many contacts.
 ROUNDING_ENERGY = 2.0**-96
 
-#: Share of the energy of impact below which a load counts as none: far ahead of a wave, loads underflow.
+#: Loads below this share of the energy of impact count as zero: far ahead of a wave, loads underflow.
 UNDERFLOW = 1e-150
 
 
 class GraphPhase(IntEnum):
     """Phase of a contact of a graph."""
 
-    INACTIVE = 0  # carries no force
+    INACTIVE = 0  # the contact carries no force
     COMPRESSION = 1
     RESTITUTION = 2
-    RIGID = 3  # infinitely stiff: its rate stays 0, and its force is the one that keeps it so
+    RIGID = 3  # infinitely stiff: its force keeps its rate at 0
 
 
-#: A contact under way, with its scratch space.
+#: A contact during a collision, with its scratch space: the fields from `undecided` on, which each window overwrites.
 GRAPH_CONTACT = np.dtype(
     [
         ("k", "f8"),  # running stiffness
         ("e", "f8"),  # coefficient of restitution
         ("w", "f8"),  # rate of compression
         ("F", "f8"),  # force
-        ("impulse", "f8"),  # so far
-        ("phase", "i8"),  # GraphPhase
-        ("is_rigid", "?"),  # rigid for good: its phase is RIGID or INACTIVE
-        ("reach", "f8"),  # twice the largest energy that it or a neighbour has had (`oscillation`)
-        # Overwritten window by window:
-        ("undecided", "?"),  # at rest without force: its first non-zero derivative decides (`graph.motion`)
-        ("has_pivot", "?"),  # eliminated from W (`graph.rigid`)
-        ("total", "f8"),  # of a coefficient (`graph.motion`), or `oscillation`
+        ("impulse", "f8"),  # impulse so far
+        ("phase", "i8"),  # one of `GraphPhase`
+        ("is_rigid", "?"),  # whether the contact is rigid for good: its phase is RIGID or INACTIVE
+        ("reach", "f8"),  # twice the largest energy so far of this contact and its neighbours (`oscillation`)
+        ("undecided", "?"),  # whether the contact is at rest without force, so that the start rule decides
+        ("has_pivot", "?"),  # whether the contact is eliminated from W (`graph.rigid`)
+        ("total", "f8"),  # intermediate sum of a coefficient (`graph.motion`), or `oscillation`
         ("rates", "f8", ORDER + 1),  # coefficients of w in x = t/h
-        ("forces", "f8", ORDER + 1),  # those of F
-        ("turns", "f8", ORDER + 1),  # those of w', shifted on the way (`graph.grazing`)
+        ("forces", "f8", ORDER + 1),  # coefficients of F
+        ("turns", "f8", ORDER + 1),  # coefficients of w'; `graph.grazing` shifts them
     ],
     align=True,
 )
 
 
 class Matrices(NamedTuple):
-    """Matrices of one graph under way, each of shape (C, C)."""
+    """Matrices of one graph during a collision, each of shape (C, C)."""
 
     #: Delassus matrix.
     full: NDArray[np.float64]
-    #: The same with rigid contacts eliminated, and the rows of the elimination (`graph.rigid`).
+    #: Delassus matrix without the rigid contacts, and the rows of their elimination (`graph.rigid`).
     W: NDArray[np.float64]
     pivots: NDArray[np.float64]
     #: Scratch space: A of `graph.motion`, and its eigenvectors.
@@ -113,10 +112,10 @@ def rounding_energy(contact, energy):
 
 @kernel_helper
 def still_rounding(c, W, energy):
-    """Bring to rest the contacts without load that have no energy but that of rounding.
+    """Bring to rest the contacts without load whose energy is only rounding.
 
-    In a symmetric graph the rate of a contact may be exactly 0 for all times. Its rounding would otherwise begin and
-    end compressions without end.
+    In a symmetric graph the exact rate of a contact may be 0 at all times. The rounding of this rate would otherwise
+    begin and end compressions for ever.
     """
     for i in range(c.size):
         c[i].total = oscillation(c, W, i)

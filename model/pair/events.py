@@ -1,9 +1,13 @@
-"""The certified first event in S1: `first_event`, and the steps of its search.
+"""The search for the first event in S1, with certainty: `first_event`, and the steps of the search.
 
-In S1 up to four functions of time are watched, each positive until its event: the compression rate of a contact in
-compression (it falls through zero: compression ends); minus the compression rate of a contact in restitution
-(compression restarts); the force of a contact in restitution (it falls to zero: restitution ends). Each is a sum of two
-sinusoids with known amplitudes, so its derivatives have known bounds. Two facts make the search both quick and safe:
+In S1 up to four functions of time are watched. Each is positive until its event, at which it falls to zero:
+
+* the compression rate of a contact in compression: compression ends;
+* minus the compression rate of a contact in restitution: compression restarts;
+* the force of a contact in restitution: restitution ends.
+
+Each function is a sum of two sinusoids with known amplitudes, so its derivatives have known bounds. Two facts make the
+search both quick and safe:
 
 * **Certificate.** The values, slopes and second derivatives of a function at both ends of a window can prove that it is
   positive inside (`pair.roots.positive_between`).
@@ -11,14 +15,18 @@ sinusoids with known amplitudes, so its derivatives have known bounds. Two facts
   difference first comes near zero is known in closed form (`pair.roots.envelope_time`). So the search steps over
   thousands of fast oscillations that are too weak to matter.
 
-The search tries a window from the last certified time on (`evaluate`). If a function is negative at the end of the
-window, the end moves to a root of that function (`chase_root`). If all are positive but not all certified, the window
-is halved. If all are certified, the window is passed (`margin_after` looks for near misses); its end is the event if a
-function is zero there. A pair of close roots cannot be stepped over, because no window that holds one is certified.
+The search tries a window that begins at the last certified time (`evaluate`). There are three cases:
+
+* A function is negative at the end of the window. The end moves to a root of that function (`chase_root`).
+* All functions are positive there, but not all are certified. The window is halved.
+* All functions are certified. The window is passed, and `margin_after` looks for near misses. If a function is zero at
+  the end of the window, that end is the event.
+
+A pair of close roots cannot be stepped over, because no window that holds such a pair is certified.
 
 **Ties.** Every watched function that is zero within rounding at the first root fires at that instant. The order in
-which the events are then applied does not matter, because each changes only variables of its own contact. Where the end
-of restitution and the restart of compression of one contact coincide, restitution ends: nothing is left to restart.
+which the events are then applied does not matter, because each changes only variables of its own contact. If
+restitution of a contact ends at the instant of a restart of compression, it just ends: no force is left to restart.
 
 Needs `pair.motion`, `pair.roots` and `pair.grazing`. Used by `pair.kernel`.
 """
@@ -45,14 +53,14 @@ from impact_xval.model.pair.roots import (
 #: Rounding of a watched function, relative to its amplitude.
 NOISE = 4 * EPSILON
 
-#: Length of a window in radians of the fast mode; C h^6/28800 is then 6 % of an amplitude.
+#: Length of a window in radians of the fast mode. The reserve C h^6/28800 (`pair.roots`) is then 6 % of an amplitude.
 WINDOW = 3.5
 COS_WINDOW, SIN_WINDOW = cos(WINDOW), sin(WINDOW)
 
-#: Windows shorter than this, in radians of the fast mode, resolve a tangency to rounding.
+#: Length in radians of the fast mode below which a window is not halved: it resolves a tangency to rounding.
 SHORTEST_WINDOW = 1e-9
 
-#: The envelope is tried at every sixth window, where the fast mode is at least this many times as fast as the slow one.
+#: Ratio of the modes' frequencies above which the envelope is tried, at every sixth window.
 ENVELOPE_RATIO = 6.0
 
 #: Windows after which a collision is given up: half a second.
@@ -86,7 +94,7 @@ class Segment(NamedTuple):
     modes: Modes
     #: Signs that make the rates d1 and v2 positive until their events.
     signs: tuple[float, float]
-    #: Whether the force of each contact is watched; it is where the contact is in restitution.
+    #: Whether the force of each contact is watched: True for contacts in restitution.
     watches_force: tuple[bool, bool]
     #: 1 - e_i^2, the share of its energy that each contact loses at an end of compression.
     losses: tuple[float, float]
@@ -100,31 +108,31 @@ class Event(NamedTuple):
 
     #: Time since the start of the segment.
     time: float
-    #: Whether each watched function is zero then; none is where the search was given up.
+    #: Whether each watched function is zero at that time; all are False where the search was given up.
     fired: Four
     motion: Motion
     #: Grazing margin so far (`pair.grazing`); infinity if nothing was near.
     margin: float
-    #: Number of windows tried; `MOST_WINDOWS` where none can be certified.
+    #: Number of windows tried; `MOST_WINDOWS` where no window can be certified.
     windows: int
 
 
 class Bounds(NamedTuple):
     """Bounds of one watched function in a segment."""
 
-    #: Sum of its amplitudes, and the rounding of its values.
+    #: Sum of the function's amplitudes, and rounding of its values.
     size: float
     noise: float
-    #: Bound of its second derivative, and bound of its sixth derivative divided by 28800.
+    #: Bound of the second derivative, and bound of the sixth derivative divided by 28800.
     second: float
     sixth: float
-    #: Whether it may have a turning point near zero.
+    #: Whether the function may have a turning point near zero.
     may_graze: bool
 
 
 @force_inlined
 def bounds_of(c, radius, omega):
-    """Return the bounds of a function with coefficients c, where the modal coordinates have the amplitudes `radius`."""
+    """Return the bounds of a function with coefficients c; `radius` holds the amplitudes of the modal coordinates."""
     slow2, fast2 = omega[0] * omega[0], omega[1] * omega[1]
     slow6, fast6 = slow2 * slow2 * slow2 / 28800, fast2 * fast2 * fast2 / 28800
     slow, fast = abs(c[0]) * radius[0], abs(c[1]) * radius[1]
@@ -151,7 +159,7 @@ def bounds_of_all(segment, radius):
 
 @force_inlined
 def jets_of(motion, segment):
-    """Return the jets of the four watched functions: both rates with their signs, and both forces."""
+    """Return value, slope and second derivative of the four watched functions: signed rates, and forces."""
     sign1, sign2 = segment.signs
     k1, k2, inverse_mu, inverse_M = segment.modes.k1, segment.modes.k2, 1 / segment.mu, 1 + 1 / segment.mu
     d1, v2, F1, F2 = motion.d1, motion.v2, motion.F1, motion.F2
@@ -167,7 +175,7 @@ def jets_of(motion, segment):
 
 @force_inlined
 def higher_derivatives(jets, segment):
-    """Return pairs of the third and fourth derivatives of both watched rates."""
+    """Return the third and fourth derivative of each watched rate, as two pairs."""
     sign1, sign2 = segment.signs
     k1, k2, inverse_mu, inverse_M = segment.modes.k1, segment.modes.k2, 1 / segment.mu, 1 + 1 / segment.mu
     a1, a2 = jets.force1.bend, jets.force2.bend
@@ -182,8 +190,8 @@ def higher_derivatives(jets, segment):
 def is_past(jet, fresh):
     """Return whether the event of a rate lies before the start of the segment.
 
-    It does where rounding makes the rate start below zero. A `fresh` rate, which is exactly zero because its own event
-    began the segment, must leave zero upwards.
+    Rounding can make a rate start below zero. A `fresh` rate is exactly zero, because its own event began the segment;
+    its event is past unless it rises from zero.
     """
     falls = jet.slope < 0 or (jet.slope == 0 and jet.bend < 0)
     return jet.value < 0 or (fresh and falls)
@@ -191,7 +199,7 @@ def is_past(jet, fresh):
 
 @force_inlined
 def evaluate(q, r, segment, chased):
-    """Return motion and jets at the end of a window; the function whose root was chased to that end is zero there."""
+    """Return motion and jets at the end of a window; the function `chased`, if any, is set to zero there."""
     motion = motion_of(q, r, segment.modes)
     motion = Motion(
         0.0 if chased == Function.RATE1 else motion.d1,
@@ -204,13 +212,13 @@ def evaluate(q, r, segment, chased):
 
 @force_inlined
 def any_of(four):
-    """Return whether any of four flags is set; without a branch."""
+    """Return whether any of four flags is set, without a branch."""
     return four.rate1 | four.rate2 | four.force1 | four.force2
 
 
 @force_inlined
 def noise_at(segment, bounds, time):
-    """Return the rounding of the four watched functions at a time of the segment: their phases are rounded too."""
+    """Return the rounding of the four watched functions at a time of the segment; it grows with their phases."""
     growth = 1 + segment.modes.omega[1] * time
     return Four(
         growth * bounds.rate1.noise,
@@ -224,7 +232,8 @@ def noise_at(segment, bounds, time):
 def below_zero(segment, end, noise, leaves1, leaves2):
     """Return which watched functions are below zero, beyond rounding, at the end of a window.
 
-    `leaves1` and `leaves2` tell which rate leaves zero in this window, and so is positive at its end.
+    `leaves1` and `leaves2` tell whether rate 1 and rate 2 leave zero in this window; such a rate is positive at its
+    end.
     """
     return Four(
         (end.rate1.value < -noise.rate1) & ~leaves1,
@@ -236,7 +245,7 @@ def below_zero(segment, end, noise, leaves1, leaves2):
 
 @force_inlined
 def certify(segment, bounds, before, end, h, leaves1, leaves2):
-    """Return which functions are certain to be positive inside a window of length h, or are not watched."""
+    """Return which functions are not watched, or are certain to be positive inside a window of length h."""
     return Four(
         leaves1 | positive_between(before.rate1, end.rate1, h, bounds.rate1.sixth),
         leaves2 | positive_between(before.rate2, end.rate2, h, bounds.rate2.sixth),
@@ -247,7 +256,7 @@ def certify(segment, bounds, before, end, h, leaves1, leaves2):
 
 @force_inlined
 def zero_at_end(segment, end, noise, certified, leaves1, leaves2):
-    """Return which watched functions are zero at the end of a window that is passed: these have their events there."""
+    """Return which watched functions have their events, and so are zero, at the end of a window that is passed."""
     return Four(
         ~leaves1 & is_zero(end.rate1, noise.rate1, certified.rate1),
         ~leaves2 & is_zero(end.rate2, noise.rate2, certified.rate2),
@@ -258,15 +267,18 @@ def zero_at_end(segment, end, noise, certified, leaves1, leaves2):
 
 @force_inlined
 def is_zero(jet, noise, certified):
-    """Return whether a function is zero within rounding, where it could not be certified within four times rounding."""
+    """Return whether a function is zero within rounding.
+
+    A function that could not be certified counts as zero within four times rounding.
+    """
     return jet.value <= (noise if certified else 4 * noise)
 
 
 @force_inlined
 def time_below(is_below, h, end):
-    """Estimate how long before the end of a window of length h a function vanished; -1 if it is not below zero.
+    """Estimate the time from the root of a function to the end of a window of length h; -1 if it is not below zero.
 
-    The estimate is Newton's step from the end.
+    The estimate is Newton's step from the end of the window.
     """
     back = end.value / end.slope
     back = back if (end.slope < 0) & (back < h) else 0.5 * h
@@ -275,7 +287,7 @@ def time_below(is_below, h, end):
 
 @force_inlined
 def select(is_rate1, is_rate2, is_force1, four):
-    """Return the value that a flag selects, the last one without any flag; without an unpredictable branch."""
+    """Return the value that the flag selects, or the last value if no flag is set, without an unpredictable branch."""
     return (
         four.rate1 if is_rate1 else (four.rate2 if is_rate2 else (four.force1 if is_force1 else four.force2))
     )
@@ -283,7 +295,7 @@ def select(is_rate1, is_rate2, is_force1, four):
 
 @force_inlined
 def select_jet(is_rate1, is_rate2, is_force1, jets):
-    """Return the jet that a flag selects, the last one without any flag."""
+    """Return the jet that the flag selects, or the last jet if no flag is set."""
     a, b, c, d = jets.rate1, jets.rate2, jets.force1, jets.force2
     return Jet(
         select(is_rate1, is_rate2, is_force1, Four(a.value, b.value, c.value, d.value)),
@@ -296,8 +308,8 @@ def select_jet(is_rate1, is_rate2, is_force1, jets):
 def chase_root(segment, bounds, below, before, end, noise, fresh1, fresh2, t, h):
     """Return a root of a function that is below zero at the end of a window from t to t + h.
 
-    Chased is the function that seems to have vanished first, so that roots of the others need not be found. Returned
-    are the function, its root counted from t, and the modal coordinates q and r there.
+    The function that seems to have vanished first is chased, so that roots of the others need not be found. Returned
+    are this function, its root counted from t, and the modal coordinates q and r at the root.
     """
     modes, a, b = segment.modes, segment.a, segment.b
     sign1, sign2 = segment.signs
@@ -323,7 +335,7 @@ def chase_root(segment, bounds, below, before, end, noise, fresh1, fresh2, t, h)
     at_start = select_jet(is_rate1, is_rate2, is_force1, before)
     at_end = select_jet(is_rate1, is_rate2, is_force1, end)
     its_noise = select(is_rate1, is_rate2, is_force1, noise)
-    # A force is a sum of r_j. It has for r_j and -q_j what a rate has for q_j and r_j.
+    # A rate is a sum of q_j, and its slope a sum of r_j. A force is a sum of r_j, and its slope a sum of -q_j.
     u = (a[0] if is_rate else b[0], a[1] if is_rate else b[1])
     v = (b[0] if is_rate else -a[0], b[1] if is_rate else -a[1])
     root, u, v = root_before(c, t, h, low, at_start, at_end, its_noise, modes.omega, u, v)
@@ -359,7 +371,7 @@ def margin_after(segment, bounds, before, end, t, h, margin):
 
 @force_inlined
 def clear_until(segment, radius, t):
-    """Return a time from t on up to which the envelopes of all watched functions stay clear of zero."""
+    """Return the time, not before t, up to which the envelopes of all watched functions stay clear of zero."""
     modes, omega, a, b = segment.modes, segment.modes.omega, segment.a, segment.b
     sign1, sign2 = segment.signs
     rate1 = (sign1 * modes.delta[0], sign1 * modes.delta[1])
@@ -390,12 +402,12 @@ def first_event(segment, start, margin):
         return Event(0.0, Four(False, False, False, False), start, margin, MOST_WINDOWS)
 
     window = WINDOW / w1
-    # The search is at time t; it tries the window from t to t + h, at whose end the modal coordinates are q and r.
-    # Some function is negative at t + negative_at, if that is finite.
+    # The search has reached time t. It tries the window from t to t + h; q and r are the modal coordinates at t + h. If
+    # negative_at is finite, some function is negative at t + negative_at.
     t, h, negative_at = 0.0, window, inf
     windows = passed = 0
     chased = Function.NONE
-    # A full window turns the fast mode by the same angle always.
+    # All full windows turn the fast mode by the same angle.
     cos_slow, sin_slow = cos_sin(w0 * window)
     q, r = rotate(cos_slow, sin_slow, COS_WINDOW, SIN_WINDOW, a, b)
     while True:

@@ -1,6 +1,6 @@
-"""Collisions of two balls through the kernel, in threads: outcomes, outcomes with states, outcomes with paths.
+"""Calls of the kernel of two balls in threads: for velocities alone, with states, or with paths.
 
-All are in units of m1, k1 and abs(v0). Needs `pair.kernel`. Used by `model.solving`.
+All results are in units of m1, k1 and abs(v0). Needs `pair.kernel`. Used by `model.solving`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from impact_xval.model.pair.record import PATH_POINT, RESULT, PairLogs, PairOpti
 #: Collisions that a thread follows in one call.
 SHARE = 8192
 
-#: Points for each collision that the log of paths has room for at first.
+#: Points per collision for which the log of paths has room at first.
 POINT_ROWS = 512
 
 _NO_PATH = np.empty(0, PATH_POINT).view(np.recarray)
@@ -54,7 +54,7 @@ def follow_pairs(cells: PairRatios, options: PairOptions) -> PairResult:
 
 
 def follow_with_states(cells: PairRatios, options: PairOptions) -> tuple[PairResult, NDArray[np.uint64]]:
-    """Follow collisions, and return the sets of active contacts of all their states too, as `PairLogs` has them."""
+    """Follow collisions to their ends; return also the sets of active contacts of all states, as in `PairLogs`."""
     result = _empty_result(len(cells.kappa))
 
     def follow_share(share: slice, log: NDArray[np.uint64]) -> int:
@@ -74,7 +74,7 @@ def follow_with_states(cells: PairRatios, options: PairOptions) -> tuple[PairRes
 
 
 def follow_with_paths(cells: PairRatios, options: PairOptions) -> tuple[PairResult, Records]:
-    """Follow collisions, and return the points of all their paths too, as records of `PATH_POINT`."""
+    """Follow collisions to their ends; return also the points of all paths, as records of `PATH_POINT`."""
     result = _empty_result(len(cells.kappa))
 
     def follow_share(share: slice, log: NDArray[np.void]) -> int:

@@ -1,11 +1,10 @@
-"""Grazing: how near a collision of two balls comes to a jump of the model's outcome.
+"""The grazing margin of a pair: how near a collision of two balls comes to a jump of the model's outcome.
 
-`turns_far`, `stays_far` and `nearest_turn` find the grazing margin: the smallest magnitude of a compression rate at a
-turning point in S1, relative to the sum of the amplitudes of its sinusoids, if that is below `NEAR` (docs/theory.md,
-section 6, has the definition). `MARKS` are the sentences that mark an outcome.
-
-A segment is searched for turning points only where its amplitudes allow a turning point near zero (`turns_far`), and a
-window only where none can be excluded from what is known at its ends (`stays_far`).
+The grazing margin is the smallest magnitude of a compression rate at a turning point in S1, relative to the sum of the
+amplitudes of its sinusoids, if that is below `NEAR` (docs/theory.md, section 6, has the definition). `nearest_turn`
+searches for turning points. Two quick tests come first. `turns_far` tells from the amplitudes of a segment that no
+turning point is near zero; `stays_far` tells the same of a window, from the derivatives at its ends. `MARKS` are the
+sentences that mark an outcome.
 
 Needs `pair.motion` and `pair.roots`. Used by `pair.events` and `pair.ringing`; `chain.grazing` shares the thresholds,
 `model.solving` the marks.
@@ -19,18 +18,19 @@ from impact_xval.model.compiled import force_inlined, kernel_helper
 from impact_xval.model.pair.motion import modal_coordinates
 from impact_xval.model.pair.roots import EPSILON, Jet, positive_between, root_before
 
-#: Near misses count where an end of compression would lose at least this fraction of the energy of impact. With less,
-#: the outcome hardly depends on whether compression ends.
+#: Near misses count where an end of compression would lose at least this share of the energy of impact. With a smaller
+#: loss, the outcome hardly depends on whether compression ends.
 STAKE = 1e-6
 
-#: Turning points count where a rate is at most this share of its amplitude. An outcome without one has an infinite
-#: margin. It is not more than `pair.roots.ENVELOPE_RESERVE`. The mark itself has `model.inputs.GRAZING_THRESHOLD`.
+#: Turning points count where a rate is at most this share of its amplitude. An outcome without such a turning point has
+#: an infinite margin. The number must not exceed `pair.roots.ENVELOPE_RESERVE`. Outcomes are marked by a far smaller
+#: threshold, `model.inputs.GRAZING_THRESHOLD`.
 NEAR = 0.05
 
-#: Stretches shorter than this, in radians of the fast mode, are not searched further for pairs of turning points.
+#: Stretches shorter than this, in radians of the fast mode, are not halved further to find pairs of turning points.
 SHORTEST_STRETCH = 1e-7
 
-#: Stretches after which the search of a window for turning points is given up.
+#: Number of stretches after which the search of a window for turning points is given up.
 MOST_STRETCHES = 1000
 
 #: A cut-off marks a result if it changes (v1, v2) by more than this, in the kinetic norm per sqrt(m1) abs(v0).
@@ -44,7 +44,7 @@ CUTOFF = (
     f"cut-off: the outcome without a cut-off differs by more than {CUTOFF_THRESHOLD:g} |v0|, or is not known"
 )
 
-#: The sentences of marks, by the sum of 1 (grazing) and 2 (cut-off).
+#: Sentences of marks. The index is 1 for grazing, 2 for a cut-off, 3 for both, and 0 for an outcome without a mark.
 MARKS = ("", GRAZING, CUTOFF, f"{GRAZING}; {CUTOFF}")
 
 
@@ -52,9 +52,9 @@ MARKS = ("", GRAZING, CUTOFF, f"{GRAZING}; {CUTOFF}")
 def turns_far(slow, fast, slow2, fast2):
     """Return whether a sum of two sinusoids exceeds `NEAR` of its amplitude at all of its turning points.
 
-    Given are the amplitudes and the squares of the frequencies. At a turning point slow w_slow sin x = -fast w_fast
-    sin y. Hence abs(sin x) is at most fast w_fast/(slow w_slow), and the sum at least slow abs(cos x) - fast. The same
-    holds with both sinusoids exchanged.
+    `slow` and `fast` are the amplitudes, `slow2` and `fast2` the squares of the frequencies w_slow and w_fast. At a
+    turning point slow w_slow sin x = -fast w_fast sin y. Hence abs(sin x) is at most fast w_fast/(slow w_slow), and the
+    magnitude of the sum at least slow abs(cos x) - fast. The same holds with both sinusoids exchanged.
     """
     threshold = NEAR * (slow + fast)
     slow_bound, fast_bound = fast + threshold, slow + threshold
@@ -67,11 +67,13 @@ def turns_far(slow, fast, slow2, fast2):
 def stays_far(h, start, end, higher_start, higher_end, C, w1, near):
     """Return whether it is certain that a rate has no turning point below `near` inside a window of length h.
 
-    Given are the jets of the rate at both ends, which are not negative; pairs of its third and fourth derivatives at
-    both ends; and C, the bound of its sixth derivative divided by 28800, which grows by w1 with each further
-    derivative. The rate has no such turning point if all of it is above `near`; or if its slope has one sign; or if it
-    is concave, rises first and falls last, and is above `near` in the middle. Values are bounded by the Bernstein
-    coefficients of `pair.roots`.
+    `start` and `end` are the jets of the rate at both ends, where the rate is not negative. `higher_start` and
+    `higher_end` are the pairs of its third and fourth derivatives there. C is the bound of the sixth derivative divided
+    by 28800; the bound of each further derivative is w1 times as large.
+
+    One of three conditions is enough: the rate stays above `near`; its slope has one sign; or the rate is concave,
+    rises first, falls last, and is above `near` in the middle. Values are bounded by the Bernstein coefficients of
+    `pair.roots`.
     """
     reserve = C * (h * h * h) * (h * h * h)
     step0, step1, bend = 0.2 * h * start.slope, -0.2 * h * end.slope, 0.05 * h * h
@@ -105,11 +107,11 @@ def nearest_turn(c, force, least_square, t, h, omega, a, b):
     """Return the smallest magnitude of a rate sum c_j q_j at its turning points in (t, t + h); infinity without any.
 
     A turning point counts where the square of the contact's force, sum force_j r_j, exceeds `least_square`. No turning
-    point is missed. The window is passed in stretches that end at a zero of the slope or at their full length; inside
-    each stretch the slope is certified to have no zero.
+    point is missed. The window is passed in stretches. Each stretch ends at a zero of the slope or at its full length,
+    and inside it the slope is certified to have no zero.
     """
     w0, w1 = omega
-    # The slope is sum g_j r_j. As r_j lags a quarter turn behind q_j, it starts as u_j.
+    # The slope is sum g_j r_j. r_j starts at b_j, and its quarter-turned partner is -q_j, which starts at -a_j.
     g = (c[0] * w0, c[1] * w1)
     u, v = b, (-a[0], -a[1])
     slow = abs(g[0]) * sqrt(a[0] * a[0] + b[0] * b[0])

@@ -1,16 +1,17 @@
 """The kernel of two balls on a table: the state transition diagram.
 
-    S1  both contacts active     -> S2 when contact 1 ends restitution, S3 when contact 2 does, S4 when both do at once
+    S1  both contacts active     -> S2 when contact 1 ends restitution, S3 when contact 2 does, S4 when both end at once
     S2  ball-table contact only  -> S1 when v1 - v2 turns negative, S4 when contact 2 ends restitution first
     S3  ball-ball contact only   -> S1 when v2 turns negative, S4 when contact 1 ends restitution first
-    S4  none                        the end: v1 >= v2 >= 0
+    S4  no contact active           the end: v1 >= v2 >= 0
 
-`collide` follows one collision, in the scaled units of `pair.motion` (m1 = 1, v0 = -1, k1 = 1): segment by segment,
-each ended by one or more events. `collide_all` follows many, and is the only kernel that Python calls. Contact 1 is
-ball-ball, contact 2 ball-table.
+`collide` follows one collision segment by segment, in the scaled units of `pair.motion` (m1 = 1, v0 = -1, k1 = 1). One
+or more events end each segment. `collide_all` follows many collisions, and is the only kernel that Python calls.
+Contact 1 is ball-ball, contact 2 is ball-table.
 
 Needs `pair.events` for the first event of a segment of S1, `pair.lone` for segments with a single active contact,
-`pair.law` for what an event does, `pair.path` to log points. Used by `model.solving`; the sweeps compile it first.
+`pair.law` for the effect of an event, `pair.path` to log points. Used by `pair.following`. The sweeps compile this
+kernel before they start.
 """
 
 from __future__ import annotations
@@ -30,11 +31,11 @@ from impact_xval.model.pair.path import write_both, write_lone, write_point
 from impact_xval.model.pair.record import PairEnding, State
 from impact_xval.model.pair.ringing import next_zero_of_rate
 
-#: Share of the first energy at which bodies count as at rest. Under a law that does not stiffen, some collisions repeat
-#: one cycle of states for ever, on a fixed share of the energy each time.
+#: Share of the first energy below which bodies count as at rest. Under a law that does not stiffen, some collisions
+#: repeat one cycle of states for ever; each cycle leaves a fixed share of the energy.
 COLLAPSED = 1e-30
 
-#: Running stiffness ratio beyond which, or below whose inverse, double precision cannot tell it from infinity.
+#: Running stiffness ratios above this number, or below its inverse, count as infinite or zero in double precision.
 PRECISION_RATIO = 1e30
 
 
@@ -61,8 +62,8 @@ def segment_of(pair, mu, modes):
 def follow_both_contacts(segment, pair, options, margin):
     """Follow a segment of S1 to its first event, and apply the impact law there.
 
-    Returned are the pair after the event, whether rate 1 and rate 2 were zero, the duration of the segment, the grazing
-    margin so far, and the number of windows tried.
+    Returned are the pair after the event, whether rate 1 and whether rate 2 was zero at the event, the duration of the
+    segment, the grazing margin so far, and the number of windows tried.
     """
     start = Motion(pair.d1, pair.v2, pair.contact1.F, pair.contact2.F)
     duration, windows, at_event = 0.0, 1, start
@@ -83,7 +84,7 @@ def follow_both_contacts(segment, pair, options, margin):
 
 @force_inlined
 def state_of(pair):
-    """Return the state by the contacts that are active."""
+    """Return the state: it follows from the set of active contacts."""
     if pair.contact1.phase == Phase.INACTIVE:
         return State.S4 if pair.contact2.phase == Phase.INACTIVE else State.S2
     return State.S3 if pair.contact2.phase == Phase.INACTIVE else State.S1
@@ -91,7 +92,7 @@ def state_of(pair):
 
 @force_inlined
 def has_collapsed(pair, mu):
-    """Return whether the energy that is left is below `COLLAPSED`."""
+    """Return whether the remaining energy is below `COLLAPSED`."""
     v1, v2 = pair.v2 - pair.d1, pair.v2
     return 2 * (pair.contact1.E + pair.contact2.E) + v1 * v1 + mu * v2 * v2 < COLLAPSED
 
@@ -100,14 +101,14 @@ def has_collapsed(pair, mu):
 def collide(kappa, mu, e1, e2, options, logs, first_point, first_set, result):
     """Follow one collision through the diagram and return v1 and v2; a part of `collide_all`.
 
-    The fields of `result` (`pair.record.RESULT`) are filled in, but for the residual: in its place is the energy that
-    was lost. Points of the path are written from `first_point` on, sets of active contacts from `first_set` on.
+    All fields of `result` are filled in (`pair.record.RESULT`), but the field of the residual holds the lost energy
+    instead. Points of the path are written from `first_point` on, sets of active contacts from `first_set` on.
     """
     contact1 = Contact(Phase.COMPRESSION, 1.0, 0.0, 0.0, e1, 1.0)
     contact2 = Contact(Phase.COMPRESSION, kappa, 0.0, 0.0, e2, kappa)
     pair = Pair(1.0, 0.0, contact1, contact2, 0.0)
     state, logged = State.S1, State.S4
-    rigid, plastic = Rigid.NONE, False  # a plastic contact's bodies are one for good, in every state
+    rigid, plastic = Rigid.NONE, False  # the bodies of a plastic contact stay one in every state
     ending = PairEnding.FINISHED
     n_states, n_events, windows = 0, 0, 0
     margin = inf

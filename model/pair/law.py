@@ -1,15 +1,16 @@
-"""The impact law: what an event does to one contact of two balls on a table.
+"""The impact law: the effect of an event on one contact of two balls on a table.
 
-`Contact` is a contact under way, `Pair` two balls under way. The functions return the contact after an event.
+`Contact` is one contact during a collision, `Pair` are two balls and both contacts during a collision. The functions
+return the contact after an event.
 
 **Energetic restitution with stiffening** (docs/theory.md, section 2). At an end of compression E <- e^2 E and
 k <- k/e^2, so that the force F = sqrt(2 k E) is continuous. A restart of compression keeps the stiffness. A contact
-that ends restitution keeps it too, for its return, which begins in compression with E = 0.
+that ends restitution keeps its stiffness too; if it returns, it begins in compression with E = 0.
 
-**The law of Liu, Zhao and Brogliato** (Proc. R. Soc. A 464:3193, 2008) differs in repeated compressions only: each one
-runs at the original stiffness. Their F = sqrt(2 k E) holds at all times, with dE = V dP in compression and V dP/e^2 in
-restitution. In the terms used here, a restart of compression takes back what the end of compression did, E <- E/e^2
-and k <- e^2 k, and a return begins at the original k.
+**The law of Liu, Zhao and Brogliato** (Proc. R. Soc. A 464:3193, 2008) differs in repeated compressions only: each
+repeated compression runs at the original stiffness. In their law F = sqrt(2 k E) holds at all times, with dE = V dP in
+compression and dE = V dP/e^2 in restitution. In the terms of this module, a restart of compression reverses the end of
+compression, E <- E/e^2 and k <- e^2 k, and a return begins at the original k.
 
 Units as in `pair.motion`. Used by `pair.kernel`; `model.chain` shares the phases.
 """
@@ -25,18 +26,18 @@ from impact_xval.model.compiled import force_inlined
 class Phase(IntEnum):
     """Phase of a contact; SLACK and HELD occur in chains only (`chain.laws`)."""
 
-    INACTIVE = 0  # carries no force
+    INACTIVE = 0  # the contact carries no force
     COMPRESSION = 1
     RESTITUTION = 2
     SLACK = 3  # the bodies overlap without force
-    HELD = 4  # inactive while positions are frozen: a row of `chain.laws.WATCHED`, not kept in a contact
+    HELD = 4  # inactive with frozen positions; only a row of `chain.laws.WATCHED`, never stored
 
 
 class Contact(NamedTuple):
-    """One contact under way."""
+    """One contact during a collision."""
 
     phase: Phase
-    #: Running stiffness, strain energy, and force sqrt(2 k E). The force is kept in S1 only.
+    #: Running stiffness, strain energy, and force sqrt(2 k E). The force is up to date in S1 only.
     k: float
     E: float
     F: float
@@ -47,7 +48,7 @@ class Contact(NamedTuple):
 
 
 class Pair(NamedTuple):
-    """Two balls on a table under way."""
+    """Two balls on a table during a collision."""
 
     #: Compression rate v2 - v1 of contact 1, and v2, which is minus the compression rate of contact 2.
     d1: float
@@ -66,14 +67,14 @@ def with_energy(c, E):
 
 @force_inlined
 def end_of_compression(c, loss):
-    """Return the contact after its end of compression, and the lost energy `loss` increased by what it loses."""
+    """Return the contact after its end of compression, and `loss` plus the energy that is lost there."""
     e2 = c.e * c.e
     return Contact(Phase.RESTITUTION, c.k / e2, e2 * c.E, c.F, c.e, c.original), loss + (1 - e2) * c.E
 
 
 @force_inlined
 def restart(stiffens, c, loss):
-    """Return the contact after a restart of compression, and the lost energy.
+    """Return the contact after a restart of compression, and all the energy lost so far.
 
     Under a law that does not stiffen, the restart gives back the energy that the end of compression took.
     """
@@ -85,7 +86,7 @@ def restart(stiffens, c, loss):
 
 @force_inlined
 def reactivate(stiffens, c):
-    """Return an inactive contact as it becomes active again: in compression, from E = 0."""
+    """Return an inactive contact after its return: in compression, with E = 0."""
     return Contact(Phase.COMPRESSION, c.k if stiffens else c.original, 0.0, 0.0, c.e, c.original)
 
 
@@ -97,10 +98,10 @@ def end_of_restitution(c):
 
 @force_inlined
 def after_event(stiffens, c, F, rate_is_zero, force_is_zero, loss):
-    """Return an active contact after an event, and the lost energy.
+    """Return an active contact after an event, and all the energy lost so far.
 
-    At the event the contact has the force F; its compression rate or its force is zero, or both are. A plastic contact
-    has no restitution, and becomes inactive as its compression ends.
+    At the event the contact has the force F, and its compression rate, its force, or both are zero. A plastic contact
+    has no restitution: it becomes inactive when its compression ends.
     """
     c = Contact(c.phase, c.k, 0.5 * F * F / c.k, F, c.e, c.original)
     compression_ends = rate_is_zero and c.phase == Phase.COMPRESSION

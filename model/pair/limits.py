@@ -1,21 +1,25 @@
-"""Closed forms of the limiting cases, as motion inside S1: which contact is rigid, and what it still does.
+"""Closed forms of the limiting cases, as motion inside S1: which contact is rigid, and its effect on the other one.
 
-`rigid_contact` decides which contact counts as rigid, `runaway` what a contact whose stiffness runs away does until it
-is rigid, and `view_from` names both contacts as the stiff one and the soft one.
+`rigid_contact` decides which contact counts as rigid. `runaway` computes the effect of a contact whose stiffness runs
+away, up to the time at which it is rigid. `view_from` tells the stiff contact from the soft contact.
 
-A contact that is infinitely stiff does one of two things in S1 (`pair.lone`; docs/theory.md, section 4). While it holds
-energy that can part its bodies, it completes its own impact at once, and the soft contact stands still meanwhile. Once
-it holds none, its bodies are one, and the soft contact works against them as such to the end of the collision. States
-S2 and S3 need nothing new.
+An infinitely stiff contact does one of two things in S1 (`pair.lone`; docs/theory.md, section 4). While it holds energy
+that can part its bodies, it completes its own impact at once, and the soft contact stands still meanwhile. Without such
+energy its bodies are one, and the soft contact works against this one body to the end of the collision. States S2 and
+S3 are the same as without a rigid contact.
 
-At a finite ratio a stiff contact holds some energy merely because it passes on the soft contact's force, and that
-energy cannot part its bodies. Without this distinction, a collision whose ratio leaves the cut-off at the very first
-end of compression would lose all its restitution (docs/errata.md).
+At a finite ratio a stiff contact holds some energy only because it passes on the soft contact's force. That energy
+cannot part its bodies. Without this distinction, a collision whose ratio exceeds the cut-off at the very first end of
+compression would lose all its restitution (docs/errata.md).
 
-Started from the beginning of the collision, this is the supplement's section 3.2 (k2/k1 = 0; its (11)-(13), (13)
-without the misprint) and 3.1 (k2/k1 = infinity; (6)). Where contact i ends compression with e_i = 0, it is 3.3. From
-the state at hand when the running stiffness ratio leaves the cut-off, it is 3.4. Without a cut-off the closed form is
-taken when nothing that it leaves out matters any more (`runaway`).
+The closed form covers these sections of the supplement:
+
+* 3.2, if it begins at first touch with k2/k1 = 0: equations (11)-(13), with the misprint in (13) corrected;
+* 3.1, if it begins at first touch with k2/k1 = infinity: equation (6);
+* 3.3, if it begins where contact i ends compression with e_i = 0;
+* 3.4, if it begins where the running stiffness ratio exceeds the cut-off.
+
+Without a cut-off the closed form begins as soon as everything that it neglects is negligible (`runaway`).
 
 Units as in `pair.motion`; m1 = 1. Used by `pair.kernel` and `pair.lone`; `model.solving` states `BOUND`.
 """
@@ -30,21 +34,21 @@ from impact_xval.model.compiled import force_inlined
 from impact_xval.model.pair.law import Contact, Pair, Phase, with_energy
 from impact_xval.model.pair.record import PairEnding
 
-#: Largest change of (v1, v2) by `runaway`, in the kinetic norm per sqrt(m1) abs(v0).
+#: Largest change of (v1, v2) that `runaway` may cause, in the kinetic norm per sqrt(m1) abs(v0).
 BOUND = 1e-12
 
-#: Factor on the estimated error of `runaway`. Without it the error was at most 0.77 of its estimate, over 360 000 cells
-#: at each of the bounds 1e-6, 1e-8 and 1e-10 (docs/theory.md, section 4).
+#: Factor on the estimated error of `runaway`. Without the factor the error was at most 0.77 of its estimate, in 360 000
+#: cells at each of the bounds 1e-6, 1e-8 and 1e-10 (docs/theory.md, section 4).
 SAFETY = 2.0
 
-#: Distance from zero, relative to its amplitude, that the rate of the soft contact keeps while the stiff one rings
+#: Least distance from zero of the soft contact's rate, relative to its amplitude, while the stiff contact rings
 #: unwatched.
 CLEAR = 1e-4
 
-#: In the place of a cut-off: no ratio, but the closed form as soon as it changes less than `BOUND`.
+#: Value of the option `cutoff` without a cut-off: the closed form begins when it changes less than `BOUND`.
 EXACT = 0.0
 
-#: Running stiffness ratio from which on `runaway` is tried.
+#: Running stiffness ratio above which `runaway` is tried.
 RUNAWAY_RATIO = 1e3
 
 
@@ -57,14 +61,15 @@ class Rigid(IntEnum):
 
 
 class View(NamedTuple):
-    """Both contacts as seen from the stiff one."""
+    """Both contacts, told apart as the stiff contact and the soft contact."""
 
     stiff: Contact
     soft: Contact
-    #: Mass that the stiff contact works against, and its compression rate.
+    #: Mass that the stiff contact works against; compression rate of the stiff contact.
     mass: float
     rate: float
-    #: Mass that the soft contact works against if the bodies of the stiff one are one, and its compression rate.
+    #: Mass that the soft contact works against if the bodies of the stiff contact are one; compression rate of the soft
+    #: contact.
     united_mass: float
     soft_rate: float
     #: Share of the soft contact's force that the stiff one passes on.
@@ -73,7 +78,7 @@ class View(NamedTuple):
 
 @force_inlined
 def view_from(stiff_is_1, pair, mu, M):
-    """Return the view from contact 1 or from contact 2, at mass ratio mu and reduced mass M."""
+    """Return the view in which contact 1 or contact 2 is the stiff one, at mass ratio mu and reduced mass M."""
     if stiff_is_1:
         return View(pair.contact1, pair.contact2, M, pair.d1, 1 + mu, -pair.v2, 1 / (1 + mu))
     return View(pair.contact2, pair.contact1, mu, -pair.v2, 1.0, pair.d1, 1.0)
@@ -81,10 +86,10 @@ def view_from(stiff_is_1, pair, mu, M):
 
 @force_inlined
 def rigid_contact(pair, mu, M, options, highest):
-    """Return the contact that counts as rigid from here on in S1, how that will end the collision, and the pair.
+    """Return the contact that counts as rigid from here on in S1, the ending that this implies, and the pair.
 
-    A contact is rigid if the running stiffness ratio exceeds `highest`. Without a cut-off it is rigid too where its
-    stiffness runs away and `runaway` says what it does until then; that energy goes to the soft contact.
+    A contact is rigid if the running stiffness ratio exceeds `highest`. Without a cut-off it is rigid too if its
+    stiffness runs away and `runaway` gives its effect; the energy that `runaway` returns goes to the soft contact.
     """
     stiff_is_1 = pair.contact1.k > pair.contact2.k
     view = view_from(stiff_is_1, pair, mu, M)
@@ -108,14 +113,15 @@ def rigid_contact(pair, mu, M, options, highest):
 
 @force_inlined
 def runaway(view):
-    """Return the energy that a stiff contact adds to the soft one until it is rigid; NaN if that is not all it can do.
+    """Return the energy that a stiff contact adds to the soft contact until it is rigid; NaN where this is uncertain.
 
     The stiff contact has just ended a compression, and rings about the static force F_s = share G that it passes on,
-    where G is the force of the soft contact. docs/theory.md, section 4, has the sum over all of its ends of compression
-    and what that sum leaves out. The bodies of the stiff contact then go on as one.
+    where G is the force of the soft contact. docs/theory.md, section 4, has the sum over all further ends of
+    compression, and the terms that this sum neglects. Afterwards the bodies of the stiff contact are one.
 
-    The result is NaN if the stiff contact could still change more than `BOUND`: by what the sum leaves out; by carrying
-    the rate of the soft contact through zero, which decides on an end of compression; or by not running away.
+    The result is NaN if the stiff contact could change the outcome by more than `BOUND`. There are three reasons: the
+    neglected terms are too large; the ringing may carry the rate of the soft contact through zero, which would be an
+    end of compression; or the stiffness does not run away.
     """
     united, mass, share = view.united_mass, view.mass, view.share
     V, G, k_soft = view.soft_rate, view.soft.F, view.soft.k
@@ -124,12 +130,13 @@ def runaway(view):
     A = F - F_s
     period = 2 * pi * sqrt(mass / k)
     tau = period / (1 - e)
-    slope = share * k_soft * V  # slope of F_s in time
+    slope = share * k_soft * V  # derivative of F_s in time
     drift = abs(slope) * tau
     swing = V * V + G * G / (k_soft * united)  # square of the amplitude of V
-    wiggle = share * A / sqrt(k * mass)  # amplitude of the ringing in V
+    wiggle = share * A / sqrt(k * mass)  # amplitude that the ringing gives V
     room = V - G * tau / united if V > 0 else -V
-    # The stiff rate rings about slope/k with the amplitude A/sqrt(k mass). It has zeros while their ratio is below 1.
+    # The rate of the stiff contact rings about slope/k with the amplitude A/sqrt(k mass). It has zeros if slope/k is
+    # below the amplitude.
     ratio2 = slope * slope * mass / (k * A * A)
     clear = A > 0 and F_s > 0 and ratio2 < 0.25 and room > 2 * wiggle + CLEAR * sqrt(swing)
     if not clear or (slope < 0 and drift > 0.1 * F_s):
@@ -144,6 +151,6 @@ def runaway(view):
     if lowest >= A:
         return -F * slope * period / (cube * k)
     if 0 <= A - F_s <= -slope * period / e:
-        # F_s falls below A in every turn. The bodies part for an instant, and the contact returns with A = F_s.
+        # F_s falls below A in every oscillation. The bodies part for an instant, and the contact returns with A = F_s.
         return F_s / k * (2 * above - slope * period * (0.5 + (2.5 + e * e + 0.5 * e * e * e) / cube))
     return nan

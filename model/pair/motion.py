@@ -1,19 +1,21 @@
 """Exact motion of two balls on a table inside a state.
 
-`Modes` and `modes_of` are the natural modes of S1; `amplitudes`, `modal_coordinates` and `motion_of` turn a state into
-modal coordinates, move these in time, and turn them back. `follow_single_contact` is the motion in S2 and S3.
+`Modes` and `modes_of` are the natural modes of S1. `amplitudes` turns a state into modal coordinates,
+`modal_coordinates` moves these in time, and `motion_of` turns them back. `follow_single_contact` is the motion in S2
+and S3.
 
-In time, equations (13)-(15) are those of two linear springs, F_i = dI_i/dt = sqrt(2 k_i E_i):
+Written in time, equations (13)-(15) are the equations of two linear springs, F_i = dI_i/dt = sqrt(2 k_i E_i):
 
     d1' = F2/m2 - F1/M      v2' = (F2 - F1)/m2      F1' = k1 d1      F2' = -k2 v2
 
-with d1 = v2 - v1 the compression rate of the ball-ball contact, -v2 that of the ball-table contact, and
-1/M = 1/m1 + 1/m2. Between events they are solved in closed form: in S1 by the two modes of a 2x2 stiffness matrix, in
-S2 and S3 by one sinusoid, of which the supplement's section 1 needs the impulses only.
+Here d1 = v2 - v1 is the compression rate of the ball-ball contact, -v2 the compression rate of the ball-table contact,
+and 1/M = 1/m1 + 1/m2. Between events the equations are solved in closed form. In S1 the solution consists of the two
+modes of a 2x2 stiffness matrix. In S2 and S3 it is one sinusoid; the supplement's section 1 gives its impulses, which
+suffice.
 
 The unknowns are d1, v2, F1, F2 instead of v1, v2, E1, E2 for two reasons. All four are continuous through every event,
-because an end of compression changes stiffnesses only. And none of them is a small difference of large numbers where
-one contact is far stiffer than the other. The coefficients below are free of cancellation too.
+because an end of compression changes stiffnesses only. And where one contact is far stiffer than the other, none of the
+four is a small difference of large numbers. The coefficients below are free of cancellation too.
 
 Units: m1 = 1, v0 = -1, k1 = 1 initially (Theorem 5). Hence mu = m2/m1, and velocities are per |v0|.
 
@@ -29,7 +31,7 @@ import numpy as np
 
 from impact_xval.model.compiled import force_inlined
 
-#: pi in two parts. The first has 33 bits, so that its product with the multiples in use is exact.
+#: pi in two parts. The first part has 33 bits, so that its product with any multiple in use is exact.
 PI = (float.fromhex("0x1.921fb544p+1"), float.fromhex("0x1.0b4611a626331p-33"))
 INVERSE_PI = 1 / pi
 
@@ -44,8 +46,9 @@ LARGEST_ANGLE = 1e5
 def cos_sin(x):
     """Return cosine and sine of an angle x >= 0 in radians, each to within 4e-16.
 
-    Faster than the library's two functions, because it has one branch only: the others would be unpredictable. The
-    angle is reduced to the nearest multiple of pi, in two parts (Cody and Waite), and Taylor's series is summed.
+    The function is faster than the two functions of the library, because it has a single branch; further branches would
+    be unpredictable. The nearest multiple of pi, in two parts, is subtracted from the angle (Cody and Waite). Then
+    Taylor's series is summed.
     """
     if x > LARGEST_ANGLE:
         return cos(x), sin(x)
@@ -71,7 +74,7 @@ def cos_sin(x):
 
 
 class Modes(NamedTuple):
-    """Natural modes of the two springs of S1; each pair is (slow mode, fast mode).
+    """Natural modes of the two springs of S1; each pair of numbers is (slow mode, fast mode).
 
     With w = (v1, v2), the equations of motion are diag(1, mu) w'' = -K w, K = [[k1, -k1], [-k1, k1 + k2]]. Mode j has
     the frequency omega_j and the shape (phi1, phi2) of unit modal mass, phi1^2 + mu phi2^2 = 1.
@@ -82,8 +85,8 @@ class Modes(NamedTuple):
     omega: tuple[float, float]
     phi1: tuple[float, float]
     phi2: tuple[float, float]
-    #: phi2 - phi1 and phi1 + mu phi2. They are formed as -omega^2 phi1/k1 and k2 phi2/omega^2, by the two rows of the
-    #: eigenvalue equation. So they lose no digits where a mode is nearly rigid or nearly massless.
+    #: phi2 - phi1 and phi1 + mu phi2. The two rows of the eigenvalue equation give them as -omega^2 phi1/k1 and
+    #: k2 phi2/omega^2, which lose no digits where a mode is nearly rigid or nearly massless.
     delta: tuple[float, float]
     sigma: tuple[float, float]
     #: omega phi1 and omega sigma.
@@ -93,7 +96,7 @@ class Modes(NamedTuple):
 
 @force_inlined
 def modes_of(mu, k1, k2):
-    """Return the modes at mass ratio mu and stiffnesses k1, k2, by solving the eigenvalue problem of `Modes`."""
+    """Return the modes at mass ratio mu and stiffnesses k1 and k2, which solve the eigenvalue problem of `Modes`."""
     inverse_mu = 1 / mu
     s12 = -k1 * sqrt(inverse_mu)
     difference = k1 - (k1 + k2) * inverse_mu
@@ -125,7 +128,8 @@ def modes_of(mu, k1, k2):
 class Motion(NamedTuple):
     """Compression rates and forces of both contacts at one instant."""
 
-    #: v2 - v1 and v2: the compression rate of the ball-ball contact, and minus that of the ball-table contact.
+    #: v2 - v1 and v2: the compression rate of the ball-ball contact, and minus the compression rate of the ball-table
+    #: contact.
     d1: float
     v2: float
     F1: float
@@ -134,7 +138,7 @@ class Motion(NamedTuple):
 
 @force_inlined
 def amplitudes(d1, v2, u1, u2, modes):
-    """Return the pairs a and b of q_j(t) = a_j cos(omega_j t) + b_j sin(omega_j t), the motion from a state on.
+    """Return the pairs a and b of the motion q_j(t) = a_j cos(omega_j t) + b_j sin(omega_j t) from a state on.
 
     The modal coordinates are q_j = phi1 v1 + mu phi2 v2 and r_j = q_j'/omega_j; at t = 0, q = a and r = b. The state is
     given by the rates d1 and v2 and by the compressions u1 = F1/k1 and u2 = F2/k2 of linear springs.
@@ -192,11 +196,11 @@ def motion_of(q, r, modes):
 class Exit(NamedTuple):
     """End of a segment in which a single contact was active."""
 
-    #: Whether the inactive contact returns (exit to S1); if not, the active contact ended restitution (exit to S4).
+    #: True if the inactive contact returns (exit to S1), False if the active contact ended restitution (exit to S4).
     returns: bool
-    #: Whether compression ended on the way; a tie with the return counts as ended.
+    #: Whether compression ended in the segment, or at the very instant of the return.
     compression_ended: bool
-    #: Impulse of the contact during the segment; compression rate and strain energy of the contact at the end.
+    #: Impulse of the active contact during the segment; its compression rate and strain energy at the end.
     impulse: float
     rate: float
     energy: float
@@ -206,22 +210,22 @@ class Exit(NamedTuple):
 def follow_single_contact(mass, d, E, e, compressing, impulse_to_return):
     """Follow S2 or S3, in which one contact is active, from entry to exit.
 
-    This is the supplement's section 1, read for either contact: its equation (1) with M the mass that the contact works
-    against (S3: m1 m2/(m1 + m2), S2: m2), and d and E the compression rate and strain energy at entry. The inactive
-    contact returns at the impulse `impulse_to_return`: m2 v2 in S3, m2 (v1 - v2) in S2.
+    This is the supplement's section 1, applied to either contact. In its equation (1) M is the mass that the contact
+    works against: m1 m2/(m1 + m2) in S3, m2 in S2. d and E are the compression rate and the strain energy at entry. The
+    inactive contact returns at the impulse `impulse_to_return`: m2 v2 in S3, m2 (v1 - v2) in S2.
     """
-    # The rate at which all of E and d would be gone: at maximum compression, E = 0.
+    # The rate at E = 0 that has the same energy as d and E together.
     w = sqrt(d * d + 2 * E / mass)
     if compressing:
         w *= e
-    maximum = mass * (d + w)  # supplement: Delta I_max, both cases
+    maximum = mass * (d + w)  # Delta I_max of the supplement, in both of its cases
     if not impulse_to_return < maximum:
         return Exit(False, compressing, maximum, -w, 0.0)
     d_exit = d - impulse_to_return / mass
     if compressing and d_exit > 0:
-        # Still in compression: equation (2), as a sum of positive terms.
+        # The contact is still in compression: equation (2), as a sum of positive terms.
         return Exit(True, False, impulse_to_return, d_exit, E + 0.5 * impulse_to_return * (d + d_exit))
-    # In restitution: equation (4), factored so that a nearly spent energy keeps its digits.
+    # The contact is in restitution: equation (4), factored so that a small remaining energy keeps its digits.
     return Exit(
         True, compressing, impulse_to_return, d_exit, 0.5 * (maximum - impulse_to_return) * (w - d_exit)
     )

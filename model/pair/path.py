@@ -1,11 +1,11 @@
 """Points of the exact motion of two balls, written into a log.
 
-`write_both` logs a segment of S1, `write_lone` a segment in which one contact is active alone, `write_point` one point.
+`write_both` logs a segment of S1, `write_lone` a segment with a single active contact, `write_point` one point.
 
 In S1 the points are equally spaced in time. In every other segment one contact works against one mass, so the motion is
 a sinusoid: the compression rate is W cos(theta) and the force sqrt(k m) W sin(theta), where theta grows by sqrt(k/m)
-per unit of time. There the points are equally spaced in theta, separately before and after the end of compression,
-where W drops to e W and k rises to k/e^2.
+per unit of time. The end of compression, where W drops to e W and k rises to k/e^2, splits the segment into two pieces.
+In each piece the points are equally spaced in theta.
 
 Units as in `pair.motion`. Used by `pair.kernel`.
 """
@@ -21,7 +21,7 @@ from impact_xval.model.pair.motion import modal_coordinates, motion_of
 #: Points per half period of the fastest sinusoid of a segment.
 POINTS = 48
 
-#: Most points of a segment of S1. A segment of thousands of oscillations is undersampled, but its ends stay exact.
+#: Largest number of points of a piece. A segment of thousands of oscillations is undersampled, but its ends stay exact.
 MOST_POINTS = 4000
 
 
@@ -37,7 +37,7 @@ def write_point(log, row, state, time, v1, v2, F1, F2):
 
 @force_inlined
 def count_points(points, half_periods):
-    """Return the number of points of a smooth piece, its ends included."""
+    """Return the number of points of a smooth piece, both ends included."""
     return min(MOST_POINTS, 3 + ceil(points * half_periods))
 
 
@@ -59,9 +59,9 @@ def write_both(log, row, points, time, state, duration, segment):
 def write_lone(log, row, points, time, state, pair, lone, mu, leaving):
     """Write a segment in which a single contact is active, from `pair` at its start to the exit `leaving`.
 
-    Returned are the time at its end and the next row. If the bodies of the other contact are one, that contact passes
-    on the force of the active one; else its force stays as it is. The time is infinite where the active contact has no
-    stiffness. Where its stiffness is infinite, no time passes and its force is infinite.
+    Returned are the time at the end of the segment and the next row. If the bodies of the other contact are one, the
+    other contact passes on the force of the active contact; else its force stays as it is. An active contact without
+    stiffness takes an infinite time. At an infinite stiffness no time passes, and the force is infinite.
     """
     c, mass, rate = lone.contact, lone.mass, lone.rate
     v1, v2 = pair.v2 - pair.d1, pair.v2

@@ -11,27 +11,28 @@ from impact_xval.model.compiled import force_inlined
 from impact_xval.model.pair.grazing import NEAR, turns_far
 from impact_xval.model.pair.motion import Motion, cos_sin, motion_of, rotate_briefly
 
-#: A contact may ring if it is stiffer than the other one by this factor.
+#: A contact may ring if it is this many times as stiff as the other contact.
 STIFFER = 10.0
 
 #: Largest share of its fast sinusoid that the slow sinusoid of a ringing rate may have.
 RINGING = 0.8
 
-#: Longest step of Newton's method, and longest last step, in radians of the fast mode.
+#: Newton's method in radians of the fast mode: the longest step, and the step below which the method ends.
 LONGEST_STEP, LAST_STEP = 0.1, 1e-8
 
 
 @force_inlined
 def next_zero_of_rate(segment, start):
-    """Return time and motion of the first event, where it is sure to be the next zero of a ringing contact's rate.
+    """Return time and motion of the first event, if this is certain to be the next zero of a ringing contact's rate.
 
-    Returned are that time, 0 where it is not sure; whether the ringing contact is contact 1; and the motion then.
+    Returned are the time, or 0 where nothing is certain; whether the ringing contact is contact 1; and the motion at
+    that time.
 
-    The rate of the stiff contact is zero at the start. While its slow sinusoid is smaller than its fast one, the rate
-    is zero twice in each turn, and the force of the stiff contact is monotonic in between. The rate of the soft contact
-    keeps its sign while its slow sinusoid stays above the amplitude of its fast one, and then the force of the soft
-    contact is monotonic too. So neither force vanishes if neither is negative at the end. No turning point of either
-    rate is nearer to zero than `NEAR`.
+    The rate of the stiff contact is zero at the start. While its slow sinusoid is smaller than its fast sinusoid, the
+    rate is zero twice in each oscillation, and the force of the stiff contact is monotonic between these zeros. The
+    rate of the soft contact keeps its sign while its slow sinusoid exceeds the amplitude of its fast sinusoid, and then
+    the force of the soft contact is monotonic too. So if both forces are positive at the end, they were positive all
+    the time. No turning point of either rate is nearer to zero than `NEAR`.
     """
     modes, omega, a, b = segment.modes, segment.modes.omega, segment.a, segment.b
     rings1 = start.d1 == 0 and modes.k1 > STIFFER * modes.k2
@@ -42,7 +43,7 @@ def next_zero_of_rate(segment, start):
     stiff_sign, soft_sign = segment.signs if rings1 else (segment.signs[1], segment.signs[0])
     slow, fast = sqrt(a[0] * a[0] + b[0] * b[0]), sqrt(a[1] * a[1] + b[1] * b[1])
     leaves_zero = stiff_sign * (stiff[0] * omega[0] * b[0] + stiff[1] * omega[1] * b[1]) > 0
-    # The fast sinusoid is back at its value on the other side of its extremum.
+    # After this angle the fast sinusoid has the same value again, on the other side of its extremum.
     angle = 2 * atan2(b[1], a[1])
     angle = angle if angle > 0 else angle + 2 * pi
     per_turn = omega[0] / omega[1]
@@ -52,7 +53,8 @@ def next_zero_of_rate(segment, start):
         (b[0] * cos_slow - a[0] * sin_slow, -b[1]),
     )
     nearest = min(soft_sign * soft[0] * a[0], soft_sign * soft[0] * q[0])
-    # Between the two ends, and where Newton's steps go beyond the second, the slow sinusoid falls little below them.
+    # The slow sinusoid falls at most this share below its lower end: between the ends, and where Newton's steps go
+    # beyond the second end.
     reserve = per_turn * (1 + 5 * per_turn)
     stiff_slow, stiff_fast = abs(stiff[0]) * slow, abs(stiff[1]) * fast
     soft_slow, soft_fast = abs(soft[0]) * slow, abs(soft[1]) * fast

@@ -1,14 +1,16 @@
 """Roots and positivity of one sum of two sinusoids: the tools of `pair.events` and `pair.grazing`.
 
-`root_before` finds a root, `positive_between` certifies that there is none, `envelope_time` steps over stretches in
-which there can be none. A root that these functions find is not known to be the first one: the caller certifies that.
+`root_before` finds a root. `positive_between` certifies that an interval has no root. `envelope_time` steps over
+stretches that cannot have a root. A root that these functions find need not be the first root: the caller certifies
+that it is.
 
 Each function is f = sum c_j q_j (a rate) or f = sum c_j q_j' (a force) of the two modes of `pair.motion`. Its
 amplitudes are known, so its second and sixth derivatives have known bounds. Let H be the quintic with the values,
 slopes and second derivatives of f at both ends of an interval of length h, and C the bound of the sixth derivative.
 Then f(x h) >= H(x h) - C h^6 x^3 (1 - x)^3/720, and x^3 (1 - x)^3 <= (B2 + B3)/40 in Bernstein polynomials of degree
 five. Hence f is positive inside the interval if the Bernstein coefficients of H satisfy b0, b1, b4, b5 >= 0 and
-b2, b3 > C h^6/28800. The ends themselves may be zeros: the event that began the segment, and the root that will end it.
+b2, b3 > C h^6/28800. The function may be zero at the ends themselves: at the event that began the segment, and at the
+root that will end it.
 """
 
 from __future__ import annotations
@@ -21,15 +23,15 @@ from impact_xval.model.pair.motion import modal_coordinates, rotate_briefly
 
 EPSILON = 2.0**-52
 
-#: Distance from zero, relative to the sum of its amplitudes, that a function keeps while `envelope_time` steps over it.
-#: It is not less than `pair.grazing.NEAR`, so that no near miss is stepped over.
+#: Least distance from zero, relative to the sum of its amplitudes, of a function in a stretch that `envelope_time`
+#: steps over. It must not be below `pair.grazing.NEAR`, so that no near miss is stepped over.
 ENVELOPE_RESERVE = 0.05
 
-#: `root_before` halves its bracket at every step whose number is a multiple of this one.
+#: `root_before` halves its bracket at every sixth step.
 BISECT = 6
 
-#: Longest step to a root, in radians of the fast mode, that is taken from the Taylor polynomial of degree seven, which
-#: is then exact to 1e-15 of an amplitude. The motion follows by the series of `pair.motion.rotate_briefly`.
+#: Longest step, in radians of the fast mode, for which the Taylor polynomial of degree seven is trusted: it is then
+#: exact to 1e-15 of an amplitude. The motion follows by the series of `pair.motion.rotate_briefly`.
 SERIES = 0.05
 
 
@@ -45,7 +47,7 @@ class Jet(NamedTuple):
 def predict_root(h, start, end):
     """Return an estimate in (0, h) of the root of a function that is negative at h, from its jets at 0 and at h.
 
-    One step of Halley's method from h, corrected by another one on the quintic through both jets.
+    Halley's method makes one step from h, and a second step on the quintic through both jets corrects it.
     """
     f0, f1, slope, bend = start.value, end.value, h * end.slope, h * h * end.bend
     # In x = t/h the quintic is a0 + x (a1 + x (a2 + x (a3 + x (a4 + x a5)))).
@@ -66,7 +68,8 @@ def predict_root(h, start, end):
 def step_to_root(x0, x1, y0, y1, w0, w1):
     """Return the step from a point to a nearby root of f = x_0 + x_1, where f' = y_0 + y_1 and x_j'' = w_j x_j.
 
-    Householder's step of third order, corrected by one of Newton's on the Taylor polynomial of degree seven.
+    It is Householder's step of third order, corrected by a step of Newton's method on the Taylor polynomial of degree
+    seven.
     """
     f, df = x0 + x1, y0 + y1
     w00, w11 = w0 * w0, w1 * w1
@@ -86,7 +89,8 @@ def root_before(c, t, h, low, start, end, noise, omega, a, b):
     """Return a root of sum c_j q_j in (t + low, t + h), counted from t, and the coordinates q and r there.
 
     The function is negative at t + h; `start` and `end` are its jets at t and t + h, `noise` its rounding. From each
-    point that is tried, `step_to_root` gives the next one, inside a bracket that is halved now and then.
+    point that is tried, `step_to_root` gives the next point. The points stay in a bracket, which is halved now and
+    then.
     """
     w0, w1 = -omega[0] * omega[0], -omega[1] * omega[1]
     g0, g1 = c[0] * omega[0], c[1] * omega[1]
@@ -114,10 +118,11 @@ def root_before(c, t, h, low, start, end, noise, omega, a, b):
 
 @force_inlined
 def envelope_time(lag, c, t, omega, a, b, radius):
-    """Return the first time from t on at which the slow sinusoid of a watched function is near its fast amplitude.
+    """Return the first time from t on at which a function's slow sinusoid is near the amplitude of its fast one.
 
-    Near means within `ENVELOPE_RESERVE` of the sum of both amplitudes. The lag of a rate is 0; the lag of a force is a
-    quarter turn, because a force is a sum of r_j. `radius` holds the amplitudes of both modal coordinates.
+    The two are near if they differ by at most `ENVELOPE_RESERVE` of the sum of both amplitudes. `lag` is 0 for a rate
+    and a quarter turn for a force, because a force is a sum of r_j. `radius` holds the amplitudes of both modal
+    coordinates.
     """
     slow, fast = abs(c[0]) * radius[0], abs(c[1]) * radius[1]
     fast += ENVELOPE_RESERVE * (slow + fast)
@@ -138,7 +143,7 @@ def positive_between(start, end, h, C):
     C is the bound of the sixth derivative, divided by 28800. The value at the end may be zero, and counts as zero where
     rounding makes it negative.
     """
-    # Two comparisons without a branch: the branches would be unpredictable, and cost more than all of this.
+    # Two comparisons without a branch: unpredictable branches would cost more than all of this computation.
     reserve = C * (h * h * h) * (h * h * h)
     last = max(end.value, 0.0)
     step0, step1 = 0.2 * h * start.slope, -0.2 * h * end.slope
@@ -150,11 +155,11 @@ def positive_between(start, end, h, C):
 
 @force_inlined
 def time_above_zero(start, B, w1):
-    """Return how long a function stays positive that leaves zero with a slope > 0, or with slope 0 and a bend > 0.
+    """Return a time for which a function stays positive after it leaves zero with slope > 0, or slope 0 and bend > 0.
 
-    With abs(f'') <= B it is positive up to t = 2 f'/B. Where its slope vanishes (contact 2 at the start of a collision)
-    its third derivative vanishes too. Its fourth derivative is at most B w1^2, so it is positive up to
-    t^2 = 12 f''/(B w1^2).
+    With abs(f'') <= B the function is positive up to t = 2 f'/B. Where its slope is zero (contact 2 at the start of a
+    collision), its third derivative is zero too. Its fourth derivative is at most B w1^2, so the function is positive
+    up to t^2 = 12 f''/(B w1^2).
     """
     return 0.99 * (2 * start.slope / B if start.slope > 0 else sqrt(12 * start.bend / B) / w1)
 

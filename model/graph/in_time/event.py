@@ -1,8 +1,8 @@
-"""The first event of a window, with certainty: which contact, which watched function, and when.
+"""The certified first event of a window: its contact, its watched function, and its time.
 
 Over a window each watched function is a polynomial in x = t/h, whose remainder is below rounding (`in_time.motion`).
 Its first root is certified as in `graph.event`, by `chain.roots.first_root`. Contacts are searched in their order, each
-up to the earliest root so far; of equal roots that of the first contact counts (`in_time.law` on ties).
+up to the earliest root so far. Of equal roots, the root of the first contact counts (`in_time.law` explains ties).
 
 Used by `in_time.kernel`.
 """
@@ -23,16 +23,19 @@ from impact_xval.model.pair.law import Phase
 class TimedEvent(NamedTuple):
     """First event of a window."""
 
-    #: Contact, -1 for none, and the watched function that is zero, one of `chain.laws.Watched`.
+    #: Contact, -1 for none, and the watched function that is zero at the event, one of `chain.laws.Watched`.
     contact: int
     watched: int
-    #: Time over the length of the window; infinite without an event, -1 where the search was given up.
+    #: Time of the event over the length of the window; infinite without an event, -1 where the search was given up.
     x: float
 
 
 @kernel_helper
 def first_zero(contact, watched, sign, latest):
-    """Return x of the first zero of a watched function before x = `latest`, as `chain.roots.first_root` does."""
+    """Return x = t/h of the first zero of a watched function before x = `latest`.
+
+    Infinity, 0 and -1 mean the same as in `chain.roots.first_root`.
+    """
     table = contact.rates
     if watched == Watched.GAP:
         table = contact.deltas

@@ -1,16 +1,17 @@
 """Exact motion between events: the power series of w, delta and F in time, to rounding, and the start rule.
 
-Between events w' = -W F, and F = k delta + b w of active contacts. With velocities v of bodies of masses M, w = -J v
-and z = sqrt(k) delta, the pair y = (sqrt(M) v, z) obeys
+Between events w' = -W F; active contacts have the force F = k delta + b w. Let v be the velocities of bodies with the
+masses M, w = -J v, and z = sqrt(k) delta. Then the pair y = (sqrt(M) v, z) obeys
 
     y' = (S - B) y
 
-with a skew S, whose norm omega is the root of the largest eigenvalue of sqrt(K) W sqrt(K), and a symmetric B >= 0,
-whose norm gamma is that of sqrt(b) W sqrt(b). So abs(y)^2, twice the energy, does not grow. The remainder of the series
-after the power `ORDER` is at most ((omega + gamma) h)^29/29! abs(y) in this norm, and that of w_i at most sqrt(W_ii)
-times that. Over a window, the time h = `ANGLE`/(omega + gamma), it is 1e-18 of abs(y): below rounding. No sign of an
-entry of W is used, and W may be singular (`graph.motion` has the same proof without dashpots, `chain.series` that of a
-row).
+S is skew, and its norm omega is the root of the largest eigenvalue of sqrt(K) W sqrt(K). B >= 0 is symmetric, and its
+norm gamma is the norm of sqrt(b) W sqrt(b). So abs(y)^2, twice the energy, does not grow.
+
+In this norm the remainder of the series after the power `ORDER` is at most ((omega + gamma) h)^29/29! abs(y). The
+remainder of w_i is at most sqrt(W_ii) times as large. A window has the length h = `ANGLE`/(omega + gamma); over this
+time the remainder is 1e-18 of abs(y), which is below rounding. The proof uses no sign of an entry of W, and W may be
+singular. (`graph.motion` has the same proof without dashpots, `chain.series` the proof for chains.)
 
 `window_length` gives h, `expand` writes the coefficients, `place` moves the graph. Used by `in_time.kernel`.
 """
@@ -31,8 +32,8 @@ from impact_xval.model.graph.motion import INVERSE_NEXT, decide
 def largest_eigenvalue(c, W, of_dampings):
     """Bound the largest eigenvalue of sqrt(K) W sqrt(K), or of sqrt(b) W sqrt(b).
 
-    Contacts count that are active, or may become so. The bound is the smaller one of the largest sum of a row of W K
-    (Gershgorin) and the Frobenius norm.
+    Contacts count that are active or may become active. The result is the smaller one of two bounds: the largest sum of
+    a row of W K (Gershgorin), and the Frobenius norm.
     """
     largest_row, squares = 0.0, 0.0
     for i in range(c.size):
@@ -50,14 +51,14 @@ def largest_eigenvalue(c, W, of_dampings):
 
 @kernel_helper
 def window_length(c, W):
-    """Return the time over which the series is summed; infinite where nothing moves the active contacts."""
+    """Return the time over which the series is summed; infinite if no active contact moves."""
     rate = sqrt(largest_eigenvalue(c, W, False)) + largest_eigenvalue(c, W, True)
     return ANGLE / rate if rate > 0 else inf
 
 
 @kernel_helper
 def start_window(c):
-    """Apply the start rule to touching contacts; those at rest stay undecided (`in_time.law`)."""
+    """Apply the start rule to touching contacts; contacts at rest stay undecided (`in_time.law`)."""
     for i in range(c.size):
         begin_touching(c[i])
 
@@ -74,7 +75,7 @@ def force_coefficient(contact, order):
 def expand(c, matrices, h):
     """Write the coefficients of w_i, delta_i and F_i in x = t/h, from power 0 to `ORDER`; decide undecided contacts.
 
-    A contact that becomes active at order n has no force of a lower order, so no coefficient that is already written
+    A contact that becomes active at order n has no force of a lower order. So no coefficient that is already written
     changes.
     """
     W = matrices.W
@@ -104,7 +105,7 @@ def expand(c, matrices, h):
 
 @kernel_helper
 def place(c, x, h):
-    """Move a graph to x of its window of length h, and add the impulses of that time."""
+    """Move a graph to the place x of its window of length h, and add the impulses of that time."""
     for i in range(c.size):
         contact = c[i]
         contact.w, contact.delta = value(contact.rates, ORDER, x), value(contact.deltas, ORDER, x)

@@ -1,10 +1,12 @@
-"""Contacts of bistiffness that are rigid: their running stiffness has run away (supplement, 3.4).
+"""Rigid contacts under bistiffness: contacts whose running stiffness has run away (supplement, 3.4).
 
-The rule is that of the model, `graph.rigid.ringing_ends`, with one more condition: no gap closes meanwhile.
+The model's rule, `graph.rigid.ringing_ends`, holds with one more condition: no gap closes up to the time at which the
+contact is rigid.
 
 A rigid contact keeps w_r = 0, and its row is eliminated as in `graph.rigid`: W <- W - W_r W_r^T/W_rr, and
-F_r = -sum_j W_rj F_j/W_rr. It stays closed for good. In a chain neighbours only press it. In a graph they may pull it
-open; with positions it would then close again with a blow. Such a graph is given up (`is_pulled_open`).
+F_r = -sum_j W_rj F_j/W_rr. A rigid contact stays closed for good. In a chain its neighbours only press it. In a graph
+they may pull it open, and with positions it would later close again with a blow. Such a graph is given up
+(`is_pulled_open`).
 
 Used by `in_time.motion` and `in_time.kernel`.
 """
@@ -39,7 +41,10 @@ def ringing_ends(c, W, i):
 
 @kernel_helper
 def gap_closes_within(c, W, time, least):
-    """Return whether a gap may close within a time, with more than half the energy `least`."""
+    """Return whether a gap may close within a time.
+
+    `least` is twice the smallest energy of approach that matters.
+    """
     for j in range(c.size):
         contact = c[j]
         if contact.frozen or contact.is_rigid or contact.phase != Phase.INACTIVE or W[j, j] <= 0:
@@ -76,7 +81,7 @@ def make_rigid(c, matrices, i):
 
 @kernel_helper
 def write_rigid_forces(c, pivots, order):
-    """Write a coefficient of the forces of rigid contacts: those that keep their rates at 0."""
+    """Write a coefficient of the forces of rigid contacts, which keep their rates at 0."""
     count = 0
     for i in range(c.size):
         count += c[i].is_rigid
@@ -90,7 +95,7 @@ def write_rigid_forces(c, pivots, order):
 
 @kernel_helper
 def is_pulled_open(c, pivots, x):
-    """Return whether the force of a rigid contact falls below 0, but for rounding, in the part x of a window."""
+    """Return whether the force of a rigid contact falls below 0, beyond rounding, in the first part x of a window."""
     for r in range(c.size):
         contact = c[r]
         if not contact.is_rigid:

@@ -1,4 +1,4 @@
-"""The state of a graph in time under way, the scratch space of its kernel, and its energies.
+"""The state of a graph in time during a collision, its energies, and the scratch space of the kernel.
 
 Needs `chain.laws`, whose functions read the fields of a contact by name. Used by all modules of `graph.in_time` that
 follow.
@@ -18,49 +18,48 @@ from impact_xval.model.compiled import kernel_helper
 from impact_xval.model.graph.state import oscillation, rounding_energy
 from impact_xval.model.pair.law import Phase
 
-#: A contact under way, with its scratch space.
+#: A contact during a collision, with its scratch space: the fields from `undecided` on, which each window overwrites.
 TIMED_CONTACT = np.dtype(
     [
-        # The fields of `chain.laws`. The exponent p is 1; gravity g is 0, and without it `a` has no meaning.
+        # The fields that `chain.laws` reads. The exponent p is 1. Gravity g is 0, so `a` is not used.
         ("k", "f8"),  # running stiffness
         ("original", "f8"),  # stiffness at first touch
         ("e", "f8"),  # coefficient of restitution
         ("b", "f8"),  # damping
         ("w", "f8"),  # rate of compression
-        ("delta", "f8"),  # depth; below 0 a gap
-        ("phase", "i8"),  # Phase
-        ("law", "i8"),  # Law
+        ("delta", "f8"),  # depth; a gap if it is negative
+        ("phase", "i8"),  # one of `Phase`
+        ("law", "i8"),  # one of `Law`
         ("frozen", "?"),  # whether positions are frozen
         ("p", "f8"),
         ("g", "f8"),
         ("a", "f8"),
         ("F", "f8"),  # force
-        ("impulse", "f8"),  # so far
+        ("impulse", "f8"),  # impulse so far
         (
             "reach",
             "f8",
-        ),  # twice the largest energy that it or a neighbour has had (`graph.state.oscillation`)
-        ("is_rigid", "?"),  # rigid for good; its phase is INACTIVE (`in_time.rigid`)
-        ("eliminated", "i8"),  # of record n, the contact that became rigid as number n
-        ("force_is_zero", "?"),  # whether the force is zero by an event of this instant
-        # Overwritten window by window:
-        ("undecided", "?"),  # at rest without depth: its first non-zero derivative decides (`in_time.motion`)
-        ("total", "f8"),  # of a coefficient, or the contact's oscillation
+        ),  # twice the largest energy so far of this contact and its neighbours (`graph.state.oscillation`)
+        ("is_rigid", "?"),  # whether the contact is rigid for good; its phase is INACTIVE then
+        ("eliminated", "i8"),  # in record n: the contact that became rigid as number n
+        ("force_is_zero", "?"),  # whether an event at this instant has made the force zero
+        ("undecided", "?"),  # whether the contact is at rest without depth, so that the start rule decides
+        ("total", "f8"),  # intermediate sum of a coefficient, or the contact's oscillation
         ("rates", "f8", ORDER + 1),  # coefficients of w in x = t/h
-        ("deltas", "f8", ORDER + 1),  # those of delta
-        ("forces", "f8", ORDER + 1),  # those of F
-        ("watched", "f8", ORDER + 1),  # those of k delta + b w of a slack contact
+        ("deltas", "f8", ORDER + 1),  # coefficients of delta
+        ("forces", "f8", ORDER + 1),  # coefficients of F
+        ("watched", "f8", ORDER + 1),  # coefficients of k delta + b w of a slack contact
     ],
     align=True,
 )
 
 
 class TimedMatrices(NamedTuple):
-    """Matrices of one graph under way, each of shape (C, C)."""
+    """Matrices of one graph during a collision, each of shape (C, C)."""
 
     #: Delassus matrix.
     full: NDArray[np.float64]
-    #: The same with rigid contacts eliminated, and the rows of the elimination (`in_time.rigid`).
+    #: Delassus matrix without the rigid contacts, and the rows of their elimination (`in_time.rigid`).
     W: NDArray[np.float64]
     pivots: NDArray[np.float64]
 
@@ -93,22 +92,22 @@ def write_forces(c):
 
 @kernel_helper
 def is_moving(contact):
-    """Return whether a contact is active, and not at rest without depth."""
+    """Return whether a contact is active, and has a depth or a rate."""
     return is_active(contact) and (contact.delta > 0 or contact.w != 0)
 
 
 @kernel_helper
 def may_still_act(contact):
-    """Return whether a contact is active, or will be because its bodies approach."""
+    """Return whether a contact is active, or its bodies approach."""
     return is_moving(contact) or contact.w > 0
 
 
 @kernel_helper
 def still_rounding(c, W, energy):
-    """Bring to rest the contacts of bistiffness without load that have no energy but that of rounding.
+    """Bring to rest the contacts of bistiffness without load whose energy is only rounding.
 
-    In a symmetric graph a contact may be at rest for all times. Its rounding would otherwise end compressions, each of
-    which stiffens it for good. The depth of an inactive contact may be a gap of rounding.
+    In a symmetric graph a contact may be at rest at all times. Its rounding would otherwise end compressions, and each
+    end would stiffen the contact for good. The depth of an inactive contact may be a gap that is only rounding.
     """
     for i in range(c.size):
         c[i].total = oscillation(c, W, i)
@@ -125,7 +124,7 @@ def still_rounding(c, W, energy):
 
 @kernel_helper
 def energy_left(c, W):
-    """Return the energy of the contacts that are active, or approach."""
+    """Return the energy of contacts that are active or whose bodies approach."""
     total = 0.0
     for i in range(c.size):
         contact = c[i]
@@ -136,9 +135,9 @@ def energy_left(c, W):
 
 @kernel_helper
 def bring_to_rest(c):
-    """End all contacts that are active or approach.
+    """End all contacts that are active or whose bodies approach.
 
-    Returned are the strain energy that is dropped, and whether a contact with e < 1 was among them.
+    Returned are the strain energy that is dropped, and whether one of these contacts has e < 1.
     """
     dropped, is_lossy = 0.0, False
     for i in range(c.size):
