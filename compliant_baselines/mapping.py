@@ -46,7 +46,7 @@ class KelvinVoigtContact(NamedTuple):
     def from_restitution(
         cls, k: float, e: float, mass: float, mapping: MappingName = "calibrated"
     ) -> KelvinVoigtContact:
-        """Make the contact of stiffness k that gives restitution e in (0, 1] to two lone bodies of this reduced mass."""
+        """Make the contact of stiffness k that gives two lone bodies of this reduced mass restitution e in (0, 1]."""
         zeta = textbook_damping_ratio(e) if mapping == "naive" else damping_ratio(e)
         return cls(k, 2 * zeta * math.sqrt(k) * math.sqrt(mass), mass)
 
