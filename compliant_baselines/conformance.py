@@ -53,8 +53,8 @@ _BOX = GraphCollision(
     inertias=(0.5,),
 )
 
-#: Distance in m/s from the exact law that passes even if it does not shrink with the step: the error of a drop changes
-#: its sign at some step, so that a small error may grow.
+#: Distance in m/s from the exact law below which a solver passes even if a shorter step brings it no nearer. The error
+#: of a drop changes its sign at some step, so that a small error may grow.
 _NEAR = {"impact": 1e-3, "drop": 5e-3}
 
 #: Laws whose contacts may pull, so that the impulses of a path may fall.
@@ -136,7 +136,7 @@ def answers_every_collision(solver: Solver) -> None:
 
 
 def refuses_with_a_reason(solver: Solver) -> None:
-    """Demand an answer, or a refusal with a reason, to limits, N balls, a drop and contact graphs (rule 2).
+    """Demand an outcome, or a refusal with a reason, for limiting cases, N balls, a drop and contact graphs (rule 2).
 
     A refused collision must not change the outcome of another one.
     """

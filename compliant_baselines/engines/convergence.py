@@ -43,9 +43,9 @@ SMALL = 0.1
 #: at the shortest step minus the run before it. Each of the two runs may contain any part of these changes.
 CHANCE = 0.5
 
-#: Fraction of the changes in the first steps of contacts by which three runs may differ, if impulses are whole at any
-#: length of the step. Rigid engines in single precision differ by 1e-6. The impulses of a dashpot are halved with the
-#: step instead.
+#: Fraction of the changes in the first steps of contacts by which three runs may differ and still count as equal. Equal
+#: changes show that impulses do not depend on the length of the step: rigid engines in single precision differ by 1e-6.
+#: The impulses of a dashpot are halved with the step.
 WHOLE = 0.01
 
 #: Largest change of the limit 2 Vn - V(n-1) over the change of each of the two runs.
@@ -366,7 +366,9 @@ def estimate_limit(
         Most steps of the run at h and of runs at longer steps. A run at a shorter step may take this number times h
         over its step, and at most `PATIENCE` times the steps of the run at h.
 
-    Returns ------- The limit, or None if too few runs came to an end; and the reason why it is not converged, ``""`` if
+    Returns
+    -------
+    The limit, or None if too few runs came to an end; and the reason why it is not converged, ``""`` if
     it is.
     """
     scene, runs, failure = first.scene, [first], ""

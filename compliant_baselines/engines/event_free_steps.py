@@ -47,12 +47,20 @@ NOT_STARTED = -1
 SAFE_ENERGY = 16.0
 
 
-#: Numbers of a scene that kernels need, as an array of one record; in SI units. * ``contacts``: N with a table, N - 1
-#: without * ``step``: length of a step in s * ``rounding``: impulse in a step over the momenta that rounding alone can
-#: make (`World.rounding`) * ``pulls``: 1 if contacts may pull, else 0 * ``gravity``: gravity in m/s^2; 0 in a drop from
-#: the first flight on Of a drop, else 0: * ``k1``, ``k2``: stiffness between the balls and of B2's support, in N/m *
-#: ``depth_of_b2``: how deep B2 rests in the table alone, in m * ``depth_of_b1_in_b2``: how deep B1 rests in B2, in m *
-#: ``depth_of_b2_loaded``: how deep B2 rests in the table with B1 on it, in m
+#: Numbers of a scene that kernels need, as an array of one record; in SI units.
+#:
+#: * ``contacts``: number of contacts, N with a table, N - 1 without
+#: * ``step``: length of a step in s
+#: * ``rounding``: largest impulse in a step, over the momenta, that rounding alone can make (`World.rounding`)
+#: * ``pulls``: 1 if contacts may pull, else 0
+#: * ``gravity``: gravity in m/s^2; 0 without gravity, and in a drop from the first flight on
+#:
+#: The following numbers belong to a drop, and are 0 otherwise:
+#:
+#: * ``k1``, ``k2``: stiffness between the balls and of B2's support, in N/m
+#: * ``depth_of_b2``: depth in m at which B2 alone rests in the table
+#: * ``depth_of_b1_in_b2``: depth in m at which B1 rests in B2
+#: * ``depth_of_b2_loaded``: depth in m at which B2 rests in the table with B1 on it
 SCENE_NUMBERS = np.dtype(
     (
         np.record,

@@ -54,15 +54,19 @@ class FlightPhase(IntEnum):
     ENDED = 2
 
 
-#: State that `scan` keeps from one window to the next. * ``active``: the contacts that carried force in the last step,
-#: as bits * ``met_at_speed``: the contacts whose bodies will meet at a speed when they next become active, as bits: all
-#: contacts that were open at first or have ceased to be active * ``n_steps``: steps so far * ``starts``,
-#: ``starts_together``: as of `stepping.Run` * ``last_pulls``: of each contact, the change of the relative velocity in
-#: m/s by its pull in the last step; else 0 * ``lead``, ``lead_contact``: the event that came nearest to deciding on the
-#: first flight, and the contact that decided. In a flight the contact closed after ``lead`` steps; without one it had
-#: closed -``lead`` steps before the other contact opened. Infinite before any such event * ``flight_phase``,
-#: ``flight_start``: a `FlightPhase`, and the number of steps before the first flight * ``closed``, ``closed_at``: of
-#: each contact, whether its gap is closed, and the step at which it last closed
+#: State that `scan` keeps from one window to the next.
+#:
+#: * ``active``: the contacts that were active in the last step, as bits
+#: * ``met_at_speed``: the contacts whose bodies will meet at a speed when they next become active, as bits: all
+#:   contacts that were open at first or have ceased to be active
+#: * ``n_steps``: number of steps so far
+#: * ``starts``, ``starts_together``: the sums of the same names in `stepping.Run`
+#: * ``last_pulls``: for each contact, the change of the relative velocity in m/s by its pull in the last step; else 0
+#: * ``lead``, ``lead_contact``: the event that came nearest to deciding on the first flight, and the contact that
+#:   decided. If the flight began, this contact closed ``lead`` steps after its beginning. If not, the contact had
+#:   closed -``lead`` steps before the other contact opened. Infinite before any such event
+#: * ``flight_phase``, ``flight_start``: a `FlightPhase`, and the number of steps before the first flight
+#: * ``closed``, ``closed_at``: for each contact, 1 if its gap is closed, and the step at which it last closed
 MEMORY = np.dtype(
     (
         np.record,

@@ -248,7 +248,9 @@ class World(ABC):
         n
             Most steps to take.
 
-        Returns ------- Velocities in m/s and heights in m after each step, shape (steps, N axes) each; the number of
+        Returns
+        -------
+        Velocities in m/s and heights in m after each step, shape (steps, N axes) each; the number of
         steps is from 1 to n.
 
         Raises

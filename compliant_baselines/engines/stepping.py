@@ -446,7 +446,7 @@ def _scene_numbers(scene: Scene, world: World) -> NDArray[np.void]:
 
 
 def _contact_law(scene: Scene, world: World) -> NDArray[np.void]:
-    """Return the contacts in the effective numbers of an engine that leaps."""
+    """Return a record of `CONTACT_LAW` for each contact, with the numbers of `World.effective`."""
     law = np.zeros(len(scene.stiffnesses), CONTACT_LAW)
     law["stiffness"] = world.effective["stiffness"]
     law["damping"] = world.effective["damping"]
