@@ -1,11 +1,11 @@
 """Chains per second of the model for N balls, the growth of its cost with N, and the cost of an integration in time.
 
-Run as ``python -m benchmarks.chains``. The chains are random: without a table, and piles and stacks on one; masses
-log-uniform over a decade, stiffnesses over two, restitutions uniform in [0.5, 1]. The integration in time is scipy's
-solve_ivp with events, on the first of the same chains (tests/model/chain_reference.py). It runs at rtol 1e-12 and 0.1
-rad a step, so that it misses few events. With ``--independent COUNT`` the model is compared with the integration on
-COUNT chains, N from 2 to 10, and nothing is timed. Times are the best of several repetitions, and contain no
-compilation.
+Run as ``python -m benchmarks.chains``. The chains are random: rows without a table, and piles and stacks on a table.
+Masses are log-uniform over one decade, stiffnesses log-uniform over two decades, and restitutions uniform in [0.5, 1].
+The integration in time is scipy's solve_ivp with events, on the first of the same chains
+(tests/model/chain_reference.py). It runs at rtol 1e-12 and 0.1 rad a step, so that it misses few events. With
+``--independent COUNT`` the model is compared with the integration on COUNT chains, N from 2 to 10, and nothing is
+timed. Times are the best of several repetitions, and contain no compilation.
 """
 
 from __future__ import annotations

@@ -135,7 +135,7 @@ class Screening:
 
 @dataclass(frozen=True, slots=True)
 class LargestMoves:
-    """The largest moves of outcomes by changes of single parameters; arrays of shape (n,)."""
+    """The largest changes of outcomes when single parameters change; arrays of shape (n,)."""
 
     #: Largest change of a velocity, divided by the change that `JUMPS` allows; above 1 it is a jump. Infinite if a
     #: changed collision has no result, NaN if the collision itself has none, 0 if no change was tried.

@@ -167,9 +167,11 @@ class Solver(ABC):
         collisions
             The collisions.
         settings
-            How they are solved.
+            Settings of the solver.
 
-        Settings of the solver.
+        Returns
+        -------
+        Sequence[Outcome]
             One outcome for every collision, in order; failures are outcomes with a status (rule 2).
         """
 

@@ -48,7 +48,8 @@ CHANCE = 0.5
 #: The impulses of a dashpot are halved with the step.
 WHOLE = 0.01
 
-#: Largest change of the limit 2 Vn - V(n-1) over the change of each of the two runs.
+#: Factor of errors: if each of the last two runs is off by at most x, their limit 2 Vn - V(n-1) is off by at most this
+#: factor times x.
 MEETINGS = 3.0
 
 #: Largest last change of a speed of separation, over this speed, with which a straight line leads to its limit. Bodies
@@ -56,9 +57,10 @@ MEETINGS = 3.0
 #: shortest.
 STRAIGHT = 1 / 3
 
-#: Largest multiple of the last change of a rate that counts as error where changes grow; the change before may be zero.
-#: If steps damp a vibration, x of it is left at h, x^2 at 2h and x^4 at 4h. For a small x the distance of the limit,
-#: over the last change, is about the ratio of the last change to the one before.
+#: Largest multiple of the last change of a rate that counts as error if changes grow from run to run. The change before
+#: the last one may be zero, so that the growth is infinite. The reason: if steps damp a vibration so that x of it is
+#: left at h, then x^2 is left at 2h and x^4 at 4h. For a small x the distance to the limit, over the last change, is
+#: about the growth of the changes.
 GROWTH = 100.0
 
 #: Most steps of a run at a shorter step, over the number that its length suggests: balls that meet soon at one step may

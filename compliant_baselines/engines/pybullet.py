@@ -253,7 +253,7 @@ class PybulletWorld(World):
         return Side(stiffness, damping)
 
     def _make_bodies(self, scene: Scene, radius: float) -> SceneBodies:
-        """Empty the client and make the planes, and the balls, the last one first."""
+        """Empty the client, make the planes, then make the balls from the last one to the first."""
         p, linked, arrangement = self._p, _has_links(scene), scene.arrangement
         p.resetSimulation(0 if linked else p.RESET_USE_SIMPLE_BROADPHASE)
         threshold = BREAKING_OVER_RADIUS * (radius if scene.graph is None else radius / WIDER)
