@@ -40,7 +40,7 @@ GRAPH_LAWS = (*(name for name in LAWS if not name.startswith("sequential")), "se
 #: Laws whose rates depend on the split of the impulses of compression.
 _DEPENDS_ON_SPLIT = ("poisson-restitution", "plastic-then-restitution")
 
-#: Impacts after which a graph is given up.
+#: Number of impacts after which a graph is given up.
 MOST_IMPACTS = 100_000
 
 #: Fraction of the largest rate, or impulse, that counts as rounding of a least-squares problem.
@@ -93,7 +93,7 @@ def solve_rigid_graph(
     law : str
         One of `GRAPH_LAWS`.
     delassus, restitutions, rates : array_like
-        As for `impact_xval.model.graph.solving.solve_graph`.
+        The same arguments as in `impact_xval.model.graph.solving.solve_graph`.
     order : sequence of int, optional
         Numbers of all contacts, from 1, in the order in which a sequential law takes them; by default ascending.
 
