@@ -401,7 +401,7 @@ def find_largest_step(engine: Engine, pair: Pair, tolerance: float = TOLERANCE) 
     # A count of whole steps is off by up to one step: a step longer than the tolerance times the duration could be good
     # only by luck.
     longest, shortest = pair.motion.duration * tolerance, pair.motion.duration / MOST_STEPS
-    why = f"even {MOST_STEPS} steps tell no duration as exactly as that"
+    why = f"even with {MOST_STEPS} steps a duration is not known to this tolerance"
     good: list[float] = []  # consecutive steps, the largest first
     for step in (step for step in STEPS if shortest <= step <= longest):
         try:

@@ -350,7 +350,7 @@ class Run:
             return f"after {self.n_steps} steps of {self.scene.step:.3g} s: {reason}"
         reason = f"not over after {self.max_steps} steps of {self.scene.step:.3g} s"
         if self.end == RunEnd.IN_FLIGHT:
-            reason += f" (after {self.n_steps} all balls are in flight, and meet again only after the last)"
+            reason += f" (after step {self.n_steps} all balls are in flight; the next meeting is after the last step)"
         return reason
 
     def impulses(self, velocities: ArrayLike, time: Floats | float) -> Floats:
