@@ -117,7 +117,8 @@ class Settings:
     grazing_threshold: float = GRAZING_THRESHOLD
     #: True if references and engines shall mark outcomes near a jump of their exact law (`marks`).
     mark: bool = True
-    #: Accuracy of the limit dt -> 0, which engines then find from runs at shorter steps; None: no limit.
+    #: Accuracy of the limit dt -> 0. If it is given, engines find this limit from runs at shorter steps. None: no
+    #: limit.
     convergence: Convergence | None = None
     #: For rigid engines that multiply the restitutions of two bodies: the restitution of the body below a contact, from
     #: 0 to 1. The upper body has the e of the contact, so that the product is e by default.

@@ -203,7 +203,10 @@ Bodies = dict[tuple[Arrangement, float], SceneBodies]
 
 
 class PybulletWorld(World):
-    """A plane and spheres in a client, which keeps its bodies if it holds as many of the same radius."""
+    """A scene as a plane and spheres in a client.
+
+    If the client already holds as many spheres of the same radius, they are used again; else it is emptied first.
+    """
 
     longest_leap = STRIDE
 
@@ -316,7 +319,7 @@ class PybulletWorld(World):
     def advance(self, n: int) -> tuple[Floats, Floats]:
         """Take n steps; while bodies fall, stop after the first step at whose end all gaps are open."""
         self._set_stride(0)
-        p, client, h = self._p.module, self._p.number, self._step  # keywords would cost a tenth
+        p, client, h = self._p.module, self._p.number, self._step  # keyword calls are a tenth slower
         step, read = p.stepSimulation, p.getBaseVelocity
         balls = self.balls
         upper, lower = self._x[:2].tolist()  # heights of two balls that fall
