@@ -1,11 +1,11 @@
-"""Chains per second of the model for N balls, how its cost grows with N, and what an integration in time takes.
+"""Chains per second of the model for N balls, the growth of its cost with N, and the cost of an integration in time.
 
-Run as ``python -m benchmarks.chains``. The chains are random: without a table, and piles and stacks on one;
-masses log-uniform over a decade, stiffnesses over two, restitutions uniform in [0.5, 1]. The slow way is scipy's
-solve_ivp with events on the first of the same chains (tests/model/chain_reference.py), at rtol 1e-12 and 0.1 rad a
-step, which is what it needs to miss few events. With ``--independent COUNT`` the model is compared with it on so many
-chains, N from 2 to 10, and nothing is timed. Times are the best of several repetitions; what was compiled is compiled
-before.
+Run as ``python -m benchmarks.chains``. The chains are random: rows without a table, and piles and stacks on a table.
+Masses are log-uniform over one decade, stiffnesses log-uniform over two decades, and restitutions uniform in [0.5, 1].
+The integration in time is scipy's solve_ivp with events, on the first of the same chains
+(tests/model/chain_reference.py). It runs at rtol 1e-12 and 0.1 rad a step, so that it misses few events. With
+``--independent COUNT`` the model is compared with the integration on COUNT chains, N from 2 to 10, and nothing is
+timed. Times are the best of several repetitions, and contain no compilation.
 """
 
 from __future__ import annotations
@@ -27,10 +27,11 @@ from tests.model.chain_reference import integrate
 #: Solvers by law.
 SOLVERS = dict(zip(LAWS, ("state-transition", "liu-zhao-brogliato"), strict=True))
 
-#: Balls, and chains of that many.
+#: Number of balls, and number of chains with this many balls.
 SIZES = {2: 20_000, 5: 4000, 10: 1000, 20: 400, 50: 40, 100: 10}
 
-#: Outcomes that differ by more are integrated again, at a finer resolution: signs at the ends of steps miss events.
+#: Difference above which an outcome is integrated again at a finer resolution: an event can be missed between the ends
+#: of a step.
 BOUND, FINER = 1e-8, 0.02
 
 

@@ -1,11 +1,11 @@
-"""Random contacts by each way in, and what their printed lines do when they run.
+"""Random contacts by each way to state a contact, and the results of their printed lines.
 
-Run as ``python -m benchmarks.contacts [N [ENGINE ...]]``, by default 40 contacts of MuJoCo and PyBullet. For each
-contact the ways in take turns: every pair of (restitution, damping, damping ratio) and (stiffness, duration, sink,
-step), MuJoCo's solref, and three bodies. A pair is pasted into a scene written by hand, of another kind than the
-drops' own (free bodies, boxes for floors), and meets at eight places within a step. A row tells how many restitutions
-were outside the interval that is printed and by how much at most, the largest error of e or duration over the
-tolerance, and the width of the interval over e. Of three bodies the printed text runs at eight further places.
+Run as ``python -m benchmarks.contacts [N [ENGINE ...]]``, by default 40 contacts of MuJoCo and PyBullet. The ways to
+state a contact take turns: every pair of (restitution, damping, damping ratio) and (stiffness, duration, sink, step),
+MuJoCo's solref, and three bodies. A pair is pasted into a scene written by hand, of another kind than the drops' own
+(free bodies, boxes for floors), and meets at eight places within a step. A row has the number of restitutions outside
+the printed interval, their largest distance from it, the largest error of e or duration over the tolerance, and the
+width of the interval over e. For three bodies the printed text runs at eight further places.
 """
 
 import itertools
@@ -44,7 +44,7 @@ def random_masses(rng: np.random.Generator) -> tuple[float, float]:
 
 
 def random_pair(way: tuple[str, str], rng: np.random.Generator) -> Pair:
-    """Draw a pair by a way in; durations are from 0.1 ms to 0.1 s, and damping ratios up to 5."""
+    """Draw a pair for a way to state it; durations are from 0.1 ms to 0.1 s, and damping ratios up to 5."""
     masses, speed, duration = random_masses(rng), 10 ** rng.uniform(-1, 1), 10 ** rng.uniform(-4, -1)
     reduced = Pair(masses, 1.0, duration=duration).mass
     zeta = 10 ** rng.uniform(-2, 0.7)
@@ -72,13 +72,13 @@ def random_pair(way: tuple[str, str], rng: np.random.Generator) -> Pair:
 
 
 def leaves(low: float, high: float, value: float) -> float:
-    """Return by how much a value is outside the interval that is printed for two numbers, over its upper end."""
+    """Return the distance of a value from the printed interval of two numbers, over the interval's upper end."""
     low, high = map(float, round_outward(low, high).split(" to "))
     return max(low - value, value - high, 0.0) / max(abs(low), abs(high))
 
 
 def judge_pair(engine: str, pair: Pair, drops: Drops, rng: np.random.Generator) -> tuple[list[float], float]:
-    """Paste a pair by hand at eight places; give by how much e leaves its interval, and the largest error."""
+    """Paste a pair by hand at eight places; return the distances of e from its interval, and the largest error."""
     text = paste(engine, pair.contact, drops.step, pair.solref)
     outside, worst = [], 0.0
     for place in (*rng.uniform(0, 1, 7).tolist(), 1e-5):
@@ -91,7 +91,7 @@ def judge_pair(engine: str, pair: Pair, drops: Drops, rng: np.random.Generator) 
 
 
 def judge_three(engine: str, rng: np.random.Generator) -> tuple[list[float], float, float]:
-    """Strike three bodies at eight places; give by how much velocities leave, the widest interval, and the error."""
+    """Strike three bodies at eight places; return distances from intervals, the widest interval, and the error."""
     solver = get_solver(engine)
     a, b = (10 ** rng.uniform(-1, 1) for _ in range(2))
     masses = (a, b, math.inf if rng.uniform() < 0.5 else 10 ** rng.uniform(-1, 1))
@@ -116,7 +116,7 @@ def judge_three(engine: str, rng: np.random.Generator) -> tuple[list[float], flo
 
 
 def main() -> None:
-    """Print a row for each contact, and how many were inside."""
+    """Print a row for each contact, and the number of values inside their intervals."""
     n = int(sys.argv[1]) if len(sys.argv) > 1 else 40
     table = Table("engine", "way in", "places outside", "by at most", "error/tolerance", "width", "s")
     inside = total = 0

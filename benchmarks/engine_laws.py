@@ -1,16 +1,16 @@
-"""What engines give of the contacts that they are asked for, and which exact law they follow.
+"""Contacts of engines compared with the contacts asked for, and with exact laws.
 
     python -m benchmarks.engine_laws contact --engine lammps exudyn
     python -m benchmarks.engine_laws law --engine lammps lammps:limit-damping --chains 60 --pairs 60
     python -m benchmarks.engine_laws cradle --engine newton mujoco
 
 ``contact`` lets a ball of 1 kg meet a ball of 3 kg, and a ball of 1 kg meet the table, with e = 0.5, 0.8 and 1 at three
-speeds. It prints the restitution that came out.
+speeds. It prints the restitution that results.
 
-``law`` draws pairs on a table, and chains of three to six balls. Of an engine with a law it prints how far the limits
-dt -> 0 are from the exact solver, and how many are further off than once and three times the error that they state. An
-engine without a law is held against every exact law. D is the kinetic norm of the difference of velocities at the end,
-over that of the velocities before.
+``law`` draws pairs on a table, and chains of three to six balls. For an engine with a law it prints the distances of
+the limits dt -> 0 from the exact solver, and the numbers of limits that are further off than once and three times their
+stated error. An engine without a law is compared with every exact law. D is the kinetic norm of the difference of final
+velocities, over the kinetic norm of the velocities before.
 
 ``cradle`` lets the first of three and of five equal balls strike the others, which touch or are 1 mm apart.
 """
@@ -37,12 +37,12 @@ from impact_xval.model.status import RESULT_STATUSES
 
 RESTITUTIONS, SPEEDS = (0.5, 0.8, 1.0), (0.1, 1.0, 10.0)
 
-#: Of both bodies of a lone contact, in N/m.
+#: Stiffness of a lone contact in N/m.
 STIFFNESS = 1e6
 
 
 def contact(names: Sequence[str], step: float) -> None:
-    """Print the restitution of one contact: asked for, and given."""
+    """Print the restitution asked for and the restitution that results, for one contact."""
     print(
         "engine".ljust(24), "bodies".ljust(12), "m/s".rjust(5), *(f"e = {e}".rjust(10) for e in RESTITUTIONS)
     )
@@ -91,7 +91,7 @@ def distance(c: Collision, a: Sequence[float], b: Sequence[float]) -> float:
 
 
 def law(names: Sequence[str], options: argparse.Namespace) -> None:
-    """Print how far engines are from exact laws."""
+    """Print the distances of engines from exact laws."""
     drawn = draw(options.pairs, options.chains, options.seed)
     for name in names:
         solver, exact = get_solver(name), law_name_of(name)
@@ -115,7 +115,7 @@ def law(names: Sequence[str], options: argparse.Namespace) -> None:
 
 
 def _print_limits(outcomes: Sequence[Outcome], exact: Sequence[Outcome], law: str) -> None:
-    """Print how far limits are from the exact law, and how often further than their errors say."""
+    """Print the distances of limits from the exact law, and the numbers of limits beyond their stated errors."""
     off, stated = [], []
     for ours, theirs in zip(outcomes, exact, strict=True):
         balls = range(1, len(theirs.velocities) + 1)

@@ -1,12 +1,13 @@
-"""Whether a run that is ended in its first seconds goes on by the same command, and gives the same tables.
+"""Test of runs that are ended in their first seconds: the same command has to continue them to the same tables.
 
 ``python benchmarks/first_seconds.py [--instants 40] [--until 10] [--ends SIGINT SIGINT+SIGINT SIGTERM SIGKILL]``
-    Each run is ended at an instant by signals of one kind, two of them a hundredth of a second apart. Counted are runs
-    that showed a traceback, that ended otherwise than by one line and exit code 1 (0 where they were faster), that were
-    refused by the same command or did not complete, and whose tables are other bytes than those of a run left alone.
+    Each run is ended at an instant by signals of one kind; two signals are a hundredth of a second apart. A run counts
+    as faulty if it shows a traceback, or ends otherwise than with one line and exit code 1 (0 if it was faster), or is
+    refused by the same command, or does not complete, or has tables that differ in a byte from those of an undisturbed
+    run.
 
-Before the command has set its handlers, some tens of milliseconds after the process began, Python itself answers
-Ctrl-C, by a traceback: the instants begin once a process of Python that does nothing would have ended.
+The command sets its handlers some tens of milliseconds after its process began. Before, Python itself answers Ctrl-C by
+a traceback. So the instants begin at the time at which a Python process that does nothing would have ended.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ mass_ratio = [1.0, 1.5]
 e1 = [0.9]
 e2 = [0.7]
 """
-#: Seconds between two signals, and those that a run may take.
+#: Seconds between two signals, and most seconds of a run.
 _BETWEEN, _LIMIT = 0.01, 300.0
 
 
@@ -45,7 +46,7 @@ def command(folder: Path, root: Path) -> list[str]:
 
 
 def ended(words: list[str], instant: float, ends: list[signal.Signals]) -> tuple[int, str]:
-    """Send signals to a command at an instant, s after it began; its exit code, and its standard error."""
+    """Send signals to a command at an instant in s after it began; return its exit code and its standard error."""
     process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     time.sleep(instant)
     for end in ends:
@@ -61,7 +62,7 @@ def tables(root: Path) -> dict[str, bytes]:
 
 
 def found(folder: Path, instant: float, ends: list[signal.Signals], whole: dict[str, bytes]) -> list[str]:
-    """Say what is wrong with a run that was ended at an instant, and with its continuation; nothing is no words."""
+    """Return the faults of a run that was ended at an instant, and of its continuation."""
     with tempfile.TemporaryDirectory(dir=folder) as name:
         root = Path(name) / "run"
         code, error = ended(command(folder, root), instant, ends)

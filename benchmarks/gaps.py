@@ -1,12 +1,13 @@
-"""Engines on chains whose balls are apart: which limits are `ok`, which are withheld, and which of them are right.
+"""Limits of engines on chains whose balls are apart: numbers of limits that are `ok`, withheld, right and wrong.
 
     python -m benchmarks.gaps [--chains 200] [--engine rapier] [--seed 0] [--show]
 
-Chains are drawn: 2 to 4 balls with and without a table, masses from 0.3 to 3 kg, gaps from 2e-4 to 6e-3 m. The first
-ball strikes the others, which are at rest, at 20 m/s; e is 1 in every other chain, and in the others from 0.5 to 1, one
-a contact. The limit of a rigid engine is held against single impacts, one after the other, and that of a compliant one
-against exact Kelvin-Voigt contacts. A limit is wrong if it is further off than three stated errors, and right if it is
-within the tolerance, 1e-3 |v0|. Collisions that an engine refuses, or that are not over, have no limit.
+Random chains have 2 to 4 balls with or without a table, masses from 0.3 to 3 kg, and gaps from 2e-4 to 6e-3 m. The
+first ball strikes the others, which are at rest, at 20 m/s. In every second chain e is 1, in the others each contact
+has an e from 0.5 to 1. The limit of a rigid engine is compared with single impacts, one after the other, and the limit
+of a compliant engine with exact Kelvin-Voigt contacts. A limit is wrong if it is further off than three stated errors,
+and right if it is within the tolerance, 1e-3 |v0|. Collisions that an engine refuses, or that are not over, have no
+limit.
 """
 
 from __future__ import annotations
@@ -24,10 +25,10 @@ from impact_xval.model.outcome import Outcome
 
 ENGINES = ("mujoco", "pybullet", "dart", "rapier", "pymunk", "pybullet-restitution")
 
-#: Multiples of the stated error beyond which a limit is wrong, and what one beside rounding may be off.
+#: Multiple of the stated error beyond which a limit is wrong, and the error that rounding may add.
 HONEST, ROUNDING = 3.0, 1e-9
 
-#: At which the first ball comes, in m/s: below 0.1 m/s DART drops restitution.
+#: Speed of the first ball in m/s: below 0.1 m/s DART drops restitution.
 SPEED = 20.0
 
 SETTINGS = Settings(convergence=Convergence(), max_steps=100_000)
@@ -48,7 +49,7 @@ def draw_chains(n: int, seed: int) -> list[Collision]:
 
 
 def judge(outcome: Outcome, exact: Outcome) -> tuple[str, float, float]:
-    """Name a limit's status and whether it is right; its distance from exact, and its stated error, in m/s."""
+    """Return a limit's status with the verdict, its distance from exact, and its stated error, both in m/s."""
     numbers = outcome.diagnostics
     limit = [numbers.get(f"v{i}_limit", np.nan) for i in range(1, len(exact.velocities) + 1)]
     off, stated = (
@@ -64,7 +65,7 @@ def judge(outcome: Outcome, exact: Outcome) -> tuple[str, float, float]:
 
 
 def main() -> None:
-    """Print what each engine's limits are."""
+    """Print the numbers of limits of each kind for each engine."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

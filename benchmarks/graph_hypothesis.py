@@ -1,16 +1,16 @@
 """Test on contact graphs whether an infinitely stiff contact makes its two bodies one, by the model.
 
 Run as ``python -m benchmarks.graph_hypothesis``. One contact of a graph becomes stiffer than the others by a contrast
-of 10 to 1e8. Its outcomes are compared with that of the *welded* graph, in which the contact is a constraint: from the
-first touch on, w_i = 0, whether that needs a push or a pull. With the impulses I of the other contacts
+of 10 to 1e8. Its outcomes are compared with the outcome of the *welded* graph, in which the contact is a constraint:
+w_i = 0 from the first touch on, by a push or a pull. With the impulses I of the other contacts
 
 ```text
 I_i = (w_i - sum_j W_ij I_j)/W_ii     W'_jl = W_jl - W_ji W_il/W_ii     w'_j = w_j - W_ji w_i/W_ii
 ```
 
-so that the welded graph is one of C - 1 contacts, with the Schur complement of W. Its two bodies have the momentum of
-both, or that of a fixed body where one is fixed. The series is judged by the rule of `experiments.hypothesis.judging`.
-D is the kinetic norm of the difference of all velocities, over that of the velocities at first touch.
+so that the welded graph has C - 1 contacts, with the Schur complement of W. The two welded bodies share the momentum of
+both; if one of them is fixed, both are at rest. The series is judged by the rule of `experiments.hypothesis.judging`. D
+is the kinetic norm of the difference of all velocities, over the kinetic norm of the velocities at first touch.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ CONTRASTS = np.geomspace(10, 1e8, 29)
 #: Decades of contrast that a verdict is based on.
 DECADES = 3.0
 
-#: Share of W_jj that is rounding of W'_jj: contact j is then welded too.
+#: Fraction of W_jj below which W'_jj is rounding: contact j is then welded too.
 _WELDED = 1e-12
 
 
@@ -50,16 +50,16 @@ class WeldedVerdict(NamedTuple):
     """Verdict on one contact of a graph."""
 
     graph: str
-    #: Number of the contact, from 1, and its bodies; None is a fixed one.
+    #: Number of the contact, from 1, and its bodies; None is a fixed body.
     contact: int
     bodies: tuple[int, int | None]
-    #: Whether its bodies approach at first.
+    #: True if the contact's bodies approach at first.
     struck: bool
     e: float
     verdict: Verdict
-    #: D from the welded graph at the first contrast, at the middle one and at the last.
+    #: D from the welded graph at the first, the middle and the last contrast.
     distances: tuple[float, float, float]
-    #: Speed at which the two bodies part in the end, at the last contrast, in m/s.
+    #: Final speed of separation of the two bodies in m/s, at the last contrast.
     parting: float
 
 
@@ -91,7 +91,7 @@ def welded_velocities(graph: GraphCollision, contact: int) -> Floats:
     rates = w - W[:, i] * w[i] / W[i, i]
     others = [j for j in range(len(w)) if j != i and schur[j, j] > _WELDED * W[j, j]]
     impulses = np.zeros(len(w))
-    # Bodies that the weld gives one velocity do not approach by rounding.
+    # Rounding must not make bodies approach that the weld gives the same velocity.
     rates[np.abs(rates) <= 2.0**-48 * np.abs(w).max()] = 0.0
     if (rates[others] > 0).any():
         kept = [graph.contacts[j] for j in others]
@@ -125,7 +125,7 @@ def judge_contact(name: str, graph: GraphCollision, contact: int, e: float) -> W
 
 
 def all_verdicts() -> Iterator[WeldedVerdict]:
-    """Judge every contact of every graph; of contacts that are mirror images the first one."""
+    """Judge every contact of every graph; of two contacts that are mirror images, only the first."""
     mirrored = {"bridge, 45 degrees": (1, 3), "bridge, 30 degrees": (1, 4), "rack of 3": (2,)}
     mirrored |= {"bernoulli, 45 degrees": (1,), "bernoulli, 30 degrees": (1,)}
     for e in RESTITUTIONS:

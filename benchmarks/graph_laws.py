@@ -1,11 +1,12 @@
-"""Measure how far rigid laws are from the model in Bernoulli's problem, over the stiffness ratio.
+"""Measure the distance of rigid laws from the model in Bernoulli's problem, over the stiffness ratio.
 
 Run as ``python -m benchmarks.graph_laws``; with ``--figure`` it draws docs/figures/bernoulli-laws.svg too. A ball falls
 between two equal balls at rest, 30 degrees to either side (`model.graph.bernoulli`). D is the kinetic norm of the
-difference of all final velocities from the model's, over that of the velocities at first touch.
+difference of all final velocities from the model's, over the kinetic norm of the velocities at first touch.
 
-A rigid law knows no stiffness. It has one answer for all ratios k2/k1, and the model has a curve of them. So whatever
-its answer is, somewhere along the curve D is at least half of the largest D between two points of the curve: `least`.
+A rigid law has no stiffness. It has the same outcome for all ratios k2/k1, while the model's outcomes form a curve. So
+somewhere along the curve D is at least half of the largest D between two points of the curve, whatever the law's
+outcome is. This half is `least`.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from impact_xval.experiments.presentation.style import draw_legend_beside, save_
 from impact_xval.model.arrays import Floats
 from impact_xval.model.graph import bernoulli, solve_graph_collision
 
-#: Laws by what figures call them: the name of the law, and the order of the contacts.
+#: Laws by their names in figures: the name of the law, and the order of the contacts.
 RIGID_LAWS: dict[str, tuple[str, Sequence[int]]] = {
     "Newton": ("newton-restitution", (1, 2, 3)),
     "Poisson": ("poisson-restitution", (1, 2, 3)),
@@ -67,12 +68,15 @@ def rigid_outcome(law: str, e: float) -> Floats:
 
 
 def distance(a: Floats, b: Floats) -> Floats:
-    """Return D between velocities of equal balls, of which one has 1 m/s at first; bodies and components come last."""
+    """Return D between velocities of equal balls; the last two axes are bodies and components.
+
+    At first touch one ball has 1 m/s, and all others are at rest.
+    """
     return np.sqrt(((a - b) ** 2).sum(axis=(-2, -1)))
 
 
 def least_error(outcomes: Floats) -> float:
-    """Return half of the largest D between two outcomes: no single answer is nearer to all of them."""
+    """Return half of the largest D between two outcomes: no single outcome is nearer to all of them."""
     return float(distance(outcomes[:, None], outcomes[None]).max()) / 2
 
 

@@ -1,9 +1,9 @@
 """Time contact graphs of 4 contacts against chains of 4 contacts, both by the model.
 
-Run as ``python -m benchmarks.graphs``. The same chains are solved by the kernel of chains, and laid as graphs by that
+Run as ``python -m benchmarks.graphs``. The same chains are solved by the kernel of chains, and as graphs by the kernel
 of graphs. Then come random graphs with dense Delassus matrices, a third of them singular. Times are the best of several
-repetitions; what was compiled is compiled before. With ``--windows`` the script measures the time of a window by the
-number of contacts.
+repetitions, and contain no compilation. With ``--windows`` the script measures the time of a window for several numbers
+of contacts.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
-"""Hold engines on contact graphs against exact laws: ``python -m benchmarks.graphs_in_engines --engine NAME``.
+"""Compare engines on contact graphs with exact laws: ``python -m benchmarks.graphs_in_engines --engine NAME``.
 
 The graphs are random trees of balls in a plane, some at walls. For an engine of springs and dashpots the script counts
 the limits dt -> 0 that are within three stated errors of the exact motion under its law. For a rigid engine it prints
-the nearest rigid law for each graph, and its distance: the kinetic norm of the difference over that of the velocities
-at first touch. Laws that depend on an order of contacts are tried in all orders, and named with the nearest.
+the nearest rigid law for each graph, and its distance: the kinetic norm of the difference of velocities, over the
+kinetic norm of the velocities at first touch. Laws that depend on an order of contacts are tried in all orders, and
+named with the nearest order.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from tests.compliant_baselines.plane_graphs import random_graph
 #: law of `rigid.graphs` lets a contact that parts before the impact approach after it, and then has another impact.
 APPROACHING = "newton-of-approaching"
 
-#: Distance up to which laws are equally near; then the first of them is named, as in most graphs several laws agree.
+#: Distance up to which laws count as equally near. The first of them is then named: in most graphs several laws agree.
 NEAR = 1e-4
 
 #: Distance up to which a law explains an answer.
@@ -40,7 +41,7 @@ ORDERED = ("sequential", "plastic-then-restitution")
 
 
 def distance(collision: GraphCollision, velocities: object, others: object) -> float:
-    """Return the kinetic norm of a difference of velocities over that of the velocities at first touch."""
+    """Return the kinetic norm of a difference of velocities, over the kinetic norm of the velocities at first touch."""
     masses = np.repeat(collision.masses, 2)
     difference = np.ravel(np.asarray(velocities, float)) - np.ravel(np.asarray(others, float))
     return float(kinetic_norm(masses, difference) / kinetic_norm(masses, np.ravel(collision.velocities)))
@@ -78,7 +79,7 @@ def nearest_law(collision: GraphCollision, outcome: GraphCollisionOutcome) -> tu
 def compare_compliant(
     engine: Solver, graphs: list[GraphCollision], settings: Settings, console: Console
 ) -> None:
-    """Print how many limits are within three stated errors of the exact law."""
+    """Print the number of limits that are within three stated errors of the exact law."""
     outcomes = engine.solve_graphs(graphs, settings)
     exact = get_solver(engine.law or "kelvin-voigt").solve_graphs(graphs, settings)
     table = Table("graph", "contacts", "status", "off, m/s", "stated error", "off/error", "at the step, m/s")
@@ -104,7 +105,7 @@ def compare_compliant(
 
 
 def compare_rigid(engine: Solver, graphs: list[GraphCollision], settings: Settings, console: Console) -> None:
-    """Print the nearest rigid law of each graph, and how often each law is the nearest."""
+    """Print the nearest rigid law of each graph, and the number of graphs for which each law is the nearest."""
     table = Table("graph", "contacts", "status", "nearest law", "distance")
     nearest: dict[str, list[float]] = {}
     without = 0

@@ -1,9 +1,9 @@
-"""How well the grazing margin tells the cells whose outcome jumps.
+"""Test of the grazing margin as a sign of cells whose outcome jumps.
 
 Random cells (k2/k1 log-uniform in [1e-2, 1e2], m2/m1 log-uniform in [0.1, 10], e uniform in [0.3, 1]) are solved, and
 solved again with each parameter changed by a relative amount either way. A cell jumps if its velocities change by more
-than `--amount`. Printed: of the cells that jump, the share whose margin lies below each threshold; of the cells below
-it, the share that jumps.
+than `--amount`. For each threshold of the margin the script prints two shares: the share of jumping cells with a margin
+below it, and the share of cells below it that jump.
 
     python benchmarks/grazing.py --cells 2000000 --change 1e-6 --amount 1e-3
 """

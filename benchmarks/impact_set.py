@@ -1,4 +1,4 @@
-"""Make examples/impact-set-1.json: collisions, and how they end by every exact law, for the tests of any engine.
+"""Make examples/impact-set-1.json: collisions with their outcomes by every exact law, for the tests of any engine.
 
 python benchmarks/impact_set.py
 """
@@ -42,7 +42,7 @@ def line(
 
 
 def cases() -> Iterator[tuple[str, Collision]]:
-    """Give the collisions by name."""
+    """Yield the collisions with their names."""
     for ratio, m, (e1, e2) in product((0.01, 1.0, 100.0), (0.5, 2.0), ((1.0, 1.0), (0.9, 0.7), (0.0, 0.0))):
         name = f"two balls on a table, k2/k1 = {ratio:g}, m2/m1 = {m:g}, e = {e1:g}, {e2:g}"
         yield name, Collision.two_balls(1.0, m, K, K * ratio, e1, e2, -1.0)
@@ -80,7 +80,7 @@ def cases() -> Iterator[tuple[str, Collision]]:
 
 
 def known_of(outcomes: dict[str, Any]) -> list[str]:
-    """Say what is known of a case, from its outcomes by law."""
+    """Return sentences on facts about a case, from its outcomes by law."""
     ends = np.array([o.velocities for o in outcomes.values()])
     model = outcomes.get("state-transition")
     known = ["unique"] if np.ptp(ends, axis=0).max() < 1e-9 else []

@@ -1,4 +1,4 @@
-"""How sure the engines' limits dt -> 0 are, how much the exact references jump, and which marks screens lose.
+"""Accuracy of the engines' limits dt -> 0, jumps of the exact references, and marks that screens lose.
 
     python benchmarks/limits.py engines --cells 2000      # some fifteen minutes on one core
     python benchmarks/limits.py engines --cells 200 --box '{"stiffness_ratio": {"log": [100, 1000]}}'
@@ -6,10 +6,10 @@
     python benchmarks/limits.py screens --cells 100000    # a minute
 
 **engines** draws cells of the default box (`config.axes.Sample`), or of `--box`, runs both engines with convergence
-estimates, and holds every limit of status ok and without a mark against the exact Kelvin-Voigt solution: the share
-further from it than three times the stated error, and the furthest. **jumps** solves every cell by an exact reference,
-then again with k2/k1, k1 and both stiffnesses changed by a relative amount, and prints how many of the marked and of
-the others move by more than given amounts.
+estimates, and compares every unmarked limit of status ok with the exact Kelvin-Voigt solution. It prints the share of
+limits that are further from it than three times the stated error, and the largest distance. **jumps** solves every cell
+by an exact reference, then again with k2/k1, k1 and both stiffnesses changed by a relative amount. It prints the
+numbers of marked and of unmarked cells that move by more than given amounts.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ HONEST = 3.0
 
 
 def draw(n: int, seed: int, box: Sample) -> np.ndarray:
-    """k2/k1, m2/m1, e1, e2 of random cells of a box, shape (4, n)."""
+    """Draw k2/k1, m2/m1, e1, e2 of random cells of a box, shape (4, n)."""
     return box.place(np.random.default_rng(seed).random((n, len(box.free())))).T
 
 
 def solve(cells: np.ndarray, settings: Settings, k1: float) -> list[list[tuple[str, str, float, float]]]:
-    """By engine, for each cell: status, mark, distance of the limit from exact, stated error."""
+    """Return for each engine and cell: status, mark, distance of the limit from exact, stated error."""
     collisions = [Collision.two_balls(1.0, mu, k1, k1 * kappa, e1, e2, -1.0) for kappa, mu, e1, e2 in cells.T]
     exact = get_solver("kelvin-voigt").solve_many(collisions, settings)
     rows = []
@@ -60,7 +60,7 @@ def solve(cells: np.ndarray, settings: Settings, k1: float) -> list[list[tuple[s
 
 
 def engines(options: argparse.Namespace) -> None:
-    """Hold the limits of both engines against exact Kelvin-Voigt."""
+    """Compare the limits of both engines with exact Kelvin-Voigt contacts."""
     cells = draw(options.cells, options.seed, options.box)
     settings = Settings(
         scenario=options.scenario,
@@ -89,7 +89,7 @@ def engines(options: argparse.Namespace) -> None:
 
 
 def jumps(options: argparse.Namespace) -> None:
-    """Change stiffnesses a little and count what moves."""
+    """Change stiffnesses a little and count the cells that move."""
     kappa, mu, e1, e2 = draw(options.cells, options.seed, options.box)
     number = 9.81 / np.sqrt(options.k1 * (1 + 1 / mu)) * (options.scenario == "drop")
     c = 1 + options.change
@@ -110,7 +110,7 @@ def jumps(options: argparse.Namespace) -> None:
 
 
 def screens(options: argparse.Namespace) -> None:
-    """Count the marks that are lost where only suspected cells are tried, and the solves that it takes."""
+    """Count the marks that screens lose, and the collisions that are solved with screens."""
     unit = np.random.default_rng(options.seed).random((options.cells, 4))
     cells = 10 ** (6 * unit[:, 0] - 3), 10 ** (2 * unit[:, 1] - 1), *(0.1 + 0.9 * unit[:, 2:].T)
     collisions = Collisions.from_ratios(*cells)

@@ -1,11 +1,12 @@
-"""Single contacts, requested and given: the restitution by both mappings, and what is pasted into scenes by hand.
+"""Single contacts in engines: the error of the restitution by both mappings, and pasted text in scenes made by hand.
 
 Run as ``python -m benchmarks.mapping [ENGINE ...]``. In the first table a row is the worst of 63 contacts, e from 0.2
 to 1 and k from 1e2 to 1e8 N/m: the error of the restitution at a step of 1/1000 of the contact's period, and in the
-limit dt -> 0, which is extrapolated from that step, its half, its quarter and its eighth. In the second one, 20 random
-pairs an engine are pasted as `impact-xval contact` says into a scene of another kind (free bodies, boxes for floors),
-and meet at a random place within a step: how many come back with a restitution inside the interval that was stated, by
-how much it is left at most, and the largest error of restitution or duration, per what was asked.
+limit dt -> 0, which is extrapolated from that step, its half, its quarter and its eighth. In the second table, 20
+random pairs per engine are pasted, with the text of `impact-xval contact`, into a scene of another kind (free bodies,
+boxes for floors). They meet at a random place within a step. A row has the number of pairs whose restitution is inside
+the stated interval, the largest distance from the interval, and the largest error of restitution or duration over the
+value asked for.
 """
 
 import itertools
@@ -28,7 +29,7 @@ BODIES = {"ball on table": (2 / 3**0.5, math.inf), "ball on ball": (1.0, 2 / 3**
 
 
 def errors(engine, masses, mapping):
-    """Errors of the restitution, a row a contact, a column a step."""
+    """Return errors of the restitution, with a row for each contact and a column for each step."""
     found = []
     for e, k in itertools.product(RESTITUTIONS.tolist(), STIFFNESSES.tolist()):
         pair = Pair(masses, e, stiffness=k)
@@ -40,7 +41,7 @@ def errors(engine, masses, mapping):
 
 
 def pasted(engine, n=20):
-    """Of n random pairs the shares by which the stated interval of e is left, and by which e or T are missed."""
+    """Return, for n random pairs, the distance of e from its stated interval over e, and the relative error."""
     rng, left, missed = np.random.default_rng(1), [], []
     for pair in requests(n):
         found = find_largest_step(engine, pair)
@@ -52,7 +53,7 @@ def pasted(engine, n=20):
 
 
 def main() -> None:
-    """Print the worst errors by engine, kind of contact and mapping, and how pasted contacts did."""
+    """Print the worst errors by engine, kind of contact and mapping, and the results of pasted contacts."""
     given = Table("engine", "contact", "mapping", "error of e at 1/1000 of a period", "dt -> 0")
     by_hand = Table("engine", "pasted", "e inside the interval", "left by at most", "largest error of e or T")
     for name in sys.argv[1:] or ("mujoco", "pybullet", "drake"):

@@ -3,12 +3,12 @@
     python -m benchmarks.mujoco_elsewhere [chains] [ball] [box]
 
 needs mujoco, mujoco-mjx and mujoco-warp beside this project. Each scene is the one that the adapter `mujoco` runs, with
-the contacts that it maps. All three take the same number of steps from the same state. Printed is the largest
-difference of a velocity from MuJoCo's, over the speed before the impact, and what the step itself does: the difference
-of MuJoCo's velocity from the exact one of springs and dashpots. ``ball`` is the ball that a thread on MJX is about
+the contacts that it maps. All three take the same number of steps from the same state. The script prints the largest
+difference of a velocity from MuJoCo's, over the speed before the impact, and the effect of the step: the difference
+between MuJoCo's velocity and the exact velocity of springs and dashpots. ``ball`` is the ball of a forum thread on MJX
 (docs/questions.md, question 5), after two seconds with a bounce. ``box`` is a box that falls on a fixed box or a plane,
-flat or on an edge, by several contacts: another thread has a falling box and names neither its size nor its contacts.
-For a ball and a box the largest difference is in m/s or rad/s.
+flat or on an edge, with several contacts: another thread has a falling box, but does not state its size or its
+contacts. For a ball and a box the largest difference is in m/s or rad/s.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ SCENES = {
 #: Steps over the shortest contact period; each scene is run for this many of its longest periods.
 STEP_FRACTIONS, PERIODS = (0.1, 0.03, 0.01, 1e-3), 2.0
 
-#: A ball that falls from 1 m on a plane, by the contact of a `solref`; that of the thread is (-1000, 0).
+#: A ball that falls from 1 m on a plane, with the contact of a `solref`; the thread has the solref (-1000, 0).
 BALL = """<mujoco><worldbody>
 <body pos="0 0 1"><joint type="free"/><geom type="sphere" size="0.12" mass="0.6"/></body>
 <geom type="plane" size="7 7.5 0.1" solref="{solref}"/></worldbody>
 <option gravity="0 0 -9.81" timestep="0.002" density="1.2" viscosity="0.00002"/></mujoco>"""
 SOLREFS, BALL_STEPS = ("-1000 0", ".02 1"), 1000
 
-#: A box of 1 kg that falls from 0.2 m on a floor of its own kind or a plane, by the contact of a `solref` and `solimp`.
+#: A box of 1 kg that falls from 0.2 m on another box or a plane, with the contact of a `solref` and `solimp`.
 BOX = """<mujoco><default><geom solref="{solref}" solimp="{solimp}"/></default><worldbody>
 <body pos="0 0 0.3" euler="0 {tilt} 0"><freejoint/><geom type="box" size="0.1 0.1 0.1" mass="1"/></body>
 {floor}</worldbody></mujoco>"""
@@ -62,7 +62,7 @@ BOX_CONTACTS = (
 )
 TILTS, BOX_STEPS = (0, 30), 200
 
-#: Gives the velocities in m/s after so many steps.
+#: Function that returns the velocities in m/s after a number of steps.
 Stepper = Callable[[MjModel, MjData, int], Floats]
 
 
@@ -90,7 +90,7 @@ def step_in_mjx(precision: str) -> Stepper:
 
 
 def step_in_warp(model: MjModel, data: MjData, n: int) -> Floats:
-    """Take n steps in Warp, which is of single precision."""
+    """Take n steps in Warp, which has single precision."""
     warp, mujoco_warp = import_module("warp"), import_module("mujoco_warp")
     with warp.ScopedDevice("cpu"):
         put, state = mujoco_warp.put_model(model), mujoco_warp.put_data(model, data)
@@ -116,7 +116,7 @@ def new_box(floor: str, tilt: float, solref: str, solimp: str) -> tuple[MjModel,
 
 
 def new_world(engine: Mujoco, scene: Scene) -> tuple[MjModel, MjData]:
-    """Return a scene as the adapter sets it up; no flag that Warp does not know matters to it."""
+    """Return a scene from the adapter; it needs no flag that Warp does not know."""
     world = engine.world(scene)
     option: Any = world.model.opt
     option.disableflags = 0
@@ -126,7 +126,7 @@ def new_world(engine: Mujoco, scene: Scene) -> tuple[MjModel, MjData]:
 def print_differences(
     steppers: dict[str, Stepper], start: Callable[[], tuple[MjModel, MjData]], n: int
 ) -> Floats:
-    """Print how far each stepper ends from MuJoCo after n steps from a start; return MuJoCo's velocities in m/s."""
+    """Print each stepper's distance from MuJoCo after n steps from a start; return MuJoCo's velocities in m/s."""
     reference = step_in_mujoco(*start(), n)
     for where, stepper in steppers.items():
         off = np.abs(stepper(*start(), n) - reference).max()
@@ -171,7 +171,7 @@ def print_boxes(steppers: dict[str, Stepper]) -> None:
 
 
 def print_points_of_an_edge() -> None:
-    """Print where C and MJX lay contacts along the edge of a box that has just met another, in the same state."""
+    """Print the places of contacts in C and MJX along the edge of a box that has just met another."""
     mujoco, jax, mjx = import_module("mujoco"), import_module("jax"), import_module("mujoco.mjx")
     made: Any = new_box("box", 30, *BOX_CONTACTS[0])
     model, data = made

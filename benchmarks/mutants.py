@@ -1,9 +1,9 @@
-"""Whether the tests see a change of the physics: seeded mutants of `model/`, the references and their marks.
+"""Test of the test suite by changes of the physics: seeded mutants of `model/`, the references and their marks.
 
 A mutant is one executable line, drawn uniformly from all, with one change: a comparison, an operator, a sign, a
-condition, a number, or a whole statement left out. Each is tried in a copy of what is committed, on the golden values
-and then, if it survives them, on the whole suite, up to the first test that fails; it takes a minute where the golden
-values see it, and as long as the suite where nothing does.
+condition, a number, or a whole statement left out. Each mutant is tried in a copy of the committed files: first on the
+golden values, then, if it survives them, on the whole suite up to the first test that fails. A mutant takes a minute if
+the golden values reveal it, and as long as the suite if nothing does.
 
     python -m benchmarks.mutants --count 24 --seed 1
 """
@@ -27,7 +27,7 @@ from queue import Queue
 ROOT = Path(__file__).parents[1]
 SOURCES = ("model/**/*.py", "compliant_baselines/references.py", "compliant_baselines/marks.py")
 STAGES = {"golden": ["tests/golden"], "suite": ["tests", "--ignore", "tests/golden"]}
-#: Seconds for one stage: a mutant may never end.
+#: Most seconds for one stage, because a mutant may never end.
 LONGEST = 900
 
 _SWAPS: dict[type, type] = {
@@ -38,7 +38,7 @@ _SWAPS: dict[type, type] = {
 
 
 def statements(tree: ast.Module) -> Iterator[ast.stmt]:
-    """Give simple statements and headers of compound ones; no imports, definitions or docstrings."""
+    """Yield simple statements and headers of compound statements; no imports, definitions or docstrings."""
     skipped = ast.Import | ast.ImportFrom | ast.FunctionDef | ast.ClassDef | ast.Pass | ast.Global
     for node in ast.walk(tree):
         if isinstance(node, ast.stmt) and not isinstance(node, skipped):
@@ -49,9 +49,11 @@ def statements(tree: ast.Module) -> Iterator[ast.stmt]:
 
 
 def changes(statement: ast.stmt) -> Iterator[tuple[str, ast.stmt]]:
-    """Copy a statement with one change each, and say what was changed; of a compound one, in its header.
+    """Yield copies of a statement with one change each, and a word for the change.
 
-    Left out is only what no later line needs in order to run: a change of an array, a call.
+    Compound statements change in the header.
+
+    A statement is left out only if no later line needs it in order to run: a change of an array, a call.
     """
     blocks = ("body", "orelse", "finalbody", "handlers", "annotation")
     ours = [n for name, part in ast.iter_fields(statement) if name not in blocks for n in _nodes(part)]
@@ -72,7 +74,7 @@ def _nodes(part: object) -> list[ast.AST]:
 
 
 def _changed(node: ast.AST):
-    """Tell what can be changed of a node, and give what does it to a copy."""
+    """Yield the possible changes of a node: a word, and a function that applies the change to a copy."""
     if isinstance(node, ast.Compare) and type(node.ops[0]) in _SWAPS:
         yield "comparison", lambda n: n.ops.__setitem__(0, _SWAPS[type(n.ops[0])]())
     if isinstance(node, ast.BinOp | ast.BoolOp | ast.AugAssign) and type(node.op) in _SWAPS:
@@ -97,7 +99,7 @@ class _Replaced(ast.NodeTransformer):
 
 
 def draw(count: int, seed: int) -> Iterator[tuple[Path, int, str, str, str]]:
-    """Mutants: file, line, what was changed, the statement as it is then, and the whole file as it is then."""
+    """Draw mutants: file, line, a word for the change, the changed statement, and the whole changed file."""
     chance = random.Random(seed)
     trees = {
         path: ast.parse(path.read_text(encoding="utf-8"))
@@ -119,7 +121,7 @@ def draw(count: int, seed: int) -> Iterator[tuple[Path, int, str, str, str]]:
 
 
 def outcome(folder: Path, path: Path, source: str) -> tuple[str, str]:
-    """Put a mutant into a copy of the checkout and run the tests; the stage that kills it, and the test."""
+    """Put a mutant into a copy of the checkout and run the tests; return the stage that kills it, and the test."""
     before = (folder / path).read_text(encoding="utf-8")
     (folder / path).write_text(source, encoding="utf-8")
     try:

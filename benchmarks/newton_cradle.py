@@ -1,12 +1,12 @@
-"""Newton's own cradle by its five solvers, to see which of them is the cradle.
+"""The cradle example of the engine Newton by its five solvers, to find the solvers that behave like a cradle.
 
     python -m benchmarks.newton_cradle --solver xpbd vbd mujoco featherstone kamino
 
 The scene is that of Newton's example ``newton_cradle`` (example_newton_cradle.py of 1.8.0): five balls of 1 kg and
 radius 0.05 m on strings of 1 m. The first is let go at 45 degrees. Contacts, numbers of steps and settings of each
-solver are those of the example. The pivots are a diameter apart, as there, or 1 mm more. Printed is how far each ball
-swings out after the first strike, to the side of the last ball. In a cradle the last ball swings out by 45 degrees, and
-the others by 0.
+solver are those of the example. The pivots are a diameter apart, as there, or 1 mm more. The script prints the angle to
+which each ball swings out after the first strike, on the side of the last ball. In a cradle the last ball swings out by
+45 degrees, and the others by 0.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ ANGLE, GRAVITY, FRAMES_PER_SECOND = math.radians(45.0), 9.81, 60
 SUBSTEPS = {"xpbd": 10, "vbd": 10, "mujoco": 10, "featherstone": 20, "kamino": 5}
 NATIVE = ("mujoco", "kamino")
 
-#: Time in s of a run: the last ball is out furthest after half a period, 1.04 s, and comes back after that.
+#: Time in s of a run: the last ball is out furthest after half a period, 1.04 s, and then comes back.
 END = 1.4
 
-#: Angle in degrees before the lowest place at which the first ball counts as there.
+#: Angle in degrees from the lowest place below which the first ball counts as arrived.
 ANGLE_OF_STRIKE = 2.0
 
 
@@ -89,7 +89,7 @@ def build(newton: Any, warp: Any, solver: str, gap: float) -> tuple[Any, Any, An
 
 
 def swing(solver: str, gap: float) -> None:
-    """Run the cradle, and print what came of the first strike."""
+    """Run the cradle, and print the result of the first strike."""
     newton, warp = import_module("newton"), import_module("warp")
     warp.config.quiet = True
     start = time.perf_counter()

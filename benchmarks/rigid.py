@@ -1,11 +1,11 @@
-"""Rigid engines against exact rigid laws: which law an engine follows, and how closely.
+"""Distances of rigid engines from exact rigid laws, which show the law that an engine follows.
 
     python -m benchmarks.rigid [--chains 200]
 
-Chains are drawn: 2 to 5 balls that all touch, with and without a table, masses from 0.3 to 3 kg; each contact
-approaches, at 1 to 20 m/s, or rests; e from 0.3 to 1, one for all contacts in every other chain. D is the kinetic norm
-of the difference of final velocities over that of the initial ones. A law with one e for all answers half of the
-chains. Below, collisions that docs/scoreboard.md quotes.
+Random chains have 2 to 5 balls that all touch, with or without a table, and masses from 0.3 to 3 kg. Each contact
+approaches at 1 to 20 m/s, or rests. e is from 0.3 to 1; in every second chain all contacts have the same e. D is the
+kinetic norm of the difference of final velocities, over the kinetic norm of the initial velocities. A law with one e
+for all contacts solves half of the chains. A second table has the collisions that docs/scoreboard.md quotes.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ STEP = Settings(step_fraction=1e-3)
 
 
 def line(*velocities: float, e: float = 1.0, gap: float = 0.0, table: bool = False) -> Collision:
-    """Equal balls in a line, ball 1 on top."""
+    """Make equal balls in a line, ball 1 on top."""
     n = len(velocities)
     contacts = n - 1 + table
     return Collision((1.0,) * n, (1.0,) * contacts, (e,) * contacts, velocities, table, (gap,) * contacts)
 
 
 def drawn(n: int) -> list[Collision]:
-    """Draw chains in which something meets."""
+    """Draw chains in which at least one contact approaches."""
     rng, found = np.random.default_rng(1), []
     while len(found) < n:
         balls, table = int(rng.integers(2, 6)), bool(rng.integers(2))
@@ -50,7 +50,7 @@ def drawn(n: int) -> list[Collision]:
 
 
 def distances(name: str, law: str, collisions: list[Collision]) -> np.ndarray:
-    """D between an engine and a law, NaN where either has no result."""
+    """Return D between an engine and a law; NaN if the engine or the law has no result."""
     theirs, exact = (list(answer(get_solver(each), collisions, STEP)) for each in (name, law))
     found = []
     for c, a, b in zip(collisions, theirs, exact, strict=True):

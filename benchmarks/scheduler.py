@@ -1,10 +1,10 @@
-"""What limits a sweep on many workers: measured overheads, a simulation with them, and its check.
+"""The limits of a sweep on many workers: measured overheads, a simulation with them, and its check.
 
-Each chunk of a sweep visits three stations: a worker (many; the time of the chunk), the Dask scheduler, and
-the main process (one each; a few milliseconds a chunk, which submit, receive and write its part). The last
-two are measured here at once, by a real scheduler and real parts: workers that do nothing give the rate at
-which they saturate. A simulation of the queue (a closed network: as many chunks in flight as the main process
-hands out) then says which share of their time W workers work, from chunk times drawn from measured ones.
+Each chunk of a sweep visits three stations: a worker (many; the time of the chunk), the Dask scheduler, and the main
+process (one each; a few milliseconds a chunk, which submit, receive and write its part). The scheduler and the main
+process are measured together, with a real scheduler and real parts: workers that do nothing show the rate at which both
+saturate. A simulation of the queue (a closed network: as many chunks in flight as the main process hands out) then
+predicts the share of their time for which W workers work. Its chunk times are drawn from measured ones.
 
 The simulation is checked against the same scheduler with threads that sleep for those times: a hundred, and
 a thousand, cost no processor time, and the overheads are the real ones. Run as ``python
@@ -49,19 +49,19 @@ def chunk_times(solvers: Sequence[str], n_chunks: int) -> tuple[np.ndarray, byte
 
 
 def simulate(times: Sequence[float], workers: int, service: float, ahead: int) -> float:
-    """Wall time in s of chunks on many workers and one server.
+    """Return the wall time in s of chunks on many workers and one server.
 
     Parameters
     ----------
     times : sequence of float
         Chunk times in s, in the order in which they are handed out.
     workers : int
-        Workers.
+        Number of workers.
     service : float
         Time in s for which a chunk occupies the scheduler and the main process together, half when it is
         handed out and half when it comes back.
     ahead : int
-        Chunks handed out at once.
+        Number of chunks in flight.
     """
     clock, server_free = 0.0, 0.0
     todo = deque(times)
@@ -121,7 +121,7 @@ def run_real(client: Any, workers: int, times: Sequence[float], data: bytes) -> 
 
 
 def check(console: Console, workers: int, measured: np.ndarray, data: bytes, empty: int) -> float:
-    """Hold the simulation against sleeping workers; returns the core-seconds of service a chunk."""
+    """Compare the simulation with sleeping workers; return the core-seconds of service per chunk."""
     rng = np.random.default_rng(0)
     table = Table("workers", "chunk (s)", "chunks", "measured (s)", "simulated (s)", "workers busy", "N s/T")
     with (
@@ -139,7 +139,7 @@ def check(console: Console, workers: int, measured: np.ndarray, data: bytes, emp
             f"{1e3 * core:.2f} ms of them on a processor"
         )
         for load in (0.5, 1, 2):
-            # Chunk times scaled so that the workers ask for `load` times what the server gives.
+            # Chunk times are scaled so that the workers ask for `load` times the rate of the server.
             want = workers * service / load
             times = (rng.choice(measured, 2 * workers) / measured.mean() * want).tolist()
             real, _ = run_real(client, workers, times, data)
@@ -157,7 +157,7 @@ def check(console: Console, workers: int, measured: np.ndarray, data: bytes, emp
 
 
 def predict(console: Console, measured: np.ndarray, service: dict[int, float]) -> None:
-    """Say which share of their time workers work, by chunk size, in a sweep of 20 chunks a worker."""
+    """Print the share of their time for which workers work, by chunk size, in a sweep of 20 chunks per worker."""
     rng = np.random.default_rng(1)
     table = Table("workers", "cells a chunk", "chunk (s)", "workers busy", "cells a second")
     for workers, each in service.items():

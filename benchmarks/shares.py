@@ -1,13 +1,13 @@
-"""How the shares of the causes move with the gravity number: over the built-in grid, without an engine.
+"""Shares of the causes over the gravity number, on the built-in grid and without an engine.
 
-Run as ``python benchmarks/shares.py``. What diverges here is exact Kelvin-Voigt in a drop from the model: all of an
-engine's divergence but its regularisation, its mapping and its time step. For every k1 it prints, by band of k2/k1, the
-mean D and the shares of frozen positions, dissipation law and gravity as `measures.ladder` defines them, with the
-least and the largest over the six orders of the causes, and in how many cells the largest cause is another by another
-order.
+Run as ``python benchmarks/shares.py``. The divergence is between exact Kelvin-Voigt contacts in a drop and the model.
+It is an engine's divergence without regularisation, mapping and time step. For every k1 and every band of k2/k1 the
+script prints the mean D, and the shares of frozen positions, dissipation law and gravity as `measures.ladder` defines
+them. Each share comes with the least and the largest value over the six orders of the causes. The script also counts
+the cells in which the largest cause depends on the order.
 
-Of m1, k1, v0 and g only the number g/(|v0| omega1) counts (Theorem 5, and one number for gravity): k1 = 1e8 at 1 m/s
-is k1 = 1e6 at 10 m/s.
+The outcome depends on m1, k1, v0 and g only through the number g/(|v0| omega1) (Theorem 5, and one number for gravity).
+So k1 = 1e8 at 1 m/s equals k1 = 1e6 at 10 m/s.
 """
 
 from __future__ import annotations
@@ -48,13 +48,13 @@ def main() -> None:
     )
     for exponent in range(arguments.exponents[0], arguments.exponents[1] + 1):
         k1 = 10.0**exponent
-        # That of m1 = k1 = 1 and v0 = -1.
+        # The gravity number for m1 = k1 = 1 and v0 = -1.
         unit = config.gravity / (abs(config.v0) * math.sqrt(k1 / config.m1))
         between = corners(velocities, collisions, np.full(len(mu), unit))
         ladder = split(collisions.masses, between, np.full_like(velocities, np.nan), between.engine_law)
         counted = (between.reason == "") & (model.grazing_margin >= config.grazing_threshold)
         counted &= ladder.divergence >= NOTHING
-        depends = ~ladder.same_by_every_order()  # on the order of the causes
+        depends = ~ladder.same_by_every_order()  # cells that depend on the order of causes
         for edge, label in ((math.nan, "all"), *BANDS.items()):
             here = counted & (math.isnan(edge) | (band == edge))
             total = ladder.divergence[here].sum()

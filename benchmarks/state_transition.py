@@ -1,9 +1,9 @@
-"""Collisions per second of the state transition model, beside an integration in time.
+"""Collisions per second of the state transition model and of an integration in time.
 
 Run as ``python -m benchmarks.state_transition``. On the same random cells (k2/k1 log-uniform in [1e-2, 1e2], m2/m1
-log-uniform in [0.1, 10], e1 and e2 uniform in [0.3, 1]) it times `solve_batch` with one thread and with two, `solve`,
-and on the first cells the integration with events by scipy's DOP853 that the tests hold the model against
-(tests/model/chain_reference.py). Times are the best of several repetitions; what was compiled is compiled before.
+log-uniform in [0.1, 10], e1 and e2 uniform in [0.3, 1]) it times `solve_batch` with one thread and with two, and
+`solve`. On the first cells it also times the integration with events by scipy's DOP853 with which the tests compare the
+model (tests/model/chain_reference.py). Times are the best of several repetitions, and contain no compilation.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def random_cells(n: int, seed: int) -> np.ndarray:
 
 
 def best_time(action: Callable[[], object], repeats: int) -> float:
-    """Shortest wall time of an action, in s."""
+    """Return the shortest wall time of an action in s."""
     times = []
     for _ in range(repeats):
         start = time.perf_counter()
@@ -42,7 +42,7 @@ def best_time(action: Callable[[], object], repeats: int) -> float:
 
 
 def machine() -> str:
-    """Say what this runs on."""
+    """Return a description of this machine."""
     packages = ", ".join(f"{name} {version(name)}" for name in ("impact-xval", "numpy", "numba", "scipy"))
     system = f"{platform.machine()}, {platform.system()}, {os.cpu_count()} processors"
     return f"{system}; Python {platform.python_version()}, {packages}"
@@ -64,7 +64,7 @@ def main() -> None:
     solve_batch(*cells[:, :1000])
     table = Table("way", "cells", "collisions/s")
     for threads in (1, 2):
-        numba.config.NUMBA_NUM_THREADS = threads  # what a batch takes
+        numba.config.NUMBA_NUM_THREADS = threads  # number of threads that a batch uses
         spent = best_time(lambda: solve_batch(*cells), asked.repeats)
         table.add_row(f"solve_batch, threads: {threads}", f"{asked.cells:,}", f"{asked.cells / spent:,.0f}")
     for way, (n, action) in ways.items():

@@ -1,15 +1,16 @@
-"""How far engines are from the contacts they were asked for, as people run them.
+"""Distances of engines, at the steps that people use, from the contacts that they were asked for.
 
 A seeded sample of the cells of the default grid is run in scenario ``impact`` by MuJoCo and PyBullet with each of their
-settings and by exact Kelvin-Voigt contacts. Printed is D, the kinetic norm of the difference of the final velocities,
-over the cells in which all steps of the calibrated engine have a result, so that their rows are comparable; statuses of
-the others follow. No step is extrapolated.
+settings and by exact Kelvin-Voigt contacts. The script prints D, the kinetic norm of the difference of the final
+velocities. It is taken over the cells in which all steps of the calibrated engine have a result, so that their rows are
+comparable. The statuses of the other cells follow. No step is extrapolated.
 
     python benchmarks/steps.py --cells 208 --seed 1
 
-With ``--limits`` the same cells are run as drops to their limits dt -> 0, from several steps h; as many halvings are
-allowed as lead to the same shortest step. Printed are the steps that it took, all runs together, and their time over
-that of the first row; how many limits are known, and their distance from the exact Kelvin-Voigt contacts; and D at h.
+With ``--limits`` the same cells are run as drops to their limits dt -> 0, from several steps h; the number of halvings
+is such that all reach the same shortest step. The script prints the number of steps of all runs together, and their
+time over the time of the first row; the number of limits that are known, and their distance from the exact Kelvin-Voigt
+contacts; and D at h.
 
     python benchmarks/steps.py --limits
 """
@@ -49,7 +50,7 @@ def sample(cells: int, seed: int) -> list[Collision]:
 
 
 def velocities(collisions: Sequence[Collision], outcomes: Sequence[Outcome]) -> np.ndarray:
-    """Return (v1, sqrt(m2/m1) v2) per abs(v0), whose length is the kinetic norm; NaN without a result; shape (n, 2)."""
+    """Return (v1, sqrt(m2/m1) v2)/abs(v0), whose length is the kinetic norm; NaN without a result; shape (n, 2)."""
     found = zip(collisions, outcomes, strict=True)
     there = ((c, o) if o.status in RESULT_STATUSES else (c, None) for c, o in found)
     rows = [(o.v1, np.sqrt(c.mass_ratio) * o.v2) if o else (np.nan, np.nan) for c, o in there]
@@ -63,7 +64,7 @@ def row(name: str, D: np.ndarray) -> None:
 
 
 def limits(collisions: Sequence[Collision]) -> None:
-    """Print what limits dt -> 0 of drops cost, and how good they are, by the step h from which they begin."""
+    """Print the cost and the accuracy of limits dt -> 0 of drops, by the step h from which they begin."""
     exact = velocities(collisions, get_solver(KELVIN_VOIGT).solve_many(collisions, Settings("drop")))
     print("| solver | h | steps, millions | time | `ok` | limit: median, maximum | D at h: median |")
     print("| --- | --- | --- | --- | --- | --- | --- |")

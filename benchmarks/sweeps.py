@@ -1,18 +1,17 @@
-"""What sweeps cost: cells of each solver, workers, and a million cells.
+"""Cost of sweeps: of a cell by solver, of workers, and of a million cells.
 
 ``python benchmarks/sweeps.py costs``
-    Core-seconds a cell by solver: all that a worker does for it (solving, path, measures, rows), over the
-    built-in experiment's box, Sobol points; best of several repetitions. Ends with core-hours for 1e6 and 1e8
-    cells.
+    Core-seconds per cell by solver: all work of a worker for a cell (solving, path, measures, rows), on Sobol points of
+    the built-in experiment's box; best of several repetitions. Ends with core-hours for 1e6 and 1e8 cells.
 ``python benchmarks/sweeps.py scaling``
-    One and two workers on an engine sweep: wall time from the first task to the last part (what starts the processes
-    is shown beside it) and the ratio; best of several.
+    One and two workers on an engine sweep: wall time from the first task to the last part, and the ratio; best of
+    several. The time to start the processes is shown separately.
 ``python benchmarks/sweeps.py million [--largest N]``
     Engine-free solvers, 1e4, 1e5 and 1e6 cells on all cores, each in a process of its own: wall time a cell of
     solving and of writing tables and summary, and the peak memory of the main process; best of several, the
     largest size once.
 
-Times are wall times; run them on a machine that does nothing else.
+Times are wall times; run the script on a machine that does nothing else.
 """
 
 from __future__ import annotations
@@ -40,12 +39,12 @@ from impact_xval.experiments.sweep.run import run_sweep
 
 ENGINE_FREE = ["bistiffness", "kelvin-voigt"]
 
-#: Cells of a run that does little but start: two chunks, one for either worker.
+#: Number of cells of a run that does little more than start: two chunks, one for each worker.
 _FIRST = 256
 
 
 def costs(repetitions: int) -> None:
-    """Measure core-seconds a cell by solver."""
+    """Measure core-seconds per cell by solver."""
     names = [name for name in solver_names() if get_solver(name).unavailable() is None]
     best: dict[str, float] = {}
     for name in names:
@@ -57,7 +56,7 @@ def costs(repetitions: int) -> None:
             start = time.process_time()
             solve_all(experiment, cells)
             best[name] = min(best.get(name, math.inf), (time.process_time() - start) / 64)
-    # Every solver was run beside the model, with which it is compared.
+    # Every solver runs together with the model, with which it is compared.
     best = {name: value - (best[REFERENCE] if name != REFERENCE else 0.0) for name, value in best.items()}
     table = Table("solver", "ms a cell", "core-hours for 1e6 cells", "core-hours for 1e8 cells")
     for name in names:
@@ -94,7 +93,7 @@ def _stages(config: Config, workers: int) -> dict[str, float]:
 
 
 def million(repetitions: int, largest: int) -> None:
-    """Measure cost a cell and memory at 1e4, 1e5 and 1e6 cells."""
+    """Measure cost per cell and memory at 1e4, 1e5 and 1e6 cells."""
     table = Table("cells", "solve", "tables, summary", "wall", "over 1e4", "core", "over 1e4", "peak memory")
     first = _best(_FIRST, repetitions)
     table.caption = (
@@ -129,7 +128,7 @@ def _best(cells: int, repetitions: int) -> dict[str, float]:
 
 
 def _one(cells: int) -> dict[str, float]:
-    """Run one size in a process of its own, so that its peak memory is its own."""
+    """Run one size in a separate process, so that its peak memory contains no other run."""
     command = [sys.executable, __file__, "one", "--cells", str(cells)]
     done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
     return json.loads(done.stdout.splitlines()[-1])

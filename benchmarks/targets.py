@@ -1,8 +1,8 @@
-"""What the text for each engine does (docs/contacts-in-engines.md): restitution and duration, asked and given.
+"""Restitution and duration of the text for each engine, asked for and measured (docs/contacts-in-engines.md).
 
-Run as ``python -m benchmarks.targets [NAME ...]``, names as after `contact --engine`. A ball of 1 kg meets a fixed body
-and one of 3 kg at 1 m/s, e = 0.5 and 0.8, k = 1e4 N/m, at a step of 1/200 of the contact; five places of the touch
-within a step. Engines that are not installed are left out with a line.
+Run as ``python -m benchmarks.targets [NAME ...]``, names as after `contact --engine`. A ball of 1 kg meets a fixed
+body, and a body of 3 kg, at 1 m/s. e is 0.5 and 0.8, k is 1e4 N/m, and the step is 1/200 of the contact. There are five
+places of the touch within a step. For an engine that is not installed the script prints a line.
 """
 
 import math
@@ -17,7 +17,7 @@ STIFFNESS, STEPS_IN_CONTACT = 1e4, 200
 
 
 def requests():
-    """Give the four contacts."""
+    """Yield the four contacts."""
     for e in (0.5, 0.8):
         for other in (math.inf, 3.0):
             longest = ContactRequest.between((1.0, other), e, STIFFNESS, 1.0)

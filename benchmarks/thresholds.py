@@ -1,4 +1,4 @@
-"""The slowest approach that rebounds in each rigid engine as it ships.
+"""The slowest approach that rebounds in each rigid engine with its defaults.
 
     python -m benchmarks.thresholds [ENGINE ...]
 
@@ -21,14 +21,14 @@ RESTITUTION, SLOWEST, FASTEST = 0.4, 1e-3, 3.0
 
 
 def rebound(engine: str, speed: float) -> float:
-    """Return the speed after the impact over that before; NaN where the engine has no answer."""
+    """Return the speed after the impact over the speed before; NaN if the engine has no result."""
     ball = Collision((1.0,), (1e6,), (RESTITUTION,), (-speed,), table=True)
     (outcome,) = get_solver(engine).solve_many([ball], Settings())
     return float(outcome.velocities[0]) / speed
 
 
 def slowest_rebound(engine: str) -> float:
-    """Return the slowest speed in m/s that rebounds, to 1 %; `SLOWEST` where all do."""
+    """Return the slowest speed in m/s that rebounds, to 1 %; `SLOWEST` if all speeds rebound."""
     if rebound(engine, SLOWEST) > RESTITUTION / 2:
         return SLOWEST
     below, above = SLOWEST, FASTEST
@@ -42,7 +42,7 @@ def slowest_rebound(engine: str) -> float:
 
 
 def main() -> None:
-    """Print the slowest approach that rebounds, and the rebound at 0.95, 1.05 and 2 times it."""
+    """Print the slowest approach that rebounds, and the rebound at 0.95, 1.05 and 2 times this speed."""
     for engine in sys.argv[1:] or ENGINES:
         missing = get_solver(engine).unavailable()
         if missing is not None:

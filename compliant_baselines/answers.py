@@ -1,7 +1,7 @@
-"""Calling a solver safely: one outcome a collision, whatever the solver does, and its texts in one printable line.
+"""Safe calls of solvers: one outcome for each collision whatever the solver does, with texts of one printable line.
 
-Every command and every sweep calls solvers by `answer`, plug-ins and solvers of this project alike. A crash that ends
-the whole process is for `experiments.sweep.process`.
+Every command and every sweep calls solvers through `answer`, plug-ins and solvers of this project alike. A crash that
+ends the whole process is handled by `experiments.sweep.process`.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from impact_xval.model.outcomes import Outcomes
 if TYPE_CHECKING:
     from impact_xval.model.graph.collision import GraphCollision
 
-#: Characters of a solver's sentence that are kept.
+#: Most characters of a solver's sentence that are kept.
 LONGEST = 1000
 
 
 def answer(solver: Solver, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
-    """Solve collisions by any solver; give one outcome a collision, in order.
+    """Solve collisions by any solver; return one outcome for each collision, in order.
 
-    Solvers of this project give `Outcomes`. An exception or a wrong number of outcomes is ``crashed`` for the collision
-    at fault alone.
+    Solvers of this project return `Outcomes`. If a solver raises an exception or returns a wrong number of outcomes,
+    only the collision at fault gets the status ``crashed``.
     """
     reason = why_unavailable(solver)
     if reason is not None:
@@ -42,7 +42,7 @@ def answer_graph(solver: Solver, collision: GraphCollision, settings: Settings) 
 
 
 def _answer_batch(solver: Solver, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
-    """Call a solver; where the call fails, halve the batch until the collision at fault is alone."""
+    """Call a solver; if the call fails, halve the batch until the collision at fault is alone."""
     n = len(collisions)
     try:
         answers = solver.solve_many(collisions, settings)
@@ -72,7 +72,7 @@ def answer_graphs(
 def _answer_graphs(
     solver: Solver, collisions: Sequence[GraphCollision], settings: Settings
 ) -> list[GraphCollisionOutcome]:
-    """Call a solver; where the call fails, halve the batch until the collision at fault is alone."""
+    """Call a solver; if the call fails, halve the batch until the collision at fault is alone."""
     n = len(collisions)
     try:
         outcomes = list(solver.solve_graphs(collisions, settings))
@@ -112,7 +112,7 @@ def _clean(name: str, outcome: Outcome, collision: Collision) -> Outcome:
 
 
 def why_unavailable(solver: Solver) -> str | None:
-    """Return in a line why a solver cannot run here; None if it can."""
+    """Return the reason in one line why a solver cannot run here; None if it can."""
     try:
         reason = solver.unavailable()
         return None if reason is None else one_line(reason)
@@ -121,7 +121,7 @@ def why_unavailable(solver: Solver) -> str | None:
 
 
 def stated_version(solver: Solver) -> str:
-    """Return in a line the version a solver states; ``""`` if it raises an exception."""
+    """Return the version that a solver states, as one line; ``""`` if the solver raises an exception."""
     try:
         return one_line(solver.version())
     except Exception:
@@ -129,7 +129,7 @@ def stated_version(solver: Solver) -> str:
 
 
 def describe_exception(error: Exception) -> str:
-    """Return type and message of an exception, in a line."""
+    """Return type and message of an exception in one line."""
     return one_line(f"{type(error).__name__}: {error}")
 
 
@@ -141,9 +141,9 @@ def one_line(text: str) -> str:
 
 
 def escape_invisible(text: str) -> str:
-    r"""Escape the characters that a terminal would obey or nobody would see, as Python does: ``\x1b``, ``\u202e``.
+    r"""Escape control characters and invisible characters as Python does: ``\x1b``, ``\u202e``.
 
-    Line feeds, tabs and spaces of any width stay.
+    Line feeds, tabs and spaces of any width stay as they are.
     """
 
     def stays(letter: str) -> bool:

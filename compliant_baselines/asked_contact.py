@@ -1,4 +1,4 @@
-"""The contact of two bodies that follows from what is asked for: one number for its damping, one for its spring.
+"""A contact of two bodies from two numbers that a user asks for: one decides its damping, one its spring.
 
 The formulas are those of docs/theory.md, section 7. With the reduced mass M, omega = sqrt(k/M) and the damping ratio
 zeta = c/(2 M omega), a pair alone has the restitution e = exp(-zeta T omega) and the duration T = `contact_time`(zeta)
@@ -7,7 +7,7 @@ over omega. They hold below, at and above zeta = 1.
 * Restitution: zeta is `damping_ratio`(e).
 * Damping and duration: zeta omega = c/(2 M), so that e = exp(-c T/(2 M)) without knowing k. That e gives zeta, and zeta
   and T give omega.
-* Sink: at rest the spring carries a weight, k = m g/sink.
+* Sink: the spring carries a weight at rest, k = m g/sink.
 """
 
 from __future__ import annotations
@@ -21,11 +21,12 @@ from impact_xval.compliant_baselines.mapping import KelvinVoigtContact
 from impact_xval.compliant_baselines.restitution import contact_time, damping_ratio
 from impact_xval.model.inputs import Legal
 
-#: In m/s^2: of the weight that a contact carries at rest.
+#: Gravity in m/s^2 that gives the weight which a contact carries at rest.
 GRAVITY = 9.81
 
-#: Largest damping ratio; it leaves a restitution of 1e-4. Beyond it the force is lost in the rounding of velocities
-#: before it ends: at 200 a drop in MuJoCo shows a duration that is 4 % too short, at 1000 20 %.
+#: Largest damping ratio; it leaves a restitution of 1e-4. At larger ratios the force drowns in the rounding of
+#: velocities before it ends: a drop in MuJoCo shows a duration that is 4 % too short at a ratio of 200, and 20 % at
+#: 1000.
 LARGEST_DAMPING_RATIO = 50.0
 
 #: Longest contact in s.
@@ -40,18 +41,18 @@ STIFFNESS = Legal("stiffness", _LEAST, _LARGEST, "a finite number > 0 (N/m)")
 DURATION = Legal("duration", _LEAST, _LARGEST, "a finite number > 0 (s)")
 SINK = Legal("sink", _LEAST, _LARGEST, "a finite number > 0 (m)")
 
-#: Quantities of which one decides the damping, and of which one decides the spring.
+#: Quantities that can decide the damping, and quantities that can decide the spring; one number is given for each.
 DAMPERS = (RESTITUTION, DAMPING, DAMPING_RATIO)
 SPRINGS = (STIFFNESS, DURATION, SINK)
 
-#: Names for readers of the ways to decide a spring; `step` is searched for in an engine.
+#: Names, for readers, of the ways to decide a spring. With `step` the spring is searched for in an engine.
 SPRING_NAMES = "stiffness, duration, step or sink"
 DAMPER_NAMES = "restitution, damping or damping_ratio"
 
 
 @dataclass(frozen=True, slots=True)
 class AskedContact:
-    """What is asked of a contact: one number for the damping and one for the spring; all others are None.
+    """The numbers that a user asks of a contact: one for the damping, one for the spring; all others are None.
 
     Raises
     ------
@@ -59,15 +60,15 @@ class AskedContact:
         If numbers are missing, contradictory or illegal; the message names the field, the value and the legal range.
     """
 
-    #: From 1e-4 to 1: no finite damping gives 0.
+    #: Coefficient of restitution, from 1e-4 to 1: no finite damping gives 0.
     restitution: float | None = None
-    #: In N s/m.
+    #: Damping in N s/m.
     damping: float | None = None
-    #: Of the critical damping 2 sqrt(k M).
+    #: Damping as a fraction of the critical damping 2 sqrt(k M).
     damping_ratio: float | None = None
-    #: In N/m.
+    #: Stiffness in N/m.
     stiffness: float | None = None
-    #: From touch to the end of the force, in s.
+    #: Time in s from the first touch to the end of the force.
     duration: float | None = None
     #: Depth in m at which the contact carries a weight under `GRAVITY`.
     sink: float | None = None
@@ -94,7 +95,7 @@ class AskedContact:
         Raises
         ------
         ValueError
-            If no spring and dashpot within double precision and the legal range is that contact.
+            If the contact needs a spring or dashpot outside the legal range or double precision.
         """
         decisive = next(legal for legal in SPRINGS if getattr(self, legal.name) is not None)
         value = getattr(self, decisive.name)
@@ -119,7 +120,7 @@ class AskedContact:
         return contact
 
     def _contact(self, mass: float, load: float) -> KelvinVoigtContact:
-        """Return the contact asked for, whose numbers may be 0 or infinite."""
+        """Return the contact asked for, without checks: its numbers may be 0 or infinite."""
         if self.damping is None:
             zeta = self.damping_ratio
             if zeta is None:
@@ -161,7 +162,8 @@ def stiffness_from_duration(duration: float, zeta: float, mass: float) -> float:
 def stiffness_from_damping_and_duration(damping: float, duration: float, mass: float) -> float:
     """Return the stiffness in N/m of a contact of a damping in N s/m, a duration in s and a reduced mass in kg.
 
-    The restitution follows from the three alone (see the module). A ValueError says that it would be below 1e-4.
+    The restitution follows from these three numbers alone (see the module). A ValueError says that it would be below
+    1e-4.
     """
     loss = damping * duration / (2 * mass)
     largest = LARGEST_DAMPING_RATIO * contact_time(LARGEST_DAMPING_RATIO)

@@ -1,7 +1,7 @@
-"""Checks that a solver keeps the contract, for its author to run; each is named by what it demands.
+"""Checks that a solver keeps the contract of `solver`; the name of a check says what it demands.
 
-On the command line ``impact-xval solvers NAME`` runs the checks of an installed solver. In the author's own tests
-`checks` gives them, one test each (docs/adding-a-solver.md).
+They are for the author of a solver. On the command line ``impact-xval solvers NAME`` runs them on an installed solver.
+For the author's own tests `checks` returns them, one function for each test (docs/adding-a-solver.md).
 
 A check raises `NonConformingError`, whose message says what was found and what the contract demands. The rules are
 numbered as in `solver`. Numbers are compared with those of the exact solvers of this package, never with the solver's
@@ -25,7 +25,8 @@ from impact_xval.model.graph.collision import BodyContact, GraphCollision
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.status import RESULT_STATUSES
 
-#: Laws that a solver may state: the laws of the exact solvers, or ``none`` for a law of its own, which is not checked.
+#: Laws that a solver may state: a law of the exact solvers, or ``none`` for a law of the solver's own. Convergence to a
+#: law of the solver's own is not checked.
 LAWS = (*exact_law_names(), "none")
 
 Check = Callable[[Solver], None]
@@ -36,10 +37,10 @@ _ORDINARY = (
     Collision.two_balls(m1=1.0, m2=2.0, k1=1e6, k2=2e5, e1=1.0, e2=1.0),
 )
 
-#: On a table so soft that the weight of the balls decides.
+#: A drop on a table so soft that the weight of the balls decides the outcome.
 _DROPPED = Collision.two_balls(m1=1.0, m2=1.0, k1=2e3, k2=1e3, e1=0.9, e2=0.7)
 
-#: A ball in a corner, and a box that lands flat.
+#: Contact graphs: a ball in a corner, and a box that lands flat.
 _CORNER = GraphCollision(
     (1.0,),
     ((-1.0, -0.3),),
@@ -52,14 +53,14 @@ _BOX = GraphCollision(
     inertias=(0.5,),
 )
 
-#: Distance in m/s from the exact law that is near enough at any step, whatever it was at a longer step: the error of a
-#: drop changes its sign at some step.
+#: Distance in m/s from the exact law below which a solver passes even if a shorter step brings it no nearer. The error
+#: of a drop changes its sign at some step, so that a small error may grow.
 _NEAR = {"impact": 1e-3, "drop": 5e-3}
 
-#: Laws whose contacts may pull: the impulses of a path may fall.
+#: Laws whose contacts may pull, so that the impulses of a path may fall.
 _PULLING = ("linear-dashpot",)
 
-#: Likely mistakes where a scenario goes wrong.
+#: Likely mistakes to name when a scenario goes wrong.
 _SUSPECTS = {
     "impact": "a mapping of stiffness or damping",
     "drop": "gravity, or the depth of rest at the start,",
@@ -67,15 +68,15 @@ _SUSPECTS = {
 
 _COARSE = Settings(step_fraction=5e-3)
 
-#: Steps over the shorter period at which the distance from the law is measured.
+#: Time steps, as fractions of the shorter period, at which the distance from the law is measured.
 _FRACTIONS = (4e-3, 1e-3)
 
-#: Steps after which a collision is given up: without gravity the balls of a drop never come back.
+#: Steps after which a collision is given up: without gravity the balls of a drop never come back to each other.
 _MAX_STEPS = 200_000
 
 
 class NonConformingError(AssertionError):
-    """A solver does not keep the contract."""
+    """Error that a check raises: a solver does not keep the contract."""
 
 
 def demand(holds: object, message: str) -> None:
@@ -87,7 +88,7 @@ def demand(holds: object, message: str) -> None:
 def _outcomes(
     solver: Solver, collisions: Sequence[Collision] = _ORDINARY, settings: Settings = _COARSE
 ) -> list[Outcome]:
-    """Solve collisions; demand that none crashes."""
+    """Solve collisions; demand that no outcome has the status ``crashed``."""
     outcomes = list(answer(solver, list(collisions), settings))
     for c, o in zip(collisions, outcomes, strict=True):
         demand(o.status != "crashed", f"{c}: {o.reason}")
@@ -95,7 +96,7 @@ def _outcomes(
 
 
 def _results(solver: Solver, settings: Settings = _COARSE) -> list[tuple[Collision, Outcome]]:
-    """Solve the ordinary collisions; demand a result of each."""
+    """Solve the ordinary collisions; demand a result for each of them."""
     solved = list(zip(_ORDINARY, _outcomes(solver, settings=settings), strict=True))
     for c, o in solved:
         demand(o.status in RESULT_STATUSES, f"{c}: status {o.status} ({o.reason}); legal: a result")
@@ -103,13 +104,13 @@ def _results(solver: Solver, settings: Settings = _COARSE) -> list[tuple[Collisi
 
 
 def _bits(outcomes: Sequence[Outcome]) -> list[tuple[object, ...]]:
-    """Return the parts of outcomes that must be the same to the bit."""
+    """Return the parts of outcomes that must be identical to the bit in every call."""
     return [(o.velocities, o.impulses, o.states, o.status) for o in outcomes]
 
 
 def names_itself(solver: Solver) -> None:
     """Demand a name, a version, whether the solver is available, and a constructor without arguments (rule 1)."""
-    # What a solver gives may have any type, whatever its annotations say.
+    # The values that a solver returns may have any type, whatever its annotations say.
     name = cast(object, solver.name)
     version = cast(object, solver.version())
     reason = cast(object, solver.unavailable())
@@ -123,7 +124,7 @@ def names_itself(solver: Solver) -> None:
 
 
 def answers_every_collision(solver: Solver) -> None:
-    """Demand a result for each ordinary collision, in order, with the same bits in any batch (rules 2, 4)."""
+    """Demand a result for each ordinary collision, in order, and identical to the bit in any batch (rules 2, 4)."""
     together = [o for _, o in _results(solver)]
     for o in together:
         demand(o.solver == solver.name, f"the outcome is signed {o.solver!r}, not {solver.name!r}")
@@ -135,9 +136,9 @@ def answers_every_collision(solver: Solver) -> None:
 
 
 def refuses_with_a_reason(solver: Solver) -> None:
-    """Demand an answer, or a refusal with a reason, to limits, N balls, a drop and contact graphs (rule 2).
+    """Demand an outcome, or a refusal with a reason, for limiting cases, N balls, a drop and contact graphs (rule 2).
 
-    What is refused must not spoil another collision.
+    A refused collision must not change the outcome of another one.
     """
     ordinary = {"m1": 1.0, "m2": 1.0, "k1": 1e6, "k2": 1e6, "e1": 0.5, "e2": 0.5}
     changes: list[dict[str, float]] = [{"e1": 0.0}, {"e2": 0.0}, {"k2": math.inf}, {"k2": 0.0}]
@@ -170,7 +171,7 @@ def ends_apart_and_creates_no_energy(solver: Solver) -> None:
 
 
 def scales(solver: Solver) -> None:
-    """Demand Theorem 5 and SI units: masses, stiffnesses and speed change nothing but scale (rule 5)."""
+    """Demand Theorem 5 and SI units: scaling masses, stiffnesses or the speed only scales the outcome (rule 5)."""
     c = _ORDINARY[0]
     (base,) = _outcomes(solver, [c])
     for quantity, factor in (("m", 1e-2), ("m", 30.0), ("k", 1e-2), ("k", 40.0), ("v", 0.2), ("v", 3.0)):
@@ -185,9 +186,9 @@ def scales(solver: Solver) -> None:
 
 
 def gives_a_path(solver: Solver) -> None:
-    """Demand a path on request: from v0 to the outcome, in order of time; none otherwise.
+    """Demand a path from v0 to the outcome, in order of time, if it is asked for; no path otherwise.
 
-    Impulses grow, but for those of laws that may pull.
+    Impulses must grow along the path, except under laws that may pull.
     """
     for c, o in _results(solver, dataclasses.replace(_COARSE, record_path=True)):
         p, speed = o.path, abs(c.v0)
@@ -219,7 +220,7 @@ def converges_to(law: str) -> Check:
             for o in outcomes:
                 demand(o.status in RESULT_STATUSES, f"{c}, {scenario}: status {o.status} ({o.reason})")
             before, after = (math.hypot(o.v1 - exact.v1, o.v2 - exact.v2) for o in outcomes)
-            # First order divides the error by four; an error that stays is not one of the step.
+            # At first order the error is divided by four. An error that stays does not come from the step.
             shrinks = after < 0.4 * before
             demand(
                 after < 0.02 and (after < _NEAR[scenario] or shrinks),
@@ -238,7 +239,8 @@ def checks(law: str | None = KELVIN_VOIGT) -> tuple[Check, ...]:
     Parameters
     ----------
     law
-        One of `LAWS`, which the solver's contacts obey; None or ``"none"`` for a law of its own, which is not checked.
+        The law of the solver's contacts, one of `LAWS`. None or ``"none"`` stands for a law of the solver's own;
+        convergence to it is not checked.
 
     Returns
     -------
@@ -264,7 +266,7 @@ def checks(law: str | None = KELVIN_VOIGT) -> tuple[Check, ...]:
 
 
 def problem_of(check: Check, solver: Solver) -> str:
-    """Run a check; return the message of a failure, or of an exception of the solver, and empty if it passed."""
+    """Run a check; return the message of its failure or of the solver's exception, and ``""`` if the check passed."""
     try:
         check(solver)
     except NonConformingError as error:

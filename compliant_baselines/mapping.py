@@ -1,10 +1,10 @@
-"""From what a collision asks of a contact, (k, e), to the parameters of each engine: docs/mapping.md.
+"""Mappings of a contact's stiffness and restitution (k, e) to the parameters of each engine (docs/mapping.md).
 
-* ``calibrated``: as that page derives them
-* ``naive``: as a user writes them who knows the names of the parameters but not the engine's source; the damping ratio
-  is the textbook's
+* ``calibrated``: the parameters that docs/mapping.md derives, with which a lone contact has this k and e
+* ``naive``: the parameters that a user writes who knows their names but not the engine's source; the damping ratio is
+  the textbook's
 * ``documented`` (MuJoCo alone): a time constant and a damping ratio
-* ``shipped`` (MuJoCo, and rigid engines but Pymunk): nothing is set, and the step is the engine's own
+* ``shipped`` (MuJoCo, and all rigid engines except Pymunk): nothing is set, and the step is the engine's own
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from impact_xval.compliant_baselines.restitution import (
 )
 from impact_xval.compliant_baselines.solver import MappingName
 
-#: MuJoCo's least constraint impedance (mjMINIMP of mjmodel.h), at which a contact is nearest to the level of forces.
+#: MuJoCo's least constraint impedance (mjMINIMP of mjmodel.h). With it a contact comes nearest to a spring and dashpot
+#: on the level of forces.
 MUJOCO_IMPEDANCE = 1e-4
 
 #: MuJoCo's default solref (time constant in s, damping ratio), of the XML reference.
@@ -32,7 +33,7 @@ MUJOCO_DEFAULT_SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
 
 
 class KelvinVoigtContact(NamedTuple):
-    """A contact of spring and dashpot, F = max(0, k delta + c delta')."""
+    """A contact with a spring and a dashpot, F = max(0, k delta + c delta')."""
 
     #: Stiffness in N/m.
     k: float
@@ -45,7 +46,7 @@ class KelvinVoigtContact(NamedTuple):
     def from_restitution(
         cls, k: float, e: float, mass: float, mapping: MappingName = "calibrated"
     ) -> KelvinVoigtContact:
-        """Make the contact of stiffness k that gives restitution e in (0, 1] to a pair of this reduced mass, alone."""
+        """Make the contact of stiffness k that gives two lone bodies of this reduced mass restitution e in (0, 1]."""
         zeta = textbook_damping_ratio(e) if mapping == "naive" else damping_ratio(e)
         return cls(k, 2 * zeta * math.sqrt(k) * math.sqrt(mass), mass)
 
@@ -61,39 +62,40 @@ class KelvinVoigtContact(NamedTuple):
 
     @property
     def zeta(self) -> float:
-        """Damping ratio."""
+        """Damping ratio c/(2 M omega)."""
         return self.c / (2 * self.mass * self.omega)
 
     @property
     def duration(self) -> float:
-        """Duration in s of the contact of the pair alone, without gravity."""
+        """Duration in s of the contact of the two bodies alone, without gravity."""
         return contact_time(self.zeta) / self.omega
 
     @property
     def restitution(self) -> float:
-        """Coefficient of restitution of the pair alone, without gravity."""
+        """Coefficient of restitution of the two bodies alone, without gravity."""
         return restitution(self.zeta)
 
 
 class MujocoContact(NamedTuple):
     """The parameters of a contact pair of MuJoCo."""
 
-    #: In the direct format (-stiffness, -damping), in 1/s^2 and 1/s; or both positive: time constant in s and damping
-    #: ratio.
+    #: Either the direct format (-stiffness, -damping) in 1/s^2 and 1/s, or two positive numbers: time constant in s and
+    #: damping ratio.
     solref: tuple[float, float]
-    #: (dmin, dmax, width in m, midpoint, power).
+    #: The numbers (dmin, dmax, width in m, midpoint, power).
     solimp: tuple[float, float, float, float, float]
 
     @property
     def direct(self) -> tuple[float, float]:
-        """The solref in the direct format (the engine's chapter "Solver parameters", "Reference acceleration")."""
+        """The solref in direct format (the engine's chapter "Solver parameters", "Reference acceleration")."""
         first, second = self.solref
         return self.solref if first <= 0 else (-1 / (first * second) ** 2, -2 / first)
 
     def stiffness(self, mass: float) -> float:
-        """Return the stiffness in N/m of this contact, at the smallest impedance d, for a lone pair of a reduced mass.
+        """Return the stiffness in N/m of this contact, at the smallest impedance d, for two bodies alone.
 
-        Solved for the acceleration, the engine's equations read a = stiffness r (d/dmax)^2 (damping aside).
+        `mass` is their reduced mass in kg. Without damping, the engine's equations give the acceleration a = stiffness
+        r (d/dmax)^2.
         """
         dmin, dmax = self.solimp[:2]
         return -self.direct[0] * mass * (dmin / dmax) ** 2
@@ -101,14 +103,14 @@ class MujocoContact(NamedTuple):
     def equilibrium_depth(self, acceleration: float) -> float:
         """Return the penetration in m at which a ball rests on this contact under an acceleration in m/s^2.
 
-        There stiffness r (d/dmax)^2 = (1 - d) acceleration, with the impedance d a function of r (the engine's
-        "Computation" chapter, section "Constraint model").
+        At this penetration r, stiffness r (d/dmax)^2 = (1 - d) acceleration. The impedance d is a function of r (the
+        engine's "Computation" chapter, section "Constraint model").
         """
         dmin, dmax = self.solimp[:2]
         stiffness = -self.direct[0]
         if dmin == dmax:
             return (1 - dmin) * acceleration / stiffness
-        # With the least impedance at every depth the ball would rest at half of `high`.
+        # If the impedance were the least one at every depth, the ball would rest at half of `high`.
         least = min(dmin, dmax)
         low, high = 0.0, 2 * (1 - least) * acceleration / (stiffness * (least / dmax) ** 2)
         while low < (r := 0.5 * (low + high)) < high:
@@ -136,8 +138,8 @@ def mujoco_contact(
     """Map a contact to MuJoCo's parameters.
 
     The calibrated mapping has a constant impedance d as small as the engine allows, stiffness = k/M and damping = c/M.
-    That is *exactly* the contact asked for while the pair is alone, and within d of it when a third body pushes too
-    (docs/mapping.md).
+    While the two bodies are alone, the result is *exactly* the contact asked for. When a third body pushes too, it is
+    within d of that contact (docs/mapping.md).
     """
     if mapping == "naive":
         return MujocoContact((-contact.k, -contact.c), MUJOCO_DEFAULT_SOLIMP)
@@ -150,9 +152,9 @@ def mujoco_contact(
 class Side(NamedTuple):
     """The parameters of a body, or of one side of it, in an engine that combines the parameters of two bodies."""
 
-    #: In N/m: PyBullet's `contactStiffness`, Drake's "point_contact_stiffness".
+    #: Stiffness in N/m: PyBullet's `contactStiffness`, Drake's "point_contact_stiffness".
     stiffness: float
-    #: PyBullet's `contactDamping` c in N s/m; "relaxation_time" c/k in s under Drake's `kSap`.
+    #: Dissipation: PyBullet's `contactDamping` c in N s/m, or "relaxation_time" c/k in s under Drake's `kSap`.
     dissipation: float
 
     def against(self, partner: Side) -> Side:
@@ -161,28 +163,29 @@ class Side(NamedTuple):
         return Side(stiffness, self.dissipation + partner.dissipation)
 
 
-#: A side that adds nothing. Its stiffness is PyBullet's own for a body that was not given one (BT_LARGE_FLOAT of
-#: btScalar.h, double precision), so that 1/(1/k + 1/1e30) = k.
+#: A side that adds nothing. Its stiffness is the default that PyBullet gives a body (BT_LARGE_FLOAT of btScalar.h,
+#: double precision), so that 1/(1/k + 1/1e30) = k.
 RIGID = Side(1e30, 0.0)
 
 
 class ContactSides(NamedTuple):
     """The sides of two bodies that meet in a contact."""
 
-    #: Of the first body; in a line it is the lower side of the ball above.
+    #: Side of the first body; in a line it is the lower side of the ball above.
     first: Side
-    #: Of the second body; in a line it is the upper side of the body below.
+    #: Side of the second body; in a line it is the upper side of the body below.
     second: Side
 
 
 def sides_of_contacts(
     contacts: Sequence[Side], mapping: MappingName, *, one_side_per_body: bool = False
 ) -> list[ContactSides]:
-    """Give the two bodies of each contact their sides; `contacts` are the parameters each contact shall have.
+    """Return the sides of the two bodies of each contact; `contacts` are the parameters that each contact shall have.
 
-    The first body of a contact carries it; the side of the second is rigid and undamped. If bodies of an engine have
-    one side only, two balls on a table get by: the upper ball carries contact 1, the table contact 2, and the lower
-    ball is rigid. In the naive mapping, too, bodies have one side, and both balls carry contact 1.
+    The first body's side has the parameters of the contact; the second body's side is rigid and undamped. In some
+    engines a body has one side only. Two balls on a table are possible even there: the upper ball has the parameters of
+    contact 1, the table those of contact 2, and the lower ball is rigid. In the naive mapping bodies have one side in
+    every engine, and both balls have the parameters of contact 1.
     """
     if not one_side_per_body and mapping != "naive":
         return [ContactSides(side, RIGID) for side in contacts]

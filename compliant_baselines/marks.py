@@ -1,18 +1,18 @@
-"""Marks: outcomes near a jump of their exact law, found by changing the parameters of a collision a little.
+"""Marks of outcomes near a jump of their exact law, found by changing the parameters of a collision a little.
 
 **Two balls on a table** (docs/theory.md, section 8). A cell is marked if a relative change of one parameter, up or
 down, moves a velocity over abs(v0) by more than `JUMPS` allows. Over the default box smooth outcomes move by less than
 three times the change (`benchmarks/limits.py jumps`). A limit dt -> 0 is also marked if its shortest step and the exact
 law disagree on whether gravity ends in a first flight, or on whether B2 comes to rest on the table.
 
-**N balls** have hundreds of events, and each event amplifies what came before, until the last digits of the inputs
-decide: two exact solvers of one law then differ by as much as two laws do. Where forces are linear, masses and
-stiffnesses are changed by a millionth. Velocities are not changed: balls that fall or strike together are equal by
-intent. Where forces are not linear, the solver states an error of its own.
+**N balls** have hundreds of events, and each event amplifies the differences before it, until the last digits of the
+inputs decide the outcome. Two exact solvers of one law then differ by as much as two laws do. Where forces are linear,
+masses and stiffnesses are changed by a millionth. Velocities are not changed: balls that fall or strike together are
+equal by intent. Where forces are not linear, the solver states an error of its own.
 
-What counts as a jump is said by `JUMPS`, of N balls by `CHANGE_OF_MANY` and `MOVE_OF_MANY`; docs/theory.md repeats
-`JUMPS`. All other thresholds say which cells are examined at all. The tests are in `engines/test_limit.py` of
-tests/compliant_baselines, of N balls in `references/test_chains.py`; golden values hold where exact solvers are marked.
+`JUMPS` defines a jump of two balls on a table; docs/theory.md repeats it. `CHANGE_OF_MANY` and `MOVE_OF_MANY` define a
+jump of N balls. All other thresholds decide only which cells are examined. The tests in tests/compliant_baselines are
+`engines/test_limit.py`, and `references/test_chains.py` for N balls. Golden values hold the marks of exact solvers.
 """
 
 from __future__ import annotations
@@ -30,14 +30,15 @@ from impact_xval.model.outcomes import Outcomes
 
 Bools = NDArray[np.bool_]
 
-#: Solves collisions by a law, without their states; the second argument is the gravity in m/s^2, shape (n,).
+#: Function that solves collisions by a law, without their states; its second argument is the gravity in m/s^2, shape
+#: (n,).
 Law = Callable[[Collisions, Floats], Outcomes]
 
-#: Relative changes of a parameter that are tried, and for each the change of a velocity over abs(v0) that is a jump.
-#: The finest step of an engine acts like a change of a restitution by more than a thousandth.
+#: Relative changes of a parameter that are tried. To each belongs the change of a velocity, over abs(v0), that counts
+#: as a jump. The finest step of an engine acts like a change of a restitution by more than a thousandth.
 JUMPS = {1e-3: 0.01, 4e-3: 0.02}
 
-#: The parameters that are changed, as a reader knows them.
+#: The parameters that are changed, by the names that a reader knows.
 PARAMETERS = ("k2/k1", "m2/m1", "e1", "e2", "gravity")
 
 
@@ -46,61 +47,61 @@ class Change(NamedTuple):
 
     #: Position in `PARAMETERS`.
     parameter: int
-    #: In `JUMPS`, or the negative of a number there.
+    #: Relative change: a number of `JUMPS` or its negative.
     size: float
 
 
 #: All changes of one parameter that are tried.
 CHANGES = tuple(Change(i, sign * size) for i in range(len(PARAMETERS)) for size in JUMPS for sign in (1, -1))
 
-#: Of N balls: relative change of masses and stiffnesses.
+#: Relative change of masses and stiffnesses for N balls.
 CHANGE_OF_MANY = 1e-6
 
-#: Of N balls: change of a velocity, over the largest speed before, from which an outcome is marked; a hundred times the
+#: Change of a velocity, over the largest speed before, from which an outcome of N balls is marked; a hundred times the
 #: change of the parameters.
 MOVE_OF_MANY = 1e-4
 
-#: Of N balls: number of random changes that are tried, each with its opposite.
+#: Number of random changes that are tried for N balls, each together with its opposite.
 _RANDOM_CHANGES = 2
 
-#: Signs with which a screen changes all parameters at once: four patterns, orthogonal but for gravity. To first order,
-#: no change of one parameter moves an outcome by more than the best pattern or its opposite does.
+#: Signs with which a screen changes all parameters at once: four patterns, orthogonal except in gravity. To first
+#: order, changing one parameter never moves an outcome farther than the best pattern or its opposite does.
 _PATTERNS = np.array([(1, 1, 1, 1, 1), (1, -1, 1, -1, 1), (1, 1, -1, -1, -1), (1, -1, -1, 1, -1)])
 
 #: Relative changes of the screens: each pattern, followed by its opposite; shape (8, 5).
 _SCREENS = max(JUMPS) * np.stack([_PATTERNS, -_PATTERNS], axis=1).reshape(-1, 5)
 _FIRST_SCREENS, _OTHER_SCREENS = _SCREENS[:2], _SCREENS[2:]
 
-# From here on thresholds only save time: they are to lose no mark (`benchmarks/limits.py screens`).
+# The thresholds below only save time. They must lose no mark (`benchmarks/limits.py screens` counts lost marks).
 
 #: Grazing margin below which a bistiffness cell is screened by the first pattern. The largest margin of a marked cell
-#: was 0.11 in 28 000 cells without gravity, k2/k1 from 1e-3 to 1e3, m2/m1 and e from 0.1.
+#: was 0.11. It was measured on 28 000 cells without gravity, with k2/k1 from 1e-3 to 1e3, and m2/m1 and e from 0.1.
 GRAZING = 0.2
 
-#: Grazing margin below which it is screened by all patterns.
+#: Grazing margin below which a bistiffness cell is screened by all patterns.
 NEAR_GRAZING = 0.03
 
-#: Restitution from which a cell is screened whatever its margin: the margin does not see an end of compression at which
-#: a change of e costs energy.
+#: Restitution from which a cell is screened whatever its margin: the margin ignores ends of compression, where a change
+#: of e costs energy.
 ELASTIC = 0.999
 
-#: Events from which a cell of dashpots is screened. Without gravity laws of dashpots are continuous, and steep only
-#: where contacts return; contacts that close and open once make two events.
+#: Number of events from which a cell of a dashpot law is screened. Without gravity dashpot laws are continuous; they
+#: are steep only where contacts return. Contacts that close and open once make two events.
 FEW_EVENTS = 3
 
-#: Events from which a cell of dashpots is tried in full, unscreened.
+#: Number of events from which a cell of a dashpot law is tried in full, without a screen.
 MANY_EVENTS = 20
 
-#: Mass ratio m2/m1 below which a cell is screened whatever its events: such a light ball takes up any speed.
+#: Mass ratio m2/m1 below which a cell is screened whatever its number of events: such a light ball takes up any speed.
 LIGHT = 0.05
 
-#: Change of a velocity by gravity, over abs(v0), from which its first flight matters.
+#: Change of a velocity by gravity, over abs(v0), from which the first flight matters.
 FALLEN = 0.02
 
-#: Change of a velocity over abs(v0) by a screen after which a cell is tried in full.
+#: Change of a velocity by a screen, over abs(v0), from which a cell is tried in full.
 SCREENED_MOVE = 0.005
 
-#: Share by which a screen must change a grazing margin for a cell to be tried in full.
+#: Relative change of a grazing margin by a screen from which a cell is tried in full.
 SCREENED_MARGIN = 0.25
 
 _LARGEST = float(np.finfo(float).max)
@@ -109,37 +110,37 @@ _LARGEST = float(np.finfo(float).max)
 class DropEnd(NamedTuple):
     """The end of a drop."""
 
-    #: Whether gravity ended in a first flight.
+    #: True if gravity ended in a first flight.
     has_first_flight: bool
-    #: Whether B2 came to rest on the table.
+    #: True if B2 came to rest on the table.
     b2_settled: bool
 
 
-#: How the end of an engine's drop may differ from that of its exact law; names of both fill the braces.
+#: Sentences on how an engine's drop ends otherwise than its exact law's; the names of both fill the braces.
 _DIFFERENT_FLIGHT = "gravity ends in a first flight of {}, and {} has none"
 _DIFFERENT_REST = "by {} the lower ball comes to rest on the table, and by {} it leaves"
 
 
 @dataclass(frozen=True, slots=True)
 class Screening:
-    """The collisions of an array that are examined for jumps, and how; masks of shape (n,)."""
+    """The collisions of an array that are examined for jumps, by the kind of examination; masks of shape (n,)."""
 
-    #: Screened by the first pair of patterns.
+    #: Collisions that are screened by the first pattern and its opposite.
     first_pair: Bools
-    #: Screened by the other patterns as well, where the first pair shows nothing.
+    #: Collisions that are also screened by the other patterns, if the first one shows nothing.
     all_patterns: Bools
-    #: Tried in full without a screen: every parameter alone.
+    #: Collisions that are tried in full without a screen: every parameter is changed alone.
     full: Bools
 
 
 @dataclass(frozen=True, slots=True)
 class LargestMoves:
-    """The largest moves of outcomes by changes of single parameters; arrays of shape (n,)."""
+    """The largest changes of outcomes when single parameters change; arrays of shape (n,)."""
 
-    #: Largest change of a velocity over what `JUMPS` allows; above 1 it is a jump. Infinite if a change leaves no
-    #: result, NaN if the collision itself has none, 0 if no change was tried.
+    #: Largest change of a velocity, divided by the change that `JUMPS` allows; above 1 it is a jump. Infinite if a
+    #: changed collision has no result, NaN if the collision itself has none, 0 if no change was tried.
     excess: Floats
-    #: The change that makes it, as a position in `CHANGES`.
+    #: The change of a parameter that causes this largest change, as a position in `CHANGES`.
     change: NDArray[np.intp]
 
 
@@ -151,21 +152,21 @@ def marks_of(
     gravity: Floats,
     engine_ends: Sequence[DropEnd | None] = (),
 ) -> NDArray[np.object_]:
-    """Say in one sentence why each outcome means little; empty where it means what it says.
+    """Return one sentence for each outcome that is marked, with the reason; an empty text for all others.
 
     Parameters
     ----------
     law, name
-        The law that a solver obeys or was asked for, and its name.
+        The law that a solver obeys or is asked for, and its name.
     collisions
         The n collisions, all of one layout (`solver.group_by_layout`).
     exact
-        Their outcomes by the law.
+        The outcomes of the collisions by the law.
     gravity
-        In m/s^2, shape (n,).
+        Gravity in m/s^2, shape (n,).
     engine_ends
-        How the engine's run that decides on the limit ended, for each of the n collisions; None where it is not known.
-        Empty without such runs.
+        The end of the engine's run that decides on the limit, for each of the n collisions; None where it is not known.
+        Empty if there are no such runs.
     """
     marks = np.full(len(collisions), "", dtype=object)
     if not len(collisions):
@@ -188,13 +189,13 @@ def marks_of(
 
 
 def _drop_end_of(exact: Outcomes, i: int) -> DropEnd:
-    """Read off the diagnostics how drop i ended."""
+    """Return how drop i ended, from the diagnostics of the outcomes."""
     first_flight, rest_speed = (exact.diagnostics[key][i] for key in ("first_flight", "rest_speed"))
     return DropEnd(bool(np.isfinite(first_flight)), bool(np.isfinite(rest_speed)))
 
 
 def _compare_ends(name: str, exact: DropEnd, engine: DropEnd) -> str:
-    """Say how the ends of an exact law, given by its name, and of an engine differ; empty if they do not."""
+    """Return a sentence on how the drops of an exact law and of an engine end differently; ``""`` if they do not."""
     exact_first, engine_first = (f"exact {name}", "the engine"), ("the engine", f"exact {name}")
     if exact.has_first_flight != engine.has_first_flight:
         return _DIFFERENT_FLIGHT.format(*(exact_first if exact.has_first_flight else engine_first))
@@ -206,13 +207,13 @@ def _compare_ends(name: str, exact: DropEnd, engine: DropEnd) -> str:
 def find_jumps(
     law: Law, collisions: Collisions, exact: Outcomes, gravity: Floats, *, everywhere: bool = False
 ) -> LargestMoves:
-    """Change every parameter of two balls on a table a little, and see how far the outcome moves.
+    """Change every parameter of two balls on a table a little, and return how far the outcome moves.
 
-    A collision is tried in full only where a jump may be near, or `everywhere`. Two stages decide on that: the outcome
-    itself (`_plan_screening`), and screens that change all parameters at once (`_SCREENS`). Their thresholds are
-    measured: `benchmarks/limits.py screens` counts the marks that are lost.
+    A collision is tried in full only where a jump may be near, unless `everywhere` is true. Two stages decide where a
+    jump may be near: first the outcome itself (`_plan_screening`), then screens that change all parameters at once
+    (`_SCREENS`). Their thresholds are measured: `benchmarks/limits.py screens` counts the marks that they lose.
     """
-    # A collision that was given up may have taken a second, and would take it again at every change.
+    # A collision that was given up may have taken a second, and would take another second at every change.
     has_result = exact.has_result
     plan = _plan_screening(collisions, exact, gravity)
     full = has_result & (plan.full | everywhere)
@@ -235,7 +236,7 @@ def find_jumps(
 
 
 def _plan_screening(collisions: Collisions, exact: Outcomes, gravity: Floats) -> Screening:
-    """Tell from the outcomes where a jump may be near."""
+    """Choose from the outcomes the collisions that may be near a jump."""
     speed, light = collisions.units[1], collisions.mass_ratio < LIGHT
     margin = _margin(exact)
     v1, v2 = exact.v1 / speed, exact.v2 / speed
@@ -250,7 +251,8 @@ def _plan_screening(collisions: Collisions, exact: Outcomes, gravity: Floats) ->
     has_dashpots = np.isinf(margin)
     elastic = ~has_dashpots & (collisions.restitutions.max(axis=1) > ELASTIC)
     returns = has_dashpots & (exact.n_events >= FEW_EVENTS)
-    # Dashpots bring a ball to rest at any instant, also next to the one at which the other ball comes down again.
+    # Dashpots bring a ball to rest at any instant. That instant may be next to the one at which the other ball comes
+    # down again.
     rests_any_time = gravity_matters & b2_rests
     return Screening(
         first_pair=(margin < GRAZING) | elastic | returns | gravity_matters | light,
@@ -267,7 +269,7 @@ def _moves_on_screen(
     rows: NDArray[np.intp],
     changes: Floats,
 ) -> Bools:
-    """Tell which of some rows a screen moves far enough for them to be tried in full; shape (rows,)."""
+    """Return the mask of those rows that a screen moves far enough to be tried in full; shape (rows,)."""
     changed, moves = _solve_changed(law, collisions, exact, gravity, rows, changes)
     margin, changed_margin = _margin(exact)[rows], _margin(changed).reshape(moves.shape)
     smaller = np.minimum(margin, changed_margin)
@@ -288,10 +290,11 @@ def _solve_changed(
     rows: NDArray[np.intp],
     changes: Floats,
 ) -> tuple[Outcomes, Floats]:
-    """Solve some rows with changed parameters; return outcomes, and the largest move of a velocity over abs(v0).
+    """Solve rows with changed parameters; return the outcomes and the largest change of a velocity over abs(v0).
 
-    `changes` are relative, shape (m, 5). Outcomes are m after one another for all rows, the moves have the shape
-    (m, rows). The gravity number keeps its value where it is not changed itself.
+    `changes` are m sets of relative changes, shape (m, 5). The outcomes hold all rows with the first set, then all rows
+    with the second, and so on. The largest changes have the shape (m, rows). The gravity number keeps its value unless
+    the set changes it.
     """
     m, n = len(changes), len(rows)
     repeated, ones = collisions[np.tile(rows, m)], np.ones(m * n)
@@ -309,7 +312,7 @@ def _solve_changed(
 
 
 def _margin(outcomes: Outcomes) -> Floats:
-    """Return grazing margins, infinite under laws that state none."""
+    """Return grazing margins; infinity if the law states none."""
     return np.where(np.isnan(outcomes.grazing_margin), np.inf, outcomes.grazing_margin)
 
 
@@ -320,10 +323,10 @@ def _drop_ends(outcomes: Outcomes) -> NDArray[np.int64]:
 
 
 def rounding_moves(law: Law, collisions: Collisions, exact: Outcomes) -> tuple[str, Floats]:
-    """Estimate for N balls how far rounding moves the outcome.
+    """Estimate how far rounding moves the outcome of N balls.
 
-    Returns what was changed, in words, and the largest change of a velocity over the largest speed before, shape (n,).
-    All masses and stiffnesses are changed by a millionth, up or down at random, and then by the opposite.
+    All masses and stiffnesses are changed by a millionth, up or down at random, and then by the opposite. Returned are
+    a phrase that names the change, and the largest change of a velocity over the largest speed before, shape (n,).
     """
     c, balls, speed = collisions, collisions.masses.shape[1], np.abs(collisions.velocities).max(axis=1)
     if "velocity_error" in exact.diagnostics:

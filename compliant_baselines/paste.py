@@ -1,9 +1,9 @@
-"""A contact as text to paste into a scene, and a whole scene as files that an engine runs without this package.
+"""Text to paste for a contact, and the files of a whole scene that an engine runs without this package.
 
 The text has the numbers of a contact, and the settings that keep an engine from changing them (the adapters' modules
-say why). No scene is written a second time here. MuJoCo's scene is the adapter's MJCF with the numbers of the model
-that it has loaded; PyBullet's scene is the adapter's own calls. The scripts take as many steps as the adapter did, and
-compare.
+say why). Scenes come from the adapters: MuJoCo's scene is the adapter's MJCF with the numbers of the compiled model,
+and PyBullet's scene is a record of the adapter's calls. An exported script takes as many steps as the adapter did, and
+compares its outcome with the adapter's.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ from impact_xval.compliant_baselines.solver import Settings, SolverError
 from impact_xval.model.collision import Collision
 from impact_xval.model.outcome import Outcome
 
-#: The text to paste, by engine. Where an engine's parameters belong to bodies and not to pairs, the first body carries
-#: the contact, and the second is rigid and undamped.
+#: The text to paste, by engine. If an engine's parameters belong to bodies and not to pairs of bodies, the first body
+#: has the parameters of the contact, and the second is rigid and undamped.
 TEXTS = {
     "mujoco": """\
 <!-- A and B: names of the two geoms. The numbers hold for free bodies and bodies on slides whose inverse weights
@@ -78,7 +78,7 @@ plant.set_sap_near_rigid_threshold(0.0)
 
 ENGINES = tuple(TEXTS)
 
-#: The parts of a script that are MuJoCo's own.
+#: The parts of a script that only MuJoCo needs.
 MUJOCO = {
     "setup": """\
 model = mujoco.MjModel.from_xml_path(__file__.replace("run.py", "scene.xml"))
@@ -89,7 +89,7 @@ mujoco.mj_resetDataKeyframe(model, data, 0)""",
     "read": "data.qvel.tolist()",
 }
 
-#: A script that runs a scene; doubled braces are its own.
+#: A script that runs a scene, as a format string: doubled braces become single ones.
 SCRIPT = '''"""Runs the collision in {engine} alone and compares with the table: python run.py"""
 
 import sys
@@ -116,7 +116,7 @@ for i, (v, there) in enumerate(zip({read}, TABLE), 1):
 def paste(engine: str, contact: KelvinVoigtContact, step: float, written: MujocoContact | None = None) -> str:
     """Return the text to paste for a contact: MJCF or Python in SI units, with the time step in s.
 
-    `written` are numbers of MuJoCo that stand in the text as they are, in place of those of the contact.
+    `written` are MuJoCo's own numbers; they stand in the text unchanged, in place of the contact's.
 
     Raises
     ------
@@ -134,7 +134,7 @@ def paste(engine: str, contact: KelvinVoigtContact, step: float, written: Mujoco
     numbers = {"solref": pair.solref, "solimp": pair.solimp, "a": side, "b": RIGID}
     numbers |= {"step": (step,), "inverse": (1 / contact.mass,)}
     between = " " if engine == "mujoco" else ", "
-    # Numbers are written as floats: Drake tells 0 from 0.0.
+    # Numbers are written as floats, because Drake treats 0 and 0.0 differently.
     texts = {
         key: between.join(repr(float(f"{value:.12g}")) for value in values) for key, values in numbers.items()
     }
@@ -177,14 +177,14 @@ def export_scene(name: str, collision: Collision, settings: Settings) -> tuple[O
 
 
 def mjcf(scenes: Iterable[Scene]) -> list[str]:
-    """Write the scenes that MuJoCo runs, their initial states as the keyframe ``start``."""
+    """Write the scenes that MuJoCo runs as MJCF; the initial state is the keyframe ``start``."""
     engine = mujoco.Mujoco()
     with engine.running():
         return [_mjcf(scene, engine.world(scene)) for scene in scenes]
 
 
 def _mjcf(scene: Scene, world: mujoco.MujocoWorld) -> str:
-    """Write a scene by the numbers of the model that holds it."""
+    """Write a scene as MJCF with the numbers of the compiled model."""
     model = world.model
     root = ElementTree.fromstring(mujoco.mjcf(scene.arrangement))
 
@@ -199,7 +199,8 @@ def _mjcf(scene: Scene, world: mujoco.MujocoWorld) -> str:
         assert geom is not None
         body.set("pos", text_of(model.body_pos[i]))
         # The adapter writes masses and sizes after compiling, so that the inertia stays the template's. Bodies on
-        # slides do not turn. Without this line the compiler would refuse the inertia of a small ball.
+        # slides do not turn, so that their inertia has no effect. Without this line the compiler would refuse the
+        # inertia of a small ball.
         inertial = {"pos": "0 0 0", "mass": text_of(model.body_mass[i]), "diaginertia": "1 1 1"}
         body.insert(0, ElementTree.Element("inertial", inertial))
         geom.set("size", text_of(model.geom_size[model.geom(geom.get("name")).id, 0]))
@@ -214,7 +215,7 @@ def _mjcf(scene: Scene, world: mujoco.MujocoWorld) -> str:
 
 
 def _pybullet(scene: Scene) -> dict[str, str]:
-    """Record the calls with which the adapter sets a scene up, and name the rest of the script."""
+    """Record the calls with which the adapter sets up a scene; return the parts of the script."""
     with pybullet.connected() as client:
         recorder = _Recorder(client.number)
         world = pybullet.PybulletWorld(recorder, scene, {})
@@ -227,7 +228,7 @@ def _pybullet(scene: Scene) -> dict[str, str]:
 
 
 class _Recorder(pybullet.Client):
-    """A client that writes down the calls that set a world up."""
+    """A client that records as text the calls that set up a world."""
 
     def __init__(self, number: int) -> None:
         super().__init__(number)
@@ -259,7 +260,7 @@ class _Recorder(pybullet.Client):
 
 
 def _name_number(value: int, name: str) -> int:
-    """Return a number that a script has under a name."""
+    """Return an integer that the script writes as a name."""
 
     class Named(int):
         def __repr__(self) -> str:

@@ -1,9 +1,8 @@
-"""Drops of two bodies in an engine that gets only the text to paste (`paste`).
+"""Drops of two bodies in an engine that is given only the text to paste (`paste`).
 
-The printed text runs as it stands: MuJoCo loads it from a file, PyBullet executes it as Python. The scene has nothing
-else but two bodies, larger than the contact is deep. So a number that the text leaves at the engine's default is at the
-default here too. The bodies meet along x, on slides in MuJoCo. MuJoCo's default gravity does not act along x; PyBullet
-has none.
+The printed text runs unchanged: MuJoCo loads it from a file, PyBullet executes it as Python. The scene has nothing else
+but two bodies, larger than the contact is deep. So each number that the text does not set has the engine's default here
+too. The bodies meet along x, on slides in MuJoCo. MuJoCo's default gravity does not act along x; PyBullet has none.
 """
 
 from __future__ import annotations
@@ -23,13 +22,14 @@ from impact_xval.compliant_baselines.engines.mujoco import Mujoco, take_steps
 from impact_xval.compliant_baselines.engines.scene import Floats
 from impact_xval.compliant_baselines.solver import SolverError
 
-#: Largest change of the relative velocity in a step, over the speed of approach, that is rounding and no force.
+#: Largest change of the relative velocity in a step, over the speed of approach, that counts as rounding and not as
+#: force.
 ROUNDING = 1e-12
 
 #: Steps without force after which separating bodies have left each other.
 QUIET_STEPS = 3
 
-#: Steps between two looks at whether all drops are over.
+#: Steps between two checks that all drops are over.
 BLOCK = 128
 
 #: Half an edge in m of the smallest box in PyBullet: collision shapes have a margin of 0.04 m.
@@ -49,7 +49,8 @@ BODY = """<body pos="{x!r} 0 0"><joint type="slide" axis="1 0 0"/>
       <inertial pos="0 0 0" mass="{mass!r}" diaginertia="1 1 1"/><geom name="{name}" size="{radius!r}"/></body>"""
 FIXED_BODY = '<geom name="{name}" size="{radius!r}" pos="{x!r} 0 0"/>'
 
-#: Takes n more steps of all drops; returns the relative velocities in m/s after each step, shape (drops, n).
+#: Function that takes n more steps of all drops. It returns the relative velocities in m/s after each step, shape
+#: (drops, n).
 Advance = Callable[[int], Floats]
 
 
@@ -67,7 +68,7 @@ def mujoco_scene(text: str, masses: Sequence[float], radius: float) -> str:
 def drop_in_mujoco(
     text: str, masses: Sequence[float], radius: float, speed: float, gaps: Sequence[float], most_steps: int
 ) -> list[tuple[float, int]]:
-    """Drop A on B once for each gap in m; give the restitution and the number of steps in contact of each drop."""
+    """Drop A on B once for each gap in m; return the restitution and the number of steps in contact of each drop."""
     mujoco: Any = import_module("mujoco")
     with TemporaryDirectory() as folder, Mujoco().running():
         path = Path(folder, "scene.xml")
@@ -102,8 +103,9 @@ def drop_on_flat_in_pybullet(
 ) -> list[tuple[float, int]]:
     """Drop A on a flat side of B in PyBullet: on a plane if B is fixed, else on a box.
 
-    A sphere near a flat side has a contact before it touches, from `contactBreakingThreshold` on; two spheres have
-    none. So the first step with force is another one.
+    A sphere near a flat side has a contact before it touches, from the distance `contactBreakingThreshold` on. Two
+    spheres have no contact before they touch. So the first step with force comes earlier or later than with two
+    spheres.
     """
     return _drop_each(text, masses, radius, speed, gaps, most_steps, flat=True)
 
@@ -117,7 +119,7 @@ def _drop_each(
     most_steps: int,
     flat: bool,
 ) -> list[tuple[float, int]]:
-    """Drop A on B once for each gap in m, in one client: to connect takes longer than a drop."""
+    """Drop A on B once for each gap in m, all in one client, because connecting takes longer than a drop."""
     code = compile(text, "pasted", "exec")
     with pybullet.connected() as p:
         return [_drop_once(p, code, masses, radius, speed, gap, most_steps, flat) for gap in gaps]
@@ -163,7 +165,7 @@ def _drop_once(
 def _follow(
     name: str, advance: Advance, drops: int, speed: float, most_steps: int
 ) -> list[tuple[float, int]]:
-    """Advance drops together until all are over; give the restitution and the steps in contact of each drop."""
+    """Advance drops together until all are over; return the restitution and the steps in contact of each drop."""
     before = np.full((drops, 1), -speed)
     first, last = np.full(drops, -1), np.full(drops, -1)
     for start in range(0, most_steps, BLOCK):

@@ -1,4 +1,4 @@
-"""Exact solvers: the laws of `model.chain` in time, with positions; and the model itself (docs/theory.md, section 7).
+"""Exact solvers: the laws of `model.chain` in time, with positions, and the model itself (docs/theory.md, section 7).
 
 **kelvin-voigt**: contact i is F = max(0, k_i delta^p + c_i delta^((p - 1)/2) delta') while its bodies overlap. Where p
 is not 1 the dashpot is that of Tsuji, Tanaka and Ishida (Powder Technology 71:239, 1992), times sqrt((p + 1)/2). In xi
@@ -9,17 +9,17 @@ any speed.
 
 **linear-dashpot** is F = k_i delta^p + c_i delta^((p - 1)/2) delta' while delta > 0: it may pull, and ends at delta =
 0. In xi, as above, a contact alone is an oscillator up to its first return to xi = 0, so that the textbook's damping
-ratio is exact for every p. Linear contacts always open, without gravity: were a row of them to last for good, its
-slowest mode would decay without turning, with all delta > 0. But the damping ratio of such a mode is at most the
-largest zeta of its contacts, which is below 1 (Cauchy's inequality; the bodies of a row have at least the reduced
-masses of its contacts).
+   ratio is exact for every p. Without gravity linear contacts always open. Proof: if contacts of a row stayed closed
+   for good, their slowest mode would decay without oscillation, with all delta > 0. But the damping ratio of this mode
+   is at most the largest zeta of its contacts, which is below 1 (Cauchy's inequality; the bodies of a row have at least
+   the reduced masses of its contacts).
 
 **hunt-crossley** is F = max(0, k delta^p (1 + a delta')), a = A(e)/u with u the largest rate of compression at first
 touch, and the same A for every p (`restitution`).
 
-**bistiffness** is the model's own law in time. In a drop an end of compression takes 1 - e2^2 of all the strain energy
-of contact 2, also of the energy that carries the weight: the permanent indentation belongs to the contact, whatever
-presses it.
+**bistiffness** is the model's own law in time. In a drop an end of compression takes 1 - e2^2 of the whole strain
+energy of contact 2. The energy of the compression by the weight is included, because the permanent indentation belongs
+to the contact, whatever presses it.
 
 Contact graphs are solved under the laws whose contacts are linear (`model.graph.in_time`), with c_i from e_i by the
 reduced mass 1/W_ii of each contact, as in chains.
@@ -61,7 +61,7 @@ from impact_xval.model.status import Ending
 if TYPE_CHECKING:
     from impact_xval.model.graph.collision import GraphCollision
 
-#: Codes of the kernel, by the names of the laws.
+#: The kernel's codes of laws, by the laws' names.
 LAWS = {
     "bistiffness": Law.STATE_TRANSITION,
     "kelvin-voigt": Law.KELVIN_VOIGT,
@@ -72,10 +72,10 @@ LAWS = {
     "linear-dashpot": Law.LINEAR_DASHPOT,
 }
 
-#: Laws whose damping is that of the textbook's contact, which may pull.
+#: Laws with the damping of the textbook's contact, which may pull.
 _TEXTBOOK = ("kelvin-voigt-textbook", "linear-dashpot")
 
-#: Tolerance over `TOLERANCE` of a second run, whose difference from the first estimates the error of the first.
+#: Factor on `TOLERANCE` in a second run; the difference of the two runs estimates the error of the first.
 LOOSER = 100.0
 
 _PLASTIC = (
@@ -107,15 +107,15 @@ def solve_by_law(
     law
         One of `LAWS`.
     frozen
-        Whether positions are frozen, as in the model: a contact that has opened returns where its bodies begin to
-        approach. Such collisions have no gaps.
+        True for frozen positions, as in the model: a contact that has opened returns when its bodies begin to approach.
+        Collisions with frozen positions have no gaps.
     gravity
-        In m/s^2, of shape (n,) or (). Above 0 it is a drop of two balls on a table, the lower one settled
-        (`chain.drop`).
+        Gravity in m/s^2, of shape (n,) or (). Where it is above 0, the collision is a drop of two balls on a table, the
+        lower one settled (`chain.drop`).
     states, paths
-        Whether the outcomes have them.
+        True if the outcomes shall have state sequences, or paths.
     max_steps
-        Pieces of segments after which a collision is given up.
+        Number of series windows after which a collision is given up.
 
     Returns
     -------
@@ -123,8 +123,8 @@ def solve_by_law(
         The status is ``closed-form`` where a closed form has united bodies of bistiffness contacts or brought them to
         rest. Outcomes are exact to rounding where the forces are linear. Elsewhere ``velocity_error`` estimates the
         error of velocities in m/s, as the difference from a run at `LOOSER` times the tolerance. ``duration`` is in s.
-        Of drops ``first_flight`` is when gravity ended, in s, and ``rest_speed`` the velocity in m/s that a settled B2
-        still had; velocities and impulses do not contain it.
+        Drops have two more diagnostics: ``first_flight`` is the time in s at which gravity ended, and ``rest_speed`` is
+        the velocity in m/s that a settled B2 still had. Velocities and impulses do not contain ``rest_speed``.
     """
     if law not in LAWS:
         raise ValueError(f"law = {law!r}; legal: {', '.join(LAWS)}")
@@ -157,7 +157,7 @@ def solve_by_law(
 def _settle_drops(
     collisions: Collisions, g: Floats, went: ChainResult
 ) -> tuple[Floats, Floats, dict[str, Floats]]:
-    """Return velocities with settled balls at 0, what gravity has added to the velocity of free balls, and diagnostics.
+    """Return velocities with settled balls at 0, the velocity that gravity gave free balls, and diagnostics.
 
     Velocities are in m/s. Collisions without gravity stay as they are.
     """
@@ -178,7 +178,7 @@ def _settle_drops(
 
 
 def dampings(collisions: Collisions, law: str) -> Floats:
-    """Return c (or a) of each contact in the units of its collision, shape (n, C); 0 of bistiffness, NaN where e is 0.
+    """Return c (or a) of each contact in the units of its collision, shape (n, C); 0 for bistiffness, NaN where e is 0.
 
     The unit of c is sqrt(m1 k1) where contacts are linear. The unit of a is the inverse of a velocity.
     """
@@ -226,23 +226,23 @@ def solve_graphs_by_law(
 ) -> list[GraphCollisionOutcome]:
     """Solve collisions of bodies by a law in time.
 
-    All contacts touch at first, and normals stay as they are (`model.graph.in_time.law` has the law).
+    All contacts touch at first, and normals stay constant (`model.graph.in_time.law` has the law).
 
     Parameters
     ----------
     collisions
     law
-        One of `LAWS`; those of `_NOT_ON_GRAPHS` are refused.
+        One of `LAWS`; the laws in `_NOT_ON_GRAPHS` are refused.
     frozen
-        Whether positions are frozen, as in the model.
+        True for frozen positions, as in the model.
     max_steps
-        Windows after which a collision is given up, if that is less than what takes about a second.
+        Number of windows after which a collision is given up. A collision is given up after about a second in any case.
 
     Returns
     -------
     list of GraphCollisionOutcome
-        In the order of the collisions, exact to rounding. The status is ``closed-form`` where contacts of bistiffness
-        became rigid or came to rest together. ``duration`` is in s, ``n_steps`` counts windows.
+        One outcome for each collision, in order, exact to rounding. The status is ``closed-form`` where bistiffness
+        contacts became rigid or came to rest together. ``duration`` is in s, ``n_steps`` counts windows.
     """
     if law not in LAWS:
         raise ValueError(f"law = {law!r}; legal: {', '.join(LAWS)}")
@@ -315,7 +315,7 @@ class ExactSolver(Solver):
 
 
 class ReferenceSolver(ExactSolver):
-    """A law in time as a solver, by the name of the law; it ignores `step_fraction`, `shortest_state` and `mapping`."""
+    """Solver of a law in time, with the name of the law; it ignores `step_fraction`, `shortest_state` and `mapping`."""
 
     kind = "reference"
 
@@ -351,15 +351,17 @@ class ReferenceSolver(ExactSolver):
 
 
 class StateTransitionSolver(ExactSolver):
-    """The state-transition model; it ignores all settings but the cut-off, the threshold of marks and the path.
+    """The state-transition model as a solver.
 
-    It has no gravity and no step: `impact` and `drop` are the same collision to it.
+    Its only settings are the cut-off, the threshold of marks and the path.
 
-    Under the name liu-zhao-brogliato it is the law of Liu, Zhao and Brogliato (Proc. R. Soc. A 464:3193, 2008) on the
-    same diagram: bistiffness with energetic restitution, positions frozen, as in the primary model. But every
-    compression runs at the original stiffness (`pair.law`). It equals the primary model exactly until a contact
-    compresses a second time. Its status is `closed-form` also where the bodies come to rest together after infinitely
-    many events.
+    The model has no gravity and no step: `impact` and `drop` have the same outcome.
+
+    Under the name liu-zhao-brogliato this class solves the law of Liu, Zhao and Brogliato (Proc. R. Soc. A 464:3193,
+    2008) on the same diagram. The law shares bistiffness, energetic restitution and frozen positions with the primary
+    model. But every compression runs at the original stiffness (`pair.law`). The law equals the primary model exactly
+    until a contact compresses a second time. Its status is also `closed-form` where the bodies come to rest together
+    after infinitely many events.
     """
 
     name = law = "state-transition"

@@ -1,13 +1,14 @@
-"""The solvers by name: what each of them is, and how to construct it.
+"""The solvers by name, with a description of each and the way to construct it.
 
 The module of a solver is imported when the solver is constructed, so that an engine that is missing, or slow to import,
-costs nothing to a caller who does not use it. `SOLVERS` states kind and law of the solvers of this project without an
-import. Solvers of other distributions (plug-ins, docs/adding-a-solver.md) are found by their entry points; their class
-is loaded to learn its kind and law.
+costs nothing to a caller who does not use it. `SOLVERS` states kind and law of this project's solvers without an
+import. Solvers of other distributions (plug-ins, docs/adding-a-solver.md) are found by their entry points; the class of
+a plug-in is loaded to learn its kind and law.
 
-A plug-in that cannot be loaded is a solver all the same: an `Unloadable`, which is ``unavailable`` with the reason. The
-same stands for a name that no distribution here provides, such as one read from a table that was written elsewhere.
-Both count as compliant engines asked for `KELVIN_VOIGT`. A plug-in cannot take the name of a solver of this project.
+A plug-in that cannot be loaded becomes an `Unloadable`: a solver that is ``unavailable`` with the reason. A name that
+no installed distribution provides becomes an `Unloadable` too; it may stand in a table that was written on another
+machine. An `Unloadable` counts as a compliant engine asked for `KELVIN_VOIGT`. A plug-in cannot take the name of a
+solver of this project.
 """
 
 from __future__ import annotations
@@ -26,33 +27,34 @@ from impact_xval.model.outcome import Outcome
 
 
 class SolverSpec(NamedTuple):
-    """A solver of this project, as far as it is known without importing it."""
+    """The facts about a solver of this project that are known without importing it."""
 
     name: str
-    #: Where its class is: the module below `compliant_baselines`, a colon, the name of the class.
+    #: Place of the solver's class: the module below `compliant_baselines`, a colon, the name of the class.
     factory: str
-    #: As `Solver.law`.
+    #: The value of `Solver.law`: the exact solver of the law, by name.
     law: str | None
-    #: How pages and figures call it.
+    #: Name of the solver on pages and in figures.
     title: str
-    #: What it is, in a line.
+    #: Description of the solver in one line.
     description: str
-    #: As `Solver.kind`.
+    #: The value of `Solver.kind`.
     kind: Kind = "compliant"
-    #: As `Engine.fixed_settings`.
+    #: The value of `Engine.fixed_settings`: settings that always hold for this solver.
     fixed_settings: Mapping[str, object] = MappingProxyType({})
 
 
-#: Solvers that run unless others are asked for by name.
+#: Names of the solvers that run by default.
 _DEFAULT_SOLVERS = ("state-transition", "bistiffness", KELVIN_VOIGT, "mujoco", "pybullet", "drake")
 
-#: Steps of practice, over the shorter contact period, at which MuJoCo and PyBullet are solvers of their own.
+#: Time steps that users choose in practice, over the shorter contact period. MuJoCo and PyBullet at each of these steps
+#: are separate solvers.
 STEPS = (0.01, 0.03, 0.1)
 
 _MUJOCO, _PYBULLET = "engines.mujoco:Mujoco", "engines.pybullet:Pybullet"
 _PYBULLET_RESTITUTION = "rigid.bullet:PybulletRestitution"
 
-#: Settings of an engine that is run as it ships, at one step.
+#: Settings of an engine with its defaults, at one step.
 _AS_IT_SHIPS: Mapping[str, object] = MappingProxyType({"mapping": "shipped", "convergence": None})
 
 
@@ -67,12 +69,12 @@ def _model(name: str, title: str, description: str) -> SolverSpec:
 
 
 def _rigid_law(name: str, description: str) -> SolverSpec:
-    """Specify an exact rigid impact law as a solver of its name."""
+    """Specify an exact rigid impact law as a solver named after the law."""
     return SolverSpec(name, "rigid.law_solver:RigidLaw", name, name, description, "reference")
 
 
 def _rigid_as_it_ships(name: str, factory: str, title: str, description: str) -> SolverSpec:
-    """Specify a rigid engine in which nothing is set but coefficients of restitution."""
+    """Specify a rigid engine with its defaults; only coefficients of restitution are set."""
     return SolverSpec(
         f"{name}:default",
         factory,
@@ -85,7 +87,7 @@ def _rigid_as_it_ships(name: str, factory: str, title: str, description: str) ->
 
 
 def _at_step(name: str, factory: str, engine: str, step: float) -> SolverSpec:
-    """Specify an engine at a step of practice, without its limit dt -> 0."""
+    """Specify an engine at a step that users choose in practice, without its limit dt -> 0."""
     return SolverSpec(
         f"{name}:step-{step:g}",
         factory,
@@ -96,7 +98,7 @@ def _at_step(name: str, factory: str, engine: str, step: float) -> SolverSpec:
     )
 
 
-#: In the order in which tables list the solvers, after the default ones.
+#: All solvers of this project. Tables list the default solvers first, then the others in this order.
 SOLVERS = (
     _reference(
         "bistiffness",
@@ -347,19 +349,19 @@ _SPECS = {spec.name: spec for spec in SOLVERS}
 
 
 def solver_names(*, on_request: bool = False) -> tuple[str, ...]:
-    """List the names of the known solvers, in the order of tables; `on_request` adds those run by name only."""
+    """List the names of the solvers in the order of tables; `on_request` adds solvers that run only if named."""
     plug_ins = (name for name in _entry_points() if name not in _SPECS)
     by_name_only = (name for name in _SPECS if on_request and name not in _DEFAULT_SOLVERS)
     return (*_DEFAULT_SOLVERS, *plug_ins, *by_name_only)
 
 
 def exact_law_names() -> tuple[str, ...]:
-    """List the names of all models and references of this project, those run by name only among them."""
+    """List the names of all models and references of this project, including those that run only if named."""
     return tuple(name for name in solver_names(on_request=True) if is_ours(name) and not is_engine(name))
 
 
 def is_ours(name: str) -> bool:
-    """Tell whether a solver of this project has this name."""
+    """Return True if a solver of this project has this name."""
     return name in _SPECS
 
 
@@ -369,32 +371,32 @@ def kind_of(name: str) -> Kind:
 
 
 def is_engine(name: str) -> bool:
-    """Tell whether a solver is an engine, of compliant or rigid contacts."""
+    """Return True if a solver is an engine, with compliant or rigid contacts."""
     return kind_of(name) in ("compliant", "rigid")
 
 
 def law_name_of(name: str) -> str | None:
-    """Return the name of the exact solver of a solver's law (`Solver.law`); None if there is none."""
+    """Return the name of the exact solver of a solver's law (`Solver.law`); None if the law has no exact solver."""
     return _spec_or_plug_in(name).law
 
 
 def stated_law(name: str) -> str | None:
-    """Return `law_name_of` for lists that people read; None for a plug-in without a law that cannot be loaded."""
+    """Return the law's name for lists that people read; None if there is no law, or a plug-in cannot be loaded."""
     return None if isinstance(_spec_or_plug_in(name), Unloadable) else law_name_of(name)
 
 
 def has_fixed_mapping(name: str) -> bool:
-    """Tell whether a solver has a mapping of its own, and so never the contacts that are configured."""
+    """Return True if a solver has a mapping of its own, so that it never has the contacts that are configured."""
     return name in _SPECS and "mapping" in _SPECS[name].fixed_settings
 
 
 def title_of(name: str) -> str:
-    """Return how pages and figures call a solver; the name of a plug-in."""
+    """Return the name of a solver on pages and in figures; for a plug-in, its name."""
     return _SPECS[name].title if name in _SPECS else name
 
 
 def description_of(name: str) -> str:
-    """Say in a line what a solver is; of a plug-in, the first line of its docstring."""
+    """Return a description of a solver in one line; for a plug-in, the first line of its docstring."""
     if name in _SPECS:
         return _SPECS[name].description
     plug_in = _load_by_name(name)
@@ -404,9 +406,10 @@ def description_of(name: str) -> str:
 
 
 def group_by_law(names: Iterable[str]) -> dict[str, list[str]]:
-    """Group solvers by the law they have or are asked for, its exact solver first; one without a law is alone.
+    """Group solvers by the law they have or are asked for, the exact solver of the law first.
 
-    The solvers of one law are one vote on it, however many they are.
+    A solver without a law is a group of its own. The solvers of one group solve the same law: their agreement is no
+    independent confirmation.
     """
     groups: dict[str, list[str]] = {}
     for name in names:
@@ -415,19 +418,19 @@ def group_by_law(names: Iterable[str]) -> dict[str, list[str]]:
 
 
 def sort_by_law(names: Iterable[str]) -> list[str]:
-    """Sort solvers so that those of one law stand together."""
+    """Sort solvers so that solvers of the same law stand together."""
     return [name for group in group_by_law(names).values() for name in group]
 
 
 def one_solver_per_law(names: Iterable[str]) -> list[str]:
-    """List one solver a law: the exact one, or the first that was asked for the law."""
+    """List one solver for each law: the exact solver, or else the first engine that was asked for the law."""
     return [group[0] for group in group_by_law(names).values()]
 
 
 def exact_solver_for(name: str, mapping: MappingName) -> str:
-    """Name the exact solver of the contacts that a solver was asked for; empty if there is none.
+    """Return the name of the exact solver of the contacts that a solver was asked for; ``""`` if there is none.
 
-    There is none for a solver without a law, or one whose mapping gives other contacts than those asked for.
+    A solver without a law has none. A solver whose mapping yields other contacts than those asked for has none either.
     """
     if mapping == "naive" or has_fixed_mapping(name):
         return ""
@@ -445,12 +448,12 @@ def get_solver(name: str) -> Solver:
     Returns
     -------
     Solver
-        The solver. A plug-in that cannot be loaded is a solver that is unavailable.
+        The solver. For a plug-in that cannot be loaded, it is a solver with the status ``unavailable``.
 
     Raises
     ------
     ValueError
-        If no solver has this name; the message lists the known ones.
+        If no solver has this name; the message lists the known names.
 
     Examples
     --------
@@ -466,7 +469,7 @@ def get_solver(name: str) -> Solver:
 
 
 def _class_of(spec: SolverSpec) -> type[Solver]:
-    """Import the class of a solver, and derive one whose class attributes are those of the spec.
+    """Import the class of a solver, and derive a class with the attributes that the spec states.
 
     The derived class is constructed without arguments, as rule 1 of `solver` demands of every solver.
     """
@@ -483,7 +486,7 @@ def _class_of(spec: SolverSpec) -> type[Solver]:
 
 
 def origins() -> dict[str, str]:
-    """Return where every known solver comes from: ``"impact-xval"``, or the distributions that provide it."""
+    """Return the origin of every known solver: ``"impact-xval"``, or the distributions that provide it."""
     origin_of = dict.fromkeys(solver_names(on_request=True), "impact-xval")
     for name, points in _entry_points().items():
         distributions = " and ".join(map(_distribution_of, points))
@@ -495,26 +498,26 @@ def origins() -> dict[str, str]:
 
 
 class Unloadable(Solver):
-    """A stand-in for a plug-in that cannot be loaded, or that is not installed."""
+    """Stand-in for a plug-in that cannot be loaded or is not installed."""
 
     def __init__(self, name: str, problem: str) -> None:
         self.name, self._problem = name, problem
 
     def version(self) -> str:
-        """Return no version."""
+        """Return an empty text: the version is unknown."""
         return ""
 
     def unavailable(self) -> str:
-        """Say why the plug-in cannot be loaded."""
+        """Return the reason why the plug-in cannot be loaded."""
         return self._problem
 
     def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
-        """Fail at every collision with the same reason."""
+        """Return a failure with the same reason for every collision."""
         return [Outcome.failure(self.name, c, "unavailable", self._problem) for c in collisions]
 
 
 def _spec_or_plug_in(name: str) -> SolverSpec | Solver:
-    """Find what states kind and law of a solver: its spec, or the plug-in itself."""
+    """Return the object that states kind and law of a solver: its spec, or the plug-in itself."""
     return _SPECS[name] if name in _SPECS else _load_by_name(name)
 
 
@@ -525,13 +528,13 @@ def _load_by_name(name: str) -> Solver:
 
 
 def _entry_points() -> dict[str, list[EntryPoint]]:
-    """Find the entry points of plug-ins by the name of their solver, sorted; two of one name are a mistake."""
+    """Return the entry points of plug-ins by the name of their solver, sorted; two of one name are a mistake."""
     points = sorted(entry_points(group="impact_xval.solvers"), key=lambda point: (point.name, point.value))
     return {name: list(group) for name, group in groupby(points, key=lambda point: point.name)}
 
 
 def _distribution_of(point: EntryPoint) -> str:
-    """Return name and version of the distribution an entry point belongs to."""
+    """Return name and version of the distribution that an entry point belongs to."""
     return f"{point.dist.name} {point.dist.version}" if point.dist else "an unknown distribution"
 
 

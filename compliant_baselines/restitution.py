@@ -1,12 +1,12 @@
-"""From a coefficient of restitution to a damping and back (docs/theory.md, section 7).
+"""Conversion of coefficients of restitution to dampings and back (docs/theory.md, section 7).
 
 **Kelvin and Voigt.** The contact F = k p + c p' may push but not pull: it ends when its force is zero. The textbook's
-contact, which the naive mapping takes, ends at p = 0.
+contact ends at p = 0; the naive mapping uses it.
 
-**A dashpot in compression only.** A spring gives back what it holds at the end of compression, so that
-u0 e = omega p_max. Compression ends where the Kelvin-Voigt contact has its greatest depth, p_max =
-(u0/omega) exp(-zeta T/2), T = `contact_time`. So e = exp(-zeta T/2), the square root of the restitution that the same
-zeta gives to a dashpot in both directions.
+**A dashpot in compression only.** A spring returns the energy that it holds at the end of compression, so that u0 e =
+omega p_max. Compression ends where the Kelvin-Voigt contact has its greatest depth, p_max = (u0/omega) exp(-zeta T/2),
+T = `contact_time`. So e = exp(-zeta T/2), the square root of the restitution that the same zeta gives to a dashpot in
+both directions.
 
 **Hunt and Crossley, exactly.** F = k p (1 + a p'). Let a pair of reduced mass M meet at the speed u0. With u = p' as a
 function of p, M u du/dp = -k p (1 + a u), so that u du/(1 + a u) = -(k/M) p dp. p is zero at both ends, where u is u0
@@ -14,9 +14,9 @@ and -e u0: the integral of u/(1 + a u) from -e u0 to u0 vanishes. With A = a u0 
 
     A (1 + e) = ln((1 + A)/(1 - e A)),    0 < A < 1/e,                                    (*)
 
-whatever the mass, the stiffness or the exponent of the spring (Hunt and Crossley, J. Applied Mechanics 42:440, 1975,
-give A = 3 (1 - e)/2, the first term as e goes to 1). A third body on the contact does not change its restitution, but
-the speed u0 does, because a is fixed. Both contacts take u0 = |v0|, the only speed a collision names.
+for any mass, stiffness and exponent of the spring (Hunt and Crossley, J. Applied Mechanics 42:440, 1975, give A = 3 (1
+- e)/2, the first term as e goes to 1). A third body that touches does not change the restitution of this contact. The
+speed u0 does change it, because a is fixed. Both contacts take u0 = |v0|, the only speed that a collision states.
 """
 
 from __future__ import annotations
@@ -31,13 +31,14 @@ from impact_xval.model.compiled import strict_float, strict_float_helper
 
 @strict_float
 def contact_time(zeta: float) -> float:
-    """Return the duration of a Kelvin-Voigt contact that ends at zero force, times omega = sqrt(k/M); dimensionless.
+    """Return the dimensionless duration of a Kelvin-Voigt contact that ends at zero force, times omega = sqrt(k/M).
 
-    The damping ratio zeta is >= 0. The formulas are those of docs/theory.md, atan2(2 zeta w, 2 zeta^2 - 1)/w and
-    ln((zeta + w)/(zeta - w))/w with w = sqrt(abs(1 - zeta^2)), in half the angle, so that nothing cancels near zeta =
-    1.
+    The damping ratio zeta is >= 0. docs/theory.md has the formulas atan2(2 zeta w, 2 zeta^2 - 1)/w and ln((zeta +
+    w)/(zeta - w))/w with w = sqrt(abs(1 - zeta^2)). Here they are written in half the angle, so that nothing cancels
+    near zeta = 1.
     """
-    # Factored, 1 - zeta^2 keeps its digits near zeta = 1; two roots, so that a huge zeta does not overflow.
+    # 1 - zeta^2 is factored so that it keeps its digits near zeta = 1. Two separate roots keep a huge zeta from
+    # overflowing.
     w = sqrt(abs(1 - zeta)) * sqrt(1 + zeta)
     if w == 0:
         return 2.0
@@ -72,8 +73,9 @@ def _damping_ratio(e: float) -> float:
     loss = -log(e)
     if not 0 < loss < inf:
         return 0.0 if loss == 0 else np.nan
-    # As a function of ln zeta, ln(zeta T/loss) rises with a slope that falls from 1 to 0. So Newton's steps from the
-    # left stay on the left, where loss/pi is, as T <= pi. They end at rounding, after nine steps at most.
+    # As a function of ln zeta, ln(zeta T/loss) rises with a slope that falls from 1 to 0. So Newton's method never
+    # passes the solution if it starts on the left of it. loss/pi is on the left, because T <= pi. The method reaches
+    # rounding after nine steps at most.
     zeta = loss / pi
     for _ in range(50):
         duration = contact_time(zeta)

@@ -1,12 +1,12 @@
-"""The contact asked for between two bodies, and the largest step at which an engine gives it (docs/mapping.md).
+"""Search for the largest step at which an engine gives two bodies the contact asked for (docs/mapping.md).
 
 Restitution and duration of a Kelvin-Voigt contact do not depend on the speed. In an engine they depend on the step, and
-on where within a step the bodies touch. The restitution does because the first force comes late, and the duration
-because a user counts it in whole steps. A step is good if both are within the tolerance wherever within the step the
-bodies touch, and if the shorter steps that are tried are good too.
+on the place within a step at which the bodies touch. The restitution depends on them because the first force comes
+late, the duration because a user counts it in whole steps. A step is good if both errors are within the tolerance for
+every place of the touch, and if the shorter steps that are tried are good too.
 
-MuJoCo and PyBullet run the printed text and nothing else (`pasted_drops`). Drake runs the scenes of its adapter, which
-have the numbers of the text.
+MuJoCo and PyBullet run only the printed text (`pasted_drops`). Drake runs the scenes of its adapter, which have the
+numbers of the text.
 """
 
 from __future__ import annotations
@@ -36,46 +36,50 @@ from impact_xval.compliant_baselines.solver import SolverError
 from impact_xval.model.inputs import Legal
 from impact_xval.model.materials import MaterialContact
 
-#: Allowed relative error of restitution and duration, unless another one is asked for.
+#: Allowed relative error of restitution and duration by default.
 TOLERANCE = 0.01
 
-#: Rounding of such an error: 99 steps of 0.001 s for a duration of 0.1 s are just at the tolerance.
+#: Amount by which rounding may push an error over the tolerance: 99 steps of 0.001 s for a duration of 0.1 s are just
+#: at it.
 ROUNDING = 1e-9
 
-#: Share of a step just after its start. At the start itself rounding decides whether it is the start or the end.
+#: Fraction of a step between its start and the first place that is tried. At the start itself rounding decides whether
+#: the touch belongs to this step or to the one before.
 END = 1e-8
 
-#: Places within a step at which the touch is tried: just after its start, just before its end, and evenly spaced.
+#: Places of the touch that are tried, as fractions of a step: just after its start, just before its end, and evenly
+#: spaced between them.
 PLACES = (END, *(np.arange(1, 31) / 31).tolist(), 1 - END)
 
-#: Fewer places within a step: only these are tried during the search for a step.
+#: The places of `PLACES` that are tried during the search for a step.
 FEW_PLACES = (*PLACES[:-1:7], PLACES[-1])
 
-#: How often the distance of places is halved around the least and the greatest restitution between the two ends.
-#: Restitution is a continuous function of the place, made of straight pieces whose corners lie anywhere.
+#: Number of times that the distance of places is halved around the least and the greatest restitution. Restitution is a
+#: continuous, piecewise linear function of the place, and its corners may lie anywhere.
 HALVINGS = 8
 
 #: Most steps in a contact that are tried.
 MOST_STEPS = 200_000
 
-#: Digits of the steps that are tried: R10 of the preferred numbers.
+#: Digits of the steps that are tried: the series R10 of preferred numbers.
 DIGITS = (80, 60, 50, 40, 30, 25, 20, 15, 12, 10)
 
 #: The steps that are tried, in s, from the longest down.
 STEPS = [float(f"{digits}e{power}") for power in range(3, -324, -1) for digits in DIGITS]
 
-#: Legal ranges. Beyond them positions or velocities of a drop are lost in rounding, or its end is never reached.
+#: Legal ranges. Outside them positions or velocities of a drop drown in rounding, or its end is never reached.
 _MASSES = Legal("masses", 1e-15, 1e15, "from 1e-15 to 1e+15 (kg), one of them inf for a fixed body")
 _SPEED = Legal("speed", 1e-9, 1e9, "from 1e-09 to 1e+09 (m/s)")
 
-#: Legal range of the allowed error. `MOST_STEPS` resolve the least one; with the largest a contact has three steps.
+#: Legal range of the allowed error. `MOST_STEPS` steps in a contact resolve the least error; with the largest error a
+#: contact has three steps.
 LEGAL_TOLERANCE = Legal("tolerance", 1e-4, 0.3, "from 0.0001 to 0.3")
 
 #: Largest ratio of two masses.
 LARGEST_RATIO = 1e12
 
-#: Functions that run the text to paste for an engine by itself. A step is looked for by the first function of an
-#: engine, and the intervals hold for all of them.
+#: Functions that run the text to paste, and nothing else, in an engine. The search for a step uses the first function
+#: of an engine; the intervals that are reported hold for all of them.
 DROP = {"mujoco": [drop_in_mujoco], "pybullet": [drop_in_pybullet, drop_on_flat_in_pybullet]}
 
 #: Legal time steps.
@@ -84,19 +88,19 @@ LEGAL_STEP = Legal("step", 1e-12, 1e3, "from 1e-12 to 1000 (s)")
 #: Number of durations per decade that are tried for a given step.
 PER_DECADE = 40
 
-#: The given step and the shorter ones that have to be good too, as fractions of the given one (see `SHORTER`).
+#: The given step and the shorter steps that have to be good too, as fractions of the given step (see `SHORTER`).
 SHORTER_STEPS = (1.0, 0.8, 0.63, 0.5, 0.4)
 
 #: Most steps in a contact that are tried for a given step.
 MOST_STEPS_OF_STIFFEST = 5_000
 
-#: Number of shorter steps that have to be good too. The shortest is 0.4 of the step that is found.
+#: Number of shorter steps that have to be good too. The shortest one is 0.4 times the step that is found.
 SHORTER = 4
 
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """Two bodies and the contact asked for between them, by the numbers of `AskedContact` or by MuJoCo's own.
+    """Two bodies and the contact asked for between them, given by the numbers of `AskedContact` or by MuJoCo's own.
 
     Raises
     ------
@@ -104,27 +108,28 @@ class Pair:
         If a value is illegal; the message names the field, the value and the legal range.
     """
 
-    #: In kg; one of them may be infinite, a fixed body.
+    #: Masses in kg; one of them may be infinite, which is a fixed body.
     masses: tuple[float, float]
     restitution: float | None = None
-    #: In N/m.
+    #: Stiffness in N/m.
     stiffness: float | None = None
-    #: From touch to the end of the force, in s.
+    #: Time in s from the first touch to the end of the force.
     duration: float | None = None
     #: Speed of approach in m/s; it decides how deep the bodies go, and whether an engine can take the contact.
     speed: float = 1.0
-    #: In N s/m.
+    #: Damping in N s/m.
     damping: float | None = None
     damping_ratio: float | None = None
     #: Depth at rest in m.
     sink: float | None = None
-    #: MuJoCo's own numbers, in place of all the others.
+    #: MuJoCo's own numbers, which replace all numbers above.
     solref: MujocoContact | None = None
-    #: Mass in kg whose weight the contact carries at rest; None: the lighter body's.
+    #: Mass in kg whose weight the contact carries at rest; None: the mass of the lighter body.
     load: float | None = None
-    #: The contact asked for. With `solref` it is the contact of the same restitution and duration at this speed.
+    #: The contact asked for. With `solref` this is the contact that has the same restitution and duration at this
+    #: speed.
     contact: KelvinVoigtContact = field(init=False)
-    #: What the two bodies alone do, without gravity and in steps that go to zero.
+    #: Motion of the two bodies alone, without gravity, in the limit of small steps.
     motion: Motion = field(init=False)
 
     def __post_init__(self) -> None:
@@ -136,7 +141,8 @@ class Pair:
             asked = AskedContact(**quantities)
             contact = asked.contact(self.mass, self.carried)
             e = contact.restitution if self.restitution is None else self.restitution
-            # The depth is that after half the duration, decayed by sqrt(e) (docs/theory.md, section 7).
+            # The greatest depth is the undamped one, decayed by sqrt(e): the decay of half the duration
+            # (docs/theory.md, section 7).
             motion = Motion(e, contact.duration, self.speed * math.sqrt(e) / contact.omega)
         else:
             for name, value in quantities.items():
@@ -167,7 +173,7 @@ class Pair:
 
     @property
     def fixed(self) -> bool:
-        """Whether one of the bodies is fixed."""
+        """True if one of the bodies is fixed."""
         return math.inf in self.masses
 
     @property
@@ -183,7 +189,7 @@ class Pair:
 
     @property
     def penetration(self) -> float:
-        """Greatest penetration in m, at the speed of this pair."""
+        """Greatest penetration in m at the speed of approach of this pair."""
         return self.motion.depth
 
     @property
@@ -214,8 +220,8 @@ def _require_legal_masses(masses: Sequence[float]) -> None:
 def bodies_of_contacts(masses: Sequence[float]) -> list[tuple[tuple[float, float], float | None]]:
     """Return the masses in kg of each contact of two or three bodies in a line, and the mass in kg that it carries.
 
-    On a fixed third body the first two stand on each other. Elsewhere a contact carries the lighter body (None). A
-    ValueError names what is illegal.
+    If the third body is fixed, the first two stand on it, one upon the other. Otherwise a contact carries the lighter
+    body (None). A ValueError names the illegal value.
     """
     if len(masses) == 2:
         return [((masses[0], masses[1]), None)]
@@ -236,10 +242,10 @@ def make_pair(
     materials: Sequence[str] = (),
     radii: Sequence[float] = (),
 ) -> tuple[Pair, MaterialContact | None]:
-    """Make a pair from numbers, or from two bodies of materials, whose contact is linearised at the speed.
+    """Make a pair from numbers, or from two bodies of given materials; their contact is linearised at the speed.
 
-    A number that is not given is None; an explicit restitution overrides the materials'. A ValueError names the
-    argument, the value and the legal range.
+    A number that is not given is None. An explicit restitution overrides the restitution of the materials. A ValueError
+    names the argument, the value and the legal range.
     """
     if not (materials or radii):
         if masses is None:
@@ -253,18 +259,18 @@ def make_pair(
     return Pair((touch.upper.mass, touch.lower.mass), e, touch.linear(speed), speed=speed), touch
 
 
-#: The numbers that a drop gives.
+#: The numbers of a drop: restitution, and duration in s.
 Numbers = TypeVar("Numbers", bound=tuple[float, ...])
 
 
 class Drops(NamedTuple):
     """The results of drops that touch at different places within a step."""
 
-    #: In s.
+    #: Time step in s.
     step: float
-    #: Least and greatest.
+    #: Least and greatest restitution.
     restitution: tuple[float, float]
-    #: Least and greatest, in s: whole steps from the first to the last with force.
+    #: Least and greatest duration in s: whole steps from the first to the last with force.
     duration: tuple[float, float]
     #: Number of drops.
     n: int
@@ -278,7 +284,7 @@ class Drops(NamedTuple):
 
 
 def drop_at_places(engine: Engine, pair: Pair, step: float, places: Sequence[float]) -> Drops:
-    """Drop a pair in an engine, once for every place of the touch within a step, from 0 to 1."""
+    """Drop a pair in an engine, once for every place of the touch within a step; places are from 0 to 1."""
     return _summarise(step, measure_drops(engine, pair, step, places))
 
 
@@ -306,7 +312,7 @@ def measure_drops(
 
 
 def find_extremes(engine: Engine, pair: Pair, step: float) -> Drops:
-    """Drop at all `PLACES` by all functions of `DROP`, and close in on the least and the greatest restitution."""
+    """Drop at all `PLACES` by all functions of `DROP`; search for the least and the greatest restitution."""
     drops: list[tuple[float, float]] = []
     for kind in range(len(DROP.get(engine.name, [None]))):
         measure = partial(measure_drops, engine, pair, step, kind=kind)
@@ -317,9 +323,10 @@ def find_extremes(engine: Engine, pair: Pair, step: float) -> Drops:
 def extremes_over_places(
     measure: Callable[[Sequence[float]], Sequence[Numbers]], components: Sequence[int]
 ) -> list[Numbers]:
-    """Measure at all `PLACES`, and close in on the places where a component is least and greatest.
+    """Measure at all `PLACES`, then at places ever closer to those with the least and the greatest component.
 
-    `measure` returns one tuple of numbers for each place; `components` are the positions of those that count.
+    `measure` returns one tuple of numbers for each place. `components` are the positions in the tuple of the numbers
+    whose extremes are searched for.
     """
     results = dict(zip(PLACES, measure(PLACES), strict=True))
     for _ in range(HALVINGS):
@@ -340,17 +347,18 @@ def extremes_over_places(
 
 
 def _summarise(step: float, results: Sequence[tuple[float, float]]) -> Drops:
-    """Keep the least and the greatest of restitutions and durations."""
+    """Return the least and the greatest of restitutions and durations."""
     restitution, duration = ((min(values), max(values)) for values in zip(*results, strict=True))
     return Drops(step, restitution, duration, len(results))
 
 
 def scenes_of(pair: Pair, step: float, places: Sequence[float]) -> list[Scene]:
-    """Set two balls on a table up for each place of the touch within a step, so that one contact alone takes part.
+    """Make a scene of two balls on a table for each place of the touch, in which one contact alone takes part.
 
-    Every scene is one of a collision: the code that is tested is the code that is run. The start of the balls keeps the
-    other contact out of the way. If one body is fixed, B2 meets the table while B1 leaves upwards at twice the speed.
-    If both are free, B1 meets B2 in a frame that rises at twice the speed, high above the table.
+    Every scene is the scene of a collision, so that the code that is tested is the code that collisions run. The start
+    of the balls keeps the other contact out of the way. If one body is fixed, B2 meets the table while B1 leaves
+    upwards at twice the speed. If both are free, B1 meets B2 high above the table, and their velocities are taken in a
+    frame that rises at twice the speed.
     """
     (light, heavy), contact, speed = sorted(pair.masses), pair.contact, pair.speed
     far = 10 * speed * contact.period  # out of reach for the contact's whole duration, with room to spare
@@ -373,7 +381,7 @@ def _result_of(name: str, pair: Pair, run: Run) -> tuple[float, float]:
     if run.end != RunEnd.APART:
         if run.status == "crashed":
             raise SolverError(name, "crashed", run.problem())
-        # A collision can be over with both bodies settled on each other, but their contact is not.
+        # A collision can be over with both bodies settled on each other. Their contact is not over then.
         raise SolverError(name, "timeout", f"not over after {run.n_steps} steps, {run.duration:.3g} s")
     upper, lower = run.velocities.tolist()
     loaded = np.flatnonzero(run.raw_states.state & (2 if pair.fixed else 1))
@@ -385,15 +393,16 @@ def _result_of(name: str, pair: Pair, run: Run) -> tuple[float, float]:
 
 
 def find_largest_step(engine: Engine, pair: Pair, tolerance: float = TOLERANCE) -> Drops:
-    """Find the largest of `STEPS` at which a contact is the one asked for, at the next shorter ones too.
+    """Find the largest of `STEPS` at which an engine gives the contact asked for, also at the next shorter steps.
 
     A SolverError says that the engine is missing or refuses the contact, or that no step is good.
     """
     _require_available(engine)
-    # A count of whole steps is off by up to one step: a step longer than the tolerance could be good only by luck.
+    # A count of whole steps is off by up to one step: a step longer than the tolerance times the duration could be good
+    # only by luck.
     longest, shortest = pair.motion.duration * tolerance, pair.motion.duration / MOST_STEPS
-    why = f"even {MOST_STEPS} steps tell no duration as exactly as that"
-    good: list[float] = []  # one after the other, the largest first
+    why = f"even with {MOST_STEPS} steps a duration is not known to this tolerance"
+    good: list[float] = []  # consecutive steps, the largest first
     for step in (step for step in STEPS if shortest <= step <= longest):
         try:
             _good_drops(engine, pair, step, FEW_PLACES, tolerance)
@@ -415,15 +424,15 @@ def find_stiffest(
 ) -> tuple[Pair, Drops]:
     """Find the stiffest contact that a step carries, and drop it at all places of the touch within the step.
 
-    The contacts that are tried have ever longer durations (`PER_DECADE`), and stiffnesses of three digits. A contact is
-    found if it is good at this step and at shorter ones (`SHORTER_STEPS`).
+    The contacts that are tried have increasing durations (`PER_DECADE`), and stiffnesses of three digits. The first
+    contact that is good at this step and at shorter ones (`SHORTER_STEPS`) is the result.
 
     Parameters
     ----------
     engine
         The engine.
     pair
-        Two bodies and what decides their damping. Its spring does not count.
+        Two bodies and the number that decides their damping. The spring of this pair is ignored.
     step
         Time step in s.
     tolerance
@@ -432,12 +441,12 @@ def find_stiffest(
     Raises
     ------
     SolverError
-        If the engine is missing or refuses the contacts, or if none is found.
+        If the engine is missing or refuses the contacts, or if no contact is good.
     """
     _require_available(engine)
 
     def pair_of(steps: float) -> Pair:
-        """Return the contact of a duration in steps, with a rounded stiffness."""
+        """Return the pair whose contact lasts a number of steps, with a rounded stiffness."""
         lasting = replace(pair, stiffness=None, sink=None, duration=steps * step)
         return replace(lasting, duration=None, stiffness=_round_down(lasting.contact.k))
 
@@ -446,7 +455,7 @@ def find_stiffest(
     for n in (n for n in steps if n <= MOST_STEPS_OF_STIFFEST):
         try:
             tried = pair_of(n)
-        except ValueError as illegal:  # with a given damping a longer contact may be damped too much
+        except ValueError as illegal:  # a longer contact with this damping may be damped too much
             why = why or str(illegal)
             break
         longest = tried.motion.duration
@@ -473,19 +482,19 @@ def _round_down(value: float) -> float:
 
 
 class VerifiedContact(NamedTuple):
-    """A contact, and the drops that verify it."""
+    """A contact and the drops that verify it."""
 
     pair: Pair
-    #: At the step that is named, at all places of the touch.
+    #: Drops at the step of the result, at all places of the touch.
     drops: Drops
-    #: At a tenth of that step, at one place.
+    #: Drops at a tenth of this step, at one place of the touch.
     fine: Drops
 
 
 def verify_contacts(
     engine: Engine, pairs: Sequence[Pair], tolerance: float = TOLERANCE
 ) -> list[VerifiedContact]:
-    """Find the largest step that is good for all pairs, and drop each of them at that step."""
+    """Find the largest step that is good for all pairs, and drop each pair at this step."""
     found = [find_largest_step(engine, pair, tolerance) for pair in pairs]
     step = min(drops.step for drops in found)
     return [
@@ -497,12 +506,12 @@ def verify_contacts(
 def verify_stiffest(
     engine: Engine, pairs: Sequence[Pair], step: float, tolerance: float = TOLERANCE
 ) -> list[VerifiedContact]:
-    """Find the stiffest contact of each pair that a step carries."""
+    """Find, for each pair, the stiffest contact that a step carries."""
     return [_verified(engine, *find_stiffest(engine, pair, step, tolerance)) for pair in pairs]
 
 
 def _verified(engine: Engine, pair: Pair, drops: Drops) -> VerifiedContact:
-    """Add a drop at a tenth of the step."""
+    """Return a pair's drops together with a drop at a tenth of the step."""
     return VerifiedContact(pair, drops, drop_at_places(engine, pair, drops.step / 10, [END]))
 
 
@@ -514,8 +523,8 @@ def _require_available(engine: Engine) -> None:
 
 
 def _good_drops(engine: Engine, pair: Pair, step: float, places: Sequence[float], tolerance: float) -> Drops:
-    """Drop a pair at places of a step; a SolverError if a result is outside the tolerance."""
-    # A bad step mostly shows at the first place.
+    """Drop a pair at places of a step; raise a SolverError if a result is outside the tolerance."""
+    # Most bad steps fail at the first place already.
     _check_tolerance(engine, pair, drop_at_places(engine, pair, step, places[:1]), tolerance)
     return _check_tolerance(engine, pair, drop_at_places(engine, pair, step, places), tolerance)
 

@@ -1,13 +1,13 @@
-"""What contact MuJoCo's own numbers, solref and solimp, make of two masses.
+"""The contact that MuJoCo's own numbers, solref and solimp, make between two masses.
 
-For a pair that is alone, the engine's equations (its chapters "Computation", "Constraint model", and "Solver
-parameters") give the relative acceleration
+For two bodies alone, the engine's equations (its chapters "Computation", "Constraint model", and "Solver parameters")
+give the relative acceleration
 
     a = max(0, stiffness (d/dmax)^2 r + damping (d/dmax) r'),
 
-r being the depth and d = d(r) the impedance of solimp; stiffness and damping are those of the direct format. Where d
-is constant, k = stiffness M and c = damping M are a Kelvin-Voigt contact. Otherwise the motion depends on the speed,
-and is integrated.
+with the depth r, the impedance d = d(r) of solimp, and the stiffness and damping of the direct format. If d is
+constant, this is a Kelvin-Voigt contact with k = stiffness M and c = damping M. Otherwise the motion depends on the
+speed, and is integrated.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from impact_xval.compliant_baselines.mapping import (
 from impact_xval.compliant_baselines.restitution import contact_time, damping_ratio, restitution
 from impact_xval.model.arrays import Floats
 
-integrate: Any = import_module("scipy.integrate")  # it states no types
+integrate: Any = import_module("scipy.integrate")  # the package states no types
 
-#: Largest impedance, and least width, that the engine takes (mjMAXIMP and mjMINVAL).
+#: Largest impedance and least width that the engine accepts (mjMAXIMP and mjMINVAL).
 LARGEST_IMPEDANCE, LEAST_WIDTH = 0.9999, 1e-15
 
 #: Least restitution for which an equivalent spring and dashpot are named.
@@ -42,19 +42,19 @@ ACCURACY = 1e-9
 
 
 class Motion(NamedTuple):
-    """How two bodies alone go through a contact."""
+    """Numbers of the motion of two lone bodies through a contact."""
 
     restitution: float
-    #: In s, from touch to the end of the force.
+    #: Time in s from the first touch to the end of the force.
     duration: float
     #: Greatest depth in m.
     depth: float
 
 
 def read_solref(solref: Sequence[float], solimp: Sequence[float] = ()) -> MujocoContact:
-    """Return the parameters as the engine takes them: missing numbers of solimp by default, others within its limits.
+    """Return the parameters that the engine uses: defaults for missing numbers of solimp, the others within its limits.
 
-    A ValueError names the field, the value and what is legal.
+    A ValueError names the field, the value and the legal range.
     """
     written = " ".join(f"{value:g}" for value in solref)
     if len(solref) != 2 or not all(map(math.isfinite, solref)):
@@ -85,12 +85,12 @@ def read_solref(solref: Sequence[float], solimp: Sequence[float] = ()) -> Mujoco
 
 
 def is_linear(pair: MujocoContact) -> bool:
-    """Tell whether a pair is a Kelvin-Voigt contact: its impedance is the same at every depth."""
+    """Return True if a pair is a Kelvin-Voigt contact: its impedance is the same at every depth."""
     return pair.solimp[0] == pair.solimp[1]
 
 
 def contact_of_solref(pair: MujocoContact, mass: float, speed: float) -> tuple[KelvinVoigtContact, Motion]:
-    """Return the spring and dashpot that a pair is for a reduced mass in kg at a speed in m/s, and the motion.
+    """Return the spring and dashpot equivalent to a pair for a reduced mass in kg at a speed in m/s, and the motion.
 
     Where the impedance changes with the depth, the spring and dashpot have the same restitution and duration. A
     ValueError says that nothing comes back.
@@ -134,7 +134,7 @@ def _integrate(pair: MujocoContact, stiffness: float, damping: float, speed: flo
     def turns(_: float, state: Floats) -> float:
         return float(state[1])
 
-    # The force rises from that of the dashpot, or from 0 without one, and ends where it is zero on the way out.
+    # The force starts at the dashpot's force, or at 0 without a dashpot. It ends where it is zero on the way out.
     ends.terminal, ends.direction = True, -1.0  # type: ignore[attr-defined]
     least = min(pair.solimp[:2]) / dmax
     longest = 100 * (1 + zeta) / least**2

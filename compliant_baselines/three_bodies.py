@@ -1,7 +1,7 @@
-"""Two contacts of three bodies in a line, A on B and B on C, struck at once: the text to paste, and what it gives.
+"""Three bodies in a line with two contacts that are struck at once: the text to paste, and its runs in an engine.
 
-A strikes B at the speed of approach while B touches C, which is at rest; C may be fixed. There is no gravity. As in
-`pasted_drops` the printed text runs as it stands, with nothing beside it but the three bodies, which meet along x.
+Body A strikes body B at the speed of approach. B touches body C, which is at rest or fixed. There is no gravity. As in
+`pasted_drops` the printed text runs unchanged. The scene has nothing else but the three bodies, which meet along x.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from impact_xval.model.collision import Collision
 #: The solver that is the model.
 MODEL = "state-transition"
 
-#: The text to paste for both contacts, by engine. Where parameters belong to bodies, A and C carry the numbers of
-#: their contacts with B, and B is rigid and undamped.
+#: The text to paste for both contacts, by engine. If an engine's parameters belong to bodies, A and C carry the numbers
+#: of their contacts with B, and B is rigid and undamped.
 TEXTS = {
     "mujoco": """\
 <!-- A, B and C: names of the three geoms. The numbers hold for free bodies and bodies on slides whose inverse
@@ -75,7 +75,7 @@ plant.set_sap_near_rigid_threshold(0.0)
 """,
 }
 
-#: A MuJoCo file around the pasted text; along x the bodies are C, B and A.
+#: A MuJoCo file around the pasted text; the bodies along x are C, B, A in this order.
 SCENE = """\
 <mujoco>
 {text}
@@ -92,16 +92,17 @@ FIXED_BODY = '    <geom name="{name}" size="{radius!r}" pos="{x!r} 0 0"/>'
 #: Longest run before it is given up, in durations of the longer contact.
 LONGEST_RUN = 100
 
-#: Takes n more steps; returns the velocities in m/s along x after each step, shape (n, bodies), C's 0 if it is fixed.
+#: Function that takes n more steps. It returns the velocities in m/s along x after each step, shape (n, bodies); the
+#: velocity of a fixed C is 0.
 Advance = Callable[[int], Floats]
 
 
 class Strike(NamedTuple):
     """Velocities in m/s after an engine's run of the printed text, over the places of the touch within a step."""
 
-    #: In s.
+    #: Time step in s.
     step: float
-    #: Least and greatest of each body that moves, A first; positive is away from C.
+    #: Least and greatest velocity of each body that moves, A first; positive is away from C.
     velocities: list[tuple[float, float]]
     #: Number of runs.
     n: int
@@ -131,7 +132,7 @@ def paste_both(engine: str, pairs: Sequence[Pair], step: float) -> str:
 
 
 def collision_of(masses: Sequence[float], pairs: Sequence[Pair]) -> Collision:
-    """Return the collision of A with B and C as solvers take it; up is away from C."""
+    """Return the collision of A with B and C in the form that solvers take; up is away from C."""
     balls = [mass for mass in masses if not math.isinf(mass)]
     return Collision(
         masses=tuple(balls),
@@ -145,7 +146,7 @@ def collision_of(masses: Sequence[float], pairs: Sequence[Pair]) -> Collision:
 def solve_exactly(
     engine: str, masses: Sequence[float], pairs: Sequence[Pair]
 ) -> dict[str, list[float] | str]:
-    """Return the velocities in m/s by the model and by the exact solver of the engine's law, or why there are none."""
+    """Return the velocities in m/s of the model and of the engine's law, or the reason why a solver has none."""
     collision = collision_of(masses, pairs)
     answers: dict[str, list[float] | str] = {}
     for name in (MODEL, law_name_of(engine)):
@@ -161,7 +162,7 @@ def solve_exactly(
 def strike(
     engine: str, masses: Sequence[float], pairs: Sequence[Pair], step: float, *, thorough: bool
 ) -> Strike:
-    """Run the printed text for three bodies; if `thorough`, at all places of the touch, else just after a step's start.
+    """Run the printed text for three bodies, at the touch just after a step's start, or if `thorough` at all places.
 
     A SolverError says how a run failed.
     """
@@ -169,7 +170,7 @@ def strike(
         raise SolverError(engine, "unavailable", "no run of three bodies by its printed text")
     text = paste_both(engine, pairs, step)
     speed, duration = pairs[0].speed, max(pair.motion.duration for pair in pairs)
-    # In the impact of all three a contact goes deeper than alone, by less than the impulse of both masses.
+    # In the impact of all three a contact goes deeper than alone. The impulse of both masses together bounds the depth.
     radius = radius_of(3 * speed * max(1 / pair.contact.omega for pair in pairs))
     most = LONGEST_RUN * math.ceil(duration / step)
 
@@ -186,7 +187,7 @@ def strike(
 def strike_in_mujoco(
     text: str, masses: Sequence[float], radius: float, speed: float, gaps: Sequence[float], most_steps: int
 ) -> list[tuple[float, ...]]:
-    """Let A strike B and C once for each gap in m; give the final velocities of each run."""
+    """Let A strike B and C once for each gap in m; return the final velocities of each run."""
     mujoco: Any = import_module("mujoco")
     bodies = [
         (FIXED_BODY if math.isinf(mass) else BODY).format(
@@ -215,7 +216,7 @@ def _strike_once_in_mujoco(model: Any, gap: float, speed: float, most_steps: int
             velocities = take_steps(model, data, n)[1]
         except RuntimeError as error:
             raise SolverError("mujoco", "crashed", str(error)) from None
-        return velocities[:, ::-1]  # the engine has C or B first
+        return velocities[:, ::-1]  # the engine lists C or B first
 
     return _follow("mujoco", advance, [-speed] + [0.0] * (model.nv - 1), model.nv == 2, most_steps)
 
@@ -238,7 +239,7 @@ def _strike_once_in_pybullet(
     gap: float,
     most_steps: int,
 ) -> tuple[float, ...]:
-    """Run the text once in a client that is emptied first."""
+    """Empty a client, and run the text once in it."""
     mass_a, mass_b, mass_c = masses
     fixed = math.isinf(mass_c)
     p.resetSimulation()
@@ -265,14 +266,14 @@ def _strike_once_in_pybullet(
     return _follow("pybullet", advance, [-speed] + [0.0] * (len(moving) - 1), fixed, most_steps)
 
 
-#: Functions that run the text to paste for three bodies by itself.
+#: Functions that run the text to paste for three bodies, and nothing else.
 STRIKES = {"mujoco": strike_in_mujoco, "pybullet": strike_in_pybullet}
 
 
 def _follow(
     name: str, advance: Advance, start: Sequence[float], fixed: bool, most_steps: int
 ) -> tuple[float, ...]:
-    """Advance a run until no force has acted for a while and no two bodies approach; give the final velocities."""
+    """Advance a run until no force has acted for a while and no two bodies approach; return the final velocities."""
     before, last = np.array([start]), -1
     for first in range(0, most_steps, BLOCK):
         n = min(BLOCK, most_steps - first)

@@ -1,1 +1,1 @@
-"""One physics engine a file, what they share, and the limit dt -> 0. Imports `references` and below."""
+"""Adapters of physics engines, one file for each engine; their common parts; and the limit dt -> 0."""

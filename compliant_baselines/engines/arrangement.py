@@ -1,6 +1,7 @@
-"""Arrangements: which bodies of a scene touch which, in which direction, and where equal balls lie that touch so.
+"""Arrangements: the contacts of a scene with their directions, and places of equal balls that touch in this way.
 
-Bodies move along one axis (a line, upwards) or two (a plane: x, and z upwards). Lengths are in radii of the balls.
+Bodies move along one axis (in a line, upwards) or along two axes (in a plane: x, and z upwards). Lengths are in radii
+of the balls.
 """
 
 from __future__ import annotations
@@ -16,10 +17,11 @@ from impact_xval.model.arrays import Floats
 if TYPE_CHECKING:
     from impact_xval.model.graph.collision import GraphCollision
 
-#: Distance in radii by which a contact may miss the places of equal balls: the rounding of normals.
+#: Largest error in radii of the distance between two balls in contact: the rounding of normals.
 FITTING = 1e-9
 
-#: Overlap in radii that hides the rounding of places in a plane: a contact that touches is met in the first step.
+#: Overlap in radii that hides the rounding of places in a plane, so that the engine meets each touching contact in its
+#: first step.
 ROUNDING_OVERLAP = 2.0**-48
 
 
@@ -29,7 +31,7 @@ class Touch(NamedTuple):
     #: Numbers of the bodies, from 0; None stands for a plane.
     first: int
     second: int | None
-    #: Unit vector from the second body into the first, one number an axis.
+    #: Unit vector from the second body into the first, one number for each axis.
     normal: tuple[float, ...]
 
 
@@ -37,7 +39,7 @@ class Touch(NamedTuple):
 class Arrangement:
     """Equal balls that touch each other and planes."""
 
-    #: Of the balls where all contacts only just touch, in radii, one number an axis.
+    #: Places in radii of the balls when all contacts only just touch, one number for each axis.
     centres: tuple[tuple[float, ...], ...]
     touches: tuple[Touch, ...]
 
@@ -48,7 +50,7 @@ class Arrangement:
 
     @cached_property
     def jacobian(self) -> Floats:
-        """J, shape (C, N axes), with the velocities of all bodies, body after body: contacts are compressed at -J v."""
+        """Matrix J, shape (C, N axes): rates of compression are -J v, with the velocities of body after body."""
         rows = np.zeros((len(self.touches), len(self.centres), self.axes))
         for row, touch in zip(rows, self.touches, strict=True):
             row[touch.first] += touch.normal
@@ -58,7 +60,7 @@ class Arrangement:
 
     @property
     def has_fixed_body(self) -> bool:
-        """Tell whether a plane holds some ball."""
+        """Return True if a ball touches a plane."""
         return any(touch.second is None for touch in self.touches)
 
     def surface(self, contact: int) -> Floats:
@@ -67,7 +69,7 @@ class Arrangement:
         return np.subtract(self.centres[touch.first], touch.normal)
 
     def sides(self, body: int) -> tuple[list[int], list[int]]:
-        """Return the contacts in which a body is the first, and those in which it is the second."""
+        """Return the contacts in which a body is the first, and the contacts in which it is the second."""
         return (
             [i for i, touch in enumerate(self.touches) if touch.first == body],
             [i for i, touch in enumerate(self.touches) if touch.second == body],
@@ -83,7 +85,7 @@ def line_of_balls(balls: int, table: bool) -> Arrangement:
 
 
 def arrangement_of_graph(collision: GraphCollision) -> Arrangement | str:
-    """Arrange equal balls by the normals of a contact graph in a plane, or say in one sentence why none touch so."""
+    """Arrange equal balls by the normals of a contact graph in a plane, or return one sentence why that fails."""
     axes = len(collision.velocities[0])
     if axes != 2:
         return "the bodies move in space: engines run contact graphs in a plane; legal: velocities (x, z)"
@@ -101,7 +103,7 @@ def arrangement_of_graph(collision: GraphCollision) -> Arrangement | str:
     centres = np.zeros((len(collision.masses), axes))
     between = [touch for touch in touches if touch.second is not None]
     if between:
-        # Differences of centres, an equation an axis and contact.
+        # Differences of centres: one equation for each contact and axis.
         differences = np.zeros((len(between), len(centres)))
         for row, touch in zip(differences, between, strict=True):
             row[touch.first], row[touch.second] = 1.0, -1.0

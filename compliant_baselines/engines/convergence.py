@@ -1,12 +1,12 @@
-"""The limit of an engine's velocities as its step goes to zero, and how well that limit is known.
+"""The limit of an engine's velocities as its step goes to zero, and the error of this limit.
 
-docs/convergence.md says at which steps an engine is run beside h, the step that a user takes, how velocities are
-extrapolated, and what the error is made of. Balls that part for good have v1 >= v2 >= 0. A limit outside means that
-they meet once more as the step goes to zero. It is replaced by the nearest point inside, which is what a plastic
-meeting makes of it.
+docs/convergence.md lists the steps at which an engine runs beside the user's step h, the way in which velocities are
+extrapolated, and the terms of the error. Balls that part for good have v1 >= v2 >= 0. A limit outside this range means
+that the balls meet once more as the step goes to zero. It is replaced by the nearest point inside, which is the outcome
+of a plastic meeting.
 
-No step removes what the engine's own regularisation of contacts does to the velocities. If that exceeds the tolerance
-at 4h, it is measured again at the shortest step, and the step is halved further unless two measurements agree.
+The engine's own regularisation of contacts changes the velocities at every step. If this change exceeds the tolerance
+at 4h, it is measured again at the shortest step. The step is halved further unless two measurements agree.
 """
 
 from __future__ import annotations
@@ -24,55 +24,60 @@ from impact_xval.compliant_baselines.engines.stepping import Run, project_to_sep
 from impact_xval.compliant_baselines.solver import Convergence
 from impact_xval.compliant_baselines.states import SHORTEST_STATE
 
-#: Least share of the last correction that is doubted: three differences can agree by accident.
+#: Least part of the last correction that counts as error: three differences can agree by accident.
 DOUBT = 0.1
 
-#: Multiple of the change by the second order that is doubted; that change is a third of the last correction. Four runs
-#: show one quarter, which can be chance. Of PyBullet's limits in 1,400 random cells at steps of 0.01 of the period six
-#: are further off than three stated errors, as many as without a second order.
+#: Multiple of the change by the second order that counts as error. This change is a third of the last correction. Four
+#: runs show the ratio of a quarter only once, which can be chance. Measured on PyBullet's limits in 1,400 random cells
+#: at steps of 0.01 of the period: six are further off than three stated errors, as many as without a second order.
 CHANGE = 2.0
 
-#: Longest step, in the shorter contact period, of four runs that can show a second order. At 0.1 all of them alike damp
-#: the vibration of a stiff table away, and 7 of PyBullet's 194 limits were wrong (2 of 174 by first order).
+#: Longest step, over the shorter contact period, of four runs that can show a second order. With a step of 0.1 all four
+#: runs damp the vibration of a stiff table away, and 7 of PyBullet's 194 limits were wrong (2 of 174 by first order).
 RESOLVED = 1 / 16
 
-#: Share of the largest correction of a velocity below which the corrections of another velocity do not tell its order.
+#: Fraction of the largest correction of all velocities. Smaller corrections of a velocity say nothing about the order.
 SMALL = 0.1
 
-#: Share of what contacts do in their first steps that may be missing from the limit. The limit takes twice the part in
-#: the shortest step and once the part in the step before, and either part is between nothing and all of it.
+#: Fraction of the changes in the first steps of contacts that may be missing from the limit. The limit is twice the run
+#: at the shortest step minus the run before it. Each of the two runs may contain any part of these changes.
 CHANCE = 0.5
 
-#: Share of what contacts do in their first steps that may differ among three runs, for impulses that are whole at any
-#: length of the step. Impulses of a dashpot are halved with the step; rigid engines of single precision differ by 1e-6.
+#: Fraction of the changes in the first steps of contacts by which three runs may differ and still count as equal. Equal
+#: changes show that impulses do not depend on the length of the step: rigid engines in single precision differ by 1e-6.
+#: The impulses of a dashpot are halved with the step.
 WHOLE = 0.01
 
-#: Multiple of a change in each of the last two runs by which their limit 2 Vn - V(n-1) changes, at most.
+#: Factor of errors: if each of the last two runs is off by at most x, their limit 2 Vn - V(n-1) is off by at most this
+#: factor times x.
 MEETINGS = 3.0
 
-#: Largest share of a parting rate that its last change may be for a straight line to lead to its limit. Bodies that
-#: part slowly do so by what remains of a vibration: the length of a vector, which turns around where it is shortest.
+#: Largest last change of a speed of separation, over this speed, with which a straight line leads to its limit. Bodies
+#: that part slowly have the speed that remains of a vibration: the length of a vector, which is not linear where it is
+#: shortest.
 STRAIGHT = 1 / 3
 
-#: Multiple of the last change of a rate that is doubted at most, where changes grow; no change at all may come before.
-#: Of a vibration that steps damp, x is left at h, x^2 at 2h and x^4 at 4h. For a small x the limit is about as many
-#: times the last change away as changes grow.
+#: Largest multiple of the last change of a rate that counts as error if changes grow from run to run. The change before
+#: the last one may be zero, so that the growth is infinite. The reason: if steps damp a vibration so that x of it is
+#: left at h, then x^2 is left at 2h and x^4 at 4h. For a small x the distance to the limit, over the last change, is
+#: about the growth of the changes.
 GROWTH = 100.0
 
-#: A run at a shorter step may take this multiple of the steps that its length asks for: balls that meet soon at one
-#: step may meet after millions of steps at another.
+#: Most steps of a run at a shorter step, over the number that its length suggests: balls that meet soon at one step may
+#: meet after millions of steps at another.
 PATIENCE = 8
 
-#: Factor within which two measurements of a regularisation agree, and a fall of corrections agrees with a quarter.
+#: Factor within which two measurements of a regularisation agree, and within which a ratio of corrections agrees with a
+#: quarter.
 ALIKE = 2.0
 
-#: Words of the reason why a limit is not known, where shorter steps do not help.
+#: Words of the reason why a limit is not known if shorter steps do not help.
 NO_HELP = "halving the step does not help"
 
 #: A run in a line or in a plane.
 AnyRun = TypeVar("AnyRun", Run, PlaneRun)
 
-#: Runs a scene for at most so many steps.
+#: Function that runs a scene for at most so many steps.
 Follow = Callable[[Scene, int], AnyRun]
 
 
@@ -81,32 +86,32 @@ class Limit:
     """The limit dt -> 0; velocities and errors in m/s."""
 
     velocities: tuple[float, ...]
-    #: Estimated error of the velocities as the engine's own limit.
+    #: Estimated error of the velocities, compared with the engine's own limit.
     step_error: float
-    #: Fitted order of convergence; NaN where runs differ by rounding alone.
+    #: Fitted order of convergence; NaN if runs differ only by rounding.
     order: float
     #: Change of the velocities by the engine's regularisation of contacts.
     regularisation: float
     #: The shortest step, in s.
     step: float
-    #: Whether gravity ended in a first flight, at the shortest step.
+    #: True if gravity ended in a first flight at the shortest step.
     has_first_flight: bool
-    #: Whether B2 settled on the table, at the shortest step.
+    #: True if B2 settled on the table at the shortest step.
     b2_settled: bool
 
     @property
     def error(self) -> float:
-        """Bound in m/s on how much the velocities differ from those of the contacts asked for."""
+        """Bound in m/s on the difference between these velocities and the velocities under the contacts asked for."""
         return self.step_error + self.regularisation
 
     @property
     def diagnostics(self) -> dict[str, float]:
-        """The numbers that are known, under their names in `Outcome.diagnostics`."""
+        """The known numbers of this limit, under their names in `Outcome.diagnostics`."""
         return {f"v{i}_limit": v for i, v in enumerate(self.velocities, 1)} | self.quality
 
     @property
     def quality(self) -> dict[str, float]:
-        """The known numbers that say how well the limit is known, under their names in `diagnostics`."""
+        """The known numbers on the accuracy of the limit, under their names in `diagnostics`."""
         numbers = {
             "limit_error": self.error,
             "regularisation": self.regularisation,
@@ -117,7 +122,7 @@ class Limit:
 
 
 class Extrapolation(NamedTuple):
-    """Velocities extrapolated to a step of zero; as the fields of `Limit`."""
+    """Velocities extrapolated to a step of zero; its fields mean the same as in `Limit`."""
 
     velocities: tuple[float, ...]
     step_error: float
@@ -125,16 +130,17 @@ class Extrapolation(NamedTuple):
 
 
 class Parting(NamedTuple):
-    """How bodies of a scene part: functions of velocities in m/s."""
+    """Conditions under which the bodies of a scene part, as functions of velocities in m/s."""
 
-    #: Return the rates of all contacts in m/s, shape (n, contacts), from velocities of the shape (n, N axes).
+    #: Return the speeds of separation of all contacts in m/s, shape (n, contacts), from velocities of the shape (n, N
+    #: axes).
     rates: Callable[[Floats], Floats]
     #: Return the nearest velocities at which no contact approaches, shape (N axes,).
     project: Callable[[Floats], tuple[float, ...]]
 
 
 def parting_in_line(masses: Sequence[float], table: bool = True) -> Parting:
-    """Return how balls in a line part, with or without a table below the last ball.
+    """Return the `Parting` of balls in a line, with or without a table below the last ball.
 
     The unit of masses does not matter.
     """
@@ -149,7 +155,7 @@ def parting_in_line(masses: Sequence[float], table: bool = True) -> Parting:
 
 
 def parting_of(scene: Scene) -> Parting:
-    """Return how the bodies of a scene part."""
+    """Return the `Parting` of the bodies of a scene."""
     if scene.graph is None:
         return parting_in_line([m / scene.masses[0] for m in scene.masses], scene.table)
     J = scene.graph.jacobian
@@ -177,17 +183,17 @@ def extrapolate(
     Parameters
     ----------
     velocities
-        In m/s, shape (n, N axes), n >= 3, at steps each half of the one before.
+        Final velocities in m/s of n >= 3 runs, shape (n, N axes). Each run has half the step of the run before.
     touch_doubt
-        What the instants of touching may change, in m/s (`_touch_doubt`).
+        Change in m/s that the instants of touching may cause (`_touch_doubt`).
     parting
-        How the bodies part.
+        Conditions under which the bodies part.
     same_states
-        Whether the last two runs pass through the same states to the same end.
+        True if the last two runs pass through the same states to the same end.
     orders
         Number of orders that may be extrapolated: 1 or 2.
     gravity_doubt
-        What the instants of a first flight and of the end may change, in m/s.
+        Change in m/s that the instants of a first flight and of the end may cause.
     """
     limits = 2 * velocities[1:] - velocities[:-1]
     doubt = DOUBT * np.abs(velocities[-1] - velocities[-2])
@@ -215,9 +221,9 @@ def extrapolate(
 
 
 def _are_of_second_order(corrections: Floats) -> bool:
-    """Tell whether limits are of second order: their last correction is a quarter of the one before.
+    """Return True if limits converge at second order: their last correction is a quarter of the one before.
 
-    `corrections` has the shape (n, balls). A velocity that is hardly corrected both times has no say.
+    `corrections` has the shape (n, balls). A velocity whose two corrections are both small is ignored.
     """
     if len(corrections) < 2:
         return False
@@ -228,14 +234,14 @@ def _are_of_second_order(corrections: Floats) -> bool:
 
 
 class _Regularisation:
-    """Measurements of what the engine's regularisation of contacts does to velocities."""
+    """Measurements of the change of velocities by the engine's regularisation of contacts."""
 
     def __init__(self, factor: float | None, tolerance: float) -> None:
-        #: A second run has so many times as much regularisation.
+        #: Factor on the regularisation in a second run.
         self.factor = factor or 1.0
-        #: In m/s.
+        #: Tolerance in m/s.
         self.tolerance = tolerance
-        #: Changes of velocities in m/s, at ever shorter steps; an engine without any regularisation changes nothing.
+        #: Changes of velocities in m/s at ever shorter steps; 0 for an engine without regularisation.
         self.moves = [] if factor else [0.0]
 
     def measure(self, follow: Follow[AnyRun], base: AnyRun, max_steps: int) -> None:
@@ -246,11 +252,11 @@ class _Regularisation:
             self.moves.append(float(moved) / (self.factor - 1))
 
     def is_doubtful(self) -> bool:
-        """Tell whether the change is not known, or seems to be more than the tolerance."""
+        """Return True if the change is unknown or seems to exceed the tolerance."""
         return not (self.moves and self.moves[-1] <= self.tolerance)
 
     def stays(self) -> bool:
-        """Tell whether the change is more than the tolerance at two lengths of the step alike.
+        """Return True if the change exceeds the tolerance by the same amount at two steps.
 
         Then no shorter step makes it smaller.
         """
@@ -260,17 +266,18 @@ class _Regularisation:
         return before / ALIKE <= now <= before * ALIKE
 
     def is_enough(self, limit: Limit | None) -> bool:
-        """Tell whether a limit is known as well as it was asked for, or as any step makes it known."""
+        """Return True if a limit has the accuracy asked for, or if shorter steps cannot improve it."""
         if limit is None or not self.moves:
             return False
         return limit.error <= self.tolerance or self.stays()
 
 
 def _flight_doubt(before: AnyRun, last: AnyRun) -> float:
-    """Bound, in m/s, what gravity does in a contact that a first flight may or may not precede.
+    """Bound, in m/s, the change by gravity in a contact if the first flight before it is in doubt.
 
-    The lead of the flight is extrapolated as velocities are. If it changes its sign on the way to a step of zero, or is
-    too short to tell, the flight is in doubt, and gravity does or does not act in the contact that decides on it.
+    The lead of the flight is extrapolated in the same way as velocities. The flight is in doubt if the lead changes its
+    sign on the way to a step of zero, or is too short to have a clear sign. Gravity then may or may not act in the
+    contact that decides on the flight.
     """
     earlier, (now, contact), scene = before.flight_lead.time, last.flight_lead, last.scene
     if not scene.gravity or not math.isfinite(now):
@@ -283,14 +290,14 @@ def _flight_doubt(before: AnyRun, last: AnyRun) -> float:
 
 
 def _touch_doubt(runs: Sequence[AnyRun]) -> float:
-    """Bound, in m/s, what the instants at which contacts are met may change, and a meeting that is left.
+    """Bound, in m/s, the change by the instants at which contacts are met, and by a meeting still to come.
 
-    A dashpot misses a share of its first step, and what it does there shrinks with the step. A rigid contact does all
-    it does in its first step, whatever its length, so that nothing is missing. There are three exceptions: neighbouring
-    contacts fall into one step, and their impulses depend on one another; the engine solves contacts only to its
-    `World.accuracy`; or it gives slow contacts no restitution.
+    A dashpot misses a part of its first step, and the impulse of this step shrinks with the step. A rigid contact gives
+    its whole impulse in its first step, whatever the step's length, so that nothing is missing. There are three
+    exceptions: neighbouring contacts fall into one step, and their impulses depend on one another; the engine solves
+    contacts only to its `World.accuracy`; or it gives slow contacts no restitution.
 
-    In a plane normals turn, and with them the impulses: by up to the angle, times the speed.
+    In a plane normals turn, and impulses turn with them: the change is at most the angle times the speed.
     """
     meeting_left = MEETINGS * max(run.meeting_left for run in runs[-2:])
     turning = max(run.turning for run in runs[-2:]) * runs[-1].scene.speed
@@ -298,7 +305,7 @@ def _touch_doubt(runs: Sequence[AnyRun]) -> float:
 
 
 def _start_doubt(runs: Sequence[AnyRun], meeting_left: float) -> float:
-    """Bound, in m/s, what first steps of contacts may change, given the bound of a meeting that is left."""
+    """Bound, in m/s, the change by first steps of contacts, given the bound of a meeting still to come."""
     starts = [run.starts for run in runs[-3:]]
     changed, last = max(starts) - min(starts), runs[-1]
     if changed <= WHOLE * last.starts:
@@ -308,9 +315,9 @@ def _start_doubt(runs: Sequence[AnyRun], meeting_left: float) -> float:
 
 
 def _limit_of(runs: Sequence[AnyRun], regularisation: Sequence[float]) -> Limit | None:
-    """Find the limit of runs, from the longest step to the shortest; None if they are fewer than three.
+    """Return the limit of runs, given from the longest step to the shortest; None for fewer than three runs.
 
-    `regularisation` are the changes measured, as of `_Regularisation.moves`.
+    `regularisation` are the changes that `_Regularisation.moves` holds.
     """
     if len(runs) < 3:
         return None
@@ -350,20 +357,21 @@ def estimate_limit(
     Parameters
     ----------
     follow
-        Runs a scene.
+        Function that runs a scene.
     probe
         The engine's `regularisation_probe`.
     first
         The run at the step h that a user takes; it is over.
     convergence
-        How well the limit must be known.
+        Accuracy that is asked of the limit.
     max_steps
-        A run at a shorter step may take so many steps, times h over its step, and at most `PATIENCE` times the steps of
-        the run at h. A run at a longer step may take as many as that at h.
+        Most steps of the run at h and of runs at longer steps. A run at a shorter step may take this number times h
+        over its step, and at most `PATIENCE` times the steps of the run at h.
 
     Returns
     -------
-    The limit, None if too few runs came to an end; and why it is not converged, empty if it is.
+    The limit, or None if too few runs came to an end; and the reason why it is not converged, ``""`` if
+    it is.
     """
     scene, runs, failure = first.scene, [first], ""
     tolerance = convergence.tolerance * scene.speed
@@ -401,7 +409,7 @@ def estimate_limit(
 def _why_unconverged(
     limit: Limit, tolerance: float, speed: float, last: AnyRun, regularisation_stays: bool, failure: str
 ) -> str:
-    """Say why a limit is not known to a tolerance in m/s; `failure` is of the run at the next shorter step."""
+    """Return why a limit misses a tolerance in m/s; `failure` belongs to the run at the next shorter step."""
     error, allowed = _percentage(limit.error / speed), _percentage(tolerance / speed)
     cause = ""
     if regularisation_stays:

@@ -1,19 +1,19 @@
-"""Drake: spheres on prismatic joints; docs/mapping.md, section 2, gives the reason of each setting.
+"""Drake: spheres on prismatic joints; docs/mapping.md, section 2, gives the reason for each setting.
 
 **Bodies.** Stiffness and dissipation are properties of geometries, and a ball inside a line has two contacts. So each
-ball has a sphere for each of its contacts, all at one place. The first body of a contact, in a line the upper one,
-carries it; the sphere of the second is rigid and undamped, like a plane. Filters let only these pairs meet. Steps are
-logged in C++.
+ball has a sphere for each of its contacts, all at one place. The sphere of a contact's first body, in a line the upper
+body, has the parameters of the contact. The sphere of the second body is rigid and undamped, like a plane. Filters let
+only these pairs of spheres meet. Steps are logged in C++.
 
 **Discrete time.** Drake has three approximations of a contact. ``kSap`` is a spring and a dashpot with a relaxation
-time. ``kLagged``, which Drake takes unless another is asked for, and ``kSimilar`` are Hunt and Crossley's contacts.
+time. ``kLagged``, which is Drake's default, and ``kSimilar`` are Hunt and Crossley's contacts.
 
 **Hunt and Crossley's contacts** are F = max(0, k delta (1 + d delta')), d = A/|v0|, with A from equation (*) of
-`restitution`. For e < 1 that is another law than the dashpot's.
+`restitution`. For e < 1 this law differs from the dashpot's.
 
-**Continuous time.** Contacts are Hunt and Crossley's. The integrator is the simulator's
-default, of third order: where contacts begin and end the motion has kinks, across which the error estimate of a higher
-order means nothing. The "step" is the time between two samples.
+**Continuous time.** Contacts are Hunt and Crossley's. The integrator is the simulator's default, of third order. The
+motion has kinks where contacts begin and end; across a kink an error estimate of higher order is meaningless. The
+"step" is the time between two samples.
 """
 
 from __future__ import annotations
@@ -45,15 +45,15 @@ from impact_xval.compliant_baselines.restitution import hunt_crossley_coefficien
 SAP_TOLERANCE = 1e-6
 
 #: Phase angle of a contact at which its impulse per step must have reached the tolerance. Half the square of the angle
-#: is the share of the velocity that is lost until then.
+#: is the fraction of the velocity that is lost before.
 LATEST_START = 0.02
 
-#: Target of the integration error in each step, over |v0|. Velocities at the end are 4 times as far off.
+#: Target of the integration error in each step, over |v0|. The error of final velocities is 4 times as large.
 ACCURACY = 1e-10
 
 
 class DrakeJoint(Protocol):
-    """What the adapter calls of a `PrismaticJoint`."""
+    """The methods of a `PrismaticJoint` that the adapter calls."""
 
     def set_translation(self, context: object, translation: float) -> None:
         """Set the position along the joint in m."""
@@ -65,7 +65,7 @@ class DrakeJoint(Protocol):
 
 
 class DrakeBody(Protocol):
-    """What the adapter calls of a `RigidBody`."""
+    """The methods of a `RigidBody` that the adapter calls."""
 
     def body_frame(self) -> object:
         """Return the frame of the body."""
@@ -73,7 +73,7 @@ class DrakeBody(Protocol):
 
 
 class DrakeProperties(Protocol):
-    """What the adapter calls of `ProximityProperties`."""
+    """The methods of `ProximityProperties` that the adapter calls."""
 
     def AddProperty(self, group_name: str, name: str, value: float) -> None:
         """Set a property."""
@@ -85,14 +85,14 @@ class DrakeProperties(Protocol):
 
 
 class DrakePlant(Protocol):
-    """What the adapter calls of a `MultibodyPlant` to add bodies."""
+    """The methods of a `MultibodyPlant` with which the adapter adds bodies."""
 
     def AddRigidBody(self, name: str, inertia: object, /) -> DrakeBody:
         """Add a body with a `SpatialInertia`."""
         ...
 
     def AddJoint(self, joint: object, /) -> DrakeJoint:
-        """Add a `PrismaticJoint`, and return it as the plant has it."""
+        """Add a `PrismaticJoint`, and return the plant's own object for it."""
         ...
 
     def RegisterCollisionGeometry(
@@ -102,7 +102,7 @@ class DrakePlant(Protocol):
         ...
 
     def Finalize(self) -> None:
-        """Say that nothing more is added."""
+        """Finish the plant: nothing can be added afterwards."""
         ...
 
     def world_body(self) -> DrakeBody:
@@ -115,7 +115,7 @@ class DrakePlant(Protocol):
 
 
 class DrakeFilterManager(Protocol):
-    """What the adapter calls of a `CollisionFilterManager`."""
+    """The method of a `CollisionFilterManager` that the adapter calls."""
 
     def Apply(self, declaration: object, /) -> None:
         """Apply a `CollisionFilterDeclaration`."""
@@ -123,7 +123,7 @@ class DrakeFilterManager(Protocol):
 
 
 class DrakeInspector(Protocol):
-    """What the adapter calls of a `SceneGraphInspector`."""
+    """The method of a `SceneGraphInspector` that the adapter calls."""
 
     def GetProximityProperties(self, geometry_id: object, /) -> DrakeProperties:
         """Return the properties of a shape."""
@@ -131,14 +131,14 @@ class DrakeInspector(Protocol):
 
 
 class DrakeSceneGraph(Protocol):
-    """What the adapter calls of a `SceneGraph`."""
+    """The methods of a `SceneGraph` that the adapter calls."""
 
     def collision_filter_manager(self) -> DrakeFilterManager:
-        """Return what filters collisions."""
+        """Return the object that filters collisions."""
         ...
 
     def model_inspector(self) -> DrakeInspector:
-        """Return what looks into the scene."""
+        """Return the object that reads the scene."""
         ...
 
 
@@ -152,14 +152,14 @@ class Drake(Engine):
     approximation = "kSap"
 
     def refusal(self, scene: Scene) -> str | None:
-        """Say why Drake cannot take a scene: a naive mapping of more than two balls, or a step that is too short."""
+        """Return why Drake cannot take a scene: a naive mapping of more than two balls, or a step that is too short."""
         pair = scene.table and len(scene.masses) == 2
         if scene.mapping == "naive" and not (self.approximation == "kSap" and pair):
             return "mapping = 'naive': Drake's is that of two balls on a table, by kSap; legal: 'calibrated'"
         return _too_short(scene) if self.approximation else None
 
     def world(self, scene: Scene) -> DrakeWorld:
-        """Set a scene up."""
+        """Set up a scene."""
         return DrakeWorld(scene, self.approximation)
 
     @contextmanager
@@ -182,13 +182,13 @@ class DrakeHuntCrossley(Drake):
 
 
 class DrakeLagged(Drake):
-    """Drake, discrete time, Hunt-Crossley contacts: the damping of a step is that of the depth before it."""
+    """Drake, discrete time, Hunt-Crossley contacts: the damping of a step comes from the depth before the step."""
 
     law, approximation = "hunt-crossley", "kLagged"
 
 
 class DrakeSimilar(Drake):
-    """Drake, discrete time, contacts similar to Hunt-Crossley's: the force of a step is a function of its end alone."""
+    """Drake, discrete time, contacts similar to Hunt-Crossley's: the force of a step depends only on its end."""
 
     law, approximation = "hunt-crossley", "kSimilar"
 
@@ -226,7 +226,7 @@ class DrakeWorld(World):
             approximation = getattr(plants.DiscreteContactApproximation, self._approximation)
             plant.set_discrete_contact_approximation(approximation)
             plant.set_sap_near_rigid_threshold(0.0)
-            plant.SetUseSampledOutputPorts(False)  # nobody reads them
+            plant.SetUseSampledOutputPorts(False)  # the adapter reads no output ports
         plant.mutable_gravity_field().set_gravity_vector([0, 0, -scene.gravity])
         joints = self._add_bodies(plant, graph)
         period = {} if self._approximation else {"publish_period": step}
@@ -239,7 +239,8 @@ class DrakeWorld(World):
             joint.set_translation(context, z)
             joint.set_translation_rate(context, v)
         if not self._approximation:
-            # One accuracy bounds changes of heights in m and of velocities in m/s: the larger of the two decides.
+            # The integrator has one accuracy for heights in m and velocities in m/s: the larger of both changes
+            # decides.
             integrator = self._simulator.get_mutable_integrator()
             height_over_speed = max(periods(scene)) / (2 * math.pi)
             integrator.set_target_accuracy(ACCURACY * scene.speed * max(1.0, height_over_speed))
@@ -250,7 +251,7 @@ class DrakeWorld(World):
         self._simulator.Initialize()
 
     def _add_bodies(self, plant: DrakePlant, graph: DrakeSceneGraph) -> list[DrakeJoint]:
-        """Add planes and balls and finish the plant; return the joints of the balls, one an axis, ball after ball."""
+        """Add planes and balls and finish the plant; return the joints, ball after ball, one for each axis."""
         geometry, tree, transforms = _module("geometry"), _module("multibody.tree"), _module("math")
         identity, arrangement = transforms.RigidTransform(), self._scene.arrangement
         sphere, inertia = geometry.Sphere(self.radius), tree.UnitInertia.SolidSphere(self.radius)
@@ -261,7 +262,7 @@ class DrakeWorld(World):
             *lighter, last_axis = SPACE_AXES[arrangement.axes]
             for axis in (
                 lighter
-            ):  # a body without mass slides along the first axis, and the ball along the last on it
+            ):  # a massless body slides along the first axis; the ball slides on it along the last axis
                 carrier = plant.AddRigidBody(f"B{i + 1}-{axis}", tree.SpatialInertia.Zero())
                 joints.append(plant.AddJoint(_slide(f"B{i + 1}-{axis}", frame, carrier, axis)))
                 frame = carrier.body_frame()
@@ -323,7 +324,7 @@ class DrakeWorld(World):
         return data[coordinates:].T.copy(), data[:coordinates].T - self.places
 
     def weightless(self, velocities: Floats, heights: Floats) -> None:
-        """Go on with a new plant: the gravity of a finished plant cannot be changed."""
+        """Go on without gravity in a new plant: the gravity of a finished plant cannot be changed."""
         self._scene = replace(self._scene, gravity=0.0)
         self._build(velocities.tolist(), heights)
 
@@ -346,11 +347,11 @@ def _read_side(properties: DrakeProperties) -> Side:
 
 
 def _too_short(scene: Scene) -> str | None:
-    """Say why a step is so short that the engine neglects a contact; None if it is not.
+    """Return a sentence if a step is so short that the engine neglects a contact; else None.
 
-    The engine compares residuals with the momentum of all bodies, both over sqrt(mass). An impulse M u of a pair that
-    meets at the speed u counts as sqrt(M) u beside sqrt(sum m v^2). In a step of length h at the time t after touch the
-    impulse is k v t h; it reaches the tolerance at a phase omega t, which must come early.
+    The engine compares residuals with the momentum of all bodies, both over sqrt(mass). An impulse M u of two bodies
+    that meet at the speed u is compared as sqrt(M) u with sqrt(sum m v^2). In a step of length h at the time t after
+    touch the impulse is k v t h. It reaches the tolerance at a phase omega t, which must come early.
     """
     momentum = math.sqrt(sum(m * v * v for m, v in zip(scene.inertia, scene.velocities, strict=True)))
     slowest = min(c.omega * math.sqrt(c.mass) for c in scene.contacts) * scene.speed / momentum

@@ -1,4 +1,4 @@
-"""The common part of all engine adapters: refusing, setting up, running, and turning runs into outcomes."""
+"""The common part of all engine adapters: it refuses or sets up scenes, runs them, and turns runs into outcomes."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from impact_xval.model.outcome import Outcome
 if TYPE_CHECKING:
     from impact_xval.model.graph.collision import GraphCollision
 
-#: The refusal of a scene whose numbers double precision does not have.
+#: The refusal of a scene with numbers outside double precision.
 BEYOND = (
     "periods, penetrations or energies beyond double precision; scale stiffnesses, masses or v0 (Theorem 5)"
 )
@@ -43,7 +43,7 @@ _importing = Lock()
 
 
 def import_quietly(module: str) -> ModuleType:
-    """Import a module; the line "pybullet build time: ..." of PyBullet's C code is not written."""
+    """Import a module without PyBullet's line "pybullet build time: ..." on the terminal."""
     with _importing:
         if module in sys.modules or module != "pybullet":
             return import_module(module)
@@ -53,10 +53,10 @@ def import_quietly(module: str) -> ModuleType:
 
 @contextmanager
 def standard_error_without(beginning: bytes) -> Generator[None]:
-    """Hold back the text written to the descriptor of standard error; write it later, without lines that begin so."""
+    """Hold back the text for the descriptor of standard error; write it later, without lines with this beginning."""
     try:
         terminal = os.dup(2)
-    except OSError:  # closed: there is nothing to keep clean
+    except OSError:  # standard error is closed, so nothing can appear on it
         yield
         return
     with tempfile.TemporaryFile() as held:
@@ -84,16 +84,16 @@ def _comparable(version: str) -> tuple[int, ...]:
 
 
 class Engine(Solver):
-    """A physics engine as a solver: an adapter says what the engine refuses and how a scene is set up.
+    """Base class of engine adapters: an adapter states what its engine refuses, and sets up scenes.
 
     A run has the status `ok`, or one of these:
 
     * `unavailable`: the engine cannot be imported
-    * `unrepresentable`: k_i = 0 or infinite, e_i = 0 of dashpots, or what the engine itself cannot take
-    * `timeout`: not over after `max_steps` (`stepping.Run.status`; `Run.problem` says how far it came)
-    * `crashed`: numbers that are not finite, or the engine's own complaint
-    * `unconverged`: over, but with more energy than it began with, or with a limit dt -> 0 that is not known to the
-      tolerance asked for; the outcome keeps its numbers
+    * `unrepresentable`: k_i is 0 or infinite, a dashpot would need e_i = 0, or the engine cannot take the numbers
+    * `timeout`: the collision is not over after `max_steps` (`stepping.Run.status`; `Run.problem` says how far it came)
+    * `crashed`: a number is not finite, or the engine has raised an error
+    * `unconverged`: the collision is over, but it has gained energy, or its limit dt -> 0 is not known to the tolerance
+      asked for; the outcome keeps its numbers
     """
 
     #: The engine as its makers spell it.
@@ -102,7 +102,8 @@ class Engine(Solver):
     distribution: str
     #: The module that is imported.
     module: str
-    #: What to run where the import fails; empty: to install the extra of the engine's name up to a colon.
+    #: Advice on the way to install the engine if the import fails. Empty: install the extra that has the engine's name
+    #: up to a colon.
     way_out: str = ""
 
     #: The oldest version that the adapter can run; empty: any version that can be imported.
@@ -112,16 +113,16 @@ class Engine(Solver):
     #: for an engine that has none.
     regularisation_probe: float | None = None
 
-    #: Settings of this solver, whatever is configured (`registry`).
+    #: Settings that always hold for this solver, whatever is configured (`registry`).
     fixed_settings: Mapping[str, object] = MappingProxyType({})
 
-    #: Whether the adapter sets up scenes in a plane (docs/adding-a-solver.md).
+    #: True if the adapter sets up scenes in a plane (docs/adding-a-solver.md).
     knows_planes: bool = False
 
-    #: Step in s of the engine as it ships; only for engines that are run so.
+    #: The engine's default step in s; only for engines that run with their defaults.
     shipped_step: float
 
-    #: Makes a world of a scene and a radius; an adapter sets it, or overrides `world`.
+    #: Function that makes a world of a scene and a radius; an adapter sets it, or overrides `world`.
     made: Callable[[Scene, float], World]
 
     def version(self) -> str:
@@ -129,7 +130,7 @@ class Engine(Solver):
         return version_of(self.distribution)
 
     def unavailable(self) -> str | None:
-        """Say why the engine cannot run here, and the way out; None if it can."""
+        """Return why the engine cannot run here, and the way out; None if it can."""
         way_out = self.way_out or f"run pip install 'impact-xval[{self.name.partition(':')[0]}]'"
         if (installed := self.version()) and _comparable(installed) < _comparable(self.oldest):
             return f"{self.title} {installed} is too old: {self.oldest} or later runs: {way_out}"
@@ -144,7 +145,7 @@ class Engine(Solver):
         return None
 
     def refusal(self, scene: Scene) -> str | None:
-        """Say in one sentence why the engine cannot take a scene; None if it can."""
+        """Return one sentence why the engine cannot take a scene; None if it can."""
         return None
 
     def radius(self, scene: Scene) -> float:
@@ -152,12 +153,12 @@ class Engine(Solver):
         return radius_of(scene.depth(scene.stiffnesses), scene.axes)
 
     def world(self, scene: Scene) -> World:
-        """Set a scene up; the world made before is not used any more."""
+        """Set up a scene; the world made before becomes invalid."""
         return self.made(scene, self.radius(scene))
 
     @contextmanager
     def running(self) -> Generator[None]:
-        """Hold what is needed while scenes are set up and run: a connection, silence."""
+        """Keep an engine ready while scenes are set up and run: for example a connection, or a quiet terminal."""
         yield
 
     def run(self, scenes: Sequence[Scene], max_steps: int, record_path: bool = False) -> list[Run]:
@@ -166,11 +167,11 @@ class Engine(Solver):
             return [self.follow(scene, max_steps, record_path) for scene in scenes]
 
     def follow(self, scene: Scene, max_steps: int, record_path: bool = False) -> Run:
-        """Run a scene; to be called while `running`."""
+        """Run a scene; call it only inside `running`."""
         return follow_scene(scene, self.world(scene), max_steps, record_path)
 
     def scene_or_refusal(self, collision: Collision, settings: Settings) -> Scene | str:
-        """Set a collision up as a scene that this engine takes, or say in one sentence why it takes none."""
+        """Set up a collision as a scene that this engine takes, or return one sentence why it takes none."""
         refusal = self._refusal_of_collision(collision, settings)
         if refusal is not None:
             return refusal
@@ -180,17 +181,17 @@ class Engine(Solver):
             return BEYOND
 
     def _accepted(self, scene: Scene) -> Scene | str:
-        """Return a scene as this engine takes it, or say in one sentence why it takes none."""
+        """Return a scene in the form that this engine takes, or one sentence why it takes none."""
         if scene.mapping == "shipped":
             scene = replace(scene, step=self.shipped_step)
         energy = sum(m * v * v for m, v in zip(scene.inertia.tolist(), scene.velocities, strict=True))
-        # Energies are divided by the energy at the start, and radii follow from how deep contacts go.
+        # Energies are divided by the energy at the start, and radii follow from the depth of contacts.
         if not (0 < energy < inf and 0 < scene.step < inf and scene.depth(scene.stiffnesses) > 0):
             return BEYOND
         return self.refusal(scene) or scene
 
     def _refusal_of_collision(self, collision: Collision, settings: Settings) -> str | None:
-        """Say in one sentence why no engine of this kind takes a collision; None if it may."""
+        """Return one sentence why no engine of this kind takes a collision; None if an engine may take it."""
         c, shipped = collision, settings.mapping == "shipped"
         if settings.scenario == "drop" and not c.falls_on_resting:
             return f"scenario = {settings.scenario!r}: only two balls on a table are dropped; legal: 'impact'"
@@ -207,7 +208,7 @@ class Engine(Solver):
     def _refusal_of_contacts(
         self, stiffnesses: Sequence[float], restitutions: Sequence[float], shipped: bool
     ) -> str | None:
-        """Say in one sentence why no engine of this kind takes such contacts; None if it may."""
+        """Return one sentence why no engine of this kind takes such contacts; None if an engine may take them."""
         if len(stiffnesses) > MOST_CONTACTS:
             return f"{len(stiffnesses)} contacts: engines run up to {MOST_CONTACTS}"
         model = "or the state-transition model, which knows the limit"
@@ -220,7 +221,7 @@ class Engine(Solver):
         return None
 
     def plane_scene_or_refusal(self, collision: GraphCollision, settings: Settings) -> Scene | str:
-        """Set a contact graph up as a scene that this engine takes, or say in one sentence why it takes none."""
+        """Set up a contact graph as a scene that this engine takes, or return one sentence why it takes none."""
         if not self.knows_planes:
             return f"{self.name} solves balls in a line alone, no contact graphs"
         if settings.scenario == "drop":
@@ -247,7 +248,7 @@ class Engine(Solver):
         with self.running():
             solved = [self._solve_with_limit(c, settings) for c in collisions]
         outcomes = [outcome for outcome, _ in solved]
-        # With any other mapping the contacts may not be those of the law.
+        # Under any other mapping the contacts may obey another law.
         if settings.mark and settings.mapping == "calibrated" and self.law is not None:
             self._mark(outcomes, [limit for _, limit in solved], collisions, self.law, settings)
         return outcomes
@@ -257,8 +258,9 @@ class Engine(Solver):
     ) -> Sequence[GraphCollisionOutcome]:
         """Solve contact graphs of balls in a plane; failures are outcomes with a status.
 
-        `velocities` are those at the step asked for. With `Settings.convergence`, `limit_velocities` are those of the
-        limit dt -> 0, and `diagnostics` say how well the limit is known, by the names that lines of balls have.
+        `velocities` are the velocities at the step asked for. With `Settings.convergence`, `limit_velocities` are the
+        velocities of the limit dt -> 0, and `diagnostics` hold its accuracy, under the same names as for lines of
+        balls.
         """
         settings = replace(settings, **self.fixed_settings)
         if (missing := self.unavailable()) is not None:
@@ -269,11 +271,11 @@ class Engine(Solver):
             return [self._solve_graph(collision, settings) for collision in collisions]
 
     def follow_plane(self, scene: Scene, max_steps: int) -> PlaneRun:
-        """Run a scene in a plane; to be called while `running`."""
+        """Run a scene in a plane; call it only inside `running`."""
         return follow_plane_scene(scene, self.world(scene), max_steps)
 
     def _solve_graph(self, collision: GraphCollision, settings: Settings) -> GraphCollisionOutcome:
-        """Solve one contact graph, with its limit dt -> 0 if that is asked for and known."""
+        """Solve one contact graph, with its limit dt -> 0 if the limit is asked for and known."""
         scene = self.plane_scene_or_refusal(collision, settings)
         if isinstance(scene, str):
             return GraphCollisionOutcome.failure(self.name, collision, "unrepresentable", scene)
@@ -320,7 +322,7 @@ class Engine(Solver):
                     outcomes[i] = replace(outcomes[i], mark=mark)
 
     def _solve_with_limit(self, collision: Collision, settings: Settings) -> tuple[Outcome, Limit | None]:
-        """Solve a collision; give its limit dt -> 0 too if that is asked for and known."""
+        """Solve a collision; also return its limit dt -> 0 if the limit is asked for and known."""
         scene = self.scene_or_refusal(collision, settings)
         if isinstance(scene, str):
             return Outcome.failure(self.name, collision, "unrepresentable", scene), None
@@ -339,16 +341,16 @@ class Engine(Solver):
 
 
 def _end_of(limit: Limit | None) -> DropEnd | None:
-    """Return how the run at the shortest step of a limit ended; None without a limit."""
+    """Return the end of the run at the shortest step of a limit; None without a limit."""
     return None if limit is None else DropEnd(limit.has_first_flight, limit.b2_settled)
 
 
 def outcome_of(solver: str, collision: Collision, run: Run, settings: Settings) -> Outcome:
     """Turn a finished run into an outcome.
 
-    `diagnostics` holds `step` (s), `n_steps`, `duration` (s) and `energy_gain` (over the energy before). Of a drop it
+    `diagnostics` holds `step` (s), `n_steps`, `duration` (s) and `energy_gain` (over the energy before). For a drop it
     also holds `gravity_number`, `first_flight` (s, if there is one) and `rest_speed` (m/s, of a settled B2). Impulses
-    are those of the contacts, with the support of B2's weight, and go with the velocities reported.
+    are the impulses of the contacts, including the support of B2's weight. They match the reported velocities.
     """
     c = run.scene
     if not run.over:
@@ -375,7 +377,7 @@ def outcome_of(solver: str, collision: Collision, run: Run, settings: Settings) 
 def graph_outcome_of(solver: str, run: PlaneRun) -> GraphCollisionOutcome:
     """Turn a finished run in a plane into an outcome.
 
-    `diagnostics` are `step`, `n_steps`, `duration` and `energy_gain`, as of `outcome_of`.
+    `diagnostics` are `step`, `n_steps`, `duration` and `energy_gain`, with the units of `outcome_of`.
     """
     reason = run.too_much_energy()
     return GraphCollisionOutcome(
@@ -402,7 +404,8 @@ def _by_body(coordinates: Sequence[float], axes: int) -> tuple[tuple[float, ...]
 def _diagnostics_of(run: Run) -> dict[str, float]:
     """Return the numbers of a run that an outcome lists (`outcome_of`).
 
-    A number in m/s is listed in `experiments.measures.divergence` too (`_VELOCITY`): else it is not shown over abs(v0).
+    A number in m/s must also be listed in `experiments.measures.divergence` (`_VELOCITY`): only then is it shown over
+    abs(v0).
     """
     c = run.scene
     diagnostics = {

@@ -1,24 +1,24 @@
-"""Steps in which nothing can happen: how long an engine may run without being read.
+"""Bounds on the number of steps in which nothing can happen, so that an engine may run without being read.
 
-An engine whose steps are cheaper than its reads takes many steps in one call while no contact begins or ends to carry
-force, no gap closes or opens, and the collision cannot be over. States, ends and velocities are then the same to the
-bit as if every step had been read.
+Some engines take a step faster than they are read. Such an engine takes many steps in one call while no contact begins
+or ceases to carry force, no gap closes or opens, and the collision cannot end. States, ends and velocities are then the
+same to the bit as if every step had been read.
 
 The bounds hold for F_i = max(0, Phi_i), Phi_i = -k_i g_i - c_i g_i', while the gap g_i is negative. k_i and c_i are the
 engine's own, and M_i is the reduced mass of the two bodies.
 
-1. Up to the first change only the contacts that carry force act, and the bound is on the time of that change. Sums are
-   over these contacts alone. Let A bound all |g_i''|; they are at most sum_j F_j/M_j + g. Within s = 0.7/Omega, Omega =
-   sqrt(sum_j k_j/M_j) + sum_j c_j/M_j, a force grows by at most (k_i s + c_i)|g_i'| + (k_i s^2/2 + c_i s) A. The second
-   term feeds the share phi = sum_j (k_j s^2/2 + c_j s)/M_j <= 0.7 of A back into it: A is at most what the rest makes
-   over 1 - phi.
+1. The bound is on the time of the first change. Until then only the active contacts act, and sums are over these
+   contacts alone. Let A bound all |g_i''|; they are at most sum_j F_j/M_j + g. Within s = 0.7/Omega, Omega = sqrt(sum_j
+   k_j/M_j) + sum_j c_j/M_j, a force grows by at most (k_i s + c_i)|g_i'| + (k_i s^2/2 + c_i s) A. The second term
+   contains A itself, with the factor phi = sum_j (k_j s^2/2 + c_j s)/M_j <= 0.7. So A is at most the sum of all other
+   terms over 1 - phi.
 2. Phi_i keeps its sign as long as k_i (|g_i'| t + A t^2/2) + c_i A t < |Phi_i|, and g_i keeps its sign as long as
    |g_i'| t + A t^2/2 < |g_i|. A rate that leads away from zero counts as 0.
-3. Without gravity a collision is not over while a contact carries force or bodies approach. With gravity there are
-   three cases. While no contact carries force it cannot become over: velocities only fall together. While B2 alone is
-   carried, it can be over only by B2 settling; while both balls are carried, only by both settling. Balls settle
-   when an energy has fallen far enough (`b2_has_settled`, `both_balls_have_settled`), which within s does not fall to a
-   sixteenth.
+3. Without gravity a collision is not over while a contact is active or bodies approach. With gravity there are three
+   cases. While no contact is active, the collision cannot end, because all velocities change by the same amount. While
+   only contact 2 is active, it can end only when B2 settles. While both contacts are active, it can end only when both
+   balls settle. Balls settle when their energy has fallen far enough (`b2_has_settled`, `both_balls_have_settled`).
+   Within s this energy does not fall to a sixteenth.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ import numpy as np
 
 from impact_xval.model.compiled import kernel_decorator
 
-#: Options of the kernels of this module: rounded as they are written, and without reference counts, which would cost
-#: more than the work. Only compiled code calls the helpers.
+#: Options of the kernels of this module. Operations are rounded as they are written. There are no reference counts,
+#: which would cost more time than the work itself. Only compiled code calls the helpers.
 strict_kernel = kernel_decorator(fastmath=False, _nrt=False)
 strict_helper = kernel_decorator(
     fastmath=False, _nrt=False, cache=False, no_cpython_wrapper=True, no_cfunc_wrapper=True
@@ -42,24 +42,25 @@ BALL_BALL, BALL_TABLE = 1, 2
 #: The set of contacts of a run before its first step.
 NOT_STARTED = -1
 
-#: Energies of more than this multiple of what a settled ball may have cannot fall to it within the time s of rule 1.
+#: Multiple of the energy that a settled ball may have. A larger energy cannot fall to that of a settled ball within the
+#: time s of rule 1.
 SAFE_ENERGY = 16.0
 
 
 #: Numbers of a scene that kernels need, as an array of one record; in SI units.
 #:
-#: * ``contacts``: N with a table, N - 1 without
+#: * ``contacts``: number of contacts, N with a table, N - 1 without
 #: * ``step``: length of a step in s
-#: * ``rounding``: as of `World`
-#: * ``pulls``: 1 if contacts may pull, else 0; as of `World`
-#: * ``gravity``: in m/s^2; 0 without gravity, and in a drop from the first flight on
+#: * ``rounding``: largest impulse in a step, over the momenta, that rounding alone can make (`World.rounding`)
+#: * ``pulls``: 1 if contacts may pull, else 0
+#: * ``gravity``: gravity in m/s^2; 0 without gravity, and in a drop from the first flight on
 #:
-#: Of a drop, else 0:
+#: The following numbers belong to a drop, and are 0 otherwise:
 #:
 #: * ``k1``, ``k2``: stiffness between the balls and of B2's support, in N/m
-#: * ``depth_of_b2``: how deep B2 rests in the table alone, in m
-#: * ``depth_of_b1_in_b2``: how deep B1 rests in B2, in m
-#: * ``depth_of_b2_loaded``: how deep B2 rests in the table with B1 on it, in m
+#: * ``depth_of_b2``: depth in m at which B2 alone rests in the table
+#: * ``depth_of_b1_in_b2``: depth in m at which B1 rests in B2
+#: * ``depth_of_b2_loaded``: depth in m at which B2 rests in the table with B1 on it
 SCENE_NUMBERS = np.dtype(
     (
         np.record,
@@ -78,7 +79,7 @@ SCENE_NUMBERS = np.dtype(
     )
 )
 
-#: A contact as an engine has it: stiffness in N/m, damping in N s/m, and the reduced mass of its bodies in kg.
+#: A contact in an engine's numbers: stiffness in N/m, damping in N s/m, and the reduced mass of its bodies in kg.
 CONTACT_LAW = np.dtype((np.record, [("stiffness", "f8"), ("damping", "f8"), ("mass", "f8")]))
 
 
@@ -99,7 +100,7 @@ def _time_to(distance, rate, acceleration):  # pragma: no cover (compiled)
 def _time_to_event(carries, k, c, gap, rate, acceleration):  # pragma: no cover (compiled)
     """Bound the time until a contact begins or ends to carry force, or its gap changes sign.
 
-    0 where the contact does not act as the law says, which happens within a step or two of an event.
+    The bound is 0 where the contact does not obey the law, which happens within a step or two of an event.
     """
     force = -k * gap - c * rate
     if carries:
@@ -116,7 +117,7 @@ def _time_to_event(carries, k, c, gap, rate, acceleration):  # pragma: no cover 
 
 @strict_helper
 def b2_has_settled(v2, x2, masses, numbers, multiple):  # pragma: no cover (compiled)
-    """Tell whether B2's energy about equilibrium is at most a multiple of what unloads its support.
+    """Return True if B2's energy about equilibrium is at most a multiple of the energy that unloads its support.
 
     `v2` in m/s and `x2` in m are its state; `numbers` is a record of `SCENE_NUMBERS`.
     """
@@ -127,7 +128,7 @@ def b2_has_settled(v2, x2, masses, numbers, multiple):  # pragma: no cover (comp
 
 @strict_helper
 def both_balls_have_settled(v1, v2, x1, x2, masses, numbers, multiple):  # pragma: no cover (compiled)
-    """Tell whether the energy of both balls about equilibrium is at most a multiple of what unloads a contact."""
+    """Return True if both balls' energy about equilibrium is at most a multiple of what unloads a contact."""
     m1, m2, g, k1, k2 = masses[0], masses[1], numbers.gravity, numbers.k1, numbers.k2
     energy = m1 * v1 * v1 + m2 * v2 * v2
     energy += k1 * (x2 - x1 - numbers.depth_of_b1_in_b2) ** 2 + k2 * (x2 + numbers.depth_of_b2_loaded) ** 2
@@ -136,7 +137,7 @@ def both_balls_have_settled(v1, v2, x1, x2, masses, numbers, multiple):  # pragm
 
 @strict_helper
 def _may_settle_soon(active, v, x, masses, numbers):  # pragma: no cover (compiled)
-    """Tell whether a drop may end within the time s of the module, by settling (rule 3)."""
+    """Return True if a drop may end by settling within the time s of the module (rule 3)."""
     if active == BALL_BALL | BALL_TABLE:
         return both_balls_have_settled(v[0], v[1], x[0], x[1], masses, numbers, SAFE_ENERGY)
     if not active & BALL_BALL:
@@ -148,19 +149,19 @@ def _may_settle_soon(active, v, x, masses, numbers):  # pragma: no cover (compil
 def count_event_free_steps(active, v, x, masses, law, scene_numbers):  # pragma: no cover (compiled)
     """Count the next steps in which nothing happens, at most a million.
 
-    The count is two less than the bound on the time allows. The step after that time may begin within it, and an engine
-    may look at a force at the end of a step and at a gap at its beginning.
+    The count is two less than the bound on the time allows, for two reasons. The step with the event may begin before
+    the bound. And an engine may compute a force at the end of a step but a gap at its beginning.
 
     Parameters
     ----------
     active
         The contacts that carried force in the last step, as bits, or `NOT_STARTED`.
     v, x
-        Velocities in m/s and heights in m after it, shape (N,).
+        Velocities in m/s and heights in m after the last step, shape (N,).
     masses
         In kg, shape (N,).
     law
-        `CONTACT_LAW` of each contact, shape (C,).
+        Masses in kg, shape (N,).
     scene_numbers
         One record of `SCENE_NUMBERS`, shape (1,).
     """
@@ -170,7 +171,8 @@ def count_event_free_steps(active, v, x, masses, law, scene_numbers):  # pragma:
     g = numbers.gravity
     if g > 0 and _may_settle_soon(active, v, x, masses, numbers):
         return 0
-    # Sums of rule 1: k/M, c/M, the forces over M, and their growth in a unit of time.
+    # Sums of rule 1 over active contacts: k/M, c/M, the forces over M, and the growth of these forces in a unit of
+    # time.
     stiff = damp = force = growth = 0.0
     for i in range(law.size):
         if active >> i & 1:
@@ -178,7 +180,7 @@ def count_event_free_steps(active, v, x, masses, law, scene_numbers):  # pragma:
             gap, rate = _above_next(x, i), _above_next(v, i)
             stiff, damp, growth = stiff + k / M, damp + c / M, growth + k * abs(rate) / M
             force += (max(0.0, -k * gap - c * rate) + c * abs(rate)) / M
-    # In flight only the gaps bound the time.
+    # Without an active contact only the gaps bound the time.
     s, acceleration = math.inf, g
     if active > 0:
         s = 0.7 / (math.sqrt(stiff) + damp)
@@ -192,7 +194,7 @@ def count_event_free_steps(active, v, x, masses, law, scene_numbers):  # pragma:
 
 @strict_helper
 def _fill_accelerations(out, active, v, x, masses, law, g):  # pragma: no cover (compiled)
-    """Write accelerations in m/s^2, shape (N,), by the law of the contacts that carry force."""
+    """Write accelerations in m/s^2, shape (N,), under the law of the active contacts."""
     from_above = 0.0
     for i in range(masses.size):
         force = 0.0
@@ -208,26 +210,26 @@ def hermite_interpolate(
 ):  # pragma: no cover (compiled)
     """Interpolate velocities in m/s within event-free steps, on the cubics of Hermite.
 
-    The cubics have the velocities and accelerations before the first step and after the last. scipy's
-    CubicHermiteSpline gives the same to 1e-15, but making one for every leap takes PyBullet's paths three times as
-    long.
+    The cubics match the velocities and accelerations before the first step and after the last. scipy's
+    CubicHermiteSpline returns the same to 1e-15. But a spline object for every leap makes PyBullet's paths three times
+    as slow.
 
     Parameters
     ----------
     out
         Filled with the velocities; shape (n, N).
     active, masses, law
-        As of `count_event_free_steps`.
+        The same arguments as in `count_event_free_steps`.
     v, x, v_end, x_end
         Velocities in m/s and heights in m before the first step and after the last, shape (N,).
     times
-        Shares of the time of the steps, shape (n,).
+        Times as fractions of the time of all steps, shape (n,).
     span
-        Time of the steps, in s.
+        Time of all steps, in s.
     g
         Gravity in m/s^2.
     accelerations
-        Scratch, shape (2, N).
+        Scratch array, shape (2, N).
     """
     begin, end = accelerations[0], accelerations[1]
     _fill_accelerations(begin, active, v, x, masses, law, g)

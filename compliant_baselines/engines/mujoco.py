@@ -1,4 +1,4 @@
-"""MuJoCo: balls on slides, vertical ones in a line; docs/mapping.md, section 2, gives the reason of each setting.
+"""MuJoCo: balls on slides, which are vertical in a line; docs/mapping.md, section 2, gives the reason for each setting.
 
 `mujoco.rollout` takes many steps in C++ and records each of them; all versions from 3.2.7 on have it. A model is
 compiled once for each arrangement of balls, and the numbers of a collision are written into its arrays.
@@ -32,7 +32,7 @@ from impact_xval.model.arrays import Integers
 #: Largest position, velocity and acceleration the engine accepts, in SI units (mjMAXVAL of mjtype.h).
 LARGEST_VALUE = 1e10
 
-#: An MJCF file. Stages that have nothing to do in such a scene are off; they would take 6 % of a step.
+#: Template of an MJCF file. Stages of the engine without effect in such a scene are off; they would take 6 % of a step.
 SCENE = """
 <mujoco model="column">
   <option integrator="Euler" solver="Newton" iterations="100" gravity="0 0 0">
@@ -65,8 +65,8 @@ JOINTS = {1: {"": "0 0 1"}, 2: {"x": "1 0 0", "z": "0 0 1"}}
 def mjcf(arrangement: Arrangement) -> str:
     """Write an MJCF file of balls of 1 kg and 1 m, whose numbers `MujocoWorld` replaces.
 
-    The pairs are named by the numbers of the contacts. The first plane is the table, which is there without contacts
-    too; each further contact with a fixed body has a plane of its own.
+    The pairs are named by the numbers of the contacts. The first plane is the table, which exists even if nothing
+    touches it; each further contact with a fixed body has its own plane.
     """
     names = [f"B{i}" for i in range(1, len(arrangement.centres) + 1)]
     places = in_space(np.ravel(arrangement.centres), arrangement.axes)
@@ -105,12 +105,12 @@ def plane_name(arrangement: Arrangement, contact: int) -> str:
 
 
 def _numbers(values: Sequence[float]) -> str:
-    """Write numbers for an attribute: whole ones without a point."""
+    """Write numbers for an attribute; whole numbers are written without a point."""
     return " ".join(repr(int(value)) if value == int(value) else repr(value) for value in values)
 
 
 class MjOption(Protocol):
-    """What the adapter reads and writes of `mujoco.MjOption`."""
+    """The members of `mujoco.MjOption` that the adapter reads and writes."""
 
     timestep: float
     tolerance: float
@@ -118,13 +118,13 @@ class MjOption(Protocol):
 
 
 class MjNamed(Protocol):
-    """What is read of a part of a model that is looked up by its name."""
+    """The members that the adapter reads of a part of a model, looked up by name."""
 
     id: int
 
 
 class MjModel(Protocol):
-    """What the adapter reads and writes of `mujoco.MjModel`."""
+    """The members of `mujoco.MjModel` that the adapter reads and writes."""
 
     opt: MjOption
     #: Number of positions.
@@ -152,14 +152,14 @@ class MjModel(Protocol):
 
 
 class MjWarnings(Protocol):
-    """What the adapter reads of the warnings of a run."""
+    """The member of a run's warnings that the adapter reads."""
 
-    #: How often each warning was raised.
+    #: Number of times that each warning was raised.
     number: Integers
 
 
 class MjData(Protocol):
-    """What the adapter reads and writes of `mujoco.MjData`."""
+    """The members of `mujoco.MjData` that the adapter reads and writes."""
 
     qpos: Floats
     qvel: Floats
@@ -168,7 +168,7 @@ class MjData(Protocol):
 
 
 class _Compiled:
-    """An arrangement of balls that MuJoCo has compiled; the numbers of a scene are still to be written.
+    """An arrangement of balls that MuJoCo has compiled; the numbers of a scene are written later.
 
     Attributes
     ----------
@@ -179,7 +179,7 @@ class _Compiled:
     pairs
         Indices of the contacts in their order; the engine sorts pairs by their geoms.
     planes, balls
-        Indices of the geoms that do not move, and of those of the balls.
+        Indices of the geoms that do not move, and of the geoms of the balls.
     """
 
     def __init__(self, arrangement: Arrangement) -> None:
@@ -234,7 +234,7 @@ def take_steps(model: MjModel, data: MjData, n: int) -> tuple[Floats, Floats]:
 
 
 class Mujoco(Engine):
-    """MuJoCo 3.2.7 or later, in one thread: the callers share collisions out to processes."""
+    """MuJoCo 3.2.7 or later, in one thread; callers distribute collisions over processes."""
 
     name = distribution = "mujoco"
     title, module, way_out = "MuJoCo", "mujoco.rollout", "run pip install 'mujoco>=3.2.7'"
@@ -244,7 +244,7 @@ class Mujoco(Engine):
     shipped_step = 0.002
 
     def refusal(self, scene: Scene) -> str | None:
-        """Say why MuJoCo cannot take a scene: accelerations too large, or e = 1 where it takes a damping ratio."""
+        """Return why MuJoCo cannot take a scene: accelerations too large, or e = 1 where it takes a damping ratio."""
         if scene.mapping == "documented" and 1 in scene.restitutions:
             contact = scene.restitutions.index(1) + 1
             return f"e{contact} = 1: no time constant and damping ratio are undamped; legal: below 1"
@@ -261,7 +261,7 @@ class Mujoco(Engine):
         return radius_of(map_scene(scene).depth, scene.axes)
 
     def world(self, scene: Scene) -> MujocoWorld:
-        """Set a scene up."""
+        """Set up a scene."""
         return MujocoWorld(scene, self._compiled(scene.arrangement))
 
     @contextmanager
@@ -288,7 +288,7 @@ class Mujoco(Engine):
 
 
 class MujocoWorld(World):
-    """A scene in a compiled model, which the world made before does not use any more."""
+    """A scene in a compiled model; the world made before for this model becomes invalid."""
 
     def __init__(self, scene: Scene, compiled: _Compiled) -> None:
         mujoco = import_module("mujoco")
@@ -303,8 +303,8 @@ class MujocoWorld(World):
         model.body_pos[balls] = in_space(self.places, scene.axes)
         model.body_mass[balls] = scene.masses
         model.opt.timestep = scene.step
-        # The engine compares an acceleration and its square with it: with the smaller, Newton's method stops after two
-        # iterations.
+        # The engine compares both an acceleration and its square with the tolerance: with a smaller tolerance Newton's
+        # method stops after two iterations.
         model.opt.tolerance = 1e-14 * min(acceleration, acceleration**2)
         model.opt.gravity[2] = -scene.gravity
         model.pair_solref[contacts] = [pair.solref for pair in pairs]
@@ -328,7 +328,7 @@ class MujocoWorld(World):
 def _read_back(
     model: MjModel, contacts: list[int], bodies: Sequence[tuple[int, int]]
 ) -> dict[str, tuple[float, ...]]:
-    """Read back what the engine will use for each contact as a pair alone (docs/mapping.md); as `World.effective`."""
+    """Read back the numbers that the engine uses for each contact alone (docs/mapping.md), as in `World.effective`."""
     # The engine's own inverse weights; the weight of body 0, which does not move, is 0.
     masses = 1 / model.body_invweight0[np.array(bodies), 0].sum(axis=1)
     solref, solimp = model.pair_solref[contacts], model.pair_solimp[contacts]
@@ -346,10 +346,10 @@ def _read_back(
 
 
 class MappedScene(NamedTuple):
-    """The contacts of a scene in MuJoCo's parameters, and what follows for pairs that meet alone."""
+    """The contacts of a scene in MuJoCo's parameters, with bounds for each contact alone."""
 
     contacts: list[MujocoContact]
-    #: How deep contacts go, in m.
+    #: Depth of the contacts in m.
     depth: float
     #: The largest acceleration, in m/s^2.
     acceleration: float

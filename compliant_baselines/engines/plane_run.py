@@ -1,16 +1,16 @@
-"""Following a scene in a plane through the steps of an engine: forces, and when the collision is over.
+"""Runs of a scene in a plane through the steps of an engine: they find forces and the end of the collision.
 
-All contacts touch at t = 0, and nothing falls. Rates and gaps are those of the fixed normals, -J v and J x.
+All contacts touch at t = 0, and nothing falls. Rates -J v and gaps J x are computed with fixed normals.
 
 **A contact carries force** in a step if its impulse exceeds `World.rounding` of the momenta in the balance, and
 `TURNED` of the largest impulse of the step. Impulses follow from the changes of momentum, J^T P = M dv, by least
-squares. Where contacts depend on one another (J^T has not full rank) that is one of several splits. Impulses decide on
-states and on what is doubted of a limit, never on velocities.
+squares. If contacts depend on one another (J^T does not have full rank), this is one of several ways to split the
+impulses. Impulses determine states and the error of a limit, never velocities.
 
 **Over**: at the end of the first step in which no body's momentum changes beyond rounding and no contact approaches. A
-flight whose next meeting lies further ahead than the collision has taken ends too if that meeting may change little, by
-the bound of `stepping`: the nearest velocities at which all contacts part, in the kinetic norm, are then reported. A
-flight that outlasts the steps that are left is given up.
+flight also ends the run if two conditions hold: its next meeting lies further ahead than the time that the collision
+has taken, and this meeting can change little, by the bound of `stepping`. Reported are then the nearest velocities, in
+the kinetic norm, at which all contacts part. A flight that outlasts the remaining steps is given up.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ from impact_xval.model.status import Status
 
 _optimize: Any = optimize
 
-#: Share of the largest impulse of a step that the turning of normals may show as an impulse of another contact.
+#: Fraction of the largest impulse of a step that may appear as an impulse of another contact because normals turn.
 TURNED = 1e-4
 
 #: Gap in radii above which a contact has opened: above the rounding of places, and of an initial overlap.
 OPEN = 2.0**-44
 
-#: Share of the terms of a rate that is rounding of their sum.
+#: Rounding of a rate, over the sum of the magnitudes of its terms.
 RATE_ROUNDING = 2.0**-48
 
 
@@ -57,7 +57,7 @@ def project_to_parting(velocities: Floats, scene: Scene) -> Floats:
 
 
 class PlaneRun:
-    """A scene in a plane under way, or over; its members are named as those of `stepping.Run`.
+    """A run of a scene in a plane, in progress or over; its members have the names of `stepping.Run`.
 
     Attributes
     ----------
@@ -68,20 +68,20 @@ class PlaneRun:
     n_steps
         Steps taken.
     end
-        Its state; `RunEnd.GOING` if it ran out of `max_steps`.
+        State of the run; `RunEnd.GOING` if all `max_steps` are taken.
     failure
-        The complaint of an engine that broke.
+        The error message of an engine that failed.
     velocities, heights
-        In m/s and m, after the last step, shape (N axes,).
+        Velocities in m/s and heights in m after the last step, shape (N axes,).
     effective, accuracy, dropped
-        As of `World`.
+        The members of these names of the `World`.
     starts, starts_together
-        As of `stepping.Run`: changes of relative velocities in m/s in the first steps of contacts that were met at a
-        speed, and the part that depends on another contact of the same body.
+        Changes of relative velocities in m/s in the first steps of contacts whose bodies met at a speed, summed; and
+        the part that depends on another contact of the same body.
     turning
-        Largest angle in rad by which a normal has turned up to the last step with a force.
+        Largest angle in rad by which a normal has turned until the last step with a force.
     first_flight, flight_lead, b2_settled
-        As of `stepping.Run`, where nothing falls.
+        Values of a run without gravity: no first flight, an infinite lead, and B2 not settled.
     """
 
     first_flight = None
@@ -105,7 +105,7 @@ class PlaneRun:
         self._sets: list[NDArray[np.int64]] = []
 
     def feed(self, v: Floats, x: Floats) -> None:
-        """Take the next steps, as far as they belong to the collision; v and x have the shape (n, N axes)."""
+        """Take those of the next steps that belong to the collision; v and x have the shape (n, N axes)."""
         finite = np.asarray(np.isfinite(v).all(axis=1) & np.isfinite(x).all(axis=1))
         before = np.vstack([self.velocities, v[:-1]])
         x_before = np.vstack([self.heights, x[:-1]])
@@ -139,7 +139,7 @@ class PlaneRun:
             self._note_turning(x[loaded[-1]])
 
     def _note_forces(self, acts: Booleans, opened: Booleans, impulses: Floats) -> None:
-        """Note the contacts that carry force in a step, and what those that were met at a speed do in it."""
+        """Record the active contacts of a step, and the changes by contacts that are met at a speed in it."""
         self._met_at_speed |= opened
         self._met_at_speed |= self._active & ~acts
         starting = acts & ~self._active & self._met_at_speed
@@ -155,7 +155,7 @@ class PlaneRun:
         self._active = acts
 
     def _note_turning(self, x: Floats) -> None:
-        """Note by how much normals of two balls have turned at displacements in m, shape (N axes,)."""
+        """Record the angle by which normals of two balls have turned at displacements in m, shape (N axes,)."""
         places = np.reshape(x - self._start, (-1, self.scene.axes))
         for touch in self.scene.arrangement.touches:
             if touch.second is None:
@@ -165,7 +165,7 @@ class PlaneRun:
             self.turning = max(self.turning, float(np.linalg.norm(across)) / (2 * self._world.radius))
 
     def _end_of_flight(self, approaching: bool) -> RunEnd:
-        """Return how the run stands after a step without forces."""
+        """Return the state of the run after a step without forces."""
         if not approaching:
             return RunEnd.APART
         rates, gaps = -(self._J @ self.velocities), self._J @ self.heights
@@ -178,48 +178,48 @@ class PlaneRun:
         return RunEnd.GOING
 
     def _distance_to_parting(self) -> float:
-        """Bound in m/s on what a meeting that is left may change in a velocity."""
+        """Bound in m/s on the change of a velocity by a meeting still to come."""
         change = project_to_parting(self.velocities, self.scene) - self.velocities
         return math.sqrt(float(self._inertia @ change**2) / float(self._inertia.min()))
 
     @property
     def starts(self) -> float:
-        """A change counts as that of a whole step (`World.first_step_share`)."""
+        """Sum of changes in first steps in m/s, each scaled to a whole step (`World.first_step_share`)."""
         return self._starts / self._first_step_share
 
     @property
     def duration(self) -> float:
-        """Time it took, in s."""
+        """Duration of the collision in s."""
         return self.n_steps * self.scene.step
 
     @property
     def reported(self) -> tuple[float, ...]:
-        """Velocities in m/s as an outcome states them, shape (N axes,)."""
+        """Velocities in m/s for the outcome, shape (N axes,)."""
         if self.end == RunEnd.IN_FLIGHT:
             return tuple(project_to_parting(self.velocities, self.scene).tolist())
         return tuple(self.velocities.tolist())
 
     @property
     def meeting_left(self) -> float:
-        """As of `stepping.Run`."""
+        """Bound in m/s on the change of the reported velocities by a meeting still to come."""
         if self.end == RunEnd.APART:
             return 0.0
         return self._distance_to_parting() if self.end == RunEnd.IN_FLIGHT else math.inf
 
     @property
     def over(self) -> bool:
-        """Whether the collision came to its end, but for a meeting that changes next to nothing."""
+        """True if the collision is over, except possibly for a meeting that changes next to nothing."""
         return self.meeting_left <= SLOWEST_MEETING * self.scene.speed
 
     @property
     def status(self) -> Status:
-        """As of `stepping.Run`."""
+        """``ok`` if the collision is over; ``crashed`` if the engine failed; else ``timeout``."""
         if self.over:
             return "ok"
         return "crashed" if self.end == RunEnd.BROKEN else "timeout"
 
     def problem(self) -> str:
-        """Say why the collision is not over; empty if it is."""
+        """Return why the collision is not over; ``""`` if it is."""
         if self.over:
             return ""
         after = f"after {self.n_steps} steps of {self.scene.step:.3g} s"
@@ -228,14 +228,17 @@ class PlaneRun:
         return f"not over {after}"
 
     def merged_states(self, shortest_state: float) -> Runs:
-        """Return the state sequence, in steps; `shortest_state` is as of `solver.Settings`."""
+        """Return the state sequence, with times in steps; `Settings.shortest_state` is the argument."""
         sets = np.concatenate([np.zeros(0, np.int64), *self._sets])
         starts = np.flatnonzero(np.diff(sets, prepend=-1))
         shortest = shortest_state * min(periods(self.scene)) / self.scene.step
         return merge_runs(Runs(starts, sets[starts], self.n_steps), shortest, int(_bits(len(self._J)).sum()))
 
     def energy_gain(self) -> float:
-        """Return the kinetic energy gained over that at the start, without a fixed body about the centre of mass."""
+        """Return the gain of kinetic energy over the energy at the start.
+
+        Without a fixed body, energy is taken about the centre of mass.
+        """
         m = np.array(self.scene.masses)
 
         def kinetic(velocities: Floats) -> float:
@@ -247,21 +250,21 @@ class PlaneRun:
         return (kinetic(self.velocities) - before) / before
 
     def too_much_energy(self) -> str:
-        """Say why the result is not converged, if it has gained too much energy; else empty."""
+        """Return why the result is not converged if it has gained too much energy; else ``""``."""
         if (gain := self.energy_gain()) <= ENERGY_GAIN_ALLOWED:
             return ""
         return f"it ended with {gain:.1%} more energy than it began with: the step is too long"
 
 
 def _bits(contacts: int) -> NDArray[np.int64]:
-    """Return the bits of so many contacts in a set."""
+    """Return the bit of each contact in a set of contacts."""
     return 1 << np.arange(contacts, dtype=np.int64)
 
 
 def follow_plane_scene(scene: Scene, world: World, max_steps: int) -> PlaneRun:
     """Run a scene in a plane until its collision is over or `max_steps` steps are taken.
 
-    A RuntimeError of the engine ends the run.
+    If the engine raises a RuntimeError, the run ends.
     """
     run = PlaneRun(scene, world, max_steps)
     try:

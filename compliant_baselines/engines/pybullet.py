@@ -1,12 +1,12 @@
-"""PyBullet: spheres on a plane; docs/mapping.md, section 2, gives the reasons of its settings.
+"""PyBullet: spheres on a plane; docs/mapping.md, section 2, gives the reason for each setting.
 
-**Bodies.** The engine combines the stiffness and damping of two bodies. Two balls on a table get by with a lower ball
-that is rigid and undamped: the upper ball carries contact 1, the table contact 2. In any other line a ball has two
-sides. Its base meets the ball below and carries the contact. A massless link, fixed to the base at the same place,
-meets the ball above and is rigid and undamped. In a plane a ball has a side, the base or a link, for each contact, and
-the first body of a contact carries it. Filters let only these pairs meet. Balls without a link are bodies in
-maximal coordinates: their step costs 60 % of a multibody's, and a broadphase that tries every pair saves a seventh
-more.
+**Bodies.** The engine combines the stiffness and damping of two bodies. For two balls on a table the lower ball is
+rigid and undamped: the upper ball has the parameters of contact 1, the table those of contact 2. In any other line a
+ball has two sides. Its base meets the ball below and has the parameters of this contact. A massless link, fixed to the
+base at the same place, meets the ball above and is rigid and undamped. In a plane a ball has a side, the base or a
+link, for each contact, and the first body of a contact has its parameters. Filters let only these pairs of sides meet.
+Balls without a link are bodies in maximal coordinates: their step takes 60 % of the time of a multibody's step. A
+broadphase that tries every pair saves another seventh.
 
 **Steps.** A call from Python and two reads cost more than a step. Where nothing can happen
 (`engines.event_free_steps`), the engine takes up to `STRIDE` sub-steps in one call, and the result is the same to the
@@ -45,13 +45,13 @@ from impact_xval.compliant_baselines.mapping import (
 #: Most sub-steps of one call.
 STRIDE = 256
 
-#: Step in s up to which the engine does nothing (SIMD_EPSILON).
+#: Longest step in s that the engine ignores (SIMD_EPSILON).
 SHORTEST_STEP = sys.float_info.epsilon
 
-#: Impulse in N s at which the engine caps a contact in a step.
+#: Largest impulse in N s of a contact in a step; the engine caps larger ones.
 LARGEST_IMPULSE = 1e10
 
-#: Diagonal in m of the box around a body from which the engine drops the body.
+#: Diagonal in m of the box around a body above which the engine drops the body.
 LARGEST_BODY = 1e6
 
 #: Parameters of all scenes.
@@ -62,14 +62,14 @@ EXACT = {
     "useSplitImpulse": 0,
 }
 
-#: Radius in m of the largest balls in a plane. It takes the place of a larger one if it has so many depths.
+#: Largest radius in m of balls in a plane. It replaces a larger radius if it is still at least so many depths.
 LARGEST_PLANE_RADIUS, NARROWEST = 2.0**18, 2.0**12
 
 #: `contactBreakingThreshold` over the radius.
 BREAKING_OVER_RADIUS = 2e-7
 
-#: Arguments of `changeDynamics` that keep the engine from acting on a body by itself; and the cap of a multibody's
-#: speed.
+#: Arguments of `changeDynamics` that switch off friction, restitution and damping of bodies, and the cap of a
+#: multibody's speed.
 ZERO = (
     "restitution",
     "lateralFriction",
@@ -81,15 +81,16 @@ ZERO = (
 )
 FREE = {**dict.fromkeys(ZERO, 0.0), "maxJointVelocity": 1e30}
 
-#: Those of them that are of a surface. In one call with any of the others the engine does not set them on a link.
+#: The arguments among these that belong to a surface. Together with any other argument the engine does not set them on
+#: a link.
 SURFACE = dict.fromkeys(ZERO[:4], 0.0)
 
-#: Parts of a ball, as the engine numbers them: in a line the base meets the ball below, the link the ball above.
+#: The engine's numbers of the parts of a ball: in a line the base meets the ball below, the link the ball above.
 BASE, LINK = -1, 0
 
 
 class BodyPart(NamedTuple):
-    """A part of a body, as the engine's calls take it."""
+    """A part of a body, in the numbers of the engine's calls."""
 
     body: int
     #: `BASE`, or the number of a link, from `LINK` up.
@@ -108,7 +109,7 @@ class SceneBodies(NamedTuple):
 
     #: Numbers of the balls.
     balls: list[int]
-    #: One a contact.
+    #: The parts of each contact.
     contacts: list[ContactParts]
 
 
@@ -138,9 +139,9 @@ class Client:
 
 @contextmanager
 def connected() -> Generator[Client]:
-    """Connect a client for a while.
+    """Connect a client for the time of a context.
 
-    A client that was kept would be client 0, which all other users of PyBullet share who name no client.
+    A lasting client would be client 0, which is shared by all other users of PyBullet that name no client.
     """
     p = import_quietly("pybullet")
     client = Client(p.connect(p.DIRECT))
@@ -153,7 +154,7 @@ def connected() -> Generator[Client]:
 
 
 class Pybullet(Engine):
-    """PyBullet, where it has wheels (CPython up to 3.11) or was built; a client is connected for a call."""
+    """PyBullet, from a wheel (CPython up to 3.11) or built from source; each call connects its own client."""
 
     name = distribution = module = "pybullet"
     title, knows_planes = "PyBullet", True
@@ -163,7 +164,7 @@ class Pybullet(Engine):
     )
 
     def refusal(self, scene: Scene) -> str | None:
-        """Say why PyBullet cannot take a scene: one of its absolute numbers would replace what was asked for."""
+        """Return why PyBullet cannot take a scene: one of its absolute limits would change a number asked for."""
         if scene.mapping == "naive" and _has_links(scene):
             return "mapping = 'naive': PyBullet's is that of two balls on a table; legal: 'calibrated'"
         if scene.step <= SHORTEST_STEP:
@@ -186,7 +187,7 @@ class Pybullet(Engine):
         return _radius(scene, combine_sides(_sides(scene)))
 
     def world(self, scene: Scene) -> PybulletWorld:
-        """Set a scene up."""
+        """Set up a scene."""
         return PybulletWorld(self._client, scene, self._bodies)
 
     @contextmanager
@@ -202,7 +203,10 @@ Bodies = dict[tuple[Arrangement, float], SceneBodies]
 
 
 class PybulletWorld(World):
-    """A plane and spheres in a client, which is emptied first unless it holds as many of the same radius."""
+    """A scene as a plane and spheres in a client.
+
+    If the client already holds as many spheres of the same radius, they are used again; else it is emptied first.
+    """
 
     longest_leap = STRIDE
 
@@ -222,16 +226,17 @@ class PybulletWorld(World):
         self.balls, parts = bodies[key]
         h = scene.step
         softening = [1 / (h * (h * contact.stiffness + contact.dissipation)) for contact in contacts]
-        # Two more sweeps, for the cap at zero force to settle which contacts are active.
+        # Two more sweeps, in which the cap at zero force settles the active contacts.
         iterations = 2 + min(1000, max(2, count_sweeps(scene, softening)))
         p.setPhysicsEngineParameter(fixedTimeStep=h, numSubSteps=0, numSolverIterations=iterations)
         for ball, mass in zip(self.balls, scene.masses, strict=True):
             p.changeDynamics(ball, BASE, mass=mass)
-        # In the order of the bodies: two parts may be one and the same.
+        # The order is that of the bodies, because two parts may be the same part.
         for contact_parts, contact_sides in zip(parts, sides, strict=True):
             for part, side in zip(contact_parts, contact_sides, strict=True):
                 p.changeDynamics(*part, contactStiffness=side.stiffness, contactDamping=side.dissipation)
-        # Apart for a step, in which the engine forgets its contact points and the impulses it would start from.
+        # The bodies stay apart for one step. In it the engine drops its contact points and the impulses of its warm
+        # start.
         p.setGravity(0, 0, 0)
         self._place(10 * self.places, np.zeros(self.places.size))
         p.stepSimulation()
@@ -251,7 +256,7 @@ class PybulletWorld(World):
         return Side(stiffness, damping)
 
     def _make_bodies(self, scene: Scene, radius: float) -> SceneBodies:
-        """Empty the client and make the planes, and the balls, the last one first."""
+        """Empty the client, make the planes, then make the balls from the last one to the first."""
         p, linked, arrangement = self._p, _has_links(scene), scene.arrangement
         p.resetSimulation(0 if linked else p.RESET_USE_SIMPLE_BROADPHASE)
         threshold = BREAKING_OVER_RADIUS * (radius if scene.graph is None else radius / WIDER)
@@ -266,7 +271,7 @@ class PybulletWorld(World):
         places = in_space(10 * self.places, scene.axes).tolist()
         for number in reversed(range(len(places))):
             as_first, as_second = arrangement.sides(number)
-            # The base carries the first contact of which the ball is the first body.
+            # The base has the parameters of the first contact in which the ball is the first body.
             base, links = as_first[:1], [*as_first[1:], *as_second]
             made: dict[str, object] = {**coordinates}
             if linked:
@@ -292,7 +297,7 @@ class PybulletWorld(World):
         return SceneBodies(balls, parts)
 
     def _make_planes(self, scene: Scene, radius: float, coordinates: Mapping[str, object]) -> dict[int, int]:
-        """Make a plane for each contact with a fixed body, and one for a line without; return them by contact."""
+        """Make a plane for each contact with a fixed body, and one for a line without; return planes by contact."""
         p, arrangement = self._p, scene.arrangement
         planes: dict[int, int] = {}
         for contact, touch in enumerate(arrangement.touches):
@@ -312,12 +317,12 @@ class PybulletWorld(World):
             self._p.resetBaseVelocity(ball, tuple(velocity), (0, 0, 0))
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
-        """Take n steps, or, while bodies fall, fewer: up to the first after which all gaps are open."""
+        """Take n steps; while bodies fall, stop after the first step at whose end all gaps are open."""
         self._set_stride(0)
-        p, client, h = self._p.module, self._p.number, self._step  # a keyword would cost a tenth
+        p, client, h = self._p.module, self._p.number, self._step  # keyword calls are a tenth slower
         step, read = p.stepSimulation, p.getBaseVelocity
         balls = self.balls
-        upper, lower = self._x[:2].tolist()  # heights, of two balls that fall
+        upper, lower = self._x[:2].tolist()  # heights of two balls that fall
         velocities: list[list[tuple[float, float, float]]] = []
         for _ in range(n):
             step(client)
@@ -336,7 +341,7 @@ class PybulletWorld(World):
         """Take up to n steps in one call: the largest number that the engine divides into as many steps of length h.
 
         The engine divides the time n h of a call by n, and counts how often the quotient goes into it
-        (btDiscreteDynamicsWorld.cpp, stepSimulation). For some n rounding spoils that; powers of two are safe.
+        (btDiscreteDynamicsWorld.cpp, stepSimulation). For some n rounding changes the result; powers of two are safe.
         """
         p, client, h = self._p.module, self._p.number, self._step
         while n * h / n != h or int(n * h / h) != n:
@@ -364,12 +369,12 @@ class PybulletWorld(World):
 
 
 def _has_links(scene: Scene) -> bool:
-    """Tell whether balls need more than one side; see the module."""
+    """Return True if balls need more than one side; see the module."""
     return scene.graph is not None or not (scene.table and len(scene.masses) == 2)
 
 
 def _radius(scene: Scene, contacts: Sequence[Side]) -> float:
-    """Return the radius in m of the balls; in a plane it is no larger than the engine takes, if balls can be wide."""
+    """Return the radius in m of the balls; in a plane the engine's limit applies, if balls stay wide enough."""
     depth = scene.depth([contact.stiffness for contact in contacts])
     radius = radius_of(depth, scene.axes)
     if scene.graph is not None and NARROWEST * depth <= LARGEST_PLANE_RADIUS:

@@ -1,6 +1,7 @@
-"""Reading the steps of an engine, compiled: which contacts carry force in each, and when the collision is over.
+"""Compiled reading of an engine's steps: it finds the active contacts of each step, and the end of the collision.
 
-`engines.stepping` explains the rules. What is remembered from one window of steps to the next is a record of `MEMORY`.
+`engines.stepping` explains the rules. A record of `MEMORY` holds the state of the scan from one window of steps to the
+next.
 """
 
 from __future__ import annotations
@@ -34,38 +35,38 @@ class RunEnd(IntEnum):
     B2_SETTLED = 2
     #: Over: both balls have settled, B1 on B2.
     BOTH_SETTLED = 3
-    #: A number is not finite, or the engine has complained.
+    #: A number is not finite, or the engine has raised an error.
     BROKEN = 4
-    #: Given up: all balls are in flight, and meet again only after the last step that is allowed.
+    #: Given up: all balls are in flight, and their next meeting lies after the last step that is allowed.
     IN_FLIGHT = 5
     #: The first flight of a drop begins: the run goes on without gravity.
     FIRST_FLIGHT = 6
 
 
 class FlightPhase(IntEnum):
-    """Where a drop stands with its first flight."""
+    """Phase of a drop's first flight."""
 
-    #: It has not begun.
+    #: The flight has not begun.
     BEFORE = 0
-    #: It goes on.
+    #: The flight goes on.
     DURING = 1
-    #: A gap has closed again.
+    #: The flight is over: a gap has closed again.
     ENDED = 2
 
 
-#: What `scan` remembers from one window to the next.
+#: State that `scan` keeps from one window to the next.
 #:
-#: * ``active``: the contacts that carried force in the last step, as bits
-#: * ``met_at_speed``: the contacts whose bodies meet at a speed when they next begin to carry force, as bits: those
-#:   that were open at first or have ceased to carry force
-#: * ``n_steps``: steps so far
-#: * ``starts``, ``starts_together``: as of `stepping.Run`
-#: * ``last_pulls``: of each contact, the change of the relative velocity in m/s by its pull in the last step; else 0
+#: * ``active``: the contacts that were active in the last step, as bits
+#: * ``met_at_speed``: the contacts whose bodies will meet at a speed when they next become active, as bits: all
+#:   contacts that were open at first or have ceased to be active
+#: * ``n_steps``: number of steps so far
+#: * ``starts``, ``starts_together``: the sums of the same names in `stepping.Run`
+#: * ``last_pulls``: for each contact, the change of the relative velocity in m/s by its pull in the last step; else 0
 #: * ``lead``, ``lead_contact``: the event that came nearest to deciding on the first flight, and the contact that
-#:   decided. In a flight the contact closed after ``lead`` steps; without one it had closed -``lead`` steps before the
-#:   other contact opened. Infinite before any such event
+#:   decided. If the flight began, this contact closed ``lead`` steps after its beginning. If not, the contact had
+#:   closed -``lead`` steps before the other contact opened. Infinite before any such event
 #: * ``flight_phase``, ``flight_start``: a `FlightPhase`, and the number of steps before the first flight
-#: * ``closed``, ``closed_at``: of each contact, whether its gap is closed, and the step at which it last closed
+#: * ``closed``, ``closed_at``: for each contact, 1 if its gap is closed, and the step at which it last closed
 MEMORY = np.dtype(
     (
         np.record,
@@ -89,7 +90,7 @@ MEMORY = np.dtype(
 
 @strict_helper
 def _is_finite(v, x, row):  # pragma: no cover (compiled)
-    """Tell whether velocities and heights after a step are finite."""
+    """Return True if velocities and heights after a step are finite."""
     finite = True
     for ball in range(v.shape[1]):
         finite = finite and math.isfinite(v[row, ball]) and math.isfinite(x[row, ball])
@@ -123,13 +124,14 @@ def _gap(x, row, contact):  # pragma: no cover (compiled)
 
 @strict_helper
 def _note_forces(v, x, row, before, masses, numbers, memory):  # pragma: no cover (compiled)
-    """Balance the momenta of a step; note and return the contacts that carry force in it, as bits.
+    """Balance the momenta of a step; record and return the contacts that are active in it, as bits.
 
-    The force of a contact that may pull goes through zero while its bodies overlap, and the contact goes on.
+    The force of a contact that may pull goes through zero while its bodies overlap. Such a contact stays active.
     """
     gravity_change = numbers.gravity * numbers.step
     impulse, noise, active = 0.0, 0.0, np.int64(0)
-    # Changes of the relative velocity at the contact above: in this step, and if the step is the contact's first.
+    # Changes of the relative velocity at the contact above: in this step, and in this step if it is the contact's
+    # first.
     change_above, start_above = 0.0, 0.0
     for contact in range(numbers.contacts):
         old, new = before[contact] if row == 0 else v[row - 1, contact], v[row, contact]
@@ -162,7 +164,7 @@ def _note_forces(v, x, row, before, masses, numbers, memory):  # pragma: no cove
 
 @strict_helper
 def _time_to_meeting(v, x, row, contacts):  # pragma: no cover (compiled)
-    """Return the time in s until free bodies meet; infinite where all part."""
+    """Return the time in s until free bodies meet; infinite if all part."""
     soonest = np.inf
     for contact in range(contacts):
         rate = _compression_rate(v, row, contact)
@@ -173,7 +175,7 @@ def _time_to_meeting(v, x, row, contacts):  # pragma: no cover (compiled)
 
 @strict_helper
 def _bodies_approach(v, row, contacts):  # pragma: no cover (compiled)
-    """Tell whether the bodies of any contact approach."""
+    """Return True if the bodies of any contact approach."""
     approach = False
     for contact in range(contacts):
         approach = approach or _compression_rate(v, row, contact) > 0
@@ -182,7 +184,7 @@ def _bodies_approach(v, row, contacts):  # pragma: no cover (compiled)
 
 @strict_helper
 def _note_gap(memory, contact, closed, other_closed):  # pragma: no cover (compiled)
-    """Note whether the gap of a contact is closed, and by how much time that decides on the first flight."""
+    """Record whether the gap of a contact is closed, and the lead in time with which it decides on the first flight."""
     now, was_closed = memory.n_steps, memory.closed[contact] > 0
     lead, lead_contact = np.inf, contact
     if closed and not was_closed:
@@ -200,7 +202,7 @@ def _note_gap(memory, contact, closed, other_closed):  # pragma: no cover (compi
 
 @strict_helper
 def _note_gaps(memory, ball_ball_closed, ball_table_closed):  # pragma: no cover (compiled)
-    """Note which gaps of a drop are closed, and whether a first flight begins or ends."""
+    """Record which gaps of a drop are closed, and whether a first flight begins or ends."""
     _note_gap(memory, 0, ball_ball_closed, ball_table_closed)
     _note_gap(memory, 1, ball_table_closed, ball_ball_closed)
     if memory.flight_phase == FlightPhase.BEFORE and not (ball_ball_closed or ball_table_closed):
@@ -210,7 +212,7 @@ def _note_gaps(memory, ball_ball_closed, ball_table_closed):  # pragma: no cover
 
 @strict_helper
 def _end_of_drop(active, v, x, row, masses, numbers):  # pragma: no cover (compiled)
-    """Return how a drop of two balls stands after a step in which these contacts carry force."""
+    """Return the state of a drop of two balls after a step in which these contacts are active."""
     v1, v2, x1, x2 = v[row, 0], v[row, 1], x[row, 0], x[row, 1]
     b1_leaves = not active & BALL_BALL and x1 >= x2 and v1 >= v2
     b2_leaves = not active & BALL_TABLE and x2 >= 0 and v2 >= 0
@@ -227,7 +229,7 @@ def _end_of_drop(active, v, x, row, masses, numbers):  # pragma: no cover (compi
 
 @strict_helper
 def _end_without_gravity(active, v, x, row, contacts, time_left):  # pragma: no cover (compiled)
-    """Return how a run without gravity stands after a step, when it may go on for a time in s."""
+    """Return the state of a run without gravity after a step; `time_left` is the time in s that it may still take."""
     if active != 0:
         return RunEnd.GOING
     if not _bodies_approach(v, row, contacts):
@@ -251,10 +253,10 @@ def scan(v, x, before, masses, scene_numbers, steps_left, active, memory):  # pr
         In kg, shape (N,).
     scene_numbers
         One record of `event_free_steps.SCENE_NUMBERS`, shape (1,).
-    steps_left
+    Masses in kg, shape (N,).
         Number of steps that may be taken after this window.
     active
-        Filled with the contacts that carry force in each step, as bits; shape (n,).
+        Filled with the contacts that are active in each step, as bits; shape (n,).
     memory
         One record of `MEMORY`, shape (1,), which is updated.
 

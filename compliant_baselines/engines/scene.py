@@ -1,4 +1,4 @@
-"""Scenes: N bodies in a line or in a plane in the numbers an engine needs; and worlds: scenes as an engine has them.
+"""Scenes: N bodies in a line or a plane, in the numbers that an engine needs. Worlds: scenes inside an engine.
 
 **In a line** the height of ball i is counted from the place at which it and all bodies below it only just touch; the
 last body is the table, if there is one. Contact i has the gap x_i - x_{i+1}, and the last contact on a table has the
@@ -6,8 +6,8 @@ gap x_N.
 
 **In a plane** bodies have two coordinates, x and z, body after body: N bodies have 2 N velocities and 2 N heights. A
 line is the case of one coordinate. Heights are displacements from the places at which all contacts touch, and J x are
-the gaps, with the fixed normals of the contacts. Normals turn by displacement over distance: by a millionth, for radii
-are then larger by `WIDER` (`radius_of`).
+the gaps, with the fixed normals of the contacts. Normals turn by displacement over distance. This is only a millionth,
+because radii in a plane are larger by `WIDER` (`radius_of`).
 """
 
 from __future__ import annotations
@@ -43,34 +43,37 @@ WIDER = 2.0**20
 class Scene:
     """N bodies in SI units, up is positive: balls in a line, ball 1 on top, or in a plane (x, z)."""
 
-    #: In kg, one a body.
+    #: Masses in kg, one for each body.
     masses: tuple[float, ...]
-    #: At t = 0, in m/s, one a body in a line, two in a plane.
+    #: Velocities at t = 0 in m/s, one for each body in a line, two in a plane.
     velocities: tuple[float, ...]
-    #: At t = 0, in m, one a body in a line, two in a plane, counted as the module says.
+    #: Heights at t = 0 in m, one for each body in a line, two in a plane; the module says from where they count.
     heights: tuple[float, ...]
-    #: Asked for, in N/m, one a contact; in a line the last contact is with the table, if there is one.
+    #: Stiffnesses asked for in N/m, one for each contact; in a line the last contact is with the table, if there is
+    #: one.
     stiffnesses: tuple[float, ...]
-    #: Asked for, one a contact.
+    #: Restitutions asked for, one for each contact.
     restitutions: tuple[float, ...]
-    #: Whether a fixed table is below the last ball; in a plane, whether some body touches a fixed plane.
+    #: True if a fixed table is below the last ball; in a plane, if a body touches a fixed plane.
     table: bool
     #: Time step in s.
     step: float
-    #: In m/s^2, downwards; above 0 in a drop of two balls on a table. The lower ball then starts in static equilibrium,
-    #: whose depth each engine knows, and heights count from there.
+    #: Gravity in m/s^2, downwards; above 0 only in a drop of two balls on a table. The lower ball then starts in static
+    #: equilibrium, and its height counts from there. Each engine knows the depth of this equilibrium.
     gravity: float = 0.0
     mapping: MappingName = "calibrated"
-    #: Multiple of the engine's least regularisation of contacts, where it has any.
+    #: Multiple of the engine's least regularisation of contacts, if it has any.
     regularisation: float = 1.0
-    #: As of `Settings`.
+    #: The mapping of `Settings`.
     partner_restitution: float = 1.0
-    #: Of a scene in a plane; None in a line.
+    #: The arrangement of a scene in a plane; None in a line.
     graph: Arrangement | None = None
 
     @classmethod
     def of(cls, collision: Collision, settings: Settings) -> Scene:
-        """Set a collision up in the scenario of the settings, with their share of its shortest contact period as step.
+        """Set up a collision in the scenario of the settings.
+
+        The step is the fraction `settings.step_fraction` of the shortest contact period.
 
         An ArithmeticError says that double precision has no number for a period.
         """
@@ -91,7 +94,9 @@ class Scene:
 
     @classmethod
     def of_graph(cls, collision: GraphCollision, settings: Settings) -> Scene | str:
-        """Set a contact graph up with a share of its shortest contact period as step, or say why no scene holds it.
+        """Set up a contact graph, or return why no scene holds it.
+
+        The step is the fraction `settings.step_fraction` of the shortest contact period.
 
         An ArithmeticError says that double precision has no number for a period.
         """
@@ -139,7 +144,7 @@ class Scene:
 
     @cached_property
     def contacts(self) -> tuple[KelvinVoigtContact, ...]:
-        """The contacts asked for, as springs and dashpots; a ValueError for e = 0, which no dashpot gives."""
+        """The contacts asked for, as springs and dashpots; a ValueError if e = 0, which no dashpot has."""
         numbers = zip(self.stiffnesses, self.restitutions, reduced_masses(self), strict=True)
         return tuple(KelvinVoigtContact.from_restitution(k, e, mass, self.mapping) for k, e, mass in numbers)
 
@@ -176,8 +181,9 @@ class Scene:
     def depth(self, stiffnesses: Sequence[float]) -> float:
         """Bound the penetrations in m, given the stiffnesses in N/m as the engine has them.
 
-        For two balls on a table the bound is what a spring needs to stop the masses above it from the highest speed,
-        and what their weight presses it in. Otherwise all energy goes into the softest contact.
+        For two balls on a table the bound is the depth at which a spring stops the masses above it from the highest
+        speed, plus its depth under their weight. Otherwise it is the depth of the softest contact if all energy goes
+        into it.
         """
         if self.graph is None and self.table and len(self.masses) == 2:
             (k1, k2), above = stiffnesses, sum(self.masses)
@@ -189,44 +195,45 @@ class Scene:
 
 
 class World(ABC):
-    """A scene as an engine has set it up, at t = 0; an adapter gives it, and `stepping` follows it."""
+    """A scene at t = 0 inside an engine; an adapter makes it, and `stepping` runs it."""
 
-    #: At t = 0, in m, as the engine has them, counted as the heights of a scene; shape (N axes,).
+    #: The engine's heights in m at t = 0, counted as in `Scene`; shape (N axes,).
     heights: Floats
-    #: The numbers that the engine says it will use, read back after setting them. ``"stiffness"`` (N/m), ``"damping"``
-    #: (N s/m) and ``"restitution"`` are one a contact. ``"step"`` (s) and ``"threshold"`` (the speed of approach in m/s
-    #: below which the engine drops restitution) are one number. A name that is missing is not compared with what was
-    #: asked for.
+    #: The numbers that the engine will use, read back after setting them. ``"stiffness"`` (N/m), ``"damping"`` (N s/m)
+    #: and ``"restitution"`` have one number for each contact. ``"step"`` (s) and ``"threshold"`` (the speed of approach
+    #: in m/s below which the engine drops restitution) have one number. Numbers that are missing here are not compared
+    #: with the numbers asked for.
     effective: Mapping[str, tuple[float, ...]]
     #: Equilibrium depth in m of a settled lowest ball; 0 if no ball has settled, or on a rigid support.
     rest: float = 0.0
-    #: Impulse in a step, over the momenta before and after it, that rounding alone can make. The default is an order of
-    #: magnitude above the rounding of two additions and a handful of products. At 1/1000 of a period it is eleven
-    #: orders below the impulse per step of a fully loaded contact.
+    #: Largest impulse in a step, over the momenta before and after it, that rounding alone can make. The default is an
+    #: order of magnitude above the rounding of two additions and a handful of products. At 1/1000 of a period it is
+    #: eleven orders below the impulse per step of a fully loaded contact.
     rounding: float = 64 * 2.0**-52
-    #: Whether contacts may pull, as a spring and dashpot do that act until the bodies no longer overlap.
+    #: True if contacts may pull, like a spring and dashpot that act until the bodies no longer overlap.
     pulls: bool = False
-    #: Share of a step's impulse that a dashpot gives in the step in which its bodies meet: a half where the engine
-    #: averages the forces at the two ends of a step.
+    #: Fraction of a whole step's impulse that a dashpot gives in the step in which its bodies meet. It is a half if the
+    #: engine averages the forces at the two ends of a step.
     first_step_share: float = 1.0
-    #: Share of a contact's change of velocity that the engine may get wrong at every length of the step. It is part of
-    #: the error of a limit (`convergence`); rigid engines have no other error.
+    #: Relative error of a contact's change of velocity that the engine may have at every length of the step. It is part
+    #: of the error of a limit (`convergence`); rigid engines have no other error.
     accuracy: float = 0.0
-    #: Relative velocities in m/s that impacts so far should have given back and did not, summed: an engine may drop the
-    #: restitution of slow impacts. No shorter step mends this error of the limit (`convergence`).
+    #: Sum of the relative velocities in m/s that the impacts so far should have restored but did not: an engine may
+    #: drop the restitution of slow impacts. No shorter step reduces this error of the limit (`convergence`).
     dropped: float = 0.0
-    #: Most steps of one `leap` between events, which the effective stiffness and damping foretell
-    #: (`engines.event_free_steps`); 0 for an engine that is read after every step.
+    #: Most steps of one `leap` between events. The effective stiffness and damping predict the next event
+    #: (`engines.event_free_steps`). 0 for an engine that is read after every step.
     longest_leap: int = 0
-    #: Rate of approach in m/s of a contact in a plane that counts as none: what the engine leaves of a contact at rest.
+    #: Largest rate of approach in m/s of a contact in a plane that counts as zero: the engine leaves such a rate in a
+    #: contact at rest.
     resting_rate: float = 0.0
 
     def __init__(self, scene: Scene, radius: float, rest: float = 0.0) -> None:
-        #: Coordinates in m of the centres where all balls, of this radius, only just touch; shape (N axes,). In a line
-        #: they are heights above the table.
+        #: Coordinates in m of the balls' centres when all balls of this radius only just touch; shape (N axes,). In a
+        #: line they are heights above the table.
         self.places = radius * np.ravel(scene.arrangement.centres)
         self.radius, self.rest = radius, rest
-        # Rounded so that adding up to 2 N radii rounds nothing away: gaps are then exact, see `radius_of`.
+        # Rounded so that sums with up to 2 N radii are exact. Gaps are then exact, see `radius_of`.
         far = 2.0 ** math.ceil(math.log2(2 * len(scene.masses) * radius))
         self.heights = np.asarray((np.array(scene.heights) - rest + far) - far, np.float64)
         if scene.graph is not None:
@@ -243,20 +250,21 @@ class World(ABC):
 
         Returns
         -------
-        Velocities in m/s and heights in m after each step, shape (steps, N axes) each, from one step to n.
+        Velocities in m/s and heights in m after each step, shape (steps, N axes) each; the number of
+        steps is from 1 to n.
 
         Raises
         ------
         RuntimeError
-            If the engine broke; the message says why.
+            If the engine failed; the message says why.
         """
 
     @abstractmethod
     def weightless(self, velocities: Floats, heights: Floats) -> None:
-        """Go on without gravity from a state that `advance` gave: velocities in m/s and heights in m, shape (N,)."""
+        """Go on without gravity from a state of `advance`: velocities in m/s and heights in m, shape (N,)."""
 
     def leap(self, n: int) -> tuple[int, Floats, Floats]:
-        """Take up to n steps that nobody reads; return their number, and velocities and heights after the last."""
+        """Take up to n steps without reading them; return their number, and the velocities and heights after them."""
         velocities, heights = self.advance(n)
         return len(velocities), velocities[-1], heights[-1]
 
@@ -269,14 +277,14 @@ def reduced_masses(of: Collision | Scene) -> tuple[float, ...]:
         m = of.masses[first]
         if second is not None:
             other = of.masses[second]
-            # A ratio of masses beyond double precision leaves the lighter mass.
+            # If the ratio of masses is beyond double precision, the result is the lighter mass.
             m = m / (1 + m / other) if m / other < math.inf else other
         masses.append(m)
     return tuple(masses)
 
 
 def periods(of: Collision | Scene) -> tuple[float, ...]:
-    """Return the periods 2 pi sqrt(M_i/k_i) of the contacts in s: 0 of a rigid contact, infinite without stiffness."""
+    """Return the periods 2 pi sqrt(M_i/k_i) of the contacts in s: 0 for a rigid contact, infinite without stiffness."""
     pairs = zip(of.stiffnesses, reduced_masses(of), strict=True)
     return tuple(2 * math.pi / math.sqrt(k / mass) if k / mass > 0 else math.inf for k, mass in pairs)
 
@@ -284,9 +292,9 @@ def periods(of: Collision | Scene) -> tuple[float, ...]:
 def count_sweeps(scene: Scene, softening: Sequence[float] | float = 0.0) -> int:
     """Count the sweeps over the contacts that bring sequential impulses to rounding; 0 if no contact has a neighbour.
 
-    A sweep is a step of Gauss and Seidel's method on the inverse-mass matrix of the contacts. Its diagonal also has
-    what the engine softens contacts by, in 1/kg. On a symmetric tridiagonal matrix the spectral radius of the method is
-    the square of the radius of Jacobi's (Varga, Matrix Iterative Analysis, 1962, section 4.1).
+    A sweep is a step of Gauss and Seidel's method on the inverse-mass matrix of the contacts. Its diagonal includes the
+    amount in 1/kg by which the engine softens contacts. On a symmetric tridiagonal matrix the spectral radius of the
+    method is the square of the radius of Jacobi's (Varga, Matrix Iterative Analysis, 1962, section 4.1).
     """
     diagonal = 1 / np.array(reduced_masses(scene)) + softening
     if scene.graph is not None:
@@ -302,10 +310,10 @@ def count_sweeps(scene: Scene, softening: Sequence[float] | float = 0.0) -> int:
 
 
 def _radius_of_sweep(J: Floats, inertia: Floats, diagonal: Floats) -> float:
-    """Return the spectral radius of Gauss and Seidel's method on contacts that do not stand in a line.
+    """Return the spectral radius of Gauss and Seidel's method on contacts that are not in a line.
 
-    Where the matrix is singular the method has eigenvalues of 1, which move impulses between contacts and no velocity;
-    they do not count.
+    If the matrix is singular, the method has eigenvalues of 1. They move impulses between contacts and change no
+    velocity, so they are left out.
     """
     W = (J / inertia) @ J.T
     np.fill_diagonal(W, diagonal)
@@ -315,13 +323,13 @@ def _radius_of_sweep(J: Floats, inertia: Floats, diagonal: Floats) -> float:
 
 
 def radius_of(depth: float, axes: int = 1) -> float:
-    """Choose the radius in m of balls whose contacts go this deep: the power of two from four depths up.
+    """Return the radius in m for balls whose contacts go this deep: the next power of two from four depths up.
 
-    In a plane it is larger by `WIDER`: normals turn by about depth over radius while contacts act, and final velocities
-    with them, by a millionth of the speed. Places are rounded by 1e-9 of the depth.
+    In a plane the radius is larger by `WIDER`. Normals turn by about depth over radius while contacts act; with this
+    radius final velocities change by a millionth of the speed. Places are rounded by 1e-9 of the depth.
 
-    No ball then comes near to passing through another. A larger radius would cost digits: a penetration is the
-    difference of positions of that size. A power of two makes the places exact at which the balls only just touch.
-    Whether a contact shows in the first step is then the same at any scale, and not up to rounding.
+    With this radius no ball comes near to passing through another. A larger radius would cost digits, because a
+    penetration is the difference of positions of the size of the radius. With a power of two the places at which balls
+    only just touch are exact. So rounding does not decide whether a contact is active in the first step, at any scale.
     """
     return 2.0 ** math.ceil(math.log2(4 * depth)) * (1.0 if axes == 1 else WIDER)

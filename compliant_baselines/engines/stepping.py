@@ -1,26 +1,27 @@
-"""Following a scene through the steps of an engine: impulses, states, and when the collision is over.
+"""Runs of a scene through the steps of an engine: they find impulses, states and the end of the collision.
 
-**Impulses** come from the balance of momentum, with gravity put back, for a step of length h:
-dI_i = dI_{i-1} + m_i (dv_i + g h). No engine's own account of its contact forces is used.
+**Impulses** come from the balance of momentum, with gravity put back, for a step of length h: dI_i = dI_{i-1} + m_i
+(dv_i + g h). The contact forces that an engine reports are never used.
 
 **A contact carries force** in a step if its impulse exceeds `World.rounding` of the momenta in the balance. An impulse
 that pulls counts as rounding, unless the contacts of the engine may pull (`World.pulls`). Such a contact also carries
 force until its gap opens, once it has begun.
 
 **Without gravity** the collision is over at the end of the first step in which no contact carries force and no bodies
-approach. A flight that outlasts the steps that are left is given up.
+approach. A flight that outlasts the remaining steps is given up.
 
 **In a drop** gravity is off for good from the first flight on. The first flight begins at the end of the first step in
 which no contact carries force and at whose end both gaps are open. A drop is also over when balls have settled: when
 their energy about equilibrium cannot unload the contacts that are closed. Either B2 has settled on the table while B1
-is clear of it and rises, or both balls have settled. Their velocities are reported as 0; the diagnostic `rest_speed` is
-what v2 was. The reasons are in docs/theory.md, section 8; engines and references keep these rules alike.
+is clear of it and rises, or both balls have settled. Velocities of settled balls are reported as 0; the diagnostic
+`rest_speed` is the v2 that remained. The reasons are in docs/theory.md, section 8; engines and references keep these
+rules alike.
 
-**A meeting that is left** when a flight is given up changes little if bodies approach slowly. Let p be any velocities
+**A meeting still to come** when a flight is given up changes little if bodies approach slowly. Let p be any velocities
 at which all bodies part, and |.| the kinetic norm. Contacts that only push, with impulses P_i >= 0, change v to v' = v
 + sum_i P_i n_i, where n_i . p >= 0. They create no energy, so |v' - p|^2 = |v'|^2 - 2 v' . p + |p|^2 <= |v - p|^2: the
-end is no further from p than the flight is. If the flight is within `SLOWEST_MEETING` of the nearest such p, the
-collision counts as over, and p is reported.
+final velocities are no further from p than the velocities of the flight. If the flight is within `SLOWEST_MEETING` of
+the nearest such p, the collision counts as over, and p is reported.
 """
 
 from __future__ import annotations
@@ -46,46 +47,47 @@ from impact_xval.compliant_baselines.states import Runs, merge_runs
 from impact_xval.model.path import Path
 from impact_xval.model.status import Status
 
-#: A recorded path has about as many points as this between the borders of its states.
+#: Approximate number of points of a recorded path between the borders of its states.
 PATH_POINTS = 2000
 
-#: Energy an engine may create, over the energy at the start, before its answer counts as `unconverged`. Contacts of
-#: springs and dashpots create none; an explicit step of 1/1000 of a period creates 1e-4 of it at most.
+#: Energy that an engine may create, over the energy at the start, before its outcome is `unconverged`. Springs and
+#: dashpots create no energy; explicit steps of 1/1000 of a period create at most 1e-4 of it.
 ENERGY_GAIN_ALLOWED = 0.01
 
-#: Largest change of a velocity, over the speed at the start, by a meeting that is left when a collision counts as over:
-#: a tenth of the default tolerance of a limit. Elastic balls that should rest approach one another at some 1e-8 by
-#: MuJoCo's impedance, and at up to 1e-4 because PyBullet's steps damp.
+#: Largest change of a velocity, over the speed at the start, by a meeting still to come with which a collision counts
+#: as over: a tenth of the default tolerance of a limit. Elastic balls that should rest against one another still
+#: approach: at some 1e-8 by MuJoCo's impedance, and at up to 1e-4 because PyBullet's steps damp.
 SLOWEST_MEETING = 1e-4
 
-#: Steps in a window, which are read at once.
+#: Number of steps in a window; the steps of a window are read together.
 WINDOW = 256
 
-#: Steps in the first window after a leap, or of an engine that leaps.
+#: Number of steps in the first window after a leap, and in the first window of an engine that leaps.
 SHORT_WINDOW = 8
 
-#: Fewest steps that are leapt over.
+#: Fewest steps of a leap.
 SHORTEST_LEAP = 8
 
-#: A run that records its path leaps over at most so many steps, or over the share 1/`PATH_SHARE` of the event-free
-#: steps if that is more. Velocities in between are interpolated: on the default grid to 5e-5 of |v0|, no worse than by
-#: leaps of 32 steps; a share of a half gives 7e-5.
+#: Most steps of a leap in a run that records its path, unless the fraction 1/`PATH_SHARE` of the event-free steps is
+#: more. Velocities within a leap are interpolated, on the default grid to 5e-5 of |v0|. Leaps of 32 steps are no
+#: better; a fraction of a half is worse, 7e-5.
 PATH_LEAP, PATH_SHARE = 32, 4
 
 
 class FirstFlight(NamedTuple):
-    """Where the first flight of a drop began; from there on bodies no longer fall."""
+    """State at the beginning of a drop's first flight; from then on gravity is off."""
 
-    #: Number of steps before it.
+    #: Number of steps before the flight.
     n_steps: int
-    #: In m, shape (N,).
+    #: Heights in m, shape (N,).
     heights: Floats
 
 
 class FlightLead(NamedTuple):
     """The event that came nearest to deciding whether a first flight begins."""
 
-    #: Time in s by which the flight began; negative if it failed to begin by so much, infinite without such an event.
+    #: Lead of the event in s. Positive if the flight began, negative if it failed to begin, infinite without such an
+    #: event.
     time: float
     #: The contact that decided, counted from 0.
     contact: int
@@ -104,7 +106,7 @@ def project_to_separated(
 
 
 class Run:
-    """A scene under way, or over: takes the steps of an engine in windows, and says what came of them.
+    """A run of a scene, in progress or over: it takes the steps of an engine in windows and holds their results.
 
     Attributes
     ----------
@@ -115,17 +117,17 @@ class Run:
     n_steps
         Steps taken.
     end
-        Its state; `RunEnd.GOING` if it ran out of `max_steps`.
+        State of the run; `RunEnd.GOING` if all `max_steps` are taken.
     failure
-        The complaint of an engine that broke.
+        The error message of an engine that failed.
     start
-        Heights in m at t = 0, as the engine has them, shape (N,).
+        The engine's heights in m at t = 0, shape (N,).
     velocities, heights
-        In m/s and m, after the last step, shape (N,).
+        Velocities in m/s and heights in m after the last step, shape (N,).
     first_flight
-        Where the first flight of a drop began; None without one.
+        State at the beginning of a drop's first flight; None without a flight.
     effective, accuracy, dropped
-        As of `World`.
+        The members of these names of the `World`.
     turning
         0: normals in a line do not turn.
     """
@@ -148,7 +150,7 @@ class Run:
         self._law = _contact_law(scene, world) if world.longest_leap else None
         self._active = NOT_STARTED
         self._memory = _new_memory(scene)
-        # The first steps of states, and the states, window by window.
+        # The first step of each state, and the states, window by window.
         self._state_starts: list[NDArray[np.int64]] = []
         self._states: list[NDArray[np.int64]] = []
         # Points of the path, window by window: every `_stride`-th step, the borders between states, and the ends.
@@ -156,10 +158,10 @@ class Run:
         self._stride, self._n_points = 1, 0
 
     def feed(self, v: Floats, x: Floats) -> bool:
-        """Take the next steps, as far as they belong to the collision.
+        """Take those of the next steps that belong to the collision.
 
-        Velocities in m/s and heights in m after each step have the shape (n, N). Returns whether a first flight begins,
-        so that the engine has to go on from the state of this run without gravity.
+        Velocities in m/s and heights in m after each step have the shape (n, N). The result is True if a first flight
+        begins. The engine then has to go on from the state of this run without gravity.
         """
         active = np.empty(len(v), np.int64)
         steps_left = self.max_steps - self.n_steps - len(v)
@@ -194,7 +196,7 @@ class Run:
             self.thin_path()
 
     def thin_path(self) -> None:
-        """Double the stride until the path has at most `PATH_POINTS` points beside borders and ends."""
+        """Double the stride until the path has at most `PATH_POINTS` points, apart from borders and ends."""
         points = np.concatenate(self._points)
         number = points[:, 0].astype(np.int64)
         border = np.isin(number, self.raw_states.start)
@@ -227,7 +229,7 @@ class Run:
         self._memory["n_steps"] += n
 
     def _interpolate(self, number: NDArray[np.int64], n: int, v: Floats, x: Floats) -> Floats:
-        """Interpolate velocities after steps of these numbers, within n event-free steps that end with v and x."""
+        """Interpolate velocities after steps with these numbers, within n event-free steps that end with v and x."""
         between = np.empty((len(number), len(v)))
         hermite_interpolate(
             between,
@@ -256,9 +258,9 @@ class Run:
     def starts(self) -> float:
         """Changes of relative velocities in the first steps of contacts that were met at a speed, summed, in m/s.
 
-        When within its first step a contact is met is arbitrary, and so much depends on it. The last step of a contact
-        that pulls until its bodies part counts as well. A change counts as that of a whole step
-        (`World.first_step_share`).
+        The instant within its first step at which a contact is met is arbitrary. This sum bounds the effect of these
+        instants. The last step of a contact that pulls until its bodies part counts too. Each change is scaled to a
+        whole step (`World.first_step_share`).
         """
         return float(self._memory["starts"][0]) / self._first_step_share
 
@@ -266,8 +268,8 @@ class Run:
     def starts_together(self) -> float:
         """The part of `starts` that depends on a neighbouring contact, in m/s.
 
-        Contacts that are met one after the other may fall into one step. Of the changes in such a step the lesser one
-        says how much they depend on one another. It is next to nothing where only rounding of the engine loads a
+        Contacts that are met one after the other may fall into one step. The lesser of the two changes in such a step
+        tells how much the contacts depend on one another. It is next to nothing if only the engine's rounding loads a
         contact.
         """
         return float(self._memory["starts_together"][0])
@@ -286,14 +288,14 @@ class Run:
 
     @property
     def duration(self) -> float:
-        """Time it took, in s."""
+        """Duration of the collision in s."""
         return self.n_steps * self.scene.step
 
     @property
     def meeting_left(self) -> float:
-        """Bound in m/s on what a meeting that is left may change in the reported velocities.
+        """Bound in m/s on the change of the reported velocities by a meeting still to come.
 
-        Infinite if the run stopped otherwise than in flight, 0 if the collision came to its end.
+        0 if the collision is over, and infinite if the run stopped before a flight.
         """
         if self.end in (RunEnd.APART, RunEnd.B2_SETTLED, RunEnd.BOTH_SETTLED):
             return 0.0
@@ -304,20 +306,20 @@ class Run:
 
     @property
     def over(self) -> bool:
-        """Whether the collision came to its end, but for a meeting that changes next to nothing."""
+        """True if the collision is over, except possibly for a meeting that changes next to nothing."""
         return self.meeting_left <= SLOWEST_MEETING * self.scene.speed
 
     @property
     def b2_settled(self) -> bool:
-        """Whether the run ended with B2 at rest on the table."""
+        """True if the run ended with B2 at rest on the table."""
         return self.end in (RunEnd.B2_SETTLED, RunEnd.BOTH_SETTLED)
 
     @property
     def status(self) -> Status:
-        """``ok`` if the collision came to its end; ``crashed`` if the engine broke; else ``timeout``.
+        """``ok`` if the collision is over; ``crashed`` if the engine failed; else ``timeout``.
 
-        A status is a word of `model.status`. Which of them keep the numbers of a run that is not over is said by
-        `experiments.measures.divergence` (`has_numbers`).
+        A status is a word of `model.status`. `experiments.measures.divergence` (`has_numbers`) lists the statuses that
+        keep the numbers of a run that is not over.
         """
         if self.over:
             return "ok"
@@ -325,9 +327,10 @@ class Run:
 
     @property
     def reported(self) -> tuple[float, ...]:
-        """Velocities in m/s as an outcome states them.
+        """Velocities in m/s for the outcome.
 
-        Velocities of settled balls are 0. Of a flight that was given up they are the nearest at which all bodies part.
+        Velocities of settled balls are 0. For a flight that was given up they are the nearest velocities at which all
+        bodies part.
         """
         v: list[float] = self.velocities.tolist()
         if self.end == RunEnd.IN_FLIGHT:
@@ -339,7 +342,7 @@ class Run:
         return tuple(v)
 
     def problem(self) -> str:
-        """Say why the collision is not over; empty if it is."""
+        """Return why the collision is not over; ``""`` if it is."""
         if self.over:
             return ""
         if self.end == RunEnd.BROKEN:
@@ -347,13 +350,14 @@ class Run:
             return f"after {self.n_steps} steps of {self.scene.step:.3g} s: {reason}"
         reason = f"not over after {self.max_steps} steps of {self.scene.step:.3g} s"
         if self.end == RunEnd.IN_FLIGHT:
-            reason += f" (after {self.n_steps} all balls are in flight, and meet again only after the last)"
+            reason += f" (after step {self.n_steps} all balls are in flight; the next meeting is after the last step)"
         return reason
 
     def impulses(self, velocities: ArrayLike, time: Floats | float) -> Floats:
-        """Return the impulses in N s up to times in s, from the velocities then.
+        """Return the impulses in N s up to times in s, from the velocities at these times.
 
-        Velocities have the shape (..., N), times (...), impulses (..., C). Gravity is put back, until the first flight.
+        Velocities have the shape (..., N), times (...), impulses (..., C). The effect of gravity until the first flight
+        is removed from the velocities.
         """
         c = self.scene
         falling = time
@@ -363,23 +367,24 @@ class Run:
         return np.cumsum(np.array(c.masses) * changes, axis=-1)[..., : len(c.stiffnesses)]
 
     def merged_states(self, shortest_state: float) -> Runs:
-        """Return the state sequence, in steps; `shortest_state` is as of `solver.Settings`."""
+        """Return the state sequence, with times in steps; `Settings.shortest_state` is the argument."""
         c = self.scene
         closed = int((c.gaps == 0) @ _bits(len(c.stiffnesses)))
         return merge_runs(self.raw_states, shortest_state * min(periods(c)) / c.step, closed)
 
     def energy_gain(self) -> float:
-        """Return the energy gained, over the kinetic energy at the start; the engine has made what is positive.
+        """Return the energy gained, over the kinetic energy at the start; the engine has created any positive gain.
 
-        The energy is kinetic, without a table about the centre of mass. As long as bodies fall, height counts, and at
-        the start so does the energy in the support of a settled B2. Energy in springs at the end does not count.
+        The energy is kinetic, without a table about the centre of mass. While bodies fall, the energy of their heights
+        is added. At the start the energy in the support of a settled B2 is added. Energy in springs at the end is left
+        out.
         """
         c, m = self.scene, np.array(self.scene.masses)
 
         def kinetic(v: Floats) -> float:
             return 0.5 * float(m @ (v if c.table else v - m @ v / m.sum()) ** 2)
 
-        # A linear support that carries m2 g at the penetration -x2 holds half their product.
+        # A linear support that carries m2 g at the penetration -x2 holds half the product of both.
         held = -0.5 * c.masses[-1] * c.gravity * float(self.start[-1])
         lowest = self.heights if self.first_flight is None else self.first_flight.heights
         fallen = c.gravity * float(m @ (lowest - self.start))
@@ -387,7 +392,7 @@ class Run:
         return (kinetic(self.velocities) + fallen - before - held) / before
 
     def too_much_energy(self) -> str:
-        """Say why the result is not converged, if it has gained too much energy; else empty."""
+        """Return why the result is not converged if it has gained too much energy; else ``""``."""
         if (gain := self.energy_gain()) <= ENERGY_GAIN_ALLOWED:
             return ""
         return f"it ended with {gain:.1%} more energy than it began with: the step is too long"
@@ -395,8 +400,8 @@ class Run:
     def path(self, states: Runs) -> Path:
         """Return the recorded path under a merged state sequence."""
         assert self.points is not None
-        # Step n ends at point n. The state of a point is the state in the step before it. At a border the point is
-        # given a second time, with the state in the step after it.
+        # Step n ends at point n. The state of a point is the state in the step before it. At a border between states
+        # the point occurs twice, the second time with the state in the step after it.
         times = 1 + np.isin(self.points[:, 0], states.start[1:])
         step = np.repeat(self.points[:, 0].astype(np.int64), times)
         is_second = np.append(False, step[1:] == step[:-1])
@@ -404,7 +409,7 @@ class Run:
         state = states.state[np.searchsorted(states.start, step_of_state, side="right") - 1]
         velocities, time = np.repeat(self.points[:, 1:], times, axis=0), np.float64(self.scene.step) * step
         impulses = self.impulses(velocities, time)
-        duration = np.diff(time)[:, None]  # 0 before a second point, which has the force of the first
+        duration = np.diff(time)[:, None]  # 0 before the second point at a border
         means = np.diff(impulses, axis=0) / np.where(duration > 0, duration, 1.0)
         forces = np.vstack([means[:1], np.where(duration > 0, means, np.roll(means, 1, axis=0))])
         acting = (state[:, None] & _bits(len(self.scene.stiffnesses))) != 0
@@ -412,12 +417,12 @@ class Run:
 
 
 def _bits(contacts: int) -> NDArray[np.int64]:
-    """Return the bits of so many contacts in a set."""
+    """Return the bit of each contact in a set of contacts."""
     return 1 << np.arange(contacts)
 
 
 def _scene_numbers(scene: Scene, world: World) -> NDArray[np.void]:
-    """Return the numbers of a scene for the kernels; how deep a settled B2 rests is the world's."""
+    """Return the numbers of a scene for the kernels; the depth of a settled B2 comes from the world."""
     numbers = np.zeros(1, SCENE_NUMBERS)
     numbers["contacts"] = len(scene.stiffnesses)
     numbers["step"] = scene.step
@@ -429,7 +434,7 @@ def _scene_numbers(scene: Scene, world: World) -> NDArray[np.void]:
     numbers["gravity"] = g
     numbers["k1"] = k1
     if not depth:
-        # Nothing goes into a rigid support. The stiffnesses asked for still say what a small energy is.
+        # Balls do not sink into a rigid support. The stiffnesses asked for still define a small energy.
         numbers["k2"] = k2
         return numbers
     k2 = m2 * g / depth
@@ -441,7 +446,7 @@ def _scene_numbers(scene: Scene, world: World) -> NDArray[np.void]:
 
 
 def _contact_law(scene: Scene, world: World) -> NDArray[np.void]:
-    """Return the contacts as an engine that leaps says it has them."""
+    """Return a record of `CONTACT_LAW` for each contact, with the numbers of `World.effective`."""
     law = np.zeros(len(scene.stiffnesses), CONTACT_LAW)
     law["stiffness"] = world.effective["stiffness"]
     law["damping"] = world.effective["damping"]
@@ -450,7 +455,7 @@ def _contact_law(scene: Scene, world: World) -> NDArray[np.void]:
 
 
 def _new_memory(scene: Scene) -> NDArray[np.void]:
-    """Return the memory of `scan` at t = 0; gaps count as closed ever since."""
+    """Return the memory of `scan` at t = 0, at which all gaps count as closed."""
     memory = np.zeros(1, MEMORY)
     memory["lead"] = np.inf
     memory["flight_phase"] = FlightPhase.BEFORE

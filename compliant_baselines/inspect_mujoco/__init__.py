@@ -1,4 +1,4 @@
-"""The contacts of a MuJoCo scene: the traps in their parameters, and their behaviour, measured (docs/mapping.md).
+"""The contacts of a MuJoCo scene: traps in their parameters, and measurements of their behaviour (docs/mapping.md).
 
 The engine documents each trap (XML reference, "Solver parameters" and the options; changelog of 3.13), and a test
 measures its effect.
@@ -6,9 +6,9 @@ measures its effect.
 * `scene_contacts` reads the contacts of a compiled scene and the bodies of each.
 * `drops` measures a contact in a scene of its own.
 * `traps` finds traps in parameters.
-* `groups` gathers contacts of the same parameters, and chooses those that are measured.
-* `readings` says what to write for what may have been meant.
-* `examination` puts them together.
+* `groups` gathers contacts of the same parameters, and chooses the contacts to measure.
+* `readings` proposes parameters for the contact that a user may have meant.
+* `examination` combines all of these.
 """
 
 from impact_xval.compliant_baselines.inspect_mujoco.drops import PLACES, MeasuredContact

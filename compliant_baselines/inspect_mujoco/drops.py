@@ -1,9 +1,9 @@
-"""A contact of a MuJoCo scene, dropped and loaded in a scene of its own.
+"""Measurement of a contact of a MuJoCo scene: a drop and a load at rest, in a separate scene of two bodies.
 
 The scene has two spheres, or a sphere and a plane for a fixed body, on vertical slides. It has the parameters of the
-contact as the engine combines them, and masses, inverse weights and options of the user's scene. A sphere has one
-point of contact, where a box that lands on a face has four. At rest these share the load. The solver stops where it
-would stop for the two bodies in the user's scene.
+contact as the engine combines them, and masses, inverse weights and options of the user's scene. A sphere has one point
+of contact. A box that lands on a face has four points, which share the load at rest. The solver stops at the same
+accuracy as for the two bodies in the user's scene.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from impact_xval.compliant_baselines.restitution import contact_time, damping_ra
 
 mujoco: Any = import_module("mujoco")  # the names of the compiled module are invisible to a type checker
 
-#: Places within a step at which the touch is tried, from 0 to 1, the first two far apart.
+#: Places of the touch within a step that are tried, from 0 to 1; the first two are far apart.
 PLACES = tuple((18 * i % 32 + 1) / 32 for i in range(16))
 
-#: Steps in a contact from which the first two places are enough.
+#: Number of steps in a contact from which the first two places are enough.
 LONG = 250
 
 #: Steps after which a drop is given up.
@@ -36,31 +36,31 @@ ROUNDING = 1e-12
 #: Steps without force after which a contact is over.
 QUIET_STEPS = 3
 
-#: Largest share of the speed of approach at which bodies that joints brake count as standing still.
+#: Speed, over the speed of approach, below which bodies that joints brake count as standing still.
 STANDSTILL = 1e-3
 
-#: Fewest steps, and least share of the steps since the touch, that bodies have to stand still in the contact.
+#: Fewest steps, and least fraction of the steps since the touch, for which bodies have to stand still in the contact.
 STANDING_STEPS, STANDING_SHARE = 50, 0.5
 
 
 class MeasuredContact(NamedTuple):
-    """Contacts that are alike, measured, in SI units; numbers are None where `reason` says why."""
+    """Measurement of contacts that are alike, in SI units; if a number is None, `reason` says why."""
 
     #: Names of the contacts.
     names: list[str]
     #: Masses of the two bodies in kg, the lighter first; inf for a fixed body.
     masses: tuple[float, float]
-    #: Mean over the places of the touch within a step; 0 if the bodies do not leave the contact.
+    #: Mean restitution over the places of the touch within a step; 0 if the bodies do not leave the contact.
     restitution: float | None = None
     #: Least and greatest restitution over these places.
     restitution_range: tuple[float, float] | None = None
-    #: In s. Whole steps count, from the first to the last with force. None if the bodies do not leave the contact.
+    #: Duration in s: whole steps from the first to the last with force. None if the bodies do not leave the contact.
     duration: float | None = None
     steps: float | None = None
-    #: Numbers of the spring and dashpot with this restitution and duration, in N/m and N s/m.
+    #: Stiffness in N/m and damping in N s/m of the spring and dashpot with this restitution and duration.
     stiffness: float | None = None
     damping: float | None = None
-    #: Depth in m at which the contact carries the weight of the lighter body. None without gravity, and where the body
+    #: Depth in m at which the contact carries the weight of the lighter body. None without gravity, and if the body
     #: rests above the surface.
     penetration: float | None = None
     #: Number of points of contact that share this weight.
@@ -71,21 +71,21 @@ class MeasuredContact(NamedTuple):
     force: float | None = None
     #: Least and greatest impedance of the contact while a drop had force.
     impedances: tuple[float, float] | None = None
-    #: What to write for another contact, and what drops of it gave; empty if there is nothing to change.
+    #: Parameters to write for another contact, with the results of its drops; empty if nothing needs a change.
     change: str = ""
     #: Why the contact was not measured; empty if it was.
     reason: str = ""
-    #: What the numbers contain of the joints, and why numbers are left out; empty if there is nothing.
+    #: Note on the effect of joints in the numbers, and on numbers that are left out; empty if there is none.
     note: str = ""
 
     @property
     def stays_in_contact(self) -> bool:
-        """Whether the bodies were measured, and did not leave the contact."""
+        """True if the bodies were measured and did not leave the contact."""
         return self.restitution is not None and self.duration is None
 
     @property
     def outcome(self) -> str:
-        """What the drops gave, in words."""
+        """The results of the drops in words."""
         if self.restitution is None:
             return "the contact does not end"
         if self.duration is None:
@@ -94,7 +94,7 @@ class MeasuredContact(NamedTuple):
 
 
 class Drop(NamedTuple):
-    """One drop."""
+    """Result of one drop."""
 
     restitution: float
     #: Steps from the first to the last with force; None if the bodies stand still in the contact.
@@ -121,7 +121,7 @@ def measure_contact(
     step, speed, gravity
         Time step in s, speed of approach in m/s, and gravity at rest in m/s^2.
     exact
-        Whether the solver's tolerance is 0 in place of the scene's.
+        True for a solver tolerance of 0 in place of the scene's tolerance.
 
     Raises
     ------
@@ -175,8 +175,8 @@ def measure_contact(
 def _compile_alone(bodies: Bodies, option: MujocoOption, step: float, speed: float, exact: bool) -> Any:
     """Compile two bodies in a scene of their own, with the user's options; the lighter one is above.
 
-    Heights count the gap between them. The radius is the depth that a drop at this speed could reach before it is given
-    up.
+    The height coordinate is the gap between them. The radius is the depth that a drop at this speed could reach before
+    it is given up.
     """
     fixed, radius = math.isinf(bodies.masses[1]), speed * step * MOST_STEPS
     model = mujoco.MjModel.from_xml_string(mjcf(line_of_balls(1 if fixed else 2, fixed)))
@@ -185,7 +185,7 @@ def _compile_alone(bodies: Bodies, option: MujocoOption, step: float, speed: flo
     model.geom_size[1:, 0] = model.geom_rbound[1:] = radius
     model.body_pos[1:, 2] = (radius, -radius)[: model.nv]
     model.body_mass[1:] = bodies.masses[: model.nv]
-    mujoco.mj_setConst(model, mujoco.MjData(model))  # what follows from the masses, apart from the weights
+    mujoco.mj_setConst(model, mujoco.MjData(model))  # computes numbers that follow from masses
     model.body_invweight0[1:] = bodies.weights[: model.nv]
     for dof, losses in enumerate(bodies.losses[: model.nv]):
         model.dof_damping[dof], model.dof_frictionloss[dof] = losses.damping, losses.friction
@@ -193,9 +193,10 @@ def _compile_alone(bodies: Bodies, option: MujocoOption, step: float, speed: flo
     _copy_options(option, model.opt)
     model.opt.timestep = step
     model.opt.gravity, model.opt.density, model.opt.viscosity = np.zeros(3), 0.0, 0.0
-    # The solver divides what it compares with its tolerance by the inertia of all that is solved together.
+    # Before the solver compares a measure with its tolerance, it divides the measure by the inertia of all bodies that
+    # are solved together.
     model.opt.tolerance = 0.0 if exact else option.tolerance * bodies.inertia / sum(bodies.masses[: model.nv])
-    # A run that goes wrong does not start again, and a slow body does not sleep.
+    # A failed run is not reset automatically, and a slow body does not sleep.
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     model.opt.enableflags &= ~flag("mjtEnableBit", "mjENBL_SLEEP")
     return model
@@ -214,20 +215,20 @@ def _copy_options(source: object, target: object) -> None:
 def _drop(model: Any, mass: float, place: float, speed: float) -> Drop:
     """Drop once two bodies of a reduced mass in kg, touching at a place from 0 to 1 within a step.
 
-    The speed of approach is that at the touch. Joints may brake a body so hard there that no force is needed at first:
-    the speed at the first step with force may be any small part of it. Joints may also brake a body so hard that it
-    comes to rest in the contact, or creeps out of it for ever.
+    The speed of approach is the speed at the touch. Joints may brake a body so hard that at first no contact force is
+    needed: the speed at the first step with force may be any small part of the speed of approach. Joints may also brake
+    a body so hard that it comes to rest in the contact, or creeps out of it for ever.
     """
     data, step = mujoco.MjData(model), float(model.opt.timestep)
     data.qpos[0], data.qvel[0] = model.pair_margin[0] + place * speed * step, -speed
     rounding = ROUNDING * speed
-    # Joints may slow the bodies too, without contact.
+    # Joints may slow the bodies down even without contact.
     slowed_by_joints = bool(model.dof_damping.any() or model.dof_frictionloss.any())
     approach, rebound, before = 0.0, 0.0, -speed
-    height, force = math.inf, 0.0  # least and greatest until now
+    height, force = math.inf, 0.0  # least height and greatest force so far
     impedances: list[float] = []
-    first_step = last_step = 0  # with force; 0: none yet
-    standing = 0  # steps in which the bodies have stood still up to now
+    first_step = last_step = 0  # steps with force; 0: no force yet
+    standing = 0  # latest steps in which the bodies stand still
 
     def finish(restitution: float, steps: int | None) -> Drop:
         return Drop(restitution, steps, -height, force, impedances)
@@ -261,12 +262,12 @@ def _drop(model: Any, mass: float, place: float, speed: float) -> Drop:
 
 
 def _is_active(data: Any) -> bool:
-    """Tell whether the contact was a constraint in the step taken."""
+    """Return True if the contact was a constraint in the last step."""
     return data.ncon > 0 and data.contact.efc_address[0] >= 0
 
 
 def _normal_force(model: Any, data: Any) -> float | None:
-    """Return the force in N along the normal in the step taken; None if the bodies did not touch."""
+    """Return the force in N along the normal in the last step; None if the bodies did not touch."""
     if not _is_active(data):
         return None
     wrench = np.zeros(6)

@@ -1,4 +1,4 @@
-"""Measuring the contacts of a MuJoCo scene, and looking for traps."""
+"""Examination of a MuJoCo scene: measurements of its contacts, and the traps in their parameters."""
 
 from __future__ import annotations
 
@@ -53,13 +53,13 @@ MOST_ROWS = 50
 #: Seconds after which no further contact is measured.
 MOST_SECONDS = 60.0
 
-#: How far a restitution may exceed 1, and how far the solver's tolerance may change it, and the duration relatively.
-#: At 30 steps in a contact the restitution of an elastic one is off by up to 1.1e-3.
+#: Largest excess of a restitution over 1, and largest change of a restitution, or relative change of a duration, by the
+#: solver's tolerance. At 30 steps in a contact the restitution of an elastic contact is off by up to 1.1e-3.
 NEGLIGIBLE = 1.5e-3
 
 
 class ExaminedContact(NamedTuple):
-    """Contacts that are alike, measured, and what their numbers may have been meant to say."""
+    """Measurement of contacts that are alike, with the contacts that their numbers may have been meant for."""
 
     bodies: Bodies
     row: MeasuredContact
@@ -70,7 +70,7 @@ class ExaminedContact(NamedTuple):
 
 @dataclass(frozen=True)
 class ExaminedGroup:
-    """Contacts of the same parameters, and those of them that were measured."""
+    """Contacts of the same parameters, and the measured contacts among them."""
 
     group: ContactGroup
     examined: list[ExaminedContact]
@@ -84,27 +84,27 @@ class ExaminedGroup:
 
 @dataclass(frozen=True)
 class Examination:
-    """What is known of the contacts of a scene."""
+    """Result of the examination of a scene."""
 
     groups: list[ExaminedGroup]
     findings: list[Finding]
-    #: Number of geoms in the scene, and how many of them were looked at.
+    #: Number of geoms in the scene, and number of geoms that were looked at.
     geoms: int
     geoms_looked_at: int
     #: Time step in s, and name of the integrator.
     step: float
     integrator: str
-    #: What the drops leave out, in words.
+    #: Effects in the scene that the drops leave out, in words.
     omissions: list[str] = field(default_factory=list[str])
 
     @property
     def contacts(self) -> list[ExaminedContact]:
-        """All contacts that were measured, or that have a reason why not."""
+        """All contacts that were measured, or that have a reason why they were not."""
         return [contact for group in self.groups for contact in group.examined]
 
 
 def load_scene(scene: Path) -> Any:
-    """Load a file, .mjb or MJCF; a ValueError has MuJoCo's own words if it does not take the file."""
+    """Load a file, .mjb or MJCF; a ValueError has MuJoCo's own message if MuJoCo refuses the file."""
     load = mujoco.MjModel.from_binary_path if scene.suffix == ".mjb" else mujoco.MjModel.from_xml_path
     try:
         return load(str(scene))
@@ -113,7 +113,7 @@ def load_scene(scene: Path) -> Any:
 
 
 def examine(speed: float, scene: Path) -> tuple[list[MeasuredContact], list[Finding]] | str:
-    """Measure the contacts of a file, .mjb or MJCF, and look for traps; or say why MuJoCo does not take it."""
+    """Measure the contacts of a file, .mjb or MJCF, and look for traps; or return why MuJoCo refuses the file."""
     try:
         return examine_model(load_scene(scene), speed)
     except Exception as error:  # the engine may raise anything on a scene that it does not expect
@@ -141,15 +141,15 @@ def inspect_model(model: Any) -> list[Finding]:
 
 
 def measure_model(model: Any, speed: float = 1.0) -> list[MeasuredContact]:
-    """Measure the contacts of a compiled mujoco.MjModel, one of each combination of parameters and masses.
+    """Measure the contacts of a compiled mujoco.MjModel, one for each combination of parameters and masses.
 
-    The speed at which bodies meet, in m/s, matters to contacts whose impedance depends on the depth.
+    `speed` is the speed in m/s at which bodies meet. It matters if the impedance of a contact depends on the depth.
     """
     return [contact.row for contact in examine_groups(model, speed, every=True).contacts]
 
 
 def abbreviate_names(names: list[str]) -> str:
-    """Name contacts that have something in common shortly: the first, and the number of others."""
+    """Return a short name for several contacts: the first name, and the number of the others."""
     return names[0] + (f" and {len(names) - 1} more" if len(names) > 1 else "")
 
 
@@ -163,7 +163,7 @@ def examine_groups(
     model, speed
         The scene, and the speed in m/s at which bodies meet.
     every
-        Whether every combination of parameters and masses is measured, up to `MOST_ROWS`, and not only the members of a
+        True to measure every combination of parameters and masses, up to `MOST_ROWS`, and not only the members of a
         group that differ most.
     geom
         Name of a geom, or its number after a "#": only its contacts are examined.
@@ -171,7 +171,7 @@ def examine_groups(
     Raises
     ------
     ValueError
-        If there is no such geom.
+        If no geom has this name or number.
     """
     selected = select_geoms(model)
     contacts = find_contacts(model, selected)
@@ -186,7 +186,7 @@ def examine_groups(
     examined_groups: list[ExaminedGroup] = []
     traps: list[tuple[list[str], list[Trap]]] = []
     measured_traps: list[tuple[list[str], list[Trap]]] = []
-    with Mujoco().running():  # without its warnings
+    with Mujoco().running():  # without the engine's warnings
         for group in groups:
             members = list(group.members) if every else choose_members(group)
             examined, of_rows = _examine_group(model, speed, group, members[:rows_left], deadline)
@@ -199,7 +199,7 @@ def examine_groups(
                 *traps_in_parameters(model.opt, list(group.members), rows),
             ]
             if time.perf_counter() < deadline:
-                # What the tolerance changes says nothing about the step.
+                # An effect of the tolerance says nothing about the step.
                 changed = [
                     names for names, of_row in of_rows if any(trap.name == "tolerance" for trap in of_row)
                 ]
@@ -218,7 +218,7 @@ def examine_groups(
 
 
 def number_of_geom(model: Any, name: str) -> int:
-    """Return the number of a geom, given by its name or by its number after a "#"; a ValueError if there is none."""
+    """Return the number of a geom, given by its name or by its number after a "#"; a ValueError without such a geom."""
     names = [name_of_geom(model, geom) for geom in range(model.ngeom)]
     if name in names:
         return names.index(name)
@@ -231,7 +231,7 @@ def number_of_geom(model: Any, name: str) -> int:
 
 
 def list_omissions(model: Any) -> list[str]:
-    """List what a scene has that the drops leave out."""
+    """List the effects in a scene that the drops leave out."""
     counts = [
         (model.nflex, "the contacts of {} flex (soft body)", "the contacts of {} flexes (soft bodies)"),
         (model.nu, "the force of {} actuator", "the forces of {} actuators"),
@@ -246,7 +246,7 @@ def list_omissions(model: Any) -> list[str]:
 def _examine_group(
     model: Any, speed: float, group: ContactGroup, members: list[Bodies], deadline: float
 ) -> tuple[list[ExaminedContact], list[tuple[list[str], list[Trap]]]]:
-    """Measure members of a group; give with the names of each the traps that its measurement shows."""
+    """Measure members of a group; return each measurement, and its traps with the names of the contacts."""
     gravity = float(np.linalg.norm(model.opt.gravity))
     names = group.members
     rows: list[tuple[Bodies, MeasuredContact]] = []
@@ -281,7 +281,7 @@ def _examine_group(
 
 
 def _common_measurement(rows: list[MeasuredContact]) -> MeasuredContact | None:
-    """Return a row with the means of restitution and duration; None if a row is not near these means."""
+    """Return a row with the mean restitution and duration of rows; None if a row is not near these means."""
     numbers = [
         (row.restitution, row.duration) for row in rows if row.restitution is not None and row.duration
     ]
@@ -296,9 +296,9 @@ def _common_measurement(rows: list[MeasuredContact]) -> MeasuredContact | None:
 def _add_readings(
     contact: ExaminedContact, option: MujocoOption, speed: float, kept: MeasuredContact, is_first: bool
 ) -> ExaminedContact:
-    """Add the readings of a contact, or advice on its damping ratio; `kept` has what it does now.
+    """Add the readings of a contact, or advice on its damping ratio; `kept` has its present behaviour.
 
-    The advice is the same for all members of a group: it is for the first member.
+    All members of a group have the same advice; only the first member gets it.
     """
     bodies, row = contact.bodies, contact.row
     if min(bodies.solref) > 0:
@@ -313,7 +313,7 @@ def _add_readings(
 
 
 def _note_on_joints(bodies: Bodies) -> str:
-    """Say what the numbers contain of the joints; empty if there is nothing."""
+    """Return a note on the effect of joints in the numbers; ``""`` if there is none."""
     damping = sum(losses.damping for losses in bodies.losses)
     friction = sum(losses.friction for losses in bodies.losses)
     if not (damping or friction):
@@ -344,7 +344,7 @@ def _traps_in_measurement(contact: ExaminedContact, option: MujocoOption, speed:
 
 
 def _trap_of_long_step(examined: list[ExaminedContact], option: MujocoOption, speed: float) -> list[Trap]:
-    """Return the trap of the contact that the step resolves least, with what drops at a shorter step gave, if any."""
+    """Return the trap of the contact that the step resolves least, with drops at a shorter step if there are any."""
     long = find_long_step([contact.row for contact in examined], option.timestep)
     if long is None:
         return []
@@ -367,7 +367,7 @@ def _trap_of_long_step(examined: list[ExaminedContact], option: MujocoOption, sp
 
 
 def _lost_to_tolerance(bodies: Bodies, option: MujocoOption, speed: float, row: MeasuredContact) -> str:
-    """Say what the solver's tolerance takes from a contact; empty if it takes nothing."""
+    """Return a sentence on the effect of the solver's tolerance on a contact; ``""`` if there is none."""
     if option.tolerance <= 0:
         return ""
     try:

@@ -1,8 +1,8 @@
-"""Writing a scene whose contacts are what their direct numbers were meant to say, and measuring it again.
+"""Writing a scene in which contacts behave as their direct numbers were meant, and measuring it again.
 
 MuJoCo itself writes the compiled scene as one file (`mj_saveLastXML`): includes and frames are resolved, and numbers
 have six digits. The file gets a <pair> for each contact with direct numbers, the longest step at which all of them are
-good, and a tolerance of 0 where the scene's is in the way. Geoms of such a pair without a name get one.
+good, and a tolerance of 0 if the scene's tolerance changes a contact. Geoms of such a pair that have no name get one.
 """
 
 from __future__ import annotations
@@ -41,16 +41,16 @@ from impact_xval.compliant_baselines.restitution import contact_time, damping_ra
 
 mujoco: Any = import_module("mujoco")  # the names of the compiled module are invisible to a type checker
 
-#: What a new <pair> has from the geoms beside the reading; else the scene's default for pairs would replace it. The
-#: margin is that at which the force begins, so that the gap is 0.
+#: Attributes that a new <pair> copies from the geoms, in addition to the reading; else the scene's default for pairs
+#: would replace them. The margin is the distance at which the force begins, so that the gap is 0.
 KEPT_PARAMETERS = ("margin", "solreffriction", "adhesion")
 
-#: Most geoms of a scene that is written.
+#: Most geoms that a scene to be written may have.
 MOST_GEOMS_TO_FIX = 250
 
 
 class ContactToWrite(NamedTuple):
-    """A contact that gets another <pair>."""
+    """A contact that gets a new <pair>."""
 
     contact: SceneContact
     meant: KelvinVoigtContact
@@ -58,7 +58,7 @@ class ContactToWrite(NamedTuple):
 
 
 class WrittenContact(NamedTuple):
-    """A contact of the scene that was written, measured in it."""
+    """A contact of the scene that was written, with its measurement in this scene."""
 
     #: Names of the contacts, in the scene that was read, that have these bodies and parameters.
     names: list[str]
@@ -66,34 +66,34 @@ class WrittenContact(NamedTuple):
     solref_before: tuple[float, float]
     reading: Reading
     measured: MeasuredContact
-    #: Whether the drops gave what is meant.
+    #: True if the drops have the meant restitution and duration.
     is_kept: bool
 
 
 @dataclass(frozen=True)
 class FixedScene:
-    """A scene that was written, and what its contacts were measured to do."""
+    """A scene that was written, with the measurements of its contacts."""
 
     kind: Kind
     written: list[WrittenContact]
-    #: Number of pairs that were written, and of geoms that got a name.
+    #: Number of pairs that were written, and number of geoms that got a name.
     pairs: int
     named_geoms: int
     #: Time steps in s, before and after.
     step_before: float
     step: float
     zero_tolerance: bool
-    #: Number of contacts that stay as they were.
+    #: Number of contacts that are not changed.
     unchanged: int
 
     @property
     def is_kept(self) -> bool:
-        """Whether all contacts that were measured do what is meant."""
+        """True if all measured contacts have the meant restitution and duration."""
         return all(contact.is_kept for contact in self.written)
 
 
 def fix_scene(source: Path, target: Path, kind: Kind, speed: float, geom: str | None = None) -> FixedScene:
-    """Write a scene in which direct numbers do what one reading of them says, and measure it.
+    """Write a scene in which contacts behave by one reading of their direct numbers, and measure it.
 
     Parameters
     ----------
@@ -102,14 +102,14 @@ def fix_scene(source: Path, target: Path, kind: Kind, speed: float, geom: str | 
     kind
         The reading: ``keep`` or ``newton-metre``.
     speed
-        In m/s, at which bodies are dropped.
+        Speed in m/s at which bodies are dropped.
     geom
         Name of a geom: only its contacts are written.
 
     Raises
     ------
     ValueError
-        If MuJoCo does not take the scene, if it is too large, or if there is nothing to write.
+        If MuJoCo refuses the scene, if the scene is too large, or if there is nothing to write.
     """
     model = load_scene(source)
     if model.ngeom > MOST_GEOMS_TO_FIX:
@@ -120,7 +120,7 @@ def fix_scene(source: Path, target: Path, kind: Kind, speed: float, geom: str | 
         raise ValueError(
             f"--fix: no contact of {source} has direct numbers with two readings; nothing is written"
         )
-    # The examination compiled nothing else, but its drops did: the engine writes what it has compiled last.
+    # The engine writes the model that it compiled last, and the drops of the examination have compiled others.
     load_scene(source)
     mujoco.mj_saveLastXML(str(target), model)
     step = min(model.opt.timestep, min(one.reading.step for one in to_write))
@@ -149,7 +149,7 @@ def fix_scene(source: Path, target: Path, kind: Kind, speed: float, geom: str | 
 def _contacts_to_write(model: Any, group: ExaminedGroup, kind: Kind) -> list[ContactToWrite]:
     """Return the contacts of a group that have the reading.
 
-    A contact that was not measured is read as the measured one that is nearest in mass.
+    A contact that was not measured gets the reading of the measured contact that is nearest in mass.
     """
     measured = [contact for contact in group.examined if not contact.row.reason]
     if not measured:
@@ -247,7 +247,7 @@ def _free_name(name: str, names: Sequence[str]) -> str:
 
 
 def _point_to_assets(root: ElementTree.Element, folder: Path) -> None:
-    """Name the folders of meshes and textures in full: the file is written to another folder."""
+    """Write the full paths of the folders of meshes and textures, because the file is written to another folder."""
     compiler = root.find("compiler")
     if compiler is None:
         compiler = ElementTree.Element("compiler")
@@ -257,7 +257,7 @@ def _point_to_assets(root: ElementTree.Element, folder: Path) -> None:
 
 
 def _measure_written(model: Any, to_write: Sequence[ContactToWrite], speed: float) -> list[WrittenContact]:
-    """Measure contacts that were written: of each group in the scene that was read, those that differ most."""
+    """Measure contacts that were written: for each group of the original scene, the contacts that differ most."""
     selected = {geom for one in to_write for geom in one.contact.geoms}
     now = {contact.geoms: contact.bodies for contact in find_contacts(model, selected)}
     by_bodies = {one.contact.bodies: one for one in reversed(to_write)}

@@ -24,7 +24,7 @@ class ContactGroup(NamedTuple):
 
     @property
     def members(self) -> dict[Bodies, list[str]]:
-        """Names of the contacts by their bodies; contacts that are alike in everything are together."""
+        """Names of the contacts by their bodies; contacts that are alike in everything have one entry."""
         members: dict[Bodies, list[str]] = {}
         for contact in self.contacts:
             members.setdefault(contact.bodies, []).append(contact.name)
@@ -40,11 +40,11 @@ def group_contacts(contacts: Sequence[SceneContact]) -> list[ContactGroup]:
 
 
 def choose_members(group: ContactGroup) -> list[Bodies]:
-    """Choose the members of a group that are measured: those at the ends of what the measurement depends on.
+    """Choose the members of a group to measure: those with extreme values of the quantities that matter.
 
-    They are the lightest and the heaviest pair, the pair whose mass is farthest from the engine's inverse weights (both
-    agree for free bodies), the light body that is solved with most inertia (the solver's tolerance), and the body that
-    rests on most points.
+    They are the lightest and the heaviest pair; the pair whose mass is farthest from the engine's inverse weights (both
+    agree for free bodies); the light body that is solved together with most inertia, where the solver's tolerance
+    matters most; and the body that rests on most points.
     """
     members = list(group.members)
     chosen = [

@@ -1,9 +1,9 @@
-"""What a solref may have been meant to say, how to write that, and what the written contact was measured to give.
+"""Readings of a solref: contacts that a user may have meant, parameters for them, and their measurements.
 
-Direct numbers (-stiffness, -damping) have two readings: keep what the contact does now, or take the numbers for N/m and
-N s/m. Both are written as a <pair> at the level of forces, so that a third body does not change them. Where the numbers
-are a time constant and a damping ratio, no wish is assumed: the advice says which damping ratios give which
-restitution.
+Direct numbers (-stiffness, -damping) have two readings: keep the present behaviour of the contact, or take the numbers
+for N/m and N s/m. Both are written as a <pair> at the level of forces, so that a third body does not change the
+contact. If the numbers are a time constant and a damping ratio, there is no reading: the advice lists damping ratios
+with their restitutions.
 """
 
 from __future__ import annotations
@@ -25,53 +25,53 @@ from impact_xval.compliant_baselines.restitution import contact_time, damping_ra
 
 mujoco: Any = import_module("mujoco")  # the names of the compiled module are invisible to a type checker
 
-#: How far the restitution of a contact may be from what was meant.
+#: Largest difference between the restitution of a contact and the meant one.
 NEAR_E = 0.02
 
-#: How far its stiffness or its duration may be from what was meant, relatively.
+#: Largest relative difference between the stiffness or duration of a contact and the meant one.
 NEAR_K = 0.05
 
-#: Restitution of a contact that is not to rebound: no finite damping gives 0.
+#: Restitution that is written for a contact without rebound: no finite damping gives 0.
 NO_REBOUND = 0.01
 
-#: Fewest steps in a time constant: refsafe changes it below 2, and this leaves some room.
+#: Fewest steps in a time constant. refsafe changes a time constant below 2 steps; this number leaves some room.
 _REFSAFE_STEPS = 2.2
 
-#: How far the restitution of what is proposed may be from what was asked for, relatively.
+#: Largest relative difference between the restitution of a proposal and the one asked for.
 ADVICE_TOLERANCE = 0.01
 
 #: Most solrefs that are tried for a restitution.
 _MOST_CORRECTIONS = 6
 
-#: Restitutions that users ask for, for which the advice gives damping ratios.
+#: Restitutions for which the advice gives damping ratios.
 _USUAL_RESTITUTIONS = (0.5, 0.9)
 
 Kind = Literal["keep", "newton-metre"]
 
 
 class Reading(NamedTuple):
-    """A contact that may have been meant, how to write it, and what drops of what is written gave; SI units."""
+    """A contact that a user may have meant, with its parameters and the results of their drops; SI units."""
 
     kind: Kind
-    #: What is meant.
+    #: The meant contact.
     stiffness: float
     damping: float
     restitution: float
     duration: float
-    #: What to write in a <pair>: solref, solimp, condim and friction.
+    #: Attributes to write in a <pair>: solref, solimp, condim and friction.
     solref: tuple[float, float]
     solimp: tuple[float, float, float, float, float]
     condim: int
     friction: tuple[float, ...]
     #: Longest time step in s.
     step: float
-    #: Whether the solver's tolerance has to be 0.
+    #: True if the solver's tolerance has to be 0.
     zero_tolerance: bool
-    #: Mean and range over the places of the touch within a step; None if they were not measured.
+    #: Mean and range of the restitution over the places of the touch within a step; None if they were not measured.
     measured_restitution: float | None
     measured_range: tuple[float, float] | None
     measured_duration: float | None
-    #: Whether the drops gave what is meant; `problem` says what they gave instead.
+    #: True if the drops have the meant restitution and duration; else `problem` says what they have.
     is_kept: bool
     problem: str
 
@@ -91,7 +91,7 @@ class Reading(NamedTuple):
 
     @property
     def text(self) -> str:
-        """The reading in words: what is meant, what to write, and what that gives."""
+        """The reading in words: the meant contact, the text to write, and the results of its drops."""
         meant = f"{self.stiffness:.4g} N/m and {self.damping:.4g} N s/m"
         if self.kind == "keep":
             meant = f"e = {self.restitution:.3g} in {self.duration:.3g} s as now"
@@ -103,20 +103,20 @@ class Reading(NamedTuple):
 
 
 class RatioAdvice(NamedTuple):
-    """Which damping ratios give which restitution, for a contact with a time constant and a damping ratio."""
+    """Damping ratios with their restitutions, for a contact with a time constant and a damping ratio."""
 
-    #: What the contact has now.
+    #: The present solref of the contact.
     solref: tuple[float, float]
-    #: Restitutions, and the solref that gives each with the duration that the contact has now.
+    #: Restitutions, and for each the solref that gives it together with the present duration of the contact.
     choices: list[tuple[float, tuple[float, float]]]
-    #: Longest time step in s for all of them.
+    #: Longest time step in s that is good for all these solrefs.
     step: float
-    #: Mean restitution that drops gave for each; None if a drop failed.
+    #: Mean restitution of the drops with each solref; None if a drop failed.
     measured: list[float | None]
 
     @property
     def problem(self) -> str:
-        """Which choices do not give their restitution, in words; empty if all do."""
+        """The solrefs that miss their restitution, in words; ``""`` if there is none."""
         missed = [
             f"solref {format_numbers(solref, 3)} proposed for e = {e:g} gives "
             + ("no result" if measured is None else f"{measured:.3g}")
@@ -142,9 +142,9 @@ class RatioAdvice(NamedTuple):
 def read_direct_numbers(
     bodies: Bodies, option: MujocoOption, speed: float, measured: MeasuredContact, kept: MeasuredContact
 ) -> tuple[Reading | None, Reading | None]:
-    """Read direct numbers in both ways: what they do now (`kept`), and what they mean in N/m and N s/m.
+    """Read direct numbers in both ways: as the present behaviour (`kept`), and as numbers in N/m and N s/m.
 
-    There is nothing to read in other numbers, or where the contact does what its numbers mean in N/m and N s/m. At the
+    There is no reading of other numbers, or if the contact already behaves by its numbers in N/m and N s/m. At the
     level of forces the numbers are N/m and N s/m over the mass.
     """
     if bodies.solref[0] >= 0:
@@ -164,10 +164,10 @@ def read_direct_numbers(
 def meaning_in_newton_metre(
     bodies: Bodies, option: MujocoOption, impedances: tuple[float, float] | None
 ) -> KelvinVoigtContact:
-    """Return the contact whose numbers in N/m and N s/m are those of a direct solref.
+    """Return the contact that has the numbers of a direct solref in N/m and N s/m.
 
-    At the level of forces the numbers are those over the mass and the cone's factor by which the engine scales them.
-    Whether a contact is there is decided by the impedances that it was measured to have.
+    For a contact at the level of forces the engine multiplies the numbers by the mass and by the cone's factor. The
+    measured impedances decide whether a contact is at this level.
     """
     solref = bodies.solref
     is_force = is_at_force_level(bodies.solimp, impedances) and solref[1] <= 0
@@ -185,7 +185,7 @@ def contact_of(measured: MeasuredContact, bodies: Bodies) -> KelvinVoigtContact:
 
 
 def write_reading(kind: Kind, bodies: Bodies, option: MujocoOption, meant: KelvinVoigtContact) -> Reading:
-    """Write a contact as a <pair> at the level of forces, with the geoms' own condim and friction; measure nothing."""
+    """Write a contact as a <pair> at the level of forces, with the geoms' condim and friction, without measuring it."""
     pair = dict(bodies.pair)
     solref, solimp = mujoco_contact(meant._replace(mass=bodies.scale * _cone_factor(bodies, option)))
     return Reading(
@@ -212,8 +212,8 @@ def _cone_factor(bodies: Bodies, option: MujocoOption) -> float:
     """Return the factor by which a cone multiplies the force along the normal at a small impedance.
 
     The factor of a pyramidal cone is (condim - 1)/(mu^2 (1 + mu^2)): the cone has 2 (condim - 1) edges. The
-    regularisation of an edge is 2 mu^2 that of the normal, and the inverse weight in it is (1 + mu^2) that of the
-    bodies (the engine's mj_diagApprox and mj_makeImpedance).
+    regularisation of an edge is 2 mu^2 times the regularisation of the normal. The inverse weight in it is (1 + mu^2)
+    times the inverse weight of the bodies (the engine's mj_diagApprox and mj_makeImpedance).
     """
     pair = dict(bodies.pair)
     condim, mu = int(pair["dim"][0]), pair["friction"][0]
@@ -225,7 +225,7 @@ def _cone_factor(bodies: Bodies, option: MujocoOption) -> float:
 def verify_reading(
     kind: Kind, bodies: Bodies, option: MujocoOption, speed: float, meant: KelvinVoigtContact
 ) -> Reading:
-    """Write a contact, and drop what is written; a tolerance of 0 is part of it where the scene's is in the way."""
+    """Write a contact and drop it; the tolerance is 0 if the scene's tolerance changes the contact."""
     reading = write_reading(kind, bodies, option, meant)
     written = bodies._replace(
         pair=tuple((dict(bodies.pair) | {"solref": reading.solref, "solimp": reading.solimp}).items())
@@ -255,7 +255,7 @@ def verify_reading(
 
 
 def is_as_meant(row: MeasuredContact, meant: KelvinVoigtContact) -> bool:
-    """Tell whether drops gave the restitution and the duration that are meant."""
+    """Return True if the drops have the meant restitution and duration."""
     if row.restitution_range is None or row.duration is None:
         return False
     off = max(abs(e - meant.restitution) for e in row.restitution_range)
@@ -265,11 +265,11 @@ def is_as_meant(row: MeasuredContact, meant: KelvinVoigtContact) -> bool:
 def advise_on_ratio(
     bodies: Bodies, option: MujocoOption, speed: float, measured: MeasuredContact
 ) -> RatioAdvice | None:
-    """Say which damping ratios give which restitution with the duration that was measured; None for other solrefs."""
+    """Return damping ratios for several restitutions with the measured duration; None for direct solrefs."""
     time_constant, ratio = bodies.solref
     if min(time_constant, ratio) <= 0 or not measured.duration:
         return None
-    # A user who took the number for a restitution wants this restitution.
+    # A user who took the damping ratio for a restitution wants this restitution.
     wished = [ratio] if ratio < 1 else []
     wished += [e for e in _USUAL_RESTITUTIONS if e not in wished]
     choices = [(e, _find_solref(bodies, option, speed, e, measured.duration)) for e in wished[:2]]
@@ -283,12 +283,12 @@ def advise_on_ratio(
 
 
 def describe_ratio(advice: RatioAdvice, measured: MeasuredContact) -> str:
-    """Say what the damping ratio of a contact gives, and which ones give other restitutions."""
+    """Describe the effect of a contact's damping ratio, and the damping ratios of other restitutions."""
     return f"{describe_damping_ratio(advice.solref, [measured])}. {advice.text}"
 
 
 def _is_near(measured: float | None, e: float) -> bool:
-    """Tell whether a measured restitution is the one that was meant, within `ADVICE_TOLERANCE`."""
+    """Return True if a measured restitution is the meant one within `ADVICE_TOLERANCE`."""
     return measured is not None and abs(measured / e - 1) <= ADVICE_TOLERANCE
 
 
@@ -297,12 +297,13 @@ def _find_solref(
 ) -> tuple[float, float]:
     """Return a time constant in s and a damping ratio with which drops give a restitution in a duration in s.
 
-    The first ones are exact for a constant impedance, where ln e is nearly proportional to the damping ratio, and the
-    duration to the time constant. The next ones are corrected by what was measured. The nearest one is returned.
+    The first guess is exact for a constant impedance. Then ln e is nearly proportional to the damping ratio, and the
+    duration to the time constant, and the next guesses are corrected by the measurements. The nearest guess is
+    returned.
     """
     zeta, stretch = damping_ratio(e), 1.0
     by_formula = (duration / (contact_time(zeta) * zeta), zeta)
-    # Relative errors of restitutions, and their solrefs.
+    # Relative errors of the restitutions, with their solrefs.
     measured: list[tuple[float, tuple[float, float]]] = []
     for _ in range(_MOST_CORRECTIONS):
         solref = (stretch * duration / (contact_time(zeta) * zeta), zeta)

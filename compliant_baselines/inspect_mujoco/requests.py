@@ -1,4 +1,4 @@
-"""What is asked about a scene, and the answer: an examination, or a scene that was written."""
+"""Requests about a scene and their answers: an examination, or a scene that was written."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from impact_xval.compliant_baselines.inspect_mujoco.readings import Kind
 
 
 class InspectionRequest(NamedTuple):
-    """What is asked about a scene."""
+    """A request about a scene."""
 
     #: Speed in m/s at which the bodies meet.
     speed: float
     #: Only the contacts of this geom; None for all.
     geom: str | None = None
-    #: Whether every combination of parameters and masses is measured.
+    #: True to measure every combination of parameters and masses.
     every: bool = False
     #: A file to write the scene to; None for an examination.
     target: Path | None = None

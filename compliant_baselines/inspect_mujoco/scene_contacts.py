@@ -1,7 +1,7 @@
 """The contacts of a compiled MuJoCo scene, and the masses, parameters and joints of their bodies.
 
-A body on joints has its mass in the direction in which it moves most easily. Damping and dry friction of the joints
-count in that direction.
+The mass of a body on joints is its mass in the direction in which it moves most easily. Damping and dry friction of the
+joints are taken in the same direction.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ _PARAMETERS = {
     **({"adhesion": "adhesion"} if hasattr(mujoco.MjContact, "adhesion") else {}),  # from 3.11 on
 }
 
-#: The stage that makes the mass matrix, as the engine calls it; from 3.3 on it adds the inertia of tendons.
+#: The engine's stage that computes the mass matrix; from 3.3 on the stage adds the inertia of tendons.
 _MASS_MATRIX = "makeM" if hasattr(mujoco, "mj_makeM") else "crb"
 
-#: Most geoms of a scene that are all looked at. Of a larger scene some geoms of each kind are looked at.
+#: Most geoms of a scene in which every geom is looked at. In a larger scene only some geoms of each kind are looked at.
 MOST_GEOMS = 60
 
 #: Number of geoms of a kind that are looked at in a larger scene, on the lightest bodies and again on the heaviest.
@@ -43,15 +43,15 @@ GEOMS_PER_END = 2
 _EVERYWHERE = 1e9
 
 
-#: Where the parameters of a contact come from: a <pair>, the flag `override`, the geom of higher priority, two geoms
-#: that have the same parameters, or two geoms whose parameters the engine mixes.
+#: Sources of the parameters of a contact: a <pair>, the flag `override`, the geom of higher priority, two geoms that
+#: have the same parameters, or two geoms whose parameters the engine mixes.
 RULES = ("pair", "override", "priority", "same", "mixed")
 
 
 class MujocoOption(Protocol):
     """The members of `mujoco.MjOption` that are read."""
 
-    #: In s.
+    #: Time step in s.
     timestep: float
     tolerance: float
     integrator: int
@@ -63,11 +63,11 @@ class MujocoOption(Protocol):
 class Losses(NamedTuple):
     """Damping and dry friction that the joints of a body oppose to its motion along the normal."""
 
-    #: In N s/m.
+    #: Damping in N s/m.
     damping: float = 0.0
     #: Dry friction in N.
     friction: float = 0.0
-    #: The numbers of dry friction, of the joint that has most of it.
+    #: The dry-friction parameters of the joint with the largest dry friction.
     solref: tuple[float, ...] = MUJOCO_DEFAULT_SOLREF
     solimp: tuple[float, ...] = MUJOCO_DEFAULT_SOLIMP
 
@@ -77,23 +77,23 @@ class Bodies(NamedTuple):
 
     #: Masses along the normal in kg; inf for a fixed body.
     masses: tuple[float, float]
-    #: The engine's `body_invweight0` of each.
+    #: The engine's `body_invweight0` of each body.
     weights: tuple[tuple[float, ...], ...]
     #: Parameters of a `pair` that has this contact, by the names of the engine's arrays.
     pair: tuple[tuple[str, Any], ...]
-    #: Sum of the mass matrix's diagonal; the solver divides by it what it compares with its tolerance.
+    #: Sum of the mass matrix's diagonal; the solver divides by it before it compares a measure with its tolerance.
     inertia: float
     losses: tuple[Losses, Losses] = (Losses(), Losses())
     #: The solrefs of two geoms, if one of them is direct and the engine has mixed them.
     mixed: tuple[tuple[float, float], tuple[float, float]] | None = None
-    #: Where the parameters come from, one of `RULES`.
+    #: Source of the parameters, one of `RULES`.
     rule: str = "pair"
-    #: Number of points on which a body rests that lies flat on the other one.
+    #: Number of points of contact when a body lies flat on the other one.
     points: int = 1
 
     @property
     def parameters(self) -> tuple[tuple[str, Any], ...]:
-        """What decides the contact apart from the bodies: the numbers of the pair but for friction, and the rule."""
+        """The parameters that decide the contact, without its bodies: numbers except friction, and the rule."""
         return (*((name, value) for name, value in self.pair if "friction" not in name), ("rule", self.rule))
 
     @property
@@ -130,9 +130,9 @@ class SceneContact(NamedTuple):
 
 
 def read_contacts(model: Any) -> dict[Bodies, list[str]]:
-    """Find all contacts of a compiled model; give their bodies, and the names of the contacts that are alike.
+    """Find all contacts of a compiled model; return the names of contacts that are alike, by their bodies.
 
-    Of a scene of more than `MOST_GEOMS` geoms only some geoms of each kind are looked at.
+    In a scene with more than `MOST_GEOMS` geoms only some geoms of each kind are looked at.
     """
     found: dict[Bodies, list[str]] = {}
     for contact in find_contacts(model):
@@ -143,9 +143,9 @@ def read_contacts(model: Any) -> dict[Bodies, list[str]]:
 def find_contacts(model: Any, selected: Iterable[int] | None = None) -> list[SceneContact]:
     """Find the contacts of a compiled model; <pair>s come first.
 
-    The engine itself says which geoms can touch, and combines their parameters. In a copy of the scene all geoms are at
-    one place, and have a shape whose overlap the engine always finds. `selected` are the geoms that are looked at
-    beside those of <pair>s, by default those of `select_geoms`.
+    The engine itself decides which geoms can touch, and combines their parameters. For this purpose all geoms of a copy
+    of the scene are at one place, and have a shape whose overlap the engine always finds. `selected` are the geoms that
+    are looked at in addition to the geoms of <pair>s; the default is `select_geoms`.
     """
     near = _everything_near(model)
     _make_others_pass(near, {*(select_geoms(model) if selected is None else selected)})
@@ -154,7 +154,7 @@ def find_contacts(model: Any, selected: Iterable[int] | None = None) -> list[Sce
         getattr(mujoco, f"mj_{stage}")(near, data)
     data.geom_xpos[:] = 0
     mujoco.mj_collision(near, data)
-    # A geom of -1 is a flex.
+    # A geom number of -1 stands for a flex.
     touching = {
         tuple(sorted(geoms)): n for n, geoms in enumerate(data.contact.geom.tolist()) if min(geoms) >= 0
     }
@@ -196,14 +196,15 @@ def find_contacts(model: Any, selected: Iterable[int] | None = None) -> list[Sce
 
 
 def name_of_geom(model: Any, geom: int) -> str:
-    """Name a geom by its name, or by its number after a "#"."""
+    """Return the name of a geom, or its number after a "#" if it has none."""
     return model.geom(geom).name or f"#{geom}"
 
 
 def select_geoms(model: Any) -> list[int]:
-    """Choose the geoms to look at: all, or of more than `MOST_GEOMS` some of each kind, and at most so many.
+    """Choose the geoms to look at: all of them, or at most `MOST_GEOMS` with some of each kind.
 
-    Geoms of a kind have the same contact parameters. Those of the lightest and of the heaviest bodies stand for all.
+    Geoms of a kind have the same contact parameters. The geoms of the lightest and of the heaviest bodies stand for
+    all.
     """
     geoms = list(range(model.ngeom))
     if model.ngeom <= MOST_GEOMS:
@@ -228,7 +229,7 @@ def select_geoms(model: Any) -> list[int]:
     selected: list[int] = []
     for kind in range(kinds.max() + 1):
         of_kind = np.flatnonzero(kinds == kind)
-        # One geom a body: two geoms of one body do not touch.
+        # One geom for each body, because two geoms of one body do not touch.
         _, firsts = np.unique(model.geom_bodyid[of_kind], return_index=True)
         by_weight = of_kind[firsts][np.argsort(weights[of_kind[firsts]], kind="stable")].tolist()
         ends = [*by_weight[:GEOMS_PER_END], *by_weight[-GEOMS_PER_END:]]
@@ -259,7 +260,7 @@ def _everything_near(model: Any) -> Any:
 
 
 class _Rules:
-    """How the engine combines the parameters of two geoms."""
+    """The engine's rules for combining the parameters of two geoms."""
 
     def __init__(self, model: Any) -> None:
         self._is_overridden = bool(model.opt.enableflags & int(mujoco.mjtEnableBit.mjENBL_OVERRIDE))
@@ -269,7 +270,7 @@ class _Rules:
         self._solimps = model.geom_solimp.tolist()
 
     def of(self, geoms: tuple[int, ...], is_pair: bool) -> str:
-        """Say where the parameters of a contact come from, one of `RULES`."""
+        """Return the source of the parameters of a contact, one of `RULES`."""
         first, second = geoms
         if self._is_overridden:
             return "override"
@@ -290,8 +291,8 @@ class _Rules:
         return first, second
 
 
-#: Number of points that the engine makes where a geom of a type lies flat on a plane or a box, on its longest side or
-#: on its face; other geoms have one point, and for a mesh it depends on the mesh.
+#: Number of points of contact when a geom of this type lies flat on a plane or a box, on its longest side or on its
+#: face. Other geoms have one point; for a mesh the number depends on the mesh.
 _POINTS_ON_PLANE = {"mjGEOM_BOX": 4, "mjGEOM_CAPSULE": 2, "mjGEOM_CYLINDER": 3}
 _POINTS_ON_BOX = {"mjGEOM_BOX": 4, "mjGEOM_CAPSULE": 2, "mjGEOM_CYLINDER": 4}
 
@@ -350,11 +351,11 @@ class _BodyNumbers:
         self._trees = model.body_treeid.tolist()
 
     def mass(self, body: int) -> float:
-        """Return the mass in kg, as of `_mass_and_losses`."""
+        """Return the mass in kg that `_mass_and_losses` computes."""
         return self._of_body(body)[0]
 
     def losses(self, body: int) -> Losses:
-        """Return the losses of the joints, as of `_mass_and_losses`."""
+        """Return the losses of the joints that `_mass_and_losses` computes."""
         return self._of_body(body)[1]
 
     def weights(self, body: int) -> tuple[float, ...]:
@@ -371,8 +372,8 @@ class _BodyNumbers:
     def inertia(self, *bodies: int) -> float:
         """Return the sum of the mass matrix's diagonal, in kg and kg m^2, by which the solver divides its measures.
 
-        It runs over all degrees of freedom that are solved together: the trees of the two bodies, or the whole scene
-        where it is not solved island by island.
+        The sum runs over all degrees of freedom that are solved together: the trees of the two bodies, or the whole
+        scene if it is not solved island by island.
         """
         trees = tuple(sorted({self._trees[body] for body in bodies} - {-1})) if self._has_islands else ()
         if trees not in self._inertias:
@@ -385,7 +386,7 @@ def _mass_diagonal(model: Any, data: Any) -> NDArray[np.float64]:
     """Return the diagonal of the mass matrix, in kg and kg m^2.
 
     Degrees of freedom of different trees do not act on each other, unless a tendon with inertia ties them. So one
-    product with the matrix gives an entry of each tree.
+    product with the matrix yields one entry of each tree.
     """
     nv = int(model.nv)
     rounds = np.arange(nv)
@@ -400,7 +401,7 @@ def _mass_diagonal(model: Any, data: Any) -> NDArray[np.float64]:
 
 
 def _has_islands(option: MujocoOption) -> bool:
-    """Tell whether constraints are solved island by island: by default from 3.3 on, before where a flag asks for it."""
+    """Return True if constraints are solved island by island: by default from 3.3 on, in older versions by a flag."""
     if disables := flag("mjtDisableBit", "mjDSBL_ISLAND"):
         return not option.disableflags & disables
     return bool(option.enableflags & flag("mjtEnableBit", "mjENBL_ISLAND"))
@@ -412,5 +413,5 @@ def flag(kind: str, name: str) -> int:
 
 
 def _round(values: Any) -> tuple[float, ...]:
-    """Round to twelve digits, which are the same for bodies that are alike."""
+    """Round to twelve digits, so that bodies that are alike have equal numbers."""
     return tuple(float(f"{value:.12g}") for value in np.ravel(values))

@@ -22,16 +22,16 @@ from impact_xval.compliant_baselines.restitution import restitution
 
 mujoco: Any = import_module("mujoco")  # the names of the compiled module are invisible to a type checker
 
-#: Steps in a contact below which its restitution is off by 10 % and more.
+#: Number of steps in a contact below which its restitution is off by 10 % and more.
 FEWEST_STEPS = 30
 
-#: Steps in a contact at a good step.
+#: Number of steps in a contact at a good time step.
 GOOD_STEPS = 100
 
 #: Largest relative change of an impedance that counts as the same at all depths.
 SAME_IMPEDANCE = 0.01
 
-#: Largest impedance at which direct numbers count in N/m and N s/m over the mass, also where a third body pushes.
+#: Largest impedance at which direct numbers are N/m and N s/m over the mass even if a third body pushes.
 FORCE_LEVEL = 0.01
 
 #: Names of all traps, in the order in which they are listed.
@@ -56,7 +56,7 @@ class LongStep(NamedTuple):
     """A contact whose step is too long."""
 
     row: MeasuredContact
-    #: Time in s that the step has to resolve, and what takes it.
+    #: Time in s that the step has to resolve, and the name of the process that takes this time.
     time: float
     what: str
 
@@ -66,7 +66,7 @@ class Trap(NamedTuple):
 
     #: One of `TRAPS`.
     name: str
-    #: What the engine does, with the way out.
+    #: Sentence on the engine's behaviour, with the way out.
     message: str
 
 
@@ -77,7 +77,7 @@ class Finding(NamedTuple):
     trap: str
     #: Names of the contacts that have it.
     contacts: list[str]
-    #: What the engine does, with the way out.
+    #: Sentence on the engine's behaviour, with the way out.
     message: str
 
 
@@ -136,7 +136,7 @@ def traps_in_parameters(
     alike
         The bodies of contacts of the same parameters.
     rows
-        What was measured of some of them. Formulas stand for what was not measured, and say so.
+        Measurements of some of these contacts. Formulas replace numbers that were not measured, and the text says so.
     """
     measured = [row for row in rows if row.restitution is not None]
     bodies = alike[0]
@@ -198,21 +198,21 @@ def traps_in_parameters(
 
 
 def is_lengthened(solref: tuple[float, float], option: MujocoOption) -> bool:
-    """Tell whether the engine lengthens the time constant of a solref to two steps (`refsafe`)."""
+    """Return True if the engine lengthens the time constant of a solref to two steps (`refsafe`)."""
     has_refsafe = not _is_discrete(option) and not option.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE
     return bool(has_refsafe) and 0 < solref[0] < 2 * option.timestep and solref[1] > 0
 
 
 def _is_discrete(option: MujocoOption) -> bool:
-    """Tell whether forces are those at the end of a step, with an integrator that exists from 3.13 on."""
+    """Return True for an integrator that computes forces at the end of a step; it exists from 3.13 on."""
     return option.integrator == getattr(mujoco.mjtIntegrator, "mjINT_DISCRETE", None)
 
 
 def is_at_force_level(solimp: Sequence[float], impedances: tuple[float, float] | None) -> bool:
-    """Tell whether the impedance is small and the same at all depths, by measurement if there is one.
+    """Return True if the impedance is small and the same at all depths, by measurement if there is one.
 
-    The engine multiplies the stiffness by (d/dmax)^2. So an impedance d that changes, or that does not come near dmax,
-    makes another stiffness of the number.
+    The engine multiplies the stiffness by (d/dmax)^2. So the stiffness differs from the number if the impedance d
+    changes or does not come near dmax.
     """
     dmax = max(solimp[1], MUJOCO_IMPEDANCE)
     low, high = impedances or (max(solimp[0], MUJOCO_IMPEDANCE), dmax)
@@ -222,7 +222,7 @@ def is_at_force_level(solimp: Sequence[float], impedances: tuple[float, float] |
 def _describe_direct_stiffness(
     stiffness: float, alike: Sequence[Bodies], measured: Sequence[MeasuredContact]
 ) -> str:
-    """Say what a direct stiffness in 1/s^2 is in N/m: what was measured, or else the most that it can be."""
+    """Describe a direct stiffness in 1/s^2 in N/m: the measured stiffness, or else the largest possible one."""
     dmin, dmax, *_ = alike[0].solimp
     springs = [row.stiffness for row in measured if row.stiffness is not None]
     impedances = [d for row in measured for d in row.impedances or ()]
@@ -235,7 +235,7 @@ def _describe_direct_stiffness(
 
 
 def describe_damping_ratio(solref: tuple[float, float], measured: Sequence[MeasuredContact] = ()) -> str:
-    """Say what restitution the damping ratio of a solref gives, and that it is no restitution."""
+    """Describe the restitution that the damping ratio of a solref gives; the damping ratio itself is no restitution."""
     return (
         f"the second number of solref ({solref[0]:g}, {solref[1]:g}) is a damping ratio, not a restitution: "
         f"{solref[1]:g} rebounds with {_format_restitution(solref[1], measured)}"
@@ -252,7 +252,7 @@ def find_long_step(measured: Sequence[MeasuredContact], step: float) -> LongStep
 
 
 def _least_resolved(row: MeasuredContact, step: float) -> LongStep | None:
-    """Return what a step resolves too little in a measured contact; None if there is nothing."""
+    """Return the process in a measured contact that a step resolves too little; None if there is none."""
     if row.duration is None:
         return None
     long = LongStep(row, row.duration, f"a contact of {row.duration:.3g} s")
@@ -266,26 +266,26 @@ def _least_resolved(row: MeasuredContact, step: float) -> LongStep | None:
 
 
 def _format_restitution(damping_ratio: float, measured: Sequence[MeasuredContact]) -> str:
-    """Write the restitution that was measured, or else the one that the formula gives."""
+    """Write the measured restitution, or else the restitution by the formula."""
     ends = [e for row in measured for e in row.restitution_range or ()]
     return format_range(ends) if ends else f"{restitution(damping_ratio):.2g} by the formula"
 
 
 def format_numbers(numbers: Sequence[float], digits: int = 6) -> str:
-    """Format numbers as MJCF has them."""
+    """Format numbers for MJCF."""
     return " ".join(f"{number:.{digits}g}" for number in numbers)
 
 
 def format_range(values: Sequence[float]) -> str:
-    """Write the least and the greatest value, as the tables do."""
+    """Write the least and the greatest value in the format of the tables."""
     low, high = (f"{float(f'{value:.3g}'):g}" for value in (min(values), max(values)))
     return low if low == high else f"{low} to {high}"
 
 
 def _duration_to_resolve(solref: tuple[float, float]) -> float:
-    """Return the time in s that the step has to resolve, for a pair alone at d = dmax; infinite without a spring.
+    """Return the time in s that the step has to resolve, for two lone bodies at d = dmax; infinite without a spring.
 
-    It is the duration of the contact, or the decay of a heavy dashpot, which is over before its contact ends.
+    This is the duration of the contact, or the decay time of a heavy dashpot, which is over before its contact ends.
     """
     k, c = (-number for number in MujocoContact(solref, MUJOCO_DEFAULT_SOLIMP).direct)
     if not k:

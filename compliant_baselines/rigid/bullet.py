@@ -1,10 +1,11 @@
-"""PyBullet with `restitution`: sequential impulses in double precision, as most of its users run it.
+"""PyBullet with `restitution`: sequential impulses in double precision, the way in which most users run it.
 
 PyBullet multiplies the coefficients of two bodies. The base of a ball meets the ball below and has the e of that
 contact; its link meets the ball above and has `Settings.partner_restitution` (`engines.pybullet`). Overlaps are not
 corrected (`contactERP` = 0), and restitution has no threshold.
 
-Run as it ships, PyBullet keeps all its defaults but one: the damping of velocities in free flight is switched off.
+Run with its defaults (`shipped`), PyBullet keeps all defaults but one: the damping of velocities in free flight is
+switched off.
 """
 
 from __future__ import annotations
@@ -25,10 +26,10 @@ from impact_xval.compliant_baselines.engines.pybullet import (
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.rigid.lines import RigidEngine, RigidWorld
 
-#: Distance in m at which PyBullet, as it ships, drops a contact (gContactBreakingThreshold, btPersistentManifold.cpp).
+#: Distance in m at which PyBullet drops a contact by default (gContactBreakingThreshold, btPersistentManifold.cpp).
 SHIPPED_BREAKING = 0.02
 
-#: No damping in free flight: velocities that fall between impacts would be taken for forces of contacts.
+#: No damping in free flight: changes of velocity between impacts would look like forces of contacts.
 UNDAMPED = {"linearDamping": 0.0, "angularDamping": 0.0}
 
 
@@ -40,7 +41,7 @@ class BulletWorld(RigidWorld):
         self._p = p
         p.resetSimulation()
         exact = scene.mapping != "shipped"
-        # The threshold is one for the whole process: another scene may have set it.
+        # The whole process has one threshold, which another scene may have set.
         parameters: dict[str, float] = {"contactBreakingThreshold": SHIPPED_BREAKING}
         if exact:
             parameters["contactBreakingThreshold"] = 1e-4 * self.radius
@@ -82,7 +83,7 @@ class BulletWorld(RigidWorld):
 
 
 class PybulletRestitution(RigidEngine):
-    """PyBullet, rigid; a client is connected for a call."""
+    """PyBullet with rigid contacts; each call connects its own client."""
 
     name, distribution, module = "pybullet-restitution", "pybullet", "pybullet"
     title, way_out, shipped_step = "PyBullet", Pybullet.way_out, 1 / 240
@@ -94,5 +95,5 @@ class PybulletRestitution(RigidEngine):
             yield
 
     def world(self, scene: Scene) -> BulletWorld:
-        """Set a scene up."""
+        """Set up a scene."""
         return BulletWorld(scene, self.radius(scene), self._client)

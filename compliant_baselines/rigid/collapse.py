@@ -1,11 +1,11 @@
-"""Collapses: sequences of impacts without an end, after which the bodies move on together.
+"""Collapses: infinite sequences of impacts, after which the bodies move on together.
 
 The state of a line is the relative velocities u and the gaps g of its contacts. Suppose that a cycle of impacts
-multiplies all u of some contacts by r and all their g by s. The next cycle is then the same, but for these factors: an
-impact is homogeneous in u, and which gap closes first depends on g/u alone. Each cycle takes s/r of the time of the
-cycle before. With r < 1 and s < r infinitely many cycles take a finite time, after which u and g are 0. (McNamara and
-Young, Physics of Fluids A 4:496, 1992, for three balls, where r and s are the eigenvalues of a cycle; Cipra, Dini,
-Kennedy and Kolan, Physica D 125:183, 1999, for four.)
+multiplies all u of some contacts by r and all their g by s. The next cycle is then the same except for these factors,
+because an impact is homogeneous in u, and the first gap to close depends only on g/u. Each cycle takes s/r of the time
+of the cycle before. With r < 1 and s < r infinitely many cycles take a finite time, after which u and g are 0.
+(McNamara and Young, Physics of Fluids A 4:496, 1992, for three balls, where r and s are the eigenvalues of a cycle;
+Cipra, Dini, Kennedy and Kolan, Physica D 125:183, 1999, for four.)
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ Bools = NDArray[np.bool_]
 #: Largest relative deviation from common factors r and s at which a cycle repeats the cycle before.
 SAME_FACTOR = 1e-10
 
-#: Largest relative deviation over (1 - r)^2. Where e is a little too large for a collapse, u turns by a small angle t
-#: in each cycle, the factors deviate by t^2, and bodies part after pi/t cycles. At t^2 = 1e-3 (1 - r)^2 all speeds have
-#: shrunk to e^-99 by then.
+#: Largest relative deviation over (1 - r)^2. If e is a little too large for a collapse, u turns by a small angle t in
+#: each cycle, the factors deviate by t^2, and bodies part after pi/t cycles. At t^2 = 1e-3 (1 - r)^2 all speeds have
+#: shrunk to e^-99 when the bodies part.
 LINGERING = 1e-3
 
-#: Speeds and gaps, over the largest at the start, below which a sequence counts as a collapse even if no cycle is seen.
-#: Below 1e-308 it would be lost which gap closes first.
+#: Speeds and gaps, over the largest at the start, below which a sequence counts as a collapse even without a cycle.
+#: Below 1e-308 the order in which gaps close would be lost.
 VANISHED_SPEED, VANISHED_GAP = 1e-100, 1e-200
 
 
 class Watch:
-    """A state after an impact, and what has happened since.
+    """A state after an impact, and a summary of the impacts since.
 
     A watch treats a collapse of infinitely many impacts as it treats an impact.
     """
 
     def __init__(self, events: int, u: Floats, gaps: Floats, touching: Bools, struck: Bools) -> None:
-        #: Number of impacts until now, and until the watch began.
+        #: Number of impacts so far, and number of impacts when the watch began.
         self.events, self.begun = events, events
         #: The state when the watch began, and the contacts of the impact before it.
         self.u, self.gaps, self.touching, self.struck = u, gaps, touching, struck
@@ -45,16 +45,17 @@ class Watch:
         self.active, self.fastest, self.elapsed = np.zeros(u.size, bool), np.abs(u), 0.0
 
     def note(self, u: Floats, struck: Bools) -> None:
-        """Note an impact in the contacts `struck`, after which the relative velocities are u in m/s."""
+        """Record an impact in the contacts `struck`, after which the relative velocities are u in m/s."""
         self.active |= struck
         np.maximum(self.fastest, np.abs(u), out=self.fastest)
 
     def time_to_collapse(
         self, u: Floats, gaps: Floats, touching: Bools, struck: Bools, vanished: tuple[float, float]
     ) -> float | None:
-        """Return the time in s after which the active contacts are closed and at rest; None if that is not certain.
+        """Return the time in s until the active contacts are closed and at rest; None if no collapse is certain.
 
-        A collapse counts as certain below a speed in m/s, or a gap in m other than 0; `vanished` are both.
+        A collapse counts as certain below a speed in m/s, or below a gap in m other than 0; `vanished` holds both
+        limits.
         """
         slowed = np.abs(u[self.active]).max()
         if slowed == 0:
@@ -70,7 +71,7 @@ class Watch:
         return time
 
     def _time_of_cycles(self, u: Floats, gaps: Floats, touching: Bools) -> float | None:
-        """Return the time in s of all cycles from now on; None if the impacts noted are not a cycle that shrinks."""
+        """Return the time in s of all cycles from now on; None if the recorded impacts are not a shrinking cycle."""
         active = self.active
         if (touching != self.touching)[active].any():
             return None
@@ -85,14 +86,15 @@ class Watch:
         return self.elapsed * s / (r - s)
 
     def _is_undisturbed(self, time: float, u: Floats, gaps: Floats, touching: Bools) -> bool:
-        """Tell whether no contact but the active ones closes within a time in s, or changes the sign of its rate.
+        """Return True if no inactive contact closes or changes the sign of its rate within a time in s.
 
-        A contact that approaches all the while is left for later by the law.
+        The law leaves contacts that approach throughout this time for later.
         """
         beside = np.zeros(u.size, bool)
         beside[1:] |= self.active[:-1]
         beside[:-1] |= self.active[1:]
-        # No body moves faster than the sum of all relative velocities against the centre of mass of the active ones.
+        # Relative to the centre of mass of the active bodies, no body is faster than the sum of all relative
+        # velocities.
         change = np.where(beside, 2 * self.fastest[self.active].sum(), 0.0)
         undisturbed = np.where(touching, np.abs(u) >= change, gaps + (u - change) * time > 0)
         return bool(undisturbed[~self.active].all())

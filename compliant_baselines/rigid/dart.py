@@ -1,15 +1,16 @@
 """DART: one boxed LCP for all contacts of a step (Dantzig's method), in double precision.
 
 The restitution of a contact is the product of the coefficients of its two shapes. Each ball slides along a joint. Split
-impulses keep the correction of overlaps out of velocities.
+impulses keep the correction of overlaps from changing velocities.
 
-Before 6.20 dartpy has no split impulses: corrections of overlaps add up to 1e-3 m/s to the velocities of bodies that
-touch, and many collisions have no end.
+dartpy before 6.20 has no split impulses: corrections of overlaps then change the velocities of touching bodies by up to
+1e-3 m/s, and many collisions have no end.
 
-Measured of version 6.20: DART softens a contact by 1e-5, so that a rebound is slower by (1 + e) 1e-5 of the approach. A
+Measured in version 6.20: DART softens a contact by 1e-5, so that a rebound is slower by (1 + e) 1e-5 of the approach. A
 contact that would rebound at `SLOWEST` or less does not rebound, and no contact rebounds faster than `FASTEST`.
 
-Run as it ships, DART keeps its collision detector (FCL), its solvers and the correction of overlaps by velocities.
+Run with its defaults (`shipped`), DART keeps its collision detector (FCL), its solvers and the correction of overlaps
+by velocities.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ FASTEST = 100.0
 
 
 class DartJoint(Protocol):
-    """What the adapter calls of `dartpy.dynamics.PrismaticJoint` and `TranslationalJoint`."""
+    """The methods of `dartpy.dynamics.PrismaticJoint` and `TranslationalJoint` that the adapter calls."""
 
     def setPosition(self, index: int, position: float) -> None:
         """Set a position along the joint in m."""
@@ -55,7 +56,7 @@ class DartJoint(Protocol):
 
 
 class DartMaterial(Protocol):
-    """What the adapter calls of `dartpy.dynamics.DynamicsAspect`."""
+    """The methods of `dartpy.dynamics.DynamicsAspect` that the adapter calls."""
 
     def setFrictionCoeff(self, value: float) -> None:
         """Set the coefficient of friction of a shape."""
@@ -71,7 +72,7 @@ class DartMaterial(Protocol):
 
 
 class DartShapeNode(Protocol):
-    """What the adapter calls of `dartpy.dynamics.ShapeNode`."""
+    """The methods of `dartpy.dynamics.ShapeNode` that the adapter calls."""
 
     def setRelativeTranslation(self, translation: list[float]) -> None:
         """Place the shape in its body; in m."""
@@ -91,7 +92,7 @@ class DartShapeNode(Protocol):
 
 
 class DartBody(Protocol):
-    """What the adapter calls of `dartpy.dynamics.BodyNode`."""
+    """The methods of `dartpy.dynamics.BodyNode` that the adapter calls."""
 
     def setMass(self, mass: float) -> None:
         """Set the mass in kg."""
@@ -103,7 +104,7 @@ class DartBody(Protocol):
 
 
 class DartSkeleton(Protocol):
-    """What the adapter calls of `dartpy.dynamics.Skeleton`."""
+    """The methods of `dartpy.dynamics.Skeleton` that the adapter calls."""
 
     def createPrismaticJointAndBodyNodePair(
         self, parent: None, properties: object
@@ -117,7 +118,7 @@ class DartSkeleton(Protocol):
 
 
 class DartWorld(RigidWorld):
-    """A world of its own."""
+    """A scene in its own `World` of DART."""
 
     resolution, accuracy = 1e-4, 1e-5
 
@@ -137,8 +138,8 @@ class DartWorld(RigidWorld):
             solver.setCollisionDetector(dart.collision.DARTCollisionDetector())
         if exact and hasattr(solver, "setSplitImpulseEnabled"):  # dartpy before 6.20 reaches neither setting
             solver.setSplitImpulseEnabled(True)
-            # With four balls Dantzig's method can give up. DART then sweeps over the contacts, by default 30 times,
-            # which is far too few.
+            # With four balls Dantzig's method can give up. DART then sweeps over the contacts. Its default of 30 sweeps
+            # is far too few.
             solver.getSecondaryBoxedLcpSolver().setOption(
                 dart.constraint.PgsBoxedLcpSolverOption(10_000, 0.0, 1e-14)
             )
@@ -156,7 +157,7 @@ class DartWorld(RigidWorld):
             material.setRestitutionCoeff(e)
             return material
 
-        #: The coordinates of a joint that are those of the scene.
+        #: Numbers of the joint's coordinates that are coordinates of the scene.
         self._indices = SPACE_AXES[self.axes] if self.axes > 1 else [0]
         bodies: list[DartBody] = []
         coordinates = np.reshape(self.places + self.heights, (-1, self.axes)).tolist()
@@ -198,9 +199,9 @@ class DartWorld(RigidWorld):
         }
 
     def _slide(self, skeleton: DartSkeleton) -> tuple[DartJoint, DartBody]:
-        """Add a body that slides: upwards in a line, and in a plane along x, y and z, of which y stays 0.
+        """Add a body that slides upwards in a line, and along x, y and z in a plane, where y stays 0.
 
-        Contacts do not move a `TranslationalJoint2D` along its second axis (dartpy 6.20).
+        A `TranslationalJoint2D` cannot be used: contacts do not move it along its second axis (dartpy 6.20).
         """
         if self.axes > 1:
             return skeleton.createTranslationalJointAndBodyNodePair()
@@ -234,9 +235,9 @@ class Dart(RigidEngine):
     knows_planes, plane_wider = True, PLANE_WIDER
 
     def refusal(self, scene: Scene) -> str | None:
-        """Say why DART cannot take a scene: it would drop the restitution of a first impact, or limit its rebound.
+        """Return why DART cannot take a scene: it would drop the restitution of a first impact, or limit its rebound.
 
-        As it ships it takes them, for what it then does is what was asked.
+        With its defaults DART takes such scenes, because its default behaviour is then what was asked for.
         """
         if scene.mapping == "shipped":
             return super().refusal(scene)

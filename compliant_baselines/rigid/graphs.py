@@ -1,18 +1,18 @@
 """Rigid impact laws for contact graphs, given by a Delassus matrix; their texts and sources are in `rigid.laws`.
 
-With rates of compression w and impulses P >= 0, w+ = w - W P. Contacts do not part by a flight here: all of them touch.
-Impacts follow one another until no contact approaches. Two laws are as of `rigid.laws` but for the order of contacts:
+With rates of compression w and impulses P >= 0, w+ = w - W P. All contacts touch throughout, without flights. Impacts
+follow one another until no contact approaches. Two laws differ from `rigid.laws` in the order of contacts:
 **sequential** always takes the first contact of a given order that approaches, and **plastic-then-restitution** sweeps
 in that order.
 
 **Complementarity.** With W = L L^T and q = L c, the problem 0 <= P, q + W P >= 0, complementary, is the least-squares
-problem of L^T P = -c with P >= 0. Its L^T P is unique, and with it the velocities; P is so only where no other P >= 0
-has the same W P. `impulse_spread` is the largest range of the impulse of compression of one contact over all such P, in
-the first impact. Poisson's law and the sweep of plastic-then-restitution depend on P: `rate_spread` is the largest
-difference of rates among those that the extreme P lead to.
+problem of L^T P = -c with P >= 0. L^T P is unique, and so are the velocities. P is unique only if no other P >= 0 has
+the same W P. `impulse_spread` is the largest range of the impulse of compression of one contact over all such P, in the
+first impact. Poisson's law and the sweep of plastic-then-restitution depend on P: `rate_spread` is the largest
+difference between the final rates that the extreme P lead to.
 
-`solve_graph_by_rigid_law` gives velocities of bodies. Needs `rigid.laws` for the names. Used by the command `solve`,
-and by users.
+`solve_graph_by_rigid_law` returns velocities of bodies. The module needs `rigid.laws` for the names. The command
+`solve` and users call it.
 """
 
 from __future__ import annotations
@@ -34,23 +34,23 @@ if TYPE_CHECKING:
 
 _optimize: Any = optimize
 
-#: Names of the laws of graphs: those of chains, with one sequential law for all orders.
+#: Names of the laws on graphs: the laws of chains, but one sequential law for all orders.
 GRAPH_LAWS = (*(name for name in LAWS if not name.startswith("sequential")), "sequential")
 
 #: Laws whose rates depend on the split of the impulses of compression.
 _DEPENDS_ON_SPLIT = ("poisson-restitution", "plastic-then-restitution")
 
-#: Impacts after which a graph is given up.
+#: Number of impacts after which a graph is given up.
 MOST_IMPACTS = 100_000
 
-#: Share of the largest rate, or impulse, that is rounding of a least-squares problem.
+#: Fraction of the largest rate, or impulse, that counts as rounding of a least-squares problem.
 _TINY = 1e-10
 
 
 class RigidGraphOutcome(NamedTuple):
     """Result of a rigid law for one contact graph."""
 
-    #: The law, with its order of contacts where it has one.
+    #: Name of the law, with its order of contacts if it has one.
     law: str
     #: Total impulses in N s and final rates of compression in m/s, shape (C,).
     impulses: Floats
@@ -64,17 +64,17 @@ class RigidGraphOutcome(NamedTuple):
 
 
 class _Impact(NamedTuple):
-    """What a law needs of an impact."""
+    """The numbers of an impact that a law needs."""
 
     W: Floats
     e: Floats
     #: Rates before the impact.
     w: Floats
-    #: Contacts in the order in which a law takes them.
+    #: Contacts in the order in which a law goes through them.
     order: Sequence[int]
-    #: Impulses of the compression of all contacts, 0 <= C, C W - w >= 0; one of several splits.
+    #: Impulses of the compression of all contacts, 0 <= C, C W - w >= 0; one of several possible splits.
     compression: Floats
-    #: Whether no impact came before.
+    #: True if no impact came before.
     is_first: bool
 
 
@@ -93,7 +93,7 @@ def solve_rigid_graph(
     law : str
         One of `GRAPH_LAWS`.
     delassus, restitutions, rates : array_like
-        As for `impact_xval.model.graph.solving.solve_graph`.
+        The same arguments as in `impact_xval.model.graph.solving.solve_graph`.
     order : sequence of int, optional
         Numbers of all contacts, from 1, in the order in which a sequential law takes them; by default ascending.
 
@@ -153,8 +153,8 @@ def solve_graph_by_rigid_law(law: str, collision: GraphCollision) -> GraphCollis
     Returns
     -------
     GraphCollisionOutcome
-        With the diagnostics ``impacts``, ``impulse_spread`` in N s and ``rate_spread`` in m/s. The status is
-        ``unrepresentable`` where the law has no solution, ``timeout`` after `MOST_IMPACTS` impacts.
+        The outcome. Its diagnostics are ``impacts``, ``impulse_spread`` in N s and ``rate_spread`` in m/s. Its status
+        is ``unrepresentable`` if the law has no solution, and ``timeout`` after `MOST_IMPACTS` impacts.
     """
     if law not in LAWS:
         raise ValueError(f"law = {law!r}; legal: {', '.join(LAWS)}")
@@ -241,7 +241,10 @@ def _poisson(impact: _Impact) -> Floats:
 
 
 def _reflections(impact: _Impact) -> Floats:
-    """Return the blend of the plastic and the elastic impulse; the elastic one reflects what approaches, repeatedly."""
+    """Return the blend of the plastic and the elastic impulse.
+
+    The elastic impulse reflects approaching contacts repeatedly.
+    """
     elastic, rates = np.zeros(len(impact.w)), impact.w
     threshold = ROUNDING * np.abs(impact.w).max()
     while True:

@@ -22,11 +22,12 @@ from impact_xval.model.states import name_of_set
 
 
 class RigidLaw(OneByOne):
-    """One of `LAWS` as a solver, by its name: an exact solver for rigid engines to be compared with.
+    """Exact solver of one of `LAWS`, with the name of the law; rigid engines are compared with it.
 
-    It ignores stiffnesses, exponents and steps. Impacts take no time: the states are the contacts that touch at first,
-    and no contact. `n_events` is the number of impacts, ``duration`` the time of the last impact in s. The status is
-    ``closed-form`` if a sequence had infinitely many impacts; only its first impacts are counted and in the path.
+    It ignores stiffnesses, exponents and steps. Impacts take no time, so there are two states: the contacts that touch
+    at first, then no contact. `n_events` is the number of impacts, ``duration`` the time of the last impact in s. The
+    status is ``closed-form`` if a sequence had infinitely many impacts; only its first impacts are counted and stand in
+    the path.
     """
 
     kind = "reference"

@@ -1,36 +1,36 @@
-r"""Rigid impact laws for N balls in a line, exact: an impact takes no time, and a contact has a restitution e alone.
+r"""Exact rigid impact laws for N balls in a line: an impact takes no time, and a contact has only a restitution e.
 
 Contact i has the relative velocity u_i = v_i - v_{i+1} (v_N at the table, a body of inverse mass 0), which is negative
 while its bodies approach, and the impulse P_i >= 0: u+ = u- + G P, with the tridiagonal G = H M^-1 H^T, H v = u. An
-impact is one of all touching contacts at once, and does not depend on positions. The laws:
+impact involves all touching contacts at once, and does not depend on positions. The laws:
 
 * **newton-restitution**: 0 <= P, u+ + e u- >= 0, complementary. (Moreau, in Nonsmooth Mechanics and Applications, CISM
   302, 1988; Glocker and Pfeiffer, Nonlinear Dynamics 7:471, 1995.) With unequal e it may create energy.
 * **poisson-restitution**: compression, 0 <= C, u- + G C >= 0, complementary; then 0 <= P - (1 + e) C, u+ >= 0,
-  complementary. So e times the impulse of compression comes back, and more where bodies would pass through each other.
-  (Glocker and Pfeiffer, 1995; Anitescu and Potra, Nonlinear Dynamics 14:231, 1997.)
+  complementary. So the impulse of restitution is e times the impulse of compression, or more where bodies would pass
+  through each other. (Glocker and Pfeiffer, 1995; Anitescu and Potra, Nonlinear Dynamics 14:231, 1997.)
 * **sequential-top**, **sequential-bottom**: single impacts of two bodies, P_i = -(1 + e_i) u_i/G_ii. The topmost
   (lowest) of the contacts that touch and approach is always next. Engines that sweep over contacts have other orders.
 * **generalised-reflection** (Smith, Kaufman, Vouga, Tamstorf and Grinspun, "Reflections on Simultaneous Impact", ACM
   Trans. Graphics 31(4):106, 2012): while any contact approaches, P += 2 C, with C the compression of the approaching
-  contacts alone. That is the elastic impulse. For e < 1 the impulse is (1 - e) times the compression of all touching
-  contacts and e times the elastic impulse, as in the authors' own program (github.com/breannansmith/scisim,
+  contacts alone. The result is the elastic impulse. For e < 1 the impulse is (1 - e) times the compression of all
+  touching contacts and e times the elastic impulse, as in the authors' own program (github.com/breannansmith/scisim,
   GRROperator.cpp). The law has one e for all contacts.
 * **plastic-then-restitution**: the compression C of all touching contacts; then one sweep over the contacts that
   approached before. The sweep changes each impulse so that u+ + e u- = 0, or to 0 if it would pull: first the odd
-  contacts between balls, then the even ones, then the table. In later impacts at the same instant e = 0 unless e = 1:
-  a contact that still touches is at rest. The law is that of Rapier's program (is_bouncy in its contact_pair.rs). The
-  order of the parts is that of Catto's soft step (box2d.org/posts/2024/02/solver2d), and the order of the sweep is that
-  of the colours of its contact graph. We know no paper on it.
+  contacts between balls, then the even ones, then the table. In later impacts at the same instant e = 0 unless e = 1,
+  because a contact that still touches is at rest. This is the law of Rapier's program (is_bouncy in its
+  contact_pair.rs). Compression comes before restitution as in Catto's soft step (box2d.org/posts/2024/02/solver2d), and
+  the sweep follows the colours of its contact graph. We know no paper on this law.
 
 **Sequences.** After an impact bodies may approach again: at once (by Newton's law, where a contact parted before the
-impact) or after a flight. Impacts follow one another until no contact approaches. A contact touches where its gap is 0,
-and no sooner. Contacts whose gaps close at the same instant (`SAME_INSTANT`) are one impact. A single impact is the
-same by all laws.
+impact) or after a flight. Impacts follow one another until no contact approaches. A contact touches only when its gap
+is 0. Contacts whose gaps close at the same instant (`SAME_INSTANT`) are one impact. All laws agree on the impact of a
+single contact.
 
 **Collapses.** Infinitely many impacts may follow one another at one instant, or in a finite time, while gaps and rates
 of approach vanish. The bodies then touch, and move with the velocity of their centre of mass, or not at all if the
-table is among them. `rigid.collapse` tells a collapse from a sequence that ends.
+table is among them. `rigid.collapse` distinguishes a collapse from a sequence that ends.
 
 **Solutions.** G is a Stieltjes matrix (its entries off the diagonal are not positive). Its complementarity problem has
 one solution, found in at most as many linear systems as there are contacts: Chandrasekaran, Opsearch 7:263, 1970;
@@ -55,34 +55,34 @@ ROUNDING = 2.0**-46
 #: Largest relative difference of two times that count as the same instant.
 SAME_INSTANT = 1e-12
 
-#: A watch begins anew once the number of impacts has grown by this factor since it began. So it lasts in the end for as
-#: many impacts as the longest cycle has.
+#: A watch starts again when the number of impacts has grown by this factor since its start. So a watch finally lasts
+#: for as many impacts as the longest cycle has.
 LATER = 1.5
 
-#: Relative velocity of bodies far apart, over the largest speed at the start, that may be rounding.
+#: Largest relative velocity of distant bodies, over the largest speed at the start, that may be rounding.
 TINY = 1e-14
 
 
 class TooManyImpactsError(RuntimeError):
-    """A collision was given up, after as many impacts as the message says."""
+    """Error of a collision that was given up; the message states the number of impacts."""
 
 
 class PathPoint(NamedTuple):
     """A state of a line."""
 
-    #: In s.
+    #: Time in s.
     time: float
     #: Relative velocities in m/s, shape (C,).
     u: Floats
-    #: Contacts that touch at the start, or have an impact, shape (C,).
+    #: Mask of the contacts that touch at the start or have an impact here, shape (C,).
     acting: Bools
 
 
 class Line:
     """Balls in a line between impacts, in SI units; arrays of balls have the shape (N,), arrays of contacts (C,).
 
-    The state is relative velocities and gaps, not velocities and positions. So each number is known to rounding of its
-    own size, however small it becomes.
+    The state is relative velocities and gaps, not velocities and positions. So each number keeps its relative
+    precision, however small it becomes.
     """
 
     def __init__(self, c: Collision, most: int) -> None:
@@ -94,20 +94,20 @@ class Line:
         #: Relative velocities in m/s, negative where bodies approach; contacts that touch; time in s since first touch.
         self.u = -np.diff(self.start, append=0.0) if c.table else -np.diff(self.start)
         self.touching, self.time = self.gaps == 0, 0.0
-        #: Number of impacts so far; whether none has happened at this instant; whether a sequence had no end.
+        #: Number of impacts so far; True if no impact has happened at this instant; True if a sequence had no end.
         self.impacts, self.fresh, self.endless = 0, True, False
         speed = np.abs(self.start).max()
         self.tiny = TINY * speed
         self.vanished = float(VANISHED_SPEED * speed), float(VANISHED_GAP * self.gaps.max())
         #: Time in s after which bodies that approach at less than `tiny` are not expected to meet.
         self.horizon = self.gaps.max() / self.tiny
-        #: The first watches impacts; each further one watches the collapses that the one before it has found.
+        #: The first watch follows impacts; each further watch follows the collapses that the watch before it has found.
         self.watches = [self.new_watch()]
-        #: At the start and after each impact.
+        #: States at the start and after each impact.
         self.points = [PathPoint(0.0, self.u, self.touching)]
 
     def velocities(self, u: Floats) -> Floats:
-        """Return velocities in m/s, from relative ones; balls with u = 0 have the same velocity to the bit."""
+        """Return velocities in m/s from relative velocities; balls with u = 0 have the same velocity to the bit."""
         over_lowest = np.cumsum(u[::-1])[::-1]
         if self.table:
             return over_lowest
@@ -115,7 +115,7 @@ class Line:
         return over_lowest + self.weight @ (self.start - over_lowest) / self.weight.sum()
 
     def impulses(self, v: Floats) -> Floats:
-        """Return the impulses in N s that have led to velocities, by the balance of momentum."""
+        """Return the impulses in N s that have led to these velocities, by the balance of momentum."""
         return np.cumsum(self.mass * (v - self.start))[: self.e.size]
 
     v = property(lambda self: self.velocities(self.u), doc="Velocities in m/s, shape (N,).")
@@ -143,7 +143,7 @@ class Line:
         return impulse
 
     def approaching(self) -> Bools:
-        """Tell which contacts touch and approach."""
+        """Return the mask of contacts that touch and approach."""
         return self.touching & (self.u < 0)
 
     def only_contact(self) -> int | None:
@@ -181,7 +181,7 @@ class Line:
         self.look_for_collapse(struck)
 
     def look_for_collapse(self, struck: Bools) -> None:
-        """Move on to the end of infinitely many impacts, if the last one, in the contacts `struck`, shows them."""
+        """Move on to the end of infinitely many impacts if the last impact, in the contacts `struck`, reveals them."""
         for level, watch in enumerate(self.watches):
             state = self.u, self.gaps, self.touching, struck
             time = watch.time_to_collapse(*state, self.vanished)
@@ -196,11 +196,11 @@ class Line:
         self.watches.append(Watch(1, self.u, self.gaps, self.touching, struck))
 
     def new_watch(self) -> Watch:
-        """Return a watch for cycles that begins now, where no impact has just happened."""
+        """Return a watch for cycles that begins in the present state, with no impact in this state."""
         return Watch(0, self.u, self.gaps, self.touching, np.zeros(self.e.size, bool))
 
     def collapse(self, active: Bools, time: float) -> None:
-        """Move on by a time in s, to the state in which the active contacts are closed and at rest."""
+        """Move on by a time in s to the state in which the active contacts are closed and at rest."""
         self.u, self.gaps = self.together(self.u, active), self.together(self.gaps, active)
         self.gaps = self.gaps + self.u * time
         if time:
@@ -214,9 +214,9 @@ class Line:
         self.points.append(PathPoint(self.time, self.u, active))
 
     def together(self, u: Floats, closed: Bools) -> Floats:
-        """Return relative velocities, or gaps, with the bodies joined by closed contacts at their centre of mass.
+        """Return relative velocities, or gaps, after moving bodies joined by closed contacts to their centre of mass.
 
-        They are 0 at the closed contacts.
+        The results are 0 at the closed contacts.
         """
         bodies = u.size + 1
         change = np.zeros(bodies)
@@ -297,9 +297,9 @@ def apply_lowest(line: Line) -> None:
     line.bounce(int(np.flatnonzero(line.approaching())[-1]))
 
 
-#: Applies the impact of several touching contacts, by the name of the law. A contact that touches alone never comes
-#: here, but bounces by every law alike (`follow_impacts`): a law with other single impacts has to change that too.
-#: CONTRIBUTING.md says what else a law needs.
+#: Functions that apply the impact of several touching contacts, by the name of the law. A contact that touches alone
+#: bounces in the same way under every law (`follow_impacts`). A law with other single impacts has to change
+#: `follow_impacts` too. CONTRIBUTING.md lists the other places that a law needs.
 LAWS: dict[str, Callable[[Line], None]] = {
     "newton-restitution": apply_newton,
     "poisson-restitution": apply_poisson,
@@ -328,12 +328,12 @@ def follow_impacts(collision: Collision, law: str, most: int = 100_000) -> Line:
     while going:
         while line.approaching().any():
             contact = line.only_contact()
-            # A single impact is the same by all laws.
+            # All laws agree on the impact of a single contact.
             if contact is None:
                 LAWS[law](line)
             else:
                 line.bounce(contact)
         going = line.fly()
-    # Rates of approach that are left are rounding (`Line.fly`).
+    # Remaining rates of approach are rounding (`Line.fly`).
     line.u = np.maximum(line.u, 0.0)
     return line

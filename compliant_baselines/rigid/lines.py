@@ -1,22 +1,23 @@
-"""The common part of the adapters of rigid engines: spheres in a line or a plane, and steps that are read one by one.
+"""The common part of adapters of rigid engines: spheres in a line or a plane, with steps that are read one by one.
 
-**Overlap.** Contacts that touch overlap at first by `OVERLAP` of a radius. Bodies that only just touch are met by most
-engines in another step than bodies that overlap, or not at all, and what is meant to be one impact would become
-several. The overlap is not pushed out: each adapter switches the correction of positions off.
+**Overlap.** The bodies of touching contacts overlap at first by `OVERLAP` of a radius. Without this overlap most
+engines find the contact in a later step, or not at all, so that a single impact would become several. Each adapter
+switches off the correction of positions, so that the overlap stays.
 
-**Restitution.** Most engines make the restitution of a contact from one number a body. A ball is therefore one sphere
-of half its radius for each of its contacts, inside the ball and against the body that it touches. In a line one of two
-is above the other. The sphere of the first body of a contact (in a line the upper ball) has the e of the contact. Where
-an engine multiplies two numbers, the sphere of the second body, or the plane, has `Settings.partner_restitution`, by
-default 1. Each contact with a fixed body has a plane of its own. Two shapes of different contacts cannot meet.
+**Restitution.** Most engines compute the restitution of a contact from one number for each body. A ball therefore has a
+sphere of half its radius for each of its contacts, inside the ball and next to the body that it touches. In a line one
+of the two spheres is above the other. The sphere of the first body of a contact (in a line the upper ball) has the e of
+the contact. Where an engine multiplies two numbers, the sphere of the second body, or the plane, has
+`Settings.partner_restitution`, by default 1. Each contact with a fixed body has a plane of its own. Two shapes of
+different contacts cannot meet.
 
 **In a plane** normals turn by displacement over radius. Radii are larger by `PLANE_WIDER` where positions are double
-precision. Single precision does not resolve the steps of larger balls. There normals turn by about a thousandth in a
-step of a thousandth of a period, if engines take several steps for what is meant to be one impact; in the limit dt -> 0
-that is removed, and its bound is part of the limit's error.
+precision. Single precision does not resolve the steps of larger balls. In single precision normals turn by about a
+thousandth in a step of a thousandth of a period if an engine takes several steps for a single impact. The limit dt -> 0
+removes this, and its bound is part of the limit's error.
 
-**Rest.** Relative velocities of up to `RigidWorld.resolution` of the fastest ball at the start are reported as 0.
-Otherwise a collision would not be over until a gap has closed at 1e-17 m/s.
+**Rest.** Relative velocities of up to `RigidWorld.resolution` times the speed of the fastest ball at the start are
+reported as 0. Otherwise a collision would only be over when a gap has closed at 1e-17 m/s.
 """
 
 from __future__ import annotations
@@ -35,13 +36,13 @@ from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, 
 #: fiftieth of the way in a step of a thousandth of a period. A power of two, so that it is exact in double precision.
 OVERLAP = 2.0**-16
 
-#: Radius in m of the balls of an engine that is run as it ships: its thresholds are lengths.
+#: Radius in m of the balls of an engine with its defaults: the engine's thresholds are lengths.
 SHIPPED_RADIUS = 2.0**-4
 
-#: Sixty-four units in the last place, in double and in single precision.
+#: Resolution of velocities: sixty-four units in the last place, in double and in single precision.
 DOUBLE, SINGLE = 2.0**-46, 2.0**-17
 
-#: Factor on the radii of balls in a plane, in double precision. Overlaps stay as long as they are in a line.
+#: Factor on the radii of balls in a plane, in double precision. Overlaps have the same length as in a line.
 PLANE_WIDER = 2.0**20
 
 #: A large number; it and its inverse are numbers of single precision.
@@ -53,9 +54,9 @@ class Sphere(NamedTuple):
 
     #: Number of its contact, from 0.
     contact: int
-    #: Of its centre from the centre of the ball, in m: (x, y, z).
+    #: Position of its centre relative to the centre of the ball, in m: (x, y, z).
     offset: tuple[float, float, float]
-    #: Whether the ball is the first body of the contact, whose e the sphere then has.
+    #: True if the ball is the first body of the contact; the sphere then has the contact's e.
     is_first: bool
 
 
@@ -64,7 +65,7 @@ class Wall(NamedTuple):
 
     #: Number of its contact, from 0.
     contact: int
-    #: The point in m at which the ball touches it, and its normal, in space (x, y, z).
+    #: The point in m at which the ball touches the plane, and the plane's normal, in space (x, y, z).
     point: Floats
     normal: Floats
 
@@ -82,7 +83,7 @@ class RigidWorld(World):
     accuracy = DOUBLE
 
     def __init__(self, scene: Scene, radius: float) -> None:
-        # A script of 0.4 sets this attribute, and would get other numbers without a word.
+        # Scripts for version 0.4 set this attribute. Without this error they would silently get other numbers.
         if hasattr(RigidWorld, "partner"):
             raise TypeError("RigidWorld.partner is Settings(partner_restitution=...) now")
         super().__init__(scene, radius)
@@ -90,11 +91,11 @@ class RigidWorld(World):
         self._is_line, self.axes = scene.graph is None, scene.axes
         self.resting_rate = self._tiny
         overlap = OVERLAP * self.radius
-        if scene.graph is not None:  # no longer than in a line
+        if scene.graph is not None:  # overlaps are no longer than in a line
             overlap = OVERLAP * min(self.radius, radius_of(scene.depth(scene.stiffnesses)))
         self.heights = self.heights + overlap * scene.closing
         self._arrangement = scene.arrangement
-        #: Sweeps over the contacts after which sequential impulses are converged to rounding.
+        #: Number of sweeps over the contacts after which sequential impulses have converged to rounding.
         self.sweeps = 4 + min(996, count_sweeps(scene))
 
     @property
@@ -103,7 +104,7 @@ class RigidWorld(World):
         return [tuple(centre) for centre in in_space(self.places + self.heights, self.axes).tolist()]
 
     def spheres(self, ball: int) -> list[Sphere]:
-        """Return the spheres of a ball: of the contacts in which it is first, then of those in which it is second."""
+        """Return the spheres of a ball: first for contacts in which it is the first body, then for the others."""
         as_first, as_second = self._arrangement.sides(ball)
         spheres: list[Sphere] = []
         for contact in [*as_first, *as_second]:
@@ -148,7 +149,7 @@ class RigidWorld(World):
 
 
 class RigidEngine(Engine):
-    """A rigid engine: restitutions are those of the contacts, stiffnesses decide only how long a step is."""
+    """Base class of rigid engines: contacts have restitutions; stiffnesses only decide the length of a step."""
 
     kind, law = "rigid", None
     #: Factor on radii in a plane: `PLANE_WIDER` in double precision.
@@ -162,7 +163,7 @@ class RigidEngine(Engine):
         return radius if scene.graph is None else radius * self.plane_wider
 
     def refusal(self, scene: Scene) -> str | None:
-        """Say why the engine cannot take a scene: a drop, or numbers beyond single precision."""
+        """Return why the engine cannot take a scene: a drop, or numbers beyond single precision."""
         if scene.gravity:
             return f"gravity = {scene.gravity:g} m/s^2: rigid engines are run without; legal: 0"
         if scene.mapping == "shipped" and scene.fastest * scene.step > SHIPPED_RADIUS:
@@ -178,9 +179,9 @@ class RigidEngine(Engine):
 
 
 def filter_bit(contact: int) -> int:
-    """Return the bit of engines' filters by which the two shapes of a contact, counted from 0, meet each other alone.
+    """Return the bit for engines' filters that lets the two shapes of a contact, counted from 0, meet only each other.
 
-    Filters have 32 bits. Contacts that share a bit are kept apart by their places.
+    Filters have 32 bits. Contacts that share a bit are far enough apart not to meet.
     """
     return 1 << contact % 32
 

@@ -1,4 +1,4 @@
-"""Pymunk (Chipmunk, 2-D): circles that do not turn, on thick segments; iterated impulses in double precision.
+"""Pymunk (Chipmunk, 2-D): circles that do not turn, on thick segments; impulses are iterated in double precision.
 
 The restitution of a contact is the product of the elasticities of its two shapes. `collision_bias` = 1 and
 `collision_slop` = 0 leave overlaps as they are. Filters let only the two shapes of a contact meet.
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class PymunkWorld(RigidWorld):
-    """A space of its own."""
+    """A scene in its own `Space` of Pymunk."""
 
     def __init__(self, scene: Scene, radius: float) -> None:
         super().__init__(scene, radius)

@@ -1,11 +1,11 @@
-"""Rapier, 3-D, in single precision: contacts are solved without restitution in sub-steps, then restitution once.
+"""Rapier, 3-D, in single precision: it solves contacts without restitution in sub-steps, then restitution once.
 
 The adapter makes Rapier multiply the coefficients of two colliders. Bodies move along one axis, or two in a plane, and
 do not turn. The solver iterates until it has converged. Overlaps are not pushed out. Rapier caps the speed of bodies,
-by default at 400 lengths a second; here the cap is a million times the fastest ball.
+by default at 400 lengths a second. Here the cap is a million times the speed of the fastest ball.
 
-Run as it ships, Rapier keeps all its parameters and takes the mean of two coefficients, so both colliders of a contact
-have its e.
+Run with its defaults (`shipped`), Rapier keeps all its parameters and takes the mean of two coefficients, so both
+colliders of a contact have the contact's e.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 class RapierShape(Protocol):
-    """What the adapter calls of `rapier3d.ColliderBuilder`; every call returns the builder."""
+    """The methods of `rapier3d.ColliderBuilder` that the adapter calls; every call returns the builder."""
 
     def translation(self, v: tuple[float, float, float], /) -> Self:
         """Place the shape in its body; in m."""
@@ -57,12 +57,12 @@ class RapierShape(Protocol):
         ...
 
     def restitution_combine_rule(self, rule: object, /) -> Self:
-        """Set how the coefficients of two shapes are combined."""
+        """Set the rule that combines the coefficients of two shapes."""
         ...
 
 
 class RapierWorld(RigidWorld):
-    """A world of its own."""
+    """A scene in its own world of Rapier."""
 
     resolution, accuracy = SINGLE, 1e-6
 
@@ -135,7 +135,7 @@ class RapierWorld(RigidWorld):
     def step(self) -> tuple[list[float], list[float]]:
         """Take a step.
 
-        A RuntimeError says that numbers are no longer finite: Rapier itself only stops such bodies, silently.
+        A RuntimeError says that numbers are no longer finite: Rapier itself stops such bodies without a message.
         """
         self._world.step()
         if not self._world.quarantine.is_empty():

@@ -1,12 +1,12 @@
 """SAPIEN (PhysX 5 on a CPU) in single precision: the TGS solver, restitution by material.
 
-PhysX takes the mean of the coefficients of two shapes, so both shapes of a contact have its e, and
-`Settings.partner_restitution` does not matter. Rotations are locked, and translations across the line or the plane.
-SAPIEN has one speed for all scenes below which contacts have no restitution. It is 0 while our scenes run (by default
-2 m/s), and restored afterwards.
+PhysX takes the mean of the coefficients of two shapes, so both shapes of a contact have the contact's e, and
+`Settings.partner_restitution` has no effect. Rotations are locked, and so are translations across the line or the
+plane. SAPIEN has one speed for all scenes below which contacts have no restitution, by default 2 m/s. The adapter sets
+it to 0 while a scene runs, and restores it afterwards.
 
-Run as it ships, SAPIEN keeps that speed, its offsets of contacts, its iterations, its sleep and the correction of
-overlaps.
+Run with its defaults (`shipped`), SAPIEN keeps this speed, its offsets of contacts, its iterations, its sleep and the
+correction of overlaps.
 """
 
 from __future__ import annotations
@@ -30,32 +30,33 @@ from impact_xval.compliant_baselines.rigid.lines import (
     nearest_float32,
 )
 
-#: Position and velocity iterations: as many as PhysX allows. After four a single ball rebounds with 0.693, not 0.7.
+#: Position and velocity iterations: as many as PhysX allows. After only four iterations a single ball rebounds with
+#: 0.693, not 0.7.
 MAX_ITERATIONS = 255
 
 #: Distance over the radius at which PhysX begins a contact, half for each shape. A ball that takes several steps
 #: through this distance stops at its outer end and keeps its velocity: at 1e-3 slow balls never arrived.
 CONTACT_OFFSET = 1e-5
 
-#: Speed in m/s below which SAPIEN, as it ships, gives no restitution (`PhysxSceneConfig.bounce_threshold`).
+#: Speed in m/s below which contacts have no restitution by default (`PhysxSceneConfig.bounce_threshold`).
 SHIPPED_THRESHOLD = 2.0
 
 
 class SapienShape(Protocol):
-    """What the adapter writes of `sapien.physx.PhysxCollisionShape`; lengths in m."""
+    """The members of `sapien.physx.PhysxCollisionShape` that the adapter writes; lengths in m."""
 
-    #: A `sapien.Pose`.
+    #: Pose of the shape in its body, a `sapien.Pose`.
     local_pose: object
     contact_offset: float
     rest_offset: float
 
     def set_collision_groups(self, groups: list[int]) -> None:
-        """Set what the shape is, what it meets, and two groups of shapes that do not meet."""
+        """Set the groups of the shape, the groups that it meets, and two groups of shapes that do not meet."""
         ...
 
 
 class SapienBody(Protocol):
-    """What the adapter calls of `sapien.physx.PhysxRigidBaseComponent`."""
+    """The methods of `sapien.physx.PhysxRigidBaseComponent` that the adapter calls."""
 
     def attach(self, shape: SapienShape) -> object:
         """Attach a shape to the body."""
@@ -63,22 +64,22 @@ class SapienBody(Protocol):
 
 
 class SapienPose(Protocol):
-    """What the adapter reads of `sapien.Pose`."""
+    """The member of `sapien.Pose` that the adapter reads."""
 
     #: Position in m.
     p: Sequence[float]
 
 
 class SapienDynamicBody(SapienBody, Protocol):
-    """What the adapter reads of `sapien.physx.PhysxRigidDynamicComponent` after a step."""
+    """The members of `sapien.physx.PhysxRigidDynamicComponent` that the adapter reads after a step."""
 
     pose: SapienPose
-    #: In m/s.
+    #: Velocity in m/s.
     linear_velocity: Sequence[float]
 
 
 class SapienWorld(RigidWorld):
-    """A scene of its own, with physics alone."""
+    """A scene in its own `Scene` of SAPIEN, without graphics."""
 
     resolution, accuracy = SINGLE, 2e-5
 
@@ -158,13 +159,13 @@ class Sapien(RigidEngine):
     shipped_step, made, knows_planes = 0.01, SapienWorld, True
 
     def unavailable(self) -> str | None:
-        """Say why SAPIEN cannot run; its warning that it finds no graphics is held back."""
+        """Return why SAPIEN cannot run; its warning about missing graphics is held back."""
         with warnings.catch_warnings(action="ignore"):
             return super().unavailable()
 
     @contextmanager
     def running(self) -> Generator[None]:
-        """Restore the speed below which nothing rebounds, which each scene sets for all scenes of the process."""
+        """Restore the speed below which nothing rebounds: each scene sets it for the whole process."""
         physx = import_module("sapien").physx
         config = physx.get_scene_config()
         threshold = config.bounce_threshold

@@ -191,7 +191,7 @@ def test_what_cannot_be_is_refused():
 
 def test_no_step_that_does_it_is_said():
     pair = Pair((1.0, math.inf), 0.01, stiffness=1.0)
-    for tolerance, why in ((1e-7, "200000 steps tell no duration"), (1e-5, "one of them is off by")):
+    for tolerance, why in ((1e-7, "200000 steps a duration is not known"), (1e-5, "one of them is off by")):
         with pytest.raises(SolverError, match=f"unconverged: no step from .* s to .* s gives .*: .*{why}"):
             find_largest_step(installed("mujoco"), pair, tolerance)
 
