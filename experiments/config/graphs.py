@@ -174,7 +174,8 @@ class GraphGrid(Axes):
     def varied(self) -> dict[str, list[float] | list[str]]:
         """Values of every axis that some graph has, and the names; angles by default differ from graph to graph."""
         axes: dict[str, list[float] | list[str]] = {"name": self.name}
-        given = ((key, getattr(self, key)) for key in _LEGAL if key not in self.unused_axes)
+        keys = [key for key in GRAPH_AXES if key in _LEGAL and key not in self.unused_axes]
+        given = ((key, getattr(self, key)) for key in keys)
         return axes | {key: expand_axis(axis) for key, axis in given if axis is not None}
 
     def most_bodies(self) -> int:
