@@ -31,7 +31,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
 from importlib.metadata import version
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -51,15 +51,14 @@ from impact_xval.model.chain.power_law import TOLERANCE
 from impact_xval.model.chain.record import ChainEnding
 from impact_xval.model.collision import Collision
 from impact_xval.model.collisions import Collisions
-from impact_xval.model.graph.collision import solve_graph_collision
 from impact_xval.model.graph.collision_outcome import GraphCollisionOutcome
-from impact_xval.model.graph.in_time.following import TimedGraphOutcomes, solve_timed_graphs
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.outcomes import Outcomes
 from impact_xval.model.status import Ending
 
 if TYPE_CHECKING:
     from impact_xval.model.graph.collision import GraphCollision
+    from impact_xval.model.graph.in_time.following import TimedGraphOutcomes
 
 #: The kernel's codes of laws, by the laws' names.
 LAWS = {
@@ -244,30 +243,57 @@ def solve_graphs_by_law(
         One outcome for each collision, in order, exact to rounding. The status is ``closed-form`` where bistiffness
         contacts became rigid or came to rest together. ``duration`` is in s, ``n_steps`` counts windows.
     """
+    # Compiled graphs in time take 0.1 s to import, which collisions of chains would pay for nothing.
+    from impact_xval.model.graph.in_time.following import solve_timed_graphs
+
     if law not in LAWS:
         raise ValueError(f"law = {law!r}; legal: {', '.join(LAWS)}")
     outcomes: dict[int, GraphCollisionOutcome] = {}
-    places: dict[int, list[int]] = {}
     for place, collision in enumerate(collisions):
         plastic = any(contact.restitution == 0 for contact in collision.contacts)
         reason = _NOT_ON_GRAPHS.get(law, _PLASTIC if plastic else "")
         if reason:
             outcomes[place] = GraphCollisionOutcome.failure(law, collision, "unrepresentable", reason)
-        else:
-            places.setdefault(len(collision.contacts), []).append(place)
-    for group in places.values():
-        some = [collisions[place] for place in group]
-        W = np.array([collision.delassus for collision in some])
-        k, e = (
-            np.array([[getattr(contact, name) for contact in collision.contacts] for collision in some])
-            for name in ("stiffness", "restitution")
-        )
-        w = np.array([collision.rates for collision in some])
+    solved = [place for place in range(len(collisions)) if place not in outcomes]
+    for group in _group_by_contacts(collisions, solved):
+        W, k, e, w = group.delassus, group.stiffnesses, group.restitutions, group.rates
         c = graph_dampings(W, k, e, law)
-        went = solve_timed_graphs(LAWS[law], W, k, e, w, c, frozen=frozen, max_windows=max_steps)
-        for i, place in enumerate(group):
-            outcomes[place] = _graph_outcome(law, collisions[place], went, i)
+        results = solve_timed_graphs(LAWS[law], W, k, e, w, c, frozen=frozen, max_windows=max_steps)
+        for i, place in enumerate(group.places):
+            outcomes[place] = _graph_outcome(law, collisions[place], results, i)
     return [outcomes[place] for place in range(len(collisions))]
+
+
+class _GraphGroup(NamedTuple):
+    """Collisions of one number of contacts C, as arrays of n rows."""
+
+    places: list[int]
+    """Place of each row in the sequence of all collisions."""
+    delassus: Floats
+    """Delassus matrices in 1/kg, shape (n, C, C)."""
+    stiffnesses: Floats
+    """In N/m, shape (n, C)."""
+    restitutions: Floats
+    """Shape (n, C)."""
+    rates: Floats
+    """Rates before the collision in m/s, positive where bodies approach, shape (n, C)."""
+
+
+def _group_by_contacts(collisions: Sequence[GraphCollision], places: Sequence[int]) -> list[_GraphGroup]:
+    """Group the collisions at `places` by their number of contacts."""
+    groups: dict[int, list[int]] = {}
+    for place in places:
+        groups.setdefault(len(collisions[place].contacts), []).append(place)
+    return [
+        _GraphGroup(
+            group,
+            np.array([collisions[place].delassus for place in group]),
+            np.array([[contact.stiffness for contact in collisions[place].contacts] for place in group]),
+            np.array([[contact.restitution for contact in collisions[place].contacts] for place in group]),
+            np.array([collisions[place].rates for place in group]),
+        )
+        for group in groups.values()
+    ]
 
 
 def graph_dampings(W: Floats, k: Floats, e: Floats, law: str) -> Floats:
@@ -391,17 +417,28 @@ class StateTransitionSolver(ExactSolver):
                 GraphCollisionOutcome.failure(self.name, collision, "unrepresentable", reason)
                 for collision in collisions
             ]
-        return [self._solve_graph(collision, settings) for collision in collisions]
+        # The compiled kernel of graphs takes a while to import, which collisions of chains would pay for nothing.
+        from impact_xval.model.graph.solving import solve_graphs
 
-    def _solve_graph(self, collision: GraphCollision, settings: Settings) -> GraphCollisionOutcome:
-        """Solve one collision of bodies."""
-        outcome = solve_graph_collision(collision, grazing_threshold=settings.grazing_threshold)
-        return GraphCollisionOutcome(
-            self.name,
-            outcome.velocities,
-            outcome.angular_velocities,
-            status=outcome.status,
-            reason=outcome.reason,
-            mark=outcome.mark,
-            diagnostics={"grazing_margin": outcome.grazing_margin, **outcome.diagnostics},
-        )
+        outcomes: dict[int, GraphCollisionOutcome] = {}
+        for group in _group_by_contacts(collisions, range(len(collisions))):
+            results = solve_graphs(
+                group.delassus,
+                group.stiffnesses,
+                group.restitutions,
+                group.rates,
+                grazing_threshold=settings.grazing_threshold,
+                events=False,
+            )
+            for place, result in zip(group.places, results, strict=True):
+                velocities, turning = collisions[place].after(result.impulses)
+                outcomes[place] = GraphCollisionOutcome(
+                    self.name,
+                    tuple(tuple(row) for row in velocities.tolist()),
+                    tuple(tuple(row) for row in turning.tolist()) if len(collisions[place].inertias) else (),
+                    status=result.status,
+                    reason=result.reason,
+                    mark=result.mark,
+                    diagnostics={"grazing_margin": result.grazing_margin, **result.diagnostics},
+                )
+        return [outcomes[place] for place in range(len(collisions))]

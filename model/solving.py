@@ -29,11 +29,11 @@ from impact_xval.model.inputs import (
     checked_array,
     legal_cutoff,
 )
+from impact_xval.model.marks import CUTOFF_THRESHOLD, MARKS
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.outcomes import GridOutcomes, Outcomes, total_impulses
 from impact_xval.model.pair.events import MOST_WINDOWS
 from impact_xval.model.pair.following import follow_pairs, follow_with_paths, follow_with_states
-from impact_xval.model.pair.grazing import CUTOFF_THRESHOLD, MARKS
 from impact_xval.model.pair.limits import BOUND, EXACT
 from impact_xval.model.pair.path import POINTS
 from impact_xval.model.pair.record import PairEnding, PairOptions, PairRatios

@@ -52,22 +52,10 @@ from impact_xval.experiments.sweep.rows import (
 from impact_xval.experiments.tables.folder import part_bytes
 from impact_xval.model.chain.kernel import follow_chains
 from impact_xval.model.compiled import is_compiled, kernel_cache_folder
-from impact_xval.model.graph.in_time.kernel import follow_timed_graphs
-from impact_xval.model.graph.kernel import follow_graphs
 from impact_xval.model.pair.kernel import collide_all
 
 #: A function that numba compiles; what `njit` returns has no type of its own.
 Kernel = Any
-
-#: In the order in which they are locked.
-_KERNELS: tuple[Kernel, ...] = (
-    collide_all,
-    distances,
-    follow_chains,
-    follow_timed_graphs,
-    follow_graphs,
-    scan,
-)
 
 #: Seconds for what follows the solvers of a chunk, or the cells of a run; not their limit, for these are references in
 #: closed form, and tables must not depend on how busy a machine is.
@@ -151,10 +139,13 @@ def _ordinary_cells(resolve: Resolve, kind: CellKind) -> tuple[Experiment, list[
 
 @contextlib.contextmanager
 def _lock_kernels(*kernels: Kernel) -> Generator[None]:
-    """Hold the locks of kernels that are not compiled yet, in one order everywhere."""
+    """Hold the locks of kernels that are not compiled yet.
+
+    Every process takes the locks in the order of the kernels' names, so that two processes never wait for each other.
+    """
     with contextlib.ExitStack() as held:
-        for kernel in _KERNELS:
-            if kernel in kernels and not is_compiled(kernel):
+        for kernel in sorted(kernels, key=lambda kernel: (kernel.__module__, kernel.__name__)):
+            if not is_compiled(kernel):
                 held.enter_context(FileLock(kernel_cache_folder(kernel) / "compiling.lock"))
                 held.callback(gc.enable)
                 gc.disable()  # looking for garbage takes up to a tenth of the time of compiling
@@ -164,6 +155,10 @@ def _lock_kernels(*kernels: Kernel) -> Generator[None]:
 def kernels_of(name: str, kind: CellKind) -> list[Kernel]:
     """Kernels that rows of a solver need, its own first: references, and marks of engines, follow chains."""
     if kind == "graph":
+        # Cells of balls in a line need none of the kernels of graphs, which take a while to import.
+        from impact_xval.model.graph.in_time.kernel import follow_timed_graphs
+        from impact_xval.model.graph.kernel import follow_graphs
+
         is_law_in_time = is_ours(name) and kind_of(name) == "reference"
         return [follow_timed_graphs, follow_graphs] if is_law_in_time else [follow_graphs]
     pair = kind == "pair"

@@ -22,13 +22,12 @@ if TYPE_CHECKING:
         BodyContact,
         GraphCollision,
         Plane,
-        solve_graph_collision,
         touching_balls,
     )
     from impact_xval.model.graph.collision_outcome import GraphCollisionOutcome
     from impact_xval.model.graph.named import GRAPHS, bernoulli, box, bridge, corner, graph_of_balls, rack
     from impact_xval.model.graph.outcome import ContactEvent, GraphOutcome, GraphOutcomes
-    from impact_xval.model.graph.solving import solve_graph, solve_graphs
+    from impact_xval.model.graph.solving import solve_graph, solve_graph_collision, solve_graphs
 
 __all__ = [
     "GRAPHS",
@@ -53,11 +52,11 @@ __all__ = [
 
 #: Module of each name above. Modules are imported at first use, because importing the compiler takes a while.
 _MODULES = {
-    "collision": ("BodyContact", "GraphCollision", "Plane", "solve_graph_collision", "touching_balls"),
+    "collision": ("BodyContact", "GraphCollision", "Plane", "touching_balls"),
     "collision_outcome": ("GraphCollisionOutcome",),
     "named": ("GRAPHS", "bernoulli", "box", "bridge", "corner", "graph_of_balls", "rack"),
     "outcome": ("ContactEvent", "GraphOutcome", "GraphOutcomes"),
-    "solving": ("solve_graph", "solve_graphs"),
+    "solving": ("solve_graph", "solve_graph_collision", "solve_graphs"),
 }
 
 

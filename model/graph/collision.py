@@ -1,24 +1,22 @@
-"""Bodies that touch in any number of contacts (`GraphCollision`), and their collision by the model.
+"""Bodies that touch in any number of contacts, `GraphCollision`.
 
-`solve_graph_collision` solves one collision. `touching_balls` finds the contacts of balls, and of balls with planes.
-Needs `graph.solving`. Used by `graph.named` and by users.
+`touching_balls` finds the contacts of balls, and of balls with planes. Used by `graph.named`, by `graph.solving`, which
+solves such collisions, and by users.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 from numbers import Integral
 
 import numpy as np
 
 from impact_xval.model.arrays import Floats
-from impact_xval.model.graph.outcome import GraphOutcome
 from impact_xval.model.graph.record import MOST_CONTACTS
-from impact_xval.model.graph.solving import solve_graph
-from impact_xval.model.inputs import GRAZING_THRESHOLD, LINE, Legal
+from impact_xval.model.inputs import LINE, Legal
 
 _MASSES, _STIFFNESSES, _RESTITUTIONS, _VELOCITIES, _ = LINE
 _INERTIAS = Legal("inertias", _MASSES.low, math.inf, "numbers > 0 (kg m^2; inf: the body does not turn)")
@@ -200,47 +198,6 @@ class GraphCollision:
         new = self._all_velocities + self.inverse_masses * (self.jacobian.T @ np.asarray(impulses, float))
         rows = new.reshape(-1, dimension + turns)
         return rows[:, :dimension], rows[:, dimension:]
-
-
-def solve_graph_collision(
-    collision: GraphCollision,
-    *,
-    max_windows: int | None = None,
-    grazing_threshold: float = GRAZING_THRESHOLD,
-) -> GraphOutcome:
-    """Solve one collision of bodies by the state-transition model.
-
-    Parameters
-    ----------
-    collision : GraphCollision
-    max_windows, grazing_threshold
-        As for `solve_graph`.
-
-    Returns
-    -------
-    GraphOutcome
-        With velocities, v + M^-1 J^T I, and with angular velocities where bodies turn.
-
-    Raises
-    ------
-    ValueError
-        If W leaves double precision.
-    """
-    contacts = collision.contacts
-    outcome = solve_graph(
-        collision.delassus,
-        [contact.stiffness for contact in contacts],
-        [contact.restitution for contact in contacts],
-        collision.rates,
-        max_windows=max_windows,
-        grazing_threshold=grazing_threshold,
-    )
-    velocities, turning = collision.after(outcome.impulses)
-    return replace(
-        outcome,
-        velocities=tuple(tuple(row) for row in velocities.tolist()),
-        angular_velocities=tuple(tuple(row) for row in turning.tolist()) if len(collision.inertias) else (),
-    )
 
 
 @dataclass(frozen=True, slots=True)

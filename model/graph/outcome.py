@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from impact_xval.model.arrays import Booleans, Floats, Integers, Records
 from impact_xval.model.graph.record import EventKind
-from impact_xval.model.pair.grazing import GRAZING
+from impact_xval.model.marks import GRAZING
 from impact_xval.model.states import name_of_set
 from impact_xval.model.status import IS_RESULT, STATUSES, Status
 

@@ -1,13 +1,14 @@
 """Solutions of contact graphs by the state-transition model, given their Delassus matrices.
 
-`solve_graph` solves one graph, `solve_graphs` many. This module checks the input, scales it to units of about 1, calls
-the kernel in threads, and builds outcomes in SI units.
+`solve_graph` solves one graph, `solve_graphs` many; `solve_graph_collision` solves a graph of bodies. This module
+checks the input, scales it to units of about 1, calls the kernel in threads, and builds outcomes in SI units.
 
-Needs `graph.kernel`. Used by `graph.collision`, by users, and by `rigid.graphs` of `compliant_baselines`.
+Needs `graph.kernel`. Used by users, and by `references` and `rigid.graphs` of `compliant_baselines`.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from impact_xval.model.arrays import Booleans, Floats, Records, zero_records
 from impact_xval.model.chain.following import COLLAPSE_REASON, PLASTIC_REASON, RUNAWAY_REASON
 from impact_xval.model.compiled import run_in_threads
+from impact_xval.model.graph.collision import GraphCollision
 from impact_xval.model.graph.kernel import follow_graphs
 from impact_xval.model.graph.motion import ROUNDING
 from impact_xval.model.graph.outcome import GraphOutcome, GraphOutcomes
@@ -103,6 +105,47 @@ def solve_graph(
     """
     fields: list[Any] = [[values] for values in (delassus, stiffnesses, restitutions, rates)]
     return solve_graphs(*fields, max_windows=max_windows, grazing_threshold=grazing_threshold)[0]
+
+
+def solve_graph_collision(
+    collision: GraphCollision,
+    *,
+    max_windows: int | None = None,
+    grazing_threshold: float = GRAZING_THRESHOLD,
+) -> GraphOutcome:
+    """Solve one collision of bodies by the state-transition model.
+
+    Parameters
+    ----------
+    collision : GraphCollision
+    max_windows, grazing_threshold
+        As for `solve_graph`.
+
+    Returns
+    -------
+    GraphOutcome
+        With velocities, v + M^-1 J^T I, and with angular velocities where bodies turn.
+
+    Raises
+    ------
+    ValueError
+        If W leaves double precision.
+    """
+    contacts = collision.contacts
+    outcome = solve_graph(
+        collision.delassus,
+        [contact.stiffness for contact in contacts],
+        [contact.restitution for contact in contacts],
+        collision.rates,
+        max_windows=max_windows,
+        grazing_threshold=grazing_threshold,
+    )
+    velocities, turning = collision.after(outcome.impulses)
+    return replace(
+        outcome,
+        velocities=tuple(tuple(row) for row in velocities.tolist()),
+        angular_velocities=tuple(tuple(row) for row in turning.tolist()) if len(collision.inertias) else (),
+    )
 
 
 def solve_graphs(

@@ -3,11 +3,10 @@
 The grazing margin is the smallest magnitude of a compression rate at a turning point in S1, relative to the sum of the
 amplitudes of its sinusoids, if that is below `NEAR` (docs/theory.md, section 6, has the definition). `nearest_turn`
 searches for turning points. Two quick tests come first. `turns_far` tells from the amplitudes of a segment that no
-turning point is near zero; `stays_far` tells the same of a window, from the derivatives at its ends. `MARKS` are the
-sentences that mark an outcome.
+turning point is near zero; `stays_far` tells the same of a window, from the derivatives at its ends.
 
-Needs `pair.motion` and `pair.roots`. Used by `pair.events` and `pair.ringing`; `chain.grazing` shares the thresholds,
-`model.solving` the marks.
+Needs `pair.motion` and `pair.roots`. Used by `pair.events` and `pair.ringing`; `chain.grazing` and `graph.grazing`
+share the thresholds.
 """
 
 from __future__ import annotations
@@ -32,20 +31,6 @@ SHORTEST_STRETCH = 1e-7
 
 #: Number of stretches after which the search of a window for turning points is given up.
 MOST_STRETCHES = 1000
-
-#: A cut-off marks a result if it changes (v1, v2) by more than this, in the kinetic norm per sqrt(m1) abs(v0).
-CUTOFF_THRESHOLD = 1e-9
-
-GRAZING = (
-    "grazing: a compression rate turned around next to zero (grazing_margin), and the outcome jumps where one "
-    "reaches zero"
-)
-CUTOFF = (
-    f"cut-off: the outcome without a cut-off differs by more than {CUTOFF_THRESHOLD:g} |v0|, or is not known"
-)
-
-#: Sentences of marks. The index is 1 for grazing, 2 for a cut-off, 3 for both, and 0 for an outcome without a mark.
-MARKS = ("", GRAZING, CUTOFF, f"{GRAZING}; {CUTOFF}")
 
 
 @force_inlined

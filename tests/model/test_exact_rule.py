@@ -7,7 +7,7 @@ import pytest
 
 from impact_xval.model import SUPPLEMENT_CUTOFF, Collision, solve, solve_batch
 from impact_xval.model.inputs import GRAZING_THRESHOLD
-from impact_xval.model.pair.grazing import CUTOFF, CUTOFF_THRESHOLD, GRAZING
+from impact_xval.model.marks import CUTOFF, CUTOFF_THRESHOLD, GRAZING
 from impact_xval.model.pair.limits import BOUND
 from tests.compliant_baselines.reference_cells import random_cells
 from tests.model.chain_reference import LZB, integrate

@@ -1,7 +1,7 @@
 import pytest
 
-from impact_xval.model.graph.collision import solve_graph_collision
 from impact_xval.model.graph.named import box
+from impact_xval.model.graph.solving import solve_graph_collision
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -7,7 +7,7 @@ import pytest
 
 from impact_xval.model import Collisions, solve, solve_batch, solve_many
 from impact_xval.model.chain.record import ChainEnding
-from impact_xval.model.graph.collision import BodyContact, GraphCollision, solve_graph_collision
+from impact_xval.model.graph import BodyContact, GraphCollision, solve_graph_collision
 from impact_xval.model.graph.named import bernoulli, box, bridge, corner, rack
 from impact_xval.model.graph.record import GraphEnding
 from impact_xval.model.graph.solving import solve_graph, solve_graphs

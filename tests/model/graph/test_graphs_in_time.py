@@ -15,7 +15,7 @@ from impact_xval.compliant_baselines.references import (
 from impact_xval.model import Collisions
 from impact_xval.model.chain.laws import Law
 from impact_xval.model.chain.record import ChainEnding
-from impact_xval.model.graph.collision import BodyContact, GraphCollision, solve_graph_collision
+from impact_xval.model.graph import BodyContact, GraphCollision, solve_graph_collision
 from impact_xval.model.graph.in_time.following import solve_timed_graphs
 from impact_xval.model.graph.in_time.record import TimedEnding
 from impact_xval.model.graph.named import bernoulli, box, bridge, corner, rack
