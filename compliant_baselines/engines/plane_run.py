@@ -56,6 +56,27 @@ def project_to_parting(velocities: Floats, scene: Scene) -> Floats:
     return velocities + J.T @ impulses / scene.inertia
 
 
+def _rows_of_change(acts: Booleans, opened: Booleans, moved: Booleans) -> Booleans:
+    """Return the steps of a block that `PlaneRun` looks at one by one, shape (n steps,).
+
+    These are the first step, each step in which a contact becomes active, inactive or opens, and the first step of each
+    flight. In later steps of a flight the velocities are the same, and the next meeting comes nearer by one step while
+    one step fewer remains: whether the flight ends the run does not change.
+
+    Parameters
+    ----------
+    acts, opened
+        Contacts that carry force in each step, and contacts that are open before it, shape (n steps, N contacts).
+    moved
+        Steps in which the momentum of a body changes, shape (n steps,).
+    """
+    open_and_idle = opened & ~acts
+    changes = np.ones(len(acts), bool)
+    changes[1:] = (acts[1:] != acts[:-1]).any(axis=1) | (open_and_idle[1:] != open_and_idle[:-1]).any(axis=1)
+    changes[1:] |= moved[:-1] & ~moved[1:]
+    return changes
+
+
 class PlaneRun:
     """A run of a scene in a plane, in progress or over; its members have the names of `stepping.Run`.
 
@@ -120,19 +141,21 @@ class PlaneRun:
         largest = np.abs(impulses).max(axis=1, keepdims=True)
         acts = moved[:, None] & (impulses > TURNED * largest)
         opened = x_before @ self._J.T > OPEN * self._world.radius
-        taken = 0
-        for row in range(len(v)):
-            if not finite[row]:
-                self.end = RunEnd.BROKEN
-                break
-            taken += 1
-            self.n_steps += 1
+        n_finite = len(v) if finite.all() else int(finite.argmin())
+        n_before, taken = self.n_steps, n_finite
+        for row in _rows_of_change(acts, opened, moved)[:n_finite].nonzero()[0].tolist():
+            self.n_steps = n_before + row + 1
             self._note_forces(acts[row], opened[row], impulses[row])
             self.velocities, self.heights = v[row], x[row]
             if not moved[row]:
                 self.end = self._end_of_flight(bool(approaching[row]))
                 if self.end != RunEnd.GOING:
+                    taken = row + 1
                     break
+        if self.end == RunEnd.GOING and n_finite < len(v):
+            self.end = RunEnd.BROKEN
+        if taken:
+            self.n_steps, self.velocities, self.heights = n_before + taken, v[taken - 1], x[taken - 1]
         self._sets.append(acts[:taken] @ _bits(len(self._J)))
         loaded = np.flatnonzero(moved[:taken])
         if loaded.size:
