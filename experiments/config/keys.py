@@ -53,7 +53,7 @@ MEANINGS = {
     "sample.n": "Number of cells that are drawn from a Sobol sequence; best a power of two.",
     "sample.seed": "Seed of the sequence; the same seed draws the same cells.",
     "cells": "File with one row for each cell, and the columns stiffness_ratio, mass_ratio, e1 and e2.",
-    "chain.arrangement": "How the balls are set up: one ball strikes a `row`, several strike a `cradle`, one falls on a "
+    "chain.arrangement": "Setup of the balls: one ball strikes a `row`, several strike a `cradle`, one falls on a "
     "`pile`, a `stack` falls as a whole.",
     "chain.balls": "Numbers of balls of a chain.",
     "chain.strike": "Numbers of balls that strike in a cradle; without it one.",
