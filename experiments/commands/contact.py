@@ -59,7 +59,7 @@ _SOLREF, _SOLIMP = numbers_parser(2, 2), numbers_parser(1, 5)
 def contact_command(
     engine: str = option(
         "NAME",
-        f"{', '.join(ENGINES[:13])}; or a name such as newton-xpbd, one way to write a contact there.",
+        f"{', '.join(ENGINES[:13])}; or a way to write a contact, such as newton-xpbd.",
         word_parser(*ENGINES),
         ...,
     ),
@@ -69,7 +69,7 @@ def contact_command(
         _MASSES,
     ),
     restitution: Numbers | None = option(
-        "E [E]", "Restitution from 1e-4 to 1; by default that of the materials.", _ONE_OR_TWO
+        "E [E]", "Restitution, 1e-4 to 1; by default of the materials.", _ONE_OR_TWO
     ),
     damping: Numbers | None = option("C [C]", "Damping in N s/m; instead of a restitution.", _ONE_OR_TWO),
     damping_ratio: Numbers | None = option(
@@ -86,14 +86,14 @@ def contact_command(
         parse_number,
     ),
     tolerance: float = option("X", "Allowed relative error of restitution and duration.", parse_number, 0.01),
-    solref: Numbers | None = option("A B", "MuJoCo's two numbers; instead of all options above.", _SOLREF),
+    solref: Numbers | None = option("A B", "MuJoCo's two numbers; instead of damping and spring.", _SOLREF),
     solimp: Numbers | None = option("D ...", "MuJoCo's one to five numbers, with --solref.", _SOLIMP),
     material: list[str] | None = option(
         "NAME", "steel, glass, brass, rubber or ping-pong. Give it twice for two materials."
     ),
     radius: list[float] | None = option(
         "M",
-        "Radius of a ball of the material. Give it twice for two balls; a single ball meets a flat.",
+        "Radius of a ball of the material. Give it twice for two balls; one ball meets a flat.",
         parse_number,
     ),
     speed: float = option("M/S", "Speed of approach, from 1e-9 to 1e9.", parse_number, 1.0),
@@ -103,9 +103,8 @@ def contact_command(
     Give one number for the damping and one for the spring, or give materials. You get the text to paste, the depths,
     the largest good time step, and the results of drops with this text. The search for a step can take minutes.
 
-    With three masses A strikes B, which is at rest on C. Then give two numbers after an option: for A on B, and for B
-    on C. You also get the impact of all three at once. PyBullet, DART and Pymunk multiply the restitutions of the two
-    bodies.
+    With three masses A strikes B, which is at rest on C. Give two numbers after an option: for A on B and B on C. You
+    also get the impact of all three at once. PyBullet, DART and Pymunk multiply the restitutions of the two bodies.
 
     Example: impact-xval contact --engine mujoco --masses 0.45 3 inf --restitution 0.8 0.6 --step 2e-3
     """

@@ -35,13 +35,13 @@ def hypothesis_command(
 ) -> None:
     """Test whether infinitely stiff pairs move as one.
 
-    The supplement's hypothesis is tested for each case and solver. You get verdicts, tables and a page.
-    The same command continues a test that was stopped.
+    The supplement's hypothesis, for each case and solver. You get verdicts, tables and a page. The same command
+    continues a test that was stopped.
 
     Example: impact-xval hypothesis --out my-verdicts
 
-    A collision of your own is given by the options of solve or in a file. Then the command prints for every law whether
-    the stiffest pair moves as one body as the contrast of stiffnesses grows. It writes no file.
+    For a collision of your own, by the options of solve or in a file, the command prints whether the stiffest pair
+    moves as one body, by every law, as the contrast of stiffnesses grows. It writes no file.
 
     Example: impact-xval hypothesis --stiffness-ratio 40 --mass-ratio 1.15 --e1 0.9 --e2 0.7
     """
