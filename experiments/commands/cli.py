@@ -33,7 +33,8 @@ from impact_xval.experiments.commands import (
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 
 PROGRAM = "impact-xval"
-#: Error numbers of files that the user has no permission to use. They count as wrong input, with exit code 2.
+#: Numbers of the operating system's errors for files that the user has no permission to use. They count as wrong input,
+#: with exit code 2.
 _NOT_THEIRS = (errno.EACCES, errno.EPERM, errno.EROFS)
 
 #: Names of the Python packages of the engines. They are listed here, so that --version need not import the adapters.

@@ -75,7 +75,7 @@ def join_numbers(words: Sequence[str], names: Sequence[str]) -> list[str]:
     An option's words end at the next option.
     """
     joined: list[str] = []
-    is_gathering = False  # the last word of `joined` is the value of such an option
+    is_gathering = False  # True if the last word of `joined` is the value of one of these options
     for i, word in enumerate(words):
         if is_gathering and not _is_option(word):
             joined[-1] = f"{joined[-1]} {word}"

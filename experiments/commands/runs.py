@@ -89,7 +89,7 @@ def run_command(
             importlib.import_module("impact_xval.experiments.presentation.report")
 
     with writing_folder(words, console, experiment.size()) as progress:
-        # Imported in a thread while cells are solved, because matplotlib takes a second.
+        # The report is imported in a thread while cells are solved, because importing matplotlib takes a second.
         threading.Thread(target=import_ahead).start()
         result = run_sweep(
             experiment,

@@ -56,7 +56,7 @@ def scoreboard_command(
     except (OSError, ValueError) as error:
         raise UserError(f"--baseline = {baseline}: holds no {ANSWERS} of a scoreboard: {error}") from None
     if before is not None:
-        before = before.replace({"case": CASES, "status": STATUSES})  # names that version 0.4 has written
+        before = before.replace({"case": CASES, "status": STATUSES})  # version 0.4 wrote the old names
     elsewhere, missing = _make_environments(requirements or (), names)
     console, root = make_console(), out or Path("runs") / "scoreboard"
     with show_progress(console) as progress:

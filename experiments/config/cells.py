@@ -217,7 +217,7 @@ def _make_chains(cells: ColumnArrays) -> Sequence[Collision]:
         chain_setup_values(arrangement, dict(zip(numbers, row, strict=True)))
         for arrangement, row in zip(cells["arrangement"].tolist(), rows, strict=True)
     )
-    # Not validated here: the chains at the ends of all axes were, and if they are legal all chains between them are.
+    # The chains are not validated here. Those at the ends of all axes were, and then all chains between them are legal.
     chains = [ChainSetup.model_construct(None, **setup).collision() for setup in setups]
     kinds = {(len(chain.masses), chain.table, chain.exponent) for chain in chains}
     return Collisions.of(chains) if len(kinds) == 1 else chains
