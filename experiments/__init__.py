@@ -1,1 +1,1 @@
-"""Experiments: grids of cells by every solver, what they say, and the command that runs them."""
+"""Experiments: many collisions solved by every solver, the tables and pages of the results, and the command line."""

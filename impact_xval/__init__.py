@@ -1,6 +1,6 @@
 """Cross-validation of physics engines against the state-transition model of simultaneous impacts.
 
-This package offers the names that a notebook needs. They are imported at first use, so that the command starts at once.
+This package has the names that a notebook needs. They are imported at first use, so that the command starts quickly.
 The three folders beside this package are its layers: `impact_xval.experiments` imports
 `impact_xval.compliant_baselines`, which imports `impact_xval.model`.
 """
@@ -38,7 +38,7 @@ __all__ = [
     "solve_batch",
 ]
 
-#: Packages of the names that `impact_xval.model` does not offer.
+#: Module of each name that `impact_xval.model` does not have.
 _MODULES = {"get_solver": "compliant_baselines", "compare": "experiments.cells.compared"}
 
 

@@ -1,4 +1,4 @@
-"""The command ``impact-xval``; ``python -m impact_xval`` runs it too."""
+"""Entry point of the command ``impact-xval`` and of ``python -m impact_xval``, and its handling of signals."""
 
 import contextlib
 import os
@@ -7,17 +7,17 @@ import sys
 from types import FrameType
 from typing import Any, NoReturn
 
-#: Signals that end a command: of Ctrl-C, of a scheduler of jobs, of a closed terminal.
+#: Signals that end a command. They come from Ctrl-C, from a scheduler of jobs, and from a terminal that is closed.
 ENDS = (signal.SIGINT, signal.SIGTERM, *((signal.SIGHUP,) if hasattr(signal, "SIGHUP") else ()))
-#: Seconds after which an interruption is raised again if Python had to drop it.
+#: Seconds after which an interruption that Python has dropped is sent again.
 _AGAIN = 0.1
 
 
 def entry() -> int:
-    """Run the command line of this process.
+    """Run the command line of this process, and return its exit code.
 
-    Every signal of `ENDS` interrupts it as Ctrl-C does: with one line, without a traceback. Further signals are ignored
-    while the command ends.
+    Every signal in `ENDS` has the effect of Ctrl-C: the command ends with one line and without a traceback. Further
+    signals are ignored while the command ends.
     """
     heard: list[int] = []
     over = False
@@ -28,7 +28,10 @@ def entry() -> int:
             raise KeyboardInterrupt
 
     def unraisable(what: Any) -> None:
-        """Repeat an interruption that Python has dropped, in the deletion of an object or in a callback from C."""
+        """Send an interruption again if Python has dropped it.
+
+        Python drops exceptions that are raised while an object is deleted, or in a callback from C.
+        """
         if heard and _is_ending(what.exc_value):
             import threading
 
@@ -62,7 +65,7 @@ def entry() -> int:
     except BaseException:
         if not heard:
             raise
-        # Any exception may come of an interruption: an extension module whose import is interrupted raises an
+        # An interruption may surface as any exception: an extension module whose import is interrupted raises an
         # ImportError.
         print("impact-xval: interrupted", file=sys.stderr)
         code = 1
@@ -84,7 +87,10 @@ def _leave(code: int) -> NoReturn:
 
 
 def _signal_main_thread(number: int) -> None:
-    """Send a signal to the main thread, so that it wakes from a system call; Windows has no such wake-up."""
+    """Send a signal to the main thread, so that the thread wakes from a system call.
+
+    On Windows the signal is raised in this process, and no thread wakes.
+    """
     if sys.platform == "win32":
         signal.raise_signal(number)
     else:
@@ -94,7 +100,10 @@ def _signal_main_thread(number: int) -> None:
 
 
 def _is_ending(handled: BaseException | None) -> bool:
-    """Return whether an exception is an interruption or has come of one; the command is then about to end."""
+    """Return whether an exception is a KeyboardInterrupt, or was raised while one was handled.
+
+    In both cases the command is about to end.
+    """
     while handled is not None and not isinstance(handled, KeyboardInterrupt):
         handled = handled.__context__
     return handled is not None

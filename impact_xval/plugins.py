@@ -1,9 +1,9 @@
-"""All names that the author of a solver for impact-xval imports (docs/adding-a-solver.md).
+"""All names that the author of a solver for impact-xval needs to import (docs/adding-a-solver.md).
 
-An adapter of a physics engine derives from `Engine` and gives a `World` for every `Scene`; `examples/toy_engine.py` is
-a complete adapter. A solver of another kind derives from `OneByOne`, or from `Solver` if it answers many collisions at
-once, and gives an `Outcome` for every `Collision`; `examples/anvil.py` is an example. `checks` are tests that a solver
-keeps the contract.
+An adapter of a physics engine derives from `Engine` and makes a `World` for every `Scene`; `examples/toy_engine.py` is
+a complete adapter. A solver of another kind derives from `OneByOne`, or from `Solver` if it solves many collisions at
+once, and returns an `Outcome` for every `Collision`; `examples/anvil.py` is an example. `checks` returns tests of
+whether a solver keeps the contract, which docs/adding-a-solver.md states.
 
 These names will stay in this module. The modules behind them may move.
 """

@@ -1,1 +1,1 @@
-"""One collision, or one chain, by every solver side by side; may import all below but `hypothesis`."""
+"""One collision, chain or contact graph by every solver side by side, and the explorer."""

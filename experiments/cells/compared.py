@@ -1,4 +1,8 @@
-"""Comparison of several solvers with the model on one collision or chain, as text, as HTML and as a picture."""
+"""Comparison of several solvers with the model on one collision or chain, as text, as HTML and as a picture.
+
+`compare` solves a collision and returns a `SolverComparison`. Notebooks call it as `impact_xval.compare`; the command
+``solve`` and the explorer make a `SolverComparison` of outcomes that they have.
+"""
 
 from __future__ import annotations
 
@@ -46,9 +50,9 @@ from impact_xval.model.status import RESULT_STATUSES
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Width of the text in letters, and resolution of the picture in a notebook in dots per inch.
+#: Width of a comparison as text in characters; resolution of its picture in a notebook in dots per inch.
 _WIDTH, _DPI = 150, 100
-#: Note below the table of a chain that explains its rows.
+#: Note below the table of a chain, which explains the rows of the table.
 _CHAIN_NOTE = (
     "v1, v2, ...: velocities per |v0|, up is positive. D: kinetic norm of the difference from the model. limit: "
     "largest difference of a velocity between an engine's limit dt -> 0 and the exact solver of its law; error: the "
@@ -58,17 +62,17 @@ _CHAIN_NOTE = (
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class SolverComparison:
-    """Outcomes of all solvers that solved one collision or chain; a notebook shows a table and a picture.
+    """Outcomes of several solvers for one collision or chain. A notebook shows them as a table and a picture.
 
     Attributes
     ----------
     problem : Collision
     outcomes : mapping of str to Outcome
-        By solver, the model (`REFERENCE`) among them; velocities in m/s, impulses in N s, with their paths.
+        Outcomes by solver, among them that of the model (`REFERENCE`). Velocities are in m/s, impulses in N s.
     chain : ChainSetup or None
-        How a chain was set up, if it is known: in words above its table.
+        Setup of a chain, if it is known. It is described above the table.
     versions : mapping of str to str
-        By solver, the version that it states, of those that were asked.
+        Versions of solvers by name; solvers that did not state their version are not in it.
     """
 
     problem: Collision
@@ -78,26 +82,32 @@ class SolverComparison:
 
     @property
     def is_chain(self) -> bool:
-        """Return whether the problem was set up as a chain, or is not that of the paper, two balls on a table."""
+        """True unless the problem is that of the paper: two balls on a table that were not set up as a chain."""
         return self.chain is not None or not self.problem.falls_on_resting
 
     @property
     def divergences(self) -> dict[str, float]:
-        """Velocity divergence D from the model, by solver; NaN if the solver or the model has no result."""
+        """Divergence D of the final velocities from the model's, by solver; NaN if either has no result."""
         return {name: measures["velocity_divergence"] for name, measures in self._measures.items()}
 
     @property
     def scaled_velocities(self) -> dict[str, list[float]]:
-        """Velocities per speed of impact by solver, in the order of laws; solvers without a result are skipped."""
+        """Final velocities over the speed of impact by solver; solvers without a result are skipped.
+
+        Solvers with the same law follow each other.
+        """
         known = self._known_velocities
         return {name: velocities for name, velocities in known.items() if self._no_result_mark(name) == ""}
 
-    #: How a chain was set up, in words; empty if it is not known.
+    #: Setup of a chain in words; empty if the setup is not known.
     setup = property(lambda self: "" if self.chain is None else describe_chain(self.chain))
 
     @property
     def _known_velocities(self) -> dict[str, list[float]]:
-        """Velocities per speed of impact by solver, in the order of laws; solvers without velocities are skipped."""
+        """Final velocities over the speed of impact by solver, also where the status says that there is no result.
+
+        Solvers with the same law follow each other; solvers without velocities are skipped.
+        """
         all_of = {name: self.outcomes[name].velocities for name in sort_by_law(self.outcomes)}
         return {
             name: [v / self._speed for v in all_of[name]]
@@ -106,7 +116,7 @@ class SolverComparison:
         }
 
     def _no_result_mark(self, name: str) -> str:
-        """Return the mark after the numbers of a solver without a result; empty for other solvers."""
+        """Return the mark that stands after the numbers of a solver without a result; empty if it has a result."""
         return "" if self.outcomes[name].status in RESULT_STATUSES else NO_RESULT
 
     _measures = property(lambda self: measures_of(self.problem, self.outcomes))
@@ -114,9 +124,10 @@ class SolverComparison:
 
     @property
     def between(self) -> dict[tuple[str, str], float]:
-        """D between every two solvers with a result, in the order of laws; each pair once, because D is symmetric.
+        """Divergence D between every two solvers that have a result; each pair of solvers is listed once.
 
-        D is the kinetic norm of the difference of final velocities over that of the velocities at first touch.
+        D is the kinetic norm of the difference of their final velocities, over the kinetic norm of the velocities at
+        first touch. It is symmetric. Solvers with the same law follow each other.
         """
         masses, length = self.problem.masses, kinetic_norm(self.problem.masses, self.problem.velocities)
         results = {name: np.array(self.outcomes[name].velocities) for name in self.scaled_velocities}
@@ -126,9 +137,10 @@ class SolverComparison:
         }
 
     def objects(self) -> list[dict[str, object]]:
-        """Return one object per solver: velocities per abs(v0), impulses per m1 abs(v0), times in s.
+        """Return one dictionary per solver, which becomes an object in JSON.
 
-        Missing numbers are NaN, and a grazing margin without an end is infinite; JSON has null for both.
+        Velocities are over abs(v0), impulses over m1 abs(v0), and times are in s. Missing numbers are NaN, and a
+        grazing margin without a bound is infinite; both become null in JSON.
         """
         measures, between, speed = self._measures, self.between, self._speed
         return [
@@ -156,9 +168,9 @@ class SolverComparison:
         ]
 
     def plot(self) -> Figure:
-        """Draw impulse curves and velocities of two balls, or the final velocities of a chain.
+        """Draw the impulse curves and velocities of two balls, or the final velocities of a chain.
 
-        A `ValueError` says that there is nothing to draw: no path of two balls, or no result of a chain.
+        A `ValueError` is raised if there is nothing to draw: no path of two balls, or no result of a chain.
         """
         from impact_xval.experiments.presentation.pictures.curves import (
             draw_collision,
@@ -171,10 +183,12 @@ class SolverComparison:
         if not self.is_chain and (paths := drawable_paths(self.problem, self.outcomes)):
             return draw_collision(self.problem, paths)
         statuses = {name: outcome.status for name, outcome in self.outcomes.items()}
-        raise ValueError(f"no solver has a path to draw ({statuses}); legal: a collision that one solves")
+        raise ValueError(
+            f"no solver has a path to draw ({statuses}); legal: a collision that a solver can solve"
+        )
 
     def blocks(self) -> list[Block]:
-        """Return the table of all solvers, and the sentences on it."""
+        """Return the table of all solvers, and the sentences about it."""
         table = self._chain_table() if self.is_chain else self._collision_table()
         setup = capitalise_first(f"{self.setup}.") if self.setup else ""
         note = _CHAIN_NOTE if self.is_chain and table.rows else ""
@@ -209,7 +223,7 @@ class SolverComparison:
         ]
 
     def _repr_html_(self) -> str:
-        """Return the table and the picture as HTML for a notebook."""
+        """Return the table, the sentences about it and the picture as HTML for a notebook."""
         file = io.BytesIO()
         try:
             self.plot().savefig(file, format="png", dpi=_DPI)
@@ -245,7 +259,10 @@ class SolverComparison:
         return Table(header.split(), rows, text=3)
 
     def _pairwise_table(self) -> Table | None:
-        """Lay out D between every two solvers; None with fewer than three, whose D the other table has."""
+        """Return a table of D between every two solvers, or None if fewer than three solvers have a result.
+
+        Two solvers need no such table: the table of outcomes has their D.
+        """
         names, between = list(self.scaled_velocities), self.between
         if len(names) < 3:
             return None
@@ -257,18 +274,24 @@ class SolverComparison:
         return Table(["solver", *names[:-1]], filled, "D between every two solvers")
 
     def _describe_versions(self) -> str:
-        """Name the versions of the project and of the engines and plug-ins that solved this."""
+        """Return a sentence with the versions of the project and of the engines and plug-ins that solved the problem.
+
+        It is empty if no engine and no plug-in solved the problem.
+        """
         foreign = [name for name in self.outcomes if is_engine(name) or not is_ours(name)]
         of_foreign = [f"{name} {self.versions[name]}" for name in foreign if self.versions.get(name)]
         ours = f"impact-xval {version('impact-xval')}"
         return f"Versions: {join_words([ours, *of_foreign])}." if of_foreign else ""
 
     def _format_number(self, name: str, value: float) -> str:
-        """Write a number of a solver, with its mark."""
+        """Return a number of a solver as text; a mark follows if the solver has no result, and NaN becomes "-"."""
         return "-" if np.isnan(value) else f"{value:.6f}{self._no_result_mark(name)}"
 
     def _chain_table(self) -> Table:
-        """Lay out a chain with one row per fact and one column per solver, because facts outnumber solvers."""
+        """Return the table of a chain, with a row for each quantity and a column for each solver.
+
+        A chain of many balls has more quantities than there are solvers.
+        """
         measures = self._measures
         facts: dict[str, dict[str, str]] = {}
         for name, velocities in self._known_velocities.items():
@@ -295,23 +318,24 @@ class SolverComparison:
 def compare(
     problem: Collision, solvers: Sequence[str] | None = None, *, timeout: float = 300.0
 ) -> SolverComparison:
-    """Solve one collision, or one chain, by several solvers without gravity, and compare them with the model.
+    """Solve one collision or chain without gravity by several solvers, and compare their outcomes with the model's.
 
-    Each solver runs in a process of its own, within a limit of time: one that crashes or hangs has a status that says
-    so. The first comparison of an installation has kernels compiled, a minute or two.
+    Solvers run in worker processes, each within a time limit. If a solver crashes or takes too long, the status of its
+    outcome says so. The first comparison after an installation compiles kernels, which takes a minute or two.
 
     Parameters
     ----------
     problem : Collision
     solvers : sequence of str, optional
-        Names of solvers, to which the model is added; by default those that `solve` asks, plug-ins among them.
+        Names of solvers; the model is added to them. By default all solvers that the command ``solve`` calls by
+        default, plug-ins included.
     timeout : float
-        Seconds after which a solver is ended.
+        Time limit of each solver in s.
 
     Raises
     ------
     ValueError
-        For names that are no solvers, or an illegal time; the message says what is legal.
+        If a name is not a solver's or the time limit is illegal. The message says what is legal.
     """
     names = [solvers] if isinstance(solvers, str) else list(solver_names() if solvers is None else solvers)
     config = parse_config({"scenario": "impact", "cell_timeout": timeout, "solvers": names}, where="")

@@ -1,4 +1,8 @@
-"""Comparison of solvers and rigid laws with the model on one contact graph, as text and as a picture."""
+"""Comparison of solvers and rigid laws with the model on one contact graph, as text and as a picture.
+
+A contact graph is a set of bodies that meet at once in any number of contacts. The command ``solve --graph`` makes a
+`GraphComparison` of the outcomes.
+"""
 
 from __future__ import annotations
 
@@ -24,34 +28,34 @@ from impact_xval.model.kinetic import kinetic_norm
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Solvers that are asked by default beside the model and the rigid laws.
+#: Solvers that solve a graph by default, in addition to the model and the rigid laws.
 REFERENCES = ("bistiffness", "kelvin-voigt", "compression-dashpot", "linear-dashpot")
 
-#: Names of the rigid laws, which solve graphs given by W (`rigid.graphs`).
+#: Names of the rigid laws, which compute impulses from the Delassus matrix W of a graph (`rigid.graphs`).
 RIGID_LAWS = tuple(LAWS)
 
-#: Largest diagnostic of a rigid law that is rounding, over what it is compared with.
+#: Largest spread of a rigid law's final rates in m/s that counts as rounding; a larger spread is reported.
 _ROUNDING = 1e-9
 
 _NOTE = (
     "v1, v2, ...: velocities of the bodies in m/s. D: kinetic norm of the difference from the model, over that of the "
-    "velocities at first touch. E/E0: kinetic energy over that before."
+    "velocities at first touch. E/E0: kinetic energy after the impact over kinetic energy before."
 )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GraphComparison:
-    """Outcomes of all solvers that solved one contact graph.
+    """Outcomes of several solvers and rigid laws for one contact graph.
 
     Attributes
     ----------
     problem : GraphCollision
     outcomes : mapping of str to GraphCollisionOutcome
-        By solver or rigid law, the model (`REFERENCE`) among them.
+        Outcomes by solver or rigid law, among them that of the model (`REFERENCE`).
     setup : str
-        How the graph was set up, in words.
+        Setup of the graph in words.
     versions : mapping of str to str
-        By solver, the version that it states.
+        Versions of solvers by name, as the solvers state them.
     """
 
     problem: GraphCollision
@@ -61,7 +65,10 @@ class GraphComparison:
 
     @property
     def divergences(self) -> dict[str, float]:
-        """D from the model, by solver; NaN if the solver or the model has no result."""
+        """Divergence D of the final velocities from the model's, by solver; NaN if either has no result.
+
+        D is the kinetic norm of the difference of velocities, over the kinetic norm of the velocities at first touch.
+        """
         model = self.outcomes[REFERENCE]
         length = self._norm(self._motion(self.problem.velocities, self.problem.angular_velocities))
         return {
@@ -72,12 +79,15 @@ class GraphComparison:
         }
 
     def retained_energy(self, outcome: GraphCollisionOutcome) -> float:
-        """Return the kinetic energy of an outcome over that before."""
+        """Return the kinetic energy after the impact over the kinetic energy before, for one outcome."""
         length = self._norm(self._motion(self.problem.velocities, self.problem.angular_velocities))
         return (self._norm(self._motion_of(outcome)) / length) ** 2
 
     def _motion(self, velocities: ArrayLike, turning: ArrayLike) -> Floats:
-        """Return velocities in all directions of motion, those of rotation last."""
+        """Return one array of all velocities: the components of each body, and then the angular velocities.
+
+        Without angular velocities these are zero.
+        """
         moments = np.ravel(self.problem.inertias)
         turns = np.ravel(np.asarray(turning, float)) if np.size(turning) else np.zeros(len(moments))
         return np.append(np.ravel(np.asarray(velocities, float)), turns)
@@ -86,7 +96,10 @@ class GraphComparison:
         return self._motion(outcome.velocities, outcome.angular_velocities)
 
     def _norm(self, motion: Floats) -> float:
-        """Return the kinetic norm of velocities; bodies that do not turn add nothing to it."""
+        """Return the kinetic norm of an array of velocities that `_motion` makes.
+
+        Bodies that cannot turn have no energy of rotation.
+        """
         moments = np.ravel(np.asarray(self.problem.inertias, float))
         masses = np.repeat(np.array(self.problem.masses), len(self.problem.velocities[0]))
         weights = np.append(masses, np.where(np.isfinite(moments), moments, 0.0))
@@ -94,12 +107,12 @@ class GraphComparison:
 
     @property
     def _order(self) -> list[str]:
-        """Names in the order of laws: the model, references, engines, then rigid laws."""
+        """Names of the solvers in the order of tables: the model, references and engines, then the rigid laws."""
         known = sort_by_law([name for name in self.outcomes if name not in RIGID_LAWS])
         return [*known, *(name for name in RIGID_LAWS if name in self.outcomes)]
 
     def label(self, name: str) -> str:
-        """Return how tables and pictures call a solver; a sequential law has its order of contacts."""
+        """Return the name of a solver in tables and pictures; for a sequential law it tells the order of contacts."""
         contacts = len(self.problem.contacts)
         if name == "sequential-top":
             return "sequential (1)" if contacts == 1 else f"sequential (1 to {contacts})"
@@ -108,7 +121,10 @@ class GraphComparison:
         return name
 
     def objects(self) -> list[dict[str, object]]:
-        """Return one object per solver, in m/s and rad/s; missing numbers are NaN, which JSON has as null."""
+        """Return one dictionary per solver, which becomes an object in JSON.
+
+        Velocities are in m/s and rad/s. Missing numbers are NaN, which becomes null in JSON.
+        """
         divergences = self.divergences
         return [
             {
@@ -127,7 +143,7 @@ class GraphComparison:
         ]
 
     def blocks(self) -> list[Block]:
-        """Return the table of all solvers, and the sentences on it."""
+        """Return the table of all solvers, and the sentences about it."""
         sentences: list[str] = []
         shows_numbers = False
         for name in self._order:
@@ -154,7 +170,7 @@ class GraphComparison:
         ]
 
     def _table(self) -> Table:
-        """Lay out one row per solver, with the velocity of each body in a column."""
+        """Return the table of outcomes, with a row for each solver and a column for each body's velocity."""
         divergences, axes = self.divergences, "x, z" if len(self.problem.velocities[0]) == 2 else "x, y, z"
         bodies = range(1, len(self.problem.masses) + 1)
         turns = bool(len(self.problem.inertias))
@@ -175,7 +191,10 @@ class GraphComparison:
         return Table([*header, "D", "E/E0"], rows, text=2)
 
     def _versions(self) -> list[str]:
-        """Name the versions of the project and of the engines and plug-ins that solved this."""
+        """Return a sentence with the versions of the project and of the engines and plug-ins that solved the graph.
+
+        The list is empty if no engine and no plug-in solved the graph.
+        """
         foreign = [
             name
             for name in self.versions
@@ -194,7 +213,10 @@ class GraphComparison:
         )
 
     def plot(self) -> Figure:
-        """Draw bodies, normals and velocities, one panel per solver with a result; a `ValueError` if there is none."""
+        """Draw bodies, contact normals and velocities, with a panel for each solver that has a result.
+
+        A `ValueError` is raised if no solver has a result.
+        """
         from impact_xval.experiments.presentation.pictures.graphs import draw_graph
 
         divergences = self.divergences
@@ -204,10 +226,10 @@ class GraphComparison:
             if self.outcomes[name].has_result
         }
         if not drawn:
-            raise ValueError("no solver has a result to draw; legal: a graph that one solves")
+            raise ValueError("no solver has a result to draw; legal: a graph that a solver can solve")
         return draw_graph(self.problem, drawn, self.caption())
 
 
 def _numbers(vector: tuple[float, ...]) -> str:
-    """Write a velocity for a reader."""
+    """Return the components of a velocity as text, with four decimals and "-" for NaN."""
     return ", ".join("-" if np.isnan(x) else f"{round(x, 4) + 0.0:.4f}" for x in vector)

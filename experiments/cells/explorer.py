@@ -1,6 +1,8 @@
-"""The explorer: a page, served to this machine alone, whose chart and table follow its sliders.
+"""Server of the explorer, a page in a browser whose chart and table follow its sliders.
 
-Exact solvers and engines run in separate processes: no crash or long run of an engine delays a slider.
+The page shows one collision or chain by every solver, and only this machine can open it. Exact solvers and engines run
+in separate worker processes, so that an engine that crashes or runs for long does not delay the sliders. The command
+``explore`` calls `explore`.
 """
 
 from __future__ import annotations
@@ -33,29 +35,34 @@ from impact_xval.experiments.sweep.one import SolversApart, open_solvers_apart
 from impact_xval.experiments.sweep.process import ClosedError
 from impact_xval.model.outcome import Outcome
 
-#: Points of a line of a chart, by coordinate: ``x`` and ``y``.
+#: Coordinates of the points of one line in a chart, under the keys ``x`` and ``y``.
 ChartSource = dict[str, Sequence[float]]
 
-#: Solvers that run by the button, and solvers that follow the sliders.
+#: Solvers that run when the button is pressed (`ENGINES`), and solvers that follow the sliders (`EXACT`).
 ENGINES = tuple(filter(is_engine, solver_names()))
 EXACT = tuple(name for name in solver_names() if name not in ENGINES)
 
 
 class ExplorerCells:
-    """Solves the cells that pages ask for; processes begin when they are first needed, and `ending` ends them."""
+    """Solutions of the collisions that open pages request.
+
+    Worker processes are started when they are first needed. They are ended with the stack `ending`.
+    """
 
     def __init__(self, ending: contextlib.ExitStack) -> None:
         self._ending = ending
         self._processes: dict[bool, SolversApart] = {}
         self._locks = {engines: threading.Lock() for engines in (False, True)}
         self._starting, self.closed = threading.Lock(), False
-        # The table is asked for again as each of the engines ends.
+        # The page requests the whole table again whenever an engine has finished, so outcomes of engines are kept.
         self._solve_cached = lru_cache(64)(self._solve)
 
     def answer(self, query: str) -> dict[str, object]:
-        """Return what a page shows of an address, options of `solve` and ``solver`` for every engine.
+        """Return what the page shows for the parameters in its address.
 
-        That is ``problem``, one line; or ``results``, HTML, and ``data`` of the charts.
+        The parameters are the options of the command ``solve``, and ``solver`` for every engine that shall run. The
+        result has ``results``, the tables as HTML, and ``data``, the coordinates of all lines of the charts. If a
+        parameter is illegal, the result has only ``problem``, one line that says what is legal.
         """
         given = parse_qsl(query, keep_blank_values=True)
         typed = (("cell_timeout", "60"), *((key, value) for key, value in given if key != "solver"))
@@ -72,13 +79,16 @@ class ExplorerCells:
         }
         compared = SolverComparison(collision, outcomes, chain, versions)
         blocks = compared.blocks()
-        if compared.is_chain:  # its table counts states
+        if compared.is_chain:  # the table of a chain has only the number of states
             rows = [(name, " ".join(outcome.states)) for name, outcome in outcomes.items() if outcome.states]
             blocks.append(Table(["solver", "contacts that act"], rows, text=2))
         return {"results": render_blocks(blocks), "data": _chart_sources(compared)}
 
     def _solve(self, typed: tuple[tuple[str, str], ...], names: tuple[str, ...]) -> dict[str, Outcome]:
-        """Solve a cell by engines or by exact solvers, after the earlier cells of the same sort."""
+        """Solve a collision by engines or by exact solvers, and return the outcomes by name.
+
+        Each of the two kinds solves one collision at a time; a later request waits for the earlier one.
+        """
         collision, chain, config = parse_collision(dict(typed))
         engines, points = names != EXACT, None if chain is None else 0
         with self._locks[engines]:
@@ -93,13 +103,13 @@ class ExplorerCells:
             )
 
     def close(self) -> None:
-        """Start no more processes; the running ones end with the block."""
+        """Start no worker processes from now on; running ones are ended by the stack `ending`."""
         with self._starting:
             self.closed = True
 
 
 def _chart_sources(compared: SolverComparison) -> dict[str, ChartSource]:
-    """Return the data of the charts' sources; the sources of a solver with nothing to draw are empty."""
+    """Return the coordinates of all lines of the charts by name; a solver with nothing to draw has empty lines."""
     collision, kinds = compared.problem, ("balls", "curve", "end")
     data: dict[str, ChartSource] = {
         f"{kind} {name}": {"x": [], "y": []} for name in (*EXACT, *ENGINES) for kind in kinds
@@ -121,7 +131,7 @@ def _chart_sources(compared: SolverComparison) -> dict[str, ChartSource]:
 
 @cache
 def explorer_page() -> str:
-    """Return the page as HTML; its script then asks for cells."""
+    """Return the page as HTML. The script in it requests the results of a collision from this server."""
     solvers = sort_by_law([*EXACT, *ENGINES])
     charts = {"curves": curves_chart(solvers), "velocities": velocities_chart(solvers)}
     items = [json_item(chart, ID(name)) for name, chart in charts.items()]
@@ -132,28 +142,29 @@ def explorer_page() -> str:
 class _Server(ThreadingHTTPServer):
     """The server of the page, one thread per request."""
 
-    #: Threads are joined: one that imported while the interpreter ended aborted it ("exception not rethrown").
+    #: False: the server waits for the threads of its requests. A thread that was importing a module while the
+    #: interpreter ended made the process abort ("exception not rethrown").
     daemon_threads = False
     cells: ExplorerCells
 
     def handle_error(
         self, request: socket.socket | tuple[bytes, socket.socket], client_address: object
     ) -> None:
-        """Ignore the errors of a closed page and of a cell that Ctrl-C ended."""
+        """Ignore errors that come from a page that was closed, or from a solution that Ctrl-C ended."""
         if not (self.cells.closed or isinstance(sys.exc_info()[1], OSError | ClosedError | CancelledError)):
             super().handle_error(request, client_address)
 
 
 class _Request(BaseHTTPRequestHandler):
-    """One request of a browser: for the page, or for a cell."""
+    """One request of a browser, for the page or for the results of a collision."""
 
-    #: Seconds until a silent connection is closed: browsers open connections in advance.
+    #: Seconds after which a connection without a request is closed. Browsers open connections before they need them.
     timeout = 5
 
     def do_GET(self) -> None:
-        """Answer with the page, or with the results of a cell."""
+        """Answer with the page, or with the results of a collision."""
         path, _, query = self.path.partition("?")
-        kind, text = "text/plain", ""  # such as the icon, which browsers ask for
+        kind, text = "text/plain", ""  # the answer to anything else, such as the icon of the page
         if path == "/":
             kind, text = "text/html", explorer_page()
         elif path == "/solved":
@@ -165,29 +176,36 @@ class _Request(BaseHTTPRequestHandler):
         self.wfile.write(text.encode())
 
     def log_message(self, format: str, *args: object) -> None:
-        """Write nothing: the terminal is for the address alone."""
+        """Print nothing: the terminal shows the address of the page only."""
 
 
 def explore(port: int, announce: Callable[[str], object]) -> None:
-    """Serve the page to this machine alone until interrupted, and then end all processes and threads.
+    """Serve the page to this machine until Ctrl-C, and then end all worker processes and threads.
 
-    `announce` is called with the address of the page. Port 0 stands for any free port.
+    Parameters
+    ----------
+    port : int
+        Port on this machine; 0 stands for any free port.
+    announce : callable
+        Called with the address of the page when the server has started.
     """
     with contextlib.ExitStack() as ending:
         cells = ExplorerCells(ending)
         try:
             server = ending.enter_context(_Server(("127.0.0.1", port), _Request))
         except OSError as error:
-            raise UserError(f"--port = {port}: {error.strerror}; legal: a free one (0: any)") from None
+            raise UserError(
+                f"--port = {port}: {error.strerror}; legal: a free port, or 0 for any free port"
+            ) from None
         server.cells = cells
-        # Not in the main thread, which receives Ctrl-C: it could come while the thread of a request is started.
+        # The server runs in a second thread. Ctrl-C interrupts the main thread, and must not do so while it starts the
+        # thread of a request.
         threading.Thread(target=server.serve_forever, daemon=True).start()
         try:
             announce(f"http://127.0.0.1:{server.server_port}/")
             with contextlib.suppress(KeyboardInterrupt):
-                while (
-                    True
-                ):  # in short pieces: a signal that came as a request's thread began was seen not to wake it
+                # Short sleeps: a signal that came while the thread of a request was started did not end a long sleep.
+                while True:
                     time.sleep(0.2)
         finally:
             cells.close()

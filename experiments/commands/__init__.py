@@ -1,1 +1,1 @@
-"""The command line, one file a group of commands. Imports every room."""
+"""The command line ``impact-xval``, with one module for each group of commands."""

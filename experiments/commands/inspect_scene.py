@@ -1,4 +1,8 @@
-"""``impact-xval inspect``: the contacts of a MuJoCo scene, the traps in them, and a scene without these."""
+"""Command ``impact-xval inspect``: shows the contacts of a MuJoCo scene and the traps in their parameters.
+
+A trap is a parameter that MuJoCo replaces, ignores or reads in another way. The command can also write a scene without
+traps.
+"""
 
 from __future__ import annotations
 
@@ -20,38 +24,37 @@ from impact_xval.experiments.commands.options import (
 )
 from impact_xval.experiments.config.errors import UserError
 
-if TYPE_CHECKING:  # the package imports MuJoCo
+if TYPE_CHECKING:  # these modules import MuJoCo
     from impact_xval.compliant_baselines.inspect_mujoco import Examination
     from impact_xval.compliant_baselines.inspect_mujoco.readings import Kind
 
-#: Seconds to load, measure and examine a scene.
+#: Time limit in s to load, measure and examine a scene.
 _TO_INSPECT = 180.0
 
 
 def inspect_command(
-    scene: Path = argument("SCENE.xml", "An MJCF file (.xml) or a compiled scene (.mjb).", parse_path),
+    scene: Path = argument("SCENE.xml", "MJCF file (.xml) or compiled scene (.mjb) to examine.", parse_path),
     speed: float = option("M/S", "Speed at which the bodies meet.", parse_number, 1.0),
     geom: str | None = option(
         "NAME", "Examine the contacts of this geom only. #3 is geom number 3; numbers begin at 0."
     ),
-    all: bool = flag_option(
-        "--all", "Show all groups, all traps, and a row for every contact that is measured."
-    ),
+    all: bool = flag_option("--all", "Show all groups and traps, and a row for every measured contact."),
     fix: Path | None = option(
-        "FILE", "Write the scene to a new file, with the contacts that were meant.", parse_path
+        "FILE", "Write the scene to a new file, with the contacts that its author meant.", parse_path
     ),
     keep: bool = flag_option(
-        "--keep", "With --fix: contacts do what they do now, in any mass, at a step that is short enough."
+        "--keep", "With --fix: contacts behave as now, with any mass and any step that is short enough."
     ),
     newton_metre: bool = flag_option(
-        "--newton-metre", "With --fix: negative numbers of solref mean N/m and N s/m."
+        "--newton-metre", "With --fix: negative numbers of solref are meant in N/m and N s/m."
     ),
     json: Json = False,
 ) -> None:
     """Measure the contacts of a MuJoCo scene, and look for traps in them.
 
-    Contacts with the same parameters are a group. Of each group two bodies alone are dropped and loaded. You get their
-    restitution, stiffness, steps in a contact and depth at rest, and what to write for another contact.
+    Contacts with the same parameters form a group. Two bodies of each group are dropped and loaded, without the rest of
+    the scene. You get their restitution, stiffness, time steps per contact and depth at rest, and the parameters to
+    write for another contact.
 
     A trap is a parameter that the engine replaces, ignores or reads in another way. The exit code is 3 if there are
     traps.
@@ -78,7 +81,7 @@ def inspect_command(
 
     kind: Kind = "newton-metre" if newton_metre else "keep"
     request = InspectionRequest(speed, geom, all, fix, kind)
-    # In a process of its own: a few bytes can be a scene of any size, and crash its engine.
+    # A worker process loads the scene: a small file can describe a huge scene, which may crash the engine.
     with report_waiting(f"dropping the contacts of {scene}"), contextlib.closing(Worker(request)) as worker:
         try:
             answer = worker.call(answer_request, scene, timeout=_TO_INSPECT)
@@ -105,7 +108,7 @@ def inspect_command(
 
 
 def _check_fix(scene: Path, fix: Path | None, keep: bool, newton_metre: bool, json: bool) -> None:
-    """Check that the options of a scene to write are complete and do not contradict each other."""
+    """Raise a UserError unless the options of --fix are complete and do not contradict each other."""
     if fix is None:
         if keep or newton_metre:
             raise UserError("--keep and --newton-metre: without --fix; legal: beside --fix FILE")
@@ -122,7 +125,7 @@ def _check_fix(scene: Path, fix: Path | None, keep: bool, newton_metre: bool, js
 
 
 def _describe_in_json(examination: Examination) -> dict[str, Any]:
-    """Return an examination as JSON has it, which knows no infinity."""
+    """Return an examination as values for JSON; an infinite mass is the text "inf"."""
     rows: list[dict[str, Any]] = []
     groups: list[dict[str, Any]] = []
     for number, group in enumerate(examination.groups, 1):

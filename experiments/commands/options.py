@@ -1,7 +1,8 @@
-"""Options that several commands share, and parsers of their values.
+"""Options that several commands share, and parsers of option values.
 
-An error is one line that names the option, the value and the legal range: of a collision a configuration judges them,
-of other options a parser. Nothing heavy is imported, so that help comes at once.
+An illegal value is reported in one line that names the option, the value and the legal values. Options of a collision
+are judged by the validation of a configuration, all other options by the parsers here. Slow modules are not imported,
+so that help texts appear at once. The modules with the commands use this module.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from impact_xval.experiments.config.graph_options import GRAPH_PARAMETERS
 
 
 def parse_number(text: str) -> float:
-    """Read a number; the command that uses it checks for infinity and NaN."""
+    """Return a text as a number; the command that uses the number checks for infinity and NaN."""
     try:
         return float(text)
     except ValueError:
@@ -30,11 +31,14 @@ def parse_number(text: str) -> float:
 
 
 class Numbers(tuple[float, ...]):
-    """Numbers of one option, as many as were typed after it."""
+    """All numbers that were typed after one option."""
 
 
 def numbers_parser(fewest: int, most: int) -> Callable[[str], Numbers]:
-    """Return a parser of that many numbers, separated by blanks; see `command_with_numbers`."""
+    """Return a parser of texts with `fewest` to `most` numbers that are separated by spaces.
+
+    `command_with_numbers` makes one such text of all words after an option.
+    """
     count = {(1, 2): "one or two numbers", (2, 2): "two numbers", (2, 3): "two or three numbers"}.get(
         (fewest, most), f"{fewest} to {most} numbers"
     )
@@ -52,9 +56,10 @@ def numbers_parser(fewest: int, most: int) -> Callable[[str], Numbers]:
 
 
 def command_with_numbers(*names: str) -> type[TyperCommand]:
-    """Return a class of commands whose options of these names take all that follows up to the next option.
+    """Return a class of commands in which these options take all words that follow, up to the next option.
 
-    The words are joined to one value, which `numbers_parser` reads. A negative number is no option.
+    The words become one text, the value of the option, which `numbers_parser` reads. A negative number counts as a word
+    and not as an option.
     """
 
     class CommandWithNumbers(TyperCommand):
@@ -65,9 +70,12 @@ def command_with_numbers(*names: str) -> type[TyperCommand]:
 
 
 def join_numbers(words: Sequence[str], names: Sequence[str]) -> list[str]:
-    """Join the words after each option of these names to one word, up to the next option."""
+    """Return the words of a command line in which the words after each of these options are joined to one word.
+
+    An option's words end at the next option.
+    """
     joined: list[str] = []
-    is_gathering = False  # the last word of `joined` is the value of such an option
+    is_gathering = False  # True if the last word of `joined` is the value of one of these options
     for i, word in enumerate(words):
         if is_gathering and not _is_option(word):
             joined[-1] = f"{joined[-1]} {word}"
@@ -78,7 +86,7 @@ def join_numbers(words: Sequence[str], names: Sequence[str]) -> list[str]:
 
 
 def _is_option(word: str) -> bool:
-    """Tell whether a word is an option and not a negative number."""
+    """Return whether a word is an option; a negative number is not."""
     try:
         float(word)
     except ValueError:
@@ -87,7 +95,7 @@ def _is_option(word: str) -> bool:
 
 
 def whole_number_parser(low: int, high: int) -> Callable[[str], int]:
-    """Return a parser of whole numbers in a range."""
+    """Return a parser of whole numbers from `low` to `high`."""
 
     def read(text: str) -> int:
         if not re.fullmatch(r"-?\d{1,18}", text) or not low <= int(text) <= high:
@@ -98,8 +106,8 @@ def whole_number_parser(low: int, high: int) -> Callable[[str], int]:
 
 
 def parse_path(text: str) -> Path:
-    """Read a path; the command that uses it checks what is there."""
-    # pathlib takes the empty text, a variable of the shell that is not set, for ".".
+    """Return a text as a path; the command that uses the path checks whether it exists."""
+    # pathlib would take an empty text for ".". It comes, for example, from a shell variable that is not set.
     if not text or not text.isprintable():
         raise typer.BadParameter(f"{text!r:.60}; legal: a path")
     return Path(text)
@@ -117,7 +125,10 @@ def word_parser(*words: str) -> Callable[[str], str]:
 
 
 def parse_shard(text: str) -> tuple[int, int]:
-    """Read ``I/N`` of --shard: number of a shard, from 1, and how many there are."""
+    """Return the two numbers in ``I/N``, the value of --shard.
+
+    They are the number of a shard, from 1, and the number of shards.
+    """
     parts = re.fullmatch(r"(\d{1,5})/(\d{1,5})", text)
     if parts is None or not 1 <= int(parts[1]) <= int(parts[2]):
         raise UserError(f"--shard = {text!r:.60}; legal: I/N, I from 1 to N, such as 1/4")
@@ -125,13 +136,16 @@ def parse_shard(text: str) -> tuple[int, int]:
 
 
 def print_json(value: object) -> None:
-    """Print strict JSON, with null for infinity and NaN."""
+    """Print a value as strict JSON, with null for infinity and NaN."""
     plain = json.loads(json.dumps(value), parse_constant=lambda _: None)
     typer.echo(json.dumps(plain, indent=2))
 
 
 def known_solvers(solvers: list[str] | None) -> list[str]:
-    """Check the names of solvers and append the model if it is missing; without names, return the default solvers."""
+    """Return the names of solvers, with the model appended if it is missing; without names, the default solvers.
+
+    A UserError is raised if a name is not a solver's.
+    """
     from impact_xval.compliant_baselines.registry import solver_names
     from impact_xval.experiments.config.experiment import REFERENCE, solvers_problem
 
@@ -145,41 +159,43 @@ def known_solvers(solvers: list[str] | None) -> list[str]:
 def option(
     metavar: str, help_text: str, parser: Callable[[str], object] | None = None, default: object = None
 ) -> Any:
-    """Return an option with a value; `...` as its default makes it required."""
+    """Return an option that takes a value; with `...` as its default the option is required."""
     return typer.Option(default, metavar=metavar, help=help_text, parser=parser)
 
 
 def argument(
     metavar: str, help_text: str, parser: Callable[[str], object] | None = None, default: object = ...
 ) -> Any:
-    """Return an argument, required without a default."""
+    """Return an argument; without a default it is required."""
     return typer.Argument(default, metavar=metavar, help=help_text, parser=parser)
 
 
 def flag_option(name: str, help_text: str) -> Any:
-    """Return an option without a value."""
+    """Return an option that takes no value and is False unless it is typed."""
     return typer.Option(False, name, help=help_text)
 
 
 Workers = Annotated[
     int | None,
-    typer.Option(metavar="N", parser=whole_number_parser(1, 4096), help="Processes; by default one a core."),
+    typer.Option(
+        metavar="N", parser=whole_number_parser(1, 4096), help="Number of processes; by default one per core."
+    ),
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the results as JSON.")]
 
 Solvers = Annotated[
     list[str] | None,
-    typer.Option("--solver", metavar="NAME", help="A solver; may be repeated, the model is added."),
+    typer.Option("--solver", metavar="NAME", help="Solver to use; may be repeated. The model is added."),
 ]
 
 
 def with_collision_options(
     *without: str, graphs: bool = False
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Return a decorator that replaces the keywords of a command by the options of one collision.
+    """Return a decorator that gives a command the options of one collision, in place of its ``**`` parameter.
 
-    The options named in `without` are skipped. With `graphs` those of contact graphs follow. Of these the help has
-    --graph alone, for the others depend on the graph (docs/graphs.md).
+    Options in `without` are skipped. With `graphs` the command also gets the options of contact graphs. The help shows
+    only --graph of these, because the other options depend on the graph (docs/graphs.md).
     """
 
     def add(command: Callable[..., None]) -> Callable[..., None]:

@@ -1,4 +1,4 @@
-"""Commands that make a run, and those that show a run's folder."""
+"""Commands ``run``, ``show``, ``report`` and ``compare``: they make a run of an experiment, and show its results."""
 
 from __future__ import annotations
 
@@ -41,31 +41,31 @@ if TYPE_CHECKING:
 
 def run_command(
     config: Path | None = argument(
-        "[FILE.toml]", "The experiment; without it, the built-in grid.", parse_path, None
+        "[FILE.toml]", "File of the experiment; by default the built-in grid.", parse_path, None
     ),
     out: Path | None = option("DIR", "Folder to write; by default runs/NAME.", parse_path),
     workers: Workers = None,
-    scheduler: str | None = option("ADDRESS", "Compute on a Dask cluster, by its scheduler."),
+    scheduler: str | None = option("ADDRESS", "Compute on the Dask cluster with this scheduler."),
     shard: str = option(
-        "I/N", "Compute every N-th part, from the I-th, in a folder of all N.", default="1/1"
+        "I/N", "Compute every N-th part from the I-th; all N commands share a folder.", default="1/1"
     ),
-    quick: bool = flag_option("--quick", "A first taste: 40 cells of the built-in grid, in a minute."),
+    quick: bool = flag_option("--quick", "Compute only 40 cells of the built-in grid, in a minute."),
 ) -> None:
     """Run an experiment: tables, figures, a page.
 
-    Everything goes into one folder; report.html there is the page to read.
-    The same command continues a run; so does --out DIR alone, by the experiment that was begun there.
+    Everything is written into one folder; report.html there is the page to read.
+    The same command continues a run that was stopped. With --out DIR alone, the experiment in DIR is continued.
 
     Example: impact-xval run my.toml --out my-run
     """
     start = time.perf_counter()
     part = parse_shard(shard)
     experiment = _experiment(config, out, quick)
-    # Imported once the configuration is known to be legal, because it takes a second.
+    # Imported only when the configuration is known to be legal, because these imports take a second.
     from impact_xval.experiments.presentation.terminal import make_console
     from impact_xval.experiments.sweep.run import present_once, run_sweep
 
-    # A name in which nothing can leave the folder or hide.
+    # Characters are replaced with which the name could lead out of the folder "runs" or be a hidden file.
     root = out or Path("runs") / (re.sub(r"[^A-Za-z0-9._-]+", "-", experiment.name).strip("-.") or "run")
     words: list[str | Path] = [
         "run",
@@ -84,12 +84,12 @@ def run_command(
         return present_run(folder, apart)
 
     def import_ahead() -> None:
-        # A failure here is ignored: the import is repeated where it is needed, and fails there with its message.
+        # An error is ignored here: the module is imported again when it is needed, and then the error is reported.
         with contextlib.suppress(Exception):
             importlib.import_module("impact_xval.experiments.presentation.report")
 
     with writing_folder(words, console, experiment.size()) as progress:
-        # Imported in a thread while cells are solved, because matplotlib takes a second.
+        # The report is imported in a thread while cells are solved, because importing matplotlib takes a second.
         threading.Thread(target=import_ahead).start()
         result = run_sweep(
             experiment,
@@ -101,7 +101,7 @@ def run_command(
             to_be_presented=True,
         )
         summary = present_once(result, present)
-    if summary is not None:  # else parts are left to other shards, or another shard has written the page
+    if summary is not None:  # None: other shards have parts to compute, or another shard has written the page
         from impact_xval.experiments.presentation.terminal import error_line
         from impact_xval.experiments.presentation.views import show_end
 
@@ -115,13 +115,16 @@ def run_command(
 
 
 def show_command(
-    folder: Path = argument("DIR", "Folder of a run.", parse_path),
-    cell: int | None = option("N", "One cell: outcomes, and why they differ.", whole_number_parser(0, 10**7)),
+    folder: Path = argument("DIR", "Folder of the run.", parse_path),
+    cell: int | None = option(
+        "N", "Show one cell: outcomes and why they differ.", whole_number_parser(0, 10**7)
+    ),
     json: Json = False,
 ) -> None:
-    """Show how far a run is, and what it found.
+    """Show the progress and the results of a run.
 
-    Once it is finished: medians, and why engines diverge; with --cell one cell by every solver, and its causes.
+    For a finished run: median divergences, and why engines diverge. With --cell: one cell by every solver, and why they
+    diverge there.
 
     Example: impact-xval show runs/default --cell 17
     """
@@ -152,18 +155,20 @@ def show_command(
 
 
 def report_command(
-    folder: Path = argument("DIR", "Folder of a finished run, or with --supplement a new one.", parse_path),
+    folder: Path = argument("DIR", "Folder of a finished run; with --supplement a new folder.", parse_path),
     only: str | None = option(
-        "WHAT", "'page', 'tables' or 'figures': write that alone.", word_parser("page", "tables", "figures")
+        "WHAT",
+        "Write only the 'page', the 'tables' or the 'figures'.",
+        word_parser("page", "tables", "figures"),
     ),
-    latex: bool = flag_option("--latex", "Write the table of divergence as summary.tex too."),
+    latex: bool = flag_option("--latex", "Also write the table of divergence as summary.tex."),
     supplement: bool = flag_option(
         "--supplement", "Draw the six panels of the model's supplement into a new folder."
     ),
 ) -> None:
     """Write the page of a finished run again.
 
-    And its summary and figures, or one of the three.
+    The summary and the figures are written too. With --only, one of the three is written.
 
     Example: impact-xval report runs/default --only figures
     """
@@ -200,16 +205,19 @@ def report_command(
 
 def compare_command(
     run_a: Path = argument("A", "A finished run.", parse_path),
-    run_b: Path = argument("B", "One of the same cells.", parse_path),
+    run_b: Path = argument("B", "Another finished run of the same cells.", parse_path),
     tolerance: float = option(
-        "T", "Change of a velocity per |v0|, and of D, that is none; 0: no bit.", parse_number, 1e-9
+        "T",
+        "Largest change of a velocity per |v0|, or of D, to ignore; 0: identical bits.",
+        parse_number,
+        1e-9,
     ),
     json: Json = False,
 ) -> None:
-    """Show what moved between two runs.
+    """Show what changed between two runs.
 
-    By solver and cell: after an upgrade of an engine, or in CI. Exit code 3 if anything did: a status, a velocity
-    or D; or if one run alone has a solver or a cell.
+    Changes are listed by solver and cell, for example after an upgrade of an engine, or in CI. The exit code is 3 if a
+    status, a velocity or D changed, or if only one of the runs has a solver or a cell.
 
     Example: impact-xval compare before after --tolerance 1e-6
     """
@@ -231,7 +239,10 @@ def compare_command(
 
 
 def _experiment(file: Path | None, root: Path | None, quick: bool) -> Config:
-    """Read an experiment from a file, or else from the folder of a run, or else return the built-in one."""
+    """Return the experiment in a file; without a file, that of the run in the folder `root`, or the built-in one.
+
+    With `quick`, 40 cells of the built-in grid are the experiment.
+    """
     from impact_xval.experiments.config.experiment import load_config, parse_config
     from impact_xval.experiments.tables.folder import CONFIGURATION, check_continues
 
@@ -250,25 +261,32 @@ def _experiment(file: Path | None, root: Path | None, quick: bool) -> Config:
     check_continues(root)
     kept = load_config(root / CONFIGURATION)
     if quick and kept.identity() != built_in.identity():
-        raise UserError(f"--quick with --out {root}: holds another run; legal: one of both")
+        raise UserError(f"--quick with --out {root}, which has another run; legal: one of both")
     return kept
 
 
 def check_holds_something(file: Path, command: str) -> None:
-    """Refuse a file without keys: it would run the built-in design by mistake."""
+    """Raise a UserError if a TOML file has no keys: with it the built-in design would run by mistake."""
     from impact_xval.experiments.config.errors import read_toml
 
     if not read_toml(file):
-        without = f"what is built in needs no file: impact-xval {command}"
+        without = f"the built-in design needs no file: impact-xval {command}"
         raise UserError(f"{file}: empty; legal: a TOML file with a key or more; {without}")
 
 
 @contextlib.contextmanager
 def writing_folder(words: Sequence[str | Path], console: Console, before: str) -> Generator[Progress]:
-    """Show the progress of the block, which writes a folder; if it is interrupted, the error says how to continue.
+    """Show the progress of the block, which writes into a folder; yield the function that reports progress.
 
-    `words` are the words of the command that continues it. `before` is printed with the first report, when the input is
-    known to be legal.
+    If the block is interrupted, the error says by which command it is continued.
+
+    Parameters
+    ----------
+    words : sequence of str or Path
+        Words of that command, without ``impact-xval``.
+    console : Console
+    before : str
+        Line that is printed with the first report, when the input is known to be legal.
     """
     from impact_xval.experiments.presentation.terminal import COMPILING, show_progress
     from impact_xval.model.compiled import is_compiled

@@ -1,4 +1,4 @@
-"""The command that asks every engine what happens when several bodies meet at once."""
+"""Command ``impact-xval scoreboard``: compares the answers of all engines to simultaneous impacts with exact laws."""
 
 from __future__ import annotations
 
@@ -12,31 +12,32 @@ from impact_xval.experiments.commands.options import Solvers, Workers, known_sol
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.renamed import CASES, STATUSES
 
-if TYPE_CHECKING:  # which import NumPy
+if TYPE_CHECKING:  # these modules import NumPy
     from impact_xval.experiments.scoreboard.environments import Environment, NotInstalledError
 
 
 def scoreboard_command(
     solver: Solvers = None,
     out: Path | None = option("DIR", "Folder to write; by default runs/scoreboard.", parse_path),
-    baseline: Path | None = option("DIR", "A scoreboard to hold this one against.", parse_path),
+    baseline: Path | None = option("DIR", "Folder of an earlier scoreboard to compare with.", parse_path),
     requirements: Annotated[
         list[str] | None,
         typer.Option(
             "--with",
             metavar="REQUIREMENT",
-            help="A version of an engine, asked in an environment of its own; may be repeated.",
+            help="Version of an engine to install and ask, such as mujoco==3.3.7; may be repeated.",
         ),
     ] = None,
     workers: Workers = None,
 ) -> None:
     """Ask every engine what happens when bodies meet at once.
 
-    Installed engines and their settings against every exact law: a table, a page. With --baseline, exit code 3 if an
-    answer moved, or a solver is gone. The same command continues one that was stopped.
+    Installed engines, with several settings, are compared with every exact law. You get a table and a page. With
+    --baseline, the exit code is 3 if an answer changed or a solver is missing. The same command continues a scoreboard
+    that was stopped.
 
-    Each --with is installed, by uv where it is found or else by pip, in an environment in the user's cache folder, and
-    what moved from version to version is printed. With --solver, those of its solvers are asked.
+    Each version after --with is installed by uv, or by pip without uv, in its own environment in the user's cache
+    folder. The changes from version to version are printed. With --solver, only these solvers are asked.
 
     Example: impact-xval scoreboard --with mujoco==3.3.7 --with mujoco==4.0.0
     """
@@ -55,7 +56,7 @@ def scoreboard_command(
     except (OSError, ValueError) as error:
         raise UserError(f"--baseline = {baseline}: holds no {ANSWERS} of a scoreboard: {error}") from None
     if before is not None:
-        before = before.replace({"case": CASES, "status": STATUSES})  # of version 0.4
+        before = before.replace({"case": CASES, "status": STATUSES})  # version 0.4 wrote the old names
     elsewhere, missing = _make_environments(requirements or (), names)
     console, root = make_console(), out or Path("runs") / "scoreboard"
     with show_progress(console) as progress:
@@ -74,11 +75,11 @@ def scoreboard_command(
     moved = answers.head(0)
     if before is not None:
         gone = [] if solver else sorted(set(before.solver) - set(answers.solver))
-        print_blocks(console, [f"{name}: in {baseline}, and not here" for name in gone])
+        print_blocks(console, [f"{name}: is in {baseline}, but not in this scoreboard" for name in gone])
         moved = list_moved_answers(before, answers)
-        caption = f"{len(moved)} answers moved from those in {baseline}; the largest"
+        caption = f"{len(moved)} answers differ from those in {baseline}; the largest differences"
         table = frame_table(moved.head(20), caption, 6)
-        print_blocks(console, [f"no answer moved from those in {baseline}" if moved.empty else table])
+        print_blocks(console, [f"no answer differs from those in {baseline}" if moved.empty else table])
     if missing:
         raise _all_in_one(missing)
     if gone or len(moved):
@@ -88,9 +89,11 @@ def scoreboard_command(
 def _make_environments(
     texts: Sequence[str], names: Sequence[str]
 ) -> tuple[list[tuple[str, Environment]], list[NotInstalledError]]:
-    """Install the requirements of --with; return the solvers with their environments, and the failures.
+    """Install the versions of engines after --with, each in its own environment.
 
-    With `names` only those solvers are returned. If nothing can be installed, a `UserError` has the first reason.
+    Return each solver of these engines with its environment, and the errors of versions that could not be installed. If
+    there are `names`, only solvers with these names are returned. If no version can be installed, a `UserError` gives
+    the first reason.
     """
     if not texts:
         return [], []
@@ -115,7 +118,7 @@ def _make_environments(
     missing: list[NotInstalledError] = []
     for requirement in requirements:
         try:
-            with report_waiting(f"installing {requirement} in an environment of its own"):
+            with report_waiting(f"installing {requirement} in its own environment"):
                 environment = make_environment(requirement)
         except NotInstalledError as error:
             missing.append(error)
@@ -127,7 +130,10 @@ def _make_environments(
 
 
 def _all_in_one(missing: Sequence[NotInstalledError]) -> UserError:
-    """Make one error of several failures: the reason of the first, and the requirements of the rest."""
+    """Return one error for several versions that could not be installed.
+
+    Its message has the reason for the first version, and the names of the others.
+    """
     first, *others = missing
     more = "".join(f", {other.requirement}" for other in others)
     return UserError(f"{first}" + (f" (and {len(others)} more:{more.removeprefix(',')})" if others else ""))

@@ -1,4 +1,8 @@
-"""Commands for one collision: solved by every solver, in a browser, or written as files that an engine runs alone."""
+"""Commands for one collision: ``solve``, ``explore`` and ``scene``.
+
+``solve`` solves a collision by every solver, ``explore`` shows one in a browser, and ``scene`` writes files with which
+an engine runs a collision without this project.
+"""
 
 from __future__ import annotations
 
@@ -35,24 +39,30 @@ if TYPE_CHECKING:
     from impact_xval.experiments.tables.frames import Record
     from impact_xval.model import Collision
 
-#: Suffixes of pictures, and of files that show motion.
+#: Suffixes of files with a picture, and of files with slow motion.
 _PICTURES, _FILMS = (".png", ".svg", ".pdf"), (".gif", ".html")
-#: Most points of the path of a chain that is shown in motion: a path of many balls is large to send.
+#: Largest number of points of the path of a chain that is shown in motion. The full path of many balls takes long to
+#: send between processes.
 _POINTS = 4000
 #: Engines whose scenes can be written.
 _EXPORTED = ("mujoco", "pybullet")
 
 
 def _drawable_path(text: str) -> Path:
-    """Read the path of a picture or film, and check before anything is computed that it can be written."""
+    """Return a text as the path of a picture or film; an error says if the file cannot be written.
+
+    Thus a mistake is found before anything is computed.
+    """
     file = parse_path(text)
     if file.suffix not in (*_PICTURES, *_FILMS) or file.is_dir():
         legal = f"a file that ends in {', '.join((*_PICTURES, *_FILMS))}"
         raise typer.BadParameter(f"{text!r:.60}; legal: {legal}")
     if not file.parent.is_dir():
-        raise typer.BadParameter(f"{text!r:.60}: no folder {file.parent} to write to; legal: a file in one")
+        raise typer.BadParameter(
+            f"{text!r:.60}: no folder {file.parent} to write to; legal: a file in an existing folder"
+        )
     if not os.access(file.parent, os.W_OK):
-        says = f"the folder {file.parent} cannot be written to; legal: a file in one that can"
+        says = f"the folder {file.parent} cannot be written to; legal: a file in another folder"
         raise typer.BadParameter(f"{text!r:.60}: {says}")
     return file
 
@@ -63,7 +73,7 @@ def solve_command(
     solver: Solvers = None,
     plot: Path | None = option(
         "FILE",
-        "A picture (.png, .svg, .pdf), or slow motion, which can take minutes (.gif, .html).",
+        "Write a picture (.png, .svg, .pdf) or slow motion (.gif, .html), which can take minutes.",
         _drawable_path,
     ),
     json: Json = False,
@@ -71,9 +81,9 @@ def solve_command(
 ) -> None:
     """Solve one collision by every solver.
 
-    Two balls on a table, by ratios or in SI units, N balls with --arrangement, or other bodies with --graph. Velocities
-    are per |v0|, of a graph in m/s, impulses per m1 |v0|, times in s. D stands between each solver and the model and,
-    below the table, between every two solvers.
+    The bodies are two balls on a table, by ratios or in SI units; N balls with --arrangement; or others with --graph.
+    Velocities are per |v0| (of a graph in m/s), impulses per m1 |v0|, times in s. The table has the divergence D of
+    each solver from the model; below it is D between every two solvers.
 
     Example: impact-xval solve --stiffness-ratio 40 --mass-ratio 2 --e1 1 --e2 1
     """
@@ -116,7 +126,10 @@ def solve_command(
 def _solve_graph(
     typed: Mapping[str, str | None], solver: list[str] | None, plot: Path | None, *, json: bool
 ) -> None:
-    """Solve one contact graph by the model, the references, the rigid laws and any solver that is named."""
+    """Solve one contact graph by the solvers that are named, and print and draw their outcomes.
+
+    Without names these are the model, the references and the rigid laws. `typed` has the texts of options by name.
+    """
     from impact_xval.experiments.presentation.terminal import (
         error_line,
         make_console,
@@ -157,7 +170,11 @@ def _solve_graph(
 
 
 def _count_path_points(chain: ChainSetup | None, *, film: bool) -> int | None:
-    """Return how many points the path of a collision has: all for two balls, and of a chain none unless it moves."""
+    """Return the largest number of points that the path of a collision may have.
+
+    It is None, for all points, with two balls. It is 0 with a chain, because pictures of chains need no path, and
+    `_POINTS` with a chain in slow motion.
+    """
     if chain is None:
         return None
     return _POINTS if film else 0
@@ -186,13 +203,14 @@ def _draw_into(file: Path, compared: SolverComparison, config: Config) -> str:
 
 
 def explore_command(
-    port: int = option("N", "Port to listen at; 0: any free one.", whole_number_parser(0, 65535), 5006),
-    no_browser: bool = flag_option("--no-browser", "Print the address, and open nothing."),
+    port: int = option("N", "Port of the page; 0: any free port.", whole_number_parser(0, 65535), 5006),
+    no_browser: bool = flag_option("--no-browser", "Print the address, but open no browser."),
 ) -> None:
     """Move one collision by sliders in a browser.
 
-    Two balls on a table, or a chain of N, until Ctrl-C. The model and the exact references follow the sliders; a
-    button runs the engines. The address of the page holds the cell. The page is served to this machine alone.
+    The page shows two balls on a table, or a chain of N balls, until Ctrl-C. The model and the exact references follow
+    the sliders; a button runs the engines. The address of the page contains the collision. Only this machine can open
+    the page.
 
     Example: impact-xval explore --no-browser
     """
@@ -210,20 +228,21 @@ def explore_command(
 @with_collision_options("arrangement", *OF_CHAIN, "cell_timeout")
 def scene_command(
     folder: Path | None = argument(
-        "[DIR]", "Folder of a finished run, or a collision as solve.", parse_path, None
+        "[DIR]", "Folder of a finished run; without it, a collision by options.", parse_path, None
     ),
-    cell: int | None = argument("[N]", "Number of a cell of that run.", whole_number_parser(0, 10**7), None),
+    cell: int | None = argument("[N]", "Number of a cell of this run.", whole_number_parser(0, 10**7), None),
     *,
     solver: list[str] | None = option(
-        "NAME", "'mujoco' or 'pybullet'; by default both.", word_parser(*_EXPORTED)
+        "NAME", "Engine: 'mujoco' or 'pybullet'; by default both.", word_parser(*_EXPORTED)
     ),
     out: Path | None = option("DIR", "Folder to write; by default in scenes/.", parse_path),
     **typed: str | None,
 ) -> None:
     """Write one cell as files for an engine alone.
 
-    An MJCF file and a PyBullet script, of a cell of a run (DIR N) or of a collision given as to solve.
-    The scripts print their velocities beside those given here, and fail where they differ by more than 1e-12 |v0|.
+    The files are an MJCF file and a PyBullet script, for a cell of a run (DIR N) or a collision by the options of
+    solve. The scripts print their velocities beside those given here, and fail if a difference is larger than 1e-12
+    |v0|.
 
     Example: impact-xval scene runs/default 17
     """
@@ -253,9 +272,10 @@ def scene_command(
 def _write_scenes(
     collision: Collision, settings: Settings, names: list[str], out: Path, table: dict[str, Record]
 ) -> None:
-    """Run a collision by every named engine, and only then write one folder per engine.
+    """Write the files of a collision into one folder for each named engine, and print the engines' velocities.
 
-    `table` has the rows of a run for this collision, by solver; the outcomes are shown beside them.
+    No file is written before all engines have run. `table` has the rows of a run for this collision, by solver; their
+    velocities are printed for comparison.
     """
     from impact_xval.compliant_baselines import SolverError
     from impact_xval.compliant_baselines.paste import export_scene

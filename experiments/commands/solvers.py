@@ -1,4 +1,7 @@
-"""``impact-xval solvers``: what solvers there are, and whether they keep the contract."""
+"""Command ``impact-xval solvers``: lists the solvers, or checks whether a solver keeps the contract.
+
+The contract is what every solver has to fulfil (docs/adding-a-solver.md).
+"""
 
 from __future__ import annotations
 
@@ -9,18 +12,20 @@ import typer
 from impact_xval.experiments.commands.options import argument, option
 from impact_xval.experiments.config.errors import UserError
 
-#: Seconds that one check of a solver may take.
+#: Time limit in s of one check of a solver.
 _TO_CHECK = 300.0
 
 
 def solvers_command(
-    name: str | None = argument("[NAME]", "Check whether this one keeps the contract.", default=None),
-    law: str = option("LAW", "The exact solver whose law NAME has, or 'none'.", default=""),
+    name: str | None = argument("[NAME]", "Check whether this solver keeps the contract.", default=None),
+    law: str = option("LAW", "With NAME: the exact solver of the law that NAME has, or 'none'.", default=""),
 ) -> None:
     """List the solvers, or check one.
 
-    What each is, its version, where it comes from, and why one cannot run here. With NAME: its checks of the
-    contract, for authors of adapters, exit code 3 if one fails; and what becomes of the restitutions of two bodies.
+    The list has each solver's law, its version, the package that it comes from, and why it cannot run here.
+
+    With NAME, the solver is checked against the contract that adapters have to keep. The exit code is 3 if a check
+    fails. The command also says how the engine combines the restitutions of two bodies.
 
     Example: impact-xval solvers mujoco
     """
@@ -31,26 +36,29 @@ def solvers_command(
     from impact_xval.experiments.sweep.pool import Slot
 
     if law and name is None:
-        raise UserError(f"--law = {law!r} without NAME; legal: beside the solver that has it")
+        raise UserError(f"--law = {law!r} without NAME; legal: beside the solver that has this law")
     if name is not None:
         _check_solver(name, law)
         return
     rows: list[tuple[str, ...]] = []
     with contextlib.closing(Slot(None)) as slot:
         for solver, origin in origins().items():
-            with report_waiting(f"asking {solver} what it is"):
+            with report_waiting(f"asking {solver} for its version"):
                 version, reason = ask_version(slot, get_solver, solver)
             remarks = [description_of(solver), "" if reason is None else f"unavailable: {reason}"]
             rows.append(
                 (solver, stated_law(solver) or "-", version or "-", origin, "; ".join(filter(None, remarks)))
             )
     header = ("solver", "law asked for", "version", "from", "description")
-    caption = "Solvers that are known here; those asked for the same law are one vote on it"
+    caption = "Known solvers. Solvers that are asked for the same law count as one vote on an outcome"
     print_blocks(make_console(), [Table(header, rows, caption, text=5)])
 
 
 def _check_solver(name: str, law: str) -> None:
-    """Check a solver in a process of its own."""
+    """Run all checks of the contract on a solver in a worker process, and print their results.
+
+    The command ends with exit code 3 if a check fails.
+    """
     from impact_xval.compliant_baselines import conformance
     from impact_xval.compliant_baselines.registry import get_solver, law_name_of
     from impact_xval.experiments.config.experiment import solvers_problem
@@ -66,7 +74,7 @@ def _check_solver(name: str, law: str) -> None:
     law = law or law_name_of(name) or "none"
     if law not in conformance.LAWS:
         raise UserError(f"--law = {law!r}; legal: {', '.join(conformance.LAWS)}")
-    with report_waiting(f"asking {name} what it is"), contextlib.closing(Slot(None)) as slot:
+    with report_waiting(f"asking {name} for its version"), contextlib.closing(Slot(None)) as slot:
         _, reason = ask_version(slot, get_solver, name)
     if reason is not None:
         raise UserError(f"{name}: unavailable: {reason}")
@@ -84,12 +92,15 @@ def _check_solver(name: str, law: str) -> None:
     if product := describe_restitution_product([name]):
         print_line(console, product)
     if failed:
-        print_line(console, f"{failed} checks failed; what each demands is in docs/adding-a-solver.md")
+        print_line(console, f"{failed} checks failed; docs/adding-a-solver.md explains each check")
         raise typer.Exit(3)
 
 
 def _run_check(context: tuple[str, str], number: int) -> str:
-    """Run a check on a solver; return the problem it finds, or an empty text."""
+    """Run one check on a solver, and return a description of the problem that it finds, or an empty text.
+
+    The worker process calls this function. `context` is the name of the solver and of its law, `number` the check.
+    """
     from impact_xval.compliant_baselines.conformance import checks, problem_of
     from impact_xval.compliant_baselines.registry import get_solver
 

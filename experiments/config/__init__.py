@@ -1,1 +1,1 @@
-"""An experiment as a validated file; its axes and cells. Imports the floors below."""
+"""Configuration of an experiment: the TOML file and its validation, the axes, the cells, and options of commands."""

@@ -1,7 +1,11 @@
-"""Chains as people set them up, each by a few numbers: a row, a cradle, a pile, a stack (`docs/chains.md`).
+"""Arrangements of chains, each described by a few numbers: row, cradle, pile and stack (`docs/chains.md`).
 
-Masses and stiffnesses taper from the top: of every next ball and contact they are so many times those of the one above.
-A pile of two balls is therefore the cell of two balls, the tapers being m2/m1 and k2/k1.
+`ChainSetup` describes one chain, and `ChainGrid` the axes of an experiment with chains. Options of commands and the
+TOML file of an experiment use them.
+
+The mass taper is the mass of each ball over the mass of the ball above it. The stiffness taper is the stiffness of each
+contact over that of the contact above it. A pile of two balls is therefore the problem of two balls on a table: its
+tapers are m2/m1 and k2/k1.
 """
 
 from __future__ import annotations
@@ -32,7 +36,7 @@ from impact_xval.model.inputs import V0
 Arrangement = Literal["row", "cradle", "pile", "stack"]
 _NAMES = "'row', 'cradle', 'pile' or 'stack'"
 
-#: By what chains are grouped, and how a reader knows it.
+#: Axes by which chains are grouped, each with its name in tables and figures.
 CHAIN_AXES = {
     "balls": "balls",
     "arrangement": "arrangement",
@@ -46,7 +50,7 @@ CHAIN_AXES = {
 
 
 class ChainSetup(Strict):
-    """One chain by its arrangement."""
+    """Setup of one chain: the arrangement and a few numbers, in SI units."""
 
     arrangement: Arrangement = Field("cradle", description=_NAMES)
     balls: int = Field(5, description=LEGAL["balls"].text)
@@ -80,7 +84,7 @@ class ChainSetup(Strict):
         if strike is not None and {"arrangement", "balls"} <= info.data.keys():
             name, balls = info.data["arrangement"], info.data["balls"]
             if name != "cradle":
-                raise ValueError(f"{strike}; legal: none for a {name}, it is of a cradle")
+                raise ValueError(f"{strike}; legal: none for a {name}; only a cradle has it")
             if not 1 <= strike < balls:
                 raise ValueError(f"{strike}; legal: a whole number from 1 to {balls - 1}, for {balls} balls")
         return strike
@@ -99,11 +103,14 @@ class ChainSetup(Strict):
 
     @property
     def striking(self) -> int:
-        """Number of balls that move at first; the contact below them, of this number, is struck."""
+        """Number of balls that move at first. The contact with this number, below these balls, is struck."""
         return self.balls if self.arrangement == "stack" else self.strike or 1
 
     def collision(self) -> Collision:
-        """Return the chain in kg, N/m^p and m/s; the contact that is struck touches, all others have the gap."""
+        """Return the chain as a collision in kg, N/m^p and m/s.
+
+        The contact that is struck is closed at first; all other contacts have the gap.
+        """
         table = self.arrangement in ("pile", "stack")
         contacts, struck = self.balls - 1 + table, self.striking - 1
         with np.errstate(over="ignore", under="ignore", invalid="ignore"):
@@ -121,7 +128,7 @@ class ChainSetup(Strict):
 
 
 class ChainGrid(Axes):
-    """Axes of chains of N balls; the first varies slowest."""
+    """Axes of an experiment with chains; the first axis varies slowest."""
 
     arrangement: list[Arrangement] = Field(
         default=["cradle", "pile", "stack"], description=f"{_NAMES}, or a list of them"
@@ -151,16 +158,22 @@ class ChainGrid(Axes):
         return self
 
     def count(self) -> int:
-        """Count the chains of all arrangements."""
+        """Return the number of chains, over all arrangements."""
         return sum(math.prod(map(len, self.axes(name).values())) for name in self.arrangement)
 
     def axes(self, arrangement: str) -> dict[str, list[float]]:
-        """Values of every axis of an arrangement; strikers are NaN in what is no cradle, 1 by default."""
+        """Return the values of every axis for an arrangement.
+
+        The number of strikers is 1 by default for a cradle, and NaN for other arrangements.
+        """
         axes = {name: expand_axis(axis or [1.0]) for name, axis in self if name != "arrangement"}
         return axes if arrangement == "cradle" else axes | {"strike": [math.nan]}
 
     def corners(self) -> Iterator[dict[str, object]]:
-        """Yield chains at the ends of all axes, as `ChainSetup` takes them: if any is illegal, one of these is."""
+        """Yield the fields of `ChainSetup` for the chains at the ends of all axes.
+
+        If any chain of the axes is illegal, one of these chains is.
+        """
         for name in self.arrangement:
             for fewest_or_most, end in itertools.product((min, max), (min, max)):
                 row = {key: end(values) for key, values in self.axes(name).items()}
@@ -169,6 +182,6 @@ class ChainGrid(Axes):
 
 
 def chain_setup_values(arrangement: str, numbers: Mapping[str, float]) -> dict[str, object]:
-    """Return the fields of `ChainSetup` of an arrangement with its numbers on all other axes of chains."""
+    """Return the fields of `ChainSetup` for an arrangement and its values on all other axes of chains."""
     strike = None if math.isnan(numbers["strike"]) else int(numbers["strike"])
     return {**numbers, "arrangement": arrangement, "balls": int(numbers["balls"]), "strike": strike}

@@ -1,4 +1,8 @@
-"""Parameters of an experiment: their legal values, axes of a grid or of chains, and boxes that are sampled."""
+"""Parameters of an experiment: their legal values, the axes of grids and chains, and the boxes of samples.
+
+The modules of this package that define tables of the TOML file (`experiment`, `arrangements`, `graphs`) use the classes
+and fields here.
+"""
 
 from __future__ import annotations
 
@@ -14,22 +18,22 @@ from impact_xval.experiments.config.errors import is_list, is_table, shorten
 from impact_xval.model.collision import MAX_BALLS
 from impact_xval.model.inputs import E1, E2, EXPONENT, MASS_RATIO, STIFFNESS_RATIO, Legal
 
-#: The parameters that decide an impact, and how a reader knows them.
+#: Parameters that decide the outcome of an impact of two balls, each with its name in tables and figures.
 AXES = {"stiffness_ratio": "k2/k1", "mass_ratio": "m2/m1", "e1": "e1", "e2": "e2"}
 
-#: Validation context of an experiment that is read from the folder of its run: a solver that it names need not be
-#: installed any more, and names of version 0.4 are no mistake of the user.
+#: Validation context of an experiment that is read from the folder of its run. In this context solvers need not be
+#: installed any more, and names of version 0.4 cause no warning.
 KEPT = "kept"
 
-#: Quantities that a grid may have instead of, or beside, a ratio, with their units.
+#: Quantities in SI units that a grid may have as axes, with their units.
 SI_AXES = {"m1": "kg", "m2": "kg", "k1": "N/m", "k2": "N/m"}
 
-#: By ratio the two quantities it is made of: numerator, denominator.
+#: Numerator and denominator of each ratio.
 RATIO_OF = {"stiffness_ratio": ("k2", "k1"), "mass_ratio": ("m2", "m1")}
 
 _LEAST, _LARGEST = math.ulp(0.0), float(np.finfo(float).max)
 
-#: What is legal on each axis, of two balls and of chains.
+#: Legal values on each axis of pairs and of chains.
 LEGAL = {
     legal.name: legal
     for legal in (
@@ -50,15 +54,16 @@ LEGAL = {
         Legal("k2", 0.0, math.inf, "from 0 to inf (N/m)"),
     )
 }
+#: Axes whose values are whole numbers.
 _WHOLE = ("balls", "strike")
 
-#: More cells than this are refused: the tables of such a run would not fit on an ordinary disk.
+#: Largest number of cells of an experiment. The tables of a larger one would not fit on an ordinary disk.
 MAX_CELLS = 10_000_000
 
-#: Most values of a spaced axis; they are held in memory and hashed.
+#: Largest number of values on an axis that is given by its ends. The values are kept in memory and hashed.
 _MAX_VALUES = 100_000
 
-# A function that gives a field has the type of the field's value, as pydantic's own `Field` has.
+# Functions that return a field are annotated with the type of the field's value, as `Field` of pydantic is.
 _Whole = TypeVar("_Whole", bound=int | None)
 _Model = TypeVar("_Model", bound=BaseModel)
 
@@ -67,7 +72,7 @@ _RANGE = "a number, {log = [lo, hi]} or {linear = [lo, hi]}"
 
 
 def _legal_numbers(legal: Legal, values: Sequence[object]) -> list[float]:
-    """Return values that are legal numbers; a ValueError names the first that is not."""
+    """Return the values as numbers; a ValueError names the first value that is not a legal number."""
     numbers: list[float] = []
     for value in values:
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -88,7 +93,10 @@ def _check_ends(legal: Legal, spacing: object, lo: object, hi: object, *, is_log
 
 
 def _spacing_entries(value: object, count: int) -> list[object] | None:
-    """Return the entries of ``{log = [...]}`` or ``{linear = [...]}`` with so many; None of anything else."""
+    """Return the entries in the list of ``{log = [...]}`` or ``{linear = [...]}``.
+
+    Return None if the value has another form or its list does not have `count` entries.
+    """
     if not is_table(value) or [*value] not in (["log"], ["linear"]):
         return None
     (entries,) = value.values()
@@ -96,12 +104,15 @@ def _spacing_entries(value: object, count: int) -> list[object] | None:
 
 
 def _legal_axis(value: object, info: ValidationInfo) -> object:
-    """Return an axis whose field's name says what is legal, as `legal_axis` does."""
+    """Return the values of a field that is an axis if they are legal for this field (`legal_axis`)."""
     return legal_axis(LEGAL[str(info.field_name)], value)
 
 
 def legal_axis(legal: Legal, value: object) -> object:
-    """Return an axis as a list of legal numbers, or as its legal spacing; a ValueError says what is illegal."""
+    """Return an axis as a list of numbers, or as the table with its ends that was given.
+
+    A ValueError says what is illegal about the axis.
+    """
     if (entries := _spacing_entries(value, 3)) is not None and is_table(value):
         lo, hi, n = entries
         is_log = "log" in value
@@ -125,7 +136,7 @@ def _check_each_once(axis: object, numbers: list[float]) -> None:
 
 
 def _legal_range(value: object, info: ValidationInfo) -> object:
-    """Return a range of a sample if it is legal; a ValueError says what is illegal."""
+    """Return the range of a sample if it is legal; a ValueError says what is illegal about it."""
     legal = LEGAL[str(info.field_name)]
     if (entries := _spacing_entries(value, 2)) is not None and is_table(value):
         lo, hi = entries
@@ -137,36 +148,36 @@ def _legal_range(value: object, info: ValidationInfo) -> object:
     return value
 
 
-#: Values of a parameter once they are legal: a list, ``{"log": [lo, hi, n]}`` or ``{"linear": [lo, hi, n]}``.
+#: Axis after validation: a list of values, ``{"log": [lo, hi, n]}`` or ``{"linear": [lo, hi, n]}``.
 GivenAxis = list[float] | dict[str, list[int | float]]
 
-#: The same, or a number. The name of the field says what is legal.
+#: Field for an axis, which may also be a single number. Legal values are those in `LEGAL` for the name of the field.
 Axis = Annotated[GivenAxis, BeforeValidator(_legal_axis)]
 
-#: Where a parameter is sampled: a number, ``{"log": [lo, hi]}`` or ``{"linear": [lo, hi]}``.
+#: Field for the range of a parameter in a sample: a number, ``{"log": [lo, hi]}`` or ``{"linear": [lo, hi]}``.
 Range = Annotated[float | dict[str, list[int | float]], BeforeValidator(_legal_range)]
 
 
 def expand_axis(axis: GivenAxis) -> list[float]:
-    """Values of a legal axis, in the order given."""
+    """Return the values of a legal axis, in the order given."""
     if isinstance(axis, list):
         return list(axis)
     ((kind, (lo, hi, n)),) = axis.items()
     if kind == "linear":
         return np.linspace(lo, hi, int(n)).tolist()
-    # Fourteen digits make the round values of a logarithmic axis round again (0.1, not 0.09999999999999999).
+    # Values are rounded to fourteen digits, so that a logarithmic axis has 0.1 and not 0.09999999999999999.
     inner = [float(f"{value:.14g}") for value in np.geomspace(lo, hi, int(n))[1:-1]]
     return [float(lo), *inner, float(hi)]
 
 
 class Strict(BaseModel):
-    """A table of a configuration: no unknown keys, no conversion of types."""
+    """Table of a configuration in which unknown keys and values of a wrong type are errors."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
 class Axes(Strict):
-    """A table of axes; the first varies slowest."""
+    """Table of axes that make the cells of an experiment; the first axis varies slowest."""
 
     @model_validator(mode="after")
     def _affordable(self) -> Axes:
@@ -175,16 +186,16 @@ class Axes(Strict):
         return self
 
     def varied(self) -> Mapping[str, Sequence[float | str]]:
-        """Values of every axis that is there, and varies by itself; words of an axis of names."""
+        """Return the values of every axis that is given; an axis of names has words as values."""
         return {name: expand_axis(axis) for name, axis in self if axis is not None}
 
     def count(self) -> int:
-        """Count the cells."""
+        """Return the number of cells that the axes make."""
         return math.prod(map(len, self.varied().values()))
 
 
 def whole_field(default: _Whole, low: int, high: int, what: str = "") -> _Whole:
-    """Return a field for whole numbers between two ends; its description says what is legal."""
+    """Return a field for whole numbers from `low` to `high`; `what` ends the description of the legal values."""
     return Field(default, ge=low, le=high, description=f"a whole number from {low} to {high}{what}")
 
 
@@ -209,7 +220,10 @@ def table_field(model: type[_Model]) -> _Model:
 
 
 class Sample(Strict):
-    """Cells drawn from a box by a Sobol sequence: each parameter a number, or a range, even in it or its logarithm."""
+    """Cells that are drawn from a box by a Sobol sequence.
+
+    Each parameter is a number, or a range in which the parameter or its logarithm is evenly distributed.
+    """
 
     stiffness_ratio: Range = Field(default={"log": [1e-3, 1e3]})
     mass_ratio: Range = Field(default={"log": [0.5, 2.0]})
@@ -219,16 +233,19 @@ class Sample(Strict):
     seed: int = Field(0, ge=0, le=2**63 - 1, description="a whole number >= 0")
 
     def ends(self) -> dict[str, list[float]]:
-        """Least and greatest value of every parameter; of a number only itself."""
+        """Return the least and the greatest value of every parameter; a parameter that is a number has only this."""
         given: dict[str, Range] = {name: getattr(self, name) for name in AXES}
         return {name: [*next(iter(x.values()))] if isinstance(x, dict) else [x] for name, x in given.items()}
 
     def free(self) -> list[str]:
-        """Names of the parameters that are ranges."""
+        """Return the names of the parameters that are ranges."""
         return [name for name, ends in self.ends().items() if len(ends) > 1]
 
     def place(self, unit: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Place points of the unit cube, a column for each free parameter, in the box; shape (n, 4)."""
+        """Map points of the unit cube to points of the box.
+
+        `unit` has one column for each parameter that is a range. The result has shape (n, 4), in the order of `AXES`.
+        """
         placed = {name: np.full(len(unit), ends[0], float) for name, ends in self.ends().items()}
         for name, u in zip(self.free(), unit.T, strict=True):
             ((kind, (lo, hi)),) = getattr(self, name).items()

@@ -1,6 +1,10 @@
-"""The cells of an experiment: a grid, a sample (`scipy.stats.qmc`), a list from a file, chains, or contact graphs.
+"""Cells of an experiment: the collisions that are solved, numbered from 0.
 
-They are numbered and deterministic, and made block by block: ten million of them are never in memory at once.
+The cells come from a grid, a sample (`scipy.stats.qmc`), a file with a list, or the axes of chains or contact graphs.
+The same configuration always gives the same cells. They are made in blocks, so that ten million cells are never in
+memory at once.
+
+`experiment_cells` needs a validated `Config`. The package `sweep` solves the cells that it returns.
 """
 
 from __future__ import annotations
@@ -32,28 +36,30 @@ from impact_xval.model.graph.collision import GraphCollision
 if TYPE_CHECKING:
     from scipy.stats import qmc
 
-#: Values of columns by name, shape (n,). A column is of numbers or of texts, so that its dtype is open.
+#: Columns by name, each an array of shape (n,). A column has numbers or texts, so its dtype is not fixed here.
 ColumnArrays = dict[str, NDArray[Any]]
 
-#: Cells of a chunk where an engine is among the solvers, a few seconds of work with their estimates: of two balls; of
-#: chains and graphs. Without an engine at most so many; a million cells then make a thousand parts.
+#: Numbers of cells in a chunk. `_CHUNK`: pairs with an engine among the solvers; `_CHAINS_CHUNK`: chains or graphs with
+#: an engine. Such a chunk is a few seconds of work. `_QUICK_CHUNK`: the largest number without an engine, by which a
+#: million cells make a thousand parts.
 _CHUNK, _CHAINS_CHUNK, _QUICK_CHUNK = 16, 4, 1024
 
-#: The number of chunks from which they become larger instead of more.
+#: Largest number of chunks of a run. With more cells, the chunks become larger.
 _MOST_CHUNKS = 10_000
 
 
 @dataclass(frozen=True, slots=True)
 class CellBlock:
-    """Consecutive cells of an experiment."""
+    """Block of consecutive cells of an experiment."""
 
-    #: Number of each cell in the experiment.
+    #: Number of each cell in the experiment, shape (n,).
     index: NDArray[np.int64]
-    #: Parameters of the cells by name, shape (n,): the columns of a pair, a chain or a graph in `schema`.
+    #: Parameters of the cells by name, shape (n,) each. The names are columns of the tables (`tables.schema`).
     parameters: ColumnArrays
-    #: What is solved; a `Collisions` where all are of one kind. Empty in an experiment of graphs.
+    #: Collision of each cell, as a `Collisions` if the number of balls, the table and the exponent are the same in all
+    #: cells. Empty for contact graphs.
     collisions: Sequence[Collision]
-    #: What is solved in an experiment of graphs; else empty.
+    #: Contact graph of each cell; empty for pairs and chains.
     graphs: Sequence[GraphCollision] = ()
 
     def __len__(self) -> int:
@@ -66,20 +72,20 @@ class CellBlock:
 
 @dataclass(frozen=True, slots=True)
 class ExperimentCells:
-    """The cells of an experiment, in order, and their chunks."""
+    """All cells of an experiment in order, and their division into chunks."""
 
     config: Config
     count: int
-    #: Gives the ratios, or the axes of chains, of a range of cells by their names, shape (n,) each.
+    #: Function that returns the values on the axes of a range of cells, by the name of the axis, shape (n,) each.
     values: Callable[[range], ColumnArrays]
-    #: SHA-256 of cells that are listed, to the last bit.
+    #: SHA-256 of all values of the cells, for cells of a sample or a file; else empty.
     digest: str = ""
 
     def __len__(self) -> int:
         return self.count
 
     def block(self, indices: range) -> CellBlock:
-        """Make the cells of a range of indices."""
+        """Return the cells of a range of numbers as a block."""
         config, parameters = self.config, self.values(indices)
         collisions: Sequence[Collision] = ()
         graphs: Sequence[GraphCollision] = ()
@@ -107,7 +113,10 @@ class ExperimentCells:
 
     @property
     def chunk_size(self) -> int:
-        """Cells of a chunk: as configured, or by whether an engine is among the solvers."""
+        """Number of cells in a chunk.
+
+        It is the number in the configuration. Without that, chunks are smaller if an engine is among the solvers.
+        """
         if self.config.chunk_size is not None:
             return self.config.chunk_size
         usual = _CHUNK if self.config.kind == "pair" else _CHAINS_CHUNK
@@ -120,13 +129,16 @@ class ExperimentCells:
         return -(-len(self) // self.chunk_size)
 
     def chunk(self, number: int) -> range:
-        """Return the indices of the cells of a chunk."""
+        """Return the range of the numbers of the cells in a chunk."""
         size = self.chunk_size
         return range(number * size, min((number + 1) * size, len(self)))
 
 
 def experiment_cells(config: Config) -> ExperimentCells:
-    """Return the cells of an experiment of any kind; a `UserError` says what is wrong with a file of them."""
+    """Return the cells of an experiment of any kind.
+
+    A `UserError` is raised if the experiment has a file of cells and this file is illegal.
+    """
     if config.chain is not None:
         table = config.chain
         return _cells_of_grids(
@@ -147,7 +159,10 @@ def experiment_cells(config: Config) -> ExperimentCells:
 
 
 def cells_from_ratios(config: Config, values: NDArray[np.float64]) -> ExperimentCells:
-    """Return cells in any order; `values` are their ratios in the order of `AXES`, shape (n, 4)."""
+    """Return cells that are given by a list of their values.
+
+    `values` has shape (n, 4): a row for each cell, with k2/k1, m2/m1, e1 and e2, the order of `AXES`.
+    """
 
     def of(indices: range) -> ColumnArrays:
         return dict(zip(AXES, values[indices.start : indices.stop].T, strict=True))
@@ -156,16 +171,17 @@ def cells_from_ratios(config: Config, values: NDArray[np.float64]) -> Experiment
 
 
 def collision_of(config: Config, cell: Cell) -> Collision:
-    """Give a cell the masses, stiffnesses and velocity of an experiment."""
+    """Return the collision of a cell in SI units, with m1, k1 and v0 of an experiment."""
     m1, k1 = config.scales["m1"], config.scales["k1"]
     m2, k2 = m1 * cell.mass_ratio, k1 * cell.stiffness_ratio
     return Collision.two_balls(m1, m2, k1, k2, cell.e1, cell.e2, config.v0)
 
 
 def _cells_of_grids(config: Config, grids: Sequence[Mapping[str, Sequence[float | str]]]) -> ExperimentCells:
-    """Go through the axes of one grid after the other, the last axis fastest.
+    """Return the cells of one or more grids, one grid after the other.
 
-    Stiffness ratios (or numbers of balls) vary slowest, so that neighbouring cells need about the same number of steps.
+    A grid has the values of each axis by its name. The last axis varies fastest. The first one, the stiffness ratio or
+    the number of balls, varies slowest, so that neighbouring cells need about the same number of time steps.
     """
     axes = [{name: np.array(axis) for name, axis in grid.items()} for grid in grids]
     shapes = [tuple(map(len, grid.values())) for grid in grids]
@@ -201,7 +217,7 @@ def _make_chains(cells: ColumnArrays) -> Sequence[Collision]:
         chain_setup_values(arrangement, dict(zip(numbers, row, strict=True)))
         for arrangement, row in zip(cells["arrangement"].tolist(), rows, strict=True)
     )
-    # The corners of the table have been validated, and no other chain is illegal where they are legal.
+    # The chains are not validated here. Those at the ends of all axes were, and then all chains between them are legal.
     chains = [ChainSetup.model_construct(None, **setup).collision() for setup in setups]
     kinds = {(len(chain.masses), chain.table, chain.exponent) for chain in chains}
     return Collisions.of(chains) if len(kinds) == 1 else chains
@@ -217,9 +233,10 @@ def _make_graphs(cells: ColumnArrays) -> list[GraphCollision]:
 
 
 def sobol_sequence(dimensions: int, generator: np.random.Generator) -> qmc.Sobol:
-    """Return a sequence of scrambled Sobol points in the unit cube.
+    """Return a sequence of scrambled Sobol points in the unit cube with this number of dimensions.
 
-    SciPy before 1.15 has no argument `rng`; later versions take `seed` too, though it is not in their signature.
+    The generator is passed as `seed`, because SciPy before 1.15 has no argument `rng`. Later versions accept `seed`
+    too, although it is not in their signature.
     """
     from scipy.stats import qmc
 
@@ -227,7 +244,10 @@ def sobol_sequence(dimensions: int, generator: np.random.Generator) -> qmc.Sobol
 
 
 def draw(sample: Sample) -> NDArray[np.float64]:
-    """Draw cells from a box, shape (n, 4): scrambled Sobol points, the beginning of a power of two of them."""
+    """Return the values of cells that are drawn from the box of a sample, shape (n, 4).
+
+    The cells are the first n points of a scrambled Sobol sequence whose length is the next power of two.
+    """
     n, d = sample.n, len(sample.free())
     unit = np.empty((n, 0))
     if d:
@@ -237,9 +257,10 @@ def draw(sample: Sample) -> NDArray[np.float64]:
 
 
 def read_cells(path: Path) -> NDArray[np.float64]:
-    """Read cells from a file, one a row; columns other than those of `AXES` are ignored.
+    """Return the values of cells from a CSV or Parquet file, shape (n, 4), in the order of `AXES`.
 
-    A `UserError` names the file, the column, the row (from 1, a header not counted) and what is legal.
+    The file has one row for each cell; columns that are not in `AXES` are ignored. If a value is illegal, a `UserError`
+    names the file, the row, the column and the legal values. Rows count from 1, without the header.
     """
     try:
         if path.suffix.lower() in (".parquet", ".pq"):
@@ -257,7 +278,7 @@ def read_cells(path: Path) -> NDArray[np.float64]:
     cells = np.empty((table.num_rows, len(AXES)))
     for i, name in enumerate(AXES):
         try:
-            cells[:, i] = table.column(name).cast(pa.float64()).to_numpy()  # what is empty becomes NaN
+            cells[:, i] = table.column(name).cast(pa.float64()).to_numpy()  # an empty field becomes NaN
         except pa.ArrowException:
             kind = table.column(name).type
             raise UserError(f"{path}: {name} is not a column of numbers ({kind})") from None

@@ -1,7 +1,8 @@
-"""One collision as it is typed: by the options of a command, or by the parameters of an address.
+"""Options that describe one collision, in a command or in the address of the explorer's page.
 
-A configuration judges what is legal; the error is one line that names the option, the value and the legal range.
-Nothing heavy is imported before something is asked: the options of help texts stand here.
+`parse_collision` makes a collision of the options. Validation of a `Config` decides what is legal. An error is one line
+that names the option, the value and the legal values. NumPy is imported only when options are parsed, because help
+texts show the options and must appear at once.
 """
 
 from __future__ import annotations
@@ -17,46 +18,58 @@ if TYPE_CHECKING:
     from impact_xval.experiments.config.experiment import Config
     from impact_xval.model import Collision
 
-#: What decides an impact.
+#: Options that decide the outcome of an impact of two balls.
 RATIOS = ("stiffness_ratio", "mass_ratio", "e1", "e2")
-#: What a chain of N balls has beside its arrangement; its first mass and stiffness are m1 and k1.
+#: Options of a chain that are whole numbers.
 _COUNTS = "balls", "strike"
+#: Options that only a chain of N balls has, without its arrangement. Its first mass and stiffness are the options m1,
+#: k1.
 OF_CHAIN = (*_COUNTS, "e", "exponent", "gap", "mass_taper", "stiffness_taper")
+#: Options that only two balls on a table have.
 _OF_TWO = (*RATIOS, "m2", "k2", "gravity")
 
-#: Parameters of one collision, or chain, and of how it is solved, each with its unit and meaning.
+#: Options of one collision or chain and of its solution, each with its placeholder in the help and its meaning.
 PARAMETERS = {
     "stiffness_ratio": ("R", "k2/k1, from 0 to inf."),
     "mass_ratio": ("R", "m2/m1, greater than 0."),
     "e1": ("E", "Restitution of ball on ball, 0 to 1."),
     "e2": ("E", "Restitution of ball on table, 0 to 1."),
     "m1": ("KG", "Mass of the first ball; by default 1."),
-    "m2": ("KG", "Mass of the lower ball, for --mass-ratio."),
+    "m2": ("KG", "Mass of the lower ball, instead of m2/m1."),
     "k1": ("N/M", "Stiffness of the first contact; by default 1e8."),
-    "k2": ("N/M", "Stiffness of ball on table, for --stiffness-ratio."),
-    "v0": ("M/S", "Velocity of what falls or strikes; by default -1."),
-    "scenario": ("NAME", "'impact' (by default; no gravity) or 'drop'."),
-    "gravity": ("G", "Of a drop, in m/s^2; by default 9.81."),
-    "arrangement": ("NAME", "N balls: 'row', 'cradle', 'pile' or 'stack'."),
+    "k2": ("N/M", "Stiffness of ball on table, instead of k2/k1."),
+    "v0": ("M/S", "Velocity of balls that fall or strike; by default -1."),
+    "scenario": ("NAME", "'impact' (no gravity, the default) or 'drop'."),
+    "gravity": ("G", "Gravity in a drop, in m/s^2; by default 9.81."),
+    "arrangement": ("NAME", "Setup of N balls: 'row', 'cradle', 'pile' or 'stack'."),
     "balls": ("N", "Number of balls; by default 5."),
-    "strike": ("J", "Balls of a cradle that strike; by default 1."),
+    "strike": ("J", "Number of balls that strike in a cradle; by default 1."),
     "e": ("E", "Restitution of every contact; by default 0.95."),
-    "exponent": ("P", "Of forces k delta^p, 1 to 3; 1.5 is Hertz's."),
-    "gap": ("M", "Of every contact but the one that is struck."),
-    "mass_taper": ("R", "Mass of each next ball over the one before."),
-    "stiffness_taper": ("R", "Stiffness of each next contact over the one before."),
+    "exponent": ("P", "Exponent of forces k delta^p, 1 to 3; Hertz: 1.5."),
+    "gap": ("M", "Gap of every contact, except the one that is struck."),
+    "mass_taper": ("R", "Mass ratio of each ball to the ball before it."),
+    "stiffness_taper": ("R", "Stiffness ratio of each contact to the one before it."),
     "step_fraction": ("X", "Time step over the shortest contact period, up to 0.2."),
-    "cell_timeout": ("S", "Seconds that a solver has; by default 300."),
+    "cell_timeout": ("S", "Time limit of each solver in s; by default 300."),
 }
 
 
 def parse_collision(
     parameters: Mapping[str, str | None],
 ) -> tuple[Collision, ChainSetup | None, Config]:
-    """Make a collision of what is typed for one: two balls by ratios or in SI units, or a chain of N.
+    """Return the collision that options describe, with the setup of a chain or None, and the settings of its solution.
 
-    Parameters are those of `PARAMETERS`, typed as options or in an address, None where nothing was. The configuration
-    says how the collision is solved. A `UserError` names the option that is illegal.
+    The options describe two balls, by ratios or in SI units, or a chain of N balls.
+
+    Parameters
+    ----------
+    parameters : mapping of str to str or None
+        Texts of the options in `PARAMETERS`, None for an option that was not typed.
+
+    Raises
+    ------
+    UserError
+        If an option is illegal; the message names it.
     """
     given = {key: value for key, value in parameters.items() if value is not None}
     for key in given:
@@ -72,7 +85,7 @@ def parse_collision(
 
 
 def parse_settings(parameters: Mapping[str, str | None]) -> Config:
-    """Make a configuration of how an impact is solved alone, of parameters as they are typed."""
+    """Return the configuration with which a contact graph is solved, from the texts of options."""
     from impact_xval.experiments.config.experiment import Config
 
     plain = {key: _number_or_text(value) for key, value in parameters.items() if value is not None}
@@ -98,7 +111,8 @@ def _parse_two_balls(plain: dict[str, float | str]) -> tuple[Collision, None, Co
             f"{', '.join(missing)} missing; legal: k2/k1 and m2/m1, or --m1 --m2 --k1 --k2, with --e1 and --e2"
         )
     cell = {key: plain.pop(key) for key in RATIOS}
-    # The built-in grid may leave double precision where the cell does not.
+    # A grid of one cell replaces the built-in grid. With m1, k1 or v0 of the options, numbers of the built-in grid
+    # could overflow although this collision is legal.
     grid = {key: [1.0] for key in cell}
     data = {"scenario": "impact", "figure_cell": cell, "grid": grid, **plain}
     config = validate(Config, data, "", name=_option_of_key)
@@ -106,7 +120,10 @@ def _parse_two_balls(plain: dict[str, float | str]) -> tuple[Collision, None, Co
 
 
 def _positive(key: str, value: float | str, limits: Sequence[float] = ()) -> float:
-    """Return a number that is positive and finite, or one of the limits; a `UserError` names the option."""
+    """Return the number of an option if it is positive and finite or in `limits`.
+
+    For any other value a `UserError` names the option.
+    """
     if isinstance(value, str) or not (0 < value < math.inf or value in limits):
         raise UserError(f"--{key} = {value!r:.60}; legal: a number > 0")
     return value
@@ -125,7 +142,7 @@ def _parse_chain(plain: dict[str, float | str]) -> tuple[Collision, ChainSetup, 
 
 
 def _number_or_text(text: str) -> float | str:
-    """Read a number; a text that is none stays as it is, for the configuration to refuse."""
+    """Return a text as a number if it is one; return any other text as it is, which validation then judges."""
     try:
         return float(text)
     except ValueError:
@@ -133,7 +150,10 @@ def _number_or_text(text: str) -> float | str:
 
 
 def _option_of_key(location: Sequence[str | int]) -> str:
-    """Name the option of a key; values that are not legal together are named by what is said of them."""
+    """Return the name of the option for the key of a configuration.
+
+    It is empty if the error is about several values together: the message then names them.
+    """
     key = str(location[-1]) if location else "figure_chain"
     return "" if key == "figure_chain" else _option({"m": "m1", "k": "k1"}.get(key, key))
 

@@ -1,7 +1,9 @@
-"""The exceptions whose messages are meant for the user, and what is wrong with a file or a table, in one line.
+"""Exceptions whose messages are meant for the user, and the validation of TOML files with messages of one line.
 
-The line names the file, the field, the value and what is legal, which is the description of the field. Tables may be
-nested, and may come in lists.
+A message names the file, the field, its value and the legal values. The legal values are the description of the field
+in its pydantic model. Tables may stand inside tables and in lists.
+
+The modules that read files and options call `read_toml` and `validate`; the command line prints the exceptions.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
     from pydantic_core import ErrorDetails
 
-#: Names a field by the keys, and the positions in lists, that lead to it.
+#: Function that returns the name of a field, given the keys and the positions in lists that lead to it.
 FieldName = Callable[[Sequence[str | int]], str]
 
 #: A table of a TOML file; its values are texts, numbers, truth values, lists and tables.
@@ -30,17 +32,17 @@ _Model = TypeVar("_Model", bound="BaseModel")
 
 class _OneLineError(ImpactXvalError):
     def __init__(self, message: str) -> None:
-        from impact_xval.compliant_baselines.answers import escape_invisible  # its room imports numpy
+        from impact_xval.compliant_baselines.answers import escape_invisible  # the package imports NumPy
 
         super().__init__(escape_invisible(" ".join(str(message).split())))
 
 
 class UserError(_OneLineError, ValueError):
-    """A wrong request of the user; the command line prints the message in one line and ends with exit code 2."""
+    """Mistake in what the user asked for. The command line prints its message in one line; the exit code is 2."""
 
 
 class InterruptedRunError(_OneLineError):
-    """The run was stopped before its end; what is done is kept."""
+    """Stop of a run before its end. Results that are already written are kept."""
 
 
 def is_table(value: object) -> TypeGuard[TomlTable]:
@@ -66,7 +68,7 @@ def read_toml(path: Path | str) -> TomlTable:
 
 
 def dotted_name(parts: Sequence[str | int]) -> str:
-    """Name a field as ``grid.e1``, an entry of a list by its index: ``solvers.0``."""
+    """Return the name of a field with dots, such as ``grid.e1``; an entry of a list has its index: ``solvers.0``."""
     return ".".join(map(str, parts))
 
 
@@ -77,12 +79,22 @@ def validate(
     name: FieldName = dotted_name,
     context: str | None = None,
 ) -> _Model:
-    """Validate plain values; a `UserError` tells the first mistake and counts the others.
+    """Return the model of a table with these values; a `UserError` tells the first mistake and counts the others.
 
-    The line begins with `where`, if it is not empty, and names fields by `name`; what is legal is their description.
-    The context is for validators of the model.
+    Parameters
+    ----------
+    model : type of BaseModel
+        Model of the table. The descriptions of its fields say what is legal.
+    data : mapping of str to object
+        Values by key, as a TOML file has them.
+    where : str
+        Beginning of the message, such as the path of the file; may be empty.
+    name : callable
+        Returns the name of a field in the message.
+    context : str, optional
+        Validation context, which validators of the model may read.
     """
-    from pydantic import ValidationError  # the commands that read no table start without it
+    from pydantic import ValidationError  # imported here: commands that read no table start faster without it
 
     try:
         return model.model_validate(data, context=context)
@@ -93,7 +105,7 @@ def validate(
 
 
 def _one_line(problem: ErrorDetails, model: type[BaseModel], name: FieldName) -> str:
-    """Turn one of pydantic's findings into ``field = value; legal: range``."""
+    """Return an error of pydantic as one line, ``field = value; legal: range``."""
     location, field, value = problem["loc"], name(problem["loc"]), shorten(problem["input"])
     legal, inside = "", model.model_fields
     for key in location:
@@ -112,7 +124,7 @@ def _one_line(problem: ErrorDetails, model: type[BaseModel], name: FieldName) ->
         case "missing":
             return f"{field} is missing; legal: {legal}"
         case "value_error":
-            # What a validator of ours says begins with the value, unless it is of a table as a whole.
+            # Messages of this project's validators begin with the value; those about a whole table begin otherwise.
             said = problem.get("ctx", {}).get("error")
             return f"{field}{': ' if inside else ' = '}{said}".removeprefix(": ")
         case _:
@@ -121,7 +133,10 @@ def _one_line(problem: ErrorDetails, model: type[BaseModel], name: FieldName) ->
 
 
 def _fields(annotation: object) -> dict[str, FieldInfo]:
-    """Return the fields of a table, optional, in a list or neither; none of anything else."""
+    """Return the fields of the table that an annotation names, also of an optional table or of a list of tables.
+
+    For an annotation without a table there are no fields.
+    """
     from pydantic import BaseModel
 
     for part in (annotation, *get_args(annotation)):
@@ -131,12 +146,12 @@ def _fields(annotation: object) -> dict[str, FieldInfo]:
 
 
 def hint(word: str, known: Sequence[str]) -> str:
-    """Ask in brackets whether a known word was meant; empty if none is like it."""
+    """Return a question in parentheses whether a similar known word was meant; empty if no known word is similar."""
     close = difflib.get_close_matches(word.lower(), known, n=1)
     return f" (did you mean {close[0]!r}?)" if close else ""
 
 
 def shorten(value: object, limit: int = 60) -> str:
-    """Write a value as Python does, cut at a length."""
+    """Return the `repr` of a value, cut to at most `limit` characters."""
     text = repr(value)
     return text if len(text) <= limit else text[: limit - 3] + "..."

@@ -1,6 +1,8 @@
-"""An experiment as a validated TOML file.
+"""Configuration of an experiment: the validated content of its TOML file.
 
-Every key has a default, so an empty file is the built-in experiment.
+Every key has a default, so an empty file is the built-in experiment. `load_config` reads a file, and `parse_config`
+validates values that are given as a dictionary. Almost every other module of `experiments` takes the `Config` that they
+return.
 """
 
 from __future__ import annotations
@@ -41,22 +43,24 @@ from impact_xval.experiments.config.graphs import GRAPH_AXES, GraphGrid, named_g
 from impact_xval.experiments.config.renamed import EXPERIMENT_KEYS, rename_keys
 from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, V0, Cutoff, legal_cutoff
 
-#: What says which cells are computed; an experiment has one of them, without any the built-in grid.
+#: Keys that decide which cells are computed. An experiment has at most one of them; without any it has the built-in
+#: grid.
 DESIGNS = ("grid", "sample", "cells", "chain", "graph")
 
-#: What every cell of an experiment is: two balls on a table, a chain of N balls, or a contact graph.
+#: Kind of all cells of an experiment: two balls on a table, chains of N balls, or contact graphs.
 CellKind = Literal["pair", "chain", "graph"]
 
-#: By what the cells of a kind are grouped, and how a reader knows it.
+#: Axes by which the cells of each kind are grouped, each with its name in tables and figures.
 AXES_OF: Mapping[CellKind, Mapping[str, str]] = {"pair": AXES, "chain": CHAIN_AXES, "graph": GRAPH_AXES}
 
-#: What the cells of a kind are called, in the plural.
+#: Word for the cells of each kind, in the plural.
 NOUN_OF: Mapping[CellKind, str] = {"pair": "cells", "chain": "chains", "graph": "graphs"}
 
-#: Keys on which no row depends. The cells of a list are part of the identity of each chunk, wherever their file lies.
+#: Keys on which no row of the tables depends. The path of a file of cells is one of them: the values in the file, not
+#: its place, are part of the identity of each chunk.
 COSMETIC = ("name", "workers", "figure_cell", "figure_chain", "cells")
 
-#: The solver every other one is compared with; part of every run.
+#: Name of the model, with which every other solver is compared. It is part of every run.
 REFERENCE = "state-transition"
 
 _NAME = "1 to 100 printable characters"
@@ -76,7 +80,7 @@ Solvers = Annotated[
 
 
 class Cell(Strict):
-    """One collision by its ratios; the numbers that decide an impact (Theorem 5)."""
+    """Ratios and restitutions of one collision of two balls, which decide the outcome of an impact (Theorem 5)."""
 
     stiffness_ratio: float = legal_field(LEGAL["stiffness_ratio"], 1.0)
     mass_ratio: float = legal_field(LEGAL["mass_ratio"], 2 / math.sqrt(3))
@@ -85,10 +89,10 @@ class Cell(Strict):
 
 
 class Grid(Axes):
-    """Axes of the grid, in the order in which they vary, the first slowest.
+    """Axes of a grid of pairs; the first axis varies slowest.
 
-    With `e` both restitutions are equal, and vary together. `m2` and `k2`, in SI units, replace their ratios; `m1` and
-    `k1` replace those of the experiment.
+    `e` gives both restitutions the same values. `m2` and `k2` are in SI units and replace the ratios m2/m1 and k2/k1.
+    `m1` and `k1` replace the values above the tables of the file.
     """
 
     stiffness_ratio: Axis = Field(default={"log": [1e-3, 1e3, 13]})
@@ -113,7 +117,7 @@ class Grid(Axes):
 
     @property
     def replaced_axes(self) -> set[str]:
-        """Names of the axes in whose place others are given."""
+        """Names of the axes that are not used because other axes are given in their place."""
         ratios = {ratio for ratio, (quantity, _) in RATIO_OF.items() if getattr(self, quantity) is not None}
         return ratios if self.e is None else {*ratios, "e1", "e2"}
 
@@ -123,12 +127,12 @@ class Grid(Axes):
         return [name for name in SI_AXES if getattr(self, name) is not None]
 
     def varied(self) -> dict[str, list[float]]:
-        """Values of every axis that varies by itself; the last one varies fastest."""
+        """Return the values of every axis in use; the last axis varies fastest. `e` counts as one axis."""
         axes = ((name, axis) for name, axis in self if axis is not None)
         return {name: expand_axis(axis) for name, axis in axes if name not in self.replaced_axes}
 
     def axes(self) -> dict[str, list[float]]:
-        """Values of every parameter that is given."""
+        """Return the values of every parameter, with `e1` and `e2` in the place of `e`."""
         return split_restitution(self.varied())
 
 
@@ -139,7 +143,10 @@ def _extremes(values: list[float]) -> list[float]:
 def _check_ratios(
     ratio: str, quantity: str, ratios: list[float], values: list[float], unit: str, scale: float
 ) -> None:
-    """Refuse a quantity whose ratio, which a `Collision` holds, is illegal or over- or underflows."""
+    """Raise a ValueError if a quantity in SI units has an illegal ratio, or one that over- or underflows.
+
+    `ratios` are the ratios of the values of `quantity` to `scale`, the value of `unit`: for example k2/k1.
+    """
     for value, made in zip(values, ratios, strict=True):
         limit = value == 0 or math.isinf(value)
         if not LEGAL[ratio].includes(made) or (not limit and (made == 0 or math.isinf(made))):
@@ -148,13 +155,16 @@ def _check_ratios(
 
 
 def split_restitution(values: Mapping[str, _Values]) -> dict[str, _Values]:
-    """Return values by parameter with `e`, if it is there, as `e1` and `e2`."""
+    """Return values by parameter in which `e1` and `e2` stand in the place of `e`, if there is an `e`."""
     others = {name: each for name, each in values.items() if name != "e"}
     return others | ({"e1": values["e"], "e2": values["e"]} if "e" in values else {})
 
 
 class ConvergenceTable(Strict):
-    """Settings of the runs of an engine at shorter steps, from which its limit is extrapolated, cell by cell."""
+    """Settings of the additional runs of an engine at shorter time steps.
+
+    From these runs the engine's limit at a step of zero is extrapolated in every cell.
+    """
 
     enabled: bool = Field(True, description="true or false")
     tolerance: float = at_most_field(1e-3, 1, "of |v0|")
@@ -162,7 +172,7 @@ class ConvergenceTable(Strict):
 
 
 class Config(Strict):
-    """An experiment, as its file says it: which cells are computed, by which solvers and how."""
+    """Configuration of an experiment: which cells are solved, by which solvers, and with which settings."""
 
     name: str = Field("default", description=_NAME)
     scenario: Literal["impact", "drop"] = Field("drop", description="'impact' or 'drop'")
@@ -213,7 +223,7 @@ class Config(Strict):
     @field_validator("stiffness_ratio_cutoff", mode="before")
     @classmethod
     def _cutoff(cls, value: object) -> object:
-        # Before the union's own validation, which would tell one mistake twice, once for each type.
+        # This validator runs before pydantic's, which would report one mistake twice: once for each type of the union.
         if not legal_cutoff(value):
             raise ValueError(f"{shorten(value)}; legal: {LEGAL_CUTOFF}")
         return value
@@ -221,7 +231,7 @@ class Config(Strict):
     @field_validator("solvers")
     @classmethod
     def _reference_first(cls, value: list[str]) -> list[str]:
-        # Asked for or not: without it there is nothing to diverge from.
+        # The model is added if the file does not name it: other solvers are compared with it.
         return [REFERENCE, *(name for name in value if name != REFERENCE)]
 
     @model_validator(mode="after")
@@ -246,7 +256,7 @@ class Config(Strict):
         return self
 
     def _keys_of_others(self) -> dict[str, str]:
-        """Return keys that are for other kinds of cells, each with what is legal in its place."""
+        """Return the keys that belong to other kinds of cells, each with a text that says what is legal instead."""
         match self.kind:
             case "pair":
                 return {"figure_chain": "figure_cell"}
@@ -259,7 +269,7 @@ class Config(Strict):
 
     @model_validator(mode="after")
     def _computable(self) -> Config:
-        # The built-in grid stands beside other designs too, and nothing computes it there.
+        # If the experiment has a sample, a file, chains or graphs, the built-in grid is not computed nor checked.
         ends: dict[str, list[float]] = {}
         if self.cells is None and self.kind == "pair":
             ends = self.grid.axes() if self.sample is None else self.sample.ends()
@@ -289,12 +299,15 @@ class Config(Strict):
 
     @property
     def kind(self) -> CellKind:
-        """What every cell is."""
+        """Kind of every cell of the experiment."""
         return "chain" if self.chain is not None else "graph" if self.graph is not None else "pair"
 
     @property
     def scales(self) -> dict[str, float]:
-        """Mass in kg and stiffness in N/m of the cell of the figures: those of the experiment, or first of the grid."""
+        """Mass m1 in kg and stiffness k1 in N/m of the pair that is drawn in figures.
+
+        They are the first values of the axes m1 and k1 if the grid has these, otherwise the values above the tables.
+        """
         axes = self.grid.axes() if "grid" in self.model_fields_set else {}
         return {name: axes[name][0] if name in axes else getattr(self, name) for name in ("m1", "k1")}
 
@@ -305,9 +318,9 @@ class Config(Strict):
         m1: float | None = None,
         k1: float | None = None,
     ) -> tuple[int, str] | None:
-        """Find the place of a ratio with which a number of a cell leaves double precision, and say so.
+        """Return the index and a message for the first ratio with which a number of a cell over- or underflows.
 
-        m1 in kg and k1 in N/m are by default those of the experiment.
+        Return None if there is no such ratio. m1 is in kg and k1 in N/m; by default they are those of the experiment.
         """
         k, m = np.asarray(stiffness_ratios, float), np.asarray(mass_ratios, float)
         m1, k1 = self.m1 if m1 is None else m1, self.k1 if k1 is None else k1
@@ -330,7 +343,11 @@ class Config(Strict):
         return None
 
     def gravity_number(self, m2: ArrayLike, m1: ArrayLike, k1: ArrayLike) -> NDArray[np.float64]:
-        """Return g/(abs(v0) omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)); 0 without gravity. Masses in kg, k1 in N/m."""
+        """Return the gravity number g/(abs(v0) omega1) of pairs, with omega1 = sqrt(k1 (1/m1 + 1/m2)).
+
+        omega1 is the frequency of contact 1, between the balls. The number is 0 without gravity. Masses are in kg, k1
+        in N/m.
+        """
         m2, m1, k1 = (np.asarray(each, float) for each in (m2, m1, k1))
         if self.scenario == "impact":
             return np.zeros(m2.shape)
@@ -339,7 +356,10 @@ class Config(Strict):
             return self.gravity / (abs(self.v0) * np.sqrt(k1 / reduced_mass))
 
     def size(self) -> str:
-        """Say how many cells the axes make, and which of them took their defaults; "" without axes."""
+        """Return a text that tells the number of cells, and the number of values on each axis.
+
+        An axis with its default values is marked as such. The text is empty for a sample and for a file of cells.
+        """
         if self.sample is not None or self.cells is not None:
             return ""
         table = self.chain or self.graph or self.grid
@@ -350,7 +370,7 @@ class Config(Strict):
         return f"{table.count()} {NOUN_OF[self.kind]}: {', '.join(axes)}"
 
     def _as_written(self) -> dict[str, object]:
-        """Return the configuration as a file holds it."""
+        """Return the values of all keys that apply to this experiment, as a TOML file has them."""
         left_out: dict[str, set[str] | bool] = (
             {"grid": self.grid.replaced_axes} if self.grid.replaced_axes else {}
         )
@@ -370,18 +390,21 @@ class Config(Strict):
         return self.model_dump(exclude=left_out | dict.fromkeys(of_others, True), exclude_none=True)
 
     def canonical(self) -> dict[str, object]:
-        """Return the configuration as plain JSON values; an infinity is the text ``"inf"``."""
+        """Return the configuration as plain JSON values, with the text ``"inf"`` for infinity."""
         return _plain(self._as_written())
 
     def toml(self) -> str:
-        """Return the configuration as the text of a TOML file, the path of a list of cells from the root."""
+        """Return the configuration as the text of a TOML file; the path of a file of cells is absolute in it."""
         import tomli_w
 
         listed = {} if self.cells is None else {"cells": str(Path(self.cells).resolve())}
         return tomli_w.dumps(self._as_written() | listed)
 
     def identity(self) -> str:
-        """Hash of everything the cells' results depend on; not of names, figures or the number of workers."""
+        """Return a hash of all keys that the results of cells depend on.
+
+        Keys such as the name, the figures and the number of workers (`COSMETIC`) do not change the hash.
+        """
         plain = {key: value for key, value in self.canonical().items() if key not in COSMETIC}
         if "grid" in plain:
             plain["grid"] = _plain(self.grid.varied())
@@ -393,12 +416,12 @@ class Config(Strict):
 
 
 def _plain(table: Mapping[str, object]) -> dict[str, object]:
-    """Make plain JSON values of a table; an infinity is the text ``"inf"``."""
+    """Return a table as plain JSON values, with the text ``"inf"`` for infinity."""
     return json.loads(json.dumps(table), parse_constant=lambda _: "inf")
 
 
 def solvers_problem(names: list[str]) -> str | None:
-    """Say what is wrong with a list of solver names, or return None."""
+    """Return a message that says what is wrong with a list of solver names, or None if the list is legal."""
     from impact_xval.compliant_baselines import solver_names
 
     known = list(solver_names(on_request=True))
@@ -411,20 +434,24 @@ def solvers_problem(names: list[str]) -> str | None:
 
 
 def load_config(path: Path | str, context: str = "") -> Config:
-    """Read an experiment from a TOML file, whose name it has by default; in the context `KEPT` of a run that is there.
+    """Return the experiment in a TOML file. By default the experiment has the name of the file.
 
-    A `UserError` names file, field, value and legal range.
+    The context is `KEPT` if the file belongs to the folder of a run. If a value is illegal, a `UserError` names the
+    file, the field, the value and the legal values.
     """
     path = Path(path)
     data = {"name": path.stem, **read_toml(path)}
     cells = data.get("cells")
     if isinstance(cells, str) and cells:
-        data["cells"] = str(path.parent / cells)  # beside the file that names it
+        data["cells"] = str(path.parent / cells)  # the path is relative to the folder of the TOML file
         if context != KEPT and not (path.parent / cells).is_file():
             raise UserError(f"{path}: cells = {data['cells']!r}: no such file; legal: a CSV or Parquet file")
     return validate(Config, data, str(path), context=context)
 
 
 def parse_config(data: Mapping[str, object], where: str = "configuration") -> Config:
-    """Validate an experiment given as a TOML file holds it, as `validate` does."""
+    """Return the experiment with these keys and values, which are given as a TOML file has them.
+
+    If a value is illegal, a `UserError` that begins with `where` says what is legal.
+    """
     return validate(Config, data, where)

@@ -1,6 +1,7 @@
-"""One contact graph by its name, as it is typed: the options that each graph has, and their legal values.
+"""Options of the command ``solve --graph``: the options that each contact graph has, and their legal values.
 
-Nothing heavy is imported before something is asked: the options of help texts stand here.
+`parse_graph` makes a contact graph of these options. NumPy is imported only then, because help texts show the options
+and must appear at once.
 """
 
 from __future__ import annotations
@@ -13,21 +14,21 @@ from impact_xval.experiments.config.errors import UserError, hint
 if TYPE_CHECKING:
     from impact_xval.model.graph import GraphCollision
 
-#: Options of graphs alone, each with its unit and meaning.
+#: Options that only contact graphs have, each with its placeholder in the help and its meaning.
 GRAPH_PARAMETERS = {
     "graph": ("NAME", "'bernoulli', 'corner', 'bridge', 'rack' or 'box'."),
-    "angle": ("DEG", "Of a fall to a line of centres, or between walls, in degrees."),
+    "angle": ("DEG", "Angle of a fall to a line of centres, or between walls, in degrees."),
     "restitution": ("E", "Restitution of every contact of a graph, 0 to 1."),
-    "velocity": ("X,Z", "Of the ball in a corner, in m/s."),
+    "velocity": ("X,Z", "Velocity of the ball in a corner, in m/s."),
     "table_stiffness_ratio": ("R", "Stiffness of the table of a bridge over all others."),
-    "offset": ("DEG", "Of the cue ball's velocity from the axis of a rack, in degrees."),
-    "inertia": ("R", "Of a box, over m a^2 with the half width a."),
+    "offset": ("DEG", "Angle of the cue ball's velocity to the axis of a rack, in degrees."),
+    "inertia": ("R", "Moment of inertia of a box over m a^2 with the half width a."),
 }
 
-#: Options that every graph has: how it is solved.
+#: Options that every graph has. They decide how the graph is solved.
 SOLVED_BY = ("step_fraction", "cell_timeout")
 
-#: Options of each graph; e1 and e2 are its two restitutions.
+#: Options of each graph by its name; e1 and e2 are two restitutions.
 OPTIONS_OF = {
     "bernoulli": ("angle", "stiffness_ratio", "restitution"),
     "corner": ("angle", "stiffness_ratio", "e1", "e2", "velocity"),
@@ -36,15 +37,15 @@ OPTIONS_OF = {
     "box": ("inertia", "stiffness_ratio", "restitution"),
 }
 
-#: Restitutions of a graph that has two, if they are not given: those of `model.graph.named`.
+#: Default restitutions of the graphs that have two of them; the same as in `model.graph.named`.
 _RESTITUTIONS = {"corner": (1.0, 1.0), "bridge": (0.9, 0.7)}
 
 
 def parse_graph(parameters: Mapping[str, str | None]) -> tuple[GraphCollision, str]:
-    """Make a collision of bodies of what is typed for one, and name it in words.
+    """Return the contact graph that options describe, and its description in words.
 
-    Parameters are typed as options, None where nothing was; those of `SOLVED_BY` are left alone. A `UserError` names
-    the option that is illegal, its value and what is legal.
+    `parameters` has the texts of options by name, None for an option that was not typed. The options in `SOLVED_BY` are
+    ignored here. If an option is illegal, a `UserError` names the option, its value and the legal values.
     """
     given = {key: text for key, text in parameters.items() if text is not None and key not in SOLVED_BY}
     name = given.pop("graph")
@@ -72,7 +73,7 @@ def parse_graph(parameters: Mapping[str, str | None]) -> tuple[GraphCollision, s
 
 
 def _number(key: str, text: str) -> float:
-    """Read a number."""
+    """Return the number that was typed for an option."""
     try:
         return float(text)
     except ValueError:
@@ -80,7 +81,7 @@ def _number(key: str, text: str) -> float:
 
 
 def _restitution(key: str, text: str) -> float:
-    """Read a restitution."""
+    """Return the restitution from 0 to 1 that was typed for an option."""
     value = _number(key, text)
     if not 0 <= value <= 1:
         raise UserError(f"{_option(key)} = {text!r:.60}; legal: from 0 to 1")
@@ -88,13 +89,13 @@ def _restitution(key: str, text: str) -> float:
 
 
 def _count(key: str, text: str) -> float:
-    """Read a number, as a whole one if it is."""
+    """Return the number that was typed for an option, as an int if it is whole."""
     value = _number(key, text)
     return int(value) if value.is_integer() else value
 
 
 def _vector(key: str, text: str) -> tuple[float, ...]:
-    """Read two numbers, separated by a comma."""
+    """Return the two numbers, separated by a comma, that were typed for an option."""
     try:
         x, z = map(float, text.split(","))
     except ValueError:
@@ -102,6 +103,7 @@ def _vector(key: str, text: str) -> tuple[float, ...]:
     return x, z
 
 
+#: Functions that read the text of an option; `_number` reads all others.
 _READERS: Mapping[str, Callable[[str, str], object]] = {
     "e1": _restitution,
     "e2": _restitution,
@@ -112,7 +114,10 @@ _READERS: Mapping[str, Callable[[str, str], object]] = {
 
 
 def _named_option(said: str, given: Mapping[str, str]) -> str:
-    """Name the option in what a graph says of an illegal value, which begins with the name of a field."""
+    """Return the message of a graph about an illegal value, with the name of the option instead of the field's name.
+
+    `said` is the message and begins with the name of a field; `given` has the texts of the options.
+    """
     field, _, rest = said.partition(" ")
     if field in given:
         return f"{_option(field)} {rest}"

@@ -1,7 +1,8 @@
-"""Contact graphs by name as a design of an experiment: the axes of `bernoulli`, `corner`, `bridge` and `rack`.
+"""Contact graphs in an experiment: the table ``[graph]`` with the axes of the graphs that can be named in it.
 
-A graph of `model.graph.named` has m = 1 kg, k1 = 1 N/m and a speed of 1 m/s; here it takes m1, k1 and v0 of the
-experiment. A graph has only some of the axes: the others are NaN in its cells (`docs/graphs.md`).
+The graphs are `bernoulli`, `corner`, `bridge` and `rack` of `model.graph.named` (`docs/graphs.md`). There they have a
+mass of 1 kg, k1 = 1 N/m and a speed of 1 m/s; here they get m1, k1 and v0 of the experiment. Each graph has only some
+of the axes. In its cells the values on all other axes are NaN.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from impact_xval.model.graph.collision import GraphCollision
 from impact_xval.model.graph.named import RACKS, bernoulli, bridge, corner, rack
 from impact_xval.model.inputs import E1, MASS_RATIO, Legal
 
-#: By what contact graphs are grouped, and how a reader knows it.
+#: Axes by which contact graphs are grouped, each with its name in tables and figures.
 GRAPH_AXES = {
     "stiffness_ratio": "k2/k1",
     "graph": "graph",
@@ -37,7 +38,7 @@ _LEAST, _BELOW_90, _BELOW_180 = (
 _BETWEEN_BALLS = Legal("angle", 30.0, _BELOW_90, "from 30 to less than 90 degrees")
 _BETWEEN_WALLS = Legal("angle", _LEAST, _BELOW_180, "more than 0 and less than 180 degrees")
 
-#: What is legal on each axis; a graph may have a narrower range of angles.
+#: Legal values on each axis. For some graphs the range of angles is narrower.
 _LEGAL = {
     "angle": Legal("angle", _LEAST, _BELOW_180, "degrees, more than 0 and less than 180"),
     "stiffness_ratio": Legal("stiffness_ratio", _LEAST, 1e150, "a number > 0, at most 1e150 (k2/k1)"),
@@ -46,34 +47,35 @@ _LEGAL = {
     "e": E1._replace(name="e"),
 }
 
-#: Values of the axes of a graph by name.
+#: Value of a graph on each axis, by the name of the axis.
 Numbers = Mapping[str, float]
 
 
 class Mirror(NamedTuple):
-    """Mirror symmetry of a scene."""
+    """Mirror symmetry of a contact graph."""
 
-    #: Place of the coordinate that changes its sign: 0 for x, 1 for z.
+    #: Index of the coordinate whose sign the mirror changes: 0 for x, 1 for z.
     coordinate: int
-    #: By body, from 0, the place of its mirror image.
+    #: For each body the index of its mirror image, from 0.
     images: tuple[int, ...]
 
 
 class GraphSpec(NamedTuple):
-    """A contact graph by name, as an experiment varies it."""
+    """Axes, construction and symmetry of a contact graph that an experiment names."""
 
-    #: The axes that it has.
+    #: Names of the axes that the graph has.
     axes: tuple[str, ...]
+    #: Function that returns the graph with given values on its axes.
     make: Callable[[Numbers], GraphCollision]
-    #: Mirror symmetry of a cell; None where it has none.
+    #: Function that returns the mirror symmetry of the graph, or None if it has none with these values.
     mirror: Callable[[Numbers], Mirror | None]
-    #: Angles by default, and legal ones; none of a graph without angle.
+    #: Default angles in degrees and legal angles; empty and None for a graph without an angle.
     angles: tuple[float, ...] = ()
     legal_angle: Legal | None = None
 
 
 def _mirrored_rack(numbers: Numbers) -> Mirror:
-    """Return the mirror of a rack in its axis: the balls of a row change places from end to end."""
+    """Return the mirror symmetry of a rack about its axis: the order of the balls in each row is reversed."""
     images, row = [0], 1
     while len(images) <= numbers["balls"]:
         images += range(len(images) + row - 1, len(images) - 1, -1)
@@ -81,7 +83,8 @@ def _mirrored_rack(numbers: Numbers) -> Mirror:
     return Mirror(1, tuple(images))
 
 
-#: Graphs of an experiment by name. Of the two equal balls below a first one each is the image of the other.
+#: Contact graphs that an experiment can name. In `bernoulli` and `bridge` a ball falls on two equal balls; each of
+#: these is the mirror image of the other.
 GRAPH_SPECS = {
     "bernoulli": GraphSpec(
         ("angle", "stiffness_ratio", "e"),
@@ -119,7 +122,10 @@ _NAMES = "'bernoulli', 'corner', 'bridge' or 'rack'"
 
 
 class GraphGrid(Axes):
-    """Axes of contact graphs by name; the first varies slowest. A graph takes the axes that it has."""
+    """Axes of an experiment with contact graphs; the first axis varies slowest.
+
+    The values on an axis apply to the graphs that have this axis.
+    """
 
     name: list[str] = Field(default=[*GRAPH_SPECS], description=_NAMES)
     stiffness_ratio: GivenAxis = Field(
@@ -168,11 +174,14 @@ class GraphGrid(Axes):
 
     @property
     def unused_axes(self) -> set[str]:
-        """Names of the axes that none of the graphs has."""
+        """Names of the axes that no graph of this experiment has."""
         return {key for key in _LEGAL if not any(key in GRAPH_SPECS[name].axes for name in self.name)}
 
     def varied(self) -> dict[str, list[float] | list[str]]:
-        """Values of every axis that some graph has, and the names; angles by default differ from graph to graph."""
+        """Return the names of the graphs, and the values on every axis that at least one of them has.
+
+        Without angles in the file each graph has its own default angles, and the axis of angles is not in the result.
+        """
         axes: dict[str, list[float] | list[str]] = {"name": self.name}
         keys = [key for key in GRAPH_AXES if key in _LEGAL and key not in self.unused_axes]
         given = ((key, getattr(self, key)) for key in keys)
@@ -183,11 +192,11 @@ class GraphGrid(Axes):
         return max(len(named_graph(*corner, 1.0, 1.0, -1.0).masses) for corner in self.corners())
 
     def count(self) -> int:
-        """Count the cells of all graphs."""
+        """Return the number of cells, over all graphs."""
         return sum(math.prod(map(len, self.axes(name).values())) for name in self.name)
 
     def axes(self, name: str) -> dict[str, list[float]]:
-        """Values of every axis of a graph; NaN on an axis that it does not have."""
+        """Return the values of a graph on every axis; a single NaN on an axis that the graph does not have."""
         spec = GRAPH_SPECS[name]
         given = {key: getattr(self, key) for key in _LEGAL}
         given["angle"] = self.angle or list(spec.angles)
@@ -198,7 +207,10 @@ class GraphGrid(Axes):
         }
 
     def corners(self) -> Iterator[tuple[str, dict[str, float]]]:
-        """Yield graphs at the ends of all axes, by name and numbers: if any is illegal, one of these is."""
+        """Yield the graphs at the ends of all axes, each as its name and its value on each axis.
+
+        If any graph of the axes is illegal, one of these graphs is.
+        """
         for name in self.name:
             for end in (min, max):
                 yield name, {key: end(values) for key, values in self.axes(name).items()}
@@ -210,11 +222,13 @@ def named_graph(name: str, numbers: Numbers, m1: float, k1: float, v0: float) ->
     Parameters
     ----------
     name : str
-        One of `GRAPH_SPECS`.
+        One of the names in `GRAPH_SPECS`.
     numbers : mapping of str to float
-    m1, k1, v0 : float
-        Mass in kg and stiffness in N/m of what has 1 in `model.graph.named`, and velocity in m/s whose size is the
-        speed there.
+        Value on each axis.
+    m1, k1 : float
+        Mass in kg and stiffness in N/m that replace 1 kg and 1 N/m in `model.graph.named`.
+    v0 : float
+        Velocity in m/s whose absolute value replaces the speed of 1 m/s.
 
     Raises
     ------

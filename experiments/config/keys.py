@@ -1,7 +1,7 @@
-"""The keys of an experiment, each with its default, its legal values and its meaning; the site's page lists them.
+"""Keys of the TOML file of an experiment, each with its default, its legal values and its meaning.
 
-The models of `experiment` decide which keys there are, and what is legal. A key that is added there needs a line in
-`MEANINGS`.
+The documentation site lists them. The pydantic models in `experiment` decide which keys there are and what is legal. A
+key that is added there needs a line in `MEANINGS`.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from pydantic.fields import FieldInfo
 from impact_xval.experiments.config.axes import LEGAL
 from impact_xval.experiments.config.experiment import Config
 
-#: By key, one sentence that says what the number or the word decides. Keys in tables have the table's name before them.
+#: One sentence for each key that says what its value decides. A key in a table has the name of the table before it.
 MEANINGS = {
     "name": "Name of the experiment; the run goes to the folder runs/NAME.",
     "scenario": "A `drop` has gravity, and the lower ball rests settled on the table. An `impact` has no gravity.",
     "gravity": "Acceleration of gravity in a `drop`.",
     "m1": "Mass of the first ball: the upper ball, or the first ball of a chain.",
     "k1": "Stiffness of the first contact: ball on ball of two balls on a table.",
-    "v0": "Velocity of what falls or strikes, just before the collision.",
+    "v0": "Velocity of the balls that fall or strike, just before the collision.",
     "solvers": "Solvers that compute every cell; the model `state-transition` is always one of them.",
     "step_fraction": "Time step of engines, as a part of the shortest contact period.",
     "max_steps": "Number of time steps after which a collision that is not over counts as `timeout`.",
@@ -33,7 +33,7 @@ MEANINGS = {
     "stiffness_ratio_cutoff": "Ratio of stiffnesses beyond which the model takes the stiffer contact for rigid; "
     "`exact` does so only where the outcome stays the same.",
     "grazing_threshold": "Outcomes of the model with a grazing margin below this number are marked as beside a jump.",
-    "measures": "What is computed beside velocities: `all` measures, or none.",
+    "measures": "Whether measures are computed in addition to velocities: `all` of them, or none.",
     "cell_timeout": "Time that a solver has for a chunk of cells before the chunk is split, down to one cell.",
     "chunk_size": "Number of cells that a worker takes at a time; without it the run chooses the number.",
     "workers": "Number of processes that compute; without it one for each core.",
@@ -53,13 +53,13 @@ MEANINGS = {
     "sample.n": "Number of cells that are drawn from a Sobol sequence; best a power of two.",
     "sample.seed": "Seed of the sequence; the same seed draws the same cells.",
     "cells": "File with one row for each cell, and the columns stiffness_ratio, mass_ratio, e1 and e2.",
-    "chain.arrangement": "How the balls are set up: one ball strikes a `row`, some strike a `cradle`, one falls on a "
+    "chain.arrangement": "Setup of the balls: one ball strikes a `row`, several strike a `cradle`, one falls on a "
     "`pile`, a `stack` falls as a whole.",
     "chain.balls": "Numbers of balls of a chain.",
     "chain.strike": "Numbers of balls that strike in a cradle; without it one.",
     "chain.exponent": "Exponents p of the contact force k δ^p.",
-    "chain.mass_taper": "Mass of each next ball over the mass of the ball before.",
-    "chain.stiffness_taper": "Stiffness of each next contact over the stiffness of the contact before.",
+    "chain.mass_taper": "Mass of each ball over the mass of the ball before it.",
+    "chain.stiffness_taper": "Stiffness of each contact over the stiffness of the contact before it.",
     "chain.gap": "Gaps that are open at first between balls, except at the contact that is struck.",
     "chain.e": "Restitutions, the same for every contact of a chain.",
     "graph.name": "Contact graphs by name: `bernoulli`, `corner`, `bridge`, `rack`.",
@@ -82,20 +82,20 @@ MEANINGS = {
     "figure_chain.exponent": "Exponent p of the contact force k δ^p in this chain.",
     "figure_chain.gap": "Gap between the balls of this chain, except at the contact that is struck.",
     "figure_chain.m": "Mass of its first ball.",
-    "figure_chain.mass_taper": "Mass of each next ball over the mass of the ball before.",
+    "figure_chain.mass_taper": "Mass of each ball over the mass of the ball before it.",
     "figure_chain.k": "Stiffness of its first contact.",
-    "figure_chain.stiffness_taper": "Stiffness of each next contact over the stiffness of the contact before.",
+    "figure_chain.stiffness_taper": "Stiffness of each contact over the stiffness of the contact before it.",
     "figure_chain.v0": "Velocity of the balls that strike or fall.",
 }
 
 
 @dataclass(frozen=True)
 class Key:
-    """A key of an experiment."""
+    """Name, default, legal values and meaning of a key of an experiment."""
 
-    #: As `table.key`, or `key` above every table.
+    #: Name as `table.key`, or `key` for a key above all tables of the file.
     name: str
-    #: Its value where the file leaves it out; None where nothing is chosen then.
+    #: Value of the key if the file does not have it; None if there is no such value.
     default: object
     #: The legal values in words.
     legal: str
@@ -103,12 +103,12 @@ class Key:
 
 
 def experiment_keys(model: type[BaseModel] = Config, before: str = "") -> Iterator[Key]:
-    """Yield every key of a model in the order of its fields, those of its tables included.
+    """Yield every key of a model in the order of its fields, including the keys of its tables.
 
     Raises
     ------
     KeyError
-        If a key has no meaning, or nothing says what is legal.
+        If a key has no entry in `MEANINGS`, or neither a description nor an entry in `LEGAL`.
     """
     for field_name, field in model.model_fields.items():
         table, name = _table_of(field), before + field_name
@@ -120,7 +120,7 @@ def experiment_keys(model: type[BaseModel] = Config, before: str = "") -> Iterat
 
 
 def _table_of(field: FieldInfo) -> type[BaseModel] | None:
-    """Return the model of a field that is a table, or may be one."""
+    """Return the model of a field that is a table or an optional table; None for any other field."""
     for kind in (field.annotation, *get_args(field.annotation)):
         if isinstance(kind, type) and issubclass(kind, BaseModel):
             return kind

@@ -1,8 +1,9 @@
-"""Names that version 0.4 had for things that have another name now.
+"""Names of version 0.4 that have changed since, and the translation of old names into new ones.
 
-The tables say what was renamed. The functions translate what a user wrote for 0.4, a TOML file or an option; they are
-called by the classes that validate a configuration. `tables.earlier` translates the tables of a run by the tables here,
-and the command ``scoreboard`` translates the answers of a baseline. All of this is kept for one release.
+The dictionaries map old names to new names. The functions translate names in TOML files and options that were written
+for 0.4; the classes that validate a configuration call them. `tables.earlier` uses the dictionaries to translate the
+tables of a run, and the command ``scoreboard`` to translate the answers of an earlier scoreboard. Old names are
+understood for one release.
 """
 
 from __future__ import annotations
@@ -32,10 +33,10 @@ CASES = {f"drop, k2/k1 = {ratio}": f"pile, k2/k1 = {ratio}" for ratio in ("0.01"
 
 
 def rename_keys(data: object, names: Mapping[str, str], *, warn: bool) -> object:
-    """Return a TOML table with the keys of 0.4 under their new names; anything else as it is.
+    """Return a TOML table in which the keys of version 0.4 have their new names; return any other value as it is.
 
-    A key that stands there under both names keeps the old one, which is then refused as unknown. With `warn` each
-    renamed key is told by a `FutureWarning`.
+    If the table has both the old and the new name of a key, the old name is kept, and validation refuses it as unknown.
+    With `warn`, a `FutureWarning` tells each renamed key.
     """
     if not is_table(data):
         return data
@@ -52,7 +53,10 @@ def rename_keys(data: object, names: Mapping[str, str], *, warn: bool) -> object
 
 
 def rename_arrangement(name: object, *, warn: bool) -> object:
-    """Return the new name of an arrangement of 0.4; anything else as it is. With `warn` a `FutureWarning` tells it."""
+    """Return the new name of an arrangement of version 0.4; return any other value as it is.
+
+    With `warn`, a `FutureWarning` tells the new name.
+    """
     if not isinstance(name, str) or name not in ARRANGEMENTS:
         return name
     new = ARRANGEMENTS[name]

@@ -1,1 +1,1 @@
-"""Cells by solvers: by whom, isolated, resumed; designs. Imports `measures` and below."""
+"""Runs of experiments: solvers solve cells in worker processes; a stopped run continues where it was stopped."""

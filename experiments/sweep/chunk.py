@@ -1,8 +1,12 @@
-"""A chunk of cells by each solver, as the rows of a part, and what a process needs before its first cell.
+"""Solution of a chunk of cells by each solver of an experiment in worker processes, and compilation of kernels before.
 
-A call of a process is one solver's. What crashes or hangs is found by halving (`process.in_halves`), and becomes rows
-with that status. Solvers are imported and kernels compiled outside of every limit of a cell: by one process of an
-installation, while others wait for its lock, and read them from the cache then.
+A worker process solves the cells of a chunk by one solver at a time. If it crashes or hangs, halving the chunk finds
+the cells that are to blame (`process.in_halves`); their rows get that status, and all other cells keep their results.
+
+No time limit of a cell includes the import of solvers and the compilation of kernels. One process compiles a kernel;
+other processes of this installation wait for its lock and then read the kernel from the cache.
+
+`run` calls `begin_compiling` and `solve_chunks`; the command ``solvers`` calls `ask_version`.
 """
 
 from __future__ import annotations
@@ -54,24 +58,30 @@ from impact_xval.model.chain.kernel import follow_chains
 from impact_xval.model.compiled import is_compiled, kernel_cache_folder
 from impact_xval.model.pair.kernel import collide_all
 
-#: A function that numba compiles; what `njit` returns has no type of its own.
+#: Function that Numba compiles. Numba gives no type for what `njit` returns.
 Kernel = Any
 
-#: Seconds for what follows the solvers of a chunk, or the cells of a run; not their limit, for these are references in
-#: closed form, and tables must not depend on how busy a machine is.
+#: Time limit in seconds of the steps that follow the solvers: the rows of a chunk, the tables and pages of a run. These
+#: steps call references in closed form only. The limit of a cell does not apply to them, because tables must not depend
+#: on how busy a machine is.
 TO_COMPLETE = 600.0
 
 _Answer = TypeVar("_Answer")
 _Context = TypeVar("_Context")
 _Arguments = TypeVarTuple("_Arguments")
 
+#: Versions of the project and of solvers, by name.
 Versions = dict[str, str]
-#: Beginning of the text that replaces the version of an unavailable solver; the reason follows.
+#: Beginning of the text that stands in place of the version of a solver that cannot run here. The reason follows it.
 UNAVAILABLE = "unavailable: "
 
 
 def begin_compiling(pool: SlotPool[Experiment], experiment: Experiment) -> None:
-    """Have kernels compiled that are not, by two workers: that of N balls takes as long as all others together."""
+    """Let two workers compile the kernels that are missing in the cache.
+
+    One worker compiles the kernel of chains, which takes as long as all other kernels together. The other worker
+    compiles those.
+    """
     kind = experiment.layout.kind
     chains: list[str] = []
     others: list[str] = []
@@ -84,15 +94,17 @@ def begin_compiling(pool: SlotPool[Experiment], experiment: Experiment) -> None:
 
 
 def _compile_in(slot: Slot[Experiment], names: Sequence[str], kind: CellKind) -> None:
-    """Have a process of the slot compile the kernels of solvers."""
+    """Compile the kernels of the named solvers in the slot's worker process."""
     slot.compile(compile_own, slot.context.resolve, names, kind)
 
 
 def warm(_: object, resolve: Resolve, name: str, kind: CellKind) -> bool:
-    """Solve ordinary cells by a solver, so that all is imported and compiled; return whether anything was compiled.
+    """Solve ordinary cells by a solver, so that its modules are imported and its kernels compiled.
 
-    Such a process may differ in a last bit from those that read the kernels. The parts of a kernel are weak symbols of
-    it: where they have just been compiled alone, these are linked, and they were optimised in other surroundings.
+    Return whether any kernel was compiled. If so, the process should be replaced: its results may differ in the last
+    bit from the results of processes that read the kernels from the cache. The reason is that helper functions are weak
+    symbols of a kernel. A process that has just compiled a helper by itself links this copy, which was optimised
+    without the code around it.
     """
     experiment, blocks = _ordinary_cells(resolve, kind)
     with event.install_recorder("numba:compile") as compiled, _lock_kernels(*kernels_of(name, kind)):
@@ -104,9 +116,11 @@ def warm(_: object, resolve: Resolve, name: str, kind: CellKind) -> bool:
 
 
 def compile_own(_: object, resolve: Resolve, names: Sequence[str], kind: CellKind) -> None:
-    """Have each solver solve cells by itself, so that another process can compile the kernels of others meanwhile.
+    """Compile the kernel of each named solver by solving ordinary cells with this solver alone.
 
-    With the model, distances of nothing are measured, for all others need them.
+    The solvers mark no outcomes here, because marks need the kernels of other solvers. Another process can compile
+    those at the same time. With the model's kernel, the kernel of distances between impulse curves is compiled too,
+    from empty curves: the comparison of every other solver with the model needs it.
     """
     experiment, blocks = _ordinary_cells(resolve, kind)
     alone = replace(settings_of(experiment.config), mark=False)
@@ -123,9 +137,10 @@ def compile_own(_: object, resolve: Resolve, names: Sequence[str], kind: CellKin
 
 
 def _ordinary_cells(resolve: Resolve, kind: CellKind) -> tuple[Experiment, list[CellBlock]]:
-    """Return an experiment of cells that any solver does at once, one of them and two.
+    """Return an experiment whose cells any solver solves quickly, with a block of one cell and a block of two.
 
-    A column of an array is contiguous where that has one row only, and numba compiles for either.
+    Numba compiles a kernel once for contiguous arrays and once for others. The column of an array with a single row is
+    contiguous, that of an array with two rows is not, so both blocks are needed.
     """
     designs: dict[CellKind, TomlTable] = {
         "pair": {"grid": {"stiffness_ratio": [1.0, 2.0], "mass_ratio": [2.0], "e1": [0.9], "e2": [0.7]}},
@@ -139,7 +154,7 @@ def _ordinary_cells(resolve: Resolve, kind: CellKind) -> tuple[Experiment, list[
 
 @contextlib.contextmanager
 def _lock_kernels(*kernels: Kernel) -> Generator[None]:
-    """Hold the locks of kernels that are not compiled yet.
+    """Hold the file locks of those kernels that are not compiled yet.
 
     Every process takes the locks in the order of the kernels' names, so that two processes never wait for each other.
     """
@@ -148,12 +163,15 @@ def _lock_kernels(*kernels: Kernel) -> Generator[None]:
             if not is_compiled(kernel):
                 held.enter_context(FileLock(kernel_cache_folder(kernel) / "compiling.lock"))
                 held.callback(gc.enable)
-                gc.disable()  # looking for garbage takes up to a tenth of the time of compiling
+                gc.disable()  # garbage collection takes up to a tenth of the compile time
         yield
 
 
 def kernels_of(name: str, kind: CellKind) -> list[Kernel]:
-    """Kernels that rows of a solver need, its own first: references, and marks of engines, follow chains."""
+    """Return the kernels that the rows of a solver need, with the solver's own kernel first.
+
+    References need the kernel of chains, and so do engines, because the marks of their outcomes come from references.
+    """
     if kind == "graph":
         # Cells of balls in a line need none of the kernels of graphs, which take a while to import.
         from impact_xval.model.graph.in_time.kernel import follow_timed_graphs
@@ -172,34 +190,41 @@ def kernels_of(name: str, kind: CellKind) -> list[Kernel]:
 
 
 def are_compiled(name: str, kind: CellKind) -> bool:
-    """Return whether the kernels that rows of a solver need are in the cache."""
+    """Return whether all kernels that the rows of a solver need are in the cache."""
     return all(map(is_compiled, kernels_of(name, kind)))
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """Result of a chunk."""
+    """Result of solving a chunk of cells."""
 
+    #: Number of the chunk, and of the part with its rows.
     number: int
-    #: Content of a part: rows by cell, then by solver.
+    #: Content of the part, a Parquet file with the rows of the chunk, ordered by cell and then by solver.
     data: bytes
-    #: Wall time by solver.
+    #: Wall time in s by solver.
     seconds: dict[str, float]
-    #: Versions of the solvers where the chunk was computed.
+    #: Versions of the solvers on the machine that computed the chunk.
     versions: Versions
-    #: Number of processes that died or were ended.
+    #: Number of worker processes that died, or were ended because they took too long.
     faults: int
 
 
 def solve_chunks(pool: SlotPool[Experiment], chunks: Iterable[tuple[int, CellBlock]]) -> Iterator[Report]:
-    """Solve numbered chunks of cells, twice as many at a time as there are workers; the reports as they come."""
+    """Solve numbered chunks of cells and yield their reports in the order in which they are finished.
+
+    Twice as many chunks as there are workers are submitted at a time, so that no worker waits for its next chunk.
+    """
     return answers_in_flight(
         lambda chunk: pool.submit(solve_chunk, *chunk), chunks, lambda: max(2, 2 * pool.workers)
     )
 
 
 def solve_chunk(slot: Slot[Experiment], number: int, block: CellBlock) -> Report:
-    """Solve a chunk of cells by each solver of the experiment, whatever the solvers do."""
+    """Solve a chunk of cells by each solver of the experiment, and return its rows in a report.
+
+    A solver that crashes, hangs or cannot run here still gets its rows: they say why it has no results.
+    """
     experiment = slot.context
     chunk = Chunk(slot, block)
     model = chunk.solve_by_model()
@@ -211,18 +236,18 @@ def solve_chunk(slot: Slot[Experiment], number: int, block: CellBlock) -> Report
 
 
 class Chunk:
-    """Cells that are solved by the processes of a slot."""
+    """Chunk of cells that the worker processes of a slot solve; counts of time and crashes so far."""
 
     def __init__(self, slot: Slot[Experiment], block: CellBlock) -> None:
         self._slot, self._cells = slot, block
         self._experiment = slot.context
-        #: Wall time by solver.
+        #: Wall time in s by solver.
         self.seconds: dict[str, float] = defaultdict(float)
-        #: Number of processes of solvers that died or were ended.
+        #: Number of worker processes that died, or were ended because they took too long, while a solver ran.
         self.faults = 0
 
     def solve_by_model(self) -> SolverResults:
-        """Solve the cells by the model; where its process dies, results say so."""
+        """Solve the cells by the model and return its results; a cell whose process dies has this as its status."""
 
         def solve(place: slice) -> SolverResults:
             return self._call_solver(REFERENCE, solve_by_model, self._cells[place])
@@ -234,7 +259,10 @@ class Chunk:
         return SolverResults.concatenate(in_halves(solve, len(self._cells), failure))
 
     def solve_and_compare(self, name: str, model: SolverResults) -> Comparison:
-        """Solve the cells by a solver and compare it with the model; where its process dies, results say so."""
+        """Solve the cells by a solver and return the comparison of its results with the model's.
+
+        A cell whose process dies has this as its status. If the solver cannot run here, all cells say why.
+        """
 
         def solve(place: slice) -> Comparison:
             return self._call_solver(name, solve_and_compare, name, self._cells[place], model[place])
@@ -250,7 +278,11 @@ class Chunk:
         return Comparison.concatenate(in_halves(solve, len(self._cells), failure))
 
     def rows(self, comparisons: Mapping[str, Comparison]) -> pa.Table:
-        """Return the rows of the cells, by cell, then by solver; a cell whose ladders fail has none."""
+        """Return the rows of the cells, ordered by cell and then by solver.
+
+        Ladders split the divergence of engines into contributions. If they fail in a cell, the rows of this cell have
+        no ladders and say why.
+        """
 
         def of(place: slice) -> dict[str, Comparison]:
             return {name: comparison[place] for name, comparison in comparisons.items()}
@@ -273,7 +305,10 @@ class Chunk:
     def _call_solver(
         self, name: str, function: Callable[[Experiment, *_Arguments], _Answer], *arguments: *_Arguments
     ) -> _Answer:
-        """Call a function in the process of a solver, within the limit of a cell."""
+        """Return the result of a function in the worker process of a solver, within the time limit of a cell.
+
+        The process is made ready for the solver first, outside of this limit.
+        """
         experiment = self._experiment
         self._slot.prepare(name, warm, experiment.resolve, name, experiment.layout.kind)
         start, limit = time.perf_counter(), experiment.config.cell_timeout
@@ -288,7 +323,10 @@ class Chunk:
     def _call_ours(
         self, function: Callable[[Experiment, *_Arguments], _Answer], *arguments: *_Arguments
     ) -> _Answer:
-        """Call a function that calls no solver in the process of ours, once more where it dies."""
+        """Return the result of a function in the worker process of the project's solvers.
+
+        The function calls no solver. If the process crashes, the function is called a second time.
+        """
 
         def give_up(fault: FaultError) -> _Answer:
             raise fault
@@ -297,9 +335,10 @@ class Chunk:
 
 
 def solver_versions(slot: Slot[Experiment]) -> Versions:
-    """Return the versions of the project and of every solver, which are asked once.
+    """Return the versions of the project and of every solver of the experiment, by name.
 
-    An unavailable solver has the reason in place of its version.
+    The solvers are asked at the first call only. A solver that cannot run here has `UNAVAILABLE` and the reason in
+    place of its version.
     """
     if not slot.versions:
         found = {"impact-xval": version("impact-xval")}
@@ -311,7 +350,10 @@ def solver_versions(slot: Slot[Experiment]) -> Versions:
 
 
 def ask_version(slot: Slot[_Context], resolve: Resolve, name: str) -> tuple[str, str | None]:
-    """Ask a solver for its version, and why it cannot run; both in its own process."""
+    """Return the version of a solver and the reason why it cannot run here, or None if it can.
+
+    The worker process of the solver answers.
+    """
     return retry_once(
         lambda: slot.call(name, _version_and_reason, resolve, name, timeout=TO_STATE),
         lambda fault: ("", f"asked what it is, it gave no answer: {fault.reason}"),
@@ -319,6 +361,6 @@ def ask_version(slot: Slot[_Context], resolve: Resolve, name: str) -> tuple[str,
 
 
 def _version_and_reason(_: object, resolve: Resolve, name: str) -> tuple[str, str | None]:
-    """Return the version of a solver, and the reason why it cannot run or None."""
+    """Return the version of a solver and the reason why it cannot run here, or None if it can."""
     solver = resolve(name)
     return stated_version(solver), why_unavailable(solver)

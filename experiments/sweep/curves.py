@@ -1,4 +1,7 @@
-"""Curves kept for the figures: impulse curves of one pair by every solver, or the forces of one chain over time."""
+"""Table of the curves that a run keeps for its figures, by every solver: of one pair, or of one chain.
+
+Of a pair the table has impulse curves, of a chain the forces over time. `run` calls `write_curves` at the end of a run.
+"""
 
 from __future__ import annotations
 
@@ -22,9 +25,11 @@ from impact_xval.experiments.tables.parquet import replacing
 from impact_xval.experiments.tables.schema import SOLVER_AND_STATUS, Column, arrow_schema, pick
 from impact_xval.model.status import RESULT_STATUSES
 
+#: Name of the file of curves in the folder of a run.
 CURVES = "curves.parquet"
 
-#: Largest distance of a force from the straight lines that draw it, over the largest force: less than a pen is wide.
+#: Largest distance between a force and the straight lines by which it is drawn, over the largest force. It is less than
+#: the width of a line in a figure.
 _STRAIGHT = 1e-3
 
 #: Schema of the table of curves: one row per solver.
@@ -45,7 +50,10 @@ CURVES_SCHEMA = arrow_schema(
 
 
 def write_curves(config: Config, folder: RunFolder, pool: SlotPool[Experiment]) -> None:
-    """Solve the cell, or the chain, of the figures by every solver, and keep its curves; of graphs there are none."""
+    """Solve the pair or chain of the figures by every solver and write its curves into the folder of a run.
+
+    For an experiment with contact graphs the table of curves is empty.
+    """
     names = [] if config.kind == "graph" else config.solvers
     calls = [pool.submit(_solve_curves, name, config.cell_timeout) for name in names]
     curves = pa.Table.from_pylist([call.result() for call in calls], CURVES_SCHEMA)
@@ -54,7 +62,10 @@ def write_curves(config: Config, folder: RunFolder, pool: SlotPool[Experiment]) 
 
 
 def _solve_curves(slot: Slot[Experiment], name: str, timeout: float) -> Record:
-    """Have the curves of a solver computed in its process; the row of one that fails says so."""
+    """Return the row of curves of a solver, computed in the worker process of the solver.
+
+    If the process fails, the row has the status and the reason and no curves.
+    """
 
     def call() -> Record:
         slot.prepare(name, warm, slot.context.resolve, name, slot.context.layout.kind)
@@ -67,7 +78,11 @@ def _solve_curves(slot: Slot[Experiment], name: str, timeout: float) -> Record:
 
 
 def _curves_of_solver(experiment: Experiment, name: str) -> Record:
-    """Solve the cell or the chain of the figures: return velocities and, with a path, impulses or forces."""
+    """Solve the pair or chain of the figures by a solver and return its row of curves.
+
+    The row has the final velocities. If the outcome has a path, the row also has the impulses of a pair or the forces
+    of a chain.
+    """
     config, pair = experiment.config, experiment.layout.pair
     collision = collision_of(config, config.figure_cell) if pair else config.figure_chain.collision()
     outcome = answer(experiment.resolve(name), [collision], settings_of(config))[0]
@@ -79,7 +94,7 @@ def _curves_of_solver(experiment: Experiment, name: str) -> Record:
     row["velocities"] = [v / speed for v in outcome.velocities]
     if path is not None and pair:
         impulses = path.impulses.T / impulse
-        # A curve with a larger impulse has no measure either.
+        # With a larger impulse, the distance between impulse curves would overflow.
         row["impulses"] = impulses.tolist() if np.abs(impulses).max() <= LARGEST else None
     elif path is not None:
         kept = points_to_keep(path.time, path.forces)
@@ -89,10 +104,16 @@ def _curves_of_solver(experiment: Experiment, name: str) -> Record:
 
 
 def points_to_keep(time: np.ndarray, forces: np.ndarray) -> np.ndarray:
-    """Pick points such that straight lines between them follow the forces within `_STRAIGHT` of the largest force.
+    """Return the indices of points that are enough to draw forces over time by straight lines.
 
-    Peaks are among the points. By Ramer, Douglas and Peucker: the point farthest from a line is kept, until none is
-    far.
+    The lines follow the forces within `_STRAIGHT` times the largest force, and the peak of every force is kept. The
+    method is that of Ramer, Douglas and Peucker: of the points between two kept ones, the point farthest from their
+    line is kept too, until no point is too far from a line.
+
+    Parameters
+    ----------
+    time : array of shape (n,)
+    forces : array of shape (n, contacts)
     """
     kept = np.zeros(len(time), bool)
     kept[[0, -1]] = True

@@ -1,7 +1,8 @@
-"""One collision by several solvers, each within a limit of time.
+"""Solution of one collision by several solvers in worker processes, each solver within a time limit.
 
-They are imported, and run, in processes of their own only. The caller's needs no engine and no compiled code: it can be
-interrupted at any time, and reads its input while those start.
+The calling process imports no engine and no compiled code. It can therefore be interrupted at any time, and it reads
+its input while the worker processes start. The command ``solve``, `impact_xval.compare` and the explorer use this
+module: they call `open_solvers_apart`, and then `SolversApart.solve` or `SolversApart.solve_graph`.
 """
 
 from __future__ import annotations
@@ -28,16 +29,16 @@ if TYPE_CHECKING:
 
 _Answer = TypeVar("_Answer")
 
-#: Seconds between two lines that say which solver is at work.
+#: Seconds between two lines on the terminal that say which solver is computing.
 _SAY = 20.0
 
 
 class SolversApart:
-    """Solvers in processes of their own; made by `open_solvers_apart`."""
+    """Solvers that run in worker processes; `open_solvers_apart` makes the object."""
 
     def __init__(self, pool: SlotPool[None], begun: Future[bool]) -> None:
         self._pool, self._begun = pool, begun
-        #: What each solver states of its version; filled by `solve`, without those that gave no answer.
+        #: Versions of the solvers by name. `solve` adds them; a solver that crashed or took too long has none.
         self.versions: dict[str, str] = {}
 
     def solve(
@@ -49,10 +50,22 @@ class SolversApart:
         say: Callable[[str], None],
         points: int | None = None,
     ) -> dict[str, Outcome]:
-        """Solve a collision by solvers; of one that crashed, or took longer than ``cell_timeout``, the outcome says so.
+        """Solve a collision by several solvers and return their outcomes by name.
 
-        `say` is given a line about what is waited for, empty once kernels are about to be compiled. Paths have so many
-        points at most, none with 0.
+        If a solver crashes or takes longer than ``cell_timeout``, the status of its outcome says so.
+
+        Parameters
+        ----------
+        collision : Collision
+        config : Config
+            Settings of the solvers, and the time limit ``cell_timeout`` in s.
+        names : sequence of str
+        resolve : callable
+            Returns a solver by its name.
+        say : callable
+            Called with a line while the caller waits for a solver; the line is empty if kernels have to be compiled.
+        points : int, optional
+            Largest number of points of a path; 0 for outcomes without paths, None for all points.
         """
         kind: CellKind = "pair" if collision.falls_on_resting else "chain"
 
@@ -78,7 +91,10 @@ class SolversApart:
         resolve: Resolve,
         say: Callable[[str], None],
     ) -> dict[str, GraphCollisionOutcome]:
-        """Solve a collision of bodies by solvers, as `solve` does."""
+        """Solve a contact graph by several solvers and return their outcomes by name.
+
+        `solve` describes the parameters.
+        """
 
         def prepare(slot: Slot[None], name: str) -> None:
             slot.prepare(name, _warm_graphs, resolve, name)
@@ -103,8 +119,11 @@ class SolversApart:
         solve: Callable[[Slot[None], str], tuple[_Answer, str]],
         fail: Callable[[str, FaultError], _Answer],
     ) -> dict[str, _Answer]:
-        """Have each solver made ready, and solve; where it crashes or takes too long, `fail` gives its outcome."""
-        with contextlib.suppress(FaultError):  # then the solvers say so
+        """Make each solver ready, let it solve, and return the outcomes by name.
+
+        If a solver crashes or takes too long, `fail` returns its outcome.
+        """
+        with contextlib.suppress(FaultError):  # a solver that fails here fails again below, with an outcome
             if not self._begun.result():
                 say("")
         ended = f"has taken {{:.0f}} s; it is ended after {TO_PREPARE:g} s"
@@ -127,7 +146,10 @@ class SolversApart:
         function: Callable[[Slot[None], str], _Answer],
         name: str,
     ) -> _Answer:
-        """Have a function called for a solver, and say a line every `_SAY` s, into which the seconds are put."""
+        """Return the result of a function for a solver, which a thread of the pool calls.
+
+        Every `_SAY` seconds `say` is called with the line, into which the seconds so far are formatted.
+        """
         start, called = time.monotonic(), self._pool.submit(function, name)
         while not wait([called], _SAY).done:
             say(line.format(time.monotonic() - start))
@@ -138,10 +160,17 @@ class SolversApart:
 def open_solvers_apart(
     names: Sequence[str], *, chains: bool = False, graphs: bool = False
 ) -> Generator[SolversApart]:
-    """Start a process, which imports solvers meanwhile; it is gone when the block ends.
+    """Start a worker process that imports solvers, and yield the object that solves collisions with them.
 
-    They are to solve two balls, or chains of N balls, or contact graphs. Names may be illegal; none stand for the
-    solvers that a run has by default.
+    The process imports solvers while the block goes on, and is ended with the block.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Solvers to import. Unknown names are ignored here; without a known name, the default solvers are imported.
+    chains, graphs : bool
+        Whether the solvers are to solve chains of N balls or contact graphs; by default they solve two balls on a
+        table.
     """
     legal = [name for name in solver_names(on_request=True) if name in names] or list(solver_names())
 
@@ -155,7 +184,7 @@ def open_solvers_apart(
 
 
 def _import_solvers(_: object, names: Sequence[str], kind: CellKind) -> bool:
-    """Import our solvers; whether all kernels are compiled."""
+    """Import the solvers of this project; return whether the kernels that the named solvers need are all compiled."""
     from impact_xval.experiments.sweep.chunk import are_compiled
 
     for name in filter(is_ours, names):
@@ -164,7 +193,11 @@ def _import_solvers(_: object, names: Sequence[str], kind: CellKind) -> bool:
 
 
 def _warm_up(_: object, resolve: Resolve, name: str, kind: CellKind) -> bool:
-    """Make a process ready; one of our solvers whose kernels are compiled reads them as fast while it solves."""
+    """Make the process ready for a solver; return whether any kernels were compiled.
+
+    If the solver is one of this project and its kernels are compiled, importing it is enough: it reads the kernels from
+    the cache when it solves.
+    """
     from impact_xval.experiments.sweep.chunk import are_compiled, warm
 
     if is_ours(name) and are_compiled(name, kind):
@@ -174,7 +207,7 @@ def _warm_up(_: object, resolve: Resolve, name: str, kind: CellKind) -> bool:
 
 
 def _are_graphs_compiled(_: object) -> bool:
-    """Import the kernels of graphs; whether they are compiled."""
+    """Return whether the kernels that solve contact graphs are compiled, and import them."""
     from impact_xval.model.compiled import is_compiled
     from impact_xval.model.graph.in_time.kernel import follow_timed_graphs
     from impact_xval.model.graph.kernel import follow_graphs
@@ -183,9 +216,9 @@ def _are_graphs_compiled(_: object) -> bool:
 
 
 def _warm_graphs(_: object, resolve: Resolve, name: str) -> bool:
-    """Have one of our solvers solve a graph, so that its kernel is compiled outside of any limit of a cell.
+    """Let a solver of this project solve a graph, so that its kernel is compiled before any time limit applies.
 
-    Returned is whether the solver was asked.
+    Engines and solvers of plug-ins are not called. Return whether the solver was called.
     """
     from impact_xval.compliant_baselines.solver import Settings
     from impact_xval.model.graph import box
@@ -199,7 +232,7 @@ def _warm_graphs(_: object, resolve: Resolve, name: str) -> bool:
 def _graph_outcome_and_version(
     _: object, resolve: Resolve, name: str, config: Config, collision: GraphCollision
 ) -> tuple[GraphCollisionOutcome, str]:
-    """Solve a collision of bodies by a solver; its outcome, and the version it states."""
+    """Solve a contact graph by a solver; return its outcome and the version that the solver states."""
     from impact_xval.compliant_baselines.answers import answer_graph, stated_version
     from impact_xval.experiments.sweep.rows import settings_of
 
@@ -210,7 +243,10 @@ def _graph_outcome_and_version(
 def _outcome_and_version(
     _: object, resolve: Resolve, name: str, config: Config, collision: Collision, points: int | None
 ) -> tuple[Outcome, str]:
-    """Solve a collision by a solver; its outcome, and the version it states."""
+    """Solve a collision by a solver; return its outcome and the version that the solver states.
+
+    `points` is the largest number of points of the outcome's path; 0 for no path, None for all points.
+    """
     import numpy as np
 
     from impact_xval.compliant_baselines.answers import answer, stated_version
@@ -221,7 +257,7 @@ def _outcome_and_version(
     path = outcome.path
     if not points or path is None:
         return outcome, stated_version(solver)
-    # With its ends; of many balls a path is large to be sent.
+    # A path of many balls is too large to send quickly: evenly spaced points are kept, both ends among them.
     kept = np.unique(np.linspace(0, len(path.time) - 1, points).astype(int))
     fewer = Path(*(getattr(path, each.name)[kept] for each in dataclasses.fields(Path)))
     return dataclasses.replace(outcome, path=fewer), stated_version(solver)

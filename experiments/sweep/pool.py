@@ -1,7 +1,9 @@
-"""Pools that do the work of a sweep: threads of this process or of a Dask cluster, each with processes of its own.
+"""Pools of threads that do the work of a sweep, in this process or on a Dask cluster.
 
-What is submitted is called as ``function(slot, *arguments)``, in a thread that has the slot to itself. No result
-depends on where that is, nor on how many there are.
+Each thread has a `Slot`: the worker processes that it uses, and no other thread does. A pool calls a submitted function
+as ``function(slot, *arguments)`` in one of its threads. No result depends on the machine or on the number of threads.
+
+`open_pool` makes a pool, and `cluster` connects to Dask. `run`, `one` and `scoreboard.playing` use this module.
 """
 
 from __future__ import annotations
@@ -37,18 +39,22 @@ _Context = TypeVar("_Context")
 _Arguments = TypeVarTuple("_Arguments")
 _Parameters = ParamSpec("_Parameters")
 
-#: Seconds for a process to be made ready, kernels to be compiled among it; and seconds that a plug-in has for that.
+#: Time limits in seconds. `TO_PREPARE`: to make a process ready for a solver of this project, including the compilation
+#: of kernels. `TO_STATE`: to make it ready for a solver of a plug-in, and for any solver to state its version.
 TO_PREPARE, TO_STATE = 900.0, 60.0
-#: Seconds to wait for a scheduler to answer.
+#: Seconds to wait for the answer of a Dask scheduler.
 _TO_CONNECT = 10
 
 
 class Slot(Generic[_Context]):
-    """A `Worker` a distribution: one for our solvers and one for those of each plug-in, which costs its own cells only.
+    """Worker processes that belong to one thread of a pool.
 
-    One more for each of the `interpreters` of other environments; `worker_of` gives it.
+    One worker runs the solvers of this project, and one worker the solvers of each installed plug-in. So the crash of a
+    plug-in costs cells of that plug-in only. There is one more worker for each of the `interpreters`, the Python
+    programs of other environments; `worker_of` returns it.
 
-    Without `isolate` all is called in this process: to look into solvers with a debugger, and for quick tests.
+    Without `isolate` there are no worker processes: every function is called in this process. This is meant for
+    debugging solvers and for quick tests.
     """
 
     def __init__(
@@ -64,11 +70,11 @@ class Slot(Generic[_Context]):
         self._workers = {origin: Worker(context, log) for origin in self._origins.values()}
         self._elsewhere = {python: Worker(context, log, python) for python in interpreters}
         self._deaths: Counter[str] = Counter()
-        #: What its solvers have said, once they were asked (`chunk.solver_versions`).
+        #: Versions of the solvers by name; empty until `chunk.solver_versions` has asked the solvers.
         self.versions: dict[str, str] = {}
 
     def start(self) -> None:
-        """Start the process of our solvers, while the caller goes on."""
+        """Start the worker process of the project's solvers; the caller need not wait for it."""
         if self.isolate:
             self._worker(None).start()
 
@@ -79,7 +85,10 @@ class Slot(Generic[_Context]):
         *arguments: *_Arguments,
         timeout: float,
     ) -> _Answer:
-        """Return ``function(context, *arguments)`` of the process of a solver, or of ours; as `Worker.call`."""
+        """Return ``function(context, *arguments)``, computed in the worker process of a solver (`Worker.call`).
+
+        Without a solver, the worker process of the project's solvers computes it.
+        """
         if not self.isolate:
             return function(self.context, *arguments)
         return self._worker(solver).call(function, *arguments, timeout=timeout)
@@ -87,9 +96,11 @@ class Slot(Generic[_Context]):
     def prepare(
         self, solver: str, function: Callable[[_Context, *_Arguments], bool], *arguments: *_Arguments
     ) -> None:
-        """Call for a solver, once in each process; not where two have died of it: then its cells are to say so.
+        """Call a function that makes the solver's process ready, once in each process.
 
-        A process in which it is True, for kernels were compiled there, is replaced by one that reads them (`warm`).
+        The function returns whether it has compiled kernels (`chunk.warm`). If it has, the process is replaced by one
+        that reads these kernels from the cache. After two processes have died in this call, it is not made again: the
+        solver's cells then fail in the same way, and their rows say so.
         """
         worker, replaced = self._worker(solver), False
         limit = TO_PREPARE if is_ours(solver) else TO_STATE
@@ -101,23 +112,27 @@ class Slot(Generic[_Context]):
                 continue
             if compiled and not replaced:
                 worker.end()
-                replaced = True  # once: a cache that cannot be written is none for the next process either
+                replaced = True  # only once: if the cache cannot be written, the next process compiles too
             else:
                 worker.ready.add(solver)
 
     def compile(self, function: Callable[[_Context, *_Arguments], object], *arguments: *_Arguments) -> None:
-        """Have kernels compiled by a process of ours, which is replaced then; where it dies, cells are to say so."""
+        """Call a function that compiles kernels in the worker process of the project's solvers, and end that process.
+
+        The next call starts a new process, which reads the kernels from the cache. If the process dies while it
+        compiles, nothing is raised here: the cells that need the kernels fail later, and their rows say so.
+        """
         with suppress(FaultError):
             self.call(None, function, *arguments, timeout=TO_PREPARE)
         self._worker(None).end()
 
     def close(self) -> None:
-        """End all processes, whatever they do; safe from any thread, and at any time."""
+        """End all worker processes for good, even during a call; any thread may do so at any time."""
         for worker in (*self._workers.values(), *self._elsewhere.values()):
             worker.close()
 
     def worker_of(self, python: Path) -> Worker[_Context]:
-        """Return the worker of one of the interpreters."""
+        """Return the worker of one of the interpreters that the slot was made with."""
         return self._elsewhere[python]
 
     def _worker(self, solver: str | None) -> Worker[_Context]:
@@ -125,7 +140,7 @@ class Slot(Generic[_Context]):
 
 
 class _AtOnce(Executor):
-    """Calls in the caller's thread: a crash of a solver is one of the caller."""
+    """Executor that calls functions at once in the caller's thread; a solver that crashes ends this process."""
 
     def submit(
         self, fn: Callable[_Parameters, _Answer], /, *args: _Parameters.args, **kwargs: _Parameters.kwargs
@@ -139,32 +154,35 @@ class _AtOnce(Executor):
 
 
 class SlotPool(Protocol[_Context]):
-    """Threads, here or of a cluster, each with a slot of its own."""
+    """Pool of threads in this process or on a cluster; each thread has its own `Slot` of worker processes."""
 
     @property
     def workers(self) -> int:
-        """Number of threads now."""
+        """Number of threads that the pool has at this moment."""
         ...
 
     def submit(
         self, function: Callable[[Slot[_Context], *_Arguments], _Answer], *arguments: *_Arguments
     ) -> Future[_Answer]:
-        """Have ``function(slot, *arguments)`` called."""
+        """Have ``function(slot, *arguments)`` called by a thread of the pool; return the future of its result."""
         ...
 
     def here(
         self, function: Callable[[Slot[_Context], *_Arguments], _Answer], *arguments: *_Arguments
     ) -> Future[_Answer]:
-        """Have the same called on this machine, wherever all else is called."""
+        """Have ``function(slot, *arguments)`` called on this machine, even if the pool is a cluster."""
         ...
 
     def close(self, *, now: bool = False) -> None:
-        """End threads and processes; `now` whatever they do."""
+        """End the threads and their worker processes, with `now` even during calls; else after the last call."""
         ...
 
 
 class Pool(Generic[_Context]):
-    """Threads of this process, each with a slot; without `isolate` of the slots this thread."""
+    """Pool of threads in this process, each with a `Slot`.
+
+    If the slots are not isolated, there are no threads: functions are called in the caller's thread.
+    """
 
     def __init__(self, make_slot: Callable[[], Slot[_Context]], workers: int) -> None:
         self.workers = workers
@@ -173,23 +191,24 @@ class Pool(Generic[_Context]):
         self._unused: queue.SimpleQueue[Slot[_Context]] = queue.SimpleQueue()
         for slot in self._slots:
             self._unused.put(slot)
-            # By one of these threads: a process ends with its thread, and they live as long as the pool.
+            # A thread of the pool starts the process, because a process ends with the thread that started it. The
+            # threads live as long as the pool.
             self._threads.submit(slot.start)
 
     def submit(
         self, function: Callable[[Slot[_Context], *_Arguments], _Answer], *arguments: *_Arguments
     ) -> Future[_Answer]:
-        """Have ``function(slot, *arguments)`` called."""
+        """Have ``function(slot, *arguments)`` called by a thread of the pool; return the future of its result."""
         return self._threads.submit(lambda: self._call(function, *arguments))
 
     def here(
         self, function: Callable[[Slot[_Context], *_Arguments], _Answer], *arguments: *_Arguments
     ) -> Future[_Answer]:
-        """Have the same called: all threads are on this machine."""
+        """Call `submit`: all threads of this pool are on this machine."""
         return self.submit(function, *arguments)
 
     def close(self, *, now: bool = False) -> None:
-        """End threads and processes; `now` whatever they do."""
+        """End the threads and their worker processes, with `now` even during calls; else after the last call."""
         self._threads.shutdown(wait=not now, cancel_futures=now)
         for slot in self._slots:
             slot.close()
@@ -206,23 +225,26 @@ class Pool(Generic[_Context]):
 
 
 class _HasAddress(Protocol):
-    """The scheduler of a cluster, of which only the address is used."""
+    """Scheduler of a cluster; only its address is used here."""
 
     address: str
 
 
 class ClusterClient(Protocol):
-    """The part of a `distributed.Client` that is used here; its own annotations are those of coroutines."""
+    """The methods of a `distributed.Client` that are used here.
+
+    Type checkers need this class, because Dask annotates the methods of its client as coroutines.
+    """
 
     scheduler: _HasAddress
     status: str
 
     def wait_for_workers(self, n_workers: int) -> None:
-        """Wait until there are so many workers."""
+        """Wait until the cluster has at least `n_workers` workers."""
         ...
 
     def get_executor(self, *, pure: bool) -> Executor:
-        """Return an executor of the cluster; what is not `pure` is called every time."""
+        """Return an executor of the cluster; with `pure` False, equal calls are all made and no result is reused."""
         ...
 
     def nthreads(self) -> Mapping[str, int]:
@@ -239,11 +261,14 @@ class ClusterClient(Protocol):
 
 
 class _Dask(Generic[_Context]):
-    """The threads of a cluster's workers. None of them runs a solver, so that Dask never sees a crash."""
+    """Pool of the threads of a Dask cluster's workers.
+
+    The threads call solvers in worker processes of this project, so a crash of a solver never ends a worker of Dask.
+    """
 
     def __init__(self, client: ClusterClient, context: _Context, say: Callable[[str], None]) -> None:
         self._client, self._run = client, uuid.uuid4().hex
-        #: No function within this one: it is sent to the workers.
+        #: Makes a slot on a worker of the cluster. It can be pickled, which a function defined in here could not.
         self._make_slot: Callable[[], Slot[_Context]] = partial(Slot, context)
         address = client.scheduler.address
         say(f"Dask cluster at {address}: {self.workers} worker threads")
@@ -254,7 +279,7 @@ class _Dask(Generic[_Context]):
 
     @property
     def workers(self) -> int:
-        """Number of worker threads now: a cluster may grow and shrink."""
+        """Number of worker threads at this moment; a cluster may grow and shrink."""
         return sum(self._client.nthreads().values())
 
     def submit(
@@ -270,11 +295,12 @@ class _Dask(Generic[_Context]):
     def close(self, *, now: bool = False) -> None:
         self._local.close(now=now)
         self._executor.shutdown(wait=False)
-        if self._client.status == "running":  # else it is gone
+        if self._client.status == "running":  # otherwise the cluster has ended
             self._client.run(_end_on_worker, self._run, on_error="ignore")
 
 
-#: In a worker of Dask: by run the slots of its threads, which live as long as it; None of a run that is over.
+#: Slots in a worker process of Dask, by the id of a run and then by thread; None in place of the slots once the run is
+#: over. The threads live as long as the process.
 _slots: dict[str, dict[int, Slot[Any]] | None] = {}
 _lock = threading.Lock()
 
@@ -313,9 +339,21 @@ def open_pool(
     log: Path | None = None,
     interpreters: Sequence[Path] = (),
 ) -> Generator[SlotPool[_Context]]:
-    """Give a pool, here or of a Dask cluster; all it started is gone when the block ends, at once if by an error.
+    """Yield a pool of threads in this process, or of a Dask cluster if there is a client.
 
-    `context`, `log`, `isolate` and `interpreters` are of every `Slot`; those of a cluster have the context alone.
+    When the block ends, the pool ends its threads and worker processes: after their last call, or at once if the block
+    ends by an error.
+
+    Parameters
+    ----------
+    context, log, isolate, interpreters
+        Arguments of every `Slot` in this process. Slots on a cluster get the context alone.
+    workers : int
+        Number of threads in this process; a cluster has its own number.
+    client : ClusterClient, optional
+        Client of a Dask cluster.
+    say : callable
+        Called with lines about the cluster that the user should read.
     """
     pool: SlotPool[_Context]
     if client is None:
@@ -336,9 +374,14 @@ def open_pool(
 
 @contextmanager
 def cluster(scheduler: str | None) -> Generator[ClusterClient | None]:
-    """Give a client of a Dask cluster, None without a scheduler.
+    """Yield a client of the Dask cluster at the address of its scheduler; yield None if there is no address.
 
-    One that does not answer is a UserError, a cluster that is lost an InterruptedRunError.
+    Raises
+    ------
+    UserError
+        If Dask is not installed, or no scheduler answers at the address.
+    InterruptedRunError
+        If the cluster is lost during the block.
     """
     if scheduler is None:
         yield None
@@ -375,7 +418,11 @@ def _short(error: BaseException) -> str:
 def answers_in_flight(
     submit: Callable[[_Task], Future[_Answer]], tasks: Iterable[_Task], capacity: Callable[[], int]
 ) -> Iterator[_Answer]:
-    """Yield answers as they come, with so many tasks handed out at once; each is made when it is."""
+    """Submit tasks and yield their answers in the order in which they arrive.
+
+    At most `capacity()` tasks are submitted and unanswered at a time. The next task is taken from the iterable only
+    when it can be submitted.
+    """
     pending: set[Future[_Answer]] = set()
     for task in tasks:
         pending.add(submit(task))
@@ -386,5 +433,5 @@ def answers_in_flight(
 
 
 def available_cores() -> int:
-    """Cores this process may use."""
+    """Return the number of processor cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,9 +1,13 @@
-"""A process of its own for solvers: what crashes it, or hangs in it, costs an answer and nothing else.
+"""Worker processes in which solvers run, so that a solver that crashes or hangs cannot end the run.
 
-It is started as ``python -c``, and spoken to by pickles over a pair of sockets. Not by `multiprocessing.Process`: a
-worker of Dask is a daemon, which may have no children of that kind, and the main script of the caller would be imported
-again. Numerical libraries have one thread each there: collisions are shared out to processes, and no number may depend
-on how many threads there are.
+`Worker` starts a process as ``python -c`` and exchanges pickles with it over a pair of sockets; the process runs
+`serve`. `in_halves` and `retry_once` repeat calls whose process died. `pool` and `chunk` use this module.
+
+A worker process is not a `multiprocessing.Process`, for two reasons. A Dask worker is a daemon, which may not start
+such a process. And the process would import the caller's main script again.
+
+Numerical libraries have one thread in each worker process. Cells are shared out to processes instead, and no result may
+depend on the number of threads.
 """
 
 from __future__ import annotations
@@ -23,7 +27,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar, TypeVarTuple
 
-if TYPE_CHECKING:  # whose room imports numpy
+if TYPE_CHECKING:  # the package `model` imports NumPy, which this module starts without
     from impact_xval.model.status import Status
 
 _Piece = TypeVar("_Piece")
@@ -38,26 +42,28 @@ _THREADS = (
     "MKL_NUM_THREADS",
     "ARROW_NUM_THREADS",
 )
-#: By this MuJoCo looks for no window: that takes a third of its import, and a process that prints a traceback when the
-#: one that imports it is ended.
+#: Environment variable that keeps MuJoCo from looking for a window system. The search takes a third of the time to
+#: import MuJoCo. It also starts a process, which prints a traceback if the importing process is ended.
 NO_WINDOW = {"MUJOCO_GL": "disable"}
-#: File of the package that runs here, and how another interpreter imports that one: its folder alone, since what is
-#: installed beside it is of other versions.
+#: File of the package `impact_xval` that runs here.
 _PROJECT = Path(__file__).parents[2] / "__init__.py"
+#: Code by which the interpreter of another environment imports that file. The folder around the file is not added to
+#: its search path, because the packages there have other versions.
 _IMPORT_PROJECT = (
     "import importlib.util as u, sys; s = u.spec_from_file_location('impact_xval', {!r}); "
     "sys.modules['impact_xval'] = m = u.module_from_spec(s); s.loader.exec_module(m)"
 )
-#: Linux ends the process with the highest score first when memory runs out: a worker, not the main process.
+#: Score of a worker process when memory runs out. Linux first ends the process with the highest score: the score makes
+#: that a worker process, not the main process.
 _OOM_SCORE = "600"
-#: Seconds for a process that has closed its end to exit by itself, since its exit code is of interest.
+#: Seconds that a process gets to exit by itself after its socket has closed. Then its exit code tells why it ended.
 _TO_EXIT = 10.0
-#: Of Linux: the signal that a process gets when the thread that started it is gone.
+#: Option of Linux's `prctl`: sets the signal that a process gets when the thread that started it ends.
 _PR_SET_PDEATHSIG = 1
 
 
 class FaultError(Exception):
-    """The process died, or did not answer in time; the reason is the same whenever the same happens."""
+    """Death of a worker process, or no answer within its time limit; the same fault always gives the same reason."""
 
     def __init__(self, status: Status, reason: str) -> None:
         super().__init__(reason)
@@ -66,38 +72,50 @@ class FaultError(Exception):
 
 
 class ClosedError(Exception):
-    """The worker was closed while it worked, or before."""
+    """A call to a worker that was closed before the call or during it."""
 
 
 class WorkerError(Exception):
-    """An exception in the worker that nobody expected: a bug, with the traceback of the other process."""
+    """Unexpected exception in a worker process, which is a bug; the text is the traceback of that process."""
 
 
 class Worker(Generic[_Context]):
-    """A process that works for one caller at a time; it is started when it is first needed, and after a fault.
+    """Worker process that answers one caller at a time.
 
-    The context is sent once to each process, and handed to everything that is called there; standard error is appended
-    to the log. On Linux it ends with the thread that started it, which must live as long.
+    The process is started at the first call, and again at the first call after a fault.
 
-    `python` is the interpreter of another environment, of the same version of Python: what is installed there is
-    imported, and this project from where it runs here, so that the environment serves a changed checkout.
+    Parameters
+    ----------
+    context
+        First argument of every function that the process calls. It is sent once to each process.
+    log : Path, optional
+        File to which the standard error of the process is appended.
+    python : Path, optional
+        Interpreter of another environment with the same version of Python. The process imports other packages from that
+        environment, and this project from where it runs here. So the environment need not be made again when the code
+        of the project changes.
+
+    On Linux the process ends with the thread that started it. That thread must live as long as the worker.
     """
 
     def __init__(self, context: _Context, log: Path | None = None, python: Path | None = None) -> None:
         self.context, self._log, self._python = context, log, python
-        #: What the present process has been made ready for; of the caller, and empty in a new process.
+        #: Names of the solvers for which the present process is ready. The caller adds them; a new process has none.
         self.ready: set[str] = set()
         self._lock, self._closed = threading.Lock(), False
         self._running: tuple[subprocess.Popen[bytes], Connection] | None = None
 
     def start(self) -> tuple[subprocess.Popen[bytes], Connection]:
-        """Start the process, if there is none; it imports what the context needs while the caller goes on."""
+        """Start the process if there is none, and return it with this end of its sockets.
+
+        The process imports the modules that the context needs while the caller goes on.
+        """
         with self._lock:
             if self._closed:
                 raise ClosedError
             if self._running is None:
                 self._running = _start_process(self._log, self._python)
-                with contextlib.suppress(OSError):  # it is gone: noticed by who calls it
+                with contextlib.suppress(OSError):  # the process has ended: the next call finds that out
                     self._running[1].send(self.context)
             return self._running
 
@@ -107,7 +125,24 @@ class Worker(Generic[_Context]):
         *arguments: *_Arguments,
         timeout: float,
     ) -> _Answer:
-        """Return ``function(context, *arguments)`` of the process, which is killed after so many seconds."""
+        """Return ``function(context, *arguments)``, computed in the process.
+
+        Parameters
+        ----------
+        function : callable
+            A function at the top level of a module.
+        timeout : float
+            Seconds after which the process is killed.
+
+        Raises
+        ------
+        FaultError
+            If the process dies or does not answer in time.
+        WorkerError
+            If the function raises an exception.
+        ClosedError
+            If the worker is closed.
+        """
         process, pipe = self.start()
         try:
             pipe.send((function, arguments))
@@ -125,7 +160,7 @@ class Worker(Generic[_Context]):
         raise ClosedError if self._closed else fault
 
     def end(self) -> None:
-        """End the process, for whoever works with it: the next call starts another."""
+        """End the process; the next call starts another one. Only the thread that makes the calls may end it so."""
         if self._running is not None:
             process, pipe = self._running
             _end_process(process)
@@ -134,7 +169,7 @@ class Worker(Generic[_Context]):
             self._running = None
 
     def close(self) -> None:
-        """End the process, whatever it does; safe from any thread, and at any time."""
+        """End the process for good, even during a call; any thread may do so at any time."""
         with self._lock:
             self._closed = True
             if self._running is not None:
@@ -144,10 +179,11 @@ class Worker(Generic[_Context]):
 def in_halves(
     call: Callable[[slice], _Piece], n: int, failure: Callable[[slice, FaultError], _Piece]
 ) -> list[_Piece]:
-    """Call for n cells at once, in halves where their process dies or hangs, and so on down to single cells.
+    """Return the answers of a call for n cells, one answer for each range of cells that succeeded, in order.
 
-    A cell that is left alone is called as by `retry_once`; `failure` returns what stands for its answer. The answers
-    are in the order of the cells.
+    The first call is for all cells at once. If the process dies or hangs, the range of cells is split into halves, down
+    to single cells. A call for a single cell is tried again after a crash (`retry_once`). If it fails for good,
+    `failure` returns the answer in its place.
     """
 
     def pieces(start: int, stop: int) -> list[_Piece]:
@@ -164,10 +200,10 @@ def in_halves(
 
 
 def retry_once(call: Callable[[], _Answer], on_failure: Callable[[FaultError], _Answer]) -> _Answer:
-    """Return the answer of a call, which is tried again after a crash.
+    """Return the answer of a call, which is made a second time if its process crashes.
 
-    A first crash may come from a full memory, or from an operator. After a second fault, or a first timeout,
-    `on_failure` returns what stands for the answer.
+    A first crash may be an accident: memory was full, or somebody ended the process. After a second crash, or after a
+    timeout of either call, `on_failure` returns the answer in its place.
     """
     try:
         return call()
@@ -181,24 +217,25 @@ def retry_once(call: Callable[[], _Answer], on_failure: Callable[[FaultError], _
 
 
 def _start_process(log: Path | None, python: Path | None) -> tuple[subprocess.Popen[bytes], Connection]:
-    """Start a process that serves, and give our end of its sockets."""
+    """Start a process that runs `serve`; return it and the caller's end of its pair of sockets."""
     ours, theirs = Pipe()
     serving = f"from {__name__} import serve; serve({theirs.fileno()}, {os.getpid()})"
     environment = NO_WINDOW | os.environ | dict.fromkeys(_THREADS, "1")
     if python is None:
         given: list[object] = [*sys.path]
-        places = [place for place in given if isinstance(place, str)]  # no import heeds another
+        # Imports ignore entries that are no texts.
+        places = [place for place in given if isinstance(place, str)]
         command = [sys.executable, "-c", f"import sys; sys.path[:] = {places!r}; {serving}"]
     else:
-        # Isolated: PYTHONPATH of the caller would put other versions before those of the environment.
+        # Option -I ignores the caller's PYTHONPATH, whose packages would hide the versions in the environment.
         command = [str(python), "-I", "-c", f"{_IMPORT_PROJECT.format(str(_PROJECT))}; {serving}"]
-        # Another version of Numba would write over the kernels of the one here.
+        # The other environment has its own cache. Its version of Numba may differ and would overwrite our kernels.
         environment["NUMBA_CACHE_DIR"] = str(python.parents[1] / "kernels")
     with theirs, (log or Path(os.devnull)).open("ab") as said:
         process = subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,  # engines print there
+            stdout=subprocess.DEVNULL,  # some engines print messages there
             stderr=said,
             env=environment,
             pass_fds=[theirs.fileno()],
@@ -208,9 +245,9 @@ def _start_process(log: Path | None, python: Path | None) -> tuple[subprocess.Po
 
 
 def _end_process(process: subprocess.Popen[bytes]) -> int:
-    """Kill a process and what it forked, if it has not ended; its exit code."""
+    """Kill a process and its children if it still runs; return its exit code."""
     if process.poll() is None:
-        with contextlib.suppress(OSError):  # it has ended meanwhile
+        with contextlib.suppress(OSError):  # the process has ended meanwhile
             os.killpg(process.pid, signal.SIGKILL)
     return process.wait()
 
@@ -224,13 +261,17 @@ def _describe_exit(code: int) -> str:
 
 
 def serve(handle: int, parent: int) -> None:
-    """Work for the process at the other end of a socket until it is gone; the life of a worker."""
+    """Call functions for the process at the other end of a socket until that process closes it or ends.
+
+    The code of a worker process runs this function. `handle` is the number of the socket's file, `parent` the id of the
+    process that started this one.
+    """
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() != parent:  # it was gone before
+        if os.getppid() != parent:  # the parent ended before prctl was called
             return
         Path("/proc/self/oom_score_adj").write_text(_OOM_SCORE)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the main process's to answer
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the main process handles it
     os.set_inheritable(handle, False)
     with Connection(handle) as pipe, contextlib.suppress(EOFError, ConnectionError):
         context = pipe.recv()

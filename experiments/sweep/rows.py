@@ -1,7 +1,8 @@
-"""Cells as rows of a part: cells are solved, outcomes compared with the model's, comparisons written as rows.
+"""Rows of the table of a run: solvers solve cells, their outcomes are compared with the model's, and rows are made.
 
-All three steps work on arrays of all cells of a chunk. The first two are functions of one solver, which its process
-calls; the third needs all solvers.
+`solve_by_model` and `solve_and_compare` do the first two steps for one solver, in the worker process of this solver.
+`complete_rows` does the last step, which needs the comparisons of all solvers. All steps work on arrays with one entry
+per cell. `chunk` calls these functions; `solve_all` calls them without worker processes.
 """
 
 from __future__ import annotations
@@ -43,25 +44,29 @@ from impact_xval.model.graph.collision_outcome import GraphCollisionOutcome
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.status import Status
 
-#: Finds a solver by its name; a function at the top level of a module, so that worker processes can find it.
+#: Function that returns a solver by its name. It must be at the top level of a module: worker processes import it.
 Resolve = Callable[[str], Solver]
 
 _Piece = TypeVar("_Piece")
 
-#: Largest D and change of energy; the square of a larger number leaves double precision.
+#: Largest absolute value of the divergence D and of the difference in retained energy. Statistics square these numbers,
+#: and the square of a larger one would overflow.
 _LARGEST = 1e150
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """A `Config` with the function that finds its solvers by name: the context of every process of a run."""
+    """Configuration of an experiment, and the function that returns its solvers by name.
+
+    It is sent to every worker process of a run.
+    """
 
     config: Config
     resolve: Resolve = get_solver
 
     @cached_property
     def layout(self) -> Layout:
-        """Layout of the rows."""
+        """Columns of the rows that this experiment makes."""
         return layout_of(self.config)
 
     @property
@@ -78,7 +83,10 @@ def solve_all(experiment: Experiment, block: CellBlock) -> pa.Table:
 
 
 def solve_by_model(experiment: Experiment, block: CellBlock) -> SolverResults:
-    """Solve cells by the model; a cell of whose outcome no arrays can be made costs its own result."""
+    """Solve cells by the model and return its results as arrays.
+
+    If arrays cannot be made of the outcome of a cell, this cell has no result; the other cells keep theirs.
+    """
     return SolverResults.concatenate(
         _isolate_errors(
             lambda place: _results_of_solver(experiment, REFERENCE, block[place]),
@@ -95,7 +103,7 @@ def solve_and_compare(
 ) -> Comparison:
     """Solve cells by a solver and compare its results with the model's in the same cells.
 
-    A cell of whose outcome no measure can be made costs its own result.
+    If the outcome of a cell cannot be measured, this cell has no result; the other cells keep theirs.
     """
 
     def attempt(place: slice) -> Comparison:
@@ -111,7 +119,10 @@ def solve_and_compare(
 def compare_failure(
     experiment: Experiment, name: str, block: CellBlock, model: SolverResults, status: Status, reason: str
 ) -> Comparison:
-    """Compare a solver that has no result in any of these cells; the solver is not called."""
+    """Return the comparison of a solver that has no result in any of these cells; the solver is not called.
+
+    `status` and `reason` say in every row why there is no result.
+    """
     results = results_without_outcome(experiment, name, block, status, reason)
     return _compare(experiment, name, block, model, results)
 
@@ -128,14 +139,21 @@ def results_without_outcome(
 
 
 def model_as_comparison(model: SolverResults) -> Comparison:
-    """Return the model's results as those of a solver beside others: without measures, for there is no divergence."""
+    """Return the model's results in the form in which other solvers are compared with it, without any measures.
+
+    The model's divergence from itself would be zero everywhere.
+    """
     return Comparison(replace(model, curves=None), marked=_name_marks(REFERENCE, model.mark), measures={})
 
 
 def _isolate_errors(
     attempt: Callable[[slice], _Piece], n: int, failure: Callable[[slice, str], _Piece]
 ) -> list[_Piece]:
-    """Attempt n cells at once, in halves where that raises, down to single cells, for which `failure` answers."""
+    """Return the results of a call for n cells, one for each range of cells that succeeded, in order.
+
+    The first call is for all cells at once. A range of cells whose call raises an exception is split into halves, down
+    to single cells. For a single cell that raises, `failure` returns the result in its place.
+    """
 
     def pieces(start: int, stop: int) -> list[_Piece]:
         try:
@@ -150,7 +168,7 @@ def _isolate_errors(
 
 
 def _results_of_solver(experiment: Experiment, name: str, block: CellBlock) -> SolverResults:
-    """Call a solver for cells."""
+    """Call a solver for cells and return its results as arrays."""
     settings = settings_of(experiment.config, paths=experiment.layout.pair)
     if experiment.layout.kind == "graph":
         outcomes = answer_graphs(experiment.resolve(name), block.graphs, settings)
@@ -159,7 +177,7 @@ def _results_of_solver(experiment: Experiment, name: str, block: CellBlock) -> S
 
 
 def _to_results(experiment: Experiment, block: CellBlock, outcomes: Sequence[Outcome]) -> SolverResults:
-    """Make arrays of the outcomes of cells."""
+    """Return the outcomes of pairs or chains as arrays with one entry per cell."""
     config, layout = experiment.config, experiment.layout
     has_paths = layout.pair and config.measures == "all"
     shortest = config.shortest_state * shortest_periods(block) if has_paths else None
@@ -170,12 +188,15 @@ def _to_results(experiment: Experiment, block: CellBlock, outcomes: Sequence[Out
 def _graphs_to_results(
     experiment: Experiment, block: CellBlock, outcomes: Sequence[GraphCollisionOutcome]
 ) -> SolverResults:
-    """Make arrays of the outcomes of contact graphs."""
+    """Return the outcomes of contact graphs as arrays with one entry per cell."""
     return results_of_graphs(outcomes, np.abs(block.parameters["v0"]), experiment.layout.counts.components)
 
 
 def _masses_and_starts(experiment: Experiment, block: CellBlock) -> tuple[Floats, Floats]:
-    """Return masses in kg and velocities at first touch in m/s, as `masses_and_starts` does, of cells of any kind."""
+    """Return the masses in kg and the velocities at first touch in m/s of cells of any kind.
+
+    Both arrays have one row per cell, as `masses_and_starts` returns them.
+    """
     counts = experiment.layout.counts
     if experiment.layout.kind == "graph":
         return masses_and_starts_of_graphs(block.graphs, len(counts.components))
@@ -185,7 +206,10 @@ def _masses_and_starts(experiment: Experiment, block: CellBlock) -> tuple[Floats
 def _compare(
     experiment: Experiment, name: str, block: CellBlock, model: SolverResults, results: SolverResults
 ) -> Comparison:
-    """Compare results with the model's; an ArithmeticError where a measure leaves double precision."""
+    """Return the comparison of a solver's results with the model's in the same cells.
+
+    An ArithmeticError is raised if a measure of any cell is larger than `_LARGEST`.
+    """
     masses, starts = _masses_and_starts(experiment, block)
     measures = divergence(masses, starts, np.abs(block.parameters["v0"]), model, results)
     both = model.has_result & results.has_result
@@ -200,7 +224,11 @@ def _compare(
 def complete_rows(
     experiment: Experiment, block: CellBlock, comparisons: Mapping[str, Comparison]
 ) -> pa.Table:
-    """Return the rows of cells, by cell, then by solver, with all that needs several solvers: limits, ladders."""
+    """Return the rows of cells, ordered by cell and then by solver, with all columns.
+
+    Two groups of columns need several solvers: the distance of an engine's limit dt -> 0 from the exact solver of its
+    law, and the ladders, which split an engine's divergence from the model into contributions.
+    """
     model = comparisons[REFERENCE]
     engines = {name: comparisons[name] for name in engines_with_ladders(experiment.config)}
     return _rows(
@@ -219,7 +247,11 @@ def rows_without_ladders(
     status: Status,
     reason: str,
 ) -> pa.Table:
-    """Return the rows of cells, by cell, then by solver; those of engines say why they have no ladder."""
+    """Return the rows of cells, ordered by cell and then by solver, where the ladders could not be computed.
+
+    A ladder splits an engine's divergence from the model into contributions. `status` and `reason` say in the rows of
+    engines why there is none.
+    """
     ladder_columns = {
         name: {
             "status": np.full(len(block), status, dtype=object),
@@ -239,7 +271,11 @@ def _rows(
     limit_distances: Mapping[str, Floats],
     ladder_columns: Mapping[str, ColumnArrays],
 ) -> pa.Table:
-    """Return the rows of cells, by cell, then by solver."""
+    """Return the rows of cells, ordered by cell and then by solver.
+
+    `limit_distances` and `ladder_columns` have values by solver for the columns that need several solvers. A solver
+    that is not in them has empty values there.
+    """
     names = experiment.config.solvers
     tables = []
     for name in names:
@@ -255,7 +291,7 @@ def _rows(
 def _columns_of_solver(
     experiment: Experiment, name: str, block: CellBlock, model: Comparison, comparison: Comparison
 ) -> ColumnArrays:
-    """Return the columns of the rows of a solver, but for what needs several solvers."""
+    """Return the columns of the rows of a solver, without the columns that need several solvers."""
     results = comparison.results
     is_reported = results.has_numbers
     masses, starts = _masses_and_starts(experiment, block)
@@ -267,7 +303,7 @@ def _columns_of_solver(
         return np.where(is_reported, np.array(texts, dtype=object), "")
 
     columns: ColumnArrays = {
-        **results.diagnostics,  # those that are columns of the table
+        **results.diagnostics,  # `to_table` drops diagnostics that are no columns of the table
         "cell": block.index,
         **block.parameters,
         "solver": np.full(len(block), name, dtype=object),
@@ -305,9 +341,10 @@ def _columns_of_solver(
 def _limit_distances(
     experiment: Experiment, block: CellBlock, comparisons: Mapping[str, Comparison]
 ) -> dict[str, Floats]:
-    """Return by solver the distance per abs(v0) of its limit dt -> 0 from the exact solver of its law.
+    """Return by solver how far its limit dt -> 0 is from the exact solution of its law, in every cell.
 
-    The distance is NaN in a cell without either; a solver without an exact solver in the run has none.
+    The distance is the largest difference of a ball's velocity over abs(v0). It is NaN in a cell where the limit or the
+    exact solution is missing. A solver is skipped if the run has no exact solver of its law.
     """
     speed = np.abs(block.parameters["v0"])[:, None]
     distances = {}
@@ -324,18 +361,24 @@ def _limit_distances(
 
 
 def _join_marks(first: NDArray[np.object_], second: NDArray[np.object_]) -> NDArray[np.object_]:
-    """Join two texts of every cell by a semicolon where there are both."""
+    """Join two texts in every cell, with a semicolon between them if neither is empty."""
     between = np.where((first != "") & (second != ""), "; ", "").astype(object)
     return first + between + second
 
 
 def _name_marks(name: str, marks: NDArray[np.object_]) -> NDArray[np.object_]:
-    """Put the name of its solver before every mark; an empty text stays empty."""
+    """Put the name of a solver before its mark in every cell; an empty mark stays empty.
+
+    A mark is a text that says why the cell is left out of statistics.
+    """
     return np.array([f"{name}: {mark}" if mark else "" for mark in marks], dtype=object)
 
 
 def shortest_periods(block: CellBlock) -> Floats:
-    """Return the shorter contact period of pairs in s: 0 of a rigid contact, infinite without stiffness."""
+    """Return the shorter of the two contact periods of each pair in s.
+
+    The period is 0 if a contact is rigid, and infinite if neither contact has any stiffness.
+    """
     pairs = Collisions.of(block.collisions)
     m, k = pairs.masses, pairs.stiffnesses
     with np.errstate(divide="ignore", over="ignore"):
@@ -344,7 +387,10 @@ def shortest_periods(block: CellBlock) -> Floats:
 
 
 def settings_of(config: Config, *, paths: bool = True) -> Settings:
-    """Return the settings of every solver of an experiment; outcomes carry their paths, if asked for."""
+    """Return the settings with which every solver of an experiment is called.
+
+    With `paths`, outcomes have their paths over time, if the experiment computes all measures.
+    """
     convergence, full = config.convergence, config.measures == "all"
     shared = config.model_dump(include={field.name for field in fields(Settings)} - {"convergence"})
     limit = Convergence(convergence.tolerance, convergence.halvings) if convergence.enabled else None

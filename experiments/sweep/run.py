@@ -1,4 +1,8 @@
-"""The main job: all cells by all solvers, wherever there are workers, to be continued wherever it was stopped."""
+"""Run of an experiment: all cells are solved by all solvers, and the tables are written into the folder of the run.
+
+The work is done on this machine or on a Dask cluster. A run that was stopped continues from the parts that it has
+written. The commands ``run`` and ``hypothesis`` call `run_sweep`; `present_once` then draws figures and writes pages.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +52,8 @@ from impact_xval.experiments.tables.folder import (
     tables_lock,
 )
 
-#: Given how many cells are done, of how many, and a line worth saying ("" if none).
+#: Function that reports progress. Its arguments are the number of cells that are done, the number of all cells, and a
+#: line for the user, or an empty text.
 Progress = Callable[[int, int, str], None]
 
 _Answer = TypeVar("_Answer")
@@ -57,21 +62,21 @@ _Arguments = TypeVarTuple("_Arguments")
 
 
 class Apart(Protocol):
-    """Has a function called by a process of this machine, while the caller goes on."""
+    """Function that lets a worker process on this machine call another function while the caller goes on."""
 
     def __call__(
         self, function: Callable[[None, *_Arguments], _Answer], *arguments: *_Arguments
     ) -> Future[_Answer]:
-        """Have ``function(None, *arguments)`` called."""
+        """Have ``function(None, *arguments)`` called; return the future of its result."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class SweepResult:
-    """Result of a session of a run."""
+    """Result of one session of a run: the work of one command, from its start to its end."""
 
     folder: RunFolder
-    #: Whether the finished tables are there; False while other shards have parts to compute.
+    #: Whether the folder has the finished tables; False while other shards still compute parts.
     tables_complete: bool
 
 
@@ -87,29 +92,34 @@ def run_sweep(
     resolve: Resolve = get_solver,
     to_be_presented: bool = False,
 ) -> SweepResult:
-    """Run an experiment into a folder: parts, then the curves, the finished tables and the manifest.
+    """Solve all cells of an experiment by all solvers, and write the results into a folder.
+
+    The results are first written as parts, one file for each chunk of cells. When all parts are there, the curves of
+    the figures, the finished tables and the manifest are written.
 
     Parameters
     ----------
     config : Config
     root : Path
-        The folder; new, empty, or that of the same experiment, which is continued from the parts that are there.
+        A new or empty folder, or the folder of a run of the same experiment. Such a run is continued: its parts are
+        kept.
     workers : int, optional
-        Processes on this machine, on which no result depends; by default the configuration's, else one a core.
+        Number of worker processes on this machine; no result depends on it. By default the number in the configuration,
+        or else one process for each core.
     scheduler : str, optional
-        Address of a Dask scheduler.
+        Address of the scheduler of a Dask cluster on which the cells are solved.
     shard : tuple of int and int
-        Number of the shard, from 1, and how many shards there are. A shard computes only its own parts; the shard that
-        finds all parts at its end writes the tables.
+        Number of this shard, from 1, and number of shards: independent commands that share the parts of a run in one
+        folder. A shard computes its own parts only. The shard that finds all parts when it ends writes the tables.
     isolate : bool
-        False runs the solvers in this process: one that crashes ends the run.
+        False calls the solvers in this process; a solver that crashes then ends the run.
     progress : callable
-        Called after every chunk.
+        Reports progress; called after every chunk.
     resolve : callable
-        Finds a solver by its name; at the top level of a module.
+        Returns a solver by its name; a function at the top level of a module.
     to_be_presented : bool
-        Whether the caller presents the tables by `present_once`; the run is complete only then. By default the run is
-        complete with its tables.
+        Whether the caller calls `present_once` afterwards, which makes the run complete. By default the run is complete
+        as soon as its tables are written.
 
     Returns
     -------
@@ -119,9 +129,9 @@ def run_sweep(
     Raises
     ------
     UserError
-        If the folder cannot be used, or a worker has other versions of the solvers.
+        If the folder cannot be used, or a worker of the cluster has other versions of the solvers.
     InterruptedRunError
-        On Ctrl-C, a full disk or a lost cluster; finished parts are kept.
+        After Ctrl-C, or if the disk is full or the cluster is lost. Finished parts are kept.
     """
     experiment, cells = Experiment(config, resolve), experiment_cells(config)
     workers = workers or config.workers or available_cores()
@@ -147,25 +157,28 @@ def run_sweep(
 def present_once(
     result: SweepResult, present: Callable[[RunFolder, Apart], _Presented], *, isolate: bool = True
 ) -> _Presented | None:
-    """Present the tables of a run, and write that the run is complete; return what `present` returns.
+    """Call `present` for the tables of a run, mark the run as complete, and return the value that `present` returns.
 
-    Nothing is presented, and None returned, where tables are missing or another session has presented them. Sessions
-    that finish at once wait for each other here: the second one finds the run complete, or, where the first one was
-    killed, presents it. The lock of the tables is free meanwhile. A session that begins meanwhile turns the state of
-    the run back; that state is kept, and the new session presents the run once more.
+    If tables are missing, or another session has presented them already, `present` is not called and None is returned.
+    Sessions that finish at the same time wait for each other here. The second session then finds the run complete; if
+    the first session was killed, the second one presents the run.
+
+    The tables are not locked while `present` is at work. A session that begins in this time sets the state of the run
+    back to running. That state is kept, and the new session presents the run again when it ends.
 
     Parameters
     ----------
     result : SweepResult
     present : callable
-        Called with the folder, and with a function of type `Apart`.
+        Draws figures and writes pages. It is called with the folder and with a function of type `Apart`, by which it
+        can have other functions called in a worker process.
     isolate : bool
-        False calls in this process what `present` has called apart.
+        False calls these functions in this process.
 
     Raises
     ------
     InterruptedRunError
-        On Ctrl-C or a full disk; the same command presents the run.
+        After Ctrl-C, or if the disk is full. The same command then presents the run.
     """
     folder = result.folder
     if not result.tables_complete:
@@ -192,7 +205,10 @@ def present_once(
 
 @contextlib.contextmanager
 def _one_line(root: Path) -> Generator[None]:
-    """Turn what can end a run from outside into one line."""
+    """Turn events that end a run from outside into an `InterruptedRunError` with a message of one line.
+
+    Such events are Ctrl-C, a full disk and a folder that is removed.
+    """
     try:
         yield
     except (KeyboardInterrupt, ClosedError):
@@ -204,7 +220,7 @@ def _one_line(root: Path) -> Generator[None]:
 
 
 class _Run:
-    """A session of a run: what it is to do, and what it has done."""
+    """One session of a run: the parts that it has to compute, and counts of the parts and cells that are done."""
 
     def __init__(
         self,
@@ -224,9 +240,12 @@ class _Run:
         self._seconds: Counter[str] = Counter()
 
     def begin(self, versions: Versions, continued: bool) -> None:
-        """Find the parts that are there, and write what the run is of; `continued` if a session has begun it before."""
+        """Find the parts that earlier sessions have written, and write the manifest of the run.
+
+        `continued` says whether an earlier session has begun the run.
+        """
         config, cells, folder = self._experiment.config, self._cells, self._folder
-        # All that the content of a part depends on, but for its number.
+        # Everything that decides the content of a part, except its number.
         content = [config.identity(), versions, self._experiment.layout.part_schema.names, cells.digest]
         self._identity = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
         self._versions = versions
@@ -238,16 +257,16 @@ class _Run:
                 read_part(path, self._experiment.layout)
                 whole.add(number)
             except UserError:
-                self._progress(0, 0, f"part {number} is damaged: computed again")
+                self._progress(0, 0, f"part {number} is damaged and will be computed again")
         self._mine = [number for number in self._mine if number not in whole]
         self._done, self._reused = sum(len(cells.chunk(number)) for number in whole), len(whole)
         if continued:
-            line = f"resumed: {len(whole)} of {len(whole) + len(self._mine)} parts are there and whole"
+            line = f"resumed: {len(whole)} of {len(whole) + len(self._mine)} parts are already computed"
             self._progress(self._done, self._total, line)
         self._end_stage("start")
 
     def solve(self, pool: SlotPool[Experiment]) -> None:
-        """Compute the parts that are not there."""
+        """Compute the parts of this session that are missing, and write each into the folder."""
         cells, ours = self._cells, _comparable_versions(self._versions)
         for report in solve_chunks(pool, ((n, cells.block(cells.chunk(n))) for n in self._mine)):
             if differing := sorted(name for name, _ in _comparable_versions(report.versions) - ours):
@@ -266,18 +285,19 @@ class _Run:
         self._end_stage("solve")
 
     def finish(self, pool: SlotPool[Experiment], where: str, workers: int, state_with_tables: str) -> bool:
-        """Write curves and tables, if all parts are there, and the manifest; return whether the tables are complete.
+        """Write the curves and tables if all parts are there, and the manifest; return whether the tables are complete.
 
-        `where`, and by how many workers, the parts of this session were computed is for the manifest.
+        The manifest records the machine `where` this session has computed its parts, and the number of its workers.
+        `state_with_tables` is the state of the run after its tables are written.
         """
         config, folder, chunks = self._experiment.config, self._folder, self._cells.chunks()
-        parts = folder.named_parts(range(chunks), self._identity)  # of all shards
+        parts = folder.named_parts(range(chunks), self._identity)  # the parts of all shards
         whole = len(parts) == chunks
         if whole:
             write_curves(config, folder, pool)
             self._end_stage("curves")
         with tables_lock(folder):
-            state = folder.manifest()["state"]  # finished where another shard has been faster
+            state = folder.manifest()["state"]  # a finished state if another shard has written the tables
             if whole and state == RUNNING:
                 folder.remove_leftovers()
                 folder.assemble(parts, self._experiment.layout, len(self._cells) * len(config.solvers))
@@ -285,7 +305,9 @@ class _Run:
                 state = state_with_tables
             manifest = self._make_manifest(state, self._make_session(where, workers))
             if state == RUNNING:
-                line = f"{len(parts)} of {chunks} parts are there; the shard that finds all writes the tables"
+                line = (
+                    f"{len(parts)} of {chunks} parts are computed; the last shard to finish writes the tables"
+                )
                 self._progress(self._done, self._total, line)
             else:
                 manifest["statuses"] = statuses_of(folder.tally())
@@ -307,10 +329,13 @@ class _Run:
         }
 
     def _make_manifest(self, state: str, *session: Session) -> Manifest:
-        """Say what the run is of, and who has worked on it: earlier sessions, and this one once it is over."""
+        """Return the manifest: the experiment, versions, the machine, and the sessions that have worked on the run.
+
+        Earlier sessions are read from the folder. This session is given when it is over.
+        """
         config = self._experiment.config
         earlier: list[Session] = []
-        with contextlib.suppress(UserError):  # there is none, or none that can be read
+        with contextlib.suppress(UserError):  # there is no manifest, or it cannot be read
             earlier = self._folder.manifest()["sessions"]
         return {
             "state": state,
@@ -339,9 +364,10 @@ class _Run:
 
 
 def van_der_corput(count: int) -> Iterator[int]:
-    """Give the numbers below a count such that the first few lie all over the range, as a guess of the time left needs.
+    """Return the whole numbers below a count in an order whose first few numbers are spread over the whole range.
 
-    It is van der Corput's sequence (1935), the binary digits of 0, 1, 2 ... in the opposite order.
+    Parts are computed in this order, so that the time left can be estimated early. The order is van der Corput's
+    sequence (1935): the binary digits of 0, 1, 2, ... are reversed.
     """
     digits = (count - 1).bit_length()
     mirrored = (int(f"{place:0{digits}b}"[::-1], 2) for place in range(1 << digits))
@@ -349,5 +375,8 @@ def van_der_corput(count: int) -> Iterator[int]:
 
 
 def _comparable_versions(versions: Versions) -> set[tuple[str, str]]:
-    """Versions of solvers by name; the reason of one that is unavailable may have other words on another machine."""
+    """Return the versions of solvers as pairs that can be compared between machines.
+
+    A solver that cannot run has "-" as its version: the text of the reason may differ from machine to machine.
+    """
     return {(name, "-" if v.startswith(UNAVAILABLE) else v) for name, v in versions.items()}

@@ -1,4 +1,7 @@
-"""The state of a run, with its results and failures so far, read from its folder while it runs or after."""
+"""State of a run with its results and failures so far, read from the folder of the run.
+
+The run may be in progress, stopped or complete. The command ``show`` uses this module.
+"""
 
 from __future__ import annotations
 
@@ -21,9 +24,22 @@ from impact_xval.experiments.tables.folder import (
 
 @dataclass(frozen=True, slots=True)
 class RunStatus:
-    """State of a run: ``complete``, ``running``, or ``stopped``, where nobody works on what is to be completed.
+    """State of a run and counts of its cells, parts and statuses.
 
-    Reasons are solver, status, reason and number of rows, the most frequent first.
+    Attributes
+    ----------
+    state : str
+        ``complete``; ``running`` while a process writes to the folder; or ``stopped``, if the run is incomplete and no
+        process writes to the folder.
+    cells, cells_done : int
+        Number of cells of the experiment, and of those that are computed.
+    parts, parts_done, parts_damaged : int
+        Number of parts, the files of rows that the run writes: all of them, those that are whole, and those that cannot
+        be read.
+    statuses : dict
+        Number of rows by solver and status.
+    reasons : list of tuple
+        Solver, status, reason, and number of rows with these three, the most frequent first.
     """
 
     state: str

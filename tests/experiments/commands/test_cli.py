@@ -183,7 +183,7 @@ def test_a_quick_run_is_of_a_few_cells_of_the_built_in_grid_and_is_continued_as_
     assert quick.canonical() | {"name": "", "grid": {}} == whole.canonical() | {"name": "", "grid": {}}
     RunFolder(tmp_path).write_config(whole)
     assert main(["run", "--quick", "--out", str(tmp_path)]) == 2
-    assert f"--quick with --out {tmp_path}: holds another run" in capsys.readouterr().err
+    assert f"--quick with --out {tmp_path}, which has another run" in capsys.readouterr().err
 
 
 def test_the_version_names_python_and_the_engines_that_are_installed(command):

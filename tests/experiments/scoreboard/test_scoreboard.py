@@ -118,7 +118,7 @@ def test_a_baseline_catches_an_answer_that_moved_and_an_engine_that_is_gone(
     (kept,) = (tmp_path / "same" / "answers").glob("pymunk-*.json")
     first, *others = json.loads(kept.read_text())
     kept.write_text(json.dumps([first | {"v1": first["v1"] + 1e-5}, *others]))
-    assert re.search(r"\b1 answers? moved from those in", command(again, ends=3))
+    assert re.search(r"\b1 answers? differ from those in", command(again, ends=3))
     # and an engine that is gone
     answers = pd.read_parquet(tmp_path / "before" / "answers.parquet")
     more = [answers, answers[answers.solver == "pymunk"].assign(solver="dart")]

@@ -52,7 +52,7 @@ def test_a_damaged_part_is_computed_again_and_said_so(run, fake_run, harm):
     (run / "cells.parquet").write_bytes(b"x")
     said = resumed(run)
     assert any("resumed: 2 of 3 parts" in line for line in said)
-    assert ("part 1 is damaged: computed again" in said) == (harm != "delete")
+    assert ("part 1 is damaged and will be computed again" in said) == (harm != "delete")
     assert tables_of(run) == tables_of(fake_run.root)
 
 

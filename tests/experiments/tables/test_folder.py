@@ -101,7 +101,7 @@ def test_a_damaged_manifest_strands_no_part(run, kept, command, refused):
     if kept:
         (run / "manifest.json").write_bytes(manifest[:kept])
     refused(["report", run])
-    assert any("3 of 3 parts are there and whole" in line for line in resumed(run))
+    assert any("3 of 3 parts are already computed" in line for line in resumed(run))
     assert tables_of(run) == before
     command(["show", run])
 
@@ -111,7 +111,7 @@ def test_shards_in_any_order_make_the_tables_of_one_run(tmp_path, fake_run):
     for shard in ((2, 4), (1, 4), (4, 4), (3, 4)):
         assert not (root / "cells.parquet").exists()
         said += resumed(root, shard=shard)
-    assert "1 of 3 parts are there; the shard that finds all writes the tables" in said
+    assert "1 of 3 parts are computed; the last shard to finish writes the tables" in said
     assert tables_of(root) == tables_of(fake_run.root)
     sessions = json.loads((root / "manifest.json").read_text())["sessions"]
     assert [each["shard"] for each in sessions] == ["2 of 4", "1 of 4", "4 of 4", "3 of 4"]
