@@ -168,7 +168,7 @@ def bounds_of_all(segment, radius):
 
 @force_inlined
 def jets_of(motion, segment):
-    """Return the value, slope and second derivative of the four watched functions: both signed rates and both forces."""
+    """Return value, slope and second derivative of the four watched functions: both signed rates and both forces."""
     sign1, sign2 = segment.signs
     k1, k2, inverse_mu, inverse_M = segment.modes.k1, segment.modes.k2, 1 / segment.mu, 1 + 1 / segment.mu
     d1, v2, F1, F2 = motion.d1, motion.v2, motion.F1, motion.F2
@@ -257,7 +257,7 @@ def below_zero(segment, end, noise, leaves1, leaves2):
 
 @force_inlined
 def certify(segment, bounds, before, end, h, leaves1, leaves2):
-    """Return which functions are proven to be positive inside a window of length h; functions not watched count as proven."""
+    """Return which functions are proven to be positive inside a window of length h, or are not watched."""
     return Four(
         leaves1 | positive_between(before.rate1, end.rate1, h, bounds.rate1.sixth),
         leaves2 | positive_between(before.rate2, end.rate2, h, bounds.rate2.sixth),
