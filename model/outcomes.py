@@ -254,7 +254,7 @@ class GridOutcomes:
 
     @property
     def statuses(self) -> NDArray[np.str_]:
-        """Statuses as texts."""
+        """Status of each outcome as a text, such as 'ok'."""
         return self.flat.statuses.reshape(self.shape)
 
     @property

@@ -47,8 +47,8 @@ NAME = "state-transition"
 LAWS = {"jia-mason-erdmann": Law.STATE_TRANSITION, "liu-zhao-brogliato": Law.LIU_ZHAO_BROGLIATO}
 
 #: Number of events after which a collision of two balls is given up, after about a second. At extreme stiffness ratios
-#: a collision has about 50/(1 - e) events, where e is the restitution of the contact that oscillates. It has at most
-#: about as many events as the ratio of the frequencies of both modes.
+#: a collision has about 50/(1 - e) events, where e is the restitution of the contact that oscillates. The ratio
+#: of the frequencies of both modes is a further bound of this number.
 MAX_EVENTS = 2_000_000
 
 

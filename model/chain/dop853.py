@@ -13,7 +13,7 @@ import numpy as np
 #: Number of stages of a step: a step evaluates derivatives at this many places.
 STAGES = 12
 
-#: Row s holds the weights that stage s gives to the derivatives at stages 0 to s - 1.
+#: Weights of the derivatives at earlier stages: row s holds the weights with which stages 0 to s - 1 enter stage s.
 A = np.zeros((STAGES, STAGES))
 A[1, :1] = [0.05260015195876773]
 A[2, :2] = [0.0197250569845379, 0.0591751709536137]

@@ -193,7 +193,8 @@ class Problem:
     def paths(self, n_windows: NDArray[np.int64]) -> Paths:
         """Follow all collisions once more, and return their velocities, impulses and forces in time.
 
-        `n_windows` holds the number of windows of each collision, as `follow` has counted them.
+        `n_windows` holds the number of windows of each collision, which `follow` has counted. It decides how many
+        points fit into the log.
         """
         c, g = self.collisions, self.gravity
         time_unit, speed = c.units

@@ -9,7 +9,8 @@ If positions are frozen, as in the model, the collision is over when no contact 
 when no contact is active and no gap will close.
 
 **Simultaneous events** are applied one after another, in the order of the contacts' numbers. Any order would give the
-same result, because an event changes only the phase and the stiffness of its own contact, and no rate and no force.
+same result, because an event changes only its own contact, and no rate. The force of a linear dashpot may jump at an
+event. This changes accelerations, but no other contact.
 
 Used by `chain.following`. The sweeps of experiments compile this kernel before they start.
 """
@@ -68,7 +69,7 @@ FIRST_STEP = 1e-3
 class Action(IntEnum):
     """What the kernel does next with a chain."""
 
-    END = 0  # end, because the collision is over
+    END = 0  # stop, because the collision is over
     FLY = 1  # move the bodies without forces until a gap closes
     FOLLOW = 2  # move the bodies under forces to the first event
 

@@ -82,8 +82,8 @@ def signed_sums(f, sign, start, first, degree, x):
 def refine(f, sign, start, first, degree, low, high, f0, f1, df1):
     """Return a root in (low, high] of a function that is positive at `low` and not positive at `high`, and its slope.
 
-    Newton's method is used inside the bracket, from the root of a parabola on. Its steps shrink as s, s^2, s^4, ... It
-    stops when the next step would be less than rounding.
+    The method is Newton's, inside the bracket. It starts from the root of a parabola. Its steps shrink as s, s^2, s^4,
+    ... It stops when the next step would be less than rounding.
     """
     w = high - low
     bend = (f0 - f1 + w * df1) / (w * w)

@@ -12,14 +12,14 @@ pivot W_rr is 0. This contact is not eliminated, and carries no force.
 
 **Which contacts press.** A rigid contact can only push: F_r >= 0 and w_r <= 0, and one of the two is 0. In a chain the
 neighbours of a rigid contact only press it, so it stays closed. In a graph the neighbours may also pull it open. The
-first non-zero coefficient of its power series decides. A contact that carries force must not have a force whose first
-coefficient is negative. A contact without force must not have a rate whose first coefficient is positive. `exchange`
-changes the phase of the first contact that breaks this rule. `expand_with_rigid` then writes the series anew, until no
-contact breaks the rule.
+first non-zero coefficient of a power series decides. For a contact that carries force, this coefficient of its force
+must not be negative. For a contact without force, this coefficient of its rate must not be positive. `exchange` changes
+the phase of the first contact that breaks this rule. `expand_with_rigid` then writes the series anew, until no contact
+breaks the rule.
 
 This is the least-index rule of Murty (Opsearch 11, 1974) for a linear complementarity problem. The rule is valid over
-every ordered field, so also for power series. It is proven to end if the rows of W that belong to the rigid contacts
-are regular. If it takes too many exchanges, the graph is given up.
+every ordered field, so also for power series. It is proven to end if the part of W that belongs to the rigid contacts
+is a regular matrix. If it takes too many exchanges, the graph is given up.
 
 Used by `graph.kernel`.
 """

@@ -46,7 +46,7 @@ class GraphPhase(IntEnum):
 GRAPH_CONTACT = np.dtype(
     [
         ("k", "f8"),  # running stiffness: each end of compression divides it by e^2
-        ("e", "f8"),  # coefficient of restitution
+        ("e", "f8"),  # coefficient of restitution of the contact
         ("w", "f8"),  # rate of compression
         ("F", "f8"),  # contact force
         ("impulse", "f8"),  # impulse since first touch

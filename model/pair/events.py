@@ -122,7 +122,7 @@ class Event(NamedTuple):
 
 
 class Bounds(NamedTuple):
-    """Bounds of one watched function in a segment."""
+    """Bounds of one watched function and of its derivatives, valid for a whole segment."""
 
     #: Sum of the amplitudes of its two sinusoids.
     size: float

@@ -27,8 +27,8 @@ STAKE = 1e-6
 #: smaller threshold, `model.inputs.GRAZING_THRESHOLD`.
 NEAR = 0.05
 
-#: Length of a part of a window, in radians of the fast mode, below which it is not halved further to find pairs of
-#: turning points.
+#: Shortest part of a window that is still halved in the search for pairs of turning points, in radians of the fast
+#: mode.
 SHORTEST_STRETCH = 1e-7
 
 #: Number of parts of a window after which the search for turning points is given up.

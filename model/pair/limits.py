@@ -5,8 +5,8 @@ contact while its stiffness grows without bound in a finite time. `view_from` re
 soft contact.
 
 **Motion with a rigid contact.** In S1 a rigid contact does one of two things (`pair.lone`; docs/theory.md, section 4).
-If it has enough energy to part its bodies, it completes its own impact at once, in no time for the soft contact. If it
-has not, its bodies move as one body, and the soft contact works against this body until the end of the collision.
+If it has enough energy to part its bodies, it completes its own impact at once, in no time for the soft contact.
+Otherwise its bodies move as one body, and the soft contact works against this body until the end of the collision.
 States S2 and S3 are the same as without a rigid contact.
 
 A contact of finite stiffness needs some energy to pass on the force of the soft contact. This energy cannot part its

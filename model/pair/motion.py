@@ -9,10 +9,10 @@ F_i = dI_i/dt = sqrt(2 k_i E_i):
 
     d1' = F2/m2 - F1/M      v2' = (F2 - F1)/m2      F1' = k1 d1      F2' = -k2 v2
 
-Here d1 = v2 - v1 is the compression rate of the ball-ball contact, -v2 the compression rate of the ball-table contact,
-and 1/M = 1/m1 + 1/m2. Between events the equations are solved in closed form. In S1 the solution consists of the two
-modes of a 2x2 stiffness matrix. In S2 and S3 the solution is one sinusoid. Its impulses, which
-section 1 of the supplement gives, are enough.
+Here d1 = v2 - v1 is the rate of compression of the contact between the balls, -v2 is the rate of compression of the
+contact with the table, and 1/M = 1/m1 + 1/m2. Between events the equations are solved in closed form. In S1 the
+solution consists of the two modes of a 2x2 stiffness matrix. In S2 and S3 the solution is one sinusoid, of which only
+the impulses are needed (section 1 of the supplement).
 
 The unknowns are d1, v2, F1, F2 instead of v1, v2, E1, E2 for two reasons. First, all four are continuous at every
 event, because an end of compression changes only a stiffness. Second, none of them is a small difference of large
@@ -86,8 +86,8 @@ class Modes(NamedTuple):
     omega: tuple[float, float]
     phi1: tuple[float, float]
     phi2: tuple[float, float]
-    #: phi2 - phi1 and phi1 + mu phi2. The two rows of the eigenvalue equation give them as -omega^2 phi1/k1 and
-    #: k2 phi2/omega^2, which lose no digits where a mode is nearly rigid or nearly massless.
+    #: delta = phi2 - phi1 and sigma = phi1 + mu phi2. They are computed as -omega^2 phi1/k1 and k2 phi2/omega^2, by the
+    #: two rows of the eigenvalue equation. So no digits are lost if a mode is nearly rigid or nearly massless.
     delta: tuple[float, float]
     sigma: tuple[float, float]
     #: Forces of both contacts per unit of r_j: omega phi1 and omega sigma.
