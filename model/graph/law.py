@@ -40,18 +40,18 @@ from impact_xval.model.graph.state import GraphPhase
 class GraphWatched(IntEnum):
     """Function of time, of one contact, whose zero may be an event."""
 
-    FORCE = 0  # the force F_i
-    RATE = 1  # the rate of compression w_i
+    FORCE = 0  # the force F_i of the contact
+    RATE = 1  # the rate of compression w_i of the contact
 
 
 #: Sign that a function keeps until its event, by the contact's phase and `GraphWatched`. It is 0 if the function is not
 #: watched in this phase.
 WATCHED = np.zeros((len(GraphPhase), len(GraphWatched)))
-WATCHED[GraphPhase.INACTIVE, GraphWatched.RATE] = -1  # return
-WATCHED[GraphPhase.COMPRESSION, GraphWatched.RATE] = 1  # end of compression
-WATCHED[GraphPhase.RESTITUTION, GraphWatched.RATE] = -1  # restart
-WATCHED[GraphPhase.RESTITUTION, GraphWatched.FORCE] = 1  # end of restitution
-WATCHED[GraphPhase.RIGID, GraphWatched.FORCE] = 1  # the neighbours cease to press the contact
+WATCHED[GraphPhase.INACTIVE, GraphWatched.RATE] = -1  # event: return
+WATCHED[GraphPhase.COMPRESSION, GraphWatched.RATE] = 1  # event: end of compression
+WATCHED[GraphPhase.RESTITUTION, GraphWatched.RATE] = -1  # event: restart of compression
+WATCHED[GraphPhase.RESTITUTION, GraphWatched.FORCE] = 1  # event: end of restitution
+WATCHED[GraphPhase.RIGID, GraphWatched.FORCE] = 1  # event: the neighbours cease to press the rigid contact
 
 
 @kernel_helper

@@ -125,11 +125,14 @@ class GraphOutcomes(Sequence[GraphOutcome]):
     grazing_margin, duration : ndarray, shape (n,)
         Grazing margins, and durations of the collisions in s.
     n_events, n_windows : ndarray of int, shape (n,)
+        Numbers of events, and numbers of windows, the times over which a power series was used.
     events : recarray of `graph.record.EVENT` or None
         All events, one graph after another, with times in s; None if events were not recorded. The events of graph i
         are `events[offsets[i] : offsets[i + 1]]`.
     offsets : ndarray of int, shape (n + 1,)
+        Indices into `events` at which the events of each graph begin and end.
     diagnostics : dict of str to ndarray, shape (n,)
+        Residuals of the solution, by the names that `GraphOutcome` explains.
     """
 
     impulses: Floats

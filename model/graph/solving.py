@@ -86,7 +86,8 @@ def solve_graph(
         Rates of compression w = -J v at first touch, in m/s; positive where bodies approach. At least one rate is
         positive. The vector of rates has to lie in the range of W.
     max_windows : int, optional
-        Number of windows after which a graph is given up; the default takes about a second.
+        Number of windows, the times over which a power series is used, after which a graph is given up. The default
+        takes about a second.
     grazing_threshold : float
         Grazing margin below which the outcome is marked.
 

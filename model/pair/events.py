@@ -62,7 +62,8 @@ COS_WINDOW, SIN_WINDOW = cos(WINDOW), sin(WINDOW)
 #: to rounding.
 SHORTEST_WINDOW = 1e-9
 
-#: Ratio of the frequencies of fast and slow mode above which the envelope is tried, at every sixth window.
+#: Ratio of the frequencies of the fast and the slow mode above which the search tries to step over fast oscillations,
+#: at every sixth window (`clear_until`).
 ENVELOPE_RATIO = 6.0
 
 #: Number of windows after which a collision is given up, after half a second.
@@ -99,7 +100,7 @@ class Segment(NamedTuple):
     signs: tuple[float, float]
     #: Whether the force of each contact is watched, which is so in restitution.
     watches_force: tuple[bool, bool]
-    #: 1 - e_i^2, the share of its energy that each contact loses at an end of compression.
+    #: Share 1 - e_i^2 of its strain energy that each contact loses at an end of compression.
     losses: tuple[float, float]
     #: Modal coordinates q and r at the start of the segment (`pair.motion.amplitudes`).
     a: tuple[float, float]
@@ -156,7 +157,7 @@ def bounds_of(c, radius, omega):
 
 @force_inlined
 def bounds_of_all(segment, radius):
-    """Return the bounds of the four watched functions of a segment."""
+    """Return the bounds of the four watched functions and of their derivatives, valid for a whole segment."""
     modes = segment.modes
     return Four(
         bounds_of(modes.delta, radius, modes.omega),

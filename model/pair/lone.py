@@ -27,7 +27,7 @@ from impact_xval.model.pair.record import State
 
 
 class LoneContact(NamedTuple):
-    """The single active contact of a segment, the time during which the same contacts are active."""
+    """The only active contact during a segment in which the other contact is inactive or rigid."""
 
     #: True for contact 1, between the balls; False for contact 2, between ball 2 and the table.
     is_ball_ball: bool

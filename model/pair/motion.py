@@ -231,9 +231,9 @@ def follow_single_contact(mass, d, E, e, compressing, impulse_to_return):
         return Exit(False, compressing, maximum, -w, 0.0)
     d_exit = d - impulse_to_return / mass
     if compressing and d_exit > 0:
-        # The contact is still in compression: equation (2), as a sum of positive terms.
+        # The contact is still in compression. Its energy is equation (2) of the supplement, as a sum of positive terms.
         return Exit(True, False, impulse_to_return, d_exit, E + 0.5 * impulse_to_return * (d + d_exit))
-    # The contact is in restitution: equation (4), factored so that a small remaining energy keeps its digits.
+    # The contact is in restitution. Its energy is equation (4), factored so that a small energy keeps its digits.
     return Exit(
         True, compressing, impulse_to_return, d_exit, 0.5 * (maximum - impulse_to_return) * (w - d_exit)
     )

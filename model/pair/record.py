@@ -31,7 +31,7 @@ class PairEnding(IntEnum):
     ending of the other.
     """
 
-    FINISHED = 100  # the collision was followed to S4
+    FINISHED = 100  # the collision was followed to its end, the state S4
     CLOSED_FORM = 101  # the closed form of a limiting case was used
     PRECISION = 102  # the closed form was used, because the ratio of stiffnesses exceeded double precision
     COLLAPSED = 103  # the bodies came to rest together, as the limit of infinitely many events

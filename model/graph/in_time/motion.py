@@ -63,7 +63,7 @@ def window_length(c, W):
 
 @kernel_helper
 def start_window(c):
-    """Apply `begin_touching`, the start rule, to all contacts."""
+    """Apply the start rule, which makes contacts active whose bodies touch and approach, to all contacts."""
     for i in range(c.size):
         begin_touching(c[i])
 
