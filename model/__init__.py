@@ -1,10 +1,10 @@
-"""The primary solver: the state transition model of simultaneous impacts (Jia, Mason and Erdmann, IJRR 32(1), 2013).
+"""The state transition model of simultaneous impacts (Jia, Mason and Erdmann, IJRR 32(1), 2013).
 
-- `Collision` and `Outcome` are one collision and its result. `Collisions` and `Outcomes` are many of them as arrays.
+- `Collision` is one collision, and `Outcome` is its result. `Collisions` and `Outcomes` hold many of them as arrays.
   `Path` holds velocities, impulses and forces during a collision.
-- `solve` solves one collision; `solve_many` and `solve_batch` solve arrays of them.
+- `solve` solves one collision. `solve_many` and `solve_batch` solve arrays of collisions.
 
-The solvers, and the compiler that they need, are imported when they are first used. All other code uses this package.
+The solvers, and the compiler that they need, are imported when they are first used. All other packages use this one.
 """
 
 from importlib import import_module

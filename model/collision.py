@@ -1,7 +1,8 @@
 """One collision of N balls in a line (`Collision`), and the units that scale it (`Units`).
 
-A `Collision` holds the input of a solver, and checks it. Needs `model.inputs` for the legal ranges. Used by every
-solver; `model.collisions` has many collisions as arrays.
+A `Collision` holds and checks the input of a solver. `model.collisions` has many collisions as arrays.
+
+Needs `model.inputs` for the legal ranges. Used by every solver.
 """
 
 from __future__ import annotations
@@ -42,9 +43,9 @@ def legal_fields(balls: int, table: bool) -> Iterator[tuple[Legal, int]]:
 def scaling_units(
     masses: Floats, stiffnesses: Floats, rates: Floats, exponent: float
 ) -> tuple[Floats, Floats]:
-    """Return units of time (s) and velocity (m/s) of n collisions, as in `Units`; each of shape (n,).
+    """Return the units of time (s) and of velocity (m/s) that scale n collisions as `Units` does; each of shape (n,).
 
-    `masses` has the shape (n, N), `stiffnesses` and the compression rates `rates` have the shape (n, C).
+    `masses` has the shape (n, N). `stiffnesses` and the rates of compression `rates` have the shape (n, C).
     """
     speed = np.abs(rates).max(axis=1)
     with np.errstate(over="ignore", divide="ignore"):
@@ -53,42 +54,41 @@ def scaling_units(
 
 
 class Units(NamedTuple):
-    """Units in which a collision has m1 = 1, k1 = 1, and a largest compression rate of 1 (Theorem 5)."""
+    """Units in which a collision has m1 = 1, k1 = 1 and the largest rate of compression 1 (Theorem 5 of the paper)."""
 
-    #: In s. With linear contacts it is sqrt(m1/k1), which is infinite if k1 is 0.
+    #: Unit of time in s. With linear contacts it is sqrt(m1/k1), which is infinite if k1 is 0.
     time: float
-    #: In m/s: the largest compression rate at first touch, which for two balls on a table is abs(v0).
+    #: Unit of velocity in m/s: the largest rate of compression at first touch. For two balls on a table it is abs(v0).
     velocity: float
-    #: In N s: m1 times the unit of velocity.
+    #: Unit of impulse in N s: m1 times the unit of velocity.
     impulse: float
 
 
 @dataclass(frozen=True, slots=True)
 class Collision:
-    """N balls in a line, each touching the next, ball 1 on top; with a table, ball N touches it. Up is positive.
+    """Collision of N balls in a line, from ball 1 at the top to ball N at the bottom. Up is positive.
 
-    Contact i is between balls i and i + 1; with a table, contact N is between ball N and the table. The problem of the
-    paper is two balls on a table (`two_balls`).
+    Contact i is between balls i and i + 1. If there is a table, contact N is between ball N and the table. The problem
+    of the paper is two balls on a table (`two_balls`).
 
     Parameters
     ----------
     masses : sequence of float, length N
-        In kg; positive, finite. N is from 1 to `MAX_BALLS`.
+        Masses in kg; positive, finite. N is from 1 to `MAX_BALLS`.
     stiffnesses : sequence of float, length N - 1, or N with a table
-        k_i of F = k_i delta^p, in N/m^p; positive, finite. Two balls on a table may also have 0 and infinity, as
-        limiting cases, but not 0/0 or inf/inf.
+        Stiffnesses k_i of the contact forces F = k_i delta^p, in N/m^p; positive, finite. Two balls on a table may also
+        have the stiffnesses 0 and infinity, as limiting cases, but k2/k1 must not be 0/0 or inf/inf.
     restitutions : sequence of float, one per contact
         Coefficients of energetic restitution, from 0 (perfectly plastic) to 1 (elastic).
     velocities : sequence of float, length N
-        Velocities at first touch, in m/s; finite. At least one ball approaches the next, or ball N approaches the
-        table.
+        Velocities at first touch, in m/s; finite. At least one ball has to approach the next ball, or ball N the table.
     table : bool
         Whether there is a fixed table below ball N.
     gaps : sequence of float, one per contact
-        Distance of the bodies of each contact at the start, in m; not negative. By default there are no gaps. Only
-        solvers with positions accept gaps.
+        Distance between the bodies of each contact at the start, in m; not negative. By default there are no gaps. Only
+        solvers that follow positions accept gaps; the model refuses them.
     exponent : float
-        p of the contacts' forces, from 1 (linear) to 3; Hertz's contact has 1.5.
+        Exponent p of the contact forces, from 1 (linear) to 3; Hertz's contact has 1.5.
 
     Raises
     ------
@@ -136,7 +136,7 @@ class Collision:
     ) -> Collision:
         """Make the collision of two balls on a table: B1 falls onto B2, which is at rest.
 
-        Contact 1 is ball-ball, contact 2 ball-table.
+        Contact 1 is between the balls, and contact 2 is between B2 and the table.
 
         Parameters
         ----------
@@ -162,7 +162,7 @@ class Collision:
     def from_ratios(cls, stiffness_ratio: float, mass_ratio: float, e1: float, e2: float) -> Collision:
         r"""Make a collision of two balls on a table with m1 = 1 kg, k1 = 1 N/m and v0 = -1 m/s.
 
-        By Theorem 5 of the paper, the outcome per \|v0\| depends on the four parameters below only.
+        By Theorem 5 of the paper, the outcome divided by \|v0\| depends only on the four parameters below.
 
         Parameters
         ----------
@@ -191,30 +191,30 @@ class Collision:
 
     @property
     def falls_on_resting(self) -> bool:
-        """True for the problem of the paper: B1 falls on B2, which rests on a table, with linear contacts."""
+        """Whether this is the problem of the paper: B1 falls on B2, which rests on a table, with linear contacts."""
         first, *below = self.velocities
         is_linear_and_closed = self.exponent == 1 and not any(self.gaps)
         return is_linear_and_closed and self.table and below == [0.0] and first < 0
 
     @property
     def compression_rates(self) -> tuple[float, ...]:
-        """Rates w_i = v_{i+1} - v_i of each contact at first touch, in m/s; -v_N at the table."""
+        """Rates of compression w_i = v_{i+1} - v_i of all contacts at first touch, in m/s; -v_N at the table."""
         below = (*self.velocities, 0.0) if self.table else self.velocities
         return tuple(lower - upper for upper, lower in pairwise(below))
 
     @property
     def stiffness_ratio(self) -> float:
-        """k2/k1, from 0 to infinity."""
+        """Stiffness ratio k2/k1, from 0 to infinity."""
         return math.inf if self.k1 == 0 else self.k2 / self.k1
 
     @property
     def mass_ratio(self) -> float:
-        """m2/m1."""
+        """Mass ratio m2/m1."""
         return self.m2 / self.m1
 
     @property
     def units(self) -> Units:
-        """Units of time, velocity and impulse in which only ratios of this collision's numbers matter."""
+        """Units of time, velocity and impulse that scale this collision."""
         masses, stiffnesses = np.array([self.masses]), np.array([self.stiffnesses])
         rates = np.array([self.compression_rates])
         times, speeds = scaling_units(masses, stiffnesses, rates, self.exponent)
@@ -222,7 +222,7 @@ class Collision:
         return Units(float(times[0]), speed, self.m1 * speed)
 
     def reversed(self) -> Collision:
-        """Return the mirror image of a collision without a table: order of balls and all velocities are reversed."""
+        """Return the mirror image of a collision without a table: the order of balls and all velocities reversed."""
         if self.table:
             raise ValueError("table = True: a chain on a table has no reverse; legal: False")
         return replace(
@@ -236,7 +236,7 @@ class Collision:
 
 
 def _numbers(legal: Legal, values: object) -> tuple[float, ...]:
-    """Return the values of a field as floats; a ValueError names the first illegal one, counted from 1."""
+    """Return the values of a field as floats; a ValueError names the place of the first illegal value, from 1."""
     if isinstance(values, str) or not isinstance(values, Iterable):
         raise ValueError(f"{legal.name} = {values!r}: not a sequence of numbers; legal: {legal.text}")
     items = cast("Iterable[object]", values)
@@ -244,7 +244,7 @@ def _numbers(legal: Legal, values: object) -> tuple[float, ...]:
 
 
 def _check_ratios(m1: float, m2: float, k1: float, k2: float) -> None:
-    """Raise a ValueError if k2/k1 is undefined or m2/m1 leaves double precision."""
+    """Raise a ValueError if k2/k1 is undefined, or if m2/m1 is too large or too small for double precision."""
     if k1 == k2 and (k1 == 0 or math.isinf(k1)):
         raise ValueError(
             f"stiffness ratio: k2 = {k2!r} over k1 = {k1!r} is undefined; "

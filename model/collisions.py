@@ -1,4 +1,4 @@
-"""Many collisions of one number of balls as arrays: `Collisions`.
+"""Many collisions with the same number of balls, as arrays: `Collisions`.
 
 Needs `model.collision` and `model.inputs`. Used by every solver of arrays of collisions.
 """
@@ -19,20 +19,20 @@ from impact_xval.model.inputs import LINE, RATIOS, checked_array
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Collisions(Sequence[Collision]):
-    """Collisions of one number of balls as read-only arrays; `[i]` is a `Collision`.
+    """Collisions of N balls each, as read-only arrays. Item `[i]` is the `Collision` number i.
 
-    C, the number of contacts, is N - 1, or N on a table.
+    The number C of contacts is N - 1, or N on a table.
 
     Attributes
     ----------
     masses, velocities : ndarray, shape (n, N)
-        In kg and m/s.
+        Masses in kg, and velocities at first touch in m/s.
     stiffnesses, restitutions, gaps : ndarray, shape (n, C)
-        In N/m^p, dimensionless, and in m.
+        Stiffnesses in N/m^p, coefficients of restitution, and gaps in m.
     table : bool
         Whether all collisions are on a table, or none.
     exponent : float
-        p of all contacts.
+        Exponent p of all contact forces.
 
     Raises
     ------
@@ -64,7 +64,7 @@ class Collisions(Sequence[Collision]):
 
     @classmethod
     def of(cls, collisions: Iterable[Collision]) -> Collisions:
-        """Make arrays from collisions that have the same number of balls and exponent, and all or none a table."""
+        """Make arrays from collisions with the same number of balls and the same exponent, all or none with a table."""
         if isinstance(collisions, cls):
             return collisions
         rows = list(collisions)
@@ -86,7 +86,7 @@ class Collisions(Sequence[Collision]):
     ) -> Collisions:
         """Make collisions of two balls on a table with m1 = 1 kg, k1 = 1 N/m and v0 = -1 m/s.
 
-        The inputs are those of `Collision.from_ratios`; they are broadcast and flattened.
+        The arguments are arrays of the arguments of `Collision.from_ratios`. They are broadcast and flattened.
         """
         arrays = np.broadcast_arrays(*map(checked_array, RATIOS, (stiffness_ratio, mass_ratio, e1, e2)))
         kappa, mu, e1, e2 = map(np.ravel, arrays)
@@ -116,28 +116,28 @@ class Collisions(Sequence[Collision]):
 
     @property
     def compression_rates(self) -> Floats:
-        """Rates w_i = v_{i+1} - v_i of each contact at first touch, in m/s, shape (n, C); -v_N at the table."""
+        """Rates of compression w_i = v_{i+1} - v_i at first touch, in m/s, shape (n, C); -v_N at the table."""
         return np.diff(self.velocities, axis=1, append=np.zeros((len(self), int(self.table))))
 
     @property
     def stiffness_ratio(self) -> Floats:
-        """k2/k1 of two balls on a table, shape (n,)."""
+        """Stiffness ratios k2/k1 of two balls on a table, shape (n,)."""
         with np.errstate(divide="ignore"):
             return self.stiffnesses[:, 1] / self.stiffnesses[:, 0]
 
     @property
     def mass_ratio(self) -> Floats:
-        """m2/m1, shape (n,)."""
+        """Mass ratios m2/m1, shape (n,)."""
         return self.masses[:, 1] / self.masses[:, 0]
 
     @property
     def falls_on_resting(self) -> Booleans:
-        """True where B1 falls on B2, which rests on a table, with linear contacts; shape (n,)."""
+        """True for each collision in which B1 falls on B2 at rest on a table, with linear contacts; shape (n,)."""
         if self.masses.shape[1] != 2 or not self.table or self.exponent != 1:
             return np.zeros(len(self), bool)
         return (self.velocities[:, 0] < 0) & (self.velocities[:, 1] == 0) & ~self.gaps.any(axis=1)
 
     @property
     def units(self) -> tuple[Floats, Floats]:
-        """Units of time (s) and velocity (m/s), as in `collision.Units`; each of shape (n,)."""
+        """Units of time (s) and of velocity (m/s) that scale each collision as `Units` does; each of shape (n,)."""
         return scaling_units(self.masses, self.stiffnesses, self.compression_rates, self.exponent)

@@ -1,8 +1,8 @@
-"""Numba options of all kernels, and a loop that runs a kernel on parts of arrays in threads.
+"""Decorators of all functions that Numba compiles, and a loop that runs a compiled function in threads.
 
-Decorators: `kernel_entry` and `strict_float` for kernels that Python calls; `force_inlined`, `inlined_helper`,
-`kernel_helper` and `strict_float_helper` for functions that only other compiled code calls. `run_in_threads` calls a
-kernel on parts of its arrays. `kernel_cache_folder` and `is_compiled` look into numba's cache.
+A kernel is a compiled function that Python calls. `kernel_entry` and `strict_float` decorate kernels. `force_inlined`,
+`inlined_helper`, `kernel_helper` and `strict_float_helper` decorate functions that only other compiled functions call.
+`run_in_threads` calls a kernel on parts of its arrays. `kernel_cache_folder` and `is_compiled` inspect Numba's cache.
 
 Needs numba. Used by every module with compiled code, in all three packages, and by the sweeps, which compile kernels
 before they start.
@@ -19,51 +19,52 @@ import numpy as np
 from numba import config, njit
 from numpy.typing import NDArray
 
-#: Type of a decorator of kernels. Numba infers the types of the decorated function, so they cannot be stated here.
+#: Type of a decorator of kernels. Numba infers the argument types of the decorated function, so they are not stated.
 Decorator = Callable[[Callable[..., Any]], Any]
 
-#: Type of the entries of a log.
+#: Type variable: type of the entries of a log.
 Entry = TypeVar("Entry", bound=np.generic)
 
 #: Options of every kernel. The compiler may fuse a product and a sum, and may multiply by a reciprocal instead of
-#: dividing; each changes a result by a rounding. It may not assume that numbers are finite, because zero and infinity
-#: are legal.
+#: dividing. Both change results by rounding errors. It may not assume that numbers are finite, because zero and
+#: infinity are legal.
 _OPTIONS: Mapping[str, object] = {
     "cache": True,
     "error_model": "numpy",
     "fastmath": {"contract", "arcp", "nsz"},
 }
 
-#: Options of helpers that only compiled code calls: no Python wrapper, no cache. The kernel's cache holds its helpers.
+#: Options of helpers, which only compiled functions call. They need no Python wrapper, and no cache of their own.
 _HELPER: Mapping[str, object] = {"cache": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
 def kernel_decorator(**options: object) -> Decorator:
     """Return numba's decorator with the options of every kernel, updated by further options."""
-    compile_: Any = njit  # the stubs of njit lack some options
+    compile_: Any = njit  # the type stubs of njit lack some options
     return compile_(**{**_OPTIONS, **options})
 
 
-#: Kernel that Python calls. It releases Python's lock, so that threads can work on parts of arrays, and counts no
-#: references.
+#: Decorator of kernels. A kernel releases Python's global lock, so that threads can work on parts of arrays, and counts
+#: no references.
 kernel_entry = kernel_decorator(nogil=True, _nrt=False)
 
-#: Kernel and helper whose operations are rounded one by one, exactly as they are written.
+#: Decorators of kernels and helpers whose operations are all rounded one by one, exactly as they are written.
 strict_float = kernel_decorator(fastmath=False)
 strict_float_helper = kernel_decorator(fastmath=False, **_HELPER)
 
-#: Helper that the compiler always copies into its caller. The kernel of two balls consists of such helpers.
+#: Decorator of helpers that the compiler always copies into their callers. The kernel of two balls consists of such
+#: helpers.
 force_inlined = kernel_decorator(forceinline=True, **_HELPER)
 
-#: Helper without reference counting, which would take longer than the work itself. The kernels of chains and graphs
-#: consist of such helpers.
+#: Decorator of helpers without reference counting, which would take longer than their work. The kernels of chains and
+#: graphs consist of such helpers.
 kernel_helper = kernel_decorator(_nrt=False, **_HELPER)
 
-#: Helper that becomes part of its caller before types are inferred. A function that makes up nearly all of its caller
-#: uses it: compiled by itself, such a function would be optimised twice.
+#: Decorator of helpers that become part of their callers before types are inferred. It suits a function that makes up
+#: nearly all of its caller: compiled separately, the function would be optimised twice.
 inlined_helper = kernel_decorator(_nrt=False, inline="always", **_HELPER)
 
-#: Rows per collision that a log of states has at first.
+#: Number of rows per collision for which a log of states has room at first.
 STATE_ROWS = 32
 
 
@@ -84,14 +85,15 @@ def run_in_threads(
     Parameters
     ----------
     follow
-        Called with the slice of collisions to follow and with their log, an array of zeros. Returns the number of rows
-        that the log needs. If the log has fewer, `follow` is called once more with a log of that many rows.
+        Function that follows a slice of the collisions. Its arguments are the slice and a log, an array of zeros. It
+        returns the number of rows that the log needs. If the log has fewer rows, it is called once more with a log of
+        this size.
     n
         Number of collisions.
     share
-        Number of collisions that one call follows.
+        Number of collisions that one call of `follow` follows.
     log_rows
-        Rows of the first log, for each collision.
+        Number of rows per collision that a log has in the first call.
     row_shape, log_type
         Shape of a row of the log, and type of its entries.
     """
@@ -116,7 +118,7 @@ def run_in_threads(
 
 def kernel_cache_folder(kernel: Any) -> Path:
     """Return the folder in which numba keeps the machine code of a kernel between processes."""
-    # Numba has no public name for this folder.
+    # Numba has no public function that returns this folder.
     return Path(kernel._cache.cache_path)
 
 
@@ -126,5 +128,5 @@ def is_compiled(kernel: Any) -> bool:
     Numba compares the bytes of the source. Time stamps would differ in every copy of an installation.
     """
     if vars(config)["DISABLE_JIT"]:
-        return True  # no code is compiled
+        return True  # Numba is switched off, so nothing has to be compiled
     return bool(kernel._cache._cache_file._load_index())

@@ -1,7 +1,9 @@
 """Legal values of a collision's parameters, of the ratios that decide it (Theorem 5), and of the cut-off.
 
-`Legal` is a legal range with its text; the constants are the ranges of all parameters; `checked_array` checks arrays,
-`legal_cutoff` a cut-off. Used by `model.collision`, by `model.solving` and by the experiments' configuration.
+`Legal` is a legal range with its text for messages, and the constants are the ranges of all parameters. `checked_array`
+checks arrays, and `legal_cutoff` checks a cut-off.
+
+Used by `model.collision`, by `model.solving` and by the experiments' configuration.
 """
 
 from __future__ import annotations
@@ -13,13 +15,13 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-#: Grazing margin below which a result is marked. `benchmarks/grazing.py` measures how well this number separates cells
-#: that jump from cells that do not.
+#: Grazing margin below which a result is marked as near a jump of the outcome. `benchmarks/grazing.py` measures how
+#: well this number separates collisions that jump from collisions that do not.
 GRAZING_THRESHOLD = 5e-5
 
 
 class Legal(NamedTuple):
-    """Legal range of a parameter, both ends included, and its text for messages."""
+    """Legal range of a parameter, including both ends, and the text that describes it in messages."""
 
     name: str
     low: float
@@ -64,22 +66,22 @@ LINE = (
 )
 STIFFNESSES_WITH_LIMITS = Legal("stiffnesses", 0.0, math.inf, "numbers from 0 to inf (N/m)")
 
-#: p of the contacts' forces, F = k delta^p.
+#: Legal range of the exponent p of the contact forces F = k delta^p.
 EXPONENT = Legal("exponent", 1.0, 3.0, "from 1 (linear contacts; 1.5: Hertz) to 3")
 
-#: Mass ratios outside [1/x, x] are refused: squares of velocities would leave double precision.
+#: Mass ratios outside [1/x, x], where x is this number, are refused: squared velocities would exceed double precision.
 MASS_PRECISION = 1e150
 
 #: Cut-off of the running stiffness ratio: a number, or ``exact`` for the outcome without a cut-off (`model.solve`).
 Cutoff = float | Literal["exact"]
 LEGAL_CUTOFF = "greater than 1, up to inf, or 'exact'"
 
-#: Cut-off of the supplement, section 3.4.
+#: Cut-off that section 3.4 of the supplement uses.
 SUPPLEMENT_CUTOFF = 1e5
 
 
 def legal_cutoff(value: object) -> bool:
-    """Return whether a value is a legal cut-off."""
+    """Return whether a value is a legal cut-off: a number greater than 1, or ``exact``."""
     if isinstance(value, str):
         return value == "exact"
     return isinstance(value, Real) and float(value) > 1
@@ -91,7 +93,7 @@ def checked_array(legal: Legal, values: ArrayLike) -> NDArray[np.float64]:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
         raise ValueError(f"{legal.name} = {values!r}: not an array of numbers; legal: {legal.text}") from None
-    # NaN makes both extremes NaN, and no comparison with it is true.
+    # If a value is NaN, both extremes are NaN, and no comparison with NaN is true.
     if array.size and not (array.min() >= legal.low and array.max() <= legal.high):
         bad = np.argwhere(~((array >= legal.low) & (array <= legal.high)))[0]
         row = f" in row {bad[0]}" if array.ndim else ""

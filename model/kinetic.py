@@ -1,4 +1,7 @@
-"""The kinetic norm, in which velocities of N balls are compared. Used by measures of divergence and by outcomes."""
+"""The kinetic norm, a mass-weighted norm with which velocities of N balls are compared.
+
+Used by measures of divergence and by outcomes.
+"""
 
 from __future__ import annotations
 
@@ -11,20 +14,20 @@ from numpy.typing import ArrayLike
 def kinetic_norm(masses: ArrayLike, velocities: ArrayLike) -> Any:
     """Return the mass-weighted norm sqrt(sum m_i v_i^2/m_max) of velocities, or of their differences.
 
-    The velocity divergence D is the norm of a difference of final velocities over the norm of the velocities at first
-    touch. Only a quotient of two norms is meaningful, because the norm is relative to the largest mass.
+    The velocity divergence D is the norm of a difference of final velocities, divided by the norm of the velocities at
+    first touch. Only a quotient of two norms has a meaning, because the norm is relative to the largest mass m_max.
 
     Parameters
     ----------
     masses : array_like, shape (..., N)
-        In kg; NaN where a collision has fewer than N balls.
+        Masses in kg; NaN where a collision has fewer than N balls.
     velocities : array_like, shape (..., N)
-        In m/s.
+        Velocities, or differences of velocities, in m/s.
 
     Returns
     -------
     float or ndarray, shape (...)
-        In m/s.
+        Norm in m/s.
     """
     m, v = np.asarray(masses, float), np.asarray(velocities, float)
     with np.errstate(over="ignore", invalid="ignore"):

@@ -1,26 +1,31 @@
-"""Materials by name, and the contact of two bodies made of them: Hertz's contact, and a linear contact in its place.
+"""Stiffness and restitution of contacts between bodies of known materials.
 
-`MATERIALS` are the materials, `Body` is a ball or a flat, `MaterialContact` the contact of two bodies, and `line` makes
-a collision of bodies. Used by the command `contact`, by `compliant_baselines.single_contact` and by users.
+`MATERIALS` are the materials by name. A `Body` is a ball or a fixed flat. `MaterialContact` is the contact of two
+bodies, Hertz's contact or a linear contact in its place. `line` makes a collision of bodies.
+
+Used by the command `contact`, by `compliant_baselines.single_contact` and by users.
 
 A contact has the force F = K delta^p. The contact between solids is Hertz's, elastic and quasi-static (Johnson, Contact
 Mechanics, 1985, sections 4.2 and 11.4):
 
     p = 3/2, K = 4/3 E* sqrt(R*), 1/E* = (1 - nu_1^2)/E_1 + (1 - nu_2^2)/E_2, 1/R* = 1/R_1 + 1/R_2.
 
+Here E is Young's modulus, nu Poisson's ratio, and R the radius of a body.
+
 A hollow ball bends where it is touched. With a wall of thickness h, p = 1 and K = 4 E h^2/(R sqrt(3 (1 - nu^2)))
-(Reissner, J. Math. Phys. 25:279, 1946), until its cap snaps through at a few h (Hubbard and Stronge, Sports Engineering
-4:49, 2001). The indentation of a solid that a hollow ball meets is neglected.
+(Reissner, J. Math. Phys. 25:279, 1946). This is valid until its cap snaps through at a compression of a few h (Hubbard
+and Stronge, Sports Engineering 4:49, 2001). If a hollow ball meets a solid, the indentation of the solid is neglected.
 
-At a speed of impact v, the linear contact with the same greatest compression and the same stored energy has
-k = M v^2/delta_max^2. It lasts pi/2.9432 times as long as Hertz's contact, which is 6.7 % longer, and its peak force is
-4/5 of Hertz's. Where several contacts share an impact, the two laws give different outcomes. By the model at 1 m/s they
-differ by D = 0.15 for a steel ball that falls on another one on a steel flat (radius 20 mm), and by D = 0.14 for one
-ball that strikes a row of four (tests/model/test_materials.py).
+A linear contact can stand in for Hertz's contact. At a speed of impact v and with the reduced mass M, the linear
+contact with the same greatest compression delta_max and the same stored energy has the stiffness k = M v^2/delta_max^2.
+It lasts pi/2.9432 times as long as Hertz's contact, which is 6.7 % longer. Its peak force is 4/5 of the peak force of
+Hertz's contact. If several contacts share an impact, the two laws give different outcomes. By the model at 1 m/s they
+differ by a velocity divergence D = 0.15 for a steel ball that falls on another steel ball on a steel flat (radius 20
+mm), and by D = 0.14 for one ball that strikes a row of four (tests/model/test_materials.py).
 
-Restitution is energetic. Each body gives back e_i^2 of the work done on it, which is its share of the compression
-(Coaplen, Stronge and Ravani, Int. J. Impact Eng. 30:581, 2004). Restitution falls with the speed, most of all for
-metals. Each value in this module comes from its source, and holds at the speed of that source.
+Restitution is energetic. The work done on each body is its share of the compression, and the body gives back the part
+e_i^2 of this work (Coaplen, Stronge and Ravani, Int. J. Impact Eng. 30:581, 2004). Restitution falls with the speed,
+most of all for metals. Each value in this module is valid at the speed of impact that its source has measured.
 """
 
 from __future__ import annotations
@@ -35,14 +40,17 @@ from impact_xval.model.collision import Collision
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """Material of a body, in SI units; a restitution of None means that no good source gives one."""
+    """Material of a body, in SI units.
+
+    The restitution is None if no good source states it.
+    """
 
     name: str
     young: float
     poisson: float
     density: float
     restitution: float | None
-    #: Thickness of a hollow ball's wall, in m.
+    #: Thickness of the wall of a hollow ball, in m; None for a solid body.
     wall: float | None = None
 
 
@@ -71,13 +79,16 @@ MATERIALS = {
 }
 
 
-#: Smallest and largest radius of a ball, in m; masses of balls in between stay finite numbers > 0.
+#: Smallest and largest radius of a ball, in m. The masses of balls in this range are finite numbers above 0.
 SMALLEST, LARGEST = 1e-9, 1e6
 
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """Ball, or fixed flat if the radius is infinite; a ValueError names the field, the value and the legal range."""
+    """Ball of a material, or a fixed flat if the radius is infinite.
+
+    A ValueError names the field, the value and the legal range.
+    """
 
     material: Material
     #: Radius in m.
@@ -99,7 +110,7 @@ class Body:
 
     @property
     def compliance(self) -> float:
-        """The body's term of 1/E* in 1/Pa; for a hollow ball 1/K in m/N."""
+        """Term (1 - nu^2)/E of the body in 1/E*, in 1/Pa; for a hollow ball 1/K, in m/N."""
         material = self.material
         if material.wall is None:
             return (1 - material.poisson**2) / material.young
@@ -109,7 +120,7 @@ class Body:
 
 @dataclass(frozen=True, slots=True)
 class MaterialContact:
-    """Contact of two bodies; a ValueError says that both are flat."""
+    """Contact of two bodies, of which at least one is a ball; otherwise it raises a ValueError."""
 
     upper: Body
     lower: Body
@@ -134,18 +145,18 @@ class MaterialContact:
 
     @property
     def _yielding(self) -> list[Body]:
-        """Bodies that take part in the compression: the hollow bodies, or both bodies if neither is hollow."""
+        """Bodies that are compressed: the hollow bodies, or both bodies if none of them is hollow."""
         hollow = [body for body in (self.upper, self.lower) if body.material.wall is not None]
         return hollow or [self.upper, self.lower]
 
     @property
     def exponent(self) -> float:
-        """Exponent p of the force: 1.5 between solids, 1 where a ball is hollow."""
+        """Exponent p of the contact force: 1.5 between solids, and 1 if a ball is hollow."""
         return 1.0 if any(body.material.wall for body in self._yielding) else 1.5
 
     @property
     def stiffness(self) -> float:
-        """Stiffness K in N/m^p."""
+        """Stiffness K of the contact force K delta^p, in N/m^p."""
         compliance = sum(body.compliance for body in self._yielding)
         if self.exponent == 1:
             return 1 / compliance
@@ -153,12 +164,12 @@ class MaterialContact:
 
     @property
     def mass(self) -> float:
-        """Reduced mass in kg."""
+        """Reduced mass of both bodies in kg."""
         return 1 / (1 / self.upper.mass + 1 / self.lower.mass)
 
     @property
     def restitution(self) -> float:
-        """Coefficient of energetic restitution; a ValueError names a material without a known one."""
+        """Coefficient of energetic restitution; a ValueError names a material whose restitution is not known."""
         returned, work = 0.0, 0.0
         for body in self._yielding:
             e, name = body.material.restitution, body.material.name
@@ -178,7 +189,7 @@ class MaterialContact:
     def duration(self, speed: float) -> float:
         """Return the duration in s of an elastic impact at a speed in m/s."""
         x = 1 / (self.exponent + 1)
-        # The factor is pi for p = 1, and 2.9432 for p = 1.5.
+        # The factor of the duration is pi for p = 1, and 2.9432 for p = 1.5.
         shape = 2 * math.sqrt(math.pi) * math.gamma(1 + x) / math.gamma(0.5 + x)
         return shape * self.compression(speed) / speed
 

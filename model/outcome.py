@@ -1,7 +1,8 @@
 """The result of one collision by any solver: `Outcome`.
 
-Needs `model.collision`, `model.status` and `model.path`. Every solver returns it; `model.outcomes` has
-many outcomes as arrays.
+`model.outcomes` has many outcomes as arrays.
+
+Needs `model.collision`, `model.status` and `model.path`. Every solver returns an `Outcome`.
 """
 
 from __future__ import annotations
@@ -23,34 +24,36 @@ class Outcome:
     Attributes
     ----------
     solver : str
+        Name of the solver.
     velocities : tuple of float, length N
-        Velocities when the collision is over, in m/s; NaN only with a status that explains it.
+        Velocities when the collision is over, in m/s; NaN if there is no result, for which `status` gives the reason.
     impulses : tuple of float, one per contact
         Total impulses in N s.
     states : tuple of str
-        The sets of active contacts in the order of time, such as ``("1+2", "2", "-")``; for two balls on a table the
-        paper's names, such as ``("S1", "S3", "S1", "S2", "S4")``.
+        The sets of active contacts in the order of time, such as ``("1+2", "2", "-")``. For two balls on a table they
+        have the paper's names, such as ``("S1", "S3", "S1", "S2", "S4")``.
     status : str
         One of `STATUSES`: ``"ok"``; ``"closed-form"`` where a closed form was used; any other status says why there is
         no result.
     reason : str
-        One sentence; not empty where the status is neither ``"ok"`` nor ``"closed-form"``.
+        One sentence that explains the status; never empty unless the status is ``"ok"`` or ``"closed-form"``.
     grazing_margin : float or None
-        How near the collision came to a jump of the model's outcome (docs/theory.md, section 6): the smallest
-        compression rate at a turning point, relative to its own amplitude. It is infinite if no rate comes below
+        How near the collision is to a jump of the model's outcome (docs/theory.md, section 6): the smallest rate of
+        compression at a turning point, divided by the amplitude of this rate. It is infinite if no quotient is below
         `pair.grazing.NEAR`, and None if it was not computed.
     mark : str
-        One sentence if the outcome is marked, else empty. It names a jump of the outcome or a cut-off that is very
-        near: tiny changes of the input would change the numbers. Statistics leave marked results out.
+        One sentence if the outcome is marked, else empty. An outcome is marked if it is very near a jump or a cut-off,
+        so that tiny changes of the input would change the numbers. Statistics leave marked outcomes out.
     n_events : int
         Number of events.
     diagnostics : mapping of str to float
-        Further numbers that the solver states, such as its time step, its number of steps, an energy residual.
+        Further numbers that the solver states, such as its time step, its number of steps, or the residual of its
+        energy.
     path : Path or None
         Velocities, impulses and forces during the collision, if they were recorded.
     requested, effective : mapping of str to tuple of float
-        Parameters that an engine was given, and parameters that it reports to use; one number per contact or one in
-        all: ``"stiffness"`` (N/m), ``"damping"`` (N s/m), ``"restitution"``, ``"step"`` (s).
+        Parameters that an engine was given, and parameters that it reports to use. Each has one number per contact, or
+        one number for all contacts: ``"stiffness"`` (N/m), ``"damping"`` (N s/m), ``"restitution"``, ``"step"`` (s).
 
     Raises
     ------
@@ -92,7 +95,7 @@ class Outcome:
 
     @property
     def marked(self) -> bool:
-        """True if the outcome is marked; `mark` says why."""
+        """Whether the outcome is marked, because it is very near a jump or a cut-off."""
         return bool(self.mark)
 
     v1 = property(lambda self: self.velocities[0], doc="Velocity of ball 1, in m/s.")
@@ -102,11 +105,11 @@ class Outcome:
 
     @property
     def differences(self) -> str:
-        """Sentence about the parameters that an engine changed beyond rounding; empty if there are none."""
+        """Sentence that names the parameters that an engine changed by more than rounding; empty if it changed none."""
         return describe_differences(self.requested, self.effective)
 
     def retained_energy(self, collision: Collision) -> float:
-        """Return the kinetic energy after the collision over the kinetic energy before it."""
+        """Return the kinetic energy after the collision, divided by the kinetic energy before it."""
         before = kinetic_norm(collision.masses, collision.velocities)
         after = kinetic_norm(collision.masses, self.velocities)
         return float((after / before) ** 2)
@@ -122,7 +125,10 @@ class Outcome:
 def describe_differences(
     requested: Mapping[str, tuple[float, ...]], effective: Mapping[str, tuple[float, ...]]
 ) -> str:
-    """Say which parameters an engine replaced by others, beyond rounding; empty without any."""
+    """Return a sentence that names the parameters that an engine changed by more than rounding.
+
+    The sentence is empty if it changed none.
+    """
     phrases: list[str] = []
     for name in sorted(requested.keys() & effective.keys()):
         for i, (value, used) in enumerate(zip(requested[name], effective[name], strict=True), 1):

@@ -22,9 +22,10 @@ from impact_xval.model.status import IS_RESULT, STATUSES, Ending, Status, first_
 
 
 def total_impulses(collisions: Collisions, velocities: Floats, fallen: ArrayLike = 0.0) -> Floats:
-    """Return the impulses in N s, shape (n, C), that led to final velocities in m/s, shape (n, N).
+    """Return the impulses of all contacts in N s, shape (n, C), that led to given final velocities.
 
-    `fallen`, shape (n,) or (), is the speed in m/s that gravity has added to free balls.
+    The velocities are in m/s, shape (n, N). `fallen`, shape (n,) or (), is the speed in m/s that gravity has added to
+    free balls.
     """
     changes = velocities - collisions.velocities + np.reshape(fallen, (-1, 1))
     return np.cumsum(collisions.masses * changes, axis=1)[:, : collisions.stiffnesses.shape[1]]
@@ -32,27 +33,29 @@ def total_impulses(collisions: Collisions, velocities: Floats, fallen: ArrayLike
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcomes(Sequence[Outcome]):
-    """Outcomes of n collisions of one number of balls by one solver, as arrays; `[i]` is an `Outcome`.
+    """Outcomes of n collisions of N balls each by one solver, as arrays. Item `[i]` is the `Outcome` of collision i.
 
     Attributes
     ----------
     solver : str
+        Name of the solver.
     velocities, impulses : ndarray, shapes (n, N) and (n, C)
-        In m/s and N s; NaN where there is no result.
+        Final velocities in m/s, and total impulses in N s; NaN where there is no result.
     status : ndarray of uint8, shape (n,)
-        Indices into `STATUSES`; `statuses` are the texts.
+        Indices into the tuple `STATUSES`; `statuses` are the texts.
     reason, mark : ndarray of int, shape (n,)
         Indices into `reason_texts` and `mark_texts`, whose first sentence is empty. `reasons` and `marks` are the
         sentences.
     n_states, n_events : ndarray of int, shape (n,)
+        Numbers of states and of events of each collision.
     grazing_margin : ndarray, shape (n,)
-        As in `Outcome`; NaN where it is not known.
+        How near each collision is to a jump of the model's outcome; NaN where it is not known.
     states : States or None
-        None where states were not recorded.
+        States of all collisions; None if they were not recorded.
     diagnostics : dict of str to ndarray, shape (n,)
-        NaN where an outcome does not state the number.
+        Further numbers by name; NaN where an outcome does not state the number.
     paths : Paths or None
-        None where paths were not recorded.
+        Velocities, impulses and forces during the collisions; None if they were not recorded.
     """
 
     solver: str
@@ -92,7 +95,7 @@ class Outcomes(Sequence[Outcome]):
 
     @property
     def statuses(self) -> NDArray[np.str_]:
-        """Statuses as texts. They are computed on demand, because they take more memory than all other arrays."""
+        """Status of each outcome as a text. The texts are computed on demand: they take more memory than all arrays."""
         return np.array(STATUSES)[self.status]
 
     @property
@@ -131,10 +134,10 @@ class Outcomes(Sequence[Outcome]):
         diagnostics: dict[str, Floats] | None = None,
         paths: Paths | None = None,
     ) -> Outcomes:
-        """Build outcomes without marks from final velocities in m/s and the endings that collisions may have.
+        """Build outcomes without marks from final velocities in m/s and from the ways in which collisions may end.
 
-        The first ending whose condition holds counts (`first_endings`). `fallen` is the speed that gravity has added
-        (`total_impulses`).
+        For each collision the first ending whose condition is true counts. `fallen` is the speed in m/s that gravity
+        has added to free balls.
         """
         n = len(collisions)
         status, reason = first_endings(endings, n)
@@ -161,7 +164,7 @@ class Outcomes(Sequence[Outcome]):
         return cls.of(solver, collisions, np.nan * collisions.masses, [Ending(True, status, reason)])
 
     def with_marks(self, sentences: NDArray[np.object_]) -> Outcomes:
-        """Return the outcomes with new marks: sentences of shape (n,), empty for outcomes that are not marked."""
+        """Return the outcomes with new marks: one sentence per outcome, which is empty if the outcome is not marked."""
         marked = np.flatnonzero(sentences != "")
         mark = np.zeros(len(self), np.int32)
         mark[marked] = 1 + np.arange(marked.size)
@@ -201,14 +204,14 @@ class Outcomes(Sequence[Outcome]):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GridOutcomes:
-    """Outcomes of a grid of collisions of two balls on a table; `[i, j, ...]` is the `Outcome` of one of them.
+    """Outcomes of a grid of collisions of two balls on a table. Item `[i, j, ...]` is the `Outcome` of one collision.
 
-    The arrays have the shape of the grid. Velocities and impulses have one more axis, of length 2, at the end.
+    All arrays have the shape of the grid. Velocities and impulses have one more axis, of length 2, at the end.
 
     Attributes
     ----------
     flat : Outcomes
-        The outcomes in a row; the index of the last axis of the grid changes fastest.
+        The outcomes in one row, in which the index of the last axis of the grid changes fastest.
     shape : tuple of int
         The shape of the grid.
     """
@@ -251,7 +254,7 @@ class GridOutcomes:
 
     @property
     def statuses(self) -> NDArray[np.str_]:
-        """Statuses as texts."""
+        """Status of each outcome as a text, such as 'ok'."""
         return self.flat.statuses.reshape(self.shape)
 
     @property
@@ -276,17 +279,17 @@ class GridOutcomes:
 
     @property
     def n_states(self) -> Integers:
-        """Numbers of states; 0 where states were not recorded."""
+        """Number of states of each collision; 0 where states were not recorded."""
         return self.flat.n_states.reshape(self.shape)
 
     @property
     def n_events(self) -> Integers:
-        """Numbers of events."""
+        """Number of events of each collision."""
         return self.flat.n_events.reshape(self.shape)
 
     @property
     def grazing_margin(self) -> Floats:
-        """Grazing margins, as in `Outcome`; NaN where one is not known."""
+        """Grazing margin of each outcome, as in `Outcome`; NaN where it is not known."""
         return self.flat.grazing_margin.reshape(self.shape)
 
     @property

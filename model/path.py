@@ -18,21 +18,22 @@ from impact_xval.model.arrays import Booleans, Floats, Integers
 class Path:
     """Velocities, impulses and forces at p points of one collision, in the order of time.
 
-    Several points may be at one instant.
+    Several points may have the same time.
 
     Attributes
     ----------
     time : ndarray, shape (p,)
-        Time since first touch, in s; infinite from the point on at which a contact without stiffness is to finish. The
-        model computes time with frozen positions.
+        Time since first touch, in s. It is infinite from the point on at which a contact of stiffness 0 finishes its
+        impact. The model computes time as if the positions of first touch stayed the same.
     velocities : ndarray, shape (p, N)
-        In m/s.
+        Velocities of the balls, in m/s.
     impulses, forces : ndarray, shape (p, C)
         Accumulated impulses in N s, and forces in N. The force of a rigid contact is the force that it passes on. The
         forces of an engine are means since the previous point. While the model completes the impact of a stiff contact
-        by a closed form, the soft contact stands still, and its force does not change velocities (supplement, 3.4).
+        by a closed form, the force of the soft contact stays the same, and does not change velocities (supplement,
+        3.4).
     active : ndarray of bool, shape (p, C)
-        The contacts that are active from each point on. A rigid contact is active while another contact is.
+        Whether each contact is active from this point on. A rigid contact is active while another contact is active.
     """
 
     time: Floats
@@ -54,12 +55,12 @@ class Path:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Paths(Sequence[Path | None]):
-    """Paths of n collisions of one number of balls, one after another; `[i]` is a `Path`, or None for an empty one.
+    """Paths of n collisions of N balls each. Item `[i]` is the `Path` of collision i, or None if it has no points.
 
-    The arrays are those of `Path`.
+    The arrays are those of `Path`, with the points of one collision after another.
     """
 
-    #: Path i has the points from offsets[i] to offsets[i + 1].
+    #: The points of collision i are those with the indices from offsets[i] to offsets[i + 1].
     offsets: Integers
     time: Floats
     velocities: Floats
@@ -69,7 +70,7 @@ class Paths(Sequence[Path | None]):
 
     @classmethod
     def of(cls, paths: Iterable[Path | None], balls: int, contacts: int) -> Paths:
-        """Concatenate paths with given numbers of balls and contacts; None counts as an empty path."""
+        """Concatenate the paths of several collisions; None stands for a collision without points."""
         no_impulses = np.empty((0, contacts))
         empty = Path(
             np.empty(0), np.empty((0, balls)), no_impulses, no_impulses, np.empty((0, contacts), bool)
@@ -81,7 +82,10 @@ class Paths(Sequence[Path | None]):
         return cls(np.cumsum([0, *(len(path.time) for path in rows)]), *arrays)
 
     def scatter(self, has_path: Booleans) -> Paths:
-        """Return the paths of m collisions, of which `has_path`, shape (m,), marks the n that have these paths."""
+        """Return paths of m collisions: these n paths where `has_path` is true, and empty paths elsewhere.
+
+        `has_path` has the shape (m,), and is true n times.
+        """
         lengths = np.zeros(len(has_path), np.int64)
         lengths[has_path] = np.diff(self.offsets)
         return replace(self, offsets=np.append(0, np.cumsum(lengths)))

@@ -1,8 +1,8 @@
-"""`solve`: one collision by the state transition model; `solve_many`, `solve_batch`: arrays of collisions.
+"""Solution of collisions by the state transition model.
 
-Two balls on a table, the upper one falling on the lower one at rest, are followed by `model.pair` in closed form. All
-other collisions are followed by `model.chain` with frozen positions. This module checks the input, calls the kernels,
-and builds outcomes in SI units from what they return.
+`solve` solves one collision. `solve_many` and `solve_batch` solve arrays of collisions. If ball 1 falls on ball 2,
+which rests on a table, `model.pair` solves the collision in closed form between events. `model.chain` solves all other
+collisions. This module checks the input, calls the compiled kernels, and converts their results to SI units.
 
 Called by users, by `compliant_baselines.references` and by the hypothesis.
 """
@@ -43,12 +43,12 @@ from impact_xval.model.status import Ending, first_endings, reason_texts_of
 
 NAME = "state-transition"
 
-#: Impact laws by name: the model's own, and the law of Liu, Zhao and Brogliato (`pair.law`).
+#: Impact laws by name: the model's own law, and the law of Liu, Zhao and Brogliato (`pair.law`).
 LAWS = {"jia-mason-erdmann": Law.STATE_TRANSITION, "liu-zhao-brogliato": Law.LIU_ZHAO_BROGLIATO}
 
-#: Number of events after which two balls are given up, after about a second. At extreme stiffness ratios a collision
-#: has some 50/(1 - e) events, where e belongs to the contact that oscillates; the ratio of the modes' frequencies is a
-#: further bound.
+#: Number of events after which a collision of two balls is given up, after about a second. At extreme stiffness ratios
+#: a collision has about 50/(1 - e) events, where e is the restitution of the contact that oscillates. The ratio
+#: of the frequencies of both modes is a further bound of this number.
 MAX_EVENTS = 2_000_000
 
 
@@ -63,17 +63,17 @@ def solve(
 ) -> Outcome:
     """Solve one collision by the state transition model of Jia, Mason and Erdmann.
 
-    The outcome is exact where contacts are linear. With any exponent other than 1 the motion is integrated, with an
-    error of some 1e-12 of the velocity of impact.
+    The outcome is exact if contacts are linear. With any exponent other than 1 the motion is integrated in steps, with
+    an error of about 1e-12 of the velocity of impact.
 
     Parameters
     ----------
     collision : Collision
         Every limiting case is legal: e_i = 0, e_i = 1, and for two balls on a table k2/k1 = 0 or infinity.
     law, stiffness_ratio_cutoff, max_events, grazing_threshold
-        As for `solve_many`.
+        The same as for `solve_many`.
     path : bool
-        Whether the outcome has a `path`.
+        Whether the outcome has a `path`: velocities, impulses and forces during the collision.
 
     Returns
     -------
@@ -105,38 +105,39 @@ def solve_many(
     states: bool = True,
     paths: bool = False,
 ) -> Outcomes:
-    """Solve collisions of one number of balls by the state transition model, on all processors.
+    """Solve n collisions of N balls each by the state transition model, on all processors.
 
     Parameters
     ----------
     collisions : Collisions
     law : str
-        ``jia-mason-erdmann``, the model's own law, or ``liu-zhao-brogliato``. The second law differs in repeated
-        compressions of a contact: they run at the original stiffness.
+        ``jia-mason-erdmann``, the model's own law, or ``liu-zhao-brogliato``. The second law differs only
+        in repeated compressions of a contact, which begin with the original stiffness.
     stiffness_ratio_cutoff : float or "exact"
-        For two balls on a table. A number greater than 1 is a cut-off: when the running ratio k2/k1 exceeds it, or
-        falls below its inverse, the closed form of the limiting case finishes the collision. The supplement, section
-        3.4, uses `SUPPLEMENT_CUTOFF`. Infinity means no cut-off. With ``exact`` the closed form finishes the collision
-        as soon as it changes the outcome by less than `pair.limits.BOUND`.
+        Used for two balls on a table. A number greater than 1 is a cut-off: when the ratio of the running stiffnesses
+        k2/k1 exceeds it, or falls below its inverse, the closed form of the limiting case finishes the collision. The
+        supplement, section 3.4, uses `SUPPLEMENT_CUTOFF`. Infinity means no cut-off. With ``exact`` the closed form
+        finishes the collision as soon as it changes the outcome by less than `pair.limits.BOUND`.
     max_events : int, optional
-        Number of events after which a collision is given up; for N balls it is the number of windows. The default takes
-        about a second.
+        Number of events after which a collision of two balls on a table is given up. For all other collisions it is the
+        number of windows, in each of which one event is searched. The default takes about a second.
     grazing_threshold : float
         Grazing margin below which an outcome is marked.
     states, paths : bool
-        Whether outcomes have their states, and their paths.
+        Whether outcomes have states, and whether they have paths.
 
     Returns
     -------
     Outcomes
-        Status ``closed-form`` where a closed form was used, ``unconverged`` after `max_events`, ``unrepresentable``
-        where masses or stiffnesses are further apart than `MASS_PRECISION` or rounding made energy, else ``ok``.
+        The status is ``closed-form`` if a closed form was used, ``unconverged`` after `max_events`, and
+        ``unrepresentable`` if masses or stiffnesses differ by more than the factor `MASS_PRECISION` or if rounding made
+        energy. Otherwise it is ``ok``.
 
-        Outcomes are marked where the grazing margin is small, or where a cut-off changed the outcome by more than
-        `CUTOFF_THRESHOLD` (`pair.grazing`). The diagnostic ``energy_residual`` is the residual of the energy balance
-        per kinetic energy at first touch, relative to the centre of mass or the table. With a finite cut-off,
-        ``cutoff_effect`` is the difference of velocities from the outcome without a cut-off (kinetic norm per sqrt(m1)
-        abs(v0)); it is missing where that outcome is not reached within `max_events`.
+        An outcome is marked if its grazing margin is below the threshold, or if a cut-off changed it by more than
+        `CUTOFF_THRESHOLD` (`pair.grazing`). The diagnostic ``energy_residual`` is the residual of the energy balance,
+        divided by the kinetic energy at first touch relative to the centre of mass or the table. With a finite cut-off,
+        ``cutoff_effect`` is the difference of velocities from the outcome without a cut-off, in the kinetic norm
+        divided by sqrt(m1) abs(v0). It is missing if the outcome without a cut-off is not reached within `max_events`.
 
     Raises
     ------
@@ -160,7 +161,7 @@ def solve_many(
 
 
 def _checked_cutoff(law: str, stiffness_ratio_cutoff: Cutoff) -> float:
-    """Return the cut-off as the kernel takes it; a ValueError names an illegal law or cut-off."""
+    """Return the cut-off as a number for the kernel; a ValueError names an illegal law or cut-off."""
     if law not in LAWS:
         raise ValueError(f"law = {law!r}; legal: {', '.join(LAWS)}")
     if not legal_cutoff(stiffness_ratio_cutoff):
@@ -174,9 +175,9 @@ def _pair_options(law: str, cutoff: float, max_events: int | None) -> PairOption
 
 
 def _with_marks(outcomes: Outcomes, law: Law, grazing_threshold: float) -> Outcomes:
-    """Return outcomes with marks where they graze, or where a cut-off has changed them."""
+    """Return the outcomes with marks: where the grazing margin is small, or where a cut-off has changed the outcome."""
     margin = outcomes.grazing_margin
-    if law != Law.STATE_TRANSITION:  # then the outcome does not jump: a restart gives back the lost energy
+    if law != Law.STATE_TRANSITION:  # the other law has no jumps: a restart gives back the lost energy
         margin = np.where(outcomes.has_result, np.inf, np.nan)
     mark = np.zeros(len(margin), np.int32)
     grazing = np.flatnonzero(margin < grazing_threshold)
@@ -196,7 +197,7 @@ def no_positions(collisions: Collisions) -> str:
 def _solve_chains(
     collisions: Collisions, law: Law, max_windows: int, *, states: bool, paths: bool
 ) -> Outcomes:
-    """Solve collisions of N balls with frozen positions."""
+    """Solve collisions of N balls by the kernel of chains, under the model's assumption of constant positions."""
     no_damping, no_gravity = np.zeros_like(collisions.stiffnesses), np.zeros(len(collisions))
     problem = Problem(collisions, law, no_damping, True, no_gravity, max_windows=max_windows)
     result = problem.follow(states=states)
@@ -212,7 +213,7 @@ def _solve_chains(
 
 
 def _solve_pairs(collisions: Collisions, options: PairOptions, *, states: bool, paths: bool) -> Outcomes:
-    """Solve collisions of two balls on a table."""
+    """Solve collisions of two balls on a table, in SI units, by the kernel of two balls."""
     scaled = _solve_cells(_cells_of(collisions), options, states=states)
     velocities = scaled.velocities * collisions.units[1][:, None]
     recorded = None
@@ -224,7 +225,7 @@ def _solve_pairs(collisions: Collisions, options: PairOptions, *, states: bool, 
 
 
 def _cells_of(c: Collisions) -> PairRatios:
-    """Return the ratios of collisions of two balls as contiguous arrays, for which the kernel is compiled."""
+    """Return the ratios that decide collisions of two balls. The kernel is compiled for contiguous arrays of them."""
     return PairRatios(
         np.array(c.stiffness_ratio),
         np.array(c.mass_ratio),
@@ -234,7 +235,7 @@ def _cells_of(c: Collisions) -> PairRatios:
 
 
 def _solve_cells(cells: PairRatios, options: PairOptions, *, states: bool) -> Outcomes:
-    """Solve two balls on a table with m1 = 1 kg, k1 = 1 N/m and v0 = -1 m/s."""
+    """Solve collisions of two balls on a table with m1 = 1 kg, k1 = 1 N/m and v0 = -1 m/s, given by their ratios."""
     n = len(cells.kappa)
     if states:
         result, sets = follow_with_states(cells, options)
@@ -248,7 +249,7 @@ def _solve_cells(cells: PairRatios, options: PairOptions, *, states: bool) -> Ou
     impulses = np.empty((n, 2))
     impulses[:, 0] = velocities[:, 0] + 1
     impulses[:, 1] = impulses[:, 0] + cells.mu * velocities[:, 1]
-    # Reasons are computed only for collisions that were not followed to their ends.
+    # Sentences are needed only for collisions whose ending is not FINISHED.
     unfinished = np.flatnonzero(records["ending"] != PairEnding.FINISHED)
     endings = _pair_endings(cells.take(unfinished), records["ending"][unfinished], options)
     status, reason = np.zeros(n, np.uint8), np.zeros(n, np.int32)
@@ -273,7 +274,7 @@ def _solve_cells(cells: PairRatios, options: PairOptions, *, states: bool) -> Ou
 def _cutoff_effect(
     cells: PairRatios, options: PairOptions, velocities: Floats, ending: NDArray[np.int64]
 ) -> Floats:
-    """Return the change of velocities by a cut-off, in the kinetic norm per sqrt(m1) abs(v0); shape (n,)."""
+    """Return the change of velocities by a cut-off, shape (n,), in the kinetic norm divided by sqrt(m1) abs(v0)."""
     effect = np.zeros(len(ending))
     cut_off = np.flatnonzero(ending == PairEnding.CLOSED_FORM)
     cells = cells.take(cut_off)
@@ -292,7 +293,7 @@ def _pair_paths(collisions: Collisions, options: PairOptions) -> Paths:
     time_unit, speed = c.units
     result, points = follow_with_paths(_cells_of(c), options)
     lengths = result.records["n_points"]
-    row = np.repeat(np.arange(len(c)), lengths)  # the number of each point's collision
+    row = np.repeat(np.arange(len(c)), lengths)  # for each point, the number of its collision
     offsets = np.append(0, np.cumsum(lengths))
     time = points["time"].copy()
     for i, j in pairwise(offsets.tolist()):  # rounding may end a segment before its start
@@ -314,13 +315,13 @@ def _pair_paths(collisions: Collisions, options: PairOptions) -> Paths:
 
 
 def _times_unit(values: Floats, unit: Floats) -> Floats:
-    """Return values times a unit; 0 stays 0 where the unit leaves double precision."""
+    """Return values times a unit. A value of 0 stays 0, even if the unit is infinite in double precision."""
     with np.errstate(over="ignore", invalid="ignore"):
         return np.multiply(values, unit, out=np.zeros_like(values), where=values != 0)
 
 
 def _pair_endings(cells: PairRatios, ending: NDArray[np.int64], options: PairOptions) -> list[Ending]:
-    """Return the endings of collisions of two balls that were not followed to S4."""
+    """Return all ways in which collisions of two balls may have ended whose ending is not `PairEnding.FINISHED`."""
     kappa, e1, e2 = cells.kappa, cells.e1, cells.e2
     cutoff = options.cutoff
     is_exact = cutoff == EXACT
@@ -371,7 +372,7 @@ def solve_batch(
     stiffness_ratio, mass_ratio, e1, e2 : array_like
         k2/k1 from 0 to infinity, m2/m1 > 0 and finite, e_i from 0 to 1; they broadcast.
     law, stiffness_ratio_cutoff, max_events, grazing_threshold, states, paths
-        As for `solve_many`, but states are not recorded by default.
+        The same as for `solve_many`, but states are not recorded by default.
 
     Returns
     -------
@@ -389,7 +390,7 @@ def solve_batch(
     if paths:
         outcomes = _solve_pairs(Collisions.from_ratios(*ratios), options, states=states, paths=paths)
     else:
-        # Contiguous arrays of the caller's are passed on as they are; the kernel only reads them.
+        # Contiguous arrays of the caller are not copied, because the kernel only reads them.
         cells = PairRatios(*(np.array(ratio, order="C").ravel() for ratio in ratios))
         outcomes = _solve_cells(cells, options, states=states)
     return GridOutcomes(_with_marks(outcomes, LAWS[law], grazing_threshold), ratios[0].shape)

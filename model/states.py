@@ -1,6 +1,7 @@
 """Sequences of states of collisions: `States`, and the names of a set of active contacts.
 
-Used by kernels, which log sets of active contacts, and by outcomes, which name them.
+A state is the set of contacts that carry force. Used by kernels, which log these sets, and by outcomes, which name
+them.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ _STATE_OF_SET = ("S4", "S3", "S2", "S1")
 def name_of_set(contacts: int, paper: bool) -> str:
     """Return the name of a set of active contacts, given as bits: bit i is contact i + 1.
 
-    With `paper`, for two balls on a table, the name is the paper's, such as ``"S2"``; else it lists the contacts, such
-    as ``"1+3"``.
+    If `paper` is true, which is for two balls on a table, the name is the paper's, such as ``"S2"``. Otherwise the name
+    lists the contacts, such as ``"1+3"``.
     """
     if paper:
         return _STATE_OF_SET[contacts]
@@ -29,9 +30,9 @@ def name_of_set(contacts: int, paper: bool) -> str:
 
 
 class States(NamedTuple):
-    """Sequences of states of many collisions."""
+    """The successive states of many collisions, one collision after another."""
 
-    #: Collision i has the entries from offsets[i] to offsets[i + 1].
+    #: The sets of collision i are `sets[offsets[i] : offsets[i + 1]]`.
     offsets: Integers
     #: Sets of active contacts, shape (entries, words): bit i of word j is contact 64 j + i + 1.
     sets: NDArray[np.uint64]

@@ -1,7 +1,9 @@
 """The status of an outcome, and the endings that decide it.
 
-`STATUSES` are all statuses, `RESULT_STATUSES` those with a result. `Ending` is a way in which collisions may end, and
-`first_endings` picks the one that counts. Used by `Outcome`, `Outcomes` and solvers.
+`STATUSES` are all statuses, and `RESULT_STATUSES` are the statuses of outcomes with a result. `Ending` is a way in
+which collisions may end. `first_endings` returns the ending that counts for each collision.
+
+Used by `Outcome`, `Outcomes` and solvers.
 """
 
 from __future__ import annotations
@@ -25,19 +27,20 @@ IS_RESULT = np.array([status in RESULT_STATUSES for status in STATUSES])
 
 
 class Ending(NamedTuple):
-    """A way in which collisions may end."""
+    """A way in which collisions may end, with the status and the sentence that belong to it."""
 
     #: True for collisions that end in this way; shape (n,) or ().
     condition: Booleans | np.bool_ | bool
     status: Status
-    #: One sentence that says why.
+    #: One sentence that explains the status.
     reason: str
 
 
 def first_endings(endings: Sequence[Ending], n: int) -> tuple[NDArray[np.uint8], NDArray[np.int32]]:
-    """Return the indices of status and reason of n collisions, as `Outcomes` has them.
+    """Return the status and the reason of n collisions, as indices into `STATUSES` and into `reason_texts_of(endings)`.
 
-    The first ending counts whose condition holds. Where no condition holds, the status is ``ok``, without a reason.
+    For each collision the first ending whose condition is true counts. If no condition is true, the status is ``ok``
+    and the reason is empty.
     """
     reason = np.zeros(n, np.int32)
     for index in range(len(endings), 0, -1):
@@ -47,5 +50,5 @@ def first_endings(endings: Sequence[Ending], n: int) -> tuple[NDArray[np.uint8],
 
 
 def reason_texts_of(endings: Sequence[Ending]) -> tuple[str, ...]:
-    """Return the texts of reasons; the indices of reasons from `first_endings` point into them."""
+    """Return the sentences to which the indices of reasons from `first_endings` refer."""
     return ("", *(ending.reason for ending in endings))

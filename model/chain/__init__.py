@@ -1,12 +1,13 @@
 """Chains: N balls in a line under any contact law, followed in time from event to event (docs/chains.md).
 
-- `following`: passes arrays of chains through the kernel, and returns SI units. `kernel`: follows chains to their ends.
-- `record`: types that cross modules: endings, inputs, logs, the record of a result.
-- `laws`: the contact laws as data. `state`: the record of a contact, and the energies and loads of a chain.
-- `series`, `power_law`: the motion between events. `event`, `roots`: the first event.
-- `logs`: logs of paths and of active contacts. `rigid`: which contacts count as rigid.
-- `drop`: when a drop is over. `grazing`: the distance from a jump of the outcome.
+- `following`: solves arrays of chains in SI units. `kernel`: the compiled loop over events.
+- `record`: types that the kernel shares with Python: endings, inputs, logs, and the record of a result.
+- `laws`: the contact laws. `state`: the record of a contact, and functions for energies and loads.
+- `series`: the motion between events of linear contacts. `power_law`: the motion under laws such as Hertz's.
+- `event`: the search for the first event. `roots`: the certified first root of a polynomial.
+- `logs`: logs of the motion and of the sets of active contacts. `rigid`: when a contact counts as infinitely stiff.
+- `drop`: when a fall with gravity is over. `grazing`: how near a collision is to a jump of its outcome.
 
-Needs `model.compiled`, and phases and thresholds of `model.pair`. Used by `model.solving` and by
+Needs `model.compiled`, and from `model.pair` the phases of a contact and thresholds. Used by `model.solving` and by
 `compliant_baselines.references`.
 """

@@ -1,7 +1,8 @@
 """Coefficients of DOP853, the method of order 8 of Hairer, Norsett and Wanner.
 
 Source: E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I: Nonstiff Problems, 2nd
-edition (1993), section II.5. The numbers come from the authors' program dop853.f; scipy.integrate has the same ones.
+edition (1993), section II.5. The numbers come from the authors' program dop853.f; scipy.integrate has the same numbers.
+
 Used by `chain.power_law`.
 """
 
@@ -9,10 +10,10 @@ from __future__ import annotations
 
 import numpy as np
 
-#: Number of stages of a step.
+#: Number of stages of a step: a step evaluates derivatives at this many places.
 STAGES = 12
 
-#: Row s holds the weights that stage s gives to the derivatives at stages 0 to s - 1.
+#: Weights of the derivatives at earlier stages: row s holds the weights with which stages 0 to s - 1 enter stage s.
 A = np.zeros((STAGES, STAGES))
 A[1, :1] = [0.05260015195876773]
 A[2, :2] = [0.0197250569845379, 0.0591751709536137]
@@ -76,7 +77,7 @@ A[11, :11] = [
     0.6433927460157636,
 ]
 
-#: Weights that the step itself gives to the derivatives at all stages.
+#: Weights of the derivatives at all stages, whose weighted sum moves the state to the end of the step.
 B = np.array(
     [
         0.054293734116568765,
@@ -94,7 +95,7 @@ B = np.array(
     ]
 )
 
-#: Weights that the error estimate of third order gives to the derivatives at all stages and at the end of the step.
+#: Weights of the derivatives at all stages and at the end of the step, for the error estimate of third order.
 E3 = np.array(
     [
         -0.18980075407240762,
@@ -113,7 +114,7 @@ E3 = np.array(
     ]
 )
 
-#: Weights that the error estimate of fifth order gives to the derivatives at all stages and at the end of the step.
+#: Weights of the derivatives at all stages and at the end of the step, for the error estimate of fifth order.
 E5 = np.array(
     [
         0.01312004499419488,

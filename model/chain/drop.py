@@ -1,26 +1,30 @@
-"""The end of a drop: B1 falls with gravity on B2, which has settled on the table.
+"""The end of a drop: ball B1 falls with gravity on ball B2, which has settled on the table.
 
-`drop_ending` tells whether a drop is over, and how. `in_flight` tells whether gravity ends. `fall_time` gives the
-length of a window without forces. `over_within` finds the instant inside a window at which a drop is over.
+`drop_ending` returns whether a drop is over, and how it ended. `in_flight` returns whether no ball touches another
+body; from then on gravity is off. `fall_time` returns the length of a window without forces. `over_within` finds the
+time within a window at which a drop is over. docs/theory.md, section 8, has the definitions.
 
-docs/theory.md, section 8, defines over, settled and in flight. A drop becomes over
+A drop can become over in two ways:
 
-* where a contact opens, or where B1 and B2 reach the same velocity; a window ends at both; or
-* where the energy about equilibrium falls to the energy that unloads the contacts. This energy never rises while the
-  same contacts are active. So its value at the end of a window shows whether the drop became over within the window,
-  and bisection finds the instant.
+* A contact opens, or B1 and B2 reach the same velocity. A window ends at each of these times.
+* The energy about equilibrium falls to the energy that is needed to unload the contacts. This energy never rises while
+  the same contacts are active. So its value at the end of a window shows whether the drop became over within the
+  window. Bisection finds the time.
 
 **Settling.** While both contacts are loaded, the motion is linear. About its equilibrium it is a sum of four terms
 a_j v_j exp(lambda_j t), none of which grows. These terms add a force to the weight that a contact carries. The added
-force never exceeds the sum of the magnitudes that its terms have now. Once this sum is below m1 g in contact 1 and
-below (m1 + m2) g in contact 2, both contacts stay loaded for ever, and the drop is over. Its energy may take far longer
-to fall: two balls whose damped contact is far stiffer than the elastic one ring for millions of periods.
+force never exceeds the sum of the present magnitudes of its terms. Once this sum is below m1 g in contact 1 and below
+(m1 + m2) g in contact 2, both contacts stay loaded for ever, and the drop is over. The test by energy may need far
+longer: if the damped contact of two balls is far stiffer than the elastic contact, they oscillate for millions of
+periods.
 
-Next to critical damping the eigenvectors are nearly parallel and the sums are large, so nothing is certified until the
-motion has died down. The argument also covers contacts that may pull: while k delta + c delta' stays positive, so does
-delta.
+Near critical damping the eigenvectors are nearly parallel and the sums are large. The test then succeeds only after the
+motion has died down. The test is also valid for contacts that may pull: while k delta + c delta' stays positive, delta
+stays positive.
 
-Units: m1 = 1, and 1/a[1] is m2. Used by `chain.kernel`.
+Units: m1 = 1, and 1/a[1] is m2.
+
+Used by `chain.kernel`.
 """
 
 from __future__ import annotations
@@ -33,21 +37,21 @@ from impact_xval.model.chain.series import place
 from impact_xval.model.compiled import kernel_helper
 from impact_xval.model.pair.law import Phase
 
-#: `settles` is called each time that this many more windows have passed without an event.
+#: Number of windows without an event after which `settles` is called, and called again.
 QUIET = 6
 
-#: Rounding of a bound, as a share of the bound.
+#: Rounding error of a bound of `modal_bounds`, as a share of the bound.
 _ROUNDING = 1e-9
 
-#: Largest number of iterations for the four eigenvalues; some 30 are needed.
+#: Largest number of iterations of `quartic_roots`; about 30 are needed.
 _MOST_STEPS = 400
 
 
 @kernel_helper
 def excess_energy_on_table(last):
-    """Return twice the excess of the last body's energy about equilibrium over the energy that unloads its contact.
+    """Return twice the energy that the last body has beyond the energy that it needs to lift off the table.
 
-    The body has settled if the result is not positive.
+    The energy is counted from equilibrium. The body has settled if the result is not positive.
     """
     weight = last.g / last.a
     kinetic = last.w * last.w / last.a
@@ -56,9 +60,9 @@ def excess_energy_on_table(last):
 
 @kernel_helper
 def excess_energy_of_both(upper, lower):
-    """Return twice the excess of both balls' energy about equilibrium over the least energy that unloads a contact.
+    """Return twice the energy that both balls have beyond the least energy that can unload one of their contacts.
 
-    Both balls have settled if the result is not positive.
+    The energy is counted from equilibrium. Both balls have settled if the result is not positive.
     """
     g, mass = lower.g, 1 / lower.a
     u1 = upper.delta - g / (upper.a * upper.k)
@@ -72,7 +76,7 @@ def excess_energy_of_both(upper, lower):
 
 @kernel_helper
 def ending_in_state(c, n):
-    """Return the ending of a drop by its present state alone, or `UNFINISHED`."""
+    """Return how a drop has ended, as far as its present state shows it; `UNFINISHED` if the state shows no end."""
     if n == 0:
         return ChainEnding.BOTH_SETTLED
     upper, lower = c[0], c[1]
@@ -97,9 +101,9 @@ def ending_in_state(c, n):
 
 @kernel_helper
 def drop_ending(c, n, settling_is_due):
-    """Return the ending of a drop, or `UNFINISHED`.
+    """Return how a drop has ended, or `UNFINISHED`.
 
-    With `settling_is_due`, a drop whose contacts will stay loaded for ever counts as over too (`settles`).
+    If `settling_is_due` is true, a drop is also over if `settles` shows that its contacts will stay loaded for ever.
     """
     ending = ending_in_state(c, n)
     is_linear = n == 2 and (c[0].law == Law.KELVIN_VOIGT or c[0].law == Law.LINEAR_DASHPOT)
@@ -111,7 +115,7 @@ def drop_ending(c, n, settling_is_due):
 
 @kernel_helper
 def in_flight(c, n):
-    """Return whether all contacts of a drop are open, and no ball is part of the table."""
+    """Return whether all contacts of a drop are open, and no rigid contact holds a ball on the table."""
     for i in range(n):
         if c[i].phase != Phase.INACTIVE:
             return False
@@ -120,10 +124,10 @@ def in_flight(c, n):
 
 @kernel_helper
 def fall_time(c, n):
-    """Return the length of a window without forces; infinite if no event lies ahead.
+    """Return the length of a window without forces; infinite if no event will come.
 
-    The event is that a gap closes or that a penetration ends. The window is 1.5 times as long as the time up to the
-    event, so that the event lies well inside the window.
+    An event is the closing of a gap, or the end of an overlap of bodies. The window is 1.5 times as long as the time to
+    the first event, so that the event lies well inside the window.
     """
     first, last = inf, c[n - 1]
     g = last.g
@@ -132,7 +136,8 @@ def fall_time(c, n):
     height, v = -last.delta - equilibrium_depth(last), -last.w
     square, second = v * v + 2 * g * height, inf
     if height < 0 and v > 0:
-        # The ball rises out of the table: up to the surface, or up to the top of a flight that stays below the surface.
+        # The ball rises while it overlaps the table. The window lasts until it reaches the surface, or the top of its
+        # flight if that is below the surface.
         second = -2 * height / (v + sqrt(square)) if square > 0 else v / g
     elif height >= 0:
         root = sqrt(square)
@@ -147,9 +152,9 @@ def fall_time(c, n):
 
 @kernel_helper
 def excess_energy_at(c, n, x, work):
-    """Move the chain to x of its window, and return twice the excess of its energy there.
+    """Move the chain to the place x of its window, and return twice its excess of energy at that place.
 
-    The excess is the energy beyond the energy at which the drop is over.
+    The excess is the difference between its energy and the energy at which the drop is over.
     """
     place(c, n, x, work)
     return excess_energy_of_both(c[0], c[1]) if is_active(c[0]) else excess_energy_on_table(c[n - 1])
@@ -157,14 +162,14 @@ def excess_energy_at(c, n, x, work):
 
 @kernel_helper
 def over_within(c, n, x, work):
-    """Return the first place before x of a window at which the drop is over by its energy; x if there is none.
+    """Return the first place of a window, before x, at which the energy shows that the drop is over; else x.
 
-    At the returned place the energy is already at or below the bound.
+    At the returned place the energy is already at or below its bound.
     """
     may_end = is_active(c[1])
     if not is_active(c[0]):
-        # B1 must be clear of B2 and must not approach it. Both hold throughout a window or not at all, and B1's own
-        # velocity only falls.
+        # B1 must be clear of B2 and must not approach it. Each condition is true throughout a window or not at all,
+        # and B1's own velocity only falls.
         rates, deltas = work[0].rates, work[0].deltas
         may_end = deltas[0] <= 0 and (rates[0] < 0 or (rates[0] == 0 and rates[1] <= 0))
     if not may_end or excess_energy_at(c, n, 0.0, work) <= 0 or excess_energy_at(c, n, x, work) > 0:
@@ -186,7 +191,7 @@ def over_within(c, n, x, work):
 def quartic_roots(p0, p1, p2, p3, p4):
     """Return the four complex roots of p0 + p1 z + p2 z^2 + p3 z^3 + p4 z^4, for positive coefficients.
 
-    Aberth's iteration finds all four together (Mathematics of Computation 27:339, 1973).
+    Aberth's iteration finds all four roots together (Mathematics of Computation 27:339, 1973).
     """
     size, converged = (p0 / p4) ** 0.25, 0
     z0, z1 = size * complex(0.8, 0.6), size * complex(-0.6, 0.8)
@@ -205,11 +210,11 @@ def quartic_roots(p0, p1, p2, p3, p4):
 
 @kernel_helper
 def modal_bounds(roots, upper, lower):
-    """Return bounds, valid from now on, of the forces that the motion adds to the weights in both contacts.
+    """Return upper bounds, for all later times, of the forces that the motion adds to the weights in both contacts.
 
-    `roots` are the eigenvalues of the motion. In the compressions u beyond equilibrium the motion is
-    M u" + C u' + K u = 0, with M = ((1, 1), (1, 1 + m2)) and diagonal C and K. All three matrices are symmetric, so
-    each eigenvector is a left eigenvector too. A product with the left eigenvector gives its share of the state.
+    `roots` are the eigenvalues of the motion. The compressions u beyond equilibrium obey M u" + C u' + K u = 0, with
+    M = ((1, 1), (1, 1 + m2)) and diagonal matrices C and K. All three matrices are symmetric, so each eigenvector is a
+    left eigenvector too. A product with a left eigenvector gives the share that its mode has in the present state.
     """
     mu, k1, k2, c1, c2, g = 1 / lower.a, upper.k, lower.k, upper.b, lower.b, lower.g
     u1, u2, d1, d2 = upper.delta - g / k1, lower.delta - g / k2, upper.w, lower.w
@@ -219,7 +224,7 @@ def modal_bounds(roots, upper, lower):
         row1, row2 = square + c1 * z + k1, (1 + mu) * square + c2 * z + k2
         size1 = abs(square) + abs(c1 * z) + k1
         size2 = (1 + mu) * abs(square) + abs(c2 * z) + k2
-        # The eigenvector comes from the row that loses fewer digits.
+        # The eigenvector is computed from the row of the matrix that loses fewer digits.
         from_row1 = abs(row1) * size2 > abs(row2) * size1
         x1, x2 = (-square, row1) if from_row1 else (row2, -square)
         share = x1 * (z * (u1 + u2) + c1 * u1 + d1 + d2) + x2 * (
@@ -233,7 +238,7 @@ def modal_bounds(roots, upper, lower):
 
 @kernel_helper
 def settles(upper, lower):
-    """Return whether both contacts of two balls on a table, which are loaded now, will stay loaded for ever."""
+    """Return whether both contacts of two balls on a table, which are loaded now, certainly stay loaded for ever."""
     mu, k1, k2, c1, c2, g = 1 / lower.a, upper.k, lower.k, upper.b, lower.b, lower.g
     u1, u2 = upper.delta - g / k1, lower.delta - g / k2
     weight1, weight2 = g, (1 + mu) * g

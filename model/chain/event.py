@@ -1,7 +1,8 @@
-"""The first event of a window: which contact, which watched function, and when.
+"""Search for the first event of a window of a chain.
 
-`first_event` looks at all watched functions of all contacts; `first_zero` finds the first zero of one of them with
-`chain.roots.first_root`. In a step of a power law the polynomials only approximate the motion, so
+An event is a zero of a watched function of a contact, such as its force or its rate of compression (`chain.laws`).
+`first_event` searches all watched functions of all contacts. `first_zero` finds the first zero of one function, by
+`chain.roots.first_root`. Under a power law such as Hertz's the polynomials of a window only approximate the motion, so
 `chain.power_law.refine_event` refines the event afterwards.
 
 Needs `chain.laws` for the watched functions. Used by `chain.kernel`.
@@ -28,22 +29,24 @@ from impact_xval.model.pair.law import Phase
 
 
 class Event(NamedTuple):
-    """First event of a window."""
+    """First event of a window, or no event."""
 
-    #: Contact, -1 for none.
+    #: Number of the contact, from 0; -1 if the window has no event.
     contact: int
-    #: The watched function that is zero at the event, one of `Watched`, and its sign before the event.
+    #: The function that is zero at the event, one of `Watched`.
     watched: int
+    #: Sign of this function before the event.
     sign: float
-    #: Time of the event over the length of the window; infinite without an event, -1 where the search was given up.
+    #: Time of the event, divided by the length of the window. Infinite if the window has no event; -1 if the search was
+    #: given up.
     x: float
 
 
 @kernel_helper
 def upper_ball_may_settle(c, n, i, watched):
-    """Return whether the end of B1's approach to B2 is watched: B1 flies freely, and the table holds B2.
+    """Return whether `watched` is the function that shows when ball B1 of a drop ceases to approach B2, and is needed.
 
-    B2 may settle as soon as B1 no longer approaches.
+    It is needed while B1 flies freely and B2 touches the table. B2 may settle as soon as B1 no longer approaches it.
     """
     return (
         watched == Watched.TURN
@@ -58,7 +61,7 @@ def upper_ball_may_settle(c, n, i, watched):
 
 @kernel_helper
 def sign_of_approach(scratch):
-    """Return 1 if the bodies of a contact approach or begin to approach; else -1."""
+    """Return 1 if the bodies of a contact approach, or will approach at once; else -1."""
     w = scratch.rates[0]
     approaches = w > 0 or (w == 0 and scratch.rates[1] > 0)
     return 1.0 if approaches else -1.0
@@ -66,7 +69,7 @@ def sign_of_approach(scratch):
 
 @kernel_helper
 def watched_sign(c, n, i, watched, work):
-    """Return the sign that a watched function of contact i has until its event; 0 if it is not watched."""
+    """Return the sign that the function `watched` of contact i keeps until its event; 0 if it is not watched now."""
     if upper_ball_may_settle(c, n, i, watched):
         return sign_of_approach(work[i])
     contact = c[i]
@@ -77,7 +80,11 @@ def watched_sign(c, n, i, watched, work):
 
 @kernel_helper
 def write_force_series(contact, scratch):
-    """Write the series of a dashpot's force before the force is cut off at zero, up to a positive factor."""
+    """Write the power series of a function that has the sign of the force of a contact with a dashpot.
+
+    The force is taken before it is cut off at zero. For Hunt-Crossley's law the function is 1 + b w; for other laws it
+    is the force itself.
+    """
     is_product, k, b = contact.law == Law.HUNT_CROSSLEY, contact.k, contact.b
     for j in range(ORDER + 1):
         damping = b * scratch.rates[j]
@@ -87,9 +94,10 @@ def write_force_series(contact, scratch):
 
 @kernel_helper
 def first_zero(contact, scratch, watched, sign, h, latest):
-    """Return x = t/h of the first zero of a watched function before x = `latest`.
+    """Return the place x = t/h of the first zero of a watched function of a contact, if it is before `latest`.
 
-    Infinity, 0 and -1 mean the same as in `chain.roots.first_root`.
+    `sign` is the sign that the function has before its zero. Returned is infinity if there is no zero, 0 if the
+    function leaves this sign at once, and -1 if the search was given up.
     """
     is_series = has_series(contact)
     table = scratch.rates
@@ -107,7 +115,7 @@ def first_zero(contact, scratch, watched, sign, h, latest):
         start = sign * table[0]
     at_rest = not is_series and scratch.w == 0 and scratch.delta == 0
     if at_rest and (watched == Watched.FORCE or scratch.kw[0] == 0):
-        # The contact is not pressed yet. The polynomial does not show how its load begins, but a load can only press.
+        # The contact carries no force yet. The polynomial does not show how its force begins, but it can only press.
         rises = table[3] + table[4] + table[5] > 0
         return 0.0 if sign < 0 and rises else inf
     return first_root(table, sign, start, ORDER if is_series else ORDER_OF_STEP, latest)
@@ -115,7 +123,7 @@ def first_zero(contact, scratch, watched, sign, h, latest):
 
 @kernel_helper
 def first_event(c, n, h, work):
-    """Return the first event of a window of length h."""
+    """Return the first event of a window of length h. `work` holds the polynomials of the window."""
     first_contact, first_watched, first_sign, first_x = -1, 0, 0.0, inf
     for i in range(n):
         for watched in range(4):

@@ -1,7 +1,9 @@
-"""Chains as arrays: scaled to units of about 1, followed by the kernel in threads, and back in SI units.
+"""Solution of many chains, as arrays in SI units.
 
-`Problem` holds collisions, their law and their options; `ChainResult` is the kernel's result. Needs `chain.kernel`.
-Used by `model.solving` and by `compliant_baselines.references`.
+`Problem` holds the collisions, their law and the options of a solution. It scales all values to about 1, calls the
+compiled kernel in threads, and converts the result, a `ChainResult`, back to SI units.
+
+Needs `chain.kernel`. Used by `model.solving` and by `compliant_baselines.references`.
 """
 
 from __future__ import annotations
@@ -28,23 +30,23 @@ from impact_xval.model.path import Paths
 from impact_xval.model.states import States
 from impact_xval.model.status import Ending
 
-#: Windows after which a collision is given up.
+#: Number of windows after which a collision is given up.
 MAX_WINDOWS = 1_000_000
 
-#: Points of a path in each window, and the largest number of floats in the log of one path (64 MB). A path that would
-#: need more gets fewer points in each window.
+#: Number of points that the path of a collision has in each window, and largest number of floats in the log of one path
+#: (64 MB). A path that would need more floats gets fewer points in each window.
 POINTS, LOG_NUMBERS = 9, 2**23
 
-#: Collisions that a thread follows in one call: some ten milliseconds of work.
+#: Number of collisions that a thread follows in one call of the kernel: about ten milliseconds of work.
 SHARE = 512
 
-#: Reasons of chains without a result: of skipped chains, and of chains that gained kinetic energy.
+#: Sentences for chains without a result: for chains that were not followed, and for chains that gained kinetic energy.
 TOO_FAR_APART = (
     f"where one mass or stiffness exceeds {MASS_PRECISION:g} times another, squares of velocities are lost"
 )
 _GAINED_ENERGY = "energy was made: double precision cannot follow masses and stiffnesses this far apart"
 
-#: Reasons of chains that a closed form finished.
+#: Sentences for chains of which a closed form was used.
 PLASTIC_REASON = "closed form of e = 0: the bodies of a contact that ended compression are one from there on"
 RUNAWAY_REASON = (
     "the running stiffness of a contact runs away: its bodies are one from where it is rigid to rounding"
@@ -59,52 +61,53 @@ class ChainResult(NamedTuple):
 
     #: Final velocities in m/s, shape (n, N); NaN where a collision was skipped.
     velocities: Floats
-    #: Records of `chain.record.RESULT`, shape (n,); `time` and `fall` in s.
+    #: Records of `chain.record.RESULT`, shape (n,). Their fields `time` and `fall` are in s.
     records: Records
-    #: None where states were not recorded.
+    #: Successive sets of active contacts; None if they were not recorded.
     states: States | None
 
     @property
     def given_up(self) -> Booleans:
-        """True where a collision was given up: after too many windows, or where an event could not be found."""
+        """True for each collision that was given up: after too many windows, or because an event could not be found."""
         return self.records["ending"] == ChainEnding.UNFINISHED
 
     @property
     def skipped(self) -> Booleans:
-        """True where a collision was not followed."""
+        """True for each collision that was not followed, because its numbers are too far apart for double precision."""
         return self.records["ending"] == ChainEnding.SKIPPED
 
     @property
     def gained_energy(self) -> Booleans:
-        """True where a collision ended with more energy than it had, by rounding."""
+        """True for each collision that ended with more energy than it had at first, because of rounding."""
         return self.records["ending"] == ChainEnding.GAINED_ENERGY
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
-    """Collisions under a law, with frozen positions or not."""
+    """Collisions of chains with one law of contact, and the options of their solution."""
 
     collisions: Collisions
     law: Law
-    #: Damping of each contact in units of the collision, shape (n, C) (`chain.laws`). A collision is skipped if one of
-    #: its dampings is not finite, or if its masses or stiffnesses are too far apart.
+    #: Damping b of each contact in the scaled units of its collision, shape (n, C) (`chain.laws`). A collision is not
+    #: followed if a damping is not finite, or if its masses or stiffnesses are too far apart.
     dampings: Floats
+    #: Whether gaps are ignored, as in the model: a contact that has opened returns as soon as its bodies approach.
     frozen: bool
-    #: In m/s^2, shape (n,); above 0 only for two balls on a table.
+    #: Gravity in m/s^2, shape (n,); above 0 only for two balls on a table.
     gravity: Floats
-    #: Error of a step, where steps are taken.
+    #: Largest error of a step under laws whose motion is integrated in steps.
     tolerance: float = TOLERANCE
-    #: Windows after which a collision is given up.
+    #: Number of windows after which a collision is given up.
     max_windows: int = MAX_WINDOWS
 
     @property
     def most_windows(self) -> int:
-        """Windows after which the kernel gives up a collision: `max_windows`, or fewer if there are many contacts."""
+        """Number of windows after which the kernel gives up: `max_windows`, or less if there are many contacts."""
         other_contacts = self.collisions.stiffnesses.shape[1] - 1
         return min(self.max_windows, -(-MOST_WORK // other_contacts)) if other_contacts else self.max_windows
 
     def follow(self, *, states: bool = True) -> ChainResult:
-        """Follow all collisions to their ends, with or without a record of their states."""
+        """Follow all collisions to their ends. If `states` is true, record the successive sets of active contacts."""
         c = self.collisions
         n, contacts = len(c), c.stiffnesses.shape[1]
         chains = self._scaled(np.ones(n, dtype=np.int64))
@@ -126,7 +129,7 @@ class Problem:
             log_type=np.dtype(np.uint64),
         )
         time_unit, speed = c.units
-        with np.errstate(over="ignore", invalid="ignore"):  # without a fall its end is infinite
+        with np.errstate(over="ignore", invalid="ignore"):  # `fall` is infinite without gravity
             records["time"] *= time_unit
             records["fall"] *= time_unit
         logged = States.of(records["n_states"], sets) if states else None
@@ -148,15 +151,18 @@ class Problem:
         Parameters
         ----------
         solver
+            Name of the solver.
         result
+            Result of `follow`.
         failures
-            Endings without a result. Chains that were skipped or gained energy are added here.
+            Ways to end without a result, such as too many windows. This function adds two more: chains that were not
+            followed, and chains that gained energy.
         margin, diagnostics
-            Grazing margins and diagnostics; they are kept where there is a result.
+            Grazing margins and diagnostics. They become NaN for collisions without a result.
         fallen
             Speed in m/s that gravity has added to free balls.
         paths
-            Whether outcomes have paths.
+            Whether outcomes have paths: velocities, impulses and forces during the collision.
         """
         failures = [
             *failures,
@@ -185,9 +191,10 @@ class Problem:
         )
 
     def paths(self, n_windows: NDArray[np.int64]) -> Paths:
-        """Follow all collisions once more, and return their paths.
+        """Follow all collisions once more, and return their velocities, impulses and forces in time.
 
-        `n_windows` are the numbers of windows that `follow` has counted.
+        `n_windows` holds the number of windows of each collision, which `follow` has counted. It decides how many
+        points fit into the log.
         """
         c, g = self.collisions, self.gravity
         time_unit, speed = c.units
@@ -203,7 +210,7 @@ class Problem:
         offsets = np.append(0, np.cumsum(lengths))
         row: NDArray[np.int64] = np.repeat(np.arange(n, dtype=np.int64), lengths)
         log = log[: len(row)]
-        # If a number leaves double precision, the outcome says so. Without gravity the end of a fall is infinite.
+        # The status of an outcome reports numbers that exceed double precision. Without gravity `fall` is infinite.
         with np.errstate(over="ignore", invalid="ignore"):
             fallen = (g * time_unit)[row] * np.minimum(log[:, 0], fall[row])
             is_aloft = (fall < time)[row] & (log[:, 0] >= fall[row])
@@ -217,13 +224,13 @@ class Problem:
             return Paths(offsets, log[:, 0] * time_unit[row], velocities, impulses, forces, active)
 
     def _rows(self, rows: Booleans) -> Problem:
-        """Return the problem of some of the collisions; `rows`, shape (n,), marks them."""
+        """Return the problem with only those collisions for which `rows`, shape (n,), is true."""
         return replace(
             self, collisions=self.collisions[rows], dampings=self.dampings[rows], gravity=self.gravity[rows]
         )
 
     def _scaled(self, points: NDArray[np.int64]) -> Chains:
-        """Return the collisions as the kernel takes them: each scaled to its own units."""
+        """Return the input of the kernel: each collision scaled so that its values are about 1."""
         c = self.collisions
         time_unit, speed = c.units
         with np.errstate(over="ignore", under="ignore", invalid="ignore", divide="ignore"):
@@ -248,7 +255,7 @@ class Problem:
     def _follow(
         self, chains: Chains, logs: ChainLogs, velocities: Floats, records: NDArray[np.record]
     ) -> None:
-        """Call the kernel."""
+        """Follow the chains with the kernel, which fills in the logs, the velocities and the records."""
         contacts = self.collisions.stiffnesses.shape[1]
         chain = new_chain(contacts, self.collisions.exponent, self.law, self.frozen)
         options = ChainOptions(self.tolerance, self.max_windows)
@@ -256,7 +263,7 @@ class Problem:
 
 
 def closed_forms(records: Records) -> list[Ending]:
-    """Return the endings of chains that a closed form finished: one ending for each combination of closed forms."""
+    """Return the endings of chains for which closed forms were used, one for each combination of closed forms."""
     endings: list[Ending] = []
     for plastic, runaway, collapse in product((False, True), repeat=3):
         parts = [(plastic, PLASTIC_REASON), (runaway, RUNAWAY_REASON), (collapse, COLLAPSE_REASON)]
@@ -272,7 +279,7 @@ def closed_forms(records: Records) -> list[Ending]:
 
 
 def too_far_apart(collisions: Collisions) -> Booleans:
-    """Return for each collision whether its masses or stiffnesses differ by more than the factor `MASS_PRECISION`."""
+    """Return for each collision whether two of its masses or stiffnesses differ by more than `MASS_PRECISION` times."""
     beyond = np.zeros(len(collisions), bool)
     for values in (collisions.masses, collisions.stiffnesses):
         with np.errstate(over="ignore", invalid="ignore"):

@@ -1,18 +1,20 @@
-"""The grazing margin of a chain (docs/theory.md, section 6): turning points of compression rates, and their amplitudes.
+"""The grazing margin of a chain: how near the collision is to a jump of its outcome (docs/theory.md, section 6).
 
-`near_misses` updates the margin after a window. `amplitude` is the amplitude of a rate. While the set of active
-contacts stays the same, a rate is a sum of sinusoids, and its amplitude is the sum of theirs. Where forces are not
-linear, the motion is linearised at the turning point.
+The outcome jumps where the rate of compression of an active contact touches zero without crossing it. The margin is the
+smallest relative size of such a rate at a turning point: its magnitude, divided by its amplitude. `near_misses` updates
+the margin after a window, and `amplitude` returns the amplitude. While the set of active contacts stays the same, a
+rate is a sum of sinusoids; its amplitude is the sum of their amplitudes. If forces are not linear, the motion is
+linearised at the turning point.
 
-With K the diagonal of the stiffnesses and A the inverse masses of the contacts (`chain.series`), w'' = -A K w, so that
-z = K^(1/2) w obeys z'' = -S z with S = K^(1/2) A K^(1/2), symmetric and tridiagonal. An eigenvector u of S with its
-eigenvalue gives the amplitude
+Let K be the diagonal matrix of the stiffnesses, and A the tridiagonal matrix of inverse masses (`chain.series`). Then
+w'' = -A K w, and z = K^(1/2) w obeys z'' = -S z with the symmetric tridiagonal matrix S = K^(1/2) A K^(1/2). A unit
+eigenvector u of S adds to the rate w_i a sinusoid of the amplitude
 
     abs(u_i)/k_i^(1/2) sqrt((u z)^2 + (u z')^2/eigenvalue).
 
-Only the numbers u_i, u z and u z' of an eigenvector are needed. The QL method diagonalises S by rotations. The same
-rotations, applied to three rows that start as unit vector i, z and z', turn these into u_i, u z and u z' for all
-eigenvectors (Golub and Welsch, Math. Comp. 23:221, 1969, do so for one component).
+Of each eigenvector only the numbers u_i, u z and u z' are needed. The QL method diagonalises S by rotations. The same
+rotations are applied to three rows, which start as the unit vector i, z and z'. This turns the rows into u_i, u z and
+u z' for all eigenvectors. (Golub and Welsch, Math. Comp. 23:221, 1969, do the same for one component.)
 
 Used by `chain.kernel`.
 """
@@ -27,28 +29,29 @@ from impact_xval.model.chain.series import slope, value
 from impact_xval.model.compiled import kernel_helper
 from impact_xval.model.pair.grazing import NEAR, STAKE
 
-#: Places in the array `watched` of the workspace, which is free at that time: diagonal and subdiagonal of the matrix,
-#: and the rows that become u_i, u z and u z'.
+#: Indices into the array `watched` of the workspace, which is not used otherwise at that time. They hold the diagonal
+#: and the subdiagonal of S, and the three rows that become u_i, u z and u z'.
 DIAGONAL, BESIDE, UNIT, RATES, SLOPES = range(5)
 
-#: Largest number of iterations of the QL method for one eigenvalue; two or three suffice.
+#: Largest number of iterations of the QL method for one eigenvalue; two or three are enough.
 MOST_ITERATIONS = 60
 
-#: Relative rounding of double precision; eigenvalues below this share of the largest one are rounding.
+#: Relative rounding of double precision. An eigenvalue below this share of the largest eigenvalue is only rounding.
 EPSILON = 2.0**-52
 
 
 @kernel_helper
 def near_misses(c, n, degree, x, h, energy, margin, work):
-    """Return the grazing margin after the first part x of a window of length h, given the margin before the window.
+    """Return the smaller one of `margin`, the grazing margin so far, and the smallest quotient within a window.
 
-    The chain `c` is at the end of that part; `energy` is the energy of impact.
+    The window has the length h, and is searched from its start to the time x h, at which the chain is. `energy` is the
+    energy of impact.
     """
     for i in range(n):
         contact, scratch = c[i], work[i]
         if not is_active(contact) or contact.e == 1:
             continue
-        # The rate has one sign in a window, so the load is largest at one of its ends.
+        # Up to x the rate of this contact has one sign, so its load is largest at the start or at x.
         load = max(scratch.deltas[0] + equilibrium_depth(contact), contact.delta + equilibrium_depth(contact))
         least = STAKE * energy / (1 - contact.e * contact.e)
         if contact.k * max(load, 0.0) ** (contact.p + 1) / (contact.p + 1) <= least:
@@ -75,7 +78,7 @@ def near_misses(c, n, degree, x, h, energy, margin, work):
 
 @kernel_helper
 def write_slope(coefficients, degree, derivative):
-    """Write the coefficients of the derivative of a polynomial."""
+    """Write the coefficients of the derivative of a polynomial into the array `derivative`."""
     for j in range(degree):
         derivative[j] = (j + 1) * coefficients[j + 1]
     derivative[degree] = 0.0
@@ -83,7 +86,10 @@ def write_slope(coefficients, degree, derivative):
 
 @kernel_helper
 def first_turn(derivative, degree, reach):
-    """Return the first root in (0, reach) of the derivative of a polynomial of degree `degree` (`first_root`)."""
+    """Return the first turning point of a polynomial in (0, reach), given its derivative; infinity if there is none.
+
+    `degree` is the degree of the polynomial, not of the derivative.
+    """
     start = derivative[0]
     leading = start
     for j in range(1, degree):
@@ -93,7 +99,7 @@ def first_turn(derivative, degree, reach):
 
 @kernel_helper
 def shift(coefficients, degree, x):
-    """Replace the coefficients of a polynomial in powers of t by its coefficients in powers of t - x."""
+    """Replace the coefficients of a polynomial in powers of t by the coefficients in powers of t - x, in place."""
     for low in range(degree):
         for j in range(degree - 1, low - 1, -1):
             coefficients[j] += x * coefficients[j + 1]
@@ -101,7 +107,7 @@ def shift(coefficients, degree, x):
 
 @kernel_helper
 def stiffness_at(contact, scratch, degree, x):
-    """Return dF/ddelta of a contact at the place x of a window; 0 if the contact is not active."""
+    """Return the stiffness dF/ddelta of a contact at the place x of a window; 0 if the contact is not active."""
     if not is_active(contact):
         return 0.0
     if contact.p == 1:
@@ -111,7 +117,7 @@ def stiffness_at(contact, scratch, degree, x):
 
 @kernel_helper
 def block(c, n, i, degree, x, work):
-    """Return the first and the last contact of the unbroken row of active contacts around contact i."""
+    """Return the first and the last contact of the row of neighbouring active contacts to which contact i belongs."""
     first, last = i, i
     while first > 0 and stiffness_at(c[first - 1], work[first - 1], degree, x) > 0:
         first -= 1
@@ -122,10 +128,11 @@ def block(c, n, i, degree, x, work):
 
 @kernel_helper
 def largest_amplitude(c, n, i, degree, x, h, work):
-    """Return an upper bound of `amplitude` by the energy alone; infinite with gravity.
+    """Return an upper bound of `amplitude` that needs only energies; infinite with gravity.
 
-    By Cauchy's inequality the sum of the amplitudes is at most sqrt(2 E (a_i + a_{i+1})). E is the energy of the block
-    of active contacts, relative to its centre of mass or to the table.
+    By Cauchy's inequality the sum of the amplitudes is at most sqrt(2 E (a_i + a_{i+1})), where a_i and a_{i+1} are the
+    inverse masses of the bodies of contact i. E is the energy of the row of active contacts around contact i, relative
+    to its centre of mass or to the table.
     """
     if c[n - 1].g > 0:
         return inf
@@ -143,7 +150,7 @@ def largest_amplitude(c, n, i, degree, x, h, work):
 
 @kernel_helper
 def amplitude(c, n, i, degree, x, h, work):
-    """Return the amplitude of the rate of contact i at the place x of a window of length h."""
+    """Return the amplitude of the rate of contact i: the sum of the amplitudes of its sinusoids at the time x h."""
     first, last = block(c, n, i, degree, x, work)
     for j in range(first, last + 1):
         table, root = work[j].watched, sqrt(stiffness_at(c[j], work[j], degree, x))
@@ -167,9 +174,10 @@ def amplitude(c, n, i, degree, x, h, work):
 
 @kernel_helper
 def diagonalise(first, last, work):
-    """Diagonalise the tridiagonal matrix in `work`, and apply the same rotations to the three rows.
+    """Diagonalise the tridiagonal matrix S that is stored in `work`, and apply the same rotations to three rows.
 
-    This is the implicit QL method (Numerical Recipes, section 11.3; EISPACK's tql2).
+    The docstring of the module describes the rows. The method is the implicit QL method (Numerical Recipes, section
+    11.3; EISPACK's tql2).
     """
     for low in range(first, last + 1):
         for _ in range(MOST_ITERATIONS):

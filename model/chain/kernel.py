@@ -1,17 +1,18 @@
-"""The kernel of chains: follows a chain from its first touch to its end, window by window.
+"""The compiled kernel of chains: it follows each chain from first touch to the end of its collision.
 
-`follow_chains` follows many chains, and is the only kernel that Python calls; `collide` follows one chain. A segment is
-the time with one set of active contacts. A segment consists of windows. Over a window every rate and every deformation
-is a polynomial in time (`chain.series`, `chain.power_law`), so the first event is found with certainty
-(`chain.event`). The law tells what the event does to its contact (`chain.laws`).
+Python calls `follow_chains`, which follows many chains. `collide` follows one chain, window by window. Over a window
+every rate of compression and every deformation is a polynomial in time (`chain.series`, `chain.power_law`). So the
+first event of the window is found with certainty (`chain.event`). The law states how an event changes its contact
+(`chain.laws`).
 
-With frozen positions the collision is over when no contact is active. With positions, it is over when no contact is
-active and no gap will close.
+If positions are frozen, as in the model, the collision is over when no contact is active. If positions move, it is over
+when no contact is active and no gap will close.
 
-**Ties.** Events at one instant are applied one after another, in the order of contacts. The order does not matter,
-because each event changes only its own contact, and leaves all rates and forces as they are.
+**Simultaneous events** are applied one after another, in the order of the contacts' numbers. Any order would give the
+same result, because an event changes only its own contact, and no rate. The force of a linear dashpot may jump at an
+event. This changes accelerations, but no other contact.
 
-Used by `chain.following`. The sweeps compile this kernel before they start.
+Used by `chain.following`. The sweeps of experiments compile this kernel before they start.
 """
 
 from __future__ import annotations
@@ -46,51 +47,54 @@ from impact_xval.model.chain.state import (
 from impact_xval.model.compiled import inlined_helper, kernel_entry, kernel_helper
 from impact_xval.model.pair.law import Phase
 
-#: Share of the energy of impact at which the bodies of all active contacts count as at rest.
+#: If the contacts have at most this share of the energy of impact left, their bodies count as at rest.
 COLLAPSED = 1e-30
 
-#: Largest product of windows and contacts less one. A chain that exceeds it is given up, after about a second.
+#: Largest product of the number of windows and the number of contacts minus 1. A chain that reaches it is given up,
+#: after about a second.
 MOST_WORK = 1_000_000
 
-#: Largest relative gain of kinetic energy that counts as rounding; no law makes energy. The largest gain by rounding
-#: and steps was 1.2e-11 (p = 1.5; 3e-14 for p = 1 and 3), in 20,000 chains with masses and stiffnesses up to 1e12
-#: apart.
+#: Largest relative gain of kinetic energy that counts as rounding; no law makes energy. In 20,000 chains, whose masses
+#: and stiffnesses differed by factors up to 1e12, the largest gain was 1.2e-11 for p = 1.5, and 3e-14 for p = 1 and 3.
 GAIN = 1e-9
 
-#: The numbers 0 and 1 as arguments. Numba would compile a function once more for a literal 0 or 1.
+#: The numbers 0 and 1, to be passed as arguments. For a literal 0 or 1 Numba would compile the called function once
+#: more.
 ZERO, ONE = np.int64(0), np.int64(1)
 
-#: Length of the first step of the method for power laws, in units in which masses, stiffnesses and velocities are
-#: about 1.
+#: Length of the first step under a power law, in units in which masses, stiffnesses and velocities are about 1.
 FIRST_STEP = 1e-3
 
 
 class Action(IntEnum):
-    """Next action of a chain."""
+    """What the kernel does next with a chain."""
 
-    END = 0  # nothing: the collision is over
-    FLY = 1  # fly without forces until a gap closes
-    FOLLOW = 2  # move under forces to the first event
+    END = 0  # stop, because the collision is over
+    FLY = 1  # move the bodies without forces until a gap closes
+    FOLLOW = 2  # move the bodies under forces to the first event
 
 
 class Window(NamedTuple):
-    """Window that was followed to its first event, or to its end without an event."""
+    """Window that was followed up to its first event, or up to its end without an event."""
 
-    #: Length of the window, and the share x of it up to the event; x is below 0 where the event cannot be found.
+    #: Length of the window in time.
     h: float
+    #: Share of the window that was followed; below 0 if the event could not be found.
     x: float
-    #: Contact of the event, -1 for none, and the watched function that is zero there, one of `Watched`.
+    #: Number of the contact that has the event, from 0; -1 without an event.
     contact: int
+    #: The function that is zero at the event, one of `Watched`.
     watched: int
-    #: Length of the step to try next.
+    #: Length of the step to try in the next window.
     next_step: float
 
 
 @kernel_helper
 def next_action(c, n):
-    """Return the next action of a chain without gravity; for a flight also the contact whose gap closes, and the time.
+    """Return the next action of a chain without gravity, the contact whose gap closes first, and the time until then.
 
-    An active contact at rest without deformation carries no force, so its bodies may fly.
+    Contact and time have a meaning for the action FLY only. An active contact at rest without deformation carries no
+    force, so it does not prevent a flight.
     """
     first, first_contact = inf, -1
     for i in range(n):
@@ -106,7 +110,7 @@ def next_action(c, n):
 
 @kernel_helper
 def fly(c, n, h, work):
-    """Move all bodies by a time h without forces."""
+    """Move all bodies without forces for a time h: deformations change at constant rates."""
     for i in range(n):
         contact = c[i]
         work[i].rates[0] = contact.w
@@ -117,7 +121,7 @@ def fly(c, n, h, work):
 
 @kernel_helper
 def follow_series(c, n, next_step, work):
-    """Follow a window of linear contacts up to its first event, by power series."""
+    """Follow a chain of linear contacts through a window up to its first event, and return the window."""
     h = window_length(c, n, work)
     if h == inf:
         h = fall_time(c, n)
@@ -138,7 +142,10 @@ def follow_series(c, n, next_step, work):
 
 @kernel_helper
 def follow_step(c, n, first_step, tolerance, work):
-    """Follow a window of a power law up to its first event: make one step, and repeat it up to the event."""
+    """Follow a chain under a power law through a window up to its first event, and return the window.
+
+    The window is one step of integration, which is repeated up to the event.
+    """
     h, next_step = advance(c, n, first_step, tolerance, work)
     contact, watched = -1, 0
     while True:
@@ -150,7 +157,7 @@ def follow_step(c, n, first_step, tolerance, work):
         x, happens = refine_event(c, n, h, event.x, event.contact, event.watched, event.sign, work)
         work[event.contact].ruled_out[event.watched] = 1
         if happens:
-            # The step now ends with this event. If the polynomial gave a wrong time, another event may come first.
+            # The step now ends with this event. The polynomial is only approximate, so another event may come earlier.
             contact, watched, h = event.contact, event.watched, x * h
             if h == 0:
                 return Window(h, 0.0, contact, watched, next_step)
@@ -161,7 +168,7 @@ def follow_step(c, n, first_step, tolerance, work):
 
 @kernel_helper
 def follow(c, n, first_step, tolerance, work):
-    """Follow a window up to its first event."""
+    """Follow a chain through a window up to its first event, and return the window."""
     for i in range(n):
         for watched in range(4):
             work[i].ruled_out[watched] = 0
@@ -172,9 +179,10 @@ def follow(c, n, first_step, tolerance, work):
 
 @kernel_helper
 def apply_event(c, n, i, watched, energy, result):
-    """Apply the event of contact i, and unite its bodies if the event made the contact rigid.
+    """Apply the event of contact i. If it makes the contact rigid, unite the bodies of the contact.
 
-    Returned are the number of remaining contacts and the energy that was lost.
+    `watched` is the function that has reached zero, and `energy` is the energy of impact. Returned are the number of
+    remaining contacts and the strain energy that was lost.
     """
     contact = c[i]
     before = strain_energy(contact)
@@ -207,7 +215,7 @@ def apply_event(c, n, i, watched, energy, result):
 
 @kernel_helper
 def unite_resting(c, n, energy, result):
-    """Unite the bodies of all contacts that rest rigidly, and return the number of remaining contacts."""
+    """Unite the bodies of contacts for which `rests_rigidly` is true, and return the number of remaining contacts."""
     for i in range(n - 1, -1, -1):
         if rests_rigidly(c, n, i, energy):
             n = unite(c, n, i)
@@ -217,7 +225,7 @@ def unite_resting(c, n, energy, result):
 
 @kernel_helper
 def end_gravity(c, n):
-    """Continue a drop without gravity: count the deformation at the table from first touch again."""
+    """Switch gravity off, and count the deformation at the table from the surface instead of from equilibrium."""
     last = c[n - 1]
     last.delta += equilibrium_depth(last)
     last.g = 0.0
@@ -225,10 +233,11 @@ def end_gravity(c, n):
 
 @inlined_helper
 def collide(c, work, setup, options, logs, first_row, first_set, result):
-    """Follow a chain from first touch to its end; a part of `follow_chains`.
+    """Follow a chain from first touch to the end of its collision.
 
-    Returned are the number of remaining contacts and the energy that was lost. All fields of `result` are filled in
-    except `energy_share` (`chain.record.RESULT`). Points are logged from `first_row` on, sets from `first_set` on.
+    Returned are the number of remaining contacts and the strain energy that was lost. All fields of `result`, a record
+    of `chain.record.RESULT`, are filled in except `energy_share`. The motion is logged from row `first_row` on, and
+    sets of active contacts from row `first_set` on.
     """
     n = work.size
     frozen, dashpot, law = c[0].frozen, has_dashpot(c[0]), c[0].law
@@ -271,7 +280,7 @@ def collide(c, work, setup, options, logs, first_row, first_set, result):
             event_contact, watched = window.contact, window.watched
             next_step, last_power = window.next_step, degree
             if x < 0:
-                break  # given up: `ending` stays UNFINISHED
+                break  # the event could not be found: the chain is given up, and `ending` stays UNFINISHED
             if not dashpot:
                 margin = near_misses(c, n, degree, x, h, energy, margin, work)
         if x > 0:
@@ -286,7 +295,7 @@ def collide(c, work, setup, options, logs, first_row, first_set, result):
             loss += lost
             if dashpot:
                 work[event_contact].force_is_zero = watched == Watched.FORCE
-            # Bodies that overlapped without force may part: that changes no force.
+            # When bodies that overlapped without force part, no force changes, so this does not count as an event.
             changes_forces = not dashpot or is_active(c[event_contact]) != was_active
             if watched != Watched.TURN and changes_forces:
                 events, quiet = events + 1, 0
@@ -299,7 +308,7 @@ def collide(c, work, setup, options, logs, first_row, first_set, result):
         set_row = log_set(c, ZERO, work, logs.sets, first_set, set_row)
     for i in range(n):
         work[i].rates[0] = c[i].w
-    row = log_points(c, n, work, ZERO, 0.0, 1.0, time, setup, ONE, logs.path, row)  # end point
+    row = log_points(c, n, work, ZERO, 0.0, 1.0, time, setup, ONE, logs.path, row)  # the end of the motion
     result.ending = ending
     result.n_events, result.n_windows = events, windows
     result.n_points, result.n_states = row - first_row, set_row - first_set
@@ -310,22 +319,24 @@ def collide(c, work, setup, options, logs, first_row, first_set, result):
 
 @kernel_entry
 def follow_chains(c, work, chains, options, logs, velocities, results):
-    """Follow chains of one number of balls, in units of about 1; the only kernel that Python calls.
+    """Follow the collisions of n chains with N balls each. Python calls no other compiled function of this module.
 
     Parameters
     ----------
     c : recarray of `chain.state.CONTACT`, shape (C + 1,)
-        Law, exponent and whether positions are frozen are read; all other fields are overwritten.
+        Working memory for the contacts of one chain. The fields `law`, `p` and `frozen` are read, and all other fields
+        are overwritten.
     work : recarray of `chain.power_law.WORK`, shape (C,)
-        Overwritten.
+        Working memory for polynomials and steps; overwritten.
     chains : Chains
+        The chains, scaled so that all values are about 1.
     options : ChainOptions
     logs : ChainLogs
-        Filled in.
+        Filled in for one chain after another.
     velocities : ndarray, shape (n, N)
-        Final velocities; filled in for all chains that are not skipped.
+        Final velocities; filled in for all chains that are followed. A chain whose first mass is NaN is not followed.
     results : recarray of `chain.record.RESULT`, shape (n,)
-        Filled in; zeros before.
+        Filled in. All fields have to be zeros before the call.
     """
     row, set_row = ZERO, ZERO
     for i in range(chains.masses.shape[0]):

@@ -1,35 +1,40 @@
-"""The contact laws as data: the functions that are watched in each phase of a contact, and the effects of events.
+"""The contact laws: forces, the functions that are watched in each phase of a contact, and the effects of events.
 
-| law | force of an active contact | memory |
+delta is the deformation of a contact, k its stiffness, b its damping, F its force, E its strain energy, and e its
+coefficient of restitution.
+
+| law | force of an active contact | effect of an end of compression |
 |---|---|---|
-| `STATE_TRANSITION` | F = k delta^p | an end of compression stiffens it: E <- e^2 E, F stays |
-| `LIU_ZHAO_BROGLIATO` | F = k delta^p | the same, but each compression runs at the original k |
+| `STATE_TRANSITION` | F = k delta^p | the contact becomes stiffer: E <- e^2 E at the same F |
+| `LIU_ZHAO_BROGLIATO` | F = k delta^p | the same, but each compression begins with the original k |
 | `KELVIN_VOIGT` | F = k delta^p + b delta^((p - 1)/2) delta' | none |
 | `HUNT_CROSSLEY` | F = k delta^p (1 + b delta') | none |
 | `COMPRESSION_DASHPOT` | as `KELVIN_VOIGT` while delta' > 0, else k delta^p | none |
 | `LINEAR_DASHPOT` | as `KELVIN_VOIGT`, and it may pull: it lasts until delta = 0 | none |
 
-A contact is INACTIVE while it carries no force. With frozen positions, as in the model, it keeps delta = 0 and returns
-when its bodies begin to approach. With positions, it returns when its gap has closed.
+A contact is INACTIVE while it carries no force. Positions are *frozen* in the model: gaps are ignored, an inactive
+contact keeps delta = 0, and it returns when its bodies begin to approach. If positions are not frozen, it returns when
+its gap has closed.
 
-`STATE_TRANSITION` with positions is called *bistiffness*. There an end of compression moves the point of zero force by
-(1 - e^2) delta into the contact, for good. So a contact that ends restitution opens with a gap of exactly zero.
+`STATE_TRANSITION` with moving positions is called *bistiffness*. Under it an end of compression moves the point of zero
+force by (1 - e^2) delta into the contact, for the rest of the collision. So when restitution ends, the gap is exactly
+zero.
 
-With gravity, the lower ball of a drop has settled on the table. Its contact counts delta from the equilibrium depth, so
-that the weight need not cancel to rounding (`equilibrium_depth`). An end of compression takes 1 - e^2 of the whole
-strain energy of this contact; the strain by the weight is included.
+In a drop with gravity the lower ball has settled on the table. Deformations of its contact are counted from the
+equilibrium depth (`equilibrium_depth`), so that the weight does not have to cancel against a force. An end of
+compression takes the share 1 - e^2 of the whole strain energy of this contact, including the strain by the weight.
 
-A contact with a dashpot pushes from first touch on, and its force ends before its bodies are apart. The contact is then
-SLACK: the bodies overlap without force, and the contact is loaded again if a neighbour pushes them together. Three
-kinds of contact are never slack:
+A contact with a dashpot pushes from first touch on, and its force ends while its bodies still overlap. The contact is
+then SLACK: it carries no force, and is loaded again if a neighbour pushes its bodies together. Three kinds of contact
+are never SLACK:
 
 * a contact without damping;
 * a contact whose dashpot acts in compression only. The dashpot begins and ceases to act at delta' = 0, so the force is
-  continuous. While the bodies part, only the spring acts, and it pushes for as long as they overlap;
-* a contact that may pull. It is active for as long as its bodies overlap. When it becomes active or inactive, its force
-  jumps between 0 and the force of the dashpot, while positions and rates stay continuous.
+  continuous. While the bodies part, only the spring acts, and it pushes as long as they overlap;
+* a contact that may pull. It is active as long as its bodies overlap. When it becomes active or inactive, its force
+  jumps between 0 and the force of the dashpot; positions and rates stay continuous.
 
-Used by all modules of `chain`; `Law` also by the callers of `chain.following`.
+Used by all modules of `chain` that compute motion. Callers of `chain.following` use `Law`.
 """
 
 from __future__ import annotations
@@ -43,11 +48,12 @@ from impact_xval.model.pair.law import Phase
 
 
 class Law(IntEnum):
-    """Law of all contacts of a chain. The order counts: laws with a dashpot come after laws without a dashpot.
+    """Law of all contacts of a chain. The code relies on the order: laws with a dashpot have the larger numbers.
 
     Most of the code that depends on the law is in this module: `WATCHED`, `damping`, `force`, `force_indicator` and the
-    events. `chain.series` and `chain.event` treat `HUNT_CROSSLEY` separately, because its force is a product.
-    `chain.drop` treats the two laws separately that are linear throughout a contact.
+    functions that apply events. `chain.series` and `chain.event` treat `HUNT_CROSSLEY` separately, because its force is
+    a product of two series. `chain.drop` treats `KELVIN_VOIGT` and `LINEAR_DASHPOT` separately, because their forces
+    are linear throughout a contact.
     """
 
     STATE_TRANSITION = 0
@@ -59,16 +65,16 @@ class Law(IntEnum):
 
 
 class Watched(IntEnum):
-    """Function of time of one contact that the search for events may watch."""
+    """Function of time, of one contact, whose zero may be an event."""
 
-    FORCE = 0  # a function with the sign of a dashpot's force before the force is cut off at zero
-    GAP = 1  # the deformation delta; its zero is the end of a gap or of an overlap
-    RATE = 2  # the compression rate w
-    TURN = 3  # the compression rate of an inactive contact; its zero ends a window, but is no event
+    FORCE = 0  # a function with the sign of the force of a contact with a dashpot, not cut off at zero
+    GAP = 1  # the deformation delta; at its zero a gap or an overlap ends
+    RATE = 2  # the rate of compression w
+    TURN = 3  # the rate of compression of an inactive contact; its zero only ends a window
 
 
-#: Sign of each function until its event, by law, phase and `Watched`; 0 where the function is not watched. HELD is the
-#: phase of an inactive contact with frozen positions.
+#: Sign that a function keeps until its event, by law, phase and `Watched`. It is 0 if the function is not watched in
+#: this phase. HELD is the phase of an inactive contact with frozen positions.
 WATCHED = np.zeros((len(Law), len(Phase), len(Watched)))
 WATCHED[:, Phase.INACTIVE, Watched.GAP] = WATCHED[:, Phase.HELD, Watched.RATE] = -1
 for _law in (Law.STATE_TRANSITION, Law.LIU_ZHAO_BROGLIATO, Law.COMPRESSION_DASHPOT):
@@ -91,25 +97,25 @@ def is_active(contact):
 
 @kernel_helper
 def has_dashpot(contact):
-    """Return whether the force of a contact depends on the rate; a contact with a dashpot has no memory."""
+    """Return whether a contact has a dashpot, so that its force depends on the rate of compression."""
     return contact.law >= Law.KELVIN_VOIGT
 
 
 @kernel_helper
 def has_series(contact):
-    """Return whether the motion between events is summed as a power series; otherwise it is integrated in steps."""
+    """Return whether the motion between events is a power series. If not, it is integrated in steps."""
     return contact.p == 1
 
 
 @kernel_helper
 def equilibrium_depth(contact):
-    """Return the deformation at which the contact with the table holds the weight; 0 without gravity."""
+    """Return the deformation at which the contact with the table carries the weight of its ball; 0 without gravity."""
     return contact.g / (contact.a * contact.k) if contact.g > 0 else 0.0
 
 
 @kernel_helper
 def spring_force(contact):
-    """Return k delta^p, with the deformation counted from first touch."""
+    """Return the force k delta^p of the spring, with the deformation counted from first touch."""
     depth = contact.delta + equilibrium_depth(contact)
     if contact.p == 1:
         return contact.k * depth
@@ -118,7 +124,7 @@ def spring_force(contact):
 
 @kernel_helper
 def damping(contact):
-    """Return the coefficient b of a contact; 0 for a compression dashpot while its bodies part."""
+    """Return the present damping b of a contact; 0 for a compression dashpot while its bodies part."""
     is_parting = contact.law == Law.COMPRESSION_DASHPOT and contact.phase != Phase.COMPRESSION
     return 0.0 if is_parting else contact.b
 
@@ -138,10 +144,10 @@ def force(contact):
 
 @kernel_helper
 def force_indicator(contact, delta, w, dw):
-    """Return a function with the sign of a dashpot's force before the force is cut off at zero, and its slope in time.
+    """Return a number with the sign of the force of a contact with a dashpot, and its derivative in time.
 
-    For a linear contact with a dashpot the function is the force itself. `dw` is the slope of the rate w. The function
-    is not meant for contacts that may pull, because their force is never cut off.
+    The force is taken before it is cut off at zero. For a linear contact the number is the force itself. `dw` is the
+    derivative of the rate w. Contacts that may pull do not use this function, because their force is never cut off.
     """
     if contact.law == Law.HUNT_CROSSLEY:
         return 1 + contact.b * w, contact.b * dw
@@ -154,14 +160,14 @@ def force_indicator(contact, delta, w, dw):
 
 @kernel_helper
 def deactivate(contact):
-    """End the force of a contact; it keeps its stiffness for its return."""
+    """Make a contact inactive. It keeps its stiffness, with which it compresses again if it returns."""
     contact.phase = Phase.INACTIVE
     contact.delta = 0.0 - equilibrium_depth(contact)
 
 
 @kernel_helper
 def reactivate(contact):
-    """Make a contact active again, in compression from zero force."""
+    """Put an inactive contact into compression, from zero deformation."""
     contact.phase = Phase.COMPRESSION
     contact.delta = 0.0 - equilibrium_depth(contact)
     if contact.law == Law.LIU_ZHAO_BROGLIATO:
@@ -170,7 +176,10 @@ def reactivate(contact):
 
 @kernel_helper
 def end_compression(contact):
-    """End compression: E <- e^2 E at the same force, hence k <- k/e^(2p)."""
+    """Apply an end of compression: the strain energy is multiplied by e^2, at the same force.
+
+    The stiffness is therefore divided by e^(2p).
+    """
     contact.phase = Phase.RESTITUTION
     contact.delta *= contact.e * contact.e
     contact.k /= contact.e ** (2 * contact.p)
@@ -178,9 +187,9 @@ def end_compression(contact):
 
 @kernel_helper
 def restart_compression(contact):
-    """Restart compression at the same stiffness.
+    """Put a contact in restitution back into compression; its stiffness stays the same.
 
-    Under the law of Liu, Zhao and Brogliato, the restart reverses the end of compression.
+    Under the law of Liu, Zhao and Brogliato the stiffness becomes the original stiffness again.
     """
     contact.phase = Phase.COMPRESSION
     if contact.law == Law.LIU_ZHAO_BROGLIATO:
@@ -190,7 +199,7 @@ def restart_compression(contact):
 
 @kernel_helper
 def apply_dashpot_event(contact, watched):
-    """Apply the event of a contact with spring and dashpot at which a watched function is zero."""
+    """Apply the event of a contact with a dashpot: the function `watched` has reached zero."""
     overlaps = contact.delta + equilibrium_depth(contact) > 0
     never_slack = contact.frozen or (contact.law == Law.KELVIN_VOIGT and contact.b == 0)
     if watched == Watched.FORCE and contact.phase == Phase.COMPRESSION and overlaps and not never_slack:

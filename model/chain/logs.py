@@ -1,4 +1,7 @@
-"""Logs of the kernel of chains: points of paths, and sets of active contacts. Used by `chain.kernel`."""
+"""Functions with which the kernel of chains writes its logs: the motion in time, and the sets of active contacts.
+
+Used by `chain.kernel`.
+"""
 
 from __future__ import annotations
 
@@ -9,16 +12,16 @@ from impact_xval.model.chain.series import slope, value
 from impact_xval.model.chain.state import write_ball_values
 from impact_xval.model.compiled import kernel_helper
 
-#: The number 1 as an argument. Numba would compile a function once more for a literal 1.
+#: The number 1, to be passed as an argument. For a literal 1 Numba would compile the called function once more.
 _ONE = np.int64(1)
 
 
 @kernel_helper
 def log_points(c, n, work, degree, x, h, time, setup, points, log, row):
-    """Write points of the motion in the first part x of a window of length h, and return the next free row.
+    """Log the motion from the start of a window to its place x, and return the number of the next free row of the log.
 
-    The window began at `time`. A row holds the time, velocities of balls, accelerations of balls, and for each contact
-    1 if it is active, else 0.
+    The window has the length h, and began at `time`. Each of the `points` rows holds the time, the velocities of the
+    balls, their accelerations, and for each contact 1 if it is active, else 0.
     """
     balls = (log.shape[1] - c.size) // 2
     for point in range(points):
@@ -39,9 +42,9 @@ def log_points(c, n, work, degree, x, h, time, setup, points, log, row):
 
 @kernel_helper
 def log_set(c, n, work, sets, first, row):
-    """Write the set of active contacts unless it equals the set before it, and return the next free row.
+    """Log the set of active contacts if it differs from the set before it, and return the number of the next free row.
 
-    The sets of this chain begin at row `first`. A rigid contact counts as active while another contact is.
+    The sets of this chain begin at row `first`. A rigid contact counts as active while any other contact is active.
     """
     any_active = False
     for i in range(n):

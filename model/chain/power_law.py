@@ -1,13 +1,14 @@
-"""Motion under power laws such as Hertz's (p = 1.5), in steps of the method DOP853: no closed form is known.
+"""Motion of a chain under power laws such as Hertz's (p = 1.5), integrated in steps of the method DOP853.
 
-`advance` makes one step; `refine_event` repeats it up to an event. `WORK` is the workspace of a contact; the motion by
-power series uses it too.
+No closed form of this motion is known. `advance` makes one step, and `refine_event` repeats a step up to an event.
+`WORK` is the working memory of a contact, which the motion by power series uses as well.
 
-After each step, of order 8, cubics and quintics are laid through its ends, and their first event is found as for linear
-contacts. The step is then repeated up to the event, with Newton's iteration on its time, so that the event has the
-order of the method. A force is not smooth where it begins or ends; there the error estimate shortens the steps.
+A step has the order 8. After each step, polynomials of degree 3 and 5 are laid through its ends, and their first event
+is found as for linear contacts. The step is then repeated up to the event, whose time is found by Newton's iteration.
+So the event has the accuracy of the method. A force is not smooth where it begins or ends; there the error estimate
+makes the steps shorter.
 
-Needs `chain.dop853` for the coefficients. Used by `chain.kernel` and `chain.event`.
+Needs `chain.dop853` for the coefficients of the method. Used by `chain.kernel` and `chain.event`.
 """
 
 from __future__ import annotations
@@ -24,59 +25,59 @@ from impact_xval.model.chain.state import tangent
 from impact_xval.model.compiled import kernel_helper
 from impact_xval.model.pair.law import Phase
 
-#: Degree of the polynomials through the ends of a step.
+#: Highest degree of the polynomials that are laid through the ends of a step.
 ORDER_OF_STEP = 5
 
-#: Largest error of a step. Velocities are measured per velocity of impact, deformations per deformation that would hold
-#: all the energy of impact.
+#: Largest error of a step. Errors of velocities are divided by the velocity of impact. Errors of deformations are
+#: divided by the deformation at which the contact would hold all the energy of impact.
 TOLERANCE = 1e-14
 
-#: Largest number of iterations for the time of an event inside a bracket; halving alone would need no more.
+#: Largest number of iterations for the time of an event inside a bracket. Even halving alone needs no more.
 MOST_REFINEMENTS = 60
 
-#: Largest number of Newton's iterations while no bracket is known, and their largest change of time as a share of the
-#: step.
+#: Limits of Newton's iteration while no bracket is known: largest number of iterations, and largest change of time in
+#: one iteration as a share of the step.
 REFINEMENTS, LONGEST = 8, 0.05
 
-#: Changes of time as shares of the step: below the first, Newton's iteration stops; a last change below the second is
-#: rounding.
+#: Changes of the time of an event, as shares of the step. At `CONVERGED` Newton's iteration stops. A last change of at
+#: most `RESOLVED` counts as rounding.
 CONVERGED, RESOLVED = 1e-15, 1e-6
 
 
-#: Workspace of a contact, made once for all chains.
+#: Record of the working memory of one contact. It is allocated once for all chains.
 WORK = np.dtype(
     [
-        # Coefficients, in powers of x = t/h over a window of length h, of the rate w, of the deformation delta, and of
+        # Coefficients in powers of x = t/h, over a window of length h: of the rate w, of the deformation delta, and of
         # a watched function.
         ("rates", "f8", ORDER + 1),
         ("deltas", "f8", ORDER + 1),
         ("watched", "f8", ORDER + 1),
-        ("k", "f8"),  # stiffness; 0 if the contact is not active
-        ("b", "f8"),  # damping; 0 if the contact is not active
-        ("moves", "f8"),  # 1 if delta changes, else 0
-        ("value", "f8"),  # rate, or slope of the rate, at a point of a path
-        ("kw", "f8", STAGES + 1),  # derivatives of w at the stages of a step
-        ("kd", "f8", STAGES + 1),  # derivatives of delta at the stages of a step
-        ("w", "f8"),  # rate at the start of a step
+        ("k", "f8"),  # stiffness; 0 unless the contact is active
+        ("b", "f8"),  # damping; 0 unless the contact is active
+        ("moves", "f8"),  # 1 if the deformation changes in this window, else 0
+        ("value", "f8"),  # rate of compression, or its derivative, at a logged point of time
+        ("kw", "f8", STAGES + 1),  # derivatives of the rate w at the stages of a step
+        ("kd", "f8", STAGES + 1),  # derivatives of the deformation delta at the stages of a step
+        ("w", "f8"),  # rate of compression at the start of a step
         ("delta", "f8"),  # deformation at the start of a step
-        ("jerk", "f8"),  # w'' at the start of a step
+        ("jerk", "f8"),  # second derivative of the rate at the start of a step
         ("ruled_out", "u1", 4),  # 1 for each function of `Watched` that has no further event in this window
-        ("force_is_zero", "?"),  # whether an event at this instant has made the force zero
-        ("active", "?"),  # whether this contact of the collision is active now
-        ("was_active", "?"),  # whether it was active at the previous call of `log_set`
+        ("force_is_zero", "?"),  # whether an event at the present time has made the force zero
+        ("active", "?"),  # whether this contact of the collision is active in the present window
+        ("was_active", "?"),  # whether this contact was active at the previous call of `log_set`
     ],
     align=True,
 )
 
 
 def new_workspace(contacts: int) -> Records:
-    """Return the workspace of a chain, one record per contact."""
+    """Return the working memory of a chain: zeros in one record of `WORK` per contact."""
     return zero_records(contacts, WORK)
 
 
 @kernel_helper
 def write_derivatives(c, n, stage, work):
-    """Write the derivatives of the present state as the derivatives at a stage."""
+    """Compute the derivatives of rates and deformations in the present state, and store them for a stage."""
     above, middle, below = 0.0, 0.0, 0.0
     for i in range(-1, n):
         above, middle, below = middle, below, force(c[i + 1])
@@ -89,7 +90,7 @@ def write_derivatives(c, n, stage, work):
 
 @kernel_helper
 def move_to_stage(c, n, stage, h, work):
-    """Move the chain to a stage of a step of length h; the last stage is the end of the step."""
+    """Move the chain to the place of a stage in a step of length h. The stage `STAGES` is the end of the step."""
     weights = A[stage] if stage < STAGES else B
     for i in range(n):
         scratch, w, delta = work[i], 0.0, 0.0
@@ -101,11 +102,12 @@ def move_to_stage(c, n, stage, h, work):
 
 @kernel_helper
 def error_of_step(c, n, h, work):
-    """Estimate the error of a step of length h from the derivatives at its stages; units as in `TOLERANCE`.
+    """Estimate the error of a step of length h from the derivatives at its stages, in the units of `TOLERANCE`.
 
-    Deformations are measured by the length of their contact. An active contact takes the length at its running
-    stiffness. An inactive contact takes the length at its original stiffness: it may have become far stiffer, and its
-    gap is then rounded coarsely in units of the shorter length.
+    The error of a deformation is divided by a length: the deformation at which the contact would hold all the energy of
+    impact. For an active contact the length is computed with its running stiffness. For an inactive contact it is
+    computed with the original stiffness. Such a contact may have become far stiffer, and the rounding of its gap would
+    count as an error in units of the shorter length.
     """
     fifth, third = 0.0, 0.0
     for i in range(n):
@@ -123,13 +125,13 @@ def error_of_step(c, n, h, work):
         third += w3 * w3 + (d3 / length) ** 2
     weighted = (fifth + 0.01 * third) * 2 * n
     if not weighted < inf:
-        return inf  # a stage is beyond double precision: the step is far too long
+        return inf  # a derivative exceeds double precision: the step is far too long
     return h * fifth / sqrt(weighted) if fifth > 0 else 0.0
 
 
 @kernel_helper
 def step(c, n, h, work):
-    """Move the chain by a time h from the state in `work`, and return the estimated error."""
+    """Make a step of length h from the state that is stored in `work`, and return the estimated error."""
     for stage in range(STAGES + 1):
         move_to_stage(c, n, stage, h, work)
         write_derivatives(c, n, stage, work)
@@ -138,7 +140,7 @@ def step(c, n, h, work):
 
 @kernel_helper
 def jerk(c, i):
-    """Return w'' of contact i, without dashpots."""
+    """Return the second derivative of the rate of contact i, for contacts without dashpots."""
     above = tangent(c[i - 1]) * c[i - 1].w if is_active(c[i - 1]) else 0.0
     middle = tangent(c[i]) * c[i].w if is_active(c[i]) else 0.0
     below = tangent(c[i + 1]) * c[i + 1].w if is_active(c[i + 1]) else 0.0
@@ -147,14 +149,17 @@ def jerk(c, i):
 
 @kernel_helper
 def write_cubic(out, f0, d0, f1, d1):
-    """Write the polynomial in x with values f and slopes d at 0 and at 1."""
+    """Write the coefficients of the cubic that has the values f0 and f1, and the slopes d0 and d1, at 0 and at 1."""
     out[0], out[1], out[2], out[3] = f0, d0, 3 * (f1 - f0) - 2 * d0 - d1, 2 * (f0 - f1) + d0 + d1
     out[4], out[5] = 0.0, 0.0
 
 
 @kernel_helper
 def write_quintic(out, f0, d0, s0, f1, d1, s1):
-    """Write the polynomial in x with values f, slopes d and second derivatives s at 0 and at 1."""
+    """Write the coefficients of the polynomial of degree 5 with given values, slopes and second derivatives at 0 and 1.
+
+    The values are f0 and f1, the slopes d0 and d1, and the second derivatives s0 and s1.
+    """
     r0, r1, r2 = f1 - f0 - d0 - 0.5 * s0, d1 - d0 - s0, 0.5 * (s1 - s0)
     out[0], out[1], out[2] = f0, d0, 0.5 * s0
     out[3], out[4], out[5] = 10 * r0 - 4 * r1 + r2, -15 * r0 + 7 * r1 - 2 * r2, 6 * r0 - 3 * r1 + r2
@@ -162,10 +167,10 @@ def write_quintic(out, f0, d0, s0, f1, d1, s1):
 
 @kernel_helper
 def advance(c, n, h, tolerance, work):
-    """Move the chain by one step, whose length h is reduced until its error is small enough.
+    """Move the chain by one step. Its length h is reduced until the error is at most `tolerance`.
 
-    Returned are the length of the step, and the length to try next. The length of the step is 0 where no step is short
-    enough, because a slope is beyond double precision.
+    Returned are the length of the step, and the length to try for the next step. The length is 0 if no step is short
+    enough, because a derivative exceeds double precision.
     """
     for i in range(n):
         scratch = work[i]
@@ -183,7 +188,7 @@ def advance(c, n, h, tolerance, work):
 
 @kernel_helper
 def interpolate(c, n, h, work):
-    """Write the polynomials in x = t/h through both ends of a step of length h; `c` is at the end of the step."""
+    """Write the polynomials in x = t/h that connect the start of a step of length h with its end, where `c` is."""
     for i in range(n):
         contact, scratch = c[i], work[i]
         w0, w1 = h * scratch.kw[0], h * scratch.kw[STAGES]
@@ -203,7 +208,7 @@ def interpolate(c, n, h, work):
 
 @kernel_helper
 def interpolate_force(contact, h, scratch):
-    """Write the polynomial of a dashpot's `force_indicator` through both ends of a step of length h."""
+    """Write the cubic that follows `force_indicator`, which has the sign of the force, over a step of length h."""
     f0, d0 = force_indicator(contact, scratch.delta, scratch.w, scratch.kw[0])
     f1, d1 = force_indicator(contact, contact.delta, contact.w, scratch.kw[STAGES])
     write_cubic(scratch.watched, f0, h * d0, f1, h * d1)
@@ -211,7 +216,7 @@ def interpolate_force(contact, h, scratch):
 
 @kernel_helper
 def value_and_slope_at_end(contact, scratch, watched):
-    """Return the value of a watched function at the end of a step, and its slope in time."""
+    """Return the value of a watched function at the end of a step, and its derivative in time."""
     if watched == Watched.GAP:
         return contact.delta, contact.w
     if watched == Watched.FORCE:
@@ -221,14 +226,15 @@ def value_and_slope_at_end(contact, scratch, watched):
 
 @kernel_helper
 def refine_event(c, n, h, x, i, watched, sign, work):
-    """Repeat a step of length h up to the zero, near x h, of a watched function of contact i.
+    """Repeat a step of length h up to the zero of a watched function of contact i, which is near the time x h.
 
-    On entry the chain is at the end of the step; on return it is at the zero. Returned are the time of the zero over h,
-    and whether the zero is an event: the polynomial may have a root where the motion has none.
+    On entry the chain is at the end of the step, and on return it is at the zero. Returned are the time of the zero,
+    divided by h, and whether the zero is an event. It is no event if only the polynomial has a root, and not the
+    motion.
 
-    Once the function is known to change its sign, Newton's iteration stays inside a bracket, and halves the bracket
-    where Newton's step would leave it. The reason is the force of a weak dashpot: it bends so sharply next to its end
-    that Newton's step from beyond the end is useless.
+    Once the function is known to change its sign, Newton's iteration stays inside a bracket. If Newton's step would
+    leave the bracket, the bracket is halved instead. This is needed for a weak dashpot: its force bends so sharply just
+    before it ends that Newton's step from beyond the end is useless.
     """
     contact, scratch = c[i], work[i]
     low, high = 0.0, 1.0
@@ -250,7 +256,7 @@ def refine_event(c, n, h, x, i, watched, sign, work):
             after = 0.5 * (low + high)
         most_refinements = MOST_REFINEMENTS if changes_sign else REFINEMENTS
         if abs(after - x) <= CONVERGED or refinements == most_refinements:
-            # A function that only leaves zero has no event there.
+            # If the function only leaves zero, this is no event.
             is_past_zero = sign * value < 0 or (value == 0 and sign * rise <= 0)
             is_falling_to_zero = sign * rise < 0 and abs(change) <= RESOLVED
             return x, is_past_zero or is_falling_to_zero

@@ -1,4 +1,4 @@
-"""Types that cross the boundary of the kernel of chains: endings, inputs, logs, and the record of a result.
+"""Types that the compiled kernel of chains shares with Python: endings, inputs, logs, and the record of a result.
 
 Used by `chain.kernel`, which fills in the results, by `chain.following`, which reads them, and by
 `compliant_baselines.references`, which reads how drops ended.
@@ -14,26 +14,31 @@ from numpy.typing import NDArray
 
 
 class ChainEnding(IntEnum):
-    """End of a chain.
+    """How the kernel's computation of a chain ended.
 
-    `following.Problem.outcomes` writes the status and the reason of a chain without a result; for `UNFINISHED` its
-    callers do. No number is used in `pair.record.PairEnding`, so that the codes of two kernels cannot be mixed up.
+    `following.Problem.outcomes` translates the endings without a result into a status and a sentence. Its callers do
+    this for `UNFINISHED`. The numbers differ from all numbers of `pair.record.PairEnding`. So an ending of one kernel
+    cannot be taken for an ending of the other.
     """
 
-    UNFINISHED = 0  # not over yet, or given up: after too many windows, or where an event cannot be found
-    FREE = 1  # no bodies touch or approach any more; in a drop, both balls have left the table
-    LOWER_SETTLED = 2  # end of a drop: B1 left B2, which is settled on the table
-    BOTH_SETTLED = 3  # end of a drop: B1 settled on B2
-    GAINED_ENERGY = 4  # like FREE, but rounding has made energy
-    SKIPPED = 5  # the chain was not followed
+    UNFINISHED = 0  # not over yet; or given up after too many windows, or because an event could not be found
+    FREE = 1  # no bodies touch or approach; in a drop, both balls have left the table
+    LOWER_SETTLED = 2  # end of a drop: B1 has left B2, and B2 rests on the table
+    BOTH_SETTLED = 3  # end of a drop: B1 rests on B2, and B2 on the table
+    GAINED_ENERGY = 4  # the collision is over, but rounding has made energy
+    SKIPPED = 5  # the chain was not followed: it was excluded from the computation
 
 
 class Chains(NamedTuple):
-    """Chains of one number of balls, in units of about 1. C is N - 1, or N on a table."""
+    """Input of the kernel: n chains with N balls each, scaled so that all values are about 1.
 
-    #: Shape (n, N); a first mass of NaN marks a chain that is skipped.
+    The number C of contacts is N - 1, or N on a table.
+    """
+
+    #: Masses, shape (n, N). NaN as the first mass of a chain tells the kernel not to follow this chain.
     masses: NDArray[np.float64]
-    #: Arrays of shape (n, C); rates of compression and gaps hold at first touch.
+    #: Stiffnesses, coefficients of restitution, dampings, and the rates of compression and gaps at first touch; each of
+    #: shape (n, C).
     stiffnesses: NDArray[np.float64]
     restitutions: NDArray[np.float64]
     dampings: NDArray[np.float64]
@@ -41,13 +46,13 @@ class Chains(NamedTuple):
     gaps: NDArray[np.float64]
     #: Velocity of the centre of mass, shape (n,); 0 on a table.
     drifts: NDArray[np.float64]
-    #: Shape (n,); above 0 for drops of two balls only.
+    #: Gravity, shape (n,); above 0 only for drops of two balls.
     gravities: NDArray[np.float64]
-    #: Points of the path for each window, shape (n,).
+    #: Number of points to log in each window, shape (n,).
     points: NDArray[np.int64]
 
     def take(self, rows: slice) -> Chains:
-        """Return the chains of a slice."""
+        """Return the chains in the given rows of all arrays."""
         return Chains(
             masses=self.masses[rows],
             stiffnesses=self.stiffnesses[rows],
@@ -62,51 +67,59 @@ class Chains(NamedTuple):
 
 
 class ChainOptions(NamedTuple):
-    """Accuracy and limit of the kernel of chains."""
+    """Accuracy of the kernel of chains, and limit of its work."""
 
-    #: Error of a step, where steps are taken.
+    #: Largest error of a step under laws whose motion is integrated in steps.
     tolerance: float
-    #: Windows after which a chain is given up; `kernel.MOST_WORK` is a further limit.
+    #: Number of windows after which a chain is given up; `kernel.MOST_WORK` is a further limit.
     max_windows: int
 
 
 class ChainLogs(NamedTuple):
-    """Logs that the kernel of chains fills for all chains, one after another, as far as they fit."""
+    """Logs that the kernel fills in for one chain after another. Rows beyond the size of a log are dropped."""
 
-    #: Points of paths, shape (rows, 1 + 2 N + C): time, velocities, accelerations of balls, 1 for each active contact.
+    #: Motion in time, shape (rows, 1 + 2 N + C). A row holds the time, the velocities of the balls, their
+    #: accelerations, and for each contact 1 if it is active, else 0.
     path: NDArray[np.float64]
     #: Sets of active contacts, shape (entries, words); bit i % 64 of word i//64 stands for contact i. All bits are 0
-    #: before the call. The first set of a chain holds at first touch; the last set is empty, unless the chain is given
-    #: up. Sets that last no time are left out.
+    #: before the call. The first set of a chain is the set at first touch. The last set is empty, unless the chain was
+    #: given up. Sets of no duration are left out.
     sets: NDArray[np.uint64]
 
 
 class Setup(NamedTuple):
-    """Numbers of one chain that stay the same throughout the collision."""
+    """Constants of the collision of one chain."""
 
-    #: Energy of impact, relative to the centre of mass or the table.
+    #: Energy of impact: kinetic energy at first touch, relative to the centre of mass or the table.
     energy: float
     drift: float
     gravity: float
     points: int
 
 
-#: Result of one chain, in units of the chain. Energies are relative to the centre of mass or the table. Under laws
-#: without dashpots and without gravity, `energy_share` differs from 1 by rounding only.
+#: Record of the result of one chain, in the scaled units of `Chains`. Energies are relative to the centre of mass or
+#: the table. `energy_share` checks the result: without gravity, and under laws without dashpots, only rounding makes it
+#: differ from 1.
 RESULT = np.dtype(
     [
         ("ending", "i8"),  # one of `ChainEnding`
-        ("plastic", "?"),  # closed form: a contact with e = 0 ended compression
-        ("runaway", "?"),  # closed form: a contact whose stiffness runs away became rigid
-        ("collapse", "?"),  # closed form: bodies came to rest together after infinitely many events
-        ("n_events", "i8"),
-        ("n_windows", "i8"),
-        ("n_points", "i8"),  # number of rows in the log of paths
-        ("n_states", "i8"),  # number of entries in the log of sets
-        ("margin", "f8"),  # grazing margin (`chain.grazing`); infinite under laws of dashpots
-        ("energy_share", "f8"),  # lost plus remaining energy, over the energy of impact
-        ("time", "f8"),  # duration from first touch to the end
-        ("fall", "f8"),  # time of the first flight of a drop; equal to `time` without a flight
+        (
+            "plastic",
+            "?",
+        ),  # whether a contact with restitution 0 ended compression, and a closed form was used for it
+        (
+            "runaway",
+            "?",
+        ),  # whether a contact became rigid: its stiffness would grow without bound in a finite time
+        ("collapse", "?"),  # whether bodies came to rest together, as the limit of infinitely many events
+        ("n_events", "i8"),  # number of events
+        ("n_windows", "i8"),  # number of windows, in each of which the first event was searched
+        ("n_points", "i8"),  # number of rows in the log of the motion
+        ("n_states", "i8"),  # number of entries in the log of sets of active contacts
+        ("margin", "f8"),  # grazing margin (`chain.grazing`); infinite under laws with dashpots
+        ("energy_share", "f8"),  # sum of lost and remaining energy, divided by the energy of impact
+        ("time", "f8"),  # duration of the collision, from first touch to its end
+        ("fall", "f8"),  # time at which the first flight of a drop begins; equal to `time` without a flight
     ],
     align=True,
 )

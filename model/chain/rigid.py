@@ -1,7 +1,10 @@
-"""Contacts of a chain that become rigid during a collision, because their running stiffness runs away.
+"""Contacts of a chain that become rigid during a collision (supplement, section 3.4).
 
-The supplement describes this in section 3.4. `ringing_ends` decides it after an end of compression, `rests_rigidly` for
-a contact at rest. Needs `chain.state`. Used by `chain.kernel`, which then unites the bodies.
+Each end of compression makes a contact stiffer, and its stiffness may grow without bound in a finite time.
+`ringing_ends` decides after an end of compression whether the contact may count as rigid. `rests_rigidly` decides it
+for a contact at rest. `chain.kernel` then unites the two bodies.
+
+Needs `chain.state`. Used by `chain.kernel`.
 """
 
 from __future__ import annotations
@@ -20,10 +23,11 @@ from impact_xval.model.chain.state import (
 from impact_xval.model.compiled import kernel_helper
 from impact_xval.model.pair.law import Phase
 
-#: Bodies are united if the contact between them can change less than this share of its neighbours' energy.
+#: A contact may become rigid if its energy is at most this share of the energy of its neighbours.
 RIGID = 1e-14
 
-#: A neighbour with less than this share of the other neighbour's energy is disregarded: it only rings itself.
+#: A neighbouring contact with less than this share of the energy of the other neighbour only oscillates itself, and is
+#: disregarded.
 SMALL = 1e-6
 
 
@@ -31,14 +35,18 @@ SMALL = 1e-6
 def ringing_ends(c, n, i):
     """Return whether contact i, which has just ended compression or is at rest, may count as rigid from here on.
 
-    The contact rings about its static load, the force that holds its bodies at one velocity. Each end of compression
-    makes its tangent stiffer by 1/e^2 at the same force, and its periods shorter by e. So the contact becomes rigid
-    after a finite time tau (supplement, 3.4). It counts as rigid at once if four conditions hold up to then: its energy
-    is negligible beside its neighbours' energy; the neighbours keep pressing it; no other body arrives; and its ringing
-    cannot carry a neighbour's rate through zero, which would be an end of compression.
+    The force of the contact oscillates about its static load, the force that keeps its bodies at one velocity. Each end
+    of compression divides its tangent stiffness by e^2 at the same force, and multiplies its period by e. So the
+    contact becomes rigid after a finite time tau (supplement, 3.4). It counts as rigid at once if four conditions are
+    true until then:
 
-    A contact at rest without force will ring about its static load too. Its tangent and its energy are then about as
-    large as under that load.
+    - its energy is negligible beside the energy of its neighbours;
+    - the neighbours keep pressing it;
+    - no other body arrives;
+    - its oscillation cannot carry a neighbour's rate through zero, which would be an end of compression.
+
+    The force of a contact at rest without force will oscillate about its static load, too. For this contact, tangent
+    stiffness and energy are estimated from the static load.
     """
     contact, upper = c[i], c[i - 1]
     e, F = contact.e, force(contact)
@@ -50,7 +58,7 @@ def ringing_ends(c, n, i):
         return False
     load_squared = max(F, static) ** 2
     if contact.g > 0 and i > 0 and not is_active(upper):
-        swing = oscillation(c, i - 1)  # the upper ball will fall back with this energy
+        swing = oscillation(c, i - 1)  # the upper ball falls back with this energy
         load_squared = max(load_squared, upper.k * swing)
     may_unload = abs(change) * tau >= 0.5 * static
     has_energy = load_squared / (k * (1 - e)) > RIGID * swing
@@ -67,10 +75,10 @@ def ringing_ends(c, n, i):
 
 @kernel_helper
 def rests_rigidly(c, n, i, energy):
-    """Return whether contact i of a power law is at rest without force, and would be rigid under its neighbours' load.
+    """Return whether contact i, at rest without force under a power law, would be rigid under its neighbours' load.
 
-    If its energy under that load is below rounding, `chain.state.still_rounding` brings it to rest after every step. So
-    the steps never show how such a contact rings.
+    The energy of the contact under this load is less than rounding. So `chain.state.still_rounding` brings the contact
+    to rest after every step, and the steps never show how it oscillates. That is why it is tested here.
     """
     contact = c[i]
     is_pristine = contact.phase == Phase.COMPRESSION and contact.w == 0 and contact.delta == 0
@@ -86,9 +94,9 @@ def rests_rigidly(c, n, i, energy):
 
 @kernel_helper
 def bodies_meet_within(c, n, time, least):
-    """Return whether bodies that are apart may meet within a time.
+    """Return whether bodies across an open gap may meet within a time.
 
-    `least` is twice the smallest energy of approach that matters.
+    Bodies that meet with little energy do not count: `least` is twice the smallest energy of approach that matters.
     """
     for j in range(n):
         contact = c[j]

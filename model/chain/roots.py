@@ -1,18 +1,23 @@
-"""The certified first root of a polynomial on the unit interval: `first_root`.
+"""The first root of a polynomial on the unit interval, found with certainty: `first_root`.
 
-Let f be a polynomial on [0, 1] with C = sum n (n-1) (n-2) (n-3) abs(a_n), so that abs(f'''') <= C there. The cubic H
-with the values and slopes of f at both ends of an interval of length w misses f by at most C w^4 x^2 (1 - x)^2/24, and
-x^2 (1 - x)^2 <= (B1 + B2)/12 in Bernstein polynomials of degree three. Hence f > 0 inside the interval if the outer
-Bernstein coefficients of H are >= 0 and the inner ones exceed C w^4/288. If a root splits an interval, the part before
-the root is certified. An interval that can be neither certified nor split like this is halved. So no root, and no pair
-of close roots, is stepped over.
+The method divides the interval into parts, and proves for each part before the root that the polynomial f is positive
+there. So it steps over no root, and over no pair of close roots. There are two proofs.
 
-A polynomial may start next to zero and grow with a high power: the load of a contact far ahead of a wave does. By the
-cubic it could be certified on tiny intervals only. A second certificate compares the sum P of the positive terms with
-the sum N of the magnitudes of the negative terms. Both sums increase, so f > 0 on [x, y] if P(x) > N(y).
+**By a cubic.** Let a_n be the coefficients of f, and C = sum n (n-1) (n-2) (n-3) abs(a_n). Then abs(f'''') <= C on [0,
+1]. Let H be the cubic that has the values and the slopes of f at both ends of an interval of length w, and let x run
+from 0 to 1 over the interval. Then f differs from H by at most C w^4 x^2 (1 - x)^2/24. In Bernstein polynomials B1 and
+B2 of degree three, x^2 (1 - x)^2 <= (B1 + B2)/12. Hence f > 0 inside the interval if the two outer Bernstein
+coefficients of H are >= 0 and the two inner coefficients exceed C w^4/288.
 
-A function that is zero when the segment begins is first divided by the power of time with which it begins. So the zero
-from which it starts is never found again. (The force of contact 2 of a pair starts from a zero of third order.)
+**By signs.** A polynomial may start near zero and grow with a high power, such as the force of a contact far ahead of a
+wave. The cubic would prove it positive on tiny intervals only. Therefore the sum P of the positive terms is compared
+with the sum N of the magnitudes of the negative terms. Both sums increase, so f > 0 on [x, y] if P(x) > N(y).
+
+If f changes its sign in an interval, the root is computed, and the part before the root has to be proven positive. An
+interval for which no proof succeeds is halved.
+
+**Start at zero.** A polynomial that is zero at 0 is first divided by the power of x with which it begins. So this zero
+is not found again. (The force of contact 2 of a pair starts with a zero of third order.)
 
 Used by `chain.event` and `chain.grazing`.
 """
@@ -23,16 +28,20 @@ from math import inf, sqrt
 
 from impact_xval.model.compiled import kernel_helper
 
-#: Length of an interval, as a share of the window, that resolves a tangency to rounding.
+#: Length, as a share of the window, below which an interval is not divided any further: within it the polynomial
+#: touches zero to rounding.
 SHORTEST = 1e-10
 
-#: Intervals after which the search is given up. Without this limit it would never end where numbers overflow.
+#: Number of intervals after which the search is given up. If numbers overflow it would otherwise never end.
 MOST_INTERVALS = 500
 
 
 @kernel_helper
 def value_and_slope(f, sign, f0, first, degree, x):
-    """Return value and slope at x of `sign` times a polynomial divided by x^first; the quotient is f0 at 0."""
+    """Return the value and the slope at x of the quotient of `sign` times a polynomial f and x^first.
+
+    The value of the quotient at 0 is f0.
+    """
     value, slope = f[degree], 0.0
     for n in range(degree - 1, first, -1):
         slope = slope * x + value
@@ -47,16 +56,19 @@ def value_and_slope(f, sign, f0, first, degree, x):
 
 @kernel_helper
 def is_positive(f0, df0, f1, df1, w, C):
-    """Return whether f > 0 is certain inside an interval of length w, from values and slopes at both ends."""
+    """Return whether f > 0 is proven inside an interval of length w.
+
+    f0, df0, f1 and df1 are the values and slopes of f at both ends, and C bounds its fourth derivative.
+    """
     reserve = C * (w * w) * (w * w) / 288
     return f1 >= 0 and f0 + w * df0 / 3 > reserve and f1 - w * df1 / 3 > reserve
 
 
 @kernel_helper
 def signed_sums(f, sign, start, first, degree, x):
-    """Return the sum of the positive terms at x, and the sum of the magnitudes of the negative ones.
+    """Return the sum of the positive terms of a polynomial at x, and the sum of the magnitudes of the negative terms.
 
-    The terms belong to `sign` times a polynomial divided by x^first; the quotient is `start` at 0.
+    The polynomial is the quotient of `sign` times f and x^first. Its value at 0 is `start`.
     """
     positive, negative = 0.0, 0.0
     for n in range(degree, first, -1):
@@ -68,10 +80,10 @@ def signed_sums(f, sign, start, first, degree, x):
 
 @kernel_helper
 def refine(f, sign, start, first, degree, low, high, f0, f1, df1):
-    """Return a root in (low, high] and the slope there; the function is positive at low and not positive at high.
+    """Return a root in (low, high] of a function that is positive at `low` and not positive at `high`, and its slope.
 
-    The method is Newton's inside a bracket, and starts from the root of a parabola. Its steps shrink as s, s^2, s^4...;
-    it stops when the next step would be lost in rounding.
+    The method is Newton's, inside the bracket. It starts from the root of a parabola. Its steps shrink as s, s^2, s^4,
+    ... It stops when the next step would be less than rounding.
     """
     w = high - low
     bend = (f0 - f1 + w * df1) / (w * w)
@@ -106,9 +118,9 @@ def first_root(f, sign, start, degree, limit):
     """Return the first root in (0, limit), limit <= 1, of a polynomial that is positive, or zero and rising, at 0.
 
     The polynomial is `sign` times the polynomial with the coefficients f up to `degree`, except that its value at 0 is
-    `start`. If `start` is exactly 0, the zero at 0 is not searched for. The result is infinity if there is no root, 0
-    if the polynomial is negative from the start, and -1 if the search was given up. If `limit` is below 0, because an
-    earlier search was given up, the result is infinity.
+    `start`. If `start` is exactly 0, the zero at 0 does not count as a root. Returned is infinity if there is no root,
+    0 if the polynomial is negative from the start, and -1 if the search was given up. The result is also infinity if
+    `limit` is below 0: then an earlier search was given up.
     """
     if limit < 0:
         return inf

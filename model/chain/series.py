@@ -1,22 +1,24 @@
-"""Exact motion of linear contacts while the set of active contacts stays: power series in time, to rounding.
+"""Exact motion of a chain of linear contacts between events, as power series in time.
 
-`window_length` gives the time over which the series is summed. `expand` and `expand_product` write the coefficients,
-`place` moves the chain, and `value` and `slope` evaluate polynomials.
+`window_length` returns the length of a window, the time over which one series is used. `expand` and `expand_product`
+write the coefficients of the series. `place` moves the chain to a later time. `value` and `slope` evaluate polynomials.
 
-The equations of motion are
+Contact i has the deformation delta_i, the rate of compression w_i, the force F_i, the stiffness k_i and the damping
+b_i. a_i is the inverse mass of the body above it. The equations of motion are
 
     delta_i' = w_i        w_i' = a_i F_{i-1} - (a_i + a_{i+1}) F_i + a_{i+1} F_{i+1}        F_i = k_i delta_i + b_i w_i
 
-In the norm of energy they read y' = (S - B) y. S is skew, and its norm omega is the highest frequency. B >= 0 has the
-norm gamma, the highest rate of decay. A window has the length h = `ANGLE`/(omega + gamma); over this time the remainder
-of the series is below rounding.
+In variables y whose squared norm is twice the energy they read y' = (S - B) y. The matrix S is skew, and its norm omega
+is the highest frequency. The matrix B is symmetric without negative eigenvalues, and its norm gamma is the highest rate
+of decay. A window has the length h = `ANGLE`/(omega + gamma). Over a window the remainder of the series is below
+rounding.
 
-The series costs O(N) per window, whereas the natural modes would cost O(N^3). The series loses no digits where
-stiffnesses differ by many orders, or where modes are nearly parallel next to critical damping. Neighbours may load a
-contact at rest at a high order only (docs/chains.md, section 1); its coefficients below that order are exactly zero.
+The series costs O(N) operations per window; natural modes would cost O(N^3). The series loses no digits if stiffnesses
+differ by many orders, or if modes are nearly parallel close to critical damping. A contact at rest may get its load by
+a high derivative only (docs/chains.md, section 1). Its coefficients of lower order are then exactly zero.
 
-Hunt-Crossley's force k delta (1 + b delta') is a Cauchy product of series. No bound of the remainder is known
-beforehand; `trusted_share` estimates it afterwards.
+Under Hunt-Crossley's law the force k delta (1 + b delta') is a product of two series. No bound of its remainder is
+known beforehand, so `trusted_share` estimates the remainder afterwards.
 
 Used by `chain.kernel`; `value` and `slope` also by `chain.grazing` and `chain.logs`, `place` by `chain.drop`.
 """
@@ -30,17 +32,22 @@ import numpy as np
 from impact_xval.model.chain.laws import Law, damping, equilibrium_depth, is_active
 from impact_xval.model.compiled import kernel_helper
 
-#: Highest power of the series; and the length of a window times (omega + gamma). The remainder is 2.8^29/29! = 1e-18.
+#: `ORDER` is the highest power of the series. `ANGLE` is the length of a window, times (omega + gamma). The remainder
+#: is 2.8^29/29! = 1e-18.
 ORDER = 28
 ANGLE = 2.8
 
-#: 1/n.
+#: Factors 1/n, by n; 0 for n = 0.
 INVERSE = np.append(0.0, 1 / np.arange(1.0, ORDER + 1))
 
 
 @kernel_helper
 def largest_eigenvalue(c, n, stiffnesses):
-    """Bound the largest eigenvalue of the active contacts at given stiffnesses, by sums of rows (Gershgorin)."""
+    """Return an upper bound of the largest squared frequency of the active contacts, for given stiffnesses.
+
+    The bound is the largest sum of the magnitudes in a row of the matrix (Gershgorin). With dampings instead of
+    stiffnesses it is a bound of the largest rate of decay.
+    """
     largest_row = 0.0
     for i in range(n):
         if not is_active(c[i]):
@@ -56,9 +63,9 @@ def largest_eigenvalue(c, n, stiffnesses):
 
 @kernel_helper
 def window_length(c, n, work):
-    """Return the time over which the series is summed; infinite without an active contact.
+    """Return the length of a window, over which the power series is valid; infinite if no contact is active.
 
-    For Hunt-Crossley's law it is a first guess.
+    Under Hunt-Crossley's law the length is only a first guess.
     """
     for i in range(n):
         contact, scratch = c[i], work[i]
@@ -72,7 +79,7 @@ def window_length(c, n, work):
 
 @kernel_helper
 def expand(c, n, h, work):
-    """Write the coefficients of w_i and delta_i in x = t/h, from power 0 to `ORDER`."""
+    """Write the power series of all rates w_i and deformations delta_i in x = t/h, with the powers 0 to `ORDER`."""
     for i in range(n):
         contact, scratch = c[i], work[i]
         active = is_active(contact)
@@ -93,7 +100,8 @@ def expand(c, n, h, work):
                 scratch.rates[order + 1] = share * (c[i].a * (above - middle) + c[i + 1].a * (below - middle))
                 scratch.deltas[order + 1] = share * scratch.moves * scratch.rates[order]
         if order == 0:
-            # Gravity moves the last body; if the table holds that body, gravity moves the body above it.
+            # Gravity accelerates the lowest ball. If the contact of this ball with the table is active, deformations
+            # are counted from equilibrium, which contains its weight; then gravity appears only in the contact above.
             falls = last - 1 if work[last].k > 0 else last
             if falls >= 0:
                 work[falls].rates[1] += h * c[last].g
@@ -101,7 +109,7 @@ def expand(c, n, h, work):
 
 @kernel_helper
 def force_coefficient(contact, scratch, order, is_product):
-    """Return a coefficient of the series of a contact's force; the weight that the contact holds is left out."""
+    """Return the coefficient `order` of the power series of a contact's force, without the weight that it carries."""
     if not is_product:
         return scratch.k * scratch.deltas[order] + scratch.b * scratch.rates[order]
     if scratch.k == 0:
@@ -114,17 +122,18 @@ def force_coefficient(contact, scratch, order, is_product):
 
 @kernel_helper
 def trusted_share(n, work):
-    """Return the share of a window, at most 1, over which the last two terms of a product's series are below rounding.
+    """Return the share of a window, at most 1, over which the power series under Hunt-Crossley's law can be trusted.
 
-    This is the usual step of a Taylor integrator (Jorba and Zou, Experimental Mathematics 14:99, 2005). The terms fall
-    geometrically, so the remainder is of the size of the last two terms.
+    Over this share the last two terms of the series are below rounding. The terms decrease geometrically, so the
+    remainder is about as large as the last two terms. This is the usual choice of a step in Taylor integrators (Jorba
+    and Zou, Experimental Mathematics 14:99, 2005).
     """
     longest = 1.0
     for of_deltas in range(2):
         size = 0.0
         for i in range(n):
             table = work[i].deltas if of_deltas else work[i].rates
-            for j in range(7):  # over too long a time, later terms may grow without bound
+            for j in range(7):  # if the window is far too long, later terms grow without bound
                 size = max(size, abs(table[j]))
         for i in range(n):
             table = work[i].deltas if of_deltas else work[i].rates
@@ -137,10 +146,10 @@ def trusted_share(n, work):
 
 @kernel_helper
 def expand_product(c, n, h, work):
-    """Write the coefficients of a product's series, and return the time, at most h, over which the series holds."""
+    """Write the power series under Hunt-Crossley's law, and return the time, at most h, over which it is valid."""
     expand(c, n, h, work)
     share = trusted_share(n, work)
-    while not share > 0:  # some terms of the series leave double precision
+    while not share > 0:  # some terms of the series exceed double precision
         h *= 1e-3
         expand(c, n, h, work)
         share = trusted_share(n, work)
@@ -173,6 +182,6 @@ def slope(coefficients, degree, x):
 
 @kernel_helper
 def place(c, n, x, work):
-    """Move a chain to the place x of its window."""
+    """Move a chain to the place x of its window, from 0 at its start to 1 at its end."""
     for i in range(n):
         c[i].w, c[i].delta = value(work[i].rates, ORDER, x), value(work[i].deltas, ORDER, x)

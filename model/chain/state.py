@@ -1,16 +1,17 @@
 """The state of a chain during a collision, and quantities that are computed from it.
 
-`CONTACT` is the record of a contact; `begin` fills in a chain at first touch. Further functions compute accelerations,
-energies and the load by neighbours (`static_load`). `still_rounding` removes energy that only rounding has made,
-`unite` makes two bodies one, and `write_velocities` writes the velocities of balls.
+`CONTACT` is the record of a contact. `begin` sets a chain to its state at first touch. Other functions compute
+accelerations, energies, and the load that neighbouring contacts put on a contact (`static_load`). `still_rounding`
+removes motion that is only rounding. `unite` makes one body of two, and `write_velocities` writes the velocities of
+balls.
 
-Contact i is between bodies i and i + 1, counted from 0. A body is a ball, or several balls that a rigid contact has
-united, or the table, which is then the last body and has infinite mass. The unknowns are, for each contact, the
-compression rate w = v_{i+1} - v_i and the deformation delta. With frozen positions delta' = w holds only while the
-contact is active; these are equations (13)-(15) of docs/theory.md, written in time. With positions delta' = w always
-holds, and delta is negative across a gap. All w and F are continuous through every event.
+Contact i is between the bodies i and i + 1, counted from 0. A body is a ball, or several balls that rigid contacts have
+united, or the table. The table is always the last body, and has infinite mass. The unknowns of contact i are its rate
+of compression w = v_{i+1} - v_i and its deformation delta. If positions move, delta' = w at all times, and a negative
+delta is a gap. If positions are frozen, as in the model, delta' = w only while the contact is active; these are
+equations (13)-(15) of docs/theory.md, written in time. All rates w and forces F are continuous at every event.
 
-Needs `chain.laws`. Used by the other modules of `chain`, from the motion to the kernel.
+Needs `chain.laws`. Used by the modules of `chain` that compute motion.
 """
 
 from __future__ import annotations
@@ -31,42 +32,47 @@ from impact_xval.model.chain.laws import (
 from impact_xval.model.compiled import kernel_helper
 from impact_xval.model.pair.law import Phase
 
-#: Rounding of a neighbour's motion, as a share of its energy. Exact motion is rounded by 2^-53, whose square is the
-#: first number; motion by steps leaves the second.
+#: Energy of a contact that counts as rounding, as a share of the energy of its neighbours. `ROUNDING` is valid for
+#: motion by power series: about the square of 2^-53, the rounding of a velocity. `ROUNDING_OF_STEPS` is valid for
+#: motion in steps.
 ROUNDING, ROUNDING_OF_STEPS = 1e-32, 1e-26
 
-#: Loads below this share of the energy of impact count as zero: far ahead of a wave, loads underflow.
+#: Energies below this share of the energy of impact count as zero. In a long row of balls the forces far ahead of the
+#: wave are so small that they underflow.
 UNDERFLOW = 1e-150
 
 
-#: A contact during a collision and the body above it. A chain c has one such record per contact, and one more for the
-#: body below the last contact. This last record is always INACTIVE. As c[-1] it also stands before the first contact,
-#: so that the contacts at both ends have a neighbour without force.
+#: Record of one contact during a collision, and of the body above it. A chain c has one record per contact, and one
+#: more record for the body below the last contact. The phase of this last record is always INACTIVE. The index c[-1]
+#: gives the last record, too. So the first and the last contact each have a neighbour without force.
 CONTACT = np.dtype(
     [
-        ("a", "f8"),  # inverse mass of the body; 0 for the table
-        ("k", "f8"),  # running stiffness
+        ("a", "f8"),  # inverse mass of the body above the contact; 0 for the table
+        ("k", "f8"),  # running stiffness: ends of compression increase it
         ("original", "f8"),  # stiffness before the first end of compression
         ("e", "f8"),  # coefficient of restitution
         ("b", "f8"),  # damping (`chain.laws`)
-        ("w", "f8"),  # compression rate
-        ("delta", "f8"),  # deformation
-        ("length", "f8"),  # deformation that would hold all the energy of impact at the original stiffness
-        ("reach", "f8"),  # twice the largest energy so far of this contact and its neighbours (`oscillation`)
-        ("g", "f8"),  # gravity of the contact with the table; 0 for others, and from the first flight on
-        ("phase", "i8"),  # Phase: INACTIVE, COMPRESSION, RESTITUTION or SLACK
-        ("index", "i8"),  # number of the contact in the collision; rigid contacts are no longer in the chain
-        ("balls", "i8"),  # number of balls of the body
-        ("law", "i8"),  # Law; one for the whole chain, like p and frozen
+        ("w", "f8"),  # rate of compression
+        ("delta", "f8"),  # deformation; a negative deformation is a gap
+        ("length", "f8"),  # deformation that would hold all the energy of impact, at the original stiffness
+        ("reach", "f8"),  # largest `oscillation` so far of this contact and its neighbours
+        (
+            "g",
+            "f8",
+        ),  # gravity, at the contact with the table; 0 at other contacts, and after the first flight begins
+        ("phase", "i8"),  # one of `Phase`: INACTIVE, COMPRESSION, RESTITUTION or SLACK
+        ("index", "i8"),  # number of the contact in the collision; rigid contacts are removed from the chain
+        ("balls", "i8"),  # number of balls that the body above the contact consists of
+        ("law", "i8"),  # one of `Law`; equal for all contacts of a chain, like p and frozen
         ("p", "f8"),  # exponent of the force
-        ("frozen", "?"),  # whether positions are frozen
+        ("frozen", "?"),  # whether gaps are ignored, so that an inactive contact keeps its deformation 0
     ],
     align=True,
 )
 
 
 def new_chain(contacts: int, p: float, law: Law, frozen: bool) -> Records:
-    """Return a chain for `begin` to fill in: one record per contact, and one for the last body."""
+    """Return records of a chain for `begin` to fill in: one record per contact, and one for the last body."""
     chain = zero_records(contacts + 1, CONTACT)
     chain.p, chain.law, chain.frozen = p, law, frozen
     return chain
@@ -74,10 +80,10 @@ def new_chain(contacts: int, p: float, law: Law, frozen: bool) -> Records:
 
 @kernel_helper
 def begin(c, masses, stiffnesses, restitutions, dampings, rates, gaps, g):
-    """Put a chain at first touch.
+    """Set a chain to its state at first touch.
 
-    A closed contact is active if its bodies approach. A closed contact at rest is active too if a row of closed
-    contacts connects it with a contact whose bodies approach.
+    A closed contact, whose gap is 0, is active if its bodies approach. A closed contact at rest is also active if other
+    closed contacts connect it with a contact whose bodies approach.
     """
     n = c.size - 1
     for i in range(n + 1):
@@ -101,14 +107,14 @@ def begin(c, masses, stiffnesses, restitutions, dampings, rates, gaps, g):
 
 @kernel_helper
 def activate_resting(contact, gap, neighbour):
-    """Make a closed contact at rest active if its neighbour is active."""
+    """Make a contact active if it is closed and at rest, and the contact `neighbour` is active."""
     if contact.w == 0 and gap == 0 and neighbour.phase == Phase.COMPRESSION:
         contact.phase = Phase.COMPRESSION
 
 
 @kernel_helper
 def acceleration(c, i):
-    """Return w' of contact i by its own force, by its neighbours' forces, and by gravity at the table."""
+    """Return the derivative w' of the rate of contact i, by all forces on its two bodies."""
     above, below = c[i].a, c[i + 1].a
     by_itself = (above + below) * force(c[i])
     return above * force(c[i - 1]) + below * force(c[i + 1]) - by_itself + c[i].g
@@ -116,7 +122,7 @@ def acceleration(c, i):
 
 @kernel_helper
 def tangent(contact):
-    """Return dF/ddelta of the spring of a contact."""
+    """Return the tangent stiffness dF/ddelta of the spring of a contact at its deformation."""
     if contact.p == 1:
         return contact.k
     return contact.p * contact.k * max(contact.delta, 0.0) ** (contact.p - 1)
@@ -124,13 +130,13 @@ def tangent(contact):
 
 @kernel_helper
 def tangent_at(contact, F):
-    """Return dF/ddelta of the spring of a contact where its force is F."""
+    """Return the tangent stiffness dF/ddelta that the spring of a contact has if its force is F."""
     return contact.p * contact.k * (F / contact.k) ** (1 - 1 / contact.p) if F > 0 else 0.0
 
 
 @kernel_helper
 def strain_energy(contact):
-    """Return the strain energy of the spring of a contact; 0 if it is not active."""
+    """Return the strain energy of the spring of a contact; 0 if the contact is not active."""
     if not is_active(contact):
         return 0.0
     return spring_force(contact) * (contact.delta + equilibrium_depth(contact)) / (contact.p + 1)
@@ -138,7 +144,10 @@ def strain_energy(contact):
 
 @kernel_helper
 def oscillation(c, i):
-    """Return twice the energy of the oscillation of contact i alone, at its running stiffness."""
+    """Return twice the energy that contact i has if no other contact acts, at its running stiffness.
+
+    The spring is linearised: its energy is F^2/2 over the tangent stiffness.
+    """
     contact = c[i]
     F = spring_force(contact) if is_active(contact) else 0.0
     strain = F * F / tangent(contact) if F > 0 else 0.0
@@ -147,16 +156,17 @@ def oscillation(c, i):
 
 @kernel_helper
 def static_load(c, i):
-    """Return the force of contact i at which w_i' = 0, the slope of this force in time, and a neighbour's energy.
+    """Return the static load of contact i, its derivative in time, and the `oscillation` of a neighbouring contact.
 
-    The energy is `oscillation` of the neighbour that has more of it.
+    The static load is the force that keeps the rate of the contact constant, w_i' = 0. Of the two neighbours, the one
+    with the larger `oscillation` counts.
     """
     inverse = c[i].a + c[i + 1].a
     static, slope, swing = c[i].g / inverse, 0.0, 0.0
     for j in range(i - 1, i + 2, 2):
         neighbour = c[j]
         if is_active(neighbour):
-            shared = c[max(i, j)].a  # inverse mass of the body between both contacts
+            shared = c[max(i, j)].a  # inverse mass of the body between contacts i and j
             static += shared / inverse * force(neighbour)
             slope += shared / inverse * tangent(neighbour) * neighbour.w
             swing = max(swing, oscillation(c, j))
@@ -165,11 +175,11 @@ def static_load(c, i):
 
 @kernel_helper
 def rounding_energy(contact, energy):
-    """Return twice the energy that rounding alone can give a contact, where the energy of impact is `energy`.
+    """Return an upper bound of twice the energy that rounding alone can give to a contact.
 
-    A contact shares a ball with its neighbour. The neighbour gives this ball at most the neighbour's own energy, and
-    the rounding of the ball's velocity is all the energy that the contact can get by mistake. Ahead of a wave no
-    neighbour has moved; there only loads that underflow count as rounding.
+    `energy` is the energy of impact. A contact shares a ball with its neighbour, and the neighbour gives this ball at
+    most its own energy. The contact gets a wrong energy only by the rounding of the ball's velocity. Ahead of a wave no
+    neighbour has moved; there only energies that underflow count as rounding.
     """
     share = ROUNDING_OF_STEPS
     if has_dashpot(contact):
@@ -181,7 +191,7 @@ def rounding_energy(contact, energy):
 
 @kernel_helper
 def still_rounding(c, n, energy):
-    """Bring to rest the contacts in compression whose energy is only rounding."""
+    """Set rate and force to 0 in each contact in compression whose energy is only rounding."""
     above, middle, below = 0.0, 0.0, 0.0
     for i in range(-1, n):
         above, middle, below = middle, below, oscillation(c, i + 1) if i + 1 < n else 0.0
@@ -195,7 +205,7 @@ def still_rounding(c, n, energy):
 
 @kernel_helper
 def unite(c, n, i):
-    """Make the two bodies of contact i one for good, and return the number of remaining contacts."""
+    """Unite the two bodies of contact i for the rest of the collision, and return the number of remaining contacts."""
     last = c[n - 1]
     last.delta += equilibrium_depth(last)
     g = last.g
@@ -212,10 +222,11 @@ def unite(c, n, i):
 
 @kernel_helper
 def write_ball_values(c, n, rates, drift, out, row, column):
-    """Write velocities of balls, computed from compression rates, into a row of `out` from a column on.
+    """Compute the velocities of the balls from the rates of compression, and write them into a row of `out`.
 
-    `drift` is the velocity of the centre of mass; it is not used on a table. Given slopes of rates and the acceleration
-    of the centre of mass, the function writes accelerations.
+    The first velocity is written into `column`. `drift` is the velocity of the centre of mass, which is not used on a
+    table. From the derivatives of rates and the acceleration of the centre of mass the function computes the
+    accelerations of the balls.
     """
     last, ball = 0.0, column
     if c[n].a > 0:
@@ -236,7 +247,10 @@ def write_ball_values(c, n, rates, drift, out, row, column):
 
 @kernel_helper
 def write_velocities(c, n, masses, drift, velocities, row):
-    """Write the velocities of the balls into a row, and return their energy relative to the centre of mass or table."""
+    """Write the velocities of the balls into a row, and return their kinetic energy.
+
+    The energy is relative to the centre of mass or to the table.
+    """
     write_ball_values(c, n, c.w, drift, velocities, row, np.int64(0))
     energy = 0.0
     for ball in range(velocities.shape[1]):
@@ -246,11 +260,11 @@ def write_velocities(c, n, masses, drift, velocities, row):
 
 @kernel_helper
 def kinetic_energy(c, n):
-    """Return the kinetic energy relative to the centre of mass or the table, computed from rates alone.
+    """Return the kinetic energy relative to the centre of mass or the table, computed from rates of compression.
 
-    The bodies are added from the top. Each adds the energy of its motion relative to the centre of mass of the bodies
-    above it; the relative velocity is moment/mass. Velocities of balls would not do: beside a ball 1e30 times as heavy,
-    rounding of its velocity hides the energy of all other balls.
+    The bodies are added from the top. Each body adds the energy of its motion relative to the centre of mass of the
+    bodies above it. The relative velocity is moment/mass. The energy is not computed from the velocities of the balls:
+    rounding of the velocity of a ball that is 1e30 times as heavy as the others would hide their energy.
     """
     total, mass, moment = 0.0, 0.0, 0.0
     for i in range(n):
@@ -268,7 +282,7 @@ def may_still_act(contact):
 
 @kernel_helper
 def energy_left(c, n):
-    """Return the energy of active contacts, and of bodies that approach across a gap."""
+    """Return the sum of kinetic and strain energies of all contacts that are active or whose bodies approach."""
     total = 0.0
     for i in range(n):
         contact = c[i]
@@ -279,10 +293,10 @@ def energy_left(c, n):
 
 @kernel_helper
 def bring_to_rest(c, n):
-    """End all contacts that are active or whose bodies approach, and return the strain energy that is dropped.
+    """Make all contacts inactive that are active or whose bodies approach, and set their rates to 0.
 
-    Also returned is whether one of these contacts has e < 1. If none has, the state is no end of infinitely many
-    events, and the dropped energy is only rounding.
+    Returned are their strain energy, which is lost, and whether a contact among them has a restitution below 1. If no
+    contact has, the state is not the limit of infinitely many events, and the lost energy is only rounding.
     """
     dropped, is_lossy = 0.0, False
     for i in range(n):

@@ -1,17 +1,26 @@
 """Contact graphs: bodies of any kind that meet at once, in exact event-driven motion (docs/graphs.md).
 
-- `solving`: `solve_graph` and `solve_graphs` solve graphs given by a Delassus matrix. `collision`: `GraphCollision`,
-  given by bodies and contacts. `named`: graphs by name. `outcome`: the model's results. `collision_outcome`: the result
-  of any solver.
-- `law`: the watched functions and the events of a contact. `motion`: the motion between events, and the start rule.
-  `event`: the certified first event. `rigid`: contacts that are rigid. `grazing`: the distance from a jump.
-- `kernel`: follows graphs to their ends. `state`: the record of a contact, and its energies. `record`: types that cross
-  the kernel's boundary.
-- `in_time`: graphs whose contacts have a depth.
+What users call:
 
-From `model.chain` this package takes the order, the length and the evaluation of power series (`chain.series`), the
-certified first root of a polynomial (`chain.roots`), turning points (`chain.grazing`), and the shares of energy below
-which a contact counts as rigid (`chain.rigid`).
+- `solving`: `solve_graph` and `solve_graphs` solve graphs that are given by a Delassus matrix.
+- `collision`: `GraphCollision` is a graph that is given by its bodies and contacts.
+- `named`: functions that return well-known graphs, such as Bernoulli's problem.
+- `outcome`: the model's results. `collision_outcome`: the result of any solver.
+
+How a graph is solved:
+
+- `law`: which functions of a contact are watched for a zero, and the effect of each event.
+- `motion`: the power series of the motion between events, and the start rule, which decides at first touch and after
+  each event which contacts are active.
+- `event`: the search for the first event. `rigid`: infinitely stiff contacts. `grazing`: how near the collision is to a
+  jump of its outcome.
+- `kernel`: the compiled loop over events. `state`: the record of a contact, and its energies. `record`: types that the
+  kernel shares with Python.
+- `in_time`: the same graphs under laws whose contacts have a depth, such as a spring with a dashpot.
+
+This package takes four things from `model.chain`: power series (`chain.series`), the certified first root of a
+polynomial (`chain.roots`), the turning points of a rate (`chain.grazing`), and the shares of energy below which a
+contact counts as rigid (`chain.rigid`).
 """
 
 from importlib import import_module
@@ -50,7 +59,8 @@ __all__ = [
     "touching_balls",
 ]
 
-#: Module of each name above. Modules are imported at first use, because importing the compiler takes a while.
+#: Names in `__all__`, by the module that defines them. A module is imported when one of its names is first used,
+#: because importing the compiler takes a while.
 _MODULES = {
     "collision": ("BodyContact", "GraphCollision", "Plane", "touching_balls"),
     "collision_outcome": ("GraphCollisionOutcome",),

@@ -1,7 +1,9 @@
-"""Bodies that touch in any number of contacts, `GraphCollision`.
+"""Collisions of bodies that touch in any number of contacts, described by bodies and contacts.
 
-`touching_balls` finds the contacts of balls, and of balls with planes. Used by `graph.named`, by `graph.solving`, which
-solves such collisions, and by users.
+`GraphCollision` describes such a collision. `touching_balls` finds the contacts between balls, and between balls and
+planes.
+
+Used by `graph.named`, by `graph.solving`, which solves such collisions, and by users.
 """
 
 from __future__ import annotations
@@ -24,25 +26,27 @@ _TURNS = Legal("angular_velocities", _VELOCITIES.low, _VELOCITIES.high, "finite 
 _LENGTHS = Legal("", _VELOCITIES.low, _VELOCITIES.high, "finite numbers (m)")
 _RADII = Legal("radii", _MASSES.low, _MASSES.high, "finite numbers > 0 (m)")
 
-#: Largest gap or overlap of touching balls, as a share of the sum of their radii: it is rounding of positions.
+#: Largest gap or overlap of two balls that counts as touching, as a share of the sum of their radii. It allows for the
+#: rounding of positions.
 TOUCHING = 1e-9
 
-#: Largest difference of a normal's length from 1 that counts as rounding; the normal is then scaled to length 1.
+#: Largest difference between the length of a given normal and 1. A normal within it is scaled to length 1; any other
+#: normal is refused.
 UNIT = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class BodyContact:
-    """Contact of two bodies, or of one body with a fixed one.
+    """Contact between two bodies, or between a body and a fixed body such as a wall.
 
     Parameters
     ----------
     bodies : tuple of int and (int or None)
         Numbers of the two bodies, from 1; None stands for a fixed body.
     normal : sequence of float, length 2 or 3
-        Unit vector from the second body into the first: the contact force pushes the first body along it.
+        Unit vector that points from the second body into the first. The contact force pushes the first body along it.
     stiffness : float
-        In N/m; positive, finite.
+        Stiffness in N/m; positive, finite.
     restitution : float
         Coefficient of energetic restitution, from 0 (perfectly plastic) to 1 (elastic).
     arms : tuple of two sequences of float, or empty
@@ -63,16 +67,18 @@ class GraphCollision:
     Parameters
     ----------
     masses : sequence of float, one per body
-        In kg; positive, finite.
+        Masses in kg; positive, finite.
     velocities : sequence of sequences of float
         Velocity of each body's centre of mass at first touch, in m/s: (x, z) in a plane, (x, y, z) in space.
     contacts : sequence of BodyContact
-        From 1 to `MOST_CONTACTS` contacts; the bodies of at least one contact approach.
+        From 1 to `MOST_CONTACTS` contacts. The bodies of at least one contact have to approach.
     inertias : sequence, one per body, or empty
-        Moments of inertia about the centre of mass, in kg m^2: in a plane one number, in space the three principal
-        moments along the axes. Infinite for a body that does not turn; empty if no body turns.
+        Moments of inertia about the centre of mass, in kg m^2. A body in a plane has one number; a body in space has
+        three principal moments, along the coordinate axes. The moment of a body that cannot turn is infinite. Empty if
+        no body can turn.
     angular_velocities : sequence, one per body, or empty
-        In rad/s: in a plane one number, positive from x to z; in space three numbers. Empty if no body turns at first.
+        Angular velocities at first touch, in rad/s. A body in a plane has one number, positive from x to z; a body in
+        space has three numbers. Empty if no body turns at first touch.
 
     Raises
     ------
@@ -134,7 +140,11 @@ class GraphCollision:
 
     @property
     def jacobian(self) -> Floats:
-        """J, shape (C, D), with the velocities of all D directions of motion, body after body: w = -J v."""
+        """Matrix J, shape (C, D), that gives the rates of compression w = -J v of the C contacts.
+
+        v holds the velocities of all bodies in D directions of motion, one body after another: first its directions of
+        translation, then its directions of rotation.
+        """
         dimension, turns = self._directions
         rows = np.zeros((len(self.contacts), len(self.masses) * (dimension + turns)))
         for row, contact in zip(rows, self.contacts, strict=True):
@@ -152,7 +162,10 @@ class GraphCollision:
 
     @property
     def inverse_masses(self) -> Floats:
-        """The diagonal of M^-1, shape (D,); 0 for directions in which a body does not turn."""
+        """Diagonal of the inverse mass matrix M^-1, shape (D,): inverse masses and inverse moments of inertia.
+
+        The entry is 0 for a rotation that a body cannot make.
+        """
         dimension, turns = self._directions
         parts: list[float] = []
         for body, mass in enumerate(self.masses):
@@ -163,28 +176,28 @@ class GraphCollision:
 
     @property
     def delassus(self) -> Floats:
-        """W = J M^-1 J^T in 1/kg, shape (C, C)."""
+        """Delassus matrix W = J M^-1 J^T of the C contacts, in 1/kg, shape (C, C)."""
         J = self.jacobian
         return (J * self.inverse_masses) @ J.T
 
     @property
     def rates(self) -> Floats:
-        """Rates of compression w = -J v at first touch, in m/s, shape (C,)."""
+        """Rates of compression w = -J v of all contacts at first touch, in m/s, shape (C,)."""
         J = self.jacobian
         terms = -J * self._all_velocities
         rates = terms.sum(axis=1)
-        # Bodies that move together would otherwise approach by the rounding of their velocities.
+        # Bodies with equal velocities do not approach. A small rate from rounding of the sum is set to 0.
         return np.where(np.abs(rates) <= 2.0**-48 * np.abs(terms).sum(axis=1), 0.0, rates)
 
     @property
     def _directions(self) -> tuple[int, int]:
-        """Numbers of directions of translation and of directions of rotation of a body."""
+        """Number of directions in which a body can move, and number of axes about which it can turn."""
         dimension = len(self.velocities[0])
         return dimension, 1 if dimension == 2 else 3
 
     @property
     def _all_velocities(self) -> Floats:
-        """Velocities of all directions of motion at first touch, shape (D,)."""
+        """Velocities and angular velocities of all bodies at first touch, body after body; shape (D,)."""
         dimension, turns = self._directions
         rows = np.zeros((len(self.masses), dimension + turns))
         rows[:, :dimension] = self.velocities
@@ -193,7 +206,10 @@ class GraphCollision:
         return rows.ravel()
 
     def after(self, impulses: Sequence[float]) -> tuple[Floats, Floats]:
-        """Return velocities, shape (B, 2 or 3), and angular velocities, shape (B, 1 or 3), after given impulses."""
+        """Return the velocities and the angular velocities of the B bodies after the contacts gave these impulses.
+
+        Velocities have the shape (B, 2) in a plane or (B, 3) in space; angular velocities have (B, 1) or (B, 3).
+        """
         dimension, turns = self._directions
         new = self._all_velocities + self.inverse_masses * (self.jacobian.T @ np.asarray(impulses, float))
         rows = new.reshape(-1, dimension + turns)
@@ -202,14 +218,14 @@ class GraphCollision:
 
 @dataclass(frozen=True, slots=True)
 class Plane:
-    """A fixed half space, whose surface has the points x with normal x = offset.
+    """A fixed half space. Its surface consists of the points x whose scalar product with `normal` is `offset`.
 
     Parameters
     ----------
     normal : sequence of float, length 2 or 3
-        Unit vector out of the half space.
+        Unit vector that points out of the half space.
     offset : float
-        In m.
+        Distance of the surface from the origin along `normal`, in m.
     """
 
     normal: tuple[float, ...]
@@ -221,21 +237,22 @@ def touching_balls(
     radii: Sequence[float],
     planes: Sequence[Plane] = (),
 ) -> list[tuple[tuple[int, int | None], tuple[float, ...]]]:
-    """Return bodies and unit normal of each contact of balls, as `BodyContact` takes them.
+    """Find the contacts of balls, and return the bodies and the unit normal of each contact.
 
     Parameters
     ----------
     positions : sequence of sequences of float
         Positions of the centres, in m.
     radii : sequence of float
-        In m; positive, finite.
+        Radii in m; positive, finite.
     planes : sequence of Plane
 
     Returns
     -------
     list of tuple
-        First the contacts of two balls, ordered by their numbers, then the contacts with planes, plane after plane. Two
-        balls touch if the gap between them is at most the share `TOUCHING` of the sum of their radii.
+        Values for the fields `bodies` and `normal` of `BodyContact`. The contacts between two balls come first, in the
+        order of the balls' numbers; then come the contacts with each plane. Two balls touch if the gap between them is
+        at most the share `TOUCHING` of the sum of their radii.
 
     Raises
     ------
@@ -275,7 +292,7 @@ def touching_balls(
 
 
 def _torque(arm: Sequence[float], force: Floats) -> Floats:
-    """Return the torque of a force at the end of an arm; in a plane it is positive from x to z."""
+    """Return the torque of a force that acts at the end of an arm; a torque in a plane is positive from x to z."""
     r = np.array(arm, float)
     if len(r) == 2:
         return np.array([r[0] * force[1] - r[1] * force[0]])
@@ -283,12 +300,18 @@ def _torque(arm: Sequence[float], force: Floats) -> Floats:
 
 
 def _vector(legal: Legal, values: Sequence[float]) -> tuple[float, ...]:
-    """Return numbers as floats; a ValueError names the first illegal one, counted from 1."""
+    """Check numbers against a legal range, and return them as floats.
+
+    A ValueError names the place of the first illegal number, counted from 1.
+    """
     return tuple(legal._replace(name=f"{legal.name}[{i}]").number(value) for i, value in enumerate(values, 1))
 
 
 def _turning(legal: Legal, body: int, row: float | Sequence[float], turns: int) -> float | tuple[float, ...]:
-    """Return a body's moments of inertia or angular velocities: one number in a plane, three numbers in space."""
+    """Check the moments of inertia, or the angular velocities, of one body, and return them.
+
+    `turns` is 1 in a plane, where `row` is one number, and 3 in space, where `row` has three numbers.
+    """
     named = legal._replace(name=f"{legal.name}[{body}]")
     if turns == 1:
         return named.number(row)
@@ -298,7 +321,7 @@ def _turning(legal: Legal, body: int, row: float | Sequence[float], turns: int) 
 
 
 def _unit(name: str, normal: Sequence[float], dimension: int) -> tuple[float, ...]:
-    """Return a normal as a unit vector; a ValueError names a normal whose length differs from 1 beyond rounding."""
+    """Return a normal, scaled to length 1; a ValueError names a normal whose length is not 1 within `UNIT`."""
     numbers = _vector(_LENGTHS._replace(name=name, text="finite numbers"), normal)
     length = math.hypot(*numbers)
     if len(numbers) != dimension or not abs(length - 1) <= UNIT:
@@ -309,12 +332,12 @@ def _unit(name: str, normal: Sequence[float], dimension: int) -> tuple[float, ..
 
 
 def _is_number_of(body: object, bodies: int) -> bool:
-    """Return whether an object is the number of a body, from 1."""
+    """Return whether an object is an integer from 1 to the number of bodies."""
     return not isinstance(body, bool) and isinstance(body, Integral) and 1 <= int(body) <= bodies
 
 
 def _checked_contact(name: str, contact: BodyContact, bodies: int, dimension: int) -> BodyContact:
-    """Return a contact with checked numbers."""
+    """Check all fields of a contact, and return the contact with its numbers as floats."""
     first, second = contact.bodies
     if not _is_number_of(first, bodies) or not (second is None or _is_number_of(second, bodies)):
         raise ValueError(

@@ -1,7 +1,8 @@
 """The result of one collision of bodies by any solver: `GraphCollisionOutcome`.
 
-Needs `graph.collision`, `model.outcome` and `model.status`. The model's own result, with its events, is
-`graph.outcome.GraphOutcome`.
+`graph.outcome.GraphOutcome` is the result of the model alone; it also has events and impulses.
+
+Needs `graph.collision`, `model.outcome` and `model.status`.
 """
 
 from __future__ import annotations
@@ -25,20 +26,25 @@ class GraphCollisionOutcome:
     Attributes
     ----------
     solver : str
+        Name of the solver.
     velocities : tuple of tuple of float
         Velocity of each body's centre of mass when the collision is over, in m/s: (x, z) in a plane, (x, y, z) in
-        space. NaN only with a status that explains it.
+        space. NaN if there is no result, for which `status` gives the reason.
     angular_velocities : tuple of tuple of float
         Angular velocity of each body, in rad/s; empty where no body turns.
-    status, reason, mark : str
-        As in `Outcome`.
+    status : str
+        ``"ok"``, ``"closed-form"``, or a status that says why there is no result.
+    reason : str
+        One sentence that explains the status.
+    mark : str
+        One sentence if the outcome is next to a jump of the solver's law, else empty.
     diagnostics : mapping of str to float
-        Further numbers that the solver states, as in `Outcome`.
+        Further numbers of the solver, by name, such as residuals and errors.
     limit_velocities : tuple of tuple of float
-        Velocities in the limit of a time step of zero, in the form of `velocities`; empty where the limit is not known
-        or was not asked for. ``limit_error`` of `diagnostics` is the error of the limit in m/s.
+        Velocities extrapolated to a time step of zero, in the same form as `velocities`. Empty if the limit is not
+        known, or was not asked for. ``diagnostics["limit_error"]`` is its error in m/s.
     requested, effective : mapping of str to tuple of float
-        As in `Outcome`.
+        Parameters that an engine was given, and the values that it reports to use, by name.
     """
 
     solver: str
@@ -54,12 +60,12 @@ class GraphCollisionOutcome:
 
     @property
     def has_result(self) -> bool:
-        """True where the numbers are a result."""
+        """Whether the numbers are a result of the solver."""
         return bool(IS_RESULT[STATUSES.index(self.status)])
 
     @property
     def differences(self) -> str:
-        """Sentence about the parameters that an engine changed beyond rounding; empty if there are none."""
+        """Sentence that names the parameters that an engine changed by more than rounding; empty if it changed none."""
         return describe_differences(self.requested, self.effective)
 
     @classmethod

@@ -1,13 +1,15 @@
-"""The certified first event of a window: its contact, its watched function, and its time.
+"""Search for the first event of a window. No event can be missed.
 
-**Certificate.** A watched function is a force F_i or a rate w_i. Over a window it is a polynomial in x = t/h: its power
-series up to `ORDER`, whose remainder is below rounding. (`graph.motion` has the proof, which needs no sign of W.)
-`chain.roots.first_root` finds the first root of the polynomial on [0, 1], and describes the method. No root, and no
-pair of close roots, is stepped over. A function that is 0 when the window begins is first divided by the power of x
-with which it begins, so that the event that has just happened is not found again.
+**Why no event is missed.** An event is a zero of a watched function: of the force F_i or the rate of compression w_i of
+a contact (`graph.law`). Over a window of length h the function is a polynomial in x = t/h, its power series, whose
+remainder is below rounding (`graph.motion` has the proof). `chain.roots.first_root` finds the first root of the
+polynomial on [0, 1], and describes the method. It steps over no root, and over no pair of close roots. The event that
+has just happened must not be found again. Therefore a function that is 0 when the window begins is first divided by
+the power of x with which it begins.
 
-**First.** Contacts are searched in their order, each up to the earliest root so far. The event is the earliest root. Of
-equal roots, the root of the first contact counts (`graph.law` explains ties).
+**Which event is first.** The event is the earliest root of all watched functions. The contacts are searched one after
+another, each only up to the earliest root so far. If two roots are equal, the root of the contact with the lower
+number counts.
 
 Used by `graph.kernel`.
 """
@@ -24,18 +26,20 @@ from impact_xval.model.graph.law import WATCHED, GraphWatched
 
 
 class GraphEvent(NamedTuple):
-    """First event of a window."""
+    """First event of a window, or no event."""
 
-    #: Contact, -1 for none, and the watched function that is zero at the event, one of `GraphWatched`.
+    #: Number of the contact, from 0; -1 if the window has no event.
     contact: int
+    #: The function that is zero at the event, one of `GraphWatched`.
     watched: int
-    #: Time of the event over the length of the window; infinite without an event, -1 where the search was given up.
+    #: Time of the event, divided by the length of the window. Infinite if the window has no event; -1 if the search was
+    #: given up.
     x: float
 
 
 @kernel_helper
 def first_event(c):
-    """Return the first event of a window whose series the contacts hold."""
+    """Return the first event of a window. The records `c` of the contacts hold the power series of the window."""
     first_contact, first_watched, first_x = -1, 0, inf
     for i in range(c.size):
         contact = c[i]

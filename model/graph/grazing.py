@@ -1,16 +1,19 @@
-"""The grazing margin of a graph: turning points of the rates of active contacts, over their amplitudes.
+"""The grazing margin of a graph: how near the collision is to a jump of its outcome.
 
-docs/theory.md, section 6, defines it: the smallest abs(w_i) at a turning point, w_i' = 0, over the sum of the
-amplitudes of the sinusoids of w_i at that time. A turning point counts if this quotient is below `NEAR`, and if an end
-of compression there would lose at least the share `STAKE` of the energy of impact.
+The outcome jumps where the rate of compression w_i of an active contact touches zero without crossing it. Therefore
+all turning points of these rates, w_i' = 0, are found. At each turning point abs(w_i) is divided by the sum of the
+amplitudes of the sinusoids of which w_i then consists. The margin is the smallest quotient (docs/theory.md, section 6).
+A turning point counts if its quotient is below `NEAR`, and if an end of compression at this time would lose more than
+the share `STAKE` of the energy of impact.
 
-With u_i = sqrt(k_i) w_i the motion is u'' = -A u (`graph.motion`). A unit eigenvector p of A with the eigenvalue lambda
-adds to w_i a sinusoid of the amplitude abs(p_i)/sqrt(k_i) sqrt((p u)^2 + (p u')^2/lambda). In a symmetric graph several
-modes have one frequency, and their eigenvectors are arbitrary. Such modes form one sinusoid, so they are added before
-the root is taken. Jacobi's method finds the eigenvectors; it rotates only contacts that are coupled.
+**Amplitudes.** With u_i = sqrt(k_i) w_i the motion is u'' = -A u (`graph.motion`). Let p be a unit eigenvector of A,
+and lambda its eigenvalue. This mode adds to w_i a sinusoid of the amplitude
+abs(p_i)/sqrt(k_i) sqrt((p u)^2 + (p u')^2/lambda). In a symmetric graph several modes may have the same frequency, and
+their eigenvectors are then arbitrary. Such modes form one sinusoid, so they are added before the root is taken.
+Jacobi's method finds the eigenvectors. It rotates only pairs of contacts that are coupled.
 
-By Cauchy's inequality the sum of amplitudes is at most sqrt(2 E W_ii), where E is the energy of impact. Eigenvectors
-are computed only where this bound allows a smaller margin.
+**Saving work.** By Cauchy's inequality the sum of amplitudes is at most sqrt(2 E W_ii), where E is the energy of impact
+and W the Delassus matrix. Eigenvectors are computed only where this bound allows a smaller margin.
 
 Used by `graph.kernel`.
 """
@@ -25,24 +28,25 @@ from impact_xval.model.compiled import kernel_helper
 from impact_xval.model.graph.state import is_compliant
 from impact_xval.model.pair.grazing import NEAR, STAKE
 
-#: Largest number of sweeps of Jacobi's method; some six suffice.
+#: Largest number of sweeps of Jacobi's method over the matrix; about six sweeps are enough.
 MOST_SWEEPS = 40
 
-#: Largest difference of two eigenvalues that count as equal, over the largest eigenvalue.
+#: Largest difference between two eigenvalues that count as equal, as a share of the largest eigenvalue.
 SAME = 1e-9
 
 
 @kernel_helper
 def near_misses(c, matrices, x, h, energy, margin):
-    """Return the grazing margin after the first part x of a window of length h, given the margin before the window.
+    """Return the smaller one of `margin`, the grazing margin so far, and the smallest quotient within a window.
 
-    The graph is at the end of that part; `energy` is the energy of impact.
+    The window has the length h, and is searched from its start to the time x h, at which the graph is. `energy` is the
+    energy of impact.
     """
     for i in range(c.size):
         contact = c[i]
         if not is_compliant(contact.phase) or contact.e == 1:
             continue
-        # The rate has one sign in a window, so the load is largest at one of its ends.
+        # Up to x the rate of this contact has one sign, so its force is largest at the start or at x.
         load = max(contact.forces[0], contact.F)
         least = 2 * contact.k * STAKE * energy / (1 - contact.e * contact.e)
         if load * load <= least:
@@ -67,7 +71,7 @@ def near_misses(c, matrices, x, h, energy, margin):
 
 @kernel_helper
 def amplitude(c, matrices, i, x, h):
-    """Return the sum of the amplitudes of the sinusoids of contact i's rate, at the place x of a window of length h."""
+    """Return the sum of the amplitudes of the sinusoids of which the rate of contact i consists, at the time x h."""
     A, vectors = matrices.A, matrices.vectors
     for a in range(c.size):
         for b in range(c.size):
@@ -80,7 +84,7 @@ def amplitude(c, matrices, i, x, h):
         highest = max(highest, A[mode, mode])
     total = 0.0
     for mode in range(c.size):
-        is_new = A[mode, mode] > c.size * EPSILON * highest  # else no such mode is in the motion
+        is_new = A[mode, mode] > c.size * EPSILON * highest  # a mode of frequency 0 is not in the motion
         for before in range(mode):
             is_new &= abs(A[before, before] - A[mode, mode]) > SAME * highest
         if is_new:
@@ -90,7 +94,10 @@ def amplitude(c, matrices, i, x, h):
 
 @kernel_helper
 def amplitude_of_frequency(c, matrices, i, mode, distance, x, h):
-    """Return sqrt(k_i) times the amplitude, in the rate of contact i, of all modes with the frequency of `mode`."""
+    """Return sqrt(k_i) times the amplitude that all modes with the frequency of `mode` have in the rate of contact i.
+
+    Eigenvalues that differ by at most `distance` belong to one frequency.
+    """
     A, vectors = matrices.A, matrices.vectors
     by_rate, by_slope = 0.0, 0.0
     for same in range(mode, c.size):
@@ -108,7 +115,10 @@ def amplitude_of_frequency(c, matrices, i, mode, distance, x, h):
 
 @kernel_helper
 def diagonalise(A, vectors):
-    """Diagonalise a symmetric matrix by Jacobi's rotations, and apply them to `vectors` (Numerical Recipes, 11.1)."""
+    """Diagonalise a symmetric matrix A in place by Jacobi's rotations (Numerical Recipes, 11.1).
+
+    The rotations are also applied to `vectors`. If it was the identity, its columns are then the eigenvectors.
+    """
     for _ in range(MOST_SWEEPS):
         is_diagonal = True
         for p in range(A.shape[0]):

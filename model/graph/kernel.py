@@ -1,9 +1,9 @@
-"""The kernel of graphs: follows a graph from first touch to its end, window by window.
+"""The compiled kernel of contact graphs: it follows each graph from first touch to the end of its collision.
 
-`follow_graphs` follows many graphs, and is the only kernel that Python calls; `collide` follows one graph. A segment is
-the time with one set of active contacts. A segment consists of windows. Over a window every rate and every force is a
-polynomial in time (`graph.motion`), so the first event is found with certainty (`graph.event`). The law tells what the
-event does to its contact (`graph.law`). The collision is over when no contact is active and no bodies approach.
+Python calls `follow_graphs`, which follows many graphs. `collide` follows one graph, window by window. Over a window
+every rate of compression and every force is a polynomial in time (`graph.motion`). So the first event of the window is
+found with certainty (`graph.event`). The law states how an event changes its contact (`graph.law`). The collision is
+over when no contact is active and no bodies approach.
 
 Used by `graph.solving`.
 """
@@ -35,16 +35,20 @@ from impact_xval.model.graph.state import (
     strain_energy,
 )
 
-#: Share of the energy of impact below which all active contacts count as at rest.
+#: If the contacts have less than this share of the energy of impact left, they all count as at rest.
 COLLAPSED = 1e-30
 
-#: Largest gain of energy, as a share of the energy of impact, that counts as rounding; no law makes energy.
+#: Largest gain of kinetic energy that counts as rounding, as a share of the energy of impact. The model's law never
+#: makes energy.
 GAIN = 1e-9
 
 
 @kernel_helper
 def begin(c, matrices, graphs, graph):
-    """Put a graph at first touch: no contact is active yet, and the start rule decides (`graph.law`)."""
+    """Set all contacts of a graph to their state at first touch.
+
+    No contact is active yet. The start rule of the first window decides which contacts become active (`graph.law`).
+    """
     for i in range(c.size):
         contact = c[i]
         contact.k, contact.e = graphs.stiffnesses[graph, i], graphs.restitutions[graph, i]
@@ -58,7 +62,10 @@ def begin(c, matrices, graphs, graph):
 
 @kernel_helper
 def is_over(c):
-    """Return whether no contact is active and no bodies approach; rigid contacts alone carry no force."""
+    """Return whether the collision is over: no contact is active, and no bodies approach.
+
+    The forces of rigid contacts are not tested, because they vanish with the forces of all other contacts.
+    """
     for i in range(c.size):
         contact = c[i]
         if is_compliant(contact.phase) and (contact.F > 0 or contact.w != 0):
@@ -70,7 +77,7 @@ def is_over(c):
 
 @kernel_helper
 def energy_left(c, W):
-    """Return the energy of contacts that are active or whose bodies approach."""
+    """Return the sum of kinetic and strain energies of all contacts that are active or whose bodies approach."""
     total = 0.0
     for i in range(c.size):
         contact = c[i]
@@ -81,10 +88,9 @@ def energy_left(c, W):
 
 @kernel_helper
 def end_held(c, W):
-    """End the active contacts that rigid contacts keep at rest, and return the strain energy that is dropped.
+    """Deactivate the active contacts that rigid contacts keep at rest, and return their strain energy, which is lost.
 
-    The rigid contacts pressed in the last window, so all forces are in balance, and stay in balance for ever. The
-    bodies are jammed.
+    The rate of such a contact is 0 and stays 0, so its bodies are jammed: all forces are in balance for ever.
     """
     dropped = 0.0
     for i in range(c.size):
@@ -98,7 +104,10 @@ def end_held(c, W):
 
 @kernel_helper
 def bring_to_rest(c):
-    """End all active contacts; return the strain energy that is dropped, and whether one of them has e < 1."""
+    """Deactivate all active contacts, and set their rates to 0.
+
+    Returned are their strain energy, which is lost, and whether a contact among them has a restitution below 1.
+    """
     dropped, is_lossy = 0.0, False
     for i in range(c.size):
         contact = c[i]
@@ -112,7 +121,11 @@ def bring_to_rest(c):
 
 @kernel_helper
 def apply_event(c, W, i, watched, energy, result):
-    """Apply the event of contact i; return its kind, and the energy that was lost."""
+    """Apply the event of contact i, and return its `EventKind` and the strain energy that it loses.
+
+    `watched` is the function of the contact that has reached zero, and `energy` is the energy of impact. `result` notes
+    whether the contact became rigid.
+    """
     contact = c[i]
     before, phase = strain_energy(contact), contact.phase
     if watched == GraphWatched.RATE:
@@ -143,7 +156,7 @@ def apply_event(c, W, i, watched, energy, result):
 
 @kernel_helper
 def active_set(c):
-    """Return the set of active contacts: bit i stands for contact i. A rigid contact counts while it presses."""
+    """Return the set of contacts that carry force, rigid contacts included; bit i stands for contact i."""
     contacts = np.uint64(0)
     for i in range(c.size):
         if c[i].phase != GraphPhase.INACTIVE:
@@ -153,7 +166,7 @@ def active_set(c):
 
 @kernel_helper
 def log_event(log, row, time, kind, contact, active):
-    """Write an event if the log has room for it, and return the next row."""
+    """Write an event into a row of the log, if the log has this row, and return the number of the next row."""
     if row < log.size:
         log[row].time, log[row].kind, log[row].contact, log[row].active = time, kind, contact, active
     return row + 1
@@ -161,9 +174,10 @@ def log_event(log, row, time, kind, contact, active):
 
 @kernel_helper
 def log_active(log, row, time, logged, active):
-    """Write the set of contacts that are active from the last event on, and return the next row.
+    """Write the set of active contacts into the log, and return the number of the next row.
 
-    `logged` is the time of the last event. A later change of the set is an event of its own.
+    `logged` is the time of the last event in the log. If `time` is the same, the set is written into the row of that
+    event. If `time` is later, the set gets a row of its own, of the kind LOADED.
     """
     if time > logged:
         return log_event(log, row, time, EventKind.LOADED, -1, active)
@@ -174,9 +188,10 @@ def log_active(log, row, time, logged, active):
 
 @kernel_helper
 def collide(c, matrices, energy, most_windows, log, first_row, result):
-    """Follow a graph from first touch to its end; return the energy that was lost in contacts, and the next row.
+    """Follow a graph from first touch to the end of its collision.
 
-    All fields of `result` are filled in except `energy_residual` (`graph.record.GRAPH_RESULT`).
+    Returned are the strain energy that was lost in contacts, and the number of the next row of the log. All fields of
+    `result`, a record of `graph.record.GRAPH_RESULT`, are filled in except `energy_residual`.
     """
     ending, events, windows = GraphEnding.UNFINISHED, 0, 0
     margin, loss, time = inf, 0.0, 0.0
@@ -231,21 +246,23 @@ def collide(c, matrices, energy, most_windows, log, first_row, result):
 
 @kernel_entry
 def follow_graphs(c, matrices, graphs, most_windows, log, ends):
-    """Follow graphs of one number of contacts, in units of about 1; the only kernel that Python calls.
+    """Follow the collisions of n graphs with C contacts each. Python calls no other compiled function of this module.
 
     Parameters
     ----------
     c : recarray of `graph.state.GRAPH_CONTACT`, shape (C,)
-        Overwritten.
+        Working memory for the contacts of one graph; overwritten.
     matrices : Matrices
-        Overwritten.
+        Working memory for the matrices of one graph; overwritten.
     graphs : Graphs
+        The graphs, scaled so that all values are about 1.
     most_windows : int
-        Windows after which a graph is given up.
+        Number of windows after which a graph is given up.
     log : recarray of `graph.record.EVENT`
-        Filled in as far as there is room; `n_rows` of the results also counts the rows without room.
+        Events of all graphs, one graph after another. Events beyond the size of the log are dropped, but are counted
+        in `n_rows` of the results.
     ends : GraphEnds
-        Filled in; the results are zeros before.
+        Filled in. Its results have to be zeros before the call.
     """
     row = np.int64(0)
     for graph in range(graphs.rates.shape[0]):

@@ -1,6 +1,7 @@
-"""The law of a contact: the functions that are watched in each phase, and the effects of events.
+"""The model's law for one contact of a graph: the functions that are watched in each phase, and the effects of events.
 
-This is the model's law (docs/theory.md, section 2) for one contact. It does not depend on how contacts are connected.
+The law is that of docs/theory.md, section 2. It does not depend on how the contacts are connected. F_i is the force of
+contact i, w_i its rate of compression, k_i its running stiffness, e_i its restitution, and E_i its strain energy.
 
 | event | condition | effect |
 |---|---|---|
@@ -9,19 +10,21 @@ This is the model's law (docs/theory.md, section 2) for one contact. It does not
 | end of restitution | F_i falls to 0 in restitution | inactive, k_i stays |
 | return | w_i of an inactive contact rises through 0 | compression from F_i = 0 |
 
-**Start.** At first touch, and after every event, a contact without force is active if w_i > 0. If w_i = 0, the first
-non-zero derivative of w_i decides: the contact is active if this derivative is positive (`graph.motion.expand`). The
-rule covers a contact far down a row whose end is struck, a contact between two loads that balance, and a contact that
-its neighbour pulls open.
+**Start rule.** The rule is applied at first touch and after every event. A contact without force becomes active if
+w_i > 0. If w_i = 0, the contact becomes active if the first non-zero derivative of w_i is positive
+(`graph.motion.expand`). The rule covers a contact far down a row of balls whose end is struck, a contact between two
+loads that balance, and a contact that its neighbour pulls open.
 
-**Limits.** At e_i = 0 an end of compression makes the contact infinitely stiff: from then on it is RIGID while its
-neighbours press it, and INACTIVE while they do not (`graph.rigid`).
+**Restitution 0.** At e_i = 0 an end of compression makes the contact infinitely stiff. From then on its phase is RIGID
+while its neighbours press it together, and INACTIVE while they do not (`graph.rigid`).
 
-**Ties.** Events at one instant are applied one after another, in the order of contacts. The order does not matter,
-because each event changes only its own contact, and leaves all rates and forces as they are.
+**Simultaneous events** are applied one after another, in the order of the contacts' numbers. Any order would give the
+same result, because an event changes only the phase and the stiffness of its own contact, and no rate and no force.
 
-To change the law, change `WATCHED`, which tells what ends a phase, and the four functions that apply events. Used by
-`graph.event` and `graph.kernel`.
+To change the law, change the table `WATCHED`, which states what ends each phase, and the four functions that apply
+events.
+
+Used by `graph.event` and `graph.kernel`.
 """
 
 from __future__ import annotations
@@ -35,44 +38,51 @@ from impact_xval.model.graph.state import GraphPhase
 
 
 class GraphWatched(IntEnum):
-    """Function of time of one contact that the search for events may watch."""
+    """Function of time, of one contact, whose zero may be an event."""
 
-    FORCE = 0  # the force F_i
-    RATE = 1  # the rate of compression w_i
+    FORCE = 0  # the force F_i of the contact
+    RATE = 1  # the rate of compression w_i of the contact
 
 
-#: Sign of each function until its event, by phase and `GraphWatched`; 0 where the function is not watched.
+#: Sign that a function keeps until its event, by the contact's phase and `GraphWatched`. It is 0 if the function is not
+#: watched in this phase.
 WATCHED = np.zeros((len(GraphPhase), len(GraphWatched)))
-WATCHED[GraphPhase.INACTIVE, GraphWatched.RATE] = -1  # return
-WATCHED[GraphPhase.COMPRESSION, GraphWatched.RATE] = 1  # end of compression
-WATCHED[GraphPhase.RESTITUTION, GraphWatched.RATE] = -1  # restart
-WATCHED[GraphPhase.RESTITUTION, GraphWatched.FORCE] = 1  # end of restitution
-WATCHED[GraphPhase.RIGID, GraphWatched.FORCE] = 1  # the neighbours no longer press the contact
+WATCHED[GraphPhase.INACTIVE, GraphWatched.RATE] = -1  # event: return
+WATCHED[GraphPhase.COMPRESSION, GraphWatched.RATE] = 1  # event: end of compression
+WATCHED[GraphPhase.RESTITUTION, GraphWatched.RATE] = -1  # event: restart of compression
+WATCHED[GraphPhase.RESTITUTION, GraphWatched.FORCE] = 1  # event: end of restitution
+WATCHED[GraphPhase.RIGID, GraphWatched.FORCE] = 1  # event: the neighbours cease to press the rigid contact
 
 
 @kernel_helper
 def end_compression(contact):
-    """End compression: E <- e^2 E at the same force, hence k <- k/e^2."""
+    """Apply an end of compression: the strain energy is multiplied by e^2, and the stiffness is divided by e^2.
+
+    The force stays the same.
+    """
     contact.k /= contact.e * contact.e
     contact.phase = GraphPhase.RESTITUTION
 
 
 @kernel_helper
 def restart_compression(contact):
-    """Restart compression at the same stiffness."""
+    """Put a contact in restitution back into compression; its stiffness stays the same."""
     contact.phase = GraphPhase.COMPRESSION
 
 
 @kernel_helper
 def deactivate(contact):
-    """End restitution: the contact keeps its stiffness for its return."""
+    """Make a contact inactive. It keeps its stiffness, with which it compresses again if it returns."""
     contact.F = 0.0
     contact.phase = GraphPhase.INACTIVE
 
 
 @kernel_helper
 def reactivate(contact):
-    """Begin compression from zero force; a contact that is rigid for good stays inactive until a load presses it."""
+    """Put an inactive contact into compression, from the force 0.
+
+    A contact that has become rigid stays inactive here: `graph.rigid` makes it RIGID when a load presses it.
+    """
     contact.F = 0.0
     if not contact.is_rigid:
         contact.phase = GraphPhase.COMPRESSION

@@ -1,25 +1,31 @@
-"""Exact motion between events: the power series of w and F in time, to rounding, and the start rule.
+"""Exact motion of a graph between events: power series in time of rates w and forces F, and the start rule.
 
-Between events w' = -W F and F_i' = k_i w_i for active contacts. With z_i = F_i/sqrt(k_i) and u_i = sqrt(k_i) w_i,
+Between events w' = -W F, with the Delassus matrix W, and F_i' = k_i w_i for active contacts. Let K be the diagonal
+matrix of stiffnesses. With z_i = F_i/sqrt(k_i) and u_i = sqrt(k_i) w_i,
 
     z' = u        u' = -A z        A = sqrt(K) W sqrt(K), symmetric and positive semidefinite.
 
-The rates lie in the range of W, and u lies in the range of A, so the motion is a sum of sinusoids. In the norm of
-energy it reads y' = S y with y = (A^(1/2) z, u). S is skew, and its norm is omega, the root of the largest eigenvalue
-of A. The energy 2 E = abs(y)^2 is conserved.
+The rates lie in the range of W, and u lies in the range of A, so the motion is a sum of sinusoids. Let
+y = (A^(1/2) z, u), whose squared norm abs(y)^2 = 2 E is twice the energy. The motion then reads y' = S y. The matrix S
+is skew, so the energy is conserved. The norm of S is omega, the root of the largest eigenvalue of A.
 
-**Remainder.** In this norm the remainder of the series after the power `ORDER` is at most (omega t)^29/29! sqrt(2 E).
-By Cauchy's inequality the error of w_i, for active and inactive contacts, is at most sqrt(W_ii) times as large. A
-window has the length h = `ANGLE`/omega; over this time the error is 1e-18 of sqrt(2 E W_ii), which is below rounding.
-The proof uses no sign of an entry of W, and W may be singular.
+**Remainder.** The series of y is cut after the power `ORDER`. The norm of its remainder is at most
+(omega t)^29/29! sqrt(2 E). By Cauchy's inequality the error of w_i is at most sqrt(W_ii) times as large, for active and
+inactive contacts. A window is the time h = `ANGLE`/omega over which the series is used. Over a window the error is
+1e-18 of sqrt(2 E W_ii), which is below rounding. The proof does not depend on the signs of the entries of W, and W may
+be singular.
 
-**Start rule.** Natural modes need not be found, and the series loses no digits where stiffnesses differ by many orders.
-The series also answers the start rule: the first non-zero derivative of a rate is its first non-zero coefficient.
-`expand` decides this order by order. A contact that becomes active at order n has a force F_i of order n + 1, so no
-coefficient that is already written changes.
+**Why a series.** Natural modes need not be found, and no digits are lost where stiffnesses differ by many orders.
 
-`window_length` gives h, `expand` writes the coefficients, `place` moves the graph. `ORDER`, `ANGLE` and `value` come
-from `chain.series`, where the same bound holds. Used by `graph.kernel`, `graph.rigid`.
+**Start rule.** A contact at rest becomes active if the first non-zero derivative of its rate is positive (`graph.law`).
+This derivative belongs to the first non-zero coefficient of the series, so `expand` decides order by order. If a
+contact becomes active at order n, its force begins with order n + 1. So all coefficients that are already written stay
+valid.
+
+`window_length` returns h, `expand` writes the coefficients, and `place` moves the graph to a later time. `ORDER`,
+`ANGLE` and `value` come from `chain.series`.
+
+Used by `graph.kernel` and `graph.rigid`.
 """
 
 from __future__ import annotations
@@ -32,17 +38,21 @@ from impact_xval.model.chain.series import ANGLE, INVERSE, ORDER, value
 from impact_xval.model.compiled import kernel_helper
 from impact_xval.model.graph.state import GraphPhase, is_compliant
 
-#: Rounding of a sum over contacts, as a share of the sum of the absolute values of its terms. A sum below this share
-#: counts as 0 where only its sign matters.
+#: Largest rounding error of a sum over contacts, as a share of the sum of the absolute values of its terms. Where only
+#: the sign of a sum matters, a sum below this share counts as 0.
 ROUNDING = 2.0**-46
 
-#: 1/(n + 1): the factors of an integral of a power series.
+#: Factors 1/(n + 1), with which the coefficients n of a power series give its integral.
 INVERSE_NEXT = 1 / np.arange(1.0, ORDER + 2)
 
 
 @kernel_helper
 def apply_start_rule(c):
-    """Make contacts without force active whose bodies approach, and leave contacts at rest undecided."""
+    """Apply the start rule to each contact without force, as far as its rate of compression decides.
+
+    If the rate is positive, the contact becomes active. If the rate is 0, the contact is flagged as undecided: `decide`
+    decides it by derivatives of the rate.
+    """
     for i in range(c.size):
         contact = c[i]
         is_idle = contact.F == 0 and not contact.is_rigid and contact.phase != GraphPhase.RESTITUTION
@@ -55,11 +65,12 @@ def apply_start_rule(c):
 
 @kernel_helper
 def window_length(c, W):
-    """Return the time over which the series is summed; 1 if rigid contacts keep all other contacts at rest.
+    """Return the length h of a window, over which the power series is valid.
 
-    Two bounds of the largest eigenvalue of A are computed, and the smaller one counts: sums of rows of W K, which is
-    similar to A (Gershgorin), and the Frobenius norm of A. An undecided contact may become active, and counts as active
-    here.
+    h is `ANGLE` over the root of an upper bound of the largest eigenvalue of A = sqrt(K) W sqrt(K). The bound is the
+    smaller one of two: the largest sum of a row of W K, which is similar to A (Gershgorin), and the Frobenius norm of
+    A. Undecided contacts count as active, because they may become active. If the bound is 0, because rigid contacts
+    keep all other contacts at rest, the length is 1.
     """
     largest_row, squares = 0.0, 0.0
     for i in range(c.size):
@@ -78,10 +89,11 @@ def window_length(c, W):
 
 @kernel_helper
 def decide(c, W, i, order):
-    """Decide whether the undecided contact i is pressed, by the next coefficient of its rate.
+    """Decide whether the undecided contact i becomes active, by the derivative of its rate that belongs to `order`.
 
-    The coefficient is a sum over contacts, and this sum is returned. A sum that may be rounding counts as 0; then the
-    next order decides.
+    The derivative is a sum over contacts, `total` of the contact. If it is positive the contact becomes active, and if
+    it is negative the contact stays inactive. If it may be rounding only, the contact stays undecided until the next
+    order. Returned is the sum, or 0 if it may be rounding only.
     """
     contact, size = c[i], 0.0
     for j in range(c.size):
@@ -96,7 +108,7 @@ def decide(c, W, i, order):
 
 @kernel_helper
 def write_rigid_forces(c, pivots, order):
-    """Write a coefficient of the forces of rigid contacts, which keep their rates at 0 (`graph.rigid`)."""
+    """Write the coefficient `order` of the forces of rigid contacts. These forces keep the contacts' rates at 0."""
     for r in range(c.size - 1, -1, -1):
         if c[r].has_pivot:
             force = 0.0
@@ -107,7 +119,10 @@ def write_rigid_forces(c, pivots, order):
 
 @kernel_helper
 def expand(c, matrices, h):
-    """Write the coefficients of w_i and F_i in x = t/h, from power 0 to `ORDER`, and decide undecided contacts."""
+    """Write the power series of all rates w_i and forces F_i in x = t/h, and decide the undecided contacts.
+
+    The series have the powers 0 to `ORDER`. h is the length of the window.
+    """
     W, any_pivot = matrices.W, False
     for i in range(c.size):
         contact = c[i]
@@ -138,7 +153,7 @@ def expand(c, matrices, h):
 
 @kernel_helper
 def place(c, x, h):
-    """Move a graph to the place x of its window of length h, and add the impulses of that time."""
+    """Move a graph by the time x h, where x is from 0 to 1, and add the impulses of its forces over this time."""
     for i in range(c.size):
         contact = c[i]
         contact.w = value(contact.rates, ORDER, x)

@@ -1,8 +1,9 @@
-"""Contact graphs by name: `bernoulli`, `corner`, `bridge`, `rack` and `box`, in a plane with axes x and z (up).
+"""Well-known collisions of several bodies, by name: `bernoulli`, `corner`, `bridge`, `rack` and `box`.
 
-Each function returns a `GraphCollision` with m = 1 kg, k1 = 1 N/m and a speed of 1 m/s, unless it says otherwise. To
-add a graph, write a function in this module and a line in `GRAPHS`. `graph_of_balls` finds the contacts of balls and
-planes.
+All of them lie in a plane with the axes x and z; z points up. Each function returns a `GraphCollision`. Unless its
+docstring says otherwise, masses are 1 kg, the stiffness k1 of contact 1 is 1 N/m, and bodies strike with 1 m/s.
+`graph_of_balls` builds a collision from the positions of balls and planes. To add a collision, write a function in
+this module and a line in `GRAPHS`.
 
 Used by users, and by the commands through `GRAPHS`.
 """
@@ -15,7 +16,7 @@ from collections.abc import Callable, Sequence
 from impact_xval.model.graph.collision import BodyContact, GraphCollision, Plane, touching_balls
 from impact_xval.model.inputs import Legal
 
-#: Angles in degrees; below 30 two equal balls that a third one touches would overlap.
+#: Legal angles in degrees. Below 30 degrees the two equal balls that the third ball strikes would overlap.
 _BETWEEN_BALLS = Legal("angle", 30.0, math.nextafter(90.0, 0.0), "from 30 to less than 90 degrees")
 _BETWEEN_WALLS = Legal(
     "angle", math.ulp(0.0), math.nextafter(180.0, 0.0), "more than 0 and less than 180 degrees"
@@ -23,7 +24,7 @@ _BETWEEN_WALLS = Legal(
 _RATIO = Legal("stiffness_ratio", math.ulp(0.0), 1e150, "a finite number > 0 (k2/k1)")
 _POSITIVE = Legal("", math.ulp(0.0), 1e150, "a finite number > 0")
 
-#: Legal numbers of balls of a rack; the cue ball is not counted.
+#: Legal numbers of balls in a rack, not counting the cue ball.
 RACKS = (3, 6, 10)
 
 
@@ -37,10 +38,10 @@ def graph_of_balls(
     radius: float = 0.5,
     planes: Sequence[Plane] = (),
 ) -> GraphCollision:
-    """Return the collision of equal balls that touch each other or planes.
+    """Find the contacts of equal balls with each other and with planes, and return the collision.
 
-    `stiffness` and `restitution` return the value of a contact. Their arguments are the numbers of its two bodies, from
-    1; None is a plane.
+    `stiffness` and `restitution` are functions that return the value for one contact. Their arguments are the numbers
+    of its two bodies, counted from 1; None stands for a plane.
     """
     contacts = [
         BodyContact(bodies, normal, stiffness(*bodies), restitution(*bodies))
@@ -52,17 +53,18 @@ def graph_of_balls(
 def bernoulli(
     angle: float = 30.0, *, stiffness_ratio: float = 1.0, restitution: float = 1.0
 ) -> GraphCollision:
-    """Return Bernoulli's problem: a ball falls on two balls at rest, between them.
+    """Return Bernoulli's problem: a ball falls between two balls at rest, and strikes both at once.
 
     Parameters
     ----------
     angle : float
-        Angle between the fall and each line of centres, in degrees, from 30 to less than 90. At 30 the two balls also
-        touch each other in contact 3, which has stiffness k1.
+        Angle in degrees, from 30 to less than 90, between the direction of fall and the line from the centre of the
+        falling ball to the centre of a ball at rest. At 30 degrees the two balls at rest also touch each other, in
+        contact 3 with the stiffness k1.
     stiffness_ratio : float
-        k2/k1. Contact 1 is with ball 2, at x < 0; contact 2 is with ball 3.
+        k2/k1. The falling ball is ball 1. It meets ball 2, at x < 0, in contact 1, and ball 3 in contact 2.
     restitution : float
-        Restitution of all contacts.
+        Coefficient of restitution of all contacts.
 
     Raises
     ------
@@ -87,17 +89,17 @@ def corner(
     restitutions: tuple[float, float] = (1.0, 1.0),
     velocity: tuple[float, float] = (-1.0, -0.3),
 ) -> GraphCollision:
-    """Return a ball that touches two walls.
+    """Return a ball that strikes two walls at once.
 
     Parameters
     ----------
     angle : float
-        Angle between the walls' normals, in degrees, more than 0 and less than 180. Wall 1 has the normal (0, 1), wall
-        2 the normal (sin angle, cos angle).
+        Angle between the normals of the walls, in degrees, more than 0 and less than 180. Wall 1 has the normal
+        (0, 1), and wall 2 has the normal (sin angle, cos angle).
     stiffness_ratio : float
-        k2/k1.
+        k2/k1: stiffness of the contact with wall 2 over the stiffness of the contact with wall 1.
     restitutions : tuple of float
-        Restitutions of both walls.
+        Coefficients of restitution of wall 1 and wall 2.
     velocity : tuple of float
         Velocity of the ball, in m/s.
 
@@ -122,19 +124,19 @@ def bridge(
     mass_ratio: float = 2.0,
     restitutions: tuple[float, float] = (0.9, 0.7),
 ) -> GraphCollision:
-    """Return a ball that falls on two balls, which rest on a table.
+    """Return a ball that falls between two balls on a table, and strikes both at once.
 
     Parameters
     ----------
     angle : float
-        Angle between the fall and each line of centres, in degrees, from 30 to less than 90. At 30 the two balls also
-        touch each other.
+        Angle in degrees, from 30 to less than 90, between the direction of fall and the line from the centre of the
+        falling ball to the centre of a ball at rest. At 30 degrees the two balls at rest also touch each other.
     table_stiffness_ratio : float
         Stiffness of the contacts with the table over the stiffness of all other contacts.
     mass_ratio : float
-        Mass of each of the two balls over the mass of the first ball.
+        Mass of each ball on the table over the mass of the falling ball.
     restitutions : tuple of float
-        Restitution of the contacts between balls, and restitution of the contacts with the table.
+        Coefficients of restitution: first of the contacts between balls, then of the contacts with the table.
 
     Raises
     ------
@@ -155,17 +157,17 @@ def bridge(
 
 
 def rack(balls: int = 3, *, restitution: float = 0.95, offset: float = 0.0) -> GraphCollision:
-    """Return a cue ball that strikes a rack of balls in rows of 1, 2, 3, ...; it moves along x.
+    """Return a cue ball that strikes a rack of balls. The rows of the rack have 1, 2, 3, ... balls, along x.
 
     Parameters
     ----------
     balls : int
-        3, 6 or 10. Ball 1 is the cue ball, ball 2 the first ball of the rack.
+        Number of balls in the rack: 3, 6 or 10. Ball 1 is the cue ball, and ball 2 is the first ball of the rack.
     restitution : float
-        Restitution of all contacts.
+        Coefficient of restitution of all contacts.
     offset : float
-        Angle between the cue ball's velocity and the axis of the rack, in degrees, less than 90. The contact with the
-        first ball stays on the axis.
+        Angle in degrees, between -90 and 90, between the cue ball's velocity and x, the axis of the rack. It does not
+        change where the cue ball touches the first ball, which is on the axis.
 
     Raises
     ------
@@ -201,14 +203,14 @@ def box(
     Parameters
     ----------
     inertia : float
-        Moment of inertia about the centre of mass over m a^2, with the half width a; positive. It is 1/3 for a thin
-        plate. At 1 the two corners do not act on each other: W is diagonal.
+        Moment of inertia about the centre of mass, divided by m a^2 with the mass m and the half width a; positive. It
+        is 1/3 for a thin plate. If it is 1, the impact at one corner does not change the velocity of the other corner.
     stiffness_ratio : float
-        k2/k1. Corner 1 is at x = a, corner 2 at x = -a.
+        k2/k1. Corner 1 is at x = a, and corner 2 is at x = -a.
     restitution : float
-        Restitution of both corners.
+        Coefficient of restitution of both corners.
     half_width : float
-        a, in m; positive.
+        Half width a of the box, in m; positive.
 
     Raises
     ------
@@ -226,11 +228,11 @@ def box(
 
 
 def _direction(degrees: float) -> tuple[float, float]:
-    """Return sine and cosine of an angle."""
+    """Return the sine and the cosine of an angle in degrees."""
     return math.sin(math.radians(degrees)), math.cos(math.radians(degrees))
 
 
-#: Functions that make graphs, by name.
+#: Functions that return a collision, by the name under which the commands offer it.
 GRAPHS: dict[str, Callable[..., GraphCollision]] = {
     "bernoulli": bernoulli,
     "corner": corner,

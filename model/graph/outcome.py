@@ -1,6 +1,6 @@
-"""The results of graphs: `GraphOutcome` of one graph, `GraphOutcomes` of many as arrays.
+"""The model's results for contact graphs: `GraphOutcome` of one graph, and `GraphOutcomes` of many graphs as arrays.
 
-Returned by `graph.solving`; `graph.collision` adds velocities.
+`graph.solving` returns these results, and `graph.collision` adds the velocities of bodies to them.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from impact_xval.model.marks import GRAZING
 from impact_xval.model.states import name_of_set
 from impact_xval.model.status import IS_RESULT, STATUSES, Status
 
-#: Events count as simultaneous if their times differ by less than this share of the duration. In a symmetric graph
-#: rounding alone separates simultaneous events.
+#: Events count as simultaneous if their times differ by at most this share of the duration of the collision. In a
+#: symmetric graph simultaneous events get slightly different times by rounding.
 SAME_INSTANT = 1e-12
 
-#: Kinds of events in words, by `EventKind`.
+#: Words that name the kinds of events.
 EventWord = Literal[
     "start", "end of compression", "restart", "end of restitution", "return", "loaded", "collapse"
 ]
@@ -38,14 +38,15 @@ EVENT_WORDS: Mapping[EventKind, EventWord] = {
 
 
 class ContactEvent(NamedTuple):
-    """One event of a graph."""
+    """One event of a collision of a graph."""
 
-    #: Since first touch, in s.
+    #: Time since first touch, in s.
     time: float
     kind: EventWord
-    #: Number of the contact, from 1; 0 where no single contact has the event.
+    #: Number of the contact, counted from 1; 0 if the event belongs to no single contact.
     contact: int
-    #: Numbers of the contacts that are active from here on, from 1; empty while further events follow at this instant.
+    #: Numbers, counted from 1, of the contacts that are active after the event. Empty if another event follows at the
+    #: same time.
     active: tuple[int, ...]
 
 
@@ -56,31 +57,37 @@ class GraphOutcome:
     Attributes
     ----------
     impulses : tuple of float, one per contact
-        Total impulses along the normals, in N s; NaN only with a status that explains it. Where W is singular,
-        velocities do not determine the impulses; the model's stiffnesses do.
+        Total impulses along the normals, in N s; NaN if there is no result, for which `status` gives the reason. If the
+        Delassus matrix is singular, the final velocities alone would allow different impulses. The stiffnesses then
+        decide which impulses the model gives.
     rates : tuple of float, one per contact
         Rates of compression when the collision is over, in m/s: zero or negative.
     states : tuple of str
-        The sets of active contacts, in the order of time, such as ``("1+2", "2", "-")``.
+        The sets of active contacts, in the order of time, such as ``("1+2", "2", "-")``; ``"-"`` is the empty set.
     times : tuple of float
-        Time at which each of these sets begins, in s since first touch, computed with frozen positions.
+        Time at which each of these sets begins, in s since first touch. The model computes it with the positions of
+        first touch throughout.
     status : str
-        As in `Outcome`: ``"ok"``, ``"closed-form"``, or a status that says why there is no result.
+        ``"ok"``, ``"closed-form"`` where a closed form of the model was used, or a status that says why there is no
+        result.
     reason : str
-        One sentence; not empty where there is no result.
+        One sentence that explains the status; never empty if there is no result.
     grazing_margin : float
-        As in `Outcome`; infinite if no rate had a turning point next to zero.
+        How near the collision is to a jump of its outcome: the smallest relative size of a rate of compression at a
+        turning point. Infinite if no rate had a turning point near zero.
     mark : str
-        One sentence if the grazing margin is small, else empty.
+        One sentence if the grazing margin is below the threshold, else empty.
     n_events : int
-        Number of events of single contacts, and of collapses.
+        Number of events of single contacts, plus the number of times at which all active contacts came to rest.
     events : tuple of ContactEvent
-        All events in the order of time; the first of them is the first touch.
+        All events in the order of time. The first event is the first touch.
     diagnostics : mapping of str to float
-        ``energy_residual``: residual of the energy balance over the energy of impact. ``impulse_residual``: largest
-        difference of `rates` from w - W I, over the largest rate at first touch.
+        ``energy_residual``: residual of the energy balance, divided by the energy of impact. ``impulse_residual``:
+        largest difference between `rates` and w - W I, with the rates w at first touch, the Delassus matrix W and the
+        impulses I; divided by the largest rate at first touch.
     velocities, angular_velocities : tuple
-        Velocities of each body when the collision is over, in m/s and rad/s; empty where only W is known.
+        Velocities of each body when the collision is over, in m/s and rad/s. Empty if only the Delassus matrix was
+        given, and not the bodies.
     """
 
     impulses: tuple[float, ...]
@@ -99,30 +106,33 @@ class GraphOutcome:
 
     @property
     def has_result(self) -> bool:
-        """True where the numbers are a result."""
+        """Whether the numbers are a result of the model."""
         return bool(IS_RESULT[STATUSES.index(self.status)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GraphOutcomes(Sequence[GraphOutcome]):
-    """Results of n graphs of C contacts as arrays; `[i]` is a `GraphOutcome`.
+    """The model's results for n graphs with C contacts each, as arrays. Item `[i]` is the `GraphOutcome` of graph i.
 
     Attributes
     ----------
     impulses, rates : ndarray, shape (n, C)
-        In N s and m/s; NaN where there is no result.
+        Total impulses in N s, and final rates of compression in m/s; NaN where there is no result.
     status, reason : ndarray of int, shape (n,)
-        Indices into `STATUSES` and `reason_texts`.
+        Indices: `status` into the tuple `STATUSES`, `reason` into `reason_texts`.
     marked : ndarray of bool, shape (n,)
         True where the grazing margin is below the threshold.
     grazing_margin, duration : ndarray, shape (n,)
-        Margins, and times of the end in s.
+        Grazing margins, and durations of the collisions in s.
     n_events, n_windows : ndarray of int, shape (n,)
+        Numbers of events, and numbers of windows, the times over which a power series was used.
     events : recarray of `graph.record.EVENT` or None
-        All events, one graph after another, times in s; None where they were not recorded. Graph i has the rows from
-        offsets[i] to offsets[i + 1].
+        All events, one graph after another, with times in s; None if events were not recorded. The events of graph i
+        are `events[offsets[i] : offsets[i + 1]]`.
     offsets : ndarray of int, shape (n + 1,)
+        Indices into `events` at which the events of each graph begin and end.
     diagnostics : dict of str to ndarray, shape (n,)
+        Residuals of the solution, by the names that `GraphOutcome` explains.
     """
 
     impulses: Floats
@@ -141,17 +151,17 @@ class GraphOutcomes(Sequence[GraphOutcome]):
 
     @property
     def statuses(self) -> NDArray[np.str_]:
-        """Statuses as texts."""
+        """Status of each graph as a text, such as 'ok'; shape (n,)."""
         return np.array(STATUSES)[self.status]
 
     @property
     def reasons(self) -> NDArray[np.object_]:
-        """Sentences on statuses."""
+        """Sentence that explains the status of each graph, or an empty text; shape (n,)."""
         return np.array(self.reason_texts, dtype=object)[self.reason]
 
     @property
     def has_result(self) -> Booleans:
-        """True where the numbers are a result."""
+        """True for each graph whose numbers are a result of the model; shape (n,)."""
         return IS_RESULT[self.status]
 
     def __len__(self) -> int:
@@ -182,7 +192,7 @@ class GraphOutcomes(Sequence[GraphOutcome]):
         )
 
     def _events_of(self, i: int) -> tuple[ContactEvent, ...]:
-        """Return the events of one graph."""
+        """Return the events of graph i; empty if events were not recorded."""
         if self.events is None:
             return ()
         rows = self.events[self.offsets[i] : self.offsets[i + 1]]
@@ -193,12 +203,15 @@ class GraphOutcomes(Sequence[GraphOutcome]):
 
 
 def _contacts_of(bits: int) -> tuple[int, ...]:
-    """Return the numbers of the contacts of a set of bits, from 1."""
+    """Return the numbers, counted from 1, of the contacts whose bits are set."""
     return tuple(i + 1 for i in range(bits.bit_length()) if bits >> i & 1)
 
 
 def _sets_in_time(events: Sequence[ContactEvent]) -> list[tuple[float, str]]:
-    """Return the sets of active contacts that last longer than an instant, each with the time at which it begins."""
+    """Return the successive sets of active contacts, each as its time of beginning and its name.
+
+    Sets between simultaneous events are left out.
+    """
     sets: list[tuple[float, str]] = []
     if not events:
         return sets

@@ -1,4 +1,4 @@
-"""Types that cross the boundary of the kernel of graphs: endings, inputs, and the records of events and results.
+"""Types that the compiled kernel of graphs shares with Python: endings, inputs, and the records of events and results.
 
 Used by `graph.kernel`, which fills in the records, and by `graph.solving`, which reads them.
 """
@@ -13,86 +13,101 @@ from numpy.typing import NDArray
 
 
 class GraphEnding(IntEnum):
-    """End of a graph.
+    """How the kernel's computation of a graph ended.
 
-    No number is used in `chain.record.ChainEnding` or `pair.record.PairEnding`, so that the codes of different kernels
-    cannot be mixed up.
+    The numbers differ from all numbers of `chain.record.ChainEnding` and `pair.record.PairEnding`. So an ending of one
+    kernel cannot be taken for an ending of another.
     """
 
-    UNFINISHED = 200  # given up after too many windows
-    FREE = 201  # no contact is active, and no bodies approach
-    GAINED_ENERGY = 202  # like FREE, but rounding has made energy
+    UNFINISHED = 200  # given up: the collision is not over after the largest number of windows
+    FREE = 201  # the collision is over: no contact is active, and no bodies approach
+    GAINED_ENERGY = 202  # the collision is over, but rounding has made energy
     SEARCH_FAILED = 203  # given up: the first event of a window could not be found
-    RIGID_UNDECIDED = 204  # given up: it could not be decided which of several rigid contacts press
+    RIGID_UNDECIDED = 204  # given up: the search for the rigid contacts that press their bodies did not end
 
 
 class EventKind(IntEnum):
-    """Kind of an event; `graph.law` explains the words."""
+    """Kind of an event of a collision; the table in `graph.law` defines the events of a contact."""
 
-    START = 0  # first touch
+    START = 0  # first touch of the bodies
     END_OF_COMPRESSION = 1
     RESTART = 2
     END_OF_RESTITUTION = 3
     RETURN = 4
-    LOADED = 5  # a contact at rest is pressed from here on; or a rigid contact begins or ceases to be pressed
-    COLLAPSE = 6  # all contacts that are still active come to rest
+    LOADED = 5  # a contact at rest begins to carry force, or a rigid contact begins or ceases to carry force
+    COLLAPSE = 6  # all active contacts come to rest together, because hardly any energy is left
 
 
 class Graphs(NamedTuple):
-    """Graphs of one number of contacts C, in units of about 1."""
+    """Input of the kernel: n graphs with C contacts each, scaled so that all values are about 1."""
 
     #: Delassus matrices, shape (n, C, C).
     delassus: NDArray[np.float64]
-    #: Arrays of shape (n, C); rates of compression hold at first touch.
+    #: Stiffnesses, coefficients of restitution, and rates of compression at first touch; each of shape (n, C).
     stiffnesses: NDArray[np.float64]
     restitutions: NDArray[np.float64]
     rates: NDArray[np.float64]
-    #: Kinetic energies that the contacts can take up: w W^+ w/2 at first touch, with the pseudoinverse W^+; shape (n,).
+    #: Energies of impact, shape (n,): the kinetic energy w W^+ w/2 that the contacts can take up. w are the rates of
+    #: compression at first touch, and W^+ is the pseudoinverse of the Delassus matrix.
     energies: NDArray[np.float64]
 
     def take(self, rows: slice) -> Graphs:
-        """Return the graphs of a slice."""
+        """Return the graphs in the given rows of all arrays."""
         return Graphs(*(values[rows] for values in self))
 
 
 class GraphEnds(NamedTuple):
-    """Results that the kernel fills in, one row per graph, in the units of `Graphs`."""
+    """Results that the kernel fills in, one row per graph, in the scaled units of `Graphs`."""
 
-    #: Total impulses and final rates of compression, shape (n, C).
+    #: Total impulses, and rates of compression at the end of the collision; each of shape (n, C).
     impulses: NDArray[np.float64]
     rates: NDArray[np.float64]
     #: Records of `GRAPH_RESULT`, shape (n,).
     results: NDArray[np.void]
 
 
-#: An event. The first row of a graph is its first touch. Rows of one instant may follow one another.
+#: Record of one event in the log of events. The first record of a graph is its first touch. Several records may have
+#: the same time.
 EVENT = np.dtype(
     [
-        ("time", "f8"),  # time since first touch, in units of the graph
+        ("time", "f8"),  # time since first touch, in the scaled units of `Graphs`
         ("kind", "i8"),  # one of `EventKind`
-        ("contact", "i8"),  # number of the contact, from 0; -1 for an event without a single contact
-        ("active", "u8"),  # set of contacts that are active from here on; bit i stands for contact i
+        (
+            "contact",
+            "i8",
+        ),  # number of the contact, counted from 0; -1 if the event belongs to no single contact
+        ("active", "u8"),  # set of contacts that are active after the event; bit i stands for contact i
     ],
     align=True,
 )
 
-#: Largest number of contacts of a graph: a set of active contacts has one bit for each contact.
+#: Largest number of contacts of a graph. A set of contacts is stored in 64 bits, with one bit for each contact.
 MOST_CONTACTS = 60
 
-#: Result of one graph, in its units. `energy_residual` is the kinetic energy that went into contacts, less the strain
-#: energy that was lost there, over the energy of impact; it differs from 0 by rounding only.
+#: Record of the result of one graph, in the scaled units of `Graphs`. `energy_residual` checks the result. It is the
+#: kinetic energy that went into contacts, minus the strain energy that was lost there, divided by the energy of impact.
+#: Only rounding makes it differ from 0.
 GRAPH_RESULT = np.dtype(
     [
         ("ending", "i8"),  # one of `GraphEnding`
-        ("plastic", "?"),  # closed form: a contact with e = 0 ended compression
-        ("runaway", "?"),  # closed form: a contact whose stiffness runs away became rigid
-        ("collapse", "?"),  # closed form: bodies came to rest together after infinitely many events
-        ("n_events", "i8"),  # number of events of single contacts, and of collapses
-        ("n_windows", "i8"),
-        ("n_rows", "i8"),  # number of rows in the log of events
-        ("margin", "f8"),  # grazing margin (`graph.grazing`)
+        (
+            "plastic",
+            "?",
+        ),  # whether a contact with restitution 0 ended compression, and a closed form was used for it
+        (
+            "runaway",
+            "?",
+        ),  # whether a contact became rigid: its stiffness would grow without bound in a finite time
+        ("collapse", "?"),  # whether bodies came to rest together, as the limit of infinitely many events
+        ("n_events", "i8"),  # number of events of single contacts, plus the number of collapses
+        ("n_windows", "i8"),  # number of windows, the times over which a power series was summed
+        ("n_rows", "i8"),  # number of records in the log of events
+        (
+            "margin",
+            "f8",
+        ),  # grazing margin: how near the collision is to a jump of its outcome (`graph.grazing`)
         ("energy_residual", "f8"),  # residual of the energy balance of contacts, over the energy of impact
-        ("time", "f8"),  # duration from first touch to the end
+        ("time", "f8"),  # duration of the collision, from first touch to its end
     ],
     align=True,
 )

@@ -1,22 +1,25 @@
 """Rigid contacts of a graph: when a contact becomes rigid, the forces of rigid contacts, and which of them press.
 
-**When.** At e = 0 an end of compression makes a contact rigid. For e > 0 its running stiffness may run away
-(`ringing_ends`; supplement, 3.4), as in chains.
+**When a contact becomes rigid.** With restitution e = 0 a contact becomes rigid at its end of compression. With
+0 < e < 1 each end of compression makes it stiffer, and its stiffness may grow without bound in a finite time. Then it
+becomes rigid as well (`ringing_ends`; supplement, 3.4).
 
-**Forces.** A rigid contact keeps w_r = 0, so (W F)_r = 0. `eliminate` removes these rows one after another. Each
-elimination gives W <- W - W_r W_r^T/W_rr for all other contacts, and F_r = -sum_j W_rj F_j/W_rr. In a chain this is the
-same as one body in place of two. A rigid contact that other rigid contacts already keep at rest has no pivot, and
-carries no force.
+**Forces.** A rigid contact r keeps its rate of compression w_r = 0. So its force F_r solves (W F)_r = 0, where W is the
+Delassus matrix. `eliminate` eliminates the rigid contacts from W one after another, as in Gaussian elimination:
+W <- W - W_r W_r^T/W_rr for all other contacts, and F_r = -sum_j W_rj F_j/W_rr. In a chain this has the same effect as
+uniting the two bodies of the contact. If earlier rigid contacts already keep the rate of a rigid contact at 0, its
+pivot W_rr is 0. This contact is not eliminated, and carries no force.
 
-**Which contacts press.** A rigid contact only pushes: F_r >= 0 and w_r <= 0, and one of the two is 0. In a chain the
-neighbours only press, so a rigid contact stays closed. In a graph neighbours may also pull it open. As in the start
-rule, first non-zero coefficients decide. The force of a contact that presses must not begin below 0, and the rate of a
-contact that does not press must not begin above 0. `exchange` changes the first contact that breaks this rule, and
-`expand_with_rigid` writes the series anew until no contact breaks it.
+**Which contacts press.** A rigid contact can only push: F_r >= 0 and w_r <= 0, and one of the two is 0. In a chain the
+neighbours of a rigid contact only press it, so it stays closed. In a graph the neighbours may also pull it open. The
+first non-zero coefficient of a power series decides. For a contact that carries force, this coefficient of its force
+must not be negative. For a contact without force, this coefficient of its rate must not be positive. `exchange` changes
+the phase of the first contact that breaks this rule. `expand_with_rigid` then writes the series anew, until no contact
+breaks the rule.
 
-This is the least-index rule of Murty (Opsearch 11, 1974) for a complementarity problem. The rule is valid over every
-ordered field, so also for power series, and it ends if W of the rigid contacts is regular. If the exchanges go on for
-too long, the graph is given up.
+This is the least-index rule of Murty (Opsearch 11, 1974) for a linear complementarity problem. The rule is valid over
+every ordered field, so also for power series. It is proven to end if the part of W that belongs to the rigid contacts
+is a regular matrix. If it takes too many exchanges, the graph is given up.
 
 Used by `graph.kernel`.
 """
@@ -31,16 +34,19 @@ from impact_xval.model.compiled import kernel_helper
 from impact_xval.model.graph.motion import ROUNDING, apply_start_rule, expand, window_length
 from impact_xval.model.graph.state import GraphPhase, is_compliant, oscillation
 
-#: Pivots below this share of W_ii are rounding: other rigid contacts keep the contact at rest.
+#: A pivot below this share of the contact's W_ii counts as 0: other rigid contacts already keep its rate at 0.
 NO_PIVOT = 1e-12
 
-#: Exchanges per contact, by `exchange`, after which a graph is given up.
+#: Number of changes of phase by `exchange`, per contact of the graph, after which the graph is given up.
 MOST_EXCHANGES = 8
 
 
 @kernel_helper
 def eliminate(c, matrices):
-    """Write W without the contacts whose phase is RIGID, and the rows that give the forces of these contacts."""
+    """Eliminate the contacts whose phase is RIGID from the Delassus matrix.
+
+    Written are the reduced matrix `W` and the rows `pivots`, from which the forces of these contacts follow.
+    """
     full, W, pivots = matrices.full, matrices.W, matrices.pivots
     for i in range(c.size):
         c[i].has_pivot = False
@@ -63,14 +69,17 @@ def eliminate(c, matrices):
         for j in range(c.size):
             W[r, j] = W[j, r] = 0.0
     for r in range(c.size):
-        if c[r].phase == GraphPhase.RIGID:  # also a contact without a pivot: others keep it at rest
+        if c[r].phase == GraphPhase.RIGID:  # also a contact that others keep at rest
             for j in range(c.size):
                 W[r, j] = W[j, r] = 0.0
 
 
 @kernel_helper
 def leading_sign(coefficients, scale):
-    """Return the sign of the first coefficient that is not rounding, or 0; earlier coefficients are set to 0."""
+    """Return the sign of the first coefficient that is more than rounding; 0 if all of them are rounding.
+
+    Coefficients up to `ROUNDING` times `scale` count as rounding, and are set to 0 up to the first larger coefficient.
+    """
     for order in range(ORDER + 1):
         if abs(coefficients[order]) > ROUNDING * scale:
             return 1 if coefficients[order] > 0 else -1
@@ -80,9 +89,9 @@ def leading_sign(coefficients, scale):
 
 @kernel_helper
 def expand_with_rigid(c, matrices):
-    """Decide which rigid contacts press, and write the series of the next window.
+    """Decide which rigid contacts carry force, and write the power series of the next window.
 
-    Returned is the length of the window; -1 if the decision was given up.
+    Returned is the length of the window, or -1 if the decision took too many exchanges.
     """
     any_rigid = False
     for i in range(c.size):
@@ -101,9 +110,9 @@ def expand_with_rigid(c, matrices):
 
 @kernel_helper
 def exchange(c, full, h):
-    """Change the phase of the first rigid contact whose phase is wrong, and return whether there was one.
+    """Correct the phase of the first rigid contact whose phase is wrong, and return whether a phase was wrong.
 
-    The phase is wrong if the contact would pull, or if its bodies would approach.
+    The phase RIGID is wrong if the contact would pull. The phase INACTIVE is wrong if its bodies would approach.
     """
     for r in range(c.size):
         contact = c[r]
@@ -125,7 +134,7 @@ def exchange(c, full, h):
 
 @kernel_helper
 def make_rigid(contact):
-    """Make a contact rigid for good."""
+    """Make a contact rigid: from now on its phase is RIGID or INACTIVE."""
     contact.phase, contact.is_rigid = GraphPhase.RIGID, True
     contact.w, contact.F = 0.0, 0.0
 
@@ -134,11 +143,15 @@ def make_rigid(contact):
 def ringing_ends(c, W, i):
     """Return whether contact i, which has just ended compression, may count as rigid from here on.
 
-    The contact rings about its static load, the force that keeps its rate constant. Each end of compression makes the
-    contact stiffer by 1/e^2 at the same force, and its periods shorter by e. So the contact becomes rigid after a
-    finite time tau (supplement, 3.4). It counts as rigid at once if three conditions hold up to then: its energy is
-    negligible beside its neighbours' energy; the neighbours keep pressing it; and its ringing cannot carry a
-    neighbour's rate through zero, which would be an event. Chains have the same rule (`chain.rigid`).
+    The force of the contact oscillates about its static load, the force that keeps its rate constant. Each end of
+    compression divides the stiffness by e^2 and multiplies the period by e. So the contact becomes rigid after a finite
+    time tau (supplement, 3.4). It counts as rigid at once if three conditions are true until then:
+
+    - its energy is negligible beside the energy of its neighbours;
+    - the neighbours keep pressing it;
+    - its oscillation cannot carry a neighbour's rate through zero, which would be an event.
+
+    Chains have the same rule (`chain.rigid`).
     """
     contact, inverse = c[i], W[i, i]
     if inverse <= 0:
@@ -169,9 +182,10 @@ def ringing_ends(c, W, i):
 
 @kernel_helper
 def has_events(c, W, j, least):
-    """Return whether contact j may have an event while a neighbour rings.
+    """Return whether contact j may have an event because a neighbouring contact oscillates.
 
-    A contact with less energy than `least` only rings itself, and is disregarded.
+    `least` is twice the smallest energy that matters. A contact with less energy only oscillates itself, and is
+    disregarded.
     """
     if is_compliant(c[j].phase):
         return oscillation(c, W, j) > least

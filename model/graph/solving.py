@@ -1,7 +1,8 @@
-"""Solutions of contact graphs by the state-transition model, given their Delassus matrices.
+"""Solution of contact graphs that are given by their Delassus matrices, by the state-transition model.
 
-`solve_graph` solves one graph, `solve_graphs` many; `solve_graph_collision` solves a graph of bodies. This module
-checks the input, scales it to units of about 1, calls the kernel in threads, and builds outcomes in SI units.
+`solve_graph` solves one graph, and `solve_graphs` solves many. `solve_graph_collision` solves a graph of bodies. This
+module checks the input, scales all values to about 1, calls the compiled kernel in threads, and converts the results
+back to SI units.
 
 Needs `graph.kernel`. Used by users, and by `references` and `rigid.graphs` of `compliant_baselines`.
 """
@@ -33,25 +34,27 @@ from impact_xval.model.graph.state import new_contacts, new_matrices
 from impact_xval.model.inputs import GRAZING_THRESHOLD, LINE, MASS_PRECISION, Legal, checked_array
 from impact_xval.model.status import IS_RESULT, Ending, first_endings, reason_texts_of
 
-#: Work after which a graph is given up, about a second; and number of windows that every graph may have in any case. A
-#: chain of 60 contacts needs up to 10,000 windows. `window_work` is the work of one window.
+#: Limits of the computation of one graph, which is given up when it exceeds both. `MOST_WORK` is about a second, in the
+#: unit of `window_work`. `LEAST_WINDOWS` is a number of windows; a chain of 60 contacts needs up to 10,000 windows.
 MOST_WORK, LEAST_WINDOWS = 15_000_000, 20_000
 
-#: Graphs that a thread follows in one call; rows per graph that a log of events has at first.
+#: Number of graphs that a thread follows in one call of the kernel, and number of events per graph for which a log has
+#: room at first.
 SHARE, EVENT_ROWS = 512, 24
 
-#: Largest magnitude of a negative eigenvalue that is rounding, as a share of the largest eigenvalue; W is scaled to
-#: ones on its diagonal.
+#: A negative eigenvalue of W counts as rounding if its magnitude is at most this share of the largest eigenvalue. W is
+#: first scaled to ones on its diagonal.
 NEGATIVE = 1e-10
 
-#: Largest part of the rates outside the range of W that is rounding, as a share of the rates.
+#: Part of the rates that lies outside the range of W, as a share of the rates, up to which it counts as rounding.
 OUTSIDE = 1e-9
 
-#: Largest residual of the balances of impulses and of energy with which the numbers of a graph are a result. Jammed
-#: bodies exceed it: they ring without end at ever higher stiffnesses, until their rates are only rounding.
+#: Largest residual of the balance of impulses, and of the balance of energy, with which the numbers of a graph count as
+#: a result. Jammed bodies exceed it, because they oscillate without end at ever higher stiffnesses, until their rates
+#: are only rounding.
 UNBALANCED = 1e-9
 
-#: Largest difference of W_ij and W_ji that is rounding, over sqrt(W_ii W_jj).
+#: Largest difference between W_ij and W_ji that counts as rounding, divided by sqrt(W_ii W_jj).
 ASYMMETRY = 1e-12
 
 _, _STIFFNESSES, _RESTITUTIONS, _VELOCITIES, _ = LINE
@@ -75,16 +78,19 @@ def solve_graph(
     Parameters
     ----------
     delassus : array_like, shape (C, C)
-        W = J M^-1 J^T in 1/kg, where row J_i belongs to contact i. W is symmetric, without negative eigenvalues, and
-        with a positive diagonal. It may be singular. C is from 1 to `MOST_CONTACTS`.
+        Delassus matrix W = J M^-1 J^T in 1/kg, where M is the mass matrix, and row i of J gives the rate of compression
+        of contact i as -J_i v. W is symmetric, its diagonal is positive, and no eigenvalue is negative. It may be
+        singular. C is from 1 to `MOST_CONTACTS`.
     stiffnesses : array_like, shape (C,)
-        In N/m; positive, finite.
+        Stiffnesses in N/m; positive, finite.
     restitutions : array_like, shape (C,)
         Coefficients of energetic restitution, from 0 (perfectly plastic) to 1 (elastic).
     rates : array_like, shape (C,)
-        Rates of compression -J v at first touch, in m/s, in the range of W. At least one is positive.
+        Rates of compression w = -J v at first touch, in m/s; positive where bodies approach. At least one rate is
+        positive. The vector of rates has to lie in the range of W.
     max_windows : int, optional
-        Number of windows after which a graph is given up; the default takes about a second.
+        Number of windows, the times over which a power series is used, after which a graph is given up. The default
+        takes about a second.
     grazing_threshold : float
         Grazing margin below which the outcome is marked.
 
@@ -113,23 +119,26 @@ def solve_graph_collision(
     max_windows: int | None = None,
     grazing_threshold: float = GRAZING_THRESHOLD,
 ) -> GraphOutcome:
-    """Solve one collision of bodies by the state-transition model.
+    """Solve one collision of any bodies by the state-transition model of Jia, Mason and Erdmann.
 
     Parameters
     ----------
     collision : GraphCollision
-    max_windows, grazing_threshold
-        As for `solve_graph`.
+    max_windows : int, optional
+        Number of windows of time after which the collision is given up; the default takes about a second.
+    grazing_threshold : float
+        Grazing margin below which the outcome is marked.
 
     Returns
     -------
     GraphOutcome
-        With velocities, v + M^-1 J^T I, and with angular velocities where bodies turn.
+        Its velocities are v + M^-1 J^T I, with the velocities v at first touch and the impulses I of the contacts. It
+        has angular velocities if the collision has moments of inertia.
 
     Raises
     ------
     ValueError
-        If W leaves double precision.
+        If an entry of the Delassus matrix is too large or too small for double precision.
     """
     contacts = collision.contacts
     outcome = solve_graph(
@@ -158,23 +167,28 @@ def solve_graphs(
     grazing_threshold: float = GRAZING_THRESHOLD,
     events: bool = True,
 ) -> GraphOutcomes:
-    """Solve n contact graphs of one number of contacts by the state-transition model, on all processors.
+    """Solve n contact graphs with C contacts each by the state-transition model, on all processors.
 
     Parameters
     ----------
     delassus : array_like, shape (n, C, C)
+        Delassus matrices in 1/kg.
     stiffnesses, restitutions, rates : array_like, shape (n, C)
-        As for `solve_graph`.
-    max_windows, grazing_threshold
-        As for `solve_graph`.
+        Stiffnesses in N/m, coefficients of restitution, and rates of compression at first touch in m/s. `solve_graph`
+        states their legal ranges.
+    max_windows : int, optional
+        Number of windows after which a graph is given up; the default takes about a second.
+    grazing_threshold : float
+        Grazing margin below which an outcome is marked.
     events : bool
-        Whether outcomes have their events, and the sets of active contacts.
+        Whether events are recorded. Without them the outcomes have no events and no sets of active contacts.
 
     Returns
     -------
     GraphOutcomes
-        Status ``closed-form`` where a closed form was used, ``unconverged`` where a graph was given up,
-        ``unrepresentable`` where inverse masses or stiffnesses are too far apart for double precision, else ``ok``.
+        The status of a graph is ``closed-form`` if a closed form was used, ``unconverged`` if the graph was given up,
+        ``unrepresentable`` if its inverse masses or its stiffnesses are too far apart for double precision, and else
+        ``ok``.
 
     Raises
     ------
@@ -226,12 +240,12 @@ def solve_graphs(
 
 
 def window_work(contacts: int) -> int:
-    """Return the work of a window of a graph, in units of some 60 ns."""
+    """Return the computing time of one window of a graph, in units of about 60 ns."""
     return 60 + 20 * contacts + contacts * contacts
 
 
 def _follow(graphs: Graphs, most_windows: int, ends: GraphEnds, events: bool) -> Records | None:
-    """Call the kernel on all graphs, in threads, and return the log of events, if it is asked for."""
+    """Call the kernel on all graphs, in threads. Return the log of events if `events` is true, else None."""
     n, contacts = graphs.rates.shape
 
     def follow_share(share: slice, log: NDArray[np.void]) -> int:
@@ -251,7 +265,10 @@ def _follow(graphs: Graphs, most_windows: int, ends: GraphEnds, events: bool) ->
 def _endings(
     results: Records, is_followed: Booleans, is_balanced: Booleans, most_windows: int
 ) -> list[Ending]:
-    """Return the endings that graphs may have; the endings without a result come first."""
+    """Return all ways in which a graph may have ended, each with the graphs that ended so, a status and a sentence.
+
+    The first ending that is true of a graph counts. So the endings without a result come first.
+    """
     ending = results["ending"]
     failures = [
         Ending(
@@ -286,7 +303,7 @@ def _endings(
 
 
 def _closed_forms(results: Records) -> list[Ending]:
-    """Return the endings of graphs that a closed form finished: one ending for each combination of closed forms."""
+    """Return the endings of graphs for which closed forms were used, one for each combination of closed forms."""
     parts = {"plastic": PLASTIC_REASON, "runaway": RUNAWAY_REASON, "collapse": COLLAPSE_REASON}
     endings: list[Ending] = []
     for bits in range(7, 0, -1):
@@ -297,7 +314,10 @@ def _closed_forms(results: Records) -> list[Ending]:
 
 
 def checked_graph(delassus: Floats, restitutions: Floats, rates: Floats) -> tuple[Floats, Floats, Floats]:
-    """Check Delassus matrix, restitutions and rates of one graph; a ValueError names the first illegal value."""
+    """Check the Delassus matrix, the restitutions and the rates of one graph, and return them as arrays of floats.
+
+    A ValueError names the first illegal value.
+    """
     W, k, e, w = checked_graphs(delassus[None], np.ones((1, *rates.shape)), restitutions[None], rates[None])
     scaled_graphs(W, k, e, w)
     return W[0], e[0], w[0]
@@ -306,7 +326,7 @@ def checked_graph(delassus: Floats, restitutions: Floats, rates: Floats) -> tupl
 def checked_graphs(
     delassus: ArrayLike, stiffnesses: ArrayLike, restitutions: ArrayLike, rates: ArrayLike
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return the fields as arrays; a ValueError names the first illegal one."""
+    """Check all values of n graphs, and return them as arrays of floats; a ValueError names the first illegal value."""
     w = checked_array(_RATES, rates)
     if w.ndim != 2 or not 1 <= w.shape[1] <= MOST_CONTACTS:
         raise ValueError(
@@ -357,10 +377,12 @@ def checked_graphs(
 def scaled_graphs(
     W: Floats, k: Floats, e: Floats, w: Floats
 ) -> tuple[Graphs, tuple[Floats, Floats, Floats], Booleans]:
-    """Return graphs in units of about 1; their units of mass, time and velocity; and which graphs can be followed.
+    """Scale graphs so that their values are about 1.
 
-    The units are 1/W_11, sqrt(1/(W_11 k_1)), and the largest rate (Theorem 5). A ValueError names a W with a negative
-    eigenvalue, and rates outside its range.
+    Returned are the scaled graphs; their units of mass, time and velocity; and which graphs can be followed in double
+    precision. For each graph the unit of mass is 1/W_11, the unit of time is sqrt(1/(W_11 k_1)), and the unit of
+    velocity is the largest rate. By Theorem 5 of the paper the outcome does not depend on the units. A ValueError names
+    a Delassus matrix W with a negative eigenvalue, or rates outside the range of W.
     """
     contacts = w.shape[1]
     mass, speed = 1 / W[:, 0, 0], np.abs(w).max(axis=1)
@@ -376,7 +398,7 @@ def scaled_graphs(
         root[~is_followed] = 1.0
         correlation = scaled_W / (root[:, :, None] * root[:, None, :])
     correlation[~is_followed] = np.eye(contacts)
-    # Contacts with normals at right angles have an entry that is 0 but for rounding.
+    # If the normals of two contacts are at right angles, their entry of W differs from 0 by rounding only.
     is_noise = np.abs(correlation) <= ROUNDING
     scaled_W[is_noise] = 0.0
     correlation[is_noise] = 0.0

@@ -1,32 +1,33 @@
-"""The search for the first event in S1, with certainty: `first_event`, and the steps of the search.
+"""Search for the first event of two balls in state S1, in which both contacts are active. No event can be missed.
 
-In S1 up to four functions of time are watched. Each is positive until its event, at which it falls to zero:
+`first_event` is the search; the other functions are its steps. Up to four functions of time are watched. Each function
+is positive until its event, at which it falls to zero:
 
-* the compression rate of a contact in compression: compression ends;
-* minus the compression rate of a contact in restitution: compression restarts;
-* the force of a contact in restitution: restitution ends.
+* the rate of compression of a contact in compression: at its zero, compression ends;
+* minus the rate of compression of a contact in restitution: at its zero, compression restarts;
+* the force of a contact in restitution: at its zero, restitution ends.
 
 Each function is a sum of two sinusoids with known amplitudes, so its derivatives have known bounds. Two facts make the
 search both quick and safe:
 
-* **Certificate.** The values, slopes and second derivatives of a function at both ends of a window can prove that it is
-  positive inside (`pair.roots.positive_between`).
-* **Envelope.** A function is at least its slow sinusoid less the amplitude of its fast one, and the time at which that
-  difference first comes near zero is known in closed form (`pair.roots.envelope_time`). So the search steps over
-  thousands of fast oscillations that are too weak to matter.
+* **Proof by end values.** The values, slopes and second derivatives of a function at both ends of a window can prove
+  that the function is positive inside the window (`pair.roots.positive_between`). It is then called certified.
+* **Envelope.** A function is at least its slow sinusoid minus the amplitude of its fast sinusoid. The first time at
+  which this difference is near zero has a closed form (`pair.roots.envelope_time`). So the search steps over thousands
+  of fast oscillations that are too weak to matter.
 
-The search tries a window that begins at the last certified time (`evaluate`). There are three cases:
+The search tries a window, a time that begins where the last certified window ended (`evaluate`). There are three cases:
 
-* A function is negative at the end of the window. The end moves to a root of that function (`chase_root`).
-* All functions are positive there, but not all are certified. The window is halved.
-* All functions are certified. The window is passed, and `margin_after` looks for near misses. If a function is zero at
-  the end of the window, that end is the event.
+* A function is negative at the end of the window. The end is moved to a root of this function (`chase_root`).
+* All functions are positive at the end, but not all are certified. The window is halved.
+* All functions are certified. The window is done, and `margin_after` searches it for turning points near zero. If a
+  function is zero at the end of the window, this end is the event.
 
-A pair of close roots cannot be stepped over, because no window that holds such a pair is certified.
+A pair of close roots cannot be stepped over, because no window that contains such a pair can be certified.
 
-**Ties.** Every watched function that is zero within rounding at the first root fires at that instant. The order in
-which the events are then applied does not matter, because each changes only variables of its own contact. If
-restitution of a contact ends at the instant of a restart of compression, it just ends: no force is left to restart.
+**Simultaneous events.** Every watched function that is zero within rounding at the first root has its event at this
+time. Any order of these events would give the same result, because each event changes only its own contact. If the
+force of a contact is zero when its compression would restart, restitution just ends: no force is left to restart.
 
 Needs `pair.motion`, `pair.roots` and `pair.grazing`. Used by `pair.kernel`.
 """
@@ -50,25 +51,27 @@ from impact_xval.model.pair.roots import (
     time_above_zero,
 )
 
-#: Rounding of a watched function, relative to its amplitude.
+#: Rounding error of a watched function, as a share of its amplitude.
 NOISE = 4 * EPSILON
 
 #: Length of a window in radians of the fast mode. The reserve C h^6/28800 (`pair.roots`) is then 6 % of an amplitude.
 WINDOW = 3.5
 COS_WINDOW, SIN_WINDOW = cos(WINDOW), sin(WINDOW)
 
-#: Length in radians of the fast mode below which a window is not halved: it resolves a tangency to rounding.
+#: Length in radians of the fast mode below which a window is not halved any further: within it a function touches zero
+#: to rounding.
 SHORTEST_WINDOW = 1e-9
 
-#: Ratio of the modes' frequencies above which the envelope is tried, at every sixth window.
+#: Ratio of the frequencies of the fast and the slow mode above which the search tries to step over fast oscillations,
+#: at every sixth window (`clear_until`).
 ENVELOPE_RATIO = 6.0
 
-#: Windows after which a collision is given up: half a second.
+#: Number of windows after which a collision is given up, after half a second.
 MOST_WINDOWS = 5_000_000
 
 
 class Function(IntEnum):
-    """One of the four watched functions, or none of them."""
+    """Name of one of the four watched functions, or of none."""
 
     RATE1 = 0
     RATE2 = 1
@@ -87,18 +90,19 @@ class Four(NamedTuple):
 
 
 class Segment(NamedTuple):
-    """A segment of S1 whose first event is searched."""
+    """A segment of S1, a time without events, whose end is searched."""
 
-    #: m2/m1, and the modes at the running stiffnesses.
+    #: Mass ratio m2/m1.
     mu: float
+    #: Natural modes for the running stiffnesses.
     modes: Modes
-    #: Signs that make the rates d1 and v2 positive until their events.
+    #: Signs with which the rates d1 and v2 are multiplied, so that they are positive until their events.
     signs: tuple[float, float]
-    #: Whether the force of each contact is watched: True for contacts in restitution.
+    #: Whether the force of each contact is watched, which is so in restitution.
     watches_force: tuple[bool, bool]
-    #: 1 - e_i^2, the share of its energy that each contact loses at an end of compression.
+    #: Share 1 - e_i^2 of its strain energy that each contact loses at an end of compression.
     losses: tuple[float, float]
-    #: Modal coordinates at the start (`pair.motion.amplitudes`).
+    #: Modal coordinates q and r at the start of the segment (`pair.motion.amplitudes`).
     a: tuple[float, float]
     b: tuple[float, float]
 
@@ -108,23 +112,26 @@ class Event(NamedTuple):
 
     #: Time since the start of the segment.
     time: float
-    #: Whether each watched function is zero at that time; all are False where the search was given up.
+    #: Whether each watched function is zero at that time. All four are False if the search was given up.
     fired: Four
+    #: Rates and forces at that time.
     motion: Motion
-    #: Grazing margin so far (`pair.grazing`); infinity if nothing was near.
+    #: Grazing margin so far (`pair.grazing`); infinite if no rate had a turning point near zero.
     margin: float
-    #: Number of windows tried; `MOST_WINDOWS` where no window can be certified.
+    #: Number of windows tried; `MOST_WINDOWS` if numbers overflow, so that no window can be certified.
     windows: int
 
 
 class Bounds(NamedTuple):
-    """Bounds of one watched function in a segment."""
+    """Bounds of one watched function and of its derivatives, valid for a whole segment."""
 
-    #: Sum of the function's amplitudes, and rounding of its values.
+    #: Sum of the amplitudes of its two sinusoids.
     size: float
+    #: Rounding error of its values.
     noise: float
-    #: Bound of the second derivative, and bound of the sixth derivative divided by 28800.
+    #: Bound of its second derivative.
     second: float
+    #: Bound of its sixth derivative, divided by 28800.
     sixth: float
     #: Whether the function may have a turning point near zero.
     may_graze: bool
@@ -132,7 +139,10 @@ class Bounds(NamedTuple):
 
 @force_inlined
 def bounds_of(c, radius, omega):
-    """Return the bounds of a function with coefficients c; `radius` holds the amplitudes of the modal coordinates."""
+    """Return the bounds of a function with the coefficients c of both modes.
+
+    `radius` holds the amplitudes of the modal coordinates, and `omega` the frequencies.
+    """
     slow2, fast2 = omega[0] * omega[0], omega[1] * omega[1]
     slow6, fast6 = slow2 * slow2 * slow2 / 28800, fast2 * fast2 * fast2 / 28800
     slow, fast = abs(c[0]) * radius[0], abs(c[1]) * radius[1]
@@ -147,7 +157,7 @@ def bounds_of(c, radius, omega):
 
 @force_inlined
 def bounds_of_all(segment, radius):
-    """Return the bounds of the four watched functions of a segment."""
+    """Return the bounds of the four watched functions and of their derivatives, valid for a whole segment."""
     modes = segment.modes
     return Four(
         bounds_of(modes.delta, radius, modes.omega),
@@ -159,7 +169,7 @@ def bounds_of_all(segment, radius):
 
 @force_inlined
 def jets_of(motion, segment):
-    """Return value, slope and second derivative of the four watched functions: signed rates, and forces."""
+    """Return value, slope and second derivative of the four watched functions: both signed rates and both forces."""
     sign1, sign2 = segment.signs
     k1, k2, inverse_mu, inverse_M = segment.modes.k1, segment.modes.k2, 1 / segment.mu, 1 + 1 / segment.mu
     d1, v2, F1, F2 = motion.d1, motion.v2, motion.F1, motion.F2
@@ -175,7 +185,7 @@ def jets_of(motion, segment):
 
 @force_inlined
 def higher_derivatives(jets, segment):
-    """Return the third and fourth derivative of each watched rate, as two pairs."""
+    """Return the third and the fourth derivative of both watched rates, as one pair for each rate."""
     sign1, sign2 = segment.signs
     k1, k2, inverse_mu, inverse_M = segment.modes.k1, segment.modes.k2, 1 / segment.mu, 1 + 1 / segment.mu
     a1, a2 = jets.force1.bend, jets.force2.bend
@@ -188,10 +198,10 @@ def higher_derivatives(jets, segment):
 
 @force_inlined
 def is_past(jet, fresh):
-    """Return whether the event of a rate lies before the start of the segment.
+    """Return whether the event of a rate is due at the very start of the segment.
 
-    Rounding can make a rate start below zero. A `fresh` rate is exactly zero, because its own event began the segment;
-    its event is past unless it rises from zero.
+    Rounding may make a rate start below zero. A `fresh` rate is exactly zero at the start, because its own event began
+    the segment. Its next event is due at once if it falls from zero.
     """
     falls = jet.slope < 0 or (jet.slope == 0 and jet.bend < 0)
     return jet.value < 0 or (fresh and falls)
@@ -199,7 +209,10 @@ def is_past(jet, fresh):
 
 @force_inlined
 def evaluate(q, r, segment, chased):
-    """Return motion and jets at the end of a window; the function `chased`, if any, is set to zero there."""
+    """Return the motion at the end of a window, and value, slope and second derivative of all watched functions.
+
+    The end of the window is a root of the function `chased`, so this function is set to exactly zero.
+    """
     motion = motion_of(q, r, segment.modes)
     motion = Motion(
         0.0 if chased == Function.RATE1 else motion.d1,
@@ -218,7 +231,7 @@ def any_of(four):
 
 @force_inlined
 def noise_at(segment, bounds, time):
-    """Return the rounding of the four watched functions at a time of the segment; it grows with their phases."""
+    """Return the rounding errors of the four watched functions at a time of the segment. They grow with the phases."""
     growth = 1 + segment.modes.omega[1] * time
     return Four(
         growth * bounds.rate1.noise,
@@ -230,10 +243,10 @@ def noise_at(segment, bounds, time):
 
 @force_inlined
 def below_zero(segment, end, noise, leaves1, leaves2):
-    """Return which watched functions are below zero, beyond rounding, at the end of a window.
+    """Return which watched functions are below zero by more than rounding at the end of a window.
 
-    `leaves1` and `leaves2` tell whether rate 1 and rate 2 leave zero in this window; such a rate is positive at its
-    end.
+    `leaves1` and `leaves2` state whether rate 1 and rate 2 leave zero in this window. Such a rate is positive at the
+    end of the window.
     """
     return Four(
         (end.rate1.value < -noise.rate1) & ~leaves1,
@@ -245,7 +258,7 @@ def below_zero(segment, end, noise, leaves1, leaves2):
 
 @force_inlined
 def certify(segment, bounds, before, end, h, leaves1, leaves2):
-    """Return which functions are not watched, or are certain to be positive inside a window of length h."""
+    """Return which functions are proven to be positive inside a window of length h, or are not watched."""
     return Four(
         leaves1 | positive_between(before.rate1, end.rate1, h, bounds.rate1.sixth),
         leaves2 | positive_between(before.rate2, end.rate2, h, bounds.rate2.sixth),
@@ -256,7 +269,7 @@ def certify(segment, bounds, before, end, h, leaves1, leaves2):
 
 @force_inlined
 def zero_at_end(segment, end, noise, certified, leaves1, leaves2):
-    """Return which watched functions have their events, and so are zero, at the end of a window that is passed."""
+    """Return which watched functions are zero, and so have their events, at the end of a window that is done."""
     return Four(
         ~leaves1 & is_zero(end.rate1, noise.rate1, certified.rate1),
         ~leaves2 & is_zero(end.rate2, noise.rate2, certified.rate2),
@@ -269,7 +282,7 @@ def zero_at_end(segment, end, noise, certified, leaves1, leaves2):
 def is_zero(jet, noise, certified):
     """Return whether a function is zero within rounding.
 
-    A function that could not be certified counts as zero within four times rounding.
+    If the function could not be certified in the window, four times the rounding error is allowed.
     """
     return jet.value <= (noise if certified else 4 * noise)
 
@@ -287,7 +300,7 @@ def time_below(is_below, h, end):
 
 @force_inlined
 def select(is_rate1, is_rate2, is_force1, four):
-    """Return the value that the flag selects, or the last value if no flag is set, without an unpredictable branch."""
+    """Return the value whose flag is set, or the last value if no flag is set. No branch is used: it would be slow."""
     return (
         four.rate1 if is_rate1 else (four.rate2 if is_rate2 else (four.force1 if is_force1 else four.force2))
     )
@@ -295,7 +308,7 @@ def select(is_rate1, is_rate2, is_force1, four):
 
 @force_inlined
 def select_jet(is_rate1, is_rate2, is_force1, jets):
-    """Return the jet that the flag selects, or the last jet if no flag is set."""
+    """Return the `Jet` whose flag is set, or the last one if no flag is set."""
     a, b, c, d = jets.rate1, jets.rate2, jets.force1, jets.force2
     return Jet(
         select(is_rate1, is_rate2, is_force1, Four(a.value, b.value, c.value, d.value)),
@@ -306,10 +319,10 @@ def select_jet(is_rate1, is_rate2, is_force1, jets):
 
 @force_inlined
 def chase_root(segment, bounds, below, before, end, noise, fresh1, fresh2, t, h):
-    """Return a root of a function that is below zero at the end of a window from t to t + h.
+    """Return a root of one of the functions that are below zero at the end of a window from t to t + h.
 
-    The function that seems to have vanished first is chased, so that roots of the others need not be found. Returned
-    are this function, its root counted from t, and the modal coordinates q and r at the root.
+    The function that seems to have reached zero first is chosen, so that no roots of other functions have to be found.
+    Returned are this function, its root counted from t, and the modal coordinates q and r at the root.
     """
     modes, a, b = segment.modes, segment.a, segment.b
     sign1, sign2 = segment.signs
@@ -323,7 +336,7 @@ def chase_root(segment, bounds, below, before, end, noise, fresh1, fresh2, t, h)
         if is_rate1
         else (Function.RATE2 if is_rate2 else (Function.FORCE1 if is_force1 else Function.FORCE2))
     )
-    # A fresh rate is zero at the start of the window, and that zero is not the root.
+    # A fresh rate is zero at the start of the window. This zero is not the root that is searched.
     low = 0.0
     if fresh1 & is_rate1:
         low = time_above_zero(before.rate1, bounds.rate1.second, modes.omega[1])
@@ -335,7 +348,7 @@ def chase_root(segment, bounds, below, before, end, noise, fresh1, fresh2, t, h)
     at_start = select_jet(is_rate1, is_rate2, is_force1, before)
     at_end = select_jet(is_rate1, is_rate2, is_force1, end)
     its_noise = select(is_rate1, is_rate2, is_force1, noise)
-    # A rate is a sum of q_j, and its slope a sum of r_j. A force is a sum of r_j, and its slope a sum of -q_j.
+    # A rate is a sum of q_j, and its slope is a sum of r_j. A force is a sum of r_j, and its slope a sum of -q_j.
     u = (a[0] if is_rate else b[0], a[1] if is_rate else b[1])
     v = (b[0] if is_rate else -a[0], b[1] if is_rate else -a[1])
     root, u, v = root_before(c, t, h, low, at_start, at_end, its_noise, modes.omega, u, v)
@@ -345,7 +358,7 @@ def chase_root(segment, bounds, below, before, end, noise, fresh1, fresh2, t, h)
 
 @force_inlined
 def margin_after(segment, bounds, before, end, t, h, margin):
-    """Return the grazing margin after a window from t to t + h, given the margin before it."""
+    """Return the grazing margin after a window from t to t + h; `margin` is the grazing margin before the window."""
     modes, a, b = segment.modes, segment.a, segment.b
     if bounds.rate1.may_graze | bounds.rate2.may_graze:
         limit = min(margin, NEAR)
@@ -371,7 +384,7 @@ def margin_after(segment, bounds, before, end, t, h, margin):
 
 @force_inlined
 def clear_until(segment, radius, t):
-    """Return the time, not before t, up to which the envelopes of all watched functions stay clear of zero."""
+    """Return the time, not before t, up to which the envelopes prove that all watched functions stay above zero."""
     modes, omega, a, b = segment.modes, segment.modes.omega, segment.a, segment.b
     sign1, sign2 = segment.signs
     rate1 = (sign1 * modes.delta[0], sign1 * modes.delta[1])
@@ -387,7 +400,10 @@ def clear_until(segment, radius, t):
 
 @force_inlined
 def first_event(segment, start, margin):
-    """Return the first event of a segment of S1, given the motion at its start and the grazing margin before it."""
+    """Return the first event of a segment of S1.
+
+    `start` is the motion at its start, and `margin` is the grazing margin before the segment.
+    """
     modes, omega, a, b = segment.modes, segment.modes.omega, segment.a, segment.b
     w0, w1 = omega
     radius = (sqrt(a[0] * a[0] + b[0] * b[0]), sqrt(a[1] * a[1] + b[1] * b[1]))

@@ -1,6 +1,8 @@
-"""Calls of the kernel of two balls in threads: for velocities alone, with states, or with paths.
+"""Functions that call the kernel of two balls in threads, and return velocities alone, or also states or paths.
 
-All results are in units of m1, k1 and abs(v0). Needs `pair.kernel`. Used by `model.solving`.
+All results are in units of m1, k1 and abs(v0).
+
+Needs `pair.kernel`. Used by `model.solving`.
 """
 
 from __future__ import annotations
@@ -15,10 +17,10 @@ from impact_xval.model.compiled import STATE_ROWS, run_in_threads
 from impact_xval.model.pair.kernel import collide_all
 from impact_xval.model.pair.record import PATH_POINT, RESULT, PairLogs, PairOptions, PairRatios
 
-#: Collisions that a thread follows in one call.
+#: Number of collisions that a thread follows in one call of the kernel.
 SHARE = 8192
 
-#: Points per collision for which the log of paths has room at first.
+#: Number of points per collision for which the log of the motion has room at first.
 POINT_ROWS = 512
 
 _NO_PATH = np.empty(0, PATH_POINT).view(np.recarray)
@@ -28,7 +30,7 @@ _NO_STATES = np.empty((0, 1), np.uint64)
 class PairResult(NamedTuple):
     """Result of the kernel of two balls for n collisions."""
 
-    #: v1 and v2 per abs(v0), shape (n, 2); NaN where there is no result.
+    #: Final velocities v1 and v2, divided by abs(v0), shape (n, 2); NaN where there is no result.
     velocities: Floats
     #: Records of `pair.record.RESULT`, shape (n,).
     records: Records
@@ -39,7 +41,7 @@ def _empty_result(n: int) -> PairResult:
 
 
 def follow_pairs(cells: PairRatios, options: PairOptions) -> PairResult:
-    """Follow collisions to their ends."""
+    """Follow collisions to their ends, and return velocities and records without states and paths."""
     result = _empty_result(len(cells.kappa))
 
     def follow_share(share: slice, _log: NDArray[np.uint64]) -> int:
@@ -54,7 +56,7 @@ def follow_pairs(cells: PairRatios, options: PairOptions) -> PairResult:
 
 
 def follow_with_states(cells: PairRatios, options: PairOptions) -> tuple[PairResult, NDArray[np.uint64]]:
-    """Follow collisions to their ends; return also the sets of active contacts of all states, as in `PairLogs`."""
+    """Follow collisions to their ends. Also return the sets of active contacts of all states, as in `PairLogs.sets`."""
     result = _empty_result(len(cells.kappa))
 
     def follow_share(share: slice, log: NDArray[np.uint64]) -> int:
@@ -74,7 +76,7 @@ def follow_with_states(cells: PairRatios, options: PairOptions) -> tuple[PairRes
 
 
 def follow_with_paths(cells: PairRatios, options: PairOptions) -> tuple[PairResult, Records]:
-    """Follow collisions to their ends; return also the points of all paths, as records of `PATH_POINT`."""
+    """Follow collisions to their ends. Also return the points of their motion, as records of `PATH_POINT`."""
     result = _empty_result(len(cells.kappa))
 
     def follow_share(share: slice, log: NDArray[np.void]) -> int:

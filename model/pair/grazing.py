@@ -1,12 +1,13 @@
-"""The grazing margin of a pair: how near a collision of two balls comes to a jump of the model's outcome.
+"""The grazing margin of a pair: how near a collision of two balls is to a jump of the model's outcome.
 
-The grazing margin is the smallest magnitude of a compression rate at a turning point in S1, relative to the sum of the
-amplitudes of its sinusoids, if that is below `NEAR` (docs/theory.md, section 6, has the definition). `nearest_turn`
-searches for turning points. Two quick tests come first. `turns_far` tells from the amplitudes of a segment that no
-turning point is near zero; `stays_far` tells the same of a window, from the derivatives at its ends.
+The outcome jumps where a rate of compression touches zero without crossing it. The grazing margin is the smallest
+magnitude of a rate at a turning point in S1, divided by the sum of the amplitudes of its sinusoids. It is infinite if
+no quotient is below `NEAR` (docs/theory.md, section 6). `nearest_turn` searches for turning points. Two quick tests
+spare most searches: `turns_far` shows from the amplitudes of a segment that no turning point is near zero, and
+`stays_far` shows it for a window from the derivatives at its ends.
 
-Needs `pair.motion` and `pair.roots`. Used by `pair.events` and `pair.ringing`; `chain.grazing` and `graph.grazing`
-share the thresholds.
+Needs `pair.motion` and `pair.roots`. Used by `pair.events` and `pair.ringing`. `chain.grazing` and `graph.grazing`
+use the thresholds.
 """
 
 from __future__ import annotations
@@ -17,29 +18,31 @@ from impact_xval.model.compiled import force_inlined, kernel_helper
 from impact_xval.model.pair.motion import modal_coordinates
 from impact_xval.model.pair.roots import EPSILON, Jet, positive_between, root_before
 
-#: Near misses count where an end of compression would lose at least this share of the energy of impact. With a smaller
-#: loss, the outcome hardly depends on whether compression ends.
+#: A turning point counts if an end of compression at this time would lose at least this share of the energy of impact.
+#: If the loss is smaller, the outcome hardly depends on whether compression ends.
 STAKE = 1e-6
 
-#: Turning points count where a rate is at most this share of its amplitude. An outcome without such a turning point has
-#: an infinite margin. The number must not exceed `pair.roots.ENVELOPE_RESERVE`. Outcomes are marked by a far smaller
-#: threshold, `model.inputs.GRAZING_THRESHOLD`.
+#: A turning point counts if the rate is at most this share of its amplitude. An outcome without such a turning point
+#: has an infinite margin. The number must not exceed `pair.roots.ENVELOPE_RESERVE`. Outcomes are marked by a far
+#: smaller threshold, `model.inputs.GRAZING_THRESHOLD`.
 NEAR = 0.05
 
-#: Stretches shorter than this, in radians of the fast mode, are not halved further to find pairs of turning points.
+#: Shortest part of a window that is still halved in the search for pairs of turning points, in radians of the fast
+#: mode.
 SHORTEST_STRETCH = 1e-7
 
-#: Number of stretches after which the search of a window for turning points is given up.
+#: Number of parts of a window after which the search for turning points is given up.
 MOST_STRETCHES = 1000
 
 
 @force_inlined
 def turns_far(slow, fast, slow2, fast2):
-    """Return whether a sum of two sinusoids exceeds `NEAR` of its amplitude at all of its turning points.
+    """Return whether a sum of two sinusoids exceeds the share `NEAR` of its amplitude at all of its turning points.
 
-    `slow` and `fast` are the amplitudes, `slow2` and `fast2` the squares of the frequencies w_slow and w_fast. At a
-    turning point slow w_slow sin x = -fast w_fast sin y. Hence abs(sin x) is at most fast w_fast/(slow w_slow), and the
-    magnitude of the sum at least slow abs(cos x) - fast. The same holds with both sinusoids exchanged.
+    `slow` and `fast` are the amplitudes; `slow2` and `fast2` are the squares of the frequencies w_slow and w_fast. At a
+    turning point slow w_slow sin x = -fast w_fast sin y, with the phases x and y. Hence abs(sin x) is at most
+    fast w_fast/(slow w_slow), and the magnitude of the sum is at least slow abs(cos x) - fast. The same is true with
+    both sinusoids exchanged.
     """
     threshold = NEAR * (slow + fast)
     slow_bound, fast_bound = fast + threshold, slow + threshold
@@ -52,12 +55,12 @@ def turns_far(slow, fast, slow2, fast2):
 def stays_far(h, start, end, higher_start, higher_end, C, w1, near):
     """Return whether it is certain that a rate has no turning point below `near` inside a window of length h.
 
-    `start` and `end` are the jets of the rate at both ends, where the rate is not negative. `higher_start` and
-    `higher_end` are the pairs of its third and fourth derivatives there. C is the bound of the sixth derivative divided
-    by 28800; the bound of each further derivative is w1 times as large.
+    `start` and `end` are the rate, its slope and its second derivative at both ends, where the rate is not negative.
+    `higher_start` and `higher_end` are the pairs of its third and fourth derivatives at the ends. C is a bound of the
+    sixth derivative, divided by 28800. The bound of each higher derivative is w1 times as large.
 
-    One of three conditions is enough: the rate stays above `near`; its slope has one sign; or the rate is concave,
-    rises first, falls last, and is above `near` in the middle. Values are bounded by the Bernstein coefficients of
+    One of three conditions is enough: the rate stays above `near`; or its slope has one sign; or the rate is concave,
+    rises first, falls last, and is above `near` in the middle. Bernstein coefficients bound the values, as described in
     `pair.roots`.
     """
     reserve = C * (h * h * h) * (h * h * h)
@@ -81,7 +84,7 @@ def stays_far(h, start, end, higher_start, higher_end, C, w1, near):
 
 @force_inlined
 def jet_of(c, omega, q, r):
-    """Return the jet of sum c_j q_j."""
+    """Return the value, the slope and the second derivative of the sum of c_j q_j over both modes j."""
     x0, x1 = c[0] * q[0], c[1] * q[1]
     slope = c[0] * omega[0] * r[0] + c[1] * omega[1] * r[1]
     return Jet(x0 + x1, slope, -omega[0] * omega[0] * x0 - omega[1] * omega[1] * x1)
@@ -89,14 +92,14 @@ def jet_of(c, omega, q, r):
 
 @kernel_helper
 def nearest_turn(c, force, least_square, t, h, omega, a, b):
-    """Return the smallest magnitude of a rate sum c_j q_j at its turning points in (t, t + h); infinity without any.
+    """Return the smallest magnitude of a rate at its turning points in (t, t + h); infinity without turning points.
 
-    A turning point counts where the square of the contact's force, sum force_j r_j, exceeds `least_square`. No turning
-    point is missed. The window is passed in stretches. Each stretch ends at a zero of the slope or at its full length,
-    and inside it the slope is certified to have no zero.
+    The rate is the sum of c_j q_j over both modes j, and the force of the contact is the sum of force_j r_j. A turning
+    point counts if the square of the force exceeds `least_square`. No turning point is missed. The window is searched
+    in parts: inside each part it is proven that the slope has no zero, and a part may end at a zero of the slope.
     """
     w0, w1 = omega
-    # The slope is sum g_j r_j. r_j starts at b_j, and its quarter-turned partner is -q_j, which starts at -a_j.
+    # The slope is the sum of g_j r_j. r_j starts at b_j. Its derivative is -omega_j q_j, and -q_j starts at -a_j.
     g = (c[0] * w0, c[1] * w1)
     u, v = b, (-a[0], -a[1])
     slow = abs(g[0]) * sqrt(a[0] * a[0] + b[0] * b[0])
@@ -111,7 +114,7 @@ def nearest_turn(c, force, least_square, t, h, omega, a, b):
     if leading < 0:
         g, start = (-g[0], -g[1]), Jet(-start.value, -start.slope, -start.bend)
     for _ in range(MOST_STRETCHES):
-        # The slope is positive, or about to be, at the start of each stretch.
+        # The slope is positive, or zero and rising, at the start of each part.
         r, minus_q = modal_coordinates(t + passed + step, omega, u, v)
         end = jet_of(g, omega, r, minus_q)
         turns = end.value < 0

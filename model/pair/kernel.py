@@ -1,17 +1,17 @@
-"""The kernel of two balls on a table: the state transition diagram.
+"""The compiled kernel of two balls on a table: it follows collisions through the states of the model.
 
     S1  both contacts active     -> S2 when contact 1 ends restitution, S3 when contact 2 does, S4 when both end at once
     S2  ball-table contact only  -> S1 when v1 - v2 turns negative, S4 when contact 2 ends restitution first
     S3  ball-ball contact only   -> S1 when v2 turns negative, S4 when contact 1 ends restitution first
     S4  no contact active           the end: v1 >= v2 >= 0
 
-`collide` follows one collision segment by segment, in the scaled units of `pair.motion` (m1 = 1, v0 = -1, k1 = 1). One
-or more events end each segment. `collide_all` follows many collisions, and is the only kernel that Python calls.
-Contact 1 is ball-ball, contact 2 is ball-table.
+Contact 1 is between the balls, and contact 2 is between ball 2 and the table. Python calls `collide_all`, which follows
+many collisions. `collide` follows one collision, segment by segment, in the scaled units of `pair.motion` (m1 = 1,
+v0 = -1, k1 = 1). Each segment ends with one event, or with several simultaneous events.
 
 Needs `pair.events` for the first event of a segment of S1, `pair.lone` for segments with a single active contact,
-`pair.law` for the effect of an event, `pair.path` to log points. Used by `pair.following`. The sweeps compile this
-kernel before they start.
+`pair.law` for the effect of an event, `pair.path` to log points. Used by `pair.following`. The sweeps of experiments
+compile this kernel before they start.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ from impact_xval.model.pair.path import write_both, write_lone, write_point
 from impact_xval.model.pair.record import PairEnding, State
 from impact_xval.model.pair.ringing import next_zero_of_rate
 
-#: Share of the first energy below which bodies count as at rest. Under a law that does not stiffen, some collisions
-#: repeat one cycle of states for ever; each cycle leaves a fixed share of the energy.
+#: Share of the energy of impact below which bodies count as at rest. Under the law of Liu, Zhao and Brogliato some
+#: collisions repeat one cycle of states for ever, and each cycle leaves a fixed share of the energy.
 COLLAPSED = 1e-30
 
-#: Running stiffness ratios above this number, or below its inverse, count as infinite or zero in double precision.
+#: Ratios of running stiffnesses above this number count as infinite, and ratios below its inverse count as zero.
 PRECISION_RATIO = 1e30
 
 
 @force_inlined
 def segment_of(pair, mu, modes):
-    """Return the segment of S1 that begins now."""
+    """Return the segment of S1 that begins in the present state of the pair."""
     contact1, contact2 = pair.contact1, pair.contact2
     a, b = amplitudes(pair.d1, pair.v2, contact1.F / contact1.k, contact2.F / contact2.k, modes)
     return Segment(
@@ -60,10 +60,10 @@ def segment_of(pair, mu, modes):
 
 @force_inlined
 def follow_both_contacts(segment, pair, options, margin):
-    """Follow a segment of S1 to its first event, and apply the impact law there.
+    """Follow a segment of S1 up to its first event, and apply the impact law to the event.
 
-    Returned are the pair after the event, whether rate 1 and whether rate 2 was zero at the event, the duration of the
-    segment, the grazing margin so far, and the number of windows tried.
+    Returned are the pair after the event, whether rate 1 was zero at the event, whether rate 2 was zero, the duration
+    of the segment, the grazing margin so far, and the number of windows that the search has tried.
     """
     start = Motion(pair.d1, pair.v2, pair.contact1.F, pair.contact2.F)
     duration, windows, at_event = 0.0, 1, start
@@ -84,7 +84,7 @@ def follow_both_contacts(segment, pair, options, margin):
 
 @force_inlined
 def state_of(pair):
-    """Return the state: it follows from the set of active contacts."""
+    """Return the state S1 to S4 that belongs to the set of active contacts."""
     if pair.contact1.phase == Phase.INACTIVE:
         return State.S4 if pair.contact2.phase == Phase.INACTIVE else State.S2
     return State.S3 if pair.contact2.phase == Phase.INACTIVE else State.S1
@@ -92,23 +92,24 @@ def state_of(pair):
 
 @force_inlined
 def has_collapsed(pair, mu):
-    """Return whether the remaining energy is below `COLLAPSED`."""
+    """Return whether the remaining energy is below the share `COLLAPSED` of the energy of impact."""
     v1, v2 = pair.v2 - pair.d1, pair.v2
     return 2 * (pair.contact1.E + pair.contact2.E) + v1 * v1 + mu * v2 * v2 < COLLAPSED
 
 
 @inlined_helper
 def collide(kappa, mu, e1, e2, options, logs, first_point, first_set, result):
-    """Follow one collision through the diagram and return v1 and v2; a part of `collide_all`.
+    """Follow one collision through its states to its end, and return the final velocities v1 and v2.
 
-    All fields of `result` are filled in (`pair.record.RESULT`), but the field of the residual holds the lost energy
-    instead. Points of the path are written from `first_point` on, sets of active contacts from `first_set` on.
+    All fields of `result`, a record of `pair.record.RESULT`, are filled in. Its field `energy_residual` holds the lost
+    energy at first; `collide_all` computes the residual from it. Points of the motion are logged from row `first_point`
+    on, and sets of active contacts from row `first_set` on.
     """
     contact1 = Contact(Phase.COMPRESSION, 1.0, 0.0, 0.0, e1, 1.0)
     contact2 = Contact(Phase.COMPRESSION, kappa, 0.0, 0.0, e2, kappa)
     pair = Pair(1.0, 0.0, contact1, contact2, 0.0)
     state, logged = State.S1, State.S4
-    rigid, plastic = Rigid.NONE, False  # the bodies of a plastic contact stay one in every state
+    rigid, plastic = Rigid.NONE, False  # the bodies of a contact with e = 0 stay united in every state
     ending = PairEnding.FINISHED
     n_states, n_events, windows = 0, 0, 0
     margin = inf
@@ -173,7 +174,9 @@ def collide(kappa, mu, e1, e2, options, logs, first_point, first_set, result):
 
 @kernel_entry
 def collide_all(cells, options, logs, velocities, results):
-    """Follow collisions through the diagram, in units of m1, k1 and abs(v0); the only kernel that Python calls.
+    """Follow n collisions through their states to their ends, in units of m1, k1 and abs(v0).
+
+    Python calls no other compiled function of this module.
 
     Parameters
     ----------
@@ -181,9 +184,9 @@ def collide_all(cells, options, logs, velocities, results):
         Ratios of n collisions.
     options : PairOptions
     logs : PairLogs
-        Filled in for all collisions, one after another, as far as they fit.
+        Filled in for one collision after another.
     velocities : ndarray, shape (n, 2)
-        Filled in: v1 and v2; NaN where a collision was given up or not followed.
+        Filled in with the final v1 and v2; NaN if a collision was given up or not followed.
     results : recarray of `pair.record.RESULT`, shape (n,)
         Filled in.
     """

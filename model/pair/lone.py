@@ -1,7 +1,7 @@
-"""Motion with a single active contact: in S2, in S3, and in S1 where the other contact is rigid.
+"""Motion of two balls while a single contact is active: in S2, in S3, and in S1 if a contact is rigid.
 
-`lone_contact` tells which contact is active, and against which mass it works. `pair.motion.follow_single_contact` is
-the motion. `after_lone_contact` returns both balls after the motion.
+`lone_contact` returns which contact is active, and against which mass it works. `pair.motion.follow_single_contact`
+computes its motion. `after_lone_contact` returns the state of both balls after the motion.
 
 Units as in `pair.motion`. Needs `pair.law` and `pair.limits`. Used by `pair.kernel`.
 """
@@ -27,26 +27,28 @@ from impact_xval.model.pair.record import State
 
 
 class LoneContact(NamedTuple):
-    """The single active contact of a segment."""
+    """The only active contact during a segment in which the other contact is inactive or rigid."""
 
-    #: True for contact 1, ball-ball; False for contact 2, ball-table.
+    #: True for contact 1, between the balls; False for contact 2, between ball 2 and the table.
     is_ball_ball: bool
-    #: Whether the bodies of the other contact are one.
+    #: Whether the other contact is rigid, so that its bodies move as one body.
     united: bool
     contact: Contact
-    #: Mass that the contact works against, and compression rate of the contact.
+    #: Mass that the contact works against.
     mass: float
+    #: Rate of compression of the contact.
     rate: float
-    #: Impulse of the active contact at which the other contact returns.
+    #: Impulse of the active contact at which the other contact becomes active again; infinite if it never does.
     impulse_to_return: float
 
 
 @force_inlined
 def lone_contact(pair, mu, M, state, rigid, highest):
-    """Return the contact that is active alone in S2, in S3, or where a contact is rigid.
+    """Return the single active contact in S2, in S3, or in S1 if a contact is rigid.
 
-    A rigid contact that holds energy which can part its bodies is active alone, and completes its impact. Otherwise its
-    bodies are one, and the other contact works against this one body to the end (`pair.limits`).
+    If the rigid contact has enough energy to part its bodies, it is the active contact and completes its impact.
+    Otherwise its bodies move as one body, and the other contact works against this body until the end of the collision
+    (`pair.limits`).
     """
     if rigid == Rigid.NONE:
         if state == State.S3:
@@ -54,7 +56,8 @@ def lone_contact(pair, mu, M, state, rigid, highest):
         return LoneContact(False, False, pair.contact2, mu, -pair.v2, max(0.0, -mu * pair.d1))
     stiff_is_1 = rigid == Rigid.CONTACT1
     view = view_from(stiff_is_1, pair, mu, M)
-    # The part F F_s/k of the stiff contact's energy is there only because the contact passes on the force F_s.
+    # The part F F_s/k of the stiff contact's energy cannot part its bodies: the contact needs it to pass on the force
+    # F_s of the soft contact.
     passing_on = 2 * sqrt(pair.contact1.E * pair.contact2.E * (view.soft.k / view.stiff.k)) * view.share
     E = view.stiff.E - passing_on
     parts_bodies = view.rate * view.rate + 2 * E / view.mass > 1 / highest
@@ -66,7 +69,10 @@ def lone_contact(pair, mu, M, state, rigid, highest):
 
 @force_inlined
 def after_lone_contact(pair, lone, leaving, mu, state, stiffens, rigid):
-    """Return the pair after a segment with a single active contact; `leaving` is the end of that segment."""
+    """Return both balls and contacts after a segment with a single active contact.
+
+    `pair` is the state at the start of the segment, and `leaving` describes its end.
+    """
     c, loss = lone.contact, pair.loss
     if leaving.compression_ended:
         at_maximum = with_energy(c, c.E + 0.5 * lone.mass * lone.rate * lone.rate)
@@ -77,7 +83,7 @@ def after_lone_contact(pair, lone, leaving, mu, state, stiffens, rigid):
         c = Contact(c.phase, c.k, E, sqrt(2 * c.k * E), c.e, c.original)
         d1, v2, other_contact = after_return(pair, lone, leaving, other_contact, stiffens)
     elif lone.united:
-        # The united bodies stay together: both balls as one body, or B2 on the table.
+        # The bodies of the rigid contact stay together: both balls as one body, or B2 on the table.
         c, other_contact = end_of_restitution(c), end_of_restitution(other_contact)
         d1 = leaving.rate if lone.is_ball_ball else 0.0
         v2 = 0.0 if lone.is_ball_ball else -leaving.rate
@@ -92,23 +98,26 @@ def after_lone_contact(pair, lone, leaving, mu, state, stiffens, rigid):
 
 @force_inlined
 def after_return(pair, lone, leaving, other_contact, stiffens):
-    """Return d1, v2 and the other contact, which returns in compression with a compression rate of zero."""
+    """Return the rates d1 and v2 and the other contact, after the other contact has become active again.
+
+    It begins in compression, with a rate of compression of zero.
+    """
     other_contact = reactivate(stiffens, other_contact)
     if lone.is_ball_ball:
         return leaving.rate, 0.0, other_contact
-    return 0.0, pair.v2 - pair.d1, other_contact  # v1 has not changed, and v2 has become equal to v1
+    return 0.0, pair.v2 - pair.d1, other_contact  # v1 has not changed, and v2 now equals v1
 
 
 @force_inlined
 def after_parting(pair, lone, leaving, other_contact, mu, state, stiffens, rigid, loss):
-    """Return d1, v2, the other contact and the lost energy, after the active contact ended restitution.
+    """Return the rates d1 and v2, the other contact and the lost energy, after the active contact ended restitution.
 
-    A rigid active contact has completed its impact while the other contact stood still under load. If the other contact
-    was in restitution and its bodies now approach, its compression restarts.
+    If the active contact is rigid, it has completed its impact in no time, while the force of the other contact stayed
+    the same. If the other contact was in restitution and its bodies now approach, its compression restarts.
     """
     if lone.is_ball_ball:
         d1, v2 = leaving.rate, pair.v2 - leaving.impulse / mu
-        v2 = max(0.0, v2) if state == State.S3 else v2  # rounding must not make B2 approach the table
+        v2 = max(0.0, v2) if state == State.S3 else v2  # in S3 rounding must not make B2 approach the table
         compresses = -v2 > 0
     else:
         d1, v2 = pair.d1 - (pair.v2 + leaving.rate), -leaving.rate

@@ -1,23 +1,24 @@
 """Exact motion of two balls on a table inside a state.
 
-`Modes` and `modes_of` are the natural modes of S1. `amplitudes` turns a state into modal coordinates,
-`modal_coordinates` moves these in time, and `motion_of` turns them back. `follow_single_contact` is the motion in S2
-and S3.
+In S1 both contacts are active. `Modes` holds the natural modes of this motion, and `modes_of` computes them.
+`amplitudes` converts rates and forces into modal coordinates, `modal_coordinates` moves these in time, and `motion_of`
+converts them back. In S2 and S3 a single contact is active, and `follow_single_contact` computes the motion.
 
-Written in time, equations (13)-(15) are the equations of two linear springs, F_i = dI_i/dt = sqrt(2 k_i E_i):
+Written in time, equations (13)-(15) of docs/theory.md are the equations of two linear springs with the forces
+F_i = dI_i/dt = sqrt(2 k_i E_i):
 
     d1' = F2/m2 - F1/M      v2' = (F2 - F1)/m2      F1' = k1 d1      F2' = -k2 v2
 
-Here d1 = v2 - v1 is the compression rate of the ball-ball contact, -v2 the compression rate of the ball-table contact,
-and 1/M = 1/m1 + 1/m2. Between events the equations are solved in closed form. In S1 the solution consists of the two
-modes of a 2x2 stiffness matrix. In S2 and S3 it is one sinusoid; the supplement's section 1 gives its impulses, which
-suffice.
+Here d1 = v2 - v1 is the rate of compression of the contact between the balls, -v2 is the rate of compression of the
+contact with the table, and 1/M = 1/m1 + 1/m2. Between events the equations are solved in closed form. In S1 the
+solution consists of the two modes of a 2x2 stiffness matrix. In S2 and S3 the solution is one sinusoid, of which only
+the impulses are needed (section 1 of the supplement).
 
-The unknowns are d1, v2, F1, F2 instead of v1, v2, E1, E2 for two reasons. All four are continuous through every event,
-because an end of compression changes stiffnesses only. And where one contact is far stiffer than the other, none of the
-four is a small difference of large numbers. The coefficients below are free of cancellation too.
+The unknowns are d1, v2, F1, F2 instead of v1, v2, E1, E2 for two reasons. First, all four are continuous at every
+event, because an end of compression changes only a stiffness. Second, none of them is a small difference of large
+numbers if one contact is far stiffer than the other. The coefficients below are free of cancellation, too.
 
-Units: m1 = 1, v0 = -1, k1 = 1 initially (Theorem 5). Hence mu = m2/m1, and velocities are per |v0|.
+Units: m1 = 1, v0 = -1, k1 = 1 initially (Theorem 5). Hence mu = m2/m1, and velocities are divided by |v0|.
 
 Used by `pair.kernel`, `pair.events`, `pair.ringing`, `pair.grazing`, `pair.roots` and `pair.path`.
 """
@@ -35,10 +36,10 @@ from impact_xval.model.compiled import force_inlined
 PI = (float.fromhex("0x1.921fb544p+1"), float.fromhex("0x1.0b4611a626331p-33"))
 INVERSE_PI = 1 / pi
 
-#: 1/n!
+#: Coefficients 1/n! of Taylor's series, by n.
 T = tuple(1 / factorial(n) for n in range(22))
 
-#: Angle in radians above which the library's functions are called.
+#: Angle in radians above which `cos_sin` calls the functions of the library.
 LARGEST_ANGLE = 1e5
 
 
@@ -55,7 +56,7 @@ def cos_sin(x):
     n = np.rint(x * INVERSE_PI)
     r = (x - n * PI[0]) - n * PI[1]
     sign = 1.0 - 2.0 * (n - 2.0 * np.floor(0.5 * n))
-    # The alternating series to r^21, in Estrin's order, so that few operations wait for one another. As
+    # The series up to r^21 are summed in Estrin's order, so that few operations wait for one another. Because
     # abs(r) <= pi/2, the remainder is below 2e-17.
     z = r * r
     z2 = z * z
@@ -74,7 +75,7 @@ def cos_sin(x):
 
 
 class Modes(NamedTuple):
-    """Natural modes of the two springs of S1; each pair of numbers is (slow mode, fast mode).
+    """Natural modes of the two springs of S1. Each pair of numbers belongs to the slow and the fast mode.
 
     With w = (v1, v2), the equations of motion are diag(1, mu) w'' = -K w, K = [[k1, -k1], [-k1, k1 + k2]]. Mode j has
     the frequency omega_j and the shape (phi1, phi2) of unit modal mass, phi1^2 + mu phi2^2 = 1.
@@ -85,18 +86,18 @@ class Modes(NamedTuple):
     omega: tuple[float, float]
     phi1: tuple[float, float]
     phi2: tuple[float, float]
-    #: phi2 - phi1 and phi1 + mu phi2. The two rows of the eigenvalue equation give them as -omega^2 phi1/k1 and
-    #: k2 phi2/omega^2, which lose no digits where a mode is nearly rigid or nearly massless.
+    #: delta = phi2 - phi1 and sigma = phi1 + mu phi2. They are computed as -omega^2 phi1/k1 and k2 phi2/omega^2, by the
+    #: two rows of the eigenvalue equation. So no digits are lost if a mode is nearly rigid or nearly massless.
     delta: tuple[float, float]
     sigma: tuple[float, float]
-    #: omega phi1 and omega sigma.
+    #: Forces of both contacts per unit of r_j: omega phi1 and omega sigma.
     force1: tuple[float, float]
     force2: tuple[float, float]
 
 
 @force_inlined
 def modes_of(mu, k1, k2):
-    """Return the modes at mass ratio mu and stiffnesses k1 and k2, which solve the eigenvalue problem of `Modes`."""
+    """Return the natural modes for the mass ratio mu = m2/m1 and the stiffnesses k1 and k2."""
     inverse_mu = 1 / mu
     s12 = -k1 * sqrt(inverse_mu)
     difference = k1 - (k1 + k2) * inverse_mu
@@ -104,7 +105,7 @@ def modes_of(mu, k1, k2):
     fast2 = 0.5 * (k1 + (k1 + k2) * inverse_mu + spread)
     per_fast2, per_k1 = 1 / fast2, 1 / k1
     slow2 = k1 * per_fast2 * (k2 * inverse_mu)  # the product of the eigenvalues is k1 k2/mu
-    # The eigenvector of the fast mode is (y, s12) or (s12, -y); its squared length is y spread.
+    # The eigenvector of the fast mode is (y, s12) or (s12, -y). The square of its length is y times spread.
     y = 0.5 * (spread + abs(difference))
     scale = 1 / sqrt(y * spread)
     y1, y2 = (y * scale, s12 * scale) if difference >= 0 else (s12 * scale, y * scale)
@@ -126,11 +127,11 @@ def modes_of(mu, k1, k2):
 
 
 class Motion(NamedTuple):
-    """Compression rates and forces of both contacts at one instant."""
+    """Rates of compression and forces of both contacts at one time."""
 
-    #: v2 - v1 and v2: the compression rate of the ball-ball contact, and minus the compression rate of the ball-table
-    #: contact.
+    #: Rate of compression v2 - v1 of the contact between the balls.
     d1: float
+    #: Velocity of ball 2, which is minus the rate of compression of its contact with the table.
     v2: float
     F1: float
     F2: float
@@ -138,10 +139,10 @@ class Motion(NamedTuple):
 
 @force_inlined
 def amplitudes(d1, v2, u1, u2, modes):
-    """Return the pairs a and b of the motion q_j(t) = a_j cos(omega_j t) + b_j sin(omega_j t) from a state on.
+    """Return the pairs a and b of the motion q_j(t) = a_j cos(omega_j t) + b_j sin(omega_j t) that starts in a state.
 
-    The modal coordinates are q_j = phi1 v1 + mu phi2 v2 and r_j = q_j'/omega_j; at t = 0, q = a and r = b. The state is
-    given by the rates d1 and v2 and by the compressions u1 = F1/k1 and u2 = F2/k2 of linear springs.
+    The modal coordinates are q_j = phi1 v1 + mu phi2 v2 and r_j = q_j'/omega_j. At t = 0, q = a and r = b. The state
+    consists of the rates d1 and v2 and the compressions u1 = F1/k1 and u2 = F2/k2 of linear springs.
     """
     phi1, sigma, force1, force2 = modes.phi1, modes.sigma, modes.force1, modes.force2
     return (
@@ -152,14 +153,14 @@ def amplitudes(d1, v2, u1, u2, modes):
 
 @force_inlined
 def modal_coordinates(t, omega, a, b):
-    """Return (q_slow, q_fast) and (r_slow, r_fast) at time t."""
+    """Return the modal coordinates (q_slow, q_fast) and (r_slow, r_fast) at time t, which are a and b at time 0."""
     (cos_slow, sin_slow), (cos_fast, sin_fast) = cos_sin(omega[0] * t), cos_sin(omega[1] * t)
     return rotate(cos_slow, sin_slow, cos_fast, sin_fast, a, b)
 
 
 @force_inlined
 def rotate(cos_slow, sin_slow, cos_fast, sin_fast, q, r):
-    """Return q and r after both modes have turned by the angles with these cosines and sines."""
+    """Return the modal coordinates q and r after both modes have turned by angles with the given cosines and sines."""
     return (
         (q[0] * cos_slow + r[0] * sin_slow, q[1] * cos_fast + r[1] * sin_fast),
         (r[0] * cos_slow - q[0] * sin_slow, r[1] * cos_fast - q[1] * sin_fast),
@@ -168,7 +169,10 @@ def rotate(cos_slow, sin_slow, cos_fast, sin_fast, q, r):
 
 @force_inlined
 def rotate_briefly(h, omega, q, r):
-    """Return q and r a short time h later, by series of sine and cosine, to rounding if abs(omega_j h) <= 0.1."""
+    """Return the modal coordinates q and r a short time h later, by short series of sine and cosine.
+
+    They are exact to rounding if abs(omega_j h) <= 0.1.
+    """
     x, y = omega[0] * h, omega[1] * h
     x2, y2 = x * x, y * y
     cos_slow = 1 - x2 * (0.5 - x2 * (1 / 24 - x2 * (1 / 720 - x2 * (1 / 40320))))
@@ -180,7 +184,7 @@ def rotate_briefly(h, omega, q, r):
 
 @force_inlined
 def motion_of(q, r, modes):
-    """Return the motion with modal coordinates q and r; the inverse of `amplitudes`.
+    """Convert the modal coordinates q and r to rates and forces; the inverse of `amplitudes`.
 
     F1 = m1 v1' and F2 = F1 + m2 v2', which are equations (11) and (12) differentiated.
     """
@@ -196,25 +200,29 @@ def motion_of(q, r, modes):
 class Exit(NamedTuple):
     """End of a segment in which a single contact was active."""
 
-    #: True if the inactive contact returns (exit to S1), False if the active contact ended restitution (exit to S4).
+    #: True if the inactive contact becomes active again (S1 follows); False if the active contact ended restitution (S4
+    #: follows).
     returns: bool
-    #: Whether compression ended in the segment, or at the very instant of the return.
+    #: Whether compression of the active contact ended in the segment, or at its end.
     compression_ended: bool
-    #: Impulse of the active contact during the segment; its compression rate and strain energy at the end.
+    #: Impulse of the active contact during the segment.
     impulse: float
+    #: Rate of compression of the active contact at the end of the segment.
     rate: float
+    #: Strain energy of the active contact at the end of the segment.
     energy: float
 
 
 @force_inlined
 def follow_single_contact(mass, d, E, e, compressing, impulse_to_return):
-    """Follow S2 or S3, in which one contact is active, from entry to exit.
+    """Follow state S2 or S3, in which a single contact is active, from its start to its end.
 
-    This is the supplement's section 1, applied to either contact. In its equation (1) M is the mass that the contact
-    works against: m1 m2/(m1 + m2) in S3, m2 in S2. d and E are the compression rate and the strain energy at entry. The
-    inactive contact returns at the impulse `impulse_to_return`: m2 v2 in S3, m2 (v1 - v2) in S2.
+    This is section 1 of the supplement, applied to both states. `mass` is M in its equation (1), the mass that the
+    contact works against: m1 m2/(m1 + m2) in S3, and m2 in S2. d and E are the rate of compression and the strain
+    energy at the start. The inactive contact becomes active again when the active contact has given the impulse
+    `impulse_to_return`, which is m2 v2 in S3 and m2 (v1 - v2) in S2.
     """
-    # The rate at E = 0 that has the same energy as d and E together.
+    # Rate of compression that alone has the energy of d and E together.
     w = sqrt(d * d + 2 * E / mass)
     if compressing:
         w *= e
@@ -223,9 +231,9 @@ def follow_single_contact(mass, d, E, e, compressing, impulse_to_return):
         return Exit(False, compressing, maximum, -w, 0.0)
     d_exit = d - impulse_to_return / mass
     if compressing and d_exit > 0:
-        # The contact is still in compression: equation (2), as a sum of positive terms.
+        # The contact is still in compression. Its energy is equation (2) of the supplement, as a sum of positive terms.
         return Exit(True, False, impulse_to_return, d_exit, E + 0.5 * impulse_to_return * (d + d_exit))
-    # The contact is in restitution: equation (4), factored so that a small remaining energy keeps its digits.
+    # The contact is in restitution. Its energy is equation (4), factored so that a small energy keeps its digits.
     return Exit(
         True, compressing, impulse_to_return, d_exit, 0.5 * (maximum - impulse_to_return) * (w - d_exit)
     )

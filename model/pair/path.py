@@ -1,13 +1,16 @@
-"""Points of the exact motion of two balls, written into a log.
+"""Functions that write points of the exact motion of two balls into a log.
 
-`write_both` logs a segment of S1, `write_lone` a segment with a single active contact, `write_point` one point.
+`write_both` logs a segment of state S1, in which both contacts are active. `write_lone` logs a segment with a single
+active contact. `write_point` logs one point.
 
 In S1 the points are equally spaced in time. In every other segment one contact works against one mass, so the motion is
-a sinusoid: the compression rate is W cos(theta) and the force sqrt(k m) W sin(theta), where theta grows by sqrt(k/m)
-per unit of time. The end of compression, where W drops to e W and k rises to k/e^2, splits the segment into two pieces.
-In each piece the points are equally spaced in theta.
+a sinusoid: the rate of compression is W cos(theta), and the force is sqrt(k m) W sin(theta), where theta grows by
+sqrt(k/m) per unit of time. At the end of compression W drops to e W and k rises to k/e^2, so the segment has two
+pieces. In each piece the points are equally spaced in theta.
 
-Units as in `pair.motion`. Used by `pair.kernel`.
+Units as in `pair.motion`.
+
+Used by `pair.kernel`.
 """
 
 from __future__ import annotations
@@ -18,16 +21,17 @@ from impact_xval.model.compiled import force_inlined
 from impact_xval.model.pair.law import Phase
 from impact_xval.model.pair.motion import modal_coordinates, motion_of
 
-#: Points per half period of the fastest sinusoid of a segment.
+#: Number of points per half period of the fastest sinusoid of a segment.
 POINTS = 48
 
-#: Largest number of points of a piece. A segment of thousands of oscillations is undersampled, but its ends stay exact.
+#: Largest number of points of a piece. If a segment has thousands of oscillations, the points do not resolve them, but
+#: the first and the last point stay exact.
 MOST_POINTS = 4000
 
 
 @force_inlined
 def write_point(log, row, state, time, v1, v2, F1, F2):
-    """Write a point if the log has room for it, and return the next row."""
+    """Write a point into a row of the log, if the log has this row, and return the number of the next row."""
     if row < log.shape[0]:
         point = log[row]
         point.state, point.time = state, time
@@ -37,13 +41,13 @@ def write_point(log, row, state, time, v1, v2, F1, F2):
 
 @force_inlined
 def count_points(points, half_periods):
-    """Return the number of points of a smooth piece, both ends included."""
+    """Return the number of points for a smooth piece of a segment, including both ends."""
     return min(MOST_POINTS, 3 + ceil(points * half_periods))
 
 
 @force_inlined
 def write_both(log, row, points, time, state, duration, segment):
-    """Write a segment of S1 that starts at `time`; return the time at its end and the next row."""
+    """Log a segment of S1 that starts at `time`, and return the time at its end and the number of the next row."""
     modes, end = segment.modes, time
     n = count_points(points, modes.omega[1] * duration / pi)
     for i in range(n):
@@ -57,15 +61,16 @@ def write_both(log, row, points, time, state, duration, segment):
 
 @force_inlined
 def write_lone(log, row, points, time, state, pair, lone, mu, leaving):
-    """Write a segment in which a single contact is active, from `pair` at its start to the exit `leaving`.
+    """Log a segment in which a single contact is active.
 
-    Returned are the time at the end of the segment and the next row. If the bodies of the other contact are one, the
-    other contact passes on the force of the active contact; else its force stays as it is. An active contact without
-    stiffness takes an infinite time. At an infinite stiffness no time passes, and the force is infinite.
+    `pair` is the state at the start of the segment, and `leaving` describes its end. Returned are the time at the end
+    and the number of the next row. If the other contact is rigid, it passes on the force of the active contact.
+    Otherwise its force stays the same. If the active contact has the stiffness 0, the segment takes an infinite time.
+    If its stiffness is infinite, the segment takes no time and the force is infinite.
     """
     c, mass, rate = lone.contact, lone.mass, lone.rate
     v1, v2 = pair.v2 - pair.d1, pair.v2
-    # Changes of v1 and v2 per change of the compression rate.
+    # Changes of v1 and v2 per unit of change of the rate of compression.
     if lone.is_ball_ball:
         waiting_force = pair.contact2.F
         per_v1, per_v2 = (-1.0, 0.0) if lone.united else (-mu / (1 + mu), 1 / (1 + mu))

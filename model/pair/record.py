@@ -1,4 +1,4 @@
-"""Types that cross the boundary of the kernel of two balls: states, endings, ratios, options, logs, and results.
+"""Types that the kernel of two balls shares with Python: states, endings, ratios, options, logs, and results.
 
 Used by `pair.kernel`, which fills in the results, and by `pair.following` and `model.solving`, which read them.
 """
@@ -13,36 +13,40 @@ from numpy.typing import NDArray
 
 
 class State(IntEnum):
-    """State of the diagram, by the contacts that are active; contact 1 is ball-ball, contact 2 ball-table."""
+    """State of two balls on a table, by the set of active contacts.
 
-    S1 = 1  # both contacts
-    S2 = 2  # contact 2
-    S3 = 3  # contact 1
-    S4 = 4  # no contact: the end
+    Contact 1 is between the balls, and contact 2 is between ball 2 and the table.
+    """
+
+    S1 = 1  # both contacts are active
+    S2 = 2  # only contact 2 is active
+    S3 = 3  # only contact 1 is active
+    S4 = 4  # no contact is active: the collision is over
 
 
 class PairEnding(IntEnum):
-    """End of a collision in the kernel of two balls.
+    """How the kernel's computation of a collision of two balls ended.
 
-    No number is used in `chain.record.ChainEnding`, so that the codes of two kernels cannot be mixed up.
+    The numbers differ from all numbers of `chain.record.ChainEnding`. So an ending of one kernel cannot be taken for an
+    ending of the other.
     """
 
-    FINISHED = 100  # the collision was followed to S4
-    CLOSED_FORM = 101  # finished by the closed form of a limiting case
-    PRECISION = 102  # finished like CLOSED_FORM, because the running stiffness ratio left double precision
-    COLLAPSED = 103  # the bodies came to rest together after infinitely many events
+    FINISHED = 100  # the collision was followed to its end, the state S4
+    CLOSED_FORM = 101  # the closed form of a limiting case was used
+    PRECISION = 102  # the closed form was used, because the ratio of stiffnesses exceeded double precision
+    COLLAPSED = 103  # the bodies came to rest together, as the limit of infinitely many events
     TOO_MANY_EVENTS = 104  # given up after too many events
-    UNREPRESENTABLE = 105  # not followed: m2/m1 lies beyond `MASS_PRECISION`
+    UNREPRESENTABLE = 105  # not followed: m2/m1 or m1/m2 exceeds `MASS_PRECISION`
 
 
 class PairRatios(NamedTuple):
-    """Ratios that decide a collision of two balls on a table (Theorem 5), dimensionless; arrays of shape (n,)."""
+    """Dimensionless ratios that decide a collision of two balls on a table (Theorem 5); each an array of shape (n,)."""
 
-    #: k2/k1, from 0 to infinity.
+    #: Stiffness ratio k2/k1, from 0 to infinity.
     kappa: NDArray[np.float64]
-    #: m2/m1.
+    #: Mass ratio m2/m1.
     mu: NDArray[np.float64]
-    #: Coefficients of restitution.
+    #: Coefficients of restitution of contacts 1 and 2.
     e1: NDArray[np.float64]
     e2: NDArray[np.float64]
 
@@ -54,46 +58,51 @@ class PairRatios(NamedTuple):
 class PairOptions(NamedTuple):
     """Rules and limits of the kernel of two balls."""
 
-    #: Running stiffness ratio above which, and below whose inverse, a contact counts as rigid; `pair.limits.EXACT` for
-    #: the outcome without a cut-off.
+    #: A contact counts as rigid if its running stiffness exceeds this number times the stiffness of the other contact.
+    #: `pair.limits.EXACT` means that there is no cut-off.
     cutoff: float
     #: Number of events after which a collision is given up.
     max_events: int
-    #: Whether a repeated compression keeps the stiffness that the ends of compression left (`pair.law`).
+    #: Whether a repeated compression begins with the stiffness to which ends of compression have raised it. If not, it
+    #: begins with the original stiffness (`pair.law`).
     stiffens: bool
-    #: Points of a path per half period of the fastest oscillation of a segment.
+    #: Number of logged points per half period of the fastest oscillation.
     points: int
 
 
 class PairLogs(NamedTuple):
-    """Logs that the kernel of two balls fills for all collisions, one after another, as far as they fit."""
+    """Logs that the kernel fills in for one collision after another. Rows beyond the size of a log are dropped."""
 
-    #: Points of paths, of type `PATH_POINT`, shape (entries,); without entries, paths are not logged.
+    #: Points of the motion: records of `PATH_POINT`, shape (entries,). If the log has no entries, nothing is logged.
     path: NDArray[np.void]
-    #: Sets of active contacts, one for each state, shape (entries, 1). The lowest bit is contact 1; the last set is 0.
+    #: Sets of active contacts, one set for each state, shape (entries, 1). The lowest bit stands for contact 1. The
+    #: last set of a collision is 0.
     sets: NDArray[np.uint64]
 
 
-#: Point of a path, in units of m1, k1 and abs(v0).
+#: Record of one point of the motion, in units of m1, k1 and abs(v0).
 PATH_POINT = np.dtype(
     [
         ("state", "i8"),  # one of `State`
         ("time", "f8"),  # time since first touch
-        ("v1", "f8"),
-        ("v2", "f8"),
-        ("F1", "f8"),
-        ("F2", "f8"),
+        ("v1", "f8"),  # velocity of ball 1
+        ("v2", "f8"),  # velocity of ball 2
+        ("F1", "f8"),  # force of contact 1
+        ("F2", "f8"),  # force of contact 2
     ]
 )
 
-#: Result of one collision, in units of m1, k1 and abs(v0).
+#: Record of the result of one collision, in units of m1, k1 and abs(v0).
 RESULT = np.dtype(
     [
         ("ending", "i8"),  # one of `PairEnding`
-        ("n_states", "i8"),
-        ("n_events", "i8"),
-        ("n_points", "i8"),  # number of points in the log of paths
-        ("margin", "f8"),  # grazing margin (`pair.grazing`)
-        ("energy_residual", "f8"),  # the energy of impact, 1/2, less the lost energy and the remaining energy
+        ("n_states", "i8"),  # number of states in time, including S4
+        ("n_events", "i8"),  # number of events
+        ("n_points", "i8"),  # number of points in the log of the motion
+        (
+            "margin",
+            "f8",
+        ),  # grazing margin: how near the collision is to a jump of its outcome (`pair.grazing`)
+        ("energy_residual", "f8"),  # energy of impact, which is 1/2, minus the lost and the remaining energy
     ]
 )

@@ -1,4 +1,6 @@
-"""A short cut of `pair.events.first_event` for a stiff contact that rings: `next_zero_of_rate`.
+"""A quick way to the next event of a stiff contact that oscillates: `next_zero_of_rate`.
+
+It spares the search of `pair.events.first_event` where it is certain which event comes first.
 
 Needs `pair.motion`, `pair.roots`, `pair.grazing` and the types of `pair.events`. Used by `pair.kernel`.
 """
@@ -11,28 +13,29 @@ from impact_xval.model.compiled import force_inlined
 from impact_xval.model.pair.grazing import NEAR, turns_far
 from impact_xval.model.pair.motion import Motion, cos_sin, motion_of, rotate_briefly
 
-#: A contact may ring if it is this many times as stiff as the other contact.
+#: The quick way is tried if one contact is more than this many times as stiff as the other contact.
 STIFFER = 10.0
 
-#: Largest share of its fast sinusoid that the slow sinusoid of a ringing rate may have.
+#: Largest amplitude of the slow sinusoid of the stiff contact's rate, as a share of the amplitude of its fast sinusoid.
 RINGING = 0.8
 
-#: Newton's method in radians of the fast mode: the longest step, and the step below which the method ends.
+#: Steps of Newton's method, in radians of the fast mode: the longest step, and the step below which the method ends.
 LONGEST_STEP, LAST_STEP = 0.1, 1e-8
 
 
 @force_inlined
 def next_zero_of_rate(segment, start):
-    """Return time and motion of the first event, if this is certain to be the next zero of a ringing contact's rate.
+    """Return the next zero of the rate of a stiff contact, if this zero is certainly the first event of a segment.
 
-    Returned are the time, or 0 where nothing is certain; whether the ringing contact is contact 1; and the motion at
-    that time.
+    Returned are its time, or 0 if this is not certain; whether the stiff contact is contact 1; and the motion at that
+    time.
 
-    The rate of the stiff contact is zero at the start. While its slow sinusoid is smaller than its fast sinusoid, the
-    rate is zero twice in each oscillation, and the force of the stiff contact is monotonic between these zeros. The
-    rate of the soft contact keeps its sign while its slow sinusoid exceeds the amplitude of its fast sinusoid, and then
-    the force of the soft contact is monotonic too. So if both forces are positive at the end, they were positive all
-    the time. No turning point of either rate is nearer to zero than `NEAR`.
+    The rate of the stiff contact is zero at the start. While the amplitude of its slow sinusoid is smaller than that of
+    its fast sinusoid, the rate is zero twice in each oscillation, and the force of the stiff contact is monotonic
+    between these zeros. The rate of the soft contact keeps its sign while its slow sinusoid exceeds the amplitude of
+    its fast sinusoid. Then the force of the soft contact is monotonic, too. So if both forces are positive at the end,
+    they were positive all the time. No turning point of a rate is nearer to zero than the share `NEAR` of its
+    amplitude.
     """
     modes, omega, a, b = segment.modes, segment.modes.omega, segment.a, segment.b
     rings1 = start.d1 == 0 and modes.k1 > STIFFER * modes.k2
@@ -53,8 +56,8 @@ def next_zero_of_rate(segment, start):
         (b[0] * cos_slow - a[0] * sin_slow, -b[1]),
     )
     nearest = min(soft_sign * soft[0] * a[0], soft_sign * soft[0] * q[0])
-    # The slow sinusoid falls at most this share below its lower end: between the ends, and where Newton's steps go
-    # beyond the second end.
+    # The slow sinusoid falls at most this share of its amplitude below the lower one of its values at both ends. This
+    # is true between the ends, and also as far as Newton's steps go beyond the second end.
     reserve = per_turn * (1 + 5 * per_turn)
     stiff_slow, stiff_fast = abs(stiff[0]) * slow, abs(stiff[1]) * fast
     soft_slow, soft_fast = abs(soft[0]) * slow, abs(soft[1]) * fast

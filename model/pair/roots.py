@@ -1,16 +1,18 @@
-"""Roots and positivity of one sum of two sinusoids: the tools of `pair.events` and `pair.grazing`.
+"""Roots and bounds of a sum of two sinusoids.
 
-`root_before` finds a root. `positive_between` certifies that an interval has no root. `envelope_time` steps over
-stretches that cannot have a root. A root that these functions find need not be the first root: the caller certifies
-that it is.
+`root_before` finds a root, which need not be the first root; the caller proves that it is. `positive_between` proves
+that an interval has no root. `envelope_time` steps over a time that cannot have a root.
 
-Each function is f = sum c_j q_j (a rate) or f = sum c_j q_j' (a force) of the two modes of `pair.motion`. Its
-amplitudes are known, so its second and sixth derivatives have known bounds. Let H be the quintic with the values,
-slopes and second derivatives of f at both ends of an interval of length h, and C the bound of the sixth derivative.
-Then f(x h) >= H(x h) - C h^6 x^3 (1 - x)^3/720, and x^3 (1 - x)^3 <= (B2 + B3)/40 in Bernstein polynomials of degree
-five. Hence f is positive inside the interval if the Bernstein coefficients of H satisfy b0, b1, b4, b5 >= 0 and
-b2, b3 > C h^6/28800. The function may be zero at the ends themselves: at the event that began the segment, and at the
-root that will end it.
+The function f is a rate or a force of a contact in S1. With the modal coordinates q_j of `pair.motion`, a rate is the
+sum of c_j q_j over both modes j, and a force is the sum of c_j r_j with r_j = q_j'/omega_j. The amplitudes of f are
+known, so its second and sixth derivatives have known bounds. Let H be the quintic with the values, slopes and second
+derivatives of f at both ends of an interval of length h. Let C be the bound of the sixth derivative, and let x run from
+0 to 1 over the interval. Then f(x h) >= H(x h) - C h^6 x^3 (1 - x)^3/720, and x^3 (1 - x)^3 <= (B2 + B3)/40 in
+Bernstein polynomials of degree five. Hence f is positive inside the interval if the Bernstein coefficients of H satisfy
+b0, b1, b4, b5 >= 0 and b2, b3 > C h^6/28800. The function may be zero at the ends: at the event that began the segment,
+and at the root that ends it.
+
+Used by `pair.events` and `pair.grazing`.
 """
 
 from __future__ import annotations
@@ -23,20 +25,20 @@ from impact_xval.model.pair.motion import modal_coordinates, rotate_briefly
 
 EPSILON = 2.0**-52
 
-#: Least distance from zero, relative to the sum of its amplitudes, of a function in a stretch that `envelope_time`
-#: steps over. It must not be below `pair.grazing.NEAR`, so that no near miss is stepped over.
+#: While `envelope_time` steps over a time, the function keeps at least this distance from zero, as a share of the sum
+#: of its amplitudes. The number must not be below `pair.grazing.NEAR`: no turning point near zero may be stepped over.
 ENVELOPE_RESERVE = 0.05
 
-#: `root_before` halves its bracket at every sixth step.
+#: Number of steps of `root_before` after which it halves its bracket once.
 BISECT = 6
 
-#: Longest step, in radians of the fast mode, for which the Taylor polynomial of degree seven is trusted: it is then
-#: exact to 1e-15 of an amplitude. The motion follows by the series of `pair.motion.rotate_briefly`.
+#: Longest step, in radians of the fast mode, after which the motion is computed by the short series of
+#: `pair.motion.rotate_briefly`. The Taylor polynomial of degree seven is then exact to 1e-15 of an amplitude.
 SERIES = 0.05
 
 
 class Jet(NamedTuple):
-    """Value, slope and second derivative of a function of time at one instant."""
+    """Value, slope and second derivative of a function of time, at one time."""
 
     value: float
     slope: float
@@ -45,9 +47,10 @@ class Jet(NamedTuple):
 
 @force_inlined
 def predict_root(h, start, end):
-    """Return an estimate in (0, h) of the root of a function that is negative at h, from its jets at 0 and at h.
+    """Return an estimate in (0, h) of the root of a function that is negative at h.
 
-    Halley's method makes one step from h, and a second step on the quintic through both jets corrects it.
+    `start` and `end` are the value, the slope and the second derivative at 0 and at h. The estimate is one step of
+    Halley's method from h. A second step, on the polynomial of degree 5 with these values, corrects it.
     """
     f0, f1, slope, bend = start.value, end.value, h * end.slope, h * h * end.bend
     # In x = t/h the quintic is a0 + x (a1 + x (a2 + x (a3 + x (a4 + x a5)))).
@@ -66,10 +69,10 @@ def predict_root(h, start, end):
 
 @force_inlined
 def step_to_root(x0, x1, y0, y1, w0, w1):
-    """Return the step from a point to a nearby root of f = x_0 + x_1, where f' = y_0 + y_1 and x_j'' = w_j x_j.
+    """Return the step to a nearby root of f = x_0 + x_1, where f' = y_0 + y_1 and x_j'' = w_j x_j.
 
-    It is Householder's step of third order, corrected by a step of Newton's method on the Taylor polynomial of degree
-    seven.
+    The step is a Householder step of third order. A step of Newton's method on the Taylor polynomial of degree seven
+    corrects it.
     """
     f, df = x0 + x1, y0 + y1
     w00, w11 = w0 * w0, w1 * w1
@@ -86,11 +89,11 @@ def step_to_root(x0, x1, y0, y1, w0, w1):
 
 @force_inlined
 def root_before(c, t, h, low, start, end, noise, omega, a, b):
-    """Return a root of sum c_j q_j in (t + low, t + h), counted from t, and the coordinates q and r there.
+    """Return a root, counted from t, of a function in (t + low, t + h), and the modal coordinates q and r at the root.
 
-    The function is negative at t + h; `start` and `end` are its jets at t and t + h, `noise` its rounding. From each
-    point that is tried, `step_to_root` gives the next point. The points stay in a bracket, which is halved now and
-    then.
+    The function is the sum of c_j q_j over both modes j. It is negative at t + h. `start` and `end` are its value,
+    slope and second derivative at t and t + h, and `noise` is its rounding. `step_to_root` gives each next time that is
+    tried. All times stay inside a bracket, which is halved regularly.
     """
     w0, w1 = -omega[0] * omega[0], -omega[1] * omega[1]
     g0, g1 = c[0] * omega[0], c[1] * omega[1]
@@ -118,10 +121,11 @@ def root_before(c, t, h, low, start, end, noise, omega, a, b):
 
 @force_inlined
 def envelope_time(lag, c, t, omega, a, b, radius):
-    """Return the first time from t on at which a function's slow sinusoid is near the amplitude of its fast one.
+    """Return the first time, not before t, at which a function may be near zero.
 
-    The two are near if they differ by at most `ENVELOPE_RESERVE` of the sum of both amplitudes. `lag` is 0 for a rate
-    and a quarter turn for a force, because a force is a sum of r_j. `radius` holds the amplitudes of both modal
+    The function is the sum of a slow and a fast sinusoid. It cannot be near zero while its slow sinusoid exceeds the
+    amplitude of the fast sinusoid by more than `ENVELOPE_RESERVE` times the sum of both amplitudes. `lag` is 0 for a
+    rate, and a quarter turn for a force, because a force is a sum of r_j. `radius` holds the amplitudes of both modal
     coordinates.
     """
     slow, fast = abs(c[0]) * radius[0], abs(c[1]) * radius[1]
@@ -138,12 +142,12 @@ def envelope_time(lag, c, t, omega, a, b, radius):
 
 @force_inlined
 def positive_between(start, end, h, C):
-    """Return whether f > 0 is certain inside an interval of length h, from the jets at both ends of the interval.
+    """Return whether it is proven that a function is positive inside an interval of length h.
 
-    C is the bound of the sixth derivative, divided by 28800. The value at the end may be zero, and counts as zero where
-    rounding makes it negative.
+    `start` and `end` are its value, slope and second derivative at both ends. C is the bound of the sixth derivative,
+    divided by 28800. The value at the end may be zero. If rounding makes it negative, it counts as zero.
     """
-    # Two comparisons without a branch: unpredictable branches would cost more than all of this computation.
+    # The two comparisons are made without a branch. An unpredictable branch would cost more than this computation.
     reserve = C * (h * h * h) * (h * h * h)
     last = max(end.value, 0.0)
     step0, step1 = 0.2 * h * start.slope, -0.2 * h * end.slope
@@ -155,16 +159,17 @@ def positive_between(start, end, h, C):
 
 @force_inlined
 def time_above_zero(start, B, w1):
-    """Return a time for which a function stays positive after it leaves zero with slope > 0, or slope 0 and bend > 0.
+    """Return a time for which a function f stays positive after it leaves zero.
 
-    With abs(f'') <= B the function is positive up to t = 2 f'/B. Where its slope is zero (contact 2 at the start of a
-    collision), its third derivative is zero too. Its fourth derivative is at most B w1^2, so the function is positive
-    up to t^2 = 12 f''/(B w1^2).
+    `start` holds its value 0, its slope, which is positive or 0, and its second derivative, which is positive if the
+    slope is 0. With abs(f'') <= B the function is positive up to t = 2 f'/B. If the slope is 0, which is so for contact
+    2 at the start of a collision, the third derivative is 0, too. The fourth derivative is at most B w1^2, so the
+    function is positive up to t^2 = 12 f''/(B w1^2).
     """
     return 0.99 * (2 * start.slope / B if start.slope > 0 else sqrt(12 * start.bend / B) / w1)
 
 
 @force_inlined
 def leaves_zero(h, start, B, w1):
-    """Return whether h is below `time_above_zero`, without dividing."""
+    """Return whether a function stays positive for a time h after it leaves zero: whether h < `time_above_zero`."""
     return (B * h < 1.98 * start.slope) | ((start.slope == 0) & (B * (w1 * h) * (w1 * h) < 11.7 * start.bend))

@@ -1,9 +1,11 @@
-"""Contact graphs whose contacts have a depth: springs and dashpots in time, along fixed normals (docs/theory.md, 7).
+"""Contact graphs under laws in real time: springs and dashpots whose contacts have a depth (docs/theory.md, section 7).
 
-- `law`: the laws, the rules by which a contact begins and returns, and ties. `state`: the record of a contact.
-- `motion`: the motion between events, and the start rule. `event`: the certified first event.
-- `rigid`: contacts whose running stiffness runs away. `kernel`: follows graphs to their ends.
-- `following`: passes arrays of graphs through the kernel, and returns SI units.
+The depths are measured along normals that stay fixed.
 
-Chains have the same laws (`chain.laws`).
+- `following`: `solve_timed_graphs` solves arrays of graphs in SI units.
+- `law`: the laws, and the rules by which a contact begins, ends and returns. `state`: the record of a contact.
+- `motion`: the power series of the motion between events. `event`: the search for the first event.
+- `rigid`: contacts that become infinitely stiff. `kernel`: the compiled loop over events.
+
+The laws themselves are those of chains (`chain.laws`).
 """

@@ -1,8 +1,9 @@
-"""The certified first event of a window: its contact, its watched function, and its time.
+"""Search for the first event of a window of a graph in time. No event can be missed.
 
-Over a window each watched function is a polynomial in x = t/h, whose remainder is below rounding (`in_time.motion`).
-Its first root is certified as in `graph.event`, by `chain.roots.first_root`. Contacts are searched in their order, each
-up to the earliest root so far. Of equal roots, the root of the first contact counts (`in_time.law` explains ties).
+An event is a zero of a watched function: of the rate of compression, the depth or the force of a contact. Over a window
+of length h each watched function is a polynomial in x = t/h, whose remainder is below rounding (`in_time.motion`).
+`chain.roots.first_root` finds its first root, and steps over no root. The contacts are searched one after another, each
+only up to the earliest root so far. If two roots are equal, the root of the contact with the lower number counts.
 
 Used by `in_time.kernel`.
 """
@@ -21,20 +22,23 @@ from impact_xval.model.pair.law import Phase
 
 
 class TimedEvent(NamedTuple):
-    """First event of a window."""
+    """First event of a window, or no event."""
 
-    #: Contact, -1 for none, and the watched function that is zero at the event, one of `chain.laws.Watched`.
+    #: Number of the contact, from 0; -1 if the window has no event.
     contact: int
+    #: The function that is zero at the event, one of `chain.laws.Watched`.
     watched: int
-    #: Time of the event over the length of the window; infinite without an event, -1 where the search was given up.
+    #: Time of the event, divided by the length of the window. Infinite if the window has no event; -1 if the search was
+    #: given up.
     x: float
 
 
 @kernel_helper
 def first_zero(contact, watched, sign, latest):
-    """Return x = t/h of the first zero of a watched function before x = `latest`.
+    """Return the place x = t/h of the first zero of a watched function of a contact, if it is before `latest`.
 
-    Infinity, 0 and -1 mean the same as in `chain.roots.first_root`.
+    `sign` is the sign that the function has before its zero. Returned is infinity if there is no zero, 0 if the
+    function leaves this sign at once, and -1 if the search was given up.
     """
     table = contact.rates
     if watched == Watched.GAP:
@@ -51,7 +55,7 @@ def first_zero(contact, watched, sign, latest):
 
 @kernel_helper
 def first_event(c):
-    """Return the first event of a window whose series the contacts hold."""
+    """Return the first event of a window. The records `c` of the contacts hold the power series of the window."""
     first_contact, first_watched, first_x = -1, 0, inf
     for i in range(c.size):
         if c[i].is_rigid:

@@ -1,4 +1,4 @@
-"""`solve_timed_graphs`: contact graphs under a law in time, as arrays in SI units.
+"""Solution of many contact graphs under a law in real time, as arrays in SI units: `solve_timed_graphs`.
 
 Needs `in_time.kernel`, and `graph.solving` for the checks of the input. Used by `compliant_baselines.references`.
 """
@@ -36,17 +36,18 @@ from impact_xval.model.status import IS_RESULT, STATUSES, Ending, Status, first_
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimedGraphOutcomes:
-    """Results of n graphs of C contacts under a law in time.
+    """Results of n graphs with C contacts each under a law in real time.
 
     Attributes
     ----------
     impulses, rates : ndarray, shape (n, C)
         Total impulses in N s, and rates of compression in m/s when the collision is over; NaN where there is no result.
     status, reason : ndarray of int, shape (n,)
-        Indices into `STATUSES` and `reason_texts`.
+        Indices: `status` into the tuple `STATUSES`, `reason` into `reason_texts`.
     reason_texts : tuple of str
+        Sentences that explain a status.
     duration : ndarray, shape (n,)
-        In s since first touch.
+        Time from first touch to the end of the collision, in s.
     n_events, n_windows : ndarray of int, shape (n,)
     """
 
@@ -61,11 +62,11 @@ class TimedGraphOutcomes:
 
     @property
     def has_result(self) -> Booleans:
-        """True where the numbers are a result."""
+        """True for each graph whose numbers are a result; shape (n,)."""
         return IS_RESULT[self.status]
 
     def status_of(self, i: int) -> Status:
-        """Return the status of graph i as a text."""
+        """Return the status of graph i as a text, such as 'ok'."""
         return cast("Status", STATUSES[int(self.status[i])])
 
 
@@ -80,29 +81,30 @@ def solve_timed_graphs(
     frozen: bool = False,
     max_windows: int | None = None,
 ) -> TimedGraphOutcomes:
-    """Solve n contact graphs of one number of contacts under a law in time, on all processors.
+    """Solve n contact graphs with C contacts each under a law in real time, on all processors.
 
     Parameters
     ----------
     law : Law
-        One of `GRAPH_LAWS` of `graph.in_time.law`.
+        Law of all contacts, one of `GRAPH_LAWS` of `graph.in_time.law`.
     delassus : array_like, shape (n, C, C)
+        Delassus matrices in 1/kg.
     stiffnesses, restitutions, rates : array_like, shape (n, C)
-        As for `impact_xval.model.graph.solving.solve_graph`. Restitutions are used by bistiffness alone, where they are
-        above 0.
+        Stiffnesses in N/m, coefficients of restitution, and rates of compression at first touch in m/s. `solve_graph`
+        states their legal ranges. Only bistiffness uses the restitutions, which then have to be above 0.
     dampings : array_like, shape (n, C)
-        In N s/m; 0 of bistiffness.
+        Dampings of the dashpots in N s/m; 0 for bistiffness.
     frozen : bool
-        Whether positions are frozen, as in the model.
+        Whether gaps are ignored, as in the model: a contact that has opened returns as soon as its bodies approach.
     max_windows : int, optional
-        Number of windows after which a graph is given up, if that is less than what takes about a second.
+        Number of windows after which a graph is given up. It can only lower the default, which takes about a second.
 
     Returns
     -------
     TimedGraphOutcomes
-        Status ``closed-form`` where a closed form was used, ``timeout`` after too many windows, ``unconverged`` where
-        a graph was given up for another reason, ``unrepresentable`` where inverse masses or stiffnesses are too far
-        apart for double precision, else ``ok``.
+        The status of a graph is ``closed-form`` if a closed form was used, ``timeout`` after too many windows,
+        ``unconverged`` if the graph was given up for another reason, ``unrepresentable`` if its inverse masses or its
+        stiffnesses are too far apart for double precision, and else ``ok``.
 
     Raises
     ------
@@ -150,7 +152,10 @@ def solve_timed_graphs(
 def _endings(
     results: Records, is_followed: Booleans, is_balanced: Booleans, most_windows: int
 ) -> list[Ending]:
-    """Return the endings that graphs may have, those without a result first."""
+    """Return all ways in which a graph may have ended, each with the graphs that ended so, a status and a sentence.
+
+    The first ending that is true of a graph counts. So the endings without a result come first.
+    """
     ending = results["ending"]
     endings = [
         Ending(

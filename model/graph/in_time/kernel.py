@@ -1,9 +1,10 @@
-"""The kernel of graphs in time: follows a graph from first touch to its end, window by window.
+"""The compiled kernel of graphs under laws in real time: it follows each graph to the end of its collision.
 
-`follow_timed_graphs` follows many graphs, and is the only kernel that Python calls; `collide` follows one. While a
-contact is active, the graph moves through windows: over a window every rate, depth and force is a polynomial in time
-(`in_time.motion`), whose first event is found with certainty (`in_time.event`). The law tells what the event does to
-its contact (`in_time.law`). Without an active contact all bodies fly until the first gap closes, or for good.
+Python calls `follow_timed_graphs`, which follows many graphs. `collide` follows one graph. While a contact is active,
+the graph moves window by window. Over a window every rate of compression, every depth and every force is a polynomial
+in time (`in_time.motion`). So the first event of the window is found with certainty (`in_time.event`). The law states
+how an event changes its contact (`in_time.law`). While no contact is active, the bodies fly until a gap closes; if no
+gap closes, the collision is over.
 
 Used by `in_time.following`.
 """
@@ -34,7 +35,10 @@ from impact_xval.model.pair.law import Phase
 
 @kernel_helper
 def begin(c, matrices, graphs, dampings, graph):
-    """Put a graph at first touch: no contact is active yet, and the start rule decides (`in_time.law`)."""
+    """Set all contacts of a graph to their state at first touch.
+
+    No contact is active yet. The start rule of the first window decides which contacts become active (`in_time.law`).
+    """
     for i in range(c.size):
         contact = c[i]
         contact.k, contact.e = graphs.stiffnesses[graph, i], graphs.restitutions[graph, i]
@@ -48,7 +52,10 @@ def begin(c, matrices, graphs, dampings, graph):
 
 @kernel_helper
 def first_gap(c):
-    """Return the contact whose gap closes first if all bodies fly, -1 without one, and how long that takes."""
+    """Return the contact whose gap closes first while no contact is active, and the time until it closes.
+
+    The contact is -1 if no gap closes.
+    """
     first_contact, first = -1, inf
     for i in range(c.size):
         contact = c[i]
@@ -59,7 +66,7 @@ def first_gap(c):
 
 @kernel_helper
 def fly(c, time):
-    """Move all bodies by a time without forces."""
+    """Move a graph without active contacts by a time: depths change at constant rates."""
     for i in range(c.size):
         contact = c[i]
         if time > 0:
@@ -72,7 +79,11 @@ def fly(c, time):
 
 @kernel_helper
 def apply_event(c, matrices, i, watched, energy, result):
-    """Apply the event of contact i; return the strain energy that was lost, without meaning for a dashpot."""
+    """Apply the event of contact i, and return the strain energy that it loses.
+
+    `watched` is the function that has reached zero. `energy` is the energy of impact. For a law with a dashpot the
+    returned energy has no meaning.
+    """
     contact = c[i]
     before = spring_energy(contact)
     if watched == Watched.RATE:
@@ -97,9 +108,10 @@ def apply_event(c, matrices, i, watched, energy, result):
 
 @kernel_helper
 def collide(c, matrices, energy, most_windows, result):
-    """Follow a graph from first touch to its end; return the strain energy that was lost in contacts of bistiffness.
+    """Follow a graph from first touch to the end of its collision, and return the strain energy that it lost.
 
-    The fields of `result` are filled in (`in_time.record.TIMED_RESULT`), but for `energy_residual`.
+    The returned energy has a meaning under bistiffness only. All fields of `result`, a record of
+    `in_time.record.TIMED_RESULT`, are filled in except `energy_residual`.
     """
     ending, events, windows = TimedEnding.UNFINISHED, 0, 0
     loss, time = 0.0, 0.0
@@ -158,20 +170,23 @@ def collide(c, matrices, energy, most_windows, result):
 
 @kernel_entry
 def follow_timed_graphs(c, matrices, graphs, dampings, most_windows, ends):
-    """Follow graphs of one number of contacts, in units of about 1; the only kernel that Python calls.
+    """Follow the collisions of n graphs with C contacts each. Python calls no other compiled function of this module.
 
     Parameters
     ----------
     c : recarray of `in_time.state.TIMED_CONTACT`, shape (C,)
-        Law and whether positions are frozen are read; all other fields are overwritten.
+        Working memory for the contacts of one graph. The fields `law`, `frozen`, `p`, `g` and `a` are read, and all
+        other fields are overwritten.
     matrices : TimedMatrices
-        Overwritten.
+        Working memory for the matrices of one graph; overwritten.
     graphs : Graphs
+        The graphs, scaled so that all values are about 1.
     dampings : ndarray, shape (n, C)
+        Dampings of the contacts, in the scaled units of `graphs`.
     most_windows : int
-        Windows after which a graph is given up.
+        Number of windows after which a graph is given up.
     ends : GraphEnds
-        Filled in; the results are records of `in_time.record.TIMED_RESULT`, and zeros before.
+        Filled in. Its results are records of `in_time.record.TIMED_RESULT`, and have to be zeros before the call.
     """
     for graph in range(graphs.rates.shape[0]):
         result, energy = ends.results[graph], graphs.energies[graph]

@@ -1,10 +1,12 @@
-"""The laws of contacts in time, for graphs: what is watched of a contact, when it begins, and what its events do.
+"""Laws of contacts in real time, for graphs: the watched functions of a contact, and when it begins and ends.
 
-With rates of compression w and depths delta, counted from the present surfaces,
+Contact i has the rate of compression w_i, the force F_i, and the depth delta_i, which is counted from the surfaces that
+an earlier plastic deformation has left. W is the Delassus matrix:
 
     delta_i' = w_i        w' = -W F
 
-Laws, forces and events are those of linear contacts in chains (`chain.laws`), by the same functions:
+Forces and events are computed by the functions that linear contacts of chains use (`chain.laws`). k is the stiffness,
+and b the damping:
 
 | law | force of an active contact | it ends | at an end of compression |
 |---|---|---|---|
@@ -13,28 +15,29 @@ Laws, forces and events are those of linear contacts in chains (`chain.laws`), b
 | `COMPRESSION_DASHPOT` | k delta + b w if w > 0, else k delta | delta = 0 | |
 | `LINEAR_DASHPOT` | k delta + b w, of any sign | delta = 0 | |
 
-An end of compression is w_i falling through 0. A Kelvin-Voigt contact whose force has ended while its bodies overlap is
-SLACK: it carries no force. It is active again if k delta + b w rises through 0, and INACTIVE once delta = 0. The force
-of a linear dashpot may pull; it begins and ends with a jump, at delta = 0.
+At an end of compression w_i falls through 0. The force of a Kelvin-Voigt contact may end while its bodies still
+overlap. The contact is then SLACK, and carries no force. It becomes active again if k delta + b w rises through 0, and
+INACTIVE when delta reaches 0. The force of a linear dashpot may pull. It begins and ends at delta = 0, with a jump.
 
-**Positions.** delta_i' = w_i at all times, so that delta < 0 is a gap along the fixed normal. An inactive contact
-returns when its gap has closed, delta rising through 0, with the running stiffness that it had. With frozen positions
-delta = 0 while a contact is inactive. Then it returns when w rises through 0, and a contact whose force has ended is
-never slack.
+**Moving and frozen positions.** Usually delta_i' = w_i at all times. A negative delta is a gap along the fixed normal.
+An inactive contact returns when its gap has closed, where delta rises through 0. It keeps its running stiffness. With
+frozen positions, delta stays 0 while a contact is inactive. The contact then returns when w rises through 0, and no
+contact is ever SLACK.
 
-**Start.** At first touch all contacts have delta = 0. There, and whenever a contact has delta = 0, it is active if
-w > 0. Where w = 0 too, its first non-zero derivative decides, order by order. If that is positive the contact is
-active: a dashpot pushes from that order on. Else a gap opens (`in_time.motion.expand`).
+**Start rule.** The rule is applied to inactive contacts with delta = 0: to all contacts at first touch, and to others
+later. Such a contact becomes active if w > 0. If w = 0, it becomes active if the first non-zero derivative of w is
+positive. If this derivative is negative, a gap opens (`in_time.motion.expand`).
 
-**Over.** The collision is over when no contact carries force, and no gap closes. Bistiffness has two closed forms, as
-in chains: a contact whose running stiffness runs away becomes rigid (`in_time.rigid`), and contacts come to rest where
-they have 1e-30 of the energy of impact left. Laws with a dashpot have none.
+**End of the collision.** The collision is over when no contact carries force and no gap closes. Bistiffness has two
+closed forms, as in chains. A contact whose stiffness would grow without bound in a finite time becomes rigid
+(`in_time.rigid`). And all contacts come to rest when they have at most 1e-30 of the energy of impact left. Laws with
+a dashpot have no closed form.
 
-**Ties.** Events at one instant are applied one after another, in the order of contacts. The order does not matter: each
-changes only its own contact, and leaves all rates as they are. Of a linear dashpot the force may jump. That changes
-accelerations, but no other contact.
+**Simultaneous events** are applied one after another, in the order of the contacts' numbers. Any order would give the
+same result, because an event changes only its own contact, and no rate. The force of a linear dashpot may jump at an
+event. This changes accelerations, but no other contact.
 
-Used by all modules of `graph.in_time` that follow.
+Used by `in_time.event`, `in_time.motion` and `in_time.following`.
 """
 
 from __future__ import annotations
@@ -43,13 +46,16 @@ from impact_xval.model.chain.laws import WATCHED, Law
 from impact_xval.model.compiled import kernel_helper
 from impact_xval.model.pair.law import Phase
 
-#: Laws of linear contacts whose motion is a power series, which a graph may have.
+#: Laws that the contacts of a graph may have: all laws of linear contacts whose motion is a power series.
 GRAPH_LAWS = (Law.STATE_TRANSITION, Law.KELVIN_VOIGT, Law.COMPRESSION_DASHPOT, Law.LINEAR_DASHPOT)
 
 
 @kernel_helper
 def watched_sign(contact, watched):
-    """Return the sign that a watched function of a contact has until its event; 0 if it is not watched."""
+    """Return the sign that the function `watched` of a contact keeps until its event.
+
+    The sign is 0 if the function is not watched in the present phase of the contact.
+    """
     is_held = contact.frozen and contact.phase == Phase.INACTIVE
     phase = Phase.HELD if is_held else contact.phase
     return WATCHED[contact.law, phase, watched]
@@ -57,7 +63,11 @@ def watched_sign(contact, watched):
 
 @kernel_helper
 def begin_touching(contact):
-    """Make a touching contact active if its bodies approach, and leave one at rest undecided."""
+    """Apply the start rule to an inactive contact of depth 0, as far as its rate of compression decides.
+
+    If the rate is positive, the contact becomes active. If the rate is 0, the contact is flagged as undecided:
+    `graph.motion.decide` decides it by derivatives of the rate.
+    """
     contact.undecided = False
     if contact.is_rigid or contact.delta != 0 or contact.phase > Phase.COMPRESSION:
         return

@@ -1,19 +1,23 @@
-"""Exact motion between events: the power series of w, delta and F in time, to rounding, and the start rule.
+"""Exact motion between events under laws in real time: power series of rates w, depths delta and forces F.
 
-Between events w' = -W F; active contacts have the force F = k delta + b w. Let v be the velocities of bodies with the
-masses M, w = -J v, and z = sqrt(k) delta. Then the pair y = (sqrt(M) v, z) obeys
+Between events w' = -W F, with the Delassus matrix W. An active contact has the force F = k delta + b w, with the
+stiffness k and the damping b. Let v be the velocities of bodies with the mass matrix M, let w = -J v, and let
+z = sqrt(k) delta. Then the pair y = (sqrt(M) v, z) obeys
 
     y' = (S - B) y
 
-S is skew, and its norm omega is the root of the largest eigenvalue of sqrt(K) W sqrt(K). B >= 0 is symmetric, and its
-norm gamma is the norm of sqrt(b) W sqrt(b). So abs(y)^2, twice the energy, does not grow.
+The matrix S is skew. Its norm omega is the root of the largest eigenvalue of sqrt(K) W sqrt(K), where K is the diagonal
+matrix of stiffnesses. The matrix B is symmetric without negative eigenvalues, and its norm gamma is the norm of
+sqrt(b) W sqrt(b). So abs(y)^2, which is twice the energy, does not grow.
 
-In this norm the remainder of the series after the power `ORDER` is at most ((omega + gamma) h)^29/29! abs(y). The
-remainder of w_i is at most sqrt(W_ii) times as large. A window has the length h = `ANGLE`/(omega + gamma); over this
-time the remainder is 1e-18 of abs(y), which is below rounding. The proof uses no sign of an entry of W, and W may be
-singular. (`graph.motion` has the same proof without dashpots, `chain.series` the proof for chains.)
+**Remainder.** The series of y is cut after the power `ORDER`. The norm of its remainder after a time h is at most
+((omega + gamma) h)^29/29! abs(y). The remainder of w_i is at most sqrt(W_ii) times as large. A window has the length
+h = `ANGLE`/(omega + gamma). Over a window the remainder is 1e-18 of abs(y), which is below rounding. The proof does not
+depend on the signs of the entries of W, and W may be singular. `graph.motion` has the same proof without dashpots.
 
-`window_length` gives h, `expand` writes the coefficients, `place` moves the graph. Used by `in_time.kernel`.
+`window_length` returns h, `expand` writes the coefficients, and `place` moves the graph to a later time.
+
+Used by `in_time.kernel`.
 """
 
 from __future__ import annotations
@@ -30,10 +34,11 @@ from impact_xval.model.graph.motion import INVERSE_NEXT, decide
 
 @kernel_helper
 def largest_eigenvalue(c, W, of_dampings):
-    """Bound the largest eigenvalue of sqrt(K) W sqrt(K), or of sqrt(b) W sqrt(b).
+    """Return an upper bound of the largest eigenvalue of sqrt(K) W sqrt(K), with stiffnesses K or dampings.
 
-    Contacts count that are active or may become active. The result is the smaller one of two bounds: the largest sum of
-    a row of W K (Gershgorin), and the Frobenius norm.
+    Dampings replace the stiffnesses if `of_dampings` is true. Only contacts that are active or may become active count.
+    The result is the smaller one of two bounds: the largest sum of a row of W K (Gershgorin), and the Frobenius norm of
+    the matrix.
     """
     largest_row, squares = 0.0, 0.0
     for i in range(c.size):
@@ -51,21 +56,21 @@ def largest_eigenvalue(c, W, of_dampings):
 
 @kernel_helper
 def window_length(c, W):
-    """Return the time over which the series is summed; infinite if no active contact moves."""
+    """Return the length of a window, over which the power series is valid; infinite if no active contact can move."""
     rate = sqrt(largest_eigenvalue(c, W, False)) + largest_eigenvalue(c, W, True)
     return ANGLE / rate if rate > 0 else inf
 
 
 @kernel_helper
 def start_window(c):
-    """Apply the start rule to touching contacts; contacts at rest stay undecided (`in_time.law`)."""
+    """Apply the start rule, which makes contacts active whose bodies touch and approach, to all contacts."""
     for i in range(c.size):
         begin_touching(c[i])
 
 
 @kernel_helper
 def force_coefficient(contact, order):
-    """Return a coefficient of the force of a contact; 0 if it is not active."""
+    """Return the coefficient `order` of the power series of a contact's force; 0 if the contact is not active."""
     if not is_active(contact):
         return 0.0
     return contact.k * contact.deltas[order] + damping(contact) * contact.rates[order]
@@ -73,10 +78,10 @@ def force_coefficient(contact, order):
 
 @kernel_helper
 def expand(c, matrices, h):
-    """Write the coefficients of w_i, delta_i and F_i in x = t/h, from power 0 to `ORDER`; decide undecided contacts.
+    """Write the power series of all rates, depths and forces in x = t/h, and decide the undecided contacts.
 
-    A contact that becomes active at order n has no force of a lower order. So no coefficient that is already written
-    changes.
+    The series have the powers 0 to `ORDER`. h is the length of the window. If a contact becomes active at order n, its
+    force has no coefficient of a lower order. So all coefficients that are already written stay valid.
     """
     W = matrices.W
     for i in range(c.size):
@@ -105,7 +110,7 @@ def expand(c, matrices, h):
 
 @kernel_helper
 def place(c, x, h):
-    """Move a graph to the place x of its window of length h, and add the impulses of that time."""
+    """Move a graph by the time x h, where x is from 0 to 1, and add the impulses of its forces over this time."""
     for i in range(c.size):
         contact = c[i]
         contact.w, contact.delta = value(contact.rates, ORDER, x), value(contact.deltas, ORDER, x)

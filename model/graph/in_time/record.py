@@ -1,4 +1,4 @@
-"""Types that cross the boundary of the kernel of graphs in time: endings, and the record of a result.
+"""Types that the compiled kernel of `graph.in_time` shares with Python: endings, and the record of a result.
 
 Used by `in_time.kernel`, which fills in the records, and by `in_time.following`, which reads them.
 """
@@ -11,28 +11,34 @@ import numpy as np
 
 
 class TimedEnding(IntEnum):
-    """End of a graph in time; the numbers differ from the numbers of all other kernels."""
+    """How the kernel's computation of a graph ended. The numbers differ from the endings of all other kernels."""
 
-    UNFINISHED = 300  # given up after too many windows
-    FREE = 301  # no contact carries force, and no gap closes
-    GAINED_ENERGY = 302  # like FREE, but rounding has made energy
+    UNFINISHED = 300  # given up: the collision is not over after the largest number of windows
+    FREE = 301  # the collision is over: no contact carries force, and no gap closes
+    GAINED_ENERGY = 302  # the collision is over, but rounding has made energy
     SEARCH_FAILED = 303  # given up: the first event of a window could not be found
-    HELD = 304  # given up: rigid contacts hold the active contacts at rest
-    PULLED_OPEN = 305  # given up: a rigid contact was pulled open
+    HELD = 304  # given up: rigid contacts keep the active contacts at rest, so the bodies are jammed
+    PULLED_OPEN = 305  # given up: a neighbouring contact pulled a rigid contact open
 
 
-#: Result of one graph, in its units.
+#: Record of the result of one graph, in the scaled units of `graph.record.Graphs`.
 TIMED_RESULT = np.dtype(
     [
         ("ending", "i8"),  # one of `TimedEnding`
-        ("runaway", "?"),  # closed form: a contact whose stiffness runs away became rigid
-        ("collapse", "?"),  # closed form: bodies came to rest together after infinitely many events
-        ("n_events", "i8"),
-        ("n_windows", "i8"),
-        # Under bistiffness: kinetic energy that went into contacts, less the strain energy that was lost there, over
-        # the energy of impact. It differs from 0 by rounding only.
+        (
+            "runaway",
+            "?",
+        ),  # whether a contact became rigid: its stiffness would grow without bound in a finite time
+        ("collapse", "?"),  # whether bodies came to rest together, as the limit of infinitely many events
+        ("n_events", "i8"),  # number of events
+        (
+            "n_windows",
+            "i8",
+        ),  # number of windows, the times over which a power series was summed, and of flights
+        # Check of the result under bistiffness: the kinetic energy that went into contacts, minus the strain energy
+        # that was lost there, divided by the energy of impact. Only rounding makes it differ from 0.
         ("energy_residual", "f8"),
-        ("time", "f8"),  # duration from first touch to the end
+        ("time", "f8"),  # duration of the collision, from first touch to its end
     ],
     align=True,
 )

@@ -1,12 +1,13 @@
-"""Rigid contacts under bistiffness: contacts whose running stiffness has run away (supplement, 3.4).
+"""Contacts of a graph that become rigid under bistiffness (supplement, 3.4).
 
-The model's rule, `graph.rigid.ringing_ends`, holds with one more condition: no gap closes up to the time at which the
-contact is rigid.
+Each end of compression makes a contact stiffer, and its stiffness may grow without bound in a finite time. The model's
+rule `graph.rigid.ringing_ends` decides when such a contact counts as rigid. Under bistiffness the rule has one more
+condition: no gap closes until then.
 
-A rigid contact keeps w_r = 0, and its row is eliminated as in `graph.rigid`: W <- W - W_r W_r^T/W_rr, and
-F_r = -sum_j W_rj F_j/W_rr. A rigid contact stays closed for good. In a chain its neighbours only press it. In a graph
-they may pull it open, and with positions it would later close again with a blow. Such a graph is given up
-(`is_pulled_open`).
+A rigid contact r keeps its rate of compression w_r = 0. It is eliminated from the Delassus matrix W, as in
+`graph.rigid`: W <- W - W_r W_r^T/W_rr, and its force is F_r = -sum_j W_rj F_j/W_rr. From then on it
+stays closed. In a chain the neighbours of a rigid contact only press it. In a graph the neighbours may pull it open,
+and it would later close again with a blow. Such a graph is given up (`is_pulled_open`).
 
 Used by `in_time.motion` and `in_time.kernel`.
 """
@@ -28,7 +29,11 @@ from impact_xval.model.pair.law import Phase
 
 @kernel_helper
 def ringing_ends(c, W, i):
-    """Return whether contact i, which has just ended compression, may count as rigid from here on."""
+    """Return whether contact i, which has just ended compression, may count as rigid from this time on.
+
+    The condition is the model's, with one addition: no gap closes within twice the time after which the contact is
+    rigid.
+    """
     if not rigid.ringing_ends(c, W, i):
         return False
     time = 4 * pi / sqrt(c[i].k * W[i, i]) / (1 - c[i].e)
@@ -41,9 +46,9 @@ def ringing_ends(c, W, i):
 
 @kernel_helper
 def gap_closes_within(c, W, time, least):
-    """Return whether a gap may close within a time.
+    """Return whether the gap of any contact may close within a time.
 
-    `least` is twice the smallest energy of approach that matters.
+    Gaps that close with little energy do not count: `least` is twice the smallest energy of approach that matters.
     """
     for j in range(c.size):
         contact = c[j]
@@ -60,7 +65,7 @@ def gap_closes_within(c, W, time, least):
 
 @kernel_helper
 def make_rigid(c, matrices, i):
-    """Make contact i rigid for good, and eliminate it from W."""
+    """Make contact i rigid for the rest of the collision, and eliminate it from the Delassus matrix."""
     W, pivots, number = matrices.W, matrices.pivots, 0
     for j in range(c.size):
         number += c[j].is_rigid
@@ -81,7 +86,7 @@ def make_rigid(c, matrices, i):
 
 @kernel_helper
 def write_rigid_forces(c, pivots, order):
-    """Write a coefficient of the forces of rigid contacts, which keep their rates at 0."""
+    """Write the coefficient `order` of the forces of rigid contacts. These forces keep the contacts' rates at 0."""
     count = 0
     for i in range(c.size):
         count += c[i].is_rigid
@@ -95,7 +100,7 @@ def write_rigid_forces(c, pivots, order):
 
 @kernel_helper
 def is_pulled_open(c, pivots, x):
-    """Return whether the force of a rigid contact falls below 0, beyond rounding, in the first part x of a window."""
+    """Return whether the force of a rigid contact falls below 0 by more than rounding before place x of a window."""
     for r in range(c.size):
         contact = c[r]
         if not contact.is_rigid:

@@ -1,7 +1,7 @@
-"""The state of a graph in time during a collision, its energies, and the scratch space of the kernel.
+"""The state of a graph under a law in real time during a collision, its energies, and scratch space of the kernel.
 
-Needs `chain.laws`, whose functions read the fields of a contact by name. Used by all modules of `graph.in_time` that
-follow.
+Needs `chain.laws`, whose functions read the fields of a contact by name. Used by `in_time.following`, which allocates
+the records, and by `in_time.kernel`.
 """
 
 from __future__ import annotations
@@ -18,37 +18,46 @@ from impact_xval.model.compiled import kernel_helper
 from impact_xval.model.graph.state import oscillation, rounding_energy
 from impact_xval.model.pair.law import Phase
 
-#: A contact during a collision, with its scratch space: the fields from `undecided` on, which each window overwrites.
+#: Record of one contact during a collision. The fields from `undecided` on are scratch space: they are overwritten in
+#: each window, the time over which one power series is summed.
 TIMED_CONTACT = np.dtype(
     [
-        # The fields that `chain.laws` reads. The exponent p is 1. Gravity g is 0, so `a` is not used.
-        ("k", "f8"),  # running stiffness
+        # The fields up to `a` are read by functions of `chain.laws`. The exponent p of the force is 1. Gravity g is 0,
+        # so the acceleration `a` is not used.
+        ("k", "f8"),  # running stiffness: each end of compression divides it by e^2
         ("original", "f8"),  # stiffness at first touch
         ("e", "f8"),  # coefficient of restitution
-        ("b", "f8"),  # damping
+        ("b", "f8"),  # damping of the dashpot; 0 without a dashpot
         ("w", "f8"),  # rate of compression
-        ("delta", "f8"),  # depth; a gap if it is negative
+        ("delta", "f8"),  # depth of the contact; a negative depth is a gap
         ("phase", "i8"),  # one of `Phase`
         ("law", "i8"),  # one of `Law`
-        ("frozen", "?"),  # whether positions are frozen
+        ("frozen", "?"),  # whether gaps are ignored, so that the depth of an inactive contact stays 0
         ("p", "f8"),
         ("g", "f8"),
         ("a", "f8"),
-        ("F", "f8"),  # force
-        ("impulse", "f8"),  # impulse so far
+        ("F", "f8"),  # contact force
+        ("impulse", "f8"),  # impulse since first touch
         (
             "reach",
             "f8",
-        ),  # twice the largest energy so far of this contact and its neighbours (`graph.state.oscillation`)
-        ("is_rigid", "?"),  # whether the contact is rigid for good; its phase is INACTIVE then
-        ("eliminated", "i8"),  # in record n: the contact that became rigid as number n
-        ("force_is_zero", "?"),  # whether an event at this instant has made the force zero
+        ),  # largest `graph.state.oscillation` so far of this contact and its neighbours
+        ("is_rigid", "?"),  # whether the contact has become rigid; its phase is then INACTIVE
+        ("eliminated", "i8"),  # field of record n: number of the contact that became rigid after n others
+        ("force_is_zero", "?"),  # whether an event at the present time has made the force zero
         ("undecided", "?"),  # whether the contact is at rest without depth, so that the start rule decides
-        ("total", "f8"),  # intermediate sum of a coefficient, or the contact's oscillation
-        ("rates", "f8", ORDER + 1),  # coefficients of w in x = t/h
-        ("deltas", "f8", ORDER + 1),  # coefficients of delta
-        ("forces", "f8", ORDER + 1),  # coefficients of F
-        ("watched", "f8", ORDER + 1),  # coefficients of k delta + b w of a slack contact
+        (
+            "total",
+            "f8",
+        ),  # intermediate result: a sum in `in_time.motion.expand`, or the value of `oscillation`
+        (
+            "rates",
+            "f8",
+            ORDER + 1,
+        ),  # coefficients of w in powers of x = t/h, where h is the length of the window
+        ("deltas", "f8", ORDER + 1),  # coefficients of delta in powers of x
+        ("forces", "f8", ORDER + 1),  # coefficients of F in powers of x
+        ("watched", "f8", ORDER + 1),  # coefficients of k delta + b w of a contact whose phase is SLACK
     ],
     align=True,
 )
@@ -59,32 +68,33 @@ class TimedMatrices(NamedTuple):
 
     #: Delassus matrix.
     full: NDArray[np.float64]
-    #: Delassus matrix without the rigid contacts, and the rows of their elimination (`in_time.rigid`).
+    #: Delassus matrix from which the rigid contacts are eliminated (`in_time.rigid`).
     W: NDArray[np.float64]
+    #: Row r gives the force of the rigid contact r from the forces of all other contacts.
     pivots: NDArray[np.float64]
 
 
 def new_timed_contacts(contacts: int, law: Law, frozen: bool) -> Records:
-    """Return contacts for the kernel to fill in."""
+    """Return records of `TIMED_CONTACT` for the kernel to fill in; the law and `frozen` are set."""
     c = zero_records(contacts, TIMED_CONTACT)
     c.law, c.frozen, c.p = law, frozen, 1.0
     return c
 
 
 def new_timed_matrices(contacts: int) -> TimedMatrices:
-    """Return matrices for the kernel to fill in."""
+    """Return matrices of zeros for the kernel to fill in."""
     return TimedMatrices(*np.zeros((3, contacts, contacts)))
 
 
 @kernel_helper
 def spring_energy(contact):
-    """Return the strain energy of the spring of a contact; 0 if it is not active."""
+    """Return the strain energy k delta^2/2 of the spring of a contact; 0 if the contact is not active."""
     return 0.5 * contact.k * contact.delta * contact.delta if is_active(contact) else 0.0
 
 
 @kernel_helper
 def write_forces(c):
-    """Write the forces of all contacts that are not rigid."""
+    """Compute the force of each contact that is not rigid, and store it in its field `F`."""
     for i in range(c.size):
         if not c[i].is_rigid:
             c[i].F = force(c[i])
@@ -92,22 +102,23 @@ def write_forces(c):
 
 @kernel_helper
 def is_moving(contact):
-    """Return whether a contact is active, and has a depth or a rate."""
+    """Return whether a contact is active, and its depth or its rate of compression is not 0."""
     return is_active(contact) and (contact.delta > 0 or contact.w != 0)
 
 
 @kernel_helper
 def may_still_act(contact):
-    """Return whether a contact is active, or its bodies approach."""
+    """Return whether a contact is active and moves, or its bodies approach."""
     return is_moving(contact) or contact.w > 0
 
 
 @kernel_helper
 def still_rounding(c, W, energy):
-    """Bring to rest the contacts of bistiffness without load whose energy is only rounding.
+    """Set rates, depths and forces of contacts under bistiffness to 0 where they are only rounding.
 
-    In a symmetric graph a contact may be at rest at all times. Its rounding would otherwise end compressions, and each
-    end would stiffen the contact for good. The depth of an inactive contact may be a gap that is only rounding.
+    Contacts in restitution and rigid contacts keep their values. In a symmetric graph the exact rate of a contact may
+    be 0 at all times. Without this function the rounding of such a rate would end compressions, and each end would make
+    the contact stiffer. The gap of an inactive contact may also be only rounding.
     """
     for i in range(c.size):
         c[i].total = oscillation(c, W, i)
@@ -124,7 +135,7 @@ def still_rounding(c, W, energy):
 
 @kernel_helper
 def energy_left(c, W):
-    """Return the energy of contacts that are active or whose bodies approach."""
+    """Return the sum of kinetic and strain energies of all contacts that are active or whose bodies approach."""
     total = 0.0
     for i in range(c.size):
         contact = c[i]
@@ -135,9 +146,9 @@ def energy_left(c, W):
 
 @kernel_helper
 def bring_to_rest(c):
-    """End all contacts that are active or whose bodies approach.
+    """Make all contacts inactive that are active or whose bodies approach, and set their rates to 0.
 
-    Returned are the strain energy that is dropped, and whether one of these contacts has e < 1.
+    Returned are their strain energy, which is lost, and whether a contact among them has a restitution below 1.
     """
     dropped, is_lossy = 0.0, False
     for i in range(c.size):
