@@ -263,7 +263,7 @@ class DrakeWorld(World):
         for i, mass in enumerate(self._scene.masses):
             frame = plant.world_frame()
             *lighter, last_axis = SPACE_AXES[arrangement.axes]
-            # In a plane a massless body slides along the first axis, and the ball slides on this body along the last axis.
+            # In a plane a massless body slides along the first axis. The ball slides on this body along the last axis.
             for axis in lighter:
                 carrier = plant.AddRigidBody(f"B{i + 1}-{axis}", tree.SpatialInertia.Zero())
                 joints.append(plant.AddJoint(_slide(f"B{i + 1}-{axis}", frame, carrier, axis)))
