@@ -62,9 +62,9 @@ class FlightPhase(IntEnum):
 #: * ``n_steps``: number of steps so far
 #: * ``starts``, ``starts_together``: the sums of these names in `stepping.Run`
 #: * ``last_pulls``: for each contact, the change of the relative velocity in m/s by its pull in the last step, or 0
-#: * ``lead``, ``lead_contact``: the contact that came nearest to deciding whether the first flight begins, and a number of
-#:   steps. If the flight began, this contact closed ``lead`` steps after its beginning. If not, this contact had closed
-#:   -``lead`` steps before the other contact opened. The number is infinite before any such event.
+#: * ``lead``, ``lead_contact``: the contact that came nearest to deciding whether the first flight begins, and a number
+#:   of steps. If the flight began, this contact closed ``lead`` steps after its beginning. If not, this contact had
+#:   closed -``lead`` steps before the other contact opened. The number is infinite before any such event.
 #: * ``flight_phase``, ``flight_start``: a `FlightPhase`, and the number of steps before the first flight
 #: * ``closed``, ``closed_at``: for each contact, 1 if its gap is closed, and the step at which it last closed
 MEMORY = np.dtype(
@@ -265,8 +265,8 @@ def scan(v, x, before, masses, scene_numbers, steps_left, active, memory):  # pr
 
     Returns
     -------
-    The number of steps that belong to the collision, and the `RunEnd` after the last of them. The `RunEnd` is returned as
-    an integer, because compiled code takes 30 microseconds to return a member of an enumeration.
+    The number of steps that belong to the collision, and the `RunEnd` after the last of them. The `RunEnd` is returned
+    as an integer, because compiled code takes 30 microseconds to return a member of an enumeration.
     """
     numbers, record = scene_numbers[0], memory[0]
     g = numbers.gravity
