@@ -122,7 +122,7 @@ def why_unavailable(solver: Solver) -> str | None:
         reason = solver.unavailable()
         return None if reason is None else one_line(reason)
     except Exception as error:
-        return f"asked whether it is available, it failed: {describe_exception(error)}"
+        return f"it failed when it was asked whether it can run: {describe_exception(error)}"
 
 
 def stated_version(solver: Solver) -> str:

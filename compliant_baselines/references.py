@@ -225,7 +225,7 @@ def law_at(law: str, *, frozen: bool = False, max_steps: int = MAX_WINDOWS) -> m
 #: Laws that cannot be solved on contact graphs, with the reason.
 _NOT_ON_GRAPHS = {
     "kelvin-voigt-anchored": "kelvin-voigt-anchored is a law of two balls on a table",
-    "hunt-crossley": "hunt-crossley is no linear contact; contact graphs are solved under linear ones",
+    "hunt-crossley": "hunt-crossley is not a linear contact; contact graphs are solved with linear contacts only",
     "liu-zhao-brogliato": "liu-zhao-brogliato is solved for balls in a line alone, no contact graphs",
 }
 

@@ -253,7 +253,7 @@ SOLVERS = (
     _rigid_as_it_ships("dart", "rigid.dart:Dart", "DART", "at a step of 1 ms"),
     _rigid_as_it_ships("rapier", "rigid.rapier:Rapier", "Rapier", "at a step of 1/60 s"),
     _rigid_as_it_ships(
-        "sapien", "rigid.sapien:Sapien", "PhysX 5 (SAPIEN)", "at a step of 10 ms: none below 2 m/s"
+        "sapien", "rigid.sapien:Sapien", "PhysX 5 (SAPIEN)", "at a step of 10 ms: no rebound below 2 m/s"
     ),
     *(_at_step("mujoco", _MUJOCO, "MuJoCo", step) for step in STEPS),
     *(_at_step("pybullet", _PYBULLET, "PyBullet", step) for step in STEPS),

@@ -158,7 +158,9 @@ class Drake(Engine):
         """
         pair = scene.table and len(scene.masses) == 2
         if scene.mapping == "naive" and not (self.approximation == "kSap" and pair):
-            return "mapping = 'naive': Drake's is that of two balls on a table, by kSap; legal: 'calibrated'"
+            return (
+                "mapping = 'naive': Drake has it only for two balls on a table, by kSap; legal: 'calibrated'"
+            )
         return _too_short(scene) if self.approximation else None
 
     def world(self, scene: Scene) -> DrakeWorld:

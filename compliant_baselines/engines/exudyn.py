@@ -281,7 +281,7 @@ class Exudyn(Engine):
         Exudyn has only the calibrated mapping. Models 1 and 2 fail for a contact that is at rest at the start.
         """
         if scene.mapping != "calibrated":
-            return f"mapping = {scene.mapping!r}: Exudyn has one; legal: 'calibrated'"
+            return f"mapping = {scene.mapping!r}: Exudyn has only one mapping; legal: 'calibrated'"
         if scene.gravity and self.impact_model:
             return "scenario = 'drop': B2's contact has no speed at which it began; legal: 'impact'"
         return None

@@ -187,7 +187,7 @@ class Lammps(Engine):
     def refusal(self, scene: Scene) -> str | None:
         """Return a sentence that says why LAMMPS cannot take a scene, or None; it has only the calibrated mapping."""
         if scene.mapping != "calibrated":
-            return f"mapping = {scene.mapping!r}: LAMMPS has one; legal: 'calibrated'"
+            return f"mapping = {scene.mapping!r}: LAMMPS has only one mapping; legal: 'calibrated'"
         return None
 
     def world(self, scene: Scene) -> LammpsWorld:

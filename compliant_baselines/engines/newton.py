@@ -292,12 +292,12 @@ class Newton(Engine):
         precision.
         """
         if scene.mapping not in ("calibrated", "shipped"):
-            return f"mapping = {scene.mapping!r}: Newton has one; legal: 'calibrated'"
+            return f"mapping = {scene.mapping!r}: Newton has only one mapping; legal: 'calibrated'"
         if scene.mapping == "shipped":
             return None
         depth = scene.speed * min(periods(scene)) / (2 * np.pi) / self.radius(scene)
         if depth < RESOLVED:
-            return f"a contact {depth:.1e} radii deep beside others: single precision needs {RESOLVED:.1e}"
+            return f"a contact is only {depth:.1e} radii deep: single precision needs {RESOLVED:.1e} radii"
         return None
 
 

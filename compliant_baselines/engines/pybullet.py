@@ -177,9 +177,7 @@ class Pybullet(Engine):
         if scene.mapping == "naive" and _has_links(scene):
             return "mapping = 'naive': PyBullet's is that of two balls on a table; legal: 'calibrated'"
         if scene.step <= SHORTEST_STEP:
-            return (
-                f"step = {scene.step:.3g} s: PyBullet takes a step of {SHORTEST_STEP:.1e} s or less for none"
-            )
+            return f"step = {scene.step:.3g} s: PyBullet ignores steps of {SHORTEST_STEP:.1e} s or less"
         largest = scene.fastest * sum(scene.masses)
         if largest > LARGEST_IMPULSE:
             return f"m |v0| = {largest:.3g} N s: PyBullet caps a contact at {LARGEST_IMPULSE:.0e} N s a step"

@@ -247,7 +247,7 @@ class Dart(RigidEngine):
         for i, rebound in enumerate((scene.restitutions * scene.rates).tolist(), 1):
             would = f"contact {i} would rebound at {rebound:.3g} m/s: DART"
             if 0 < rebound <= SLOWEST:
-                return f"{would} drops restitution up to {SLOWEST} m/s"
+                return f"{would} suppresses rebounds up to {SLOWEST} m/s"
             if rebound > FASTEST:
-                return f"{would} has none faster than {FASTEST} m/s"
+                return f"{would} allows no rebound faster than {FASTEST} m/s"
         return super().refusal(scene)

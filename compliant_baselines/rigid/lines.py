@@ -174,7 +174,7 @@ class RigidEngine(Engine):
         Rigid engines refuse drops, and numbers beyond single precision.
         """
         if scene.gravity:
-            return f"gravity = {scene.gravity:g} m/s^2: rigid engines are run without; legal: 0"
+            return f"gravity = {scene.gravity:g} m/s^2: rigid engines are run without gravity; legal: 0"
         if scene.mapping == "shipped" and scene.fastest * scene.step > SHIPPED_RADIUS:
             return (
                 f"|v0| = {scene.fastest:.3g} m/s: more than a radius of {SHIPPED_RADIUS} m "

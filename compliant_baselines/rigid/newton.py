@@ -72,5 +72,5 @@ class NewtonXpbd(RigidEngine):
         Newton has no other mapping than the calibrated one. It also refuses what every rigid engine refuses.
         """
         if scene.mapping != "calibrated":
-            return f"mapping = {scene.mapping!r}: Newton has one; legal: 'calibrated'"
+            return f"mapping = {scene.mapping!r}: Newton has only one mapping; legal: 'calibrated'"
         return super().refusal(scene)
