@@ -1,4 +1,4 @@
-"""The compliant solvers the model is compared with, and the contract every solver keeps."""
+"""Solvers that are compared with the state-transition model, and the base class that every solver derives from."""
 
 from impact_xval.compliant_baselines.registry import get_solver, solver_names
 from impact_xval.compliant_baselines.solver import Settings, Solver, SolverError

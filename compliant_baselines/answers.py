@@ -1,7 +1,8 @@
-"""Safe calls of solvers: one outcome for each collision whatever the solver does, with texts of one printable line.
+"""Safe calls of solvers: every collision gets one outcome, even if the solver raises an exception.
 
-Every command and every sweep calls solvers through `answer`, plug-ins and solvers of this project alike. A crash that
-ends the whole process is handled by `experiments.sweep.process`.
+Texts of outcomes become single printable lines. Every command and every sweep calls solvers by `answer`, both the
+solvers of this project and plug-ins. A crash that ends the whole process is not caught here, but in
+`experiments.sweep.process`.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from impact_xval.model.outcomes import Outcomes
 if TYPE_CHECKING:
     from impact_xval.model.graph.collision import GraphCollision
 
-#: Most characters of a solver's sentence that are kept.
+#: Largest number of characters of a solver's text; longer texts are cut.
 LONGEST = 1000
 
 
@@ -28,7 +29,7 @@ def answer(solver: Solver, collisions: Sequence[Collision], settings: Settings) 
     """Solve collisions by any solver; return one outcome for each collision, in order.
 
     Solvers of this project return `Outcomes`. If a solver raises an exception or returns a wrong number of outcomes,
-    only the collision at fault gets the status ``crashed``.
+    the collision that causes this gets the status ``crashed``. The other collisions get their outcomes.
     """
     reason = why_unavailable(solver)
     if reason is not None:
@@ -37,12 +38,12 @@ def answer(solver: Solver, collisions: Sequence[Collision], settings: Settings) 
 
 
 def answer_graph(solver: Solver, collision: GraphCollision, settings: Settings) -> GraphCollisionOutcome:
-    """Solve one contact graph by any solver, as `answer_graphs` does."""
+    """Solve one contact graph by any solver; if the solver raises an exception, the outcome is ``crashed``."""
     return answer_graphs(solver, [collision], settings)[0]
 
 
 def _answer_batch(solver: Solver, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
-    """Call a solver; if the call fails, halve the batch until the collision at fault is alone."""
+    """Call a solver; if the call fails, call it for each half of the batch, down to the single collision that fails."""
     n = len(collisions)
     try:
         answers = solver.solve_many(collisions, settings)
@@ -62,7 +63,11 @@ def _answer_batch(solver: Solver, collisions: Sequence[Collision], settings: Set
 def answer_graphs(
     solver: Solver, collisions: Sequence[GraphCollision], settings: Settings
 ) -> list[GraphCollisionOutcome]:
-    """Solve contact graphs by any solver, as `answer` solves collisions of balls in a line."""
+    """Solve contact graphs by any solver; return one outcome for each graph, in order.
+
+    If a solver raises an exception or returns a wrong number of outcomes, the graph that causes this gets the status
+    ``crashed``. The other graphs get their outcomes.
+    """
     reason = why_unavailable(solver)
     if reason is not None:
         return [GraphCollisionOutcome.failure(solver.name, c, "unavailable", reason) for c in collisions]
@@ -72,7 +77,7 @@ def answer_graphs(
 def _answer_graphs(
     solver: Solver, collisions: Sequence[GraphCollision], settings: Settings
 ) -> list[GraphCollisionOutcome]:
-    """Call a solver; if the call fails, halve the batch until the collision at fault is alone."""
+    """Call a solver; if the call fails, call it for each half of the batch, down to the single graph that fails."""
     n = len(collisions)
     try:
         outcomes = list(solver.solve_graphs(collisions, settings))
@@ -90,7 +95,7 @@ def _answer_graphs(
 def _clean_graph(
     name: str, outcome: GraphCollisionOutcome, collision: GraphCollision
 ) -> GraphCollisionOutcome:
-    """Return an outcome with printable texts; ``crashed`` if it has the wrong numbers of bodies or components."""
+    """Return an outcome with printable texts; ``crashed`` if its velocities have the wrong shape."""
     given, legal = ([len(v) for v in each.velocities] for each in (outcome, collision))
     if given != legal:
         reason = f"velocities: {given} components by body; legal: {legal}"
@@ -99,7 +104,7 @@ def _clean_graph(
 
 
 def _clean(name: str, outcome: Outcome, collision: Collision) -> Outcome:
-    """Return an outcome with printable texts; ``crashed`` if it has the wrong number of balls or contacts."""
+    """Return an outcome with printable texts; ``crashed`` if it has too few or too many velocities or impulses."""
     given = len(outcome.velocities), len(outcome.impulses)
     legal = len(collision.masses), len(collision.stiffnesses)
     if given != legal:
@@ -112,16 +117,16 @@ def _clean(name: str, outcome: Outcome, collision: Collision) -> Outcome:
 
 
 def why_unavailable(solver: Solver) -> str | None:
-    """Return the reason in one line why a solver cannot run here; None if it can."""
+    """Return the reason why a solver cannot run on this machine, as one line; None if it can."""
     try:
         reason = solver.unavailable()
         return None if reason is None else one_line(reason)
     except Exception as error:
-        return f"asked whether it is available, it failed: {describe_exception(error)}"
+        return f"it failed when it was asked whether it can run: {describe_exception(error)}"
 
 
 def stated_version(solver: Solver) -> str:
-    """Return the version that a solver states, as one line; ``""`` if the solver raises an exception."""
+    """Return the version that a solver states, as one line; an empty text if the solver raises an exception."""
     try:
         return one_line(solver.version())
     except Exception:
@@ -129,21 +134,21 @@ def stated_version(solver: Solver) -> str:
 
 
 def describe_exception(error: Exception) -> str:
-    """Return type and message of an exception in one line."""
+    """Return the type and the message of an exception as one line."""
     return one_line(f"{type(error).__name__}: {error}")
 
 
 def one_line(text: str) -> str:
-    """Return a text as one line of at most `LONGEST` printable characters, for tables, terminals and pages."""
+    """Return a text as one printable line of at most `LONGEST` characters, for tables, terminals and pages."""
     if not text.isprintable():
         text = " ".join(escape_invisible(text[: 2 * LONGEST]).split())
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
 
 
 def escape_invisible(text: str) -> str:
-    r"""Escape control characters and invisible characters as Python does: ``\x1b``, ``\u202e``.
+    r"""Write control characters and invisible characters as Python's escapes, such as ``\x1b`` or ``\u202e``.
 
-    Line feeds, tabs and spaces of any width stay as they are.
+    Line feeds, tabs and spaces of any width are not changed.
     """
 
     def stays(letter: str) -> bool:

@@ -1,13 +1,13 @@
-"""A contact of two bodies from two numbers that a user asks for: one decides its damping, one its spring.
+"""Spring and dashpot of a contact from the two numbers that a user gives: one for the damping, one for the spring.
 
-The formulas are those of docs/theory.md, section 7. With the reduced mass M, omega = sqrt(k/M) and the damping ratio
-zeta = c/(2 M omega), a pair alone has the restitution e = exp(-zeta T omega) and the duration T = `contact_time`(zeta)
-over omega. They hold below, at and above zeta = 1.
+The formulas are those of docs/theory.md, section 7. M is the reduced mass of the two bodies, k the stiffness, c the
+damping, omega = sqrt(k/M), and zeta = c/(2 M omega) the damping ratio. A contact of two bodies alone has the duration T
+= `contact_time`(zeta)/omega and the restitution e = exp(-zeta omega T). Both formulas are true for every zeta >= 0.
 
-* Restitution: zeta is `damping_ratio`(e).
-* Damping and duration: zeta omega = c/(2 M), so that e = exp(-c T/(2 M)) without knowing k. That e gives zeta, and zeta
-  and T give omega.
-* Sink: the spring carries a weight at rest, k = m g/sink.
+* A restitution e gives zeta = `damping_ratio`(e).
+* A damping and a duration give e = exp(-c T/(2 M)) without knowing k, because zeta omega = c/(2 M). Then e gives zeta,
+  and zeta and T give omega.
+* A sink is the depth at which the spring carries a mass m at rest: k = m g/sink.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from impact_xval.compliant_baselines.mapping import KelvinVoigtContact
 from impact_xval.compliant_baselines.restitution import contact_time, damping_ratio
 from impact_xval.model.inputs import Legal
 
-#: Gravity in m/s^2 that gives the weight which a contact carries at rest.
+#: Gravity in m/s^2. It gives the weight that a contact carries at rest.
 GRAVITY = 9.81
 
-#: Largest damping ratio; it leaves a restitution of 1e-4. At larger ratios the force drowns in the rounding of
-#: velocities before it ends: a drop in MuJoCo shows a duration that is 4 % too short at a ratio of 200, and 20 % at
-#: 1000.
+#: Largest legal damping ratio; a contact with this ratio has a restitution of 1e-4. At larger ratios the force becomes
+#: smaller than the rounding of velocities before it ends. At a ratio of 200 a drop in MuJoCo therefore shows a duration
+#: that is 4 % too short, and at 1000 a duration that is 20 % too short.
 LARGEST_DAMPING_RATIO = 50.0
 
-#: Longest contact in s.
+#: Longest legal duration of a contact in s.
 LONGEST = 1e6
 
 _LEAST, _LARGEST = math.ulp(0.0), sys.float_info.max
@@ -41,18 +41,20 @@ STIFFNESS = Legal("stiffness", _LEAST, _LARGEST, "a finite number > 0 (N/m)")
 DURATION = Legal("duration", _LEAST, _LARGEST, "a finite number > 0 (s)")
 SINK = Legal("sink", _LEAST, _LARGEST, "a finite number > 0 (m)")
 
-#: Quantities that can decide the damping, and quantities that can decide the spring; one number is given for each.
+#: Quantities that can decide the damping, and quantities that can decide the spring. A user gives one of the first
+#: group and one of the second.
 DAMPERS = (RESTITUTION, DAMPING, DAMPING_RATIO)
 SPRINGS = (STIFFNESS, DURATION, SINK)
 
-#: Names, for readers, of the ways to decide a spring. With `step` the spring is searched for in an engine.
+#: The quantities that decide a spring or a damping, as texts for messages. A time step also decides a spring: the
+#: stiffest contact that an engine computes well at this step is searched for.
 SPRING_NAMES = "stiffness, duration, step or sink"
 DAMPER_NAMES = "restitution, damping or damping_ratio"
 
 
 @dataclass(frozen=True, slots=True)
 class AskedContact:
-    """The numbers that a user asks of a contact: one for the damping, one for the spring; all others are None.
+    """The numbers that a user gives for a contact: one decides the damping, one the spring, and all others are None.
 
     Raises
     ------
@@ -60,7 +62,7 @@ class AskedContact:
         If numbers are missing, contradictory or illegal; the message names the field, the value and the legal range.
     """
 
-    #: Coefficient of restitution, from 1e-4 to 1: no finite damping gives 0.
+    #: Coefficient of restitution, from 1e-4 to 1. A restitution of 0 would need an infinite damping.
     restitution: float | None = None
     #: Damping in N s/m.
     damping: float | None = None
@@ -83,7 +85,7 @@ class AskedContact:
                 raise ValueError(f"{legal.name} = {value!r}; legal: {legal.text}")
 
     def contact(self, mass: float, load: float) -> KelvinVoigtContact:
-        """Return the contact asked for.
+        """Return the contact with the damping and the spring that the numbers decide.
 
         Parameters
         ----------
@@ -95,7 +97,7 @@ class AskedContact:
         Raises
         ------
         ValueError
-            If the contact needs a spring or dashpot outside the legal range or double precision.
+            If the contact needs a spring or a dashpot that is outside the legal range or outside double precision.
         """
         decisive = next(legal for legal in SPRINGS if getattr(self, legal.name) is not None)
         value = getattr(self, decisive.name)
@@ -120,7 +122,7 @@ class AskedContact:
         return contact
 
     def _contact(self, mass: float, load: float) -> KelvinVoigtContact:
-        """Return the contact asked for, without checks: its numbers may be 0 or infinite."""
+        """Return the contact without checking it; its stiffness and its damping may be 0 or infinite."""
         if self.damping is None:
             zeta = self.damping_ratio
             if zeta is None:
@@ -139,7 +141,7 @@ class AskedContact:
 
 
 def _pick_one(given: dict[str, float | None], group: Sequence[Legal], names: str) -> None:
-    """Require exactly one number of a group of quantities."""
+    """Raise a ValueError unless exactly one number of a group of quantities is given."""
     present = [legal.name for legal in group if given[legal.name] is not None]
     if not present:
         raise ValueError(f"{names}: none given; legal: one of them, which decides the others")
@@ -149,21 +151,24 @@ def _pick_one(given: dict[str, float | None], group: Sequence[Legal], names: str
 
 
 def stiffness_from_sink(sink: float, load: float) -> float:
-    """Return the stiffness in N/m that carries the weight of a mass in kg at a depth in m."""
+    """Return the stiffness in N/m at which a spring carries a load in kg at a depth `sink` in m."""
     return load * GRAVITY / sink
 
 
 def stiffness_from_duration(duration: float, zeta: float, mass: float) -> float:
-    """Return the stiffness in N/m of a contact of a duration in s, a damping ratio and a reduced mass in kg."""
+    """Return the stiffness in N/m that gives a contact its duration in s, for a damping ratio and a mass in kg.
+
+    `mass` is the reduced mass of the two bodies.
+    """
     omega = contact_time(zeta) / duration
     return mass * omega * omega
 
 
 def stiffness_from_damping_and_duration(damping: float, duration: float, mass: float) -> float:
-    """Return the stiffness in N/m of a contact of a damping in N s/m, a duration in s and a reduced mass in kg.
+    """Return the stiffness in N/m that gives a contact its duration in s, for a damping in N s/m and a mass in kg.
 
-    The restitution follows from these three numbers alone (see the module). A ValueError says that it would be below
-    1e-4.
+    `mass` is the reduced mass. Damping, duration and mass decide the restitution without the stiffness; the module's
+    docstring has the formula. A ValueError says that the restitution would be below 1e-4.
     """
     loss = damping * duration / (2 * mass)
     largest = LARGEST_DAMPING_RATIO * contact_time(LARGEST_DAMPING_RATIO)

@@ -1,11 +1,10 @@
-"""Checks that a solver keeps the contract of `solver`; the name of a check says what it demands.
+"""Checks that a solver obeys the rules in the docstring of `solver`; the name of a check says what it demands.
 
-They are for the author of a solver. On the command line ``impact-xval solvers NAME`` runs them on an installed solver.
-For the author's own tests `checks` returns them, one function for each test (docs/adding-a-solver.md).
+The checks are for authors of solvers. The command ``impact-xval solvers NAME`` runs them on an installed solver. An
+author's own tests get them from `checks`, one function for each test (docs/adding-a-solver.md).
 
-A check raises `NonConformingError`, whose message says what was found and what the contract demands. The rules are
-numbered as in `solver`. Numbers are compared with those of the exact solvers of this package, never with the solver's
-own.
+A check that fails raises `NonConformingError`. The message says what was found and what the rule demands. Numbers of
+rules refer to the docstring of `solver`. Checks compare the solver with the exact solvers of this package.
 """
 
 from __future__ import annotations
@@ -25,8 +24,8 @@ from impact_xval.model.graph.collision import BodyContact, GraphCollision
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.status import RESULT_STATUSES
 
-#: Laws that a solver may state: a law of the exact solvers, or ``none`` for a law of the solver's own. Convergence to a
-#: law of the solver's own is not checked.
+#: Laws that a solver may state: a law that this package solves exactly, or ``none`` for any other law. A solver with
+#: the law ``none`` is not compared with an exact solution.
 LAWS = (*exact_law_names(), "none")
 
 Check = Callable[[Solver], None]
@@ -37,10 +36,10 @@ _ORDINARY = (
     Collision.two_balls(m1=1.0, m2=2.0, k1=1e6, k2=2e5, e1=1.0, e2=1.0),
 )
 
-#: A drop on a table so soft that the weight of the balls decides the outcome.
+#: A drop on a table that is so soft that the weight of the balls decides the outcome.
 _DROPPED = Collision.two_balls(m1=1.0, m2=1.0, k1=2e3, k2=1e3, e1=0.9, e2=0.7)
 
-#: Contact graphs: a ball in a corner, and a box that lands flat.
+#: Two contact graphs that every solver must solve or refuse: a ball in a corner, and a box that lands flat.
 _CORNER = GraphCollision(
     (1.0,),
     ((-1.0, -0.3),),
@@ -53,14 +52,14 @@ _BOX = GraphCollision(
     inertias=(0.5,),
 )
 
-#: Distance in m/s from the exact law below which a solver passes even if a shorter step brings it no nearer. The error
-#: of a drop changes its sign at some step, so that a small error may grow.
+#: Error of velocities in m/s, by scenario, below which a solver passes even if its error does not shrink with the step.
+#: The error of a drop changes its sign at some step, so that a small error may grow when the step is shortened.
 _NEAR = {"impact": 1e-3, "drop": 5e-3}
 
-#: Laws whose contacts may pull, so that the impulses of a path may fall.
+#: Laws whose contacts may pull. Along a path their impulses may decrease.
 _PULLING = ("linear-dashpot",)
 
-#: Likely mistakes to name when a scenario goes wrong.
+#: Likely mistakes of a solver, by the scenario in which it is wrong; messages name them.
 _SUSPECTS = {
     "impact": "a mapping of stiffness or damping",
     "drop": "gravity, or the depth of rest at the start,",
@@ -68,19 +67,20 @@ _SUSPECTS = {
 
 _COARSE = Settings(step_fraction=5e-3)
 
-#: Time steps, as fractions of the shorter period, at which the distance from the law is measured.
+#: Time steps, as fractions of the shorter contact period, at which the error of a solver is measured.
 _FRACTIONS = (4e-3, 1e-3)
 
-#: Steps after which a collision is given up: without gravity the balls of a drop never come back to each other.
+#: Number of steps after which a collision is given up. If a solver has no gravity, the balls of a drop never come back
+#: to each other, and the collision never ends.
 _MAX_STEPS = 200_000
 
 
 class NonConformingError(AssertionError):
-    """Error that a check raises: a solver does not keep the contract."""
+    """Error that a check raises: the solver breaks a rule."""
 
 
 def demand(holds: object, message: str) -> None:
-    """Raise `NonConformingError` with a message unless a condition holds."""
+    """Raise `NonConformingError` with a message if a condition is false."""
     if not holds:
         raise NonConformingError(message)
 
@@ -88,7 +88,7 @@ def demand(holds: object, message: str) -> None:
 def _outcomes(
     solver: Solver, collisions: Sequence[Collision] = _ORDINARY, settings: Settings = _COARSE
 ) -> list[Outcome]:
-    """Solve collisions; demand that no outcome has the status ``crashed``."""
+    """Solve collisions; raise an error if an outcome has the status ``crashed``."""
     outcomes = list(answer(solver, list(collisions), settings))
     for c, o in zip(collisions, outcomes, strict=True):
         demand(o.status != "crashed", f"{c}: {o.reason}")
@@ -96,7 +96,7 @@ def _outcomes(
 
 
 def _results(solver: Solver, settings: Settings = _COARSE) -> list[tuple[Collision, Outcome]]:
-    """Solve the ordinary collisions; demand a result for each of them."""
+    """Solve the ordinary collisions (`_ORDINARY`); raise an error unless each of them has a result."""
     solved = list(zip(_ORDINARY, _outcomes(solver, settings=settings), strict=True))
     for c, o in solved:
         demand(o.status in RESULT_STATUSES, f"{c}: status {o.status} ({o.reason}); legal: a result")
@@ -104,13 +104,13 @@ def _results(solver: Solver, settings: Settings = _COARSE) -> list[tuple[Collisi
 
 
 def _bits(outcomes: Sequence[Outcome]) -> list[tuple[object, ...]]:
-    """Return the parts of outcomes that must be identical to the bit in every call."""
+    """Return the parts of outcomes that must have the same bits in every call."""
     return [(o.velocities, o.impulses, o.states, o.status) for o in outcomes]
 
 
 def names_itself(solver: Solver) -> None:
-    """Demand a name, a version, whether the solver is available, and a constructor without arguments (rule 1)."""
-    # The values that a solver returns may have any type, whatever its annotations say.
+    """Demand legal values of the name, the version and `unavailable`, and a constructor without arguments (rule 1)."""
+    # A solver by another author may return values of any type, whatever its annotations say.
     name = cast(object, solver.name)
     version = cast(object, solver.version())
     reason = cast(object, solver.unavailable())
@@ -124,7 +124,7 @@ def names_itself(solver: Solver) -> None:
 
 
 def answers_every_collision(solver: Solver) -> None:
-    """Demand a result for each ordinary collision, in order, and identical to the bit in any batch (rules 2, 4)."""
+    """Demand a result for each ordinary collision, in order, with the same bits in any batch (rules 2, 4)."""
     together = [o for _, o in _results(solver)]
     for o in together:
         demand(o.solver == solver.name, f"the outcome is signed {o.solver!r}, not {solver.name!r}")
@@ -136,9 +136,9 @@ def answers_every_collision(solver: Solver) -> None:
 
 
 def refuses_with_a_reason(solver: Solver) -> None:
-    """Demand an outcome, or a refusal with a reason, for limiting cases, N balls, a drop and contact graphs (rule 2).
+    """Demand a result or a refusal with a reason for limiting cases, N balls, a drop and contact graphs (rule 2).
 
-    A refused collision must not change the outcome of another one.
+    A collision that the solver refuses must not change the outcomes of other collisions in the same call.
     """
     ordinary = {"m1": 1.0, "m2": 1.0, "k1": 1e6, "k2": 1e6, "e1": 0.5, "e2": 0.5}
     changes: list[dict[str, float]] = [{"e1": 0.0}, {"e2": 0.0}, {"k2": math.inf}, {"k2": 0.0}]
@@ -158,7 +158,7 @@ def refuses_with_a_reason(solver: Solver) -> None:
 
 
 def ends_apart_and_creates_no_energy(solver: Solver) -> None:
-    """Demand v1 >= v2 >= 0 at the end, impulses that balance momentum, no energy gained (rules 5, 6)."""
+    """Demand v1 >= v2 >= 0 at the end, impulses that explain the velocities, and no gain of energy (rules 5, 6)."""
     for c, o in _results(solver):
         demand(o.v1 >= o.v2 >= 0, f"{c}: v1, v2 = {o.v1}, {o.v2}; the balls are not apart")
         off = max(abs(c.m1 * (o.v1 - c.v0) - o.impulse1), abs(c.m2 * o.v2 - (o.impulse2 - o.impulse1)))
@@ -171,7 +171,7 @@ def ends_apart_and_creates_no_energy(solver: Solver) -> None:
 
 
 def scales(solver: Solver) -> None:
-    """Demand Theorem 5 and SI units: scaling masses, stiffnesses or the speed only scales the outcome (rule 5)."""
+    """Demand that scaling all masses, all stiffnesses or the speed only scales the outcome (Theorem 5, rule 5)."""
     c = _ORDINARY[0]
     (base,) = _outcomes(solver, [c])
     for quantity, factor in (("m", 1e-2), ("m", 30.0), ("k", 1e-2), ("k", 40.0), ("v", 0.2), ("v", 3.0)):
@@ -186,9 +186,9 @@ def scales(solver: Solver) -> None:
 
 
 def gives_a_path(solver: Solver) -> None:
-    """Demand a path from v0 to the outcome, in order of time, if it is asked for; no path otherwise.
+    """Demand a path from v0 to the outcome, in order of time, if a path is asked for; and no path otherwise.
 
-    Impulses must grow along the path, except under laws that may pull.
+    Impulses must not decrease along the path, unless the contacts of the solver's law may pull.
     """
     for c, o in _results(solver, dataclasses.replace(_COARSE, record_path=True)):
         p, speed = o.path, abs(c.v0)
@@ -206,7 +206,7 @@ def gives_a_path(solver: Solver) -> None:
 
 
 def converges_to(law: str) -> Check:
-    """Make the check that a solver converges to an exact solver at first order as its step goes to zero (rule 3)."""
+    """Make the check that a solver converges to the exact solver of a law as its step goes to zero (rule 3)."""
 
     def converges(solver: Solver) -> None:
         cases: list[tuple[Collision, Scenario]] = [*((c, "impact") for c in _ORDINARY), (_DROPPED, "drop")]
@@ -220,7 +220,8 @@ def converges_to(law: str) -> Check:
             for o in outcomes:
                 demand(o.status in RESULT_STATUSES, f"{c}, {scenario}: status {o.status} ({o.reason})")
             before, after = (math.hypot(o.v1 - exact.v1, o.v2 - exact.v2) for o in outcomes)
-            # At first order the error is divided by four. An error that stays does not come from the step.
+            # The second step is a quarter of the first, so that an error of first order shrinks to a quarter. An error
+            # that does not shrink has another cause than the step.
             shrinks = after < 0.4 * before
             demand(
                 after < 0.02 and (after < _NEAR[scenario] or shrinks),
@@ -239,8 +240,8 @@ def checks(law: str | None = KELVIN_VOIGT) -> tuple[Check, ...]:
     Parameters
     ----------
     law
-        The law of the solver's contacts, one of `LAWS`. None or ``"none"`` stands for a law of the solver's own;
-        convergence to it is not checked.
+        The law of the solver's contacts, one of `LAWS`. With None or ``"none"`` the solver is not compared with
+        an exact solution.
 
     Returns
     -------
@@ -266,7 +267,7 @@ def checks(law: str | None = KELVIN_VOIGT) -> tuple[Check, ...]:
 
 
 def problem_of(check: Check, solver: Solver) -> str:
-    """Run a check; return the message of its failure or of the solver's exception, and ``""`` if the check passed."""
+    """Run a check; return the message of the failure or of the solver's exception, or ``""`` if the check passed."""
     try:
         check(solver)
     except NonConformingError as error:
@@ -277,6 +278,6 @@ def problem_of(check: Check, solver: Solver) -> str:
 
 
 def problems(solver: Solver, law: str | None = KELVIN_VOIGT) -> dict[str, str]:
-    """Run all checks of a solver; return the messages of failures, by the name of the check."""
+    """Run all checks of a solver; return the messages of the checks that failed, by the name of the check."""
     messages = {check.__name__: problem_of(check, solver) for check in checks(law)}
     return {name: message for name, message in messages.items() if message}

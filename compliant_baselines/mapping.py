@@ -1,10 +1,10 @@
-"""Mappings of a contact's stiffness and restitution (k, e) to the parameters of each engine (docs/mapping.md).
+"""Mappings of a contact's stiffness k and restitution e to the parameters of each engine (docs/mapping.md).
 
-* ``calibrated``: the parameters that docs/mapping.md derives, with which a lone contact has this k and e
-* ``naive``: the parameters that a user writes who knows their names but not the engine's source; the damping ratio is
-  the textbook's
-* ``documented`` (MuJoCo alone): a time constant and a damping ratio
-* ``shipped`` (MuJoCo, and all rigid engines except Pymunk): nothing is set, and the step is the engine's own
+* ``calibrated``: the parameters with which a contact of two bodies alone has this k and e
+* ``naive``: the parameters that a user would write who knows the names of the parameters, but not the engine's source.
+  The damping ratio comes from the textbook's formula.
+* ``documented`` (only MuJoCo): a time constant and a damping ratio
+* ``shipped`` (MuJoCo, and all rigid engines except Pymunk): nothing is set, and the step is the engine's default
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from impact_xval.compliant_baselines.restitution import (
 )
 from impact_xval.compliant_baselines.solver import MappingName
 
-#: MuJoCo's least constraint impedance (mjMINIMP of mjmodel.h). With it a contact comes nearest to a spring and dashpot
-#: on the level of forces.
+#: Smallest impedance of a contact that MuJoCo accepts (mjMINIMP in mjmodel.h). The smaller the impedance, the nearer is
+#: the force of a contact to k delta + c delta' when a third body pushes too.
 MUJOCO_IMPEDANCE = 1e-4
 
-#: MuJoCo's default solref (time constant in s, damping ratio), of the XML reference.
+#: MuJoCo's default solref: a time constant in s and a damping ratio (XML reference).
 MUJOCO_DEFAULT_SOLREF = (0.02, 1.0)
 
-#: MuJoCo's default solimp (dmin, dmax, width in m, midpoint, power), of the XML reference.
+#: MuJoCo's default solimp: dmin, dmax, width in m, midpoint and power (XML reference).
 MUJOCO_DEFAULT_SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
 
 
 class KelvinVoigtContact(NamedTuple):
-    """A contact with a spring and a dashpot, F = max(0, k delta + c delta')."""
+    """A contact with a spring and a dashpot that pushes and never pulls: F = max(0, k delta + c delta')."""
 
     #: Stiffness in N/m.
     k: float
@@ -46,28 +46,32 @@ class KelvinVoigtContact(NamedTuple):
     def from_restitution(
         cls, k: float, e: float, mass: float, mapping: MappingName = "calibrated"
     ) -> KelvinVoigtContact:
-        """Make the contact of stiffness k that gives two lone bodies of this reduced mass restitution e in (0, 1]."""
+        """Make the contact of stiffness k with which two bodies alone have the restitution e.
+
+        `e` is in (0, 1], and `mass` is the reduced mass of the two bodies in kg. The naive mapping takes the textbook's
+        damping ratio.
+        """
         zeta = textbook_damping_ratio(e) if mapping == "naive" else damping_ratio(e)
         return cls(k, 2 * zeta * math.sqrt(k) * math.sqrt(mass), mass)
 
     @property
     def omega(self) -> float:
-        """Angular frequency sqrt(k/M), in 1/s."""
+        """Angular frequency sqrt(k/M) in 1/s, with the stiffness k and the reduced mass M."""
         return math.sqrt(self.k / self.mass)
 
     @property
     def period(self) -> float:
-        """Period 2 pi sqrt(M/k) of the undamped contact, in s."""
+        """Period 2 pi sqrt(M/k) in s that the contact would have without damping."""
         return 2 * math.pi / self.omega
 
     @property
     def zeta(self) -> float:
-        """Damping ratio c/(2 M omega)."""
+        """Damping ratio c/(2 M omega), with the damping c, the reduced mass M and omega = sqrt(k/M)."""
         return self.c / (2 * self.mass * self.omega)
 
     @property
     def duration(self) -> float:
-        """Duration in s of the contact of the two bodies alone, without gravity."""
+        """Duration in s of a contact of the two bodies alone, without gravity."""
         return contact_time(self.zeta) / self.omega
 
     @property
@@ -77,40 +81,43 @@ class KelvinVoigtContact(NamedTuple):
 
 
 class MujocoContact(NamedTuple):
-    """The parameters of a contact pair of MuJoCo."""
+    """The parameters of a contact `<pair>` in MuJoCo."""
 
-    #: Either the direct format (-stiffness, -damping) in 1/s^2 and 1/s, or two positive numbers: time constant in s and
-    #: damping ratio.
+    #: The engine's solref: either -stiffness in 1/s^2 and -damping in 1/s (direct format), or two positive numbers, a
+    #: time constant in s and a damping ratio.
     solref: tuple[float, float]
-    #: The numbers (dmin, dmax, width in m, midpoint, power).
+    #: The engine's solimp: dmin, dmax, width in m, midpoint and power.
     solimp: tuple[float, float, float, float, float]
 
     @property
     def direct(self) -> tuple[float, float]:
-        """The solref in direct format (the engine's chapter "Solver parameters", "Reference acceleration")."""
+        """The solref in direct format, -stiffness and -damping.
+
+        The engine's chapter "Solver parameters", section "Reference acceleration", has the conversion.
+        """
         first, second = self.solref
         return self.solref if first <= 0 else (-1 / (first * second) ** 2, -2 / first)
 
     def stiffness(self, mass: float) -> float:
-        """Return the stiffness in N/m of this contact, at the smallest impedance d, for two bodies alone.
+        """Return the stiffness in N/m of this contact between two bodies alone, with the impedance d = dmin.
 
-        `mass` is their reduced mass in kg. Without damping, the engine's equations give the acceleration a = stiffness
-        r (d/dmax)^2.
+        `mass` is their reduced mass in kg. Without damping, the engine's equations give the acceleration stiffness r
+        (d/dmax)^2 at the depth r.
         """
         dmin, dmax = self.solimp[:2]
         return -self.direct[0] * mass * (dmin / dmax) ** 2
 
     def equilibrium_depth(self, acceleration: float) -> float:
-        """Return the penetration in m at which a ball rests on this contact under an acceleration in m/s^2.
+        """Return the depth in m at which a ball rests on this contact under an acceleration in m/s^2.
 
-        At this penetration r, stiffness r (d/dmax)^2 = (1 - d) acceleration. The impedance d is a function of r (the
-        engine's "Computation" chapter, section "Constraint model").
+        The depth r solves stiffness r (d/dmax)^2 = (1 - d) acceleration, with the impedance d = d(r). The engine's
+        chapter "Computation", section "Constraint model", has this equation.
         """
         dmin, dmax = self.solimp[:2]
         stiffness = -self.direct[0]
         if dmin == dmax:
             return (1 - dmin) * acceleration / stiffness
-        # If the impedance were the least one at every depth, the ball would rest at half of `high`.
+        # `high` is twice the depth at which the ball would rest if d were the smallest impedance at every depth.
         least = min(dmin, dmax)
         low, high = 0.0, 2 * (1 - least) * acceleration / (stiffness * (least / dmax) ** 2)
         while low < (r := 0.5 * (low + high)) < high:
@@ -137,9 +144,9 @@ def mujoco_contact(
 ) -> MujocoContact:
     """Map a contact to MuJoCo's parameters.
 
-    The calibrated mapping has a constant impedance d as small as the engine allows, stiffness = k/M and damping = c/M.
-    While the two bodies are alone, the result is *exactly* the contact asked for. When a third body pushes too, it is
-    within d of that contact (docs/mapping.md).
+    The calibrated mapping writes a constant impedance d, stiffness = k/M and damping = c/M; d is as small as the engine
+    allows. Between two bodies alone, this is *exactly* the contact asked for. If a third body pushes too, the force
+    differs from that contact by a part d of M times the acceleration (docs/mapping.md).
     """
     if mapping == "naive":
         return MujocoContact((-contact.k, -contact.c), MUJOCO_DEFAULT_SOLIMP)
@@ -150,26 +157,30 @@ def mujoco_contact(
 
 
 class Side(NamedTuple):
-    """The parameters of a body, or of one side of it, in an engine that combines the parameters of two bodies."""
+    """The parameters of a body, or of one of its sides, in an engine that combines the parameters of two bodies."""
 
-    #: Stiffness in N/m: PyBullet's `contactStiffness`, Drake's "point_contact_stiffness".
+    #: Stiffness in N/m: `contactStiffness` in PyBullet, "point_contact_stiffness" in Drake.
     stiffness: float
-    #: Dissipation: PyBullet's `contactDamping` c in N s/m, or "relaxation_time" c/k in s under Drake's `kSap`.
+    #: In PyBullet `contactDamping`, a damping c in N s/m. In Drake's `kSap` "relaxation_time", the quotient c/k in s.
     dissipation: float
 
     def against(self, partner: Side) -> Side:
-        """Combine two sides as the engines do: stiffness in series, dissipation added (btManifoldResult)."""
+        """Return the parameters of the contact between two sides: stiffnesses in series, dissipations added.
+
+        Both engines combine sides in this way; PyBullet's source is btManifoldResult.cpp.
+        """
         stiffness = 1 / (1 / self.stiffness + 1 / partner.stiffness)
         return Side(stiffness, self.dissipation + partner.dissipation)
 
 
-#: A side that adds nothing. Its stiffness is the default that PyBullet gives a body (BT_LARGE_FLOAT of btScalar.h,
-#: double precision), so that 1/(1/k + 1/1e30) = k.
+#: Parameters of a rigid and undamped side. They leave the parameters of the opposite side unchanged: 1/(1/k + 1/1e30) =
+#: k in double precision. PyBullet gives the stiffness of 1e30 N/m to a body without numbers (BT_LARGE_FLOAT in
+#: btScalar.h).
 RIGID = Side(1e30, 0.0)
 
 
 class ContactSides(NamedTuple):
-    """The sides of two bodies that meet in a contact."""
+    """The parameters of the two sides that meet in a contact."""
 
     #: Side of the first body; in a line it is the lower side of the ball above.
     first: Side
@@ -180,12 +191,16 @@ class ContactSides(NamedTuple):
 def sides_of_contacts(
     contacts: Sequence[Side], mapping: MappingName, *, one_side_per_body: bool = False
 ) -> list[ContactSides]:
-    """Return the sides of the two bodies of each contact; `contacts` are the parameters that each contact shall have.
+    """Return the two sides of each contact; `contacts` are the parameters that each contact shall have.
 
-    The first body's side has the parameters of the contact; the second body's side is rigid and undamped. In some
-    engines a body has one side only. Two balls on a table are possible even there: the upper ball has the parameters of
-    contact 1, the table those of contact 2, and the lower ball is rigid. In the naive mapping bodies have one side in
-    every engine, and both balls have the parameters of contact 1.
+    The first body's side has the parameters of the contact, and the second body's side is rigid and undamped.
+
+    In some engines a body has the same parameters on all its sides (`one_side_per_body`). There two balls on a table
+    are the only possible scene: the upper ball has the parameters of contact 1, the table has those of contact 2, and
+    the lower ball is rigid.
+
+    In the naive mapping every body has the same parameters on all its sides. Both balls have the parameters of contact
+    1.
     """
     if not one_side_per_body and mapping != "naive":
         return [ContactSides(side, RIGID) for side in contacts]
@@ -195,15 +210,15 @@ def sides_of_contacts(
 
 
 def combine_sides(contacts: Sequence[ContactSides]) -> list[Side]:
-    """Combine the two sides that meet at each contact."""
+    """Return the parameters of each contact, combined from its two sides."""
     return [first.against(second) for first, second in contacts]
 
 
 def pybullet_side(contact: KelvinVoigtContact) -> Side:
-    """Return PyBullet's parameters of the body that carries a contact."""
+    """Return PyBullet's parameters for a contact, to be set on one of the two bodies."""
     return Side(contact.k, contact.c)
 
 
 def drake_side(contact: KelvinVoigtContact) -> Side:
-    """Return Drake's parameters of the geometry that carries a contact."""
+    """Return Drake's parameters for a contact, to be set on the geometry of one of the two bodies."""
     return Side(contact.k, contact.c / contact.k)

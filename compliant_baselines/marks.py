@@ -1,18 +1,20 @@
-"""Marks of outcomes near a jump of their exact law, found by changing the parameters of a collision a little.
+"""Marks of outcomes near a jump of their exact law: a small change of the collision changes such an outcome a lot.
 
-**Two balls on a table** (docs/theory.md, section 8). A cell is marked if a relative change of one parameter, up or
-down, moves a velocity over abs(v0) by more than `JUMPS` allows. Over the default box smooth outcomes move by less than
-three times the change (`benchmarks/limits.py jumps`). A limit dt -> 0 is also marked if its shortest step and the exact
-law disagree on whether gravity ends in a first flight, or on whether B2 comes to rest on the table.
+**Two balls on a table** (docs/theory.md, section 8). An outcome is marked if a relative change of one parameter, up or
+down, moves a velocity over abs(v0) by more than `JUMPS` allows. Over the default ranges of parameters, outcomes that
+are far from a jump move by less than three times the change (`benchmarks/limits.py jumps`). A limit dt -> 0 of an
+engine is also marked if its run at the shortest step ends otherwise than the exact law says: if only one of the two has
+a first flight that ends gravity, or only one has B2 at rest on the table.
 
-**N balls** have hundreds of events, and each event amplifies the differences before it, until the last digits of the
-inputs decide the outcome. Two exact solvers of one law then differ by as much as two laws do. Where forces are linear,
-masses and stiffnesses are changed by a millionth. Velocities are not changed: balls that fall or strike together are
-equal by intent. Where forces are not linear, the solver states an error of its own.
+**N balls** have hundreds of events. Each event amplifies earlier differences, until the last digits of the inputs
+decide the outcome. Two exact solvers of one law then differ as much as the solvers of two laws. Where forces are
+linear, masses and stiffnesses are changed by a millionth. Velocities are not changed, because balls that fall or strike
+together have equal velocities on purpose. Where forces are not linear, the mark depends on the error that the exact
+solver states.
 
 `JUMPS` defines a jump of two balls on a table; docs/theory.md repeats it. `CHANGE_OF_MANY` and `MOVE_OF_MANY` define a
-jump of N balls. All other thresholds decide only which cells are examined. The tests in tests/compliant_baselines are
-`engines/test_limit.py`, and `references/test_chains.py` for N balls. Golden values hold the marks of exact solvers.
+jump of N balls. All other thresholds only decide which collisions are examined. Tests are in tests/compliant_baselines:
+`engines/test_limit.py`, and `references/test_chains.py` for N balls. Golden values contain the marks of exact solvers.
 """
 
 from __future__ import annotations
@@ -30,22 +32,22 @@ from impact_xval.model.outcomes import Outcomes
 
 Bools = NDArray[np.bool_]
 
-#: Function that solves collisions by a law, without their states; its second argument is the gravity in m/s^2, shape
-#: (n,).
+#: Function that solves collisions by a law, without recording their states. Its arguments are the collisions and
+#: gravity in m/s^2, shape (n,).
 Law = Callable[[Collisions, Floats], Outcomes]
 
-#: Relative changes of a parameter that are tried. To each belongs the change of a velocity, over abs(v0), that counts
-#: as a jump. The finest step of an engine acts like a change of a restitution by more than a thousandth.
+#: Relative changes of a parameter that are tried, each with the change of a velocity over abs(v0) from which it counts
+#: as a jump. An engine's shortest step acts like a change of a restitution by more than a thousandth.
 JUMPS = {1e-3: 0.01, 4e-3: 0.02}
 
-#: The parameters that are changed, by the names that a reader knows.
+#: Names of the parameters that are changed, as they appear in marks.
 PARAMETERS = ("k2/k1", "m2/m1", "e1", "e2", "gravity")
 
 
 class Change(NamedTuple):
-    """A relative change of one parameter."""
+    """A relative change of one parameter of a collision."""
 
-    #: Position in `PARAMETERS`.
+    #: The parameter, as its position in `PARAMETERS`.
     parameter: int
     #: Relative change: a number of `JUMPS` or its negative.
     size: float
@@ -54,93 +56,100 @@ class Change(NamedTuple):
 #: All changes of one parameter that are tried.
 CHANGES = tuple(Change(i, sign * size) for i in range(len(PARAMETERS)) for size in JUMPS for sign in (1, -1))
 
-#: Relative change of masses and stiffnesses for N balls.
+#: Relative change of masses and stiffnesses for collisions of N balls.
 CHANGE_OF_MANY = 1e-6
 
-#: Change of a velocity, over the largest speed before, from which an outcome of N balls is marked; a hundred times the
-#: change of the parameters.
+#: Change of a velocity, over the largest speed before the collision, from which an outcome of N balls is marked. It is
+#: a hundred times the change of the parameters.
 MOVE_OF_MANY = 1e-4
 
-#: Number of random changes that are tried for N balls, each together with its opposite.
+#: Number of random patterns of changes that are tried for N balls. Each pattern is also tried with all signs reversed.
 _RANDOM_CHANGES = 2
 
-#: Signs with which a screen changes all parameters at once: four patterns, orthogonal except in gravity. To first
-#: order, changing one parameter never moves an outcome farther than the best pattern or its opposite does.
+#: Signs of the changes when all five parameters are changed at once, one pattern a row. The patterns are orthogonal
+#: except in gravity. To first order, no change of a single parameter moves an outcome farther than the best of these
+#: patterns or its opposite.
 _PATTERNS = np.array([(1, 1, 1, 1, 1), (1, -1, 1, -1, 1), (1, 1, -1, -1, -1), (1, -1, -1, 1, -1)])
 
-#: Relative changes of the screens: each pattern, followed by its opposite; shape (8, 5).
+#: Relative changes of all five parameters at once: each pattern of signs, followed by its opposite; shape (8, 5). Such
+#: a cheap change of all parameters is called a screen.
 _SCREENS = max(JUMPS) * np.stack([_PATTERNS, -_PATTERNS], axis=1).reshape(-1, 5)
 _FIRST_SCREENS, _OTHER_SCREENS = _SCREENS[:2], _SCREENS[2:]
 
-# The thresholds below only save time. They must lose no mark (`benchmarks/limits.py screens` counts lost marks).
+# The thresholds below only save time. With them no mark must get lost; `benchmarks/limits.py screens` counts lost
+# marks.
 
-#: Grazing margin below which a bistiffness cell is screened by the first pattern. The largest margin of a marked cell
-#: was 0.11. It was measured on 28 000 cells without gravity, with k2/k1 from 1e-3 to 1e3, and m2/m1 and e from 0.1.
+#: Grazing margin of a bistiffness collision below which the first pattern of changes is tried. Among 28 000 collisions
+#: without gravity, with k2/k1 from 1e-3 to 1e3 and m2/m1 and e from 0.1, the largest margin of a marked one was 0.11.
 GRAZING = 0.2
 
-#: Grazing margin below which a bistiffness cell is screened by all patterns.
+#: Grazing margin of a bistiffness collision below which all patterns of changes are tried.
 NEAR_GRAZING = 0.03
 
-#: Restitution from which a cell is screened whatever its margin: the margin ignores ends of compression, where a change
-#: of e costs energy.
+#: Restitution from which a bistiffness collision is examined whatever its grazing margin is. The margin does not count
+#: ends of compression at which hardly any energy is lost, but a change of e makes them lose energy.
 ELASTIC = 0.999
 
-#: Number of events from which a cell of a dashpot law is screened. Without gravity dashpot laws are continuous; they
-#: are steep only where contacts return. Contacts that close and open once make two events.
+#: Number of events from which a collision under a law with dashpots is examined. Without gravity its outcome has no
+#: jumps and is steep only where contacts return. If contacts only close and open once, there are two events.
 FEW_EVENTS = 3
 
-#: Number of events from which a cell of a dashpot law is tried in full, without a screen.
+#: Number of events from which all single changes are tried at once for a collision under a law with dashpots.
 MANY_EVENTS = 20
 
-#: Mass ratio m2/m1 below which a cell is screened whatever its number of events: such a light ball takes up any speed.
+#: Mass ratio m2/m1 below which a collision is examined whatever its number of events is. Such a light lower ball can
+#: take up any speed.
 LIGHT = 0.05
 
-#: Change of a velocity by gravity, over abs(v0), from which the first flight matters.
+#: Change of a velocity by gravity, over abs(v0), from which the instant at which gravity ends can decide the outcome.
 FALLEN = 0.02
 
-#: Change of a velocity by a screen, over abs(v0), from which a cell is tried in full.
+#: Change of a velocity, over abs(v0), when all parameters are changed at once. From this change on, single changes are
+#: tried.
 SCREENED_MOVE = 0.005
 
-#: Relative change of a grazing margin by a screen from which a cell is tried in full.
+#: Relative change of a grazing margin when all parameters are changed at once. From this change on, single changes are
+#: tried.
 SCREENED_MARGIN = 0.25
 
 _LARGEST = float(np.finfo(float).max)
 
 
 class DropEnd(NamedTuple):
-    """The end of a drop."""
+    """Two facts on how a drop ends."""
 
-    #: True if gravity ended in a first flight.
+    #: True if gravity ended because all contacts were open, in a first flight.
     has_first_flight: bool
-    #: True if B2 came to rest on the table.
+    #: True if B2, the lower ball, came to rest on the table.
     b2_settled: bool
 
 
-#: Sentences on how an engine's drop ends otherwise than its exact law's; the names of both fill the braces.
+#: Sentences of a mark that say how the drop of an engine ends otherwise than the drop under the exact law. The braces
+#: stand for the names of the engine and the law.
 _DIFFERENT_FLIGHT = "gravity ends in a first flight of {}, and {} has none"
 _DIFFERENT_REST = "by {} the lower ball comes to rest on the table, and by {} it leaves"
 
 
 @dataclass(frozen=True, slots=True)
 class Screening:
-    """The collisions of an array that are examined for jumps, by the kind of examination; masks of shape (n,)."""
+    """Which collisions of an array are examined for jumps, and how; masks of shape (n,)."""
 
-    #: Collisions that are screened by the first pattern and its opposite.
+    #: Collisions for which the first pattern of changes and its opposite are tried.
     first_pair: Bools
-    #: Collisions that are also screened by the other patterns, if the first one shows nothing.
+    #: Collisions for which the other patterns are tried too, if the first one moves the outcome little.
     all_patterns: Bools
-    #: Collisions that are tried in full without a screen: every parameter is changed alone.
+    #: Collisions for which every parameter is changed alone, without trying patterns first.
     full: Bools
 
 
 @dataclass(frozen=True, slots=True)
 class LargestMoves:
-    """The largest changes of outcomes when single parameters change; arrays of shape (n,)."""
+    """How far outcomes move at most when single parameters change; arrays of shape (n,)."""
 
-    #: Largest change of a velocity, divided by the change that `JUMPS` allows; above 1 it is a jump. Infinite if a
-    #: changed collision has no result, NaN if the collision itself has none, 0 if no change was tried.
+    #: Largest change of a velocity, divided by the change that `JUMPS` allows. Above 1 it is a jump. It is infinite if
+    #: a changed collision has no result, NaN if the collision itself has no result, and 0 if no change was tried.
     excess: Floats
-    #: The change of a parameter that causes this largest change, as a position in `CHANGES`.
+    #: The single change that moves the velocity most, as its position in `CHANGES`.
     change: NDArray[np.intp]
 
 
@@ -152,7 +161,7 @@ def marks_of(
     gravity: Floats,
     engine_ends: Sequence[DropEnd | None] = (),
 ) -> NDArray[np.object_]:
-    """Return one sentence for each outcome that is marked, with the reason; an empty text for all others.
+    """Return for each outcome the reason of its mark as a sentence, or an empty text if it is not marked.
 
     Parameters
     ----------
@@ -165,8 +174,8 @@ def marks_of(
     gravity
         Gravity in m/s^2, shape (n,).
     engine_ends
-        The end of the engine's run that decides on the limit, for each of the n collisions; None where it is not known.
-        Empty if there are no such runs.
+        For each of the n collisions, how the drop ended in the engine's run at its shortest step; None where this is
+        not known. Empty if there are no such runs.
     """
     marks = np.full(len(collisions), "", dtype=object)
     if not len(collisions):
@@ -189,13 +198,16 @@ def marks_of(
 
 
 def _drop_end_of(exact: Outcomes, i: int) -> DropEnd:
-    """Return how drop i ended, from the diagnostics of the outcomes."""
+    """Return how drop i ended, read from the diagnostics of the outcomes."""
     first_flight, rest_speed = (exact.diagnostics[key][i] for key in ("first_flight", "rest_speed"))
     return DropEnd(bool(np.isfinite(first_flight)), bool(np.isfinite(rest_speed)))
 
 
 def _compare_ends(name: str, exact: DropEnd, engine: DropEnd) -> str:
-    """Return a sentence on how the drops of an exact law and of an engine end differently; ``""`` if they do not."""
+    """Return a sentence that says how the drops under a law and in an engine end differently.
+
+    ``""`` if they end alike.
+    """
     exact_first, engine_first = (f"exact {name}", "the engine"), ("the engine", f"exact {name}")
     if exact.has_first_flight != engine.has_first_flight:
         return _DIFFERENT_FLIGHT.format(*(exact_first if exact.has_first_flight else engine_first))
@@ -207,13 +219,15 @@ def _compare_ends(name: str, exact: DropEnd, engine: DropEnd) -> str:
 def find_jumps(
     law: Law, collisions: Collisions, exact: Outcomes, gravity: Floats, *, everywhere: bool = False
 ) -> LargestMoves:
-    """Change every parameter of two balls on a table a little, and return how far the outcome moves.
+    """Change every parameter of two balls on a table a little, and return how far the outcomes move.
 
-    A collision is tried in full only where a jump may be near, unless `everywhere` is true. Two stages decide where a
-    jump may be near: first the outcome itself (`_plan_screening`), then screens that change all parameters at once
-    (`_SCREENS`). Their thresholds are measured: `benchmarks/limits.py screens` counts the marks that they lose.
+    Parameters are changed one by one only where a jump may be near, unless `everywhere` is true. To find these
+    collisions, their outcomes are examined first (`_plan_screening`), then all parameters are changed at once
+    (`_SCREENS`). With the thresholds of both stages no mark must get lost; `benchmarks/limits.py screens` counts lost
+    marks.
     """
-    # A collision that was given up may have taken a second, and would take another second at every change.
+    # A collision that was given up is not tried again: it may have taken a second, and every change would take another
+    # one.
     has_result = exact.has_result
     plan = _plan_screening(collisions, exact, gravity)
     full = has_result & (plan.full | everywhere)
@@ -236,7 +250,7 @@ def find_jumps(
 
 
 def _plan_screening(collisions: Collisions, exact: Outcomes, gravity: Floats) -> Screening:
-    """Choose from the outcomes the collisions that may be near a jump."""
+    """Choose the collisions that may be near a jump, from their outcomes."""
     speed, light = collisions.units[1], collisions.mass_ratio < LIGHT
     margin = _margin(exact)
     v1, v2 = exact.v1 / speed, exact.v2 / speed
@@ -251,8 +265,8 @@ def _plan_screening(collisions: Collisions, exact: Outcomes, gravity: Floats) ->
     has_dashpots = np.isinf(margin)
     elastic = ~has_dashpots & (collisions.restitutions.max(axis=1) > ELASTIC)
     returns = has_dashpots & (exact.n_events >= FEW_EVENTS)
-    # Dashpots bring a ball to rest at any instant. That instant may be next to the one at which the other ball comes
-    # down again.
+    # Under a law with dashpots a ball can come to rest at any instant, even next to the instant at which the other ball
+    # comes down again.
     rests_any_time = gravity_matters & b2_rests
     return Screening(
         first_pair=(margin < GRAZING) | elastic | returns | gravity_matters | light,
@@ -269,7 +283,10 @@ def _moves_on_screen(
     rows: NDArray[np.intp],
     changes: Floats,
 ) -> Bools:
-    """Return the mask of those rows that a screen moves far enough to be tried in full; shape (rows,)."""
+    """Return which of the rows move so far that parameters must be changed one by one; a mask of shape (rows,).
+
+    All parameters are changed at once, in the patterns `changes`.
+    """
     changed, moves = _solve_changed(law, collisions, exact, gravity, rows, changes)
     margin, changed_margin = _margin(exact)[rows], _margin(changed).reshape(moves.shape)
     smaller = np.minimum(margin, changed_margin)
@@ -292,9 +309,9 @@ def _solve_changed(
 ) -> tuple[Outcomes, Floats]:
     """Solve rows with changed parameters; return the outcomes and the largest change of a velocity over abs(v0).
 
-    `changes` are m sets of relative changes, shape (m, 5). The outcomes hold all rows with the first set, then all rows
-    with the second, and so on. The largest changes have the shape (m, rows). The gravity number keeps its value unless
-    the set changes it.
+    `changes` are m sets of relative changes, shape (m, 5). The outcomes contain all rows with the first set, then all
+    rows with the second set, and so on. The largest changes have the shape (m, rows). The gravity number stays the
+    same, except where the set changes it.
     """
     m, n = len(changes), len(rows)
     repeated, ones = collisions[np.tile(rows, m)], np.ones(m * n)
@@ -312,21 +329,22 @@ def _solve_changed(
 
 
 def _margin(outcomes: Outcomes) -> Floats:
-    """Return grazing margins; infinity if the law states none."""
+    """Return grazing margins; infinity under laws that have no margin."""
     return np.where(np.isnan(outcomes.grazing_margin), np.inf, outcomes.grazing_margin)
 
 
 def _drop_ends(outcomes: Outcomes) -> NDArray[np.int64]:
-    """Return how drops ended: 0 with both balls off the table, 1 with B2 at rest on it, 2 with both at rest."""
+    """Return how drops ended: 0 if both balls left the table, 1 if B2 rests on the table, 2 if both balls rest."""
     b2_rests = np.isfinite(outcomes.diagnostics.get("rest_speed", np.full(len(outcomes), np.nan)))
     return np.where(b2_rests, np.where(outcomes.v1 == 0, 2, 1), 0)
 
 
 def rounding_moves(law: Law, collisions: Collisions, exact: Outcomes) -> tuple[str, Floats]:
-    """Estimate how far rounding moves the outcome of N balls.
+    """Estimate how far rounding moves the outcomes of N balls.
 
-    All masses and stiffnesses are changed by a millionth, up or down at random, and then by the opposite. Returned are
-    a phrase that names the change, and the largest change of a velocity over the largest speed before, shape (n,).
+    All masses and stiffnesses are changed by a millionth, up or down at random, and then the other way round. The
+    function returns a phrase that names the change, and the largest change of a velocity over the largest speed before,
+    shape (n,). Where the exact solver states an error of its own, this error is returned instead.
     """
     c, balls, speed = collisions, collisions.masses.shape[1], np.abs(collisions.velocities).max(axis=1)
     if "velocity_error" in exact.diagnostics:

@@ -1,9 +1,9 @@
-"""Text to paste for a contact, and the files of a whole scene that an engine runs without this package.
+"""Text to paste for a contact, and files with which an engine runs a whole scene without this package.
 
-The text has the numbers of a contact, and the settings that keep an engine from changing them (the adapters' modules
-say why). Scenes come from the adapters: MuJoCo's scene is the adapter's MJCF with the numbers of the compiled model,
-and PyBullet's scene is a record of the adapter's calls. An exported script takes as many steps as the adapter did, and
-compares its outcome with the adapter's.
+The text contains the numbers of a contact, and the settings without which the engine would change these numbers; the
+modules of the adapters give the reasons. For MuJoCo a scene is written as the adapter's MJCF file with the numbers of
+the compiled model. For PyBullet the calls of the adapter are recorded. The script that runs a scene takes as many steps
+as the adapter did, and compares its outcome with the adapter's.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ from impact_xval.compliant_baselines.solver import Settings, SolverError
 from impact_xval.model.collision import Collision
 from impact_xval.model.outcome import Outcome
 
-#: The text to paste, by engine. If an engine's parameters belong to bodies and not to pairs of bodies, the first body
-#: has the parameters of the contact, and the second is rigid and undamped.
+#: The text to paste, by engine. Some engines attach parameters to bodies, not to pairs of bodies. There the first body
+#: has the parameters of the contact, and the second body is rigid and undamped.
 TEXTS = {
     "mujoco": """\
 <!-- A and B: names of the two geoms. The numbers hold for free bodies and bodies on slides whose inverse weights
@@ -78,7 +78,7 @@ plant.set_sap_near_rigid_threshold(0.0)
 
 ENGINES = tuple(TEXTS)
 
-#: The parts of a script that only MuJoCo needs.
+#: The lines with which a script sets up and runs a scene in MuJoCo.
 MUJOCO = {
     "setup": """\
 model = mujoco.MjModel.from_xml_path(__file__.replace("run.py", "scene.xml"))
@@ -89,7 +89,7 @@ mujoco.mj_resetDataKeyframe(model, data, 0)""",
     "read": "data.qvel.tolist()",
 }
 
-#: A script that runs a scene, as a format string: doubled braces become single ones.
+#: A script that runs a scene, as a format string; doubled braces become single braces.
 SCRIPT = '''"""Runs the collision in {engine} alone and compares with the table: python run.py"""
 
 import sys
@@ -116,14 +116,15 @@ for i, (v, there) in enumerate(zip({read}, TABLE), 1):
 def paste(engine: str, contact: KelvinVoigtContact, step: float, written: MujocoContact | None = None) -> str:
     """Return the text to paste for a contact: MJCF or Python in SI units, with the time step in s.
 
-    `written` are MuJoCo's own numbers; they stand in the text unchanged, in place of the contact's.
+    `written` are a solref and a solimp that a user has written for MuJoCo. They replace the parameters that would be
+    computed from the contact.
 
     Raises
     ------
     SolverError
         If the engine cannot take the numbers.
     ValueError
-        If no such engine is known here.
+        If the engine is not one of `ENGINES`.
     """
     if engine not in ENGINES:
         raise ValueError(f"engine = {engine!r}; legal: {', '.join(ENGINES)}")
@@ -134,7 +135,7 @@ def paste(engine: str, contact: KelvinVoigtContact, step: float, written: Mujoco
     numbers = {"solref": pair.solref, "solimp": pair.solimp, "a": side, "b": RIGID}
     numbers |= {"step": (step,), "inverse": (1 / contact.mass,)}
     between = " " if engine == "mujoco" else ", "
-    # Numbers are written as floats, because Drake treats 0 and 0.0 differently.
+    # All numbers are written as floats, because Drake treats the integer 0 and the float 0.0 differently.
     texts = {
         key: between.join(repr(float(f"{value:.12g}")) for value in values) for key, values in numbers.items()
     }
@@ -145,7 +146,7 @@ def paste(engine: str, contact: KelvinVoigtContact, step: float, written: Mujoco
 
 
 def export_scene(name: str, collision: Collision, settings: Settings) -> tuple[Outcome, Run, dict[str, str]]:
-    """Run a collision by MuJoCo or PyBullet; return its outcome, its run, and the files of its scene by their names.
+    """Run a collision in MuJoCo or PyBullet; return its outcome, its run, and the files of its scene by their names.
 
     A SolverError says why the engine does not take the collision.
     """
@@ -177,14 +178,14 @@ def export_scene(name: str, collision: Collision, settings: Settings) -> tuple[O
 
 
 def mjcf(scenes: Iterable[Scene]) -> list[str]:
-    """Write the scenes that MuJoCo runs as MJCF; the initial state is the keyframe ``start``."""
+    """Return the MJCF of each scene, as the adapter for MuJoCo runs it; the keyframe ``start`` is the initial state."""
     engine = mujoco.Mujoco()
     with engine.running():
         return [_mjcf(scene, engine.world(scene)) for scene in scenes]
 
 
 def _mjcf(scene: Scene, world: mujoco.MujocoWorld) -> str:
-    """Write a scene as MJCF with the numbers of the compiled model."""
+    """Return the MJCF of a scene, with the numbers of the model that the adapter has compiled."""
     model = world.model
     root = ElementTree.fromstring(mujoco.mjcf(scene.arrangement))
 
@@ -198,9 +199,9 @@ def _mjcf(scene: Scene, world: mujoco.MujocoWorld) -> str:
         i, geom = model.body(body.get("name")).id, body.find("geom")
         assert geom is not None
         body.set("pos", text_of(model.body_pos[i]))
-        # The adapter writes masses and sizes after compiling, so that the inertia stays the template's. Bodies on
-        # slides do not turn, so that their inertia has no effect. Without this line the compiler would refuse the
-        # inertia of a small ball.
+        # The adapter sets masses and sizes only after the model is compiled, and leaves the inertias of the template.
+        # The bodies slide and do not turn, so that their inertia has no effect. This element keeps the compiler from
+        # computing the inertia of a small ball, which it would refuse.
         inertial = {"pos": "0 0 0", "mass": text_of(model.body_mass[i]), "diaginertia": "1 1 1"}
         body.insert(0, ElementTree.Element("inertial", inertial))
         geom.set("size", text_of(model.geom_size[model.geom(geom.get("name")).id, 0]))
@@ -215,7 +216,7 @@ def _mjcf(scene: Scene, world: mujoco.MujocoWorld) -> str:
 
 
 def _pybullet(scene: Scene) -> dict[str, str]:
-    """Record the calls with which the adapter sets up a scene; return the parts of the script."""
+    """Record the calls with which the adapter sets up a scene in PyBullet; return them as parts of the script."""
     with pybullet.connected() as client:
         recorder = _Recorder(client.number)
         world = pybullet.PybulletWorld(recorder, scene, {})
@@ -228,7 +229,7 @@ def _pybullet(scene: Scene) -> dict[str, str]:
 
 
 class _Recorder(pybullet.Client):
-    """A client that records as text the calls that set up a world."""
+    """A connection to PyBullet that records as text the calls that set up a world."""
 
     def __init__(self, number: int) -> None:
         super().__init__(number)
@@ -260,7 +261,7 @@ class _Recorder(pybullet.Client):
 
 
 def _name_number(value: int, name: str) -> int:
-    """Return an integer that the script writes as a name."""
+    """Return an integer that is written into the script as a name."""
 
     class Named(int):
         def __repr__(self) -> str:
@@ -270,7 +271,7 @@ def _name_number(value: int, name: str) -> int:
 
 
 def _literal(value: Any) -> str:
-    """Write an argument of a call as Python source; numbers are floats unless they are whole."""
+    """Return an argument of a call as Python source; numbers become floats, except integers."""
     if isinstance(value, tuple | list):
         return f"[{', '.join(map(_literal, value))}]"
     return repr(value if isinstance(value, bool | int | str) else float(value))

@@ -1,8 +1,9 @@
-"""Drops of two bodies in an engine that is given only the text to paste (`paste`).
+"""Drops of two bodies in MuJoCo or PyBullet, set up only by the text that `paste` prints.
 
-The printed text runs unchanged: MuJoCo loads it from a file, PyBullet executes it as Python. The scene has nothing else
-but two bodies, larger than the contact is deep. So each number that the text does not set has the engine's default here
-too. The bodies meet along x, on slides in MuJoCo. MuJoCo's default gravity does not act along x; PyBullet has none.
+The printed text runs unchanged: MuJoCo loads it from a file, and PyBullet executes it as Python. The scene contains
+only two bodies, which are larger than the contact is deep. So every number that the text does not set has the engine's
+default, as in the scene of a user who pastes it. The bodies meet along x; in MuJoCo they slide on joints. Gravity has
+no effect: MuJoCo's default does not act along x, and PyBullet's default is zero.
 """
 
 from __future__ import annotations
@@ -22,20 +23,21 @@ from impact_xval.compliant_baselines.engines.mujoco import Mujoco, take_steps
 from impact_xval.compliant_baselines.engines.scene import Floats
 from impact_xval.compliant_baselines.solver import SolverError
 
-#: Largest change of the relative velocity in a step, over the speed of approach, that counts as rounding and not as
-#: force.
+#: Largest change of the relative velocity in a step, over the speed of approach, that is taken for rounding. A larger
+#: change is taken for a force.
 ROUNDING = 1e-12
 
-#: Steps without force after which separating bodies have left each other.
+#: Number of steps without force after which bodies that separate are taken for parted.
 QUIET_STEPS = 3
 
-#: Steps between two checks that all drops are over.
+#: Number of steps after which all drops are checked for their end.
 BLOCK = 128
 
-#: Half an edge in m of the smallest box in PyBullet: collision shapes have a margin of 0.04 m.
+#: Half the edge in m of the smallest box that is used in PyBullet. Its shapes have a margin of 0.04 m, so that a box
+#: must not be much smaller.
 SMALLEST_BOX = 0.1
 
-#: A MuJoCo file around the pasted text. The bodies are A and B, as the text calls their geoms.
+#: A MuJoCo file around the pasted text. The bodies have geoms with the names A and B, which the text uses.
 SCENE = """\
 <mujoco>
 {text}
@@ -55,9 +57,9 @@ Advance = Callable[[int], Floats]
 
 
 def mujoco_scene(text: str, masses: Sequence[float], radius: float) -> str:
-    """Write an MJCF file of the pasted text and two spheres that touch, A on the side of positive x.
+    """Return an MJCF file with the pasted text and two spheres that touch; A lies on the side of positive x.
 
-    Masses are those of A and B in kg; B is fixed if its mass is infinite.
+    `masses` are the masses of A and B in kg. B is fixed if its mass is infinite.
     """
     (mass_a, mass_b), fixed = masses, math.isinf(masses[1])
     b = (FIXED_BODY if fixed else BODY).format(x=0.0, mass=mass_b, name="B", radius=radius)
@@ -68,7 +70,7 @@ def mujoco_scene(text: str, masses: Sequence[float], radius: float) -> str:
 def drop_in_mujoco(
     text: str, masses: Sequence[float], radius: float, speed: float, gaps: Sequence[float], most_steps: int
 ) -> list[tuple[float, int]]:
-    """Drop A on B once for each gap in m; return the restitution and the number of steps in contact of each drop."""
+    """Drop A on B in MuJoCo once for each gap in m; return each drop's restitution and number of steps with contact."""
     mujoco: Any = import_module("mujoco")
     with TemporaryDirectory() as folder, Mujoco().running():
         path = Path(folder, "scene.xml")
@@ -94,7 +96,10 @@ def drop_in_mujoco(
 def drop_in_pybullet(
     text: str, masses: Sequence[float], radius: float, speed: float, gaps: Sequence[float], most_steps: int
 ) -> list[tuple[float, int]]:
-    """Drop A on B in PyBullet, as `drop_in_mujoco` does."""
+    """Drop A on B in PyBullet once for each gap in m; return each drop's restitution and number of steps with contact.
+
+    Both bodies are spheres.
+    """
     return _drop_each(text, masses, radius, speed, gaps, most_steps, flat=False)
 
 
@@ -103,9 +108,8 @@ def drop_on_flat_in_pybullet(
 ) -> list[tuple[float, int]]:
     """Drop A on a flat side of B in PyBullet: on a plane if B is fixed, else on a box.
 
-    A sphere near a flat side has a contact before it touches, from the distance `contactBreakingThreshold` on. Two
-    spheres have no contact before they touch. So the first step with force comes earlier or later than with two
-    spheres.
+    PyBullet makes the contact of a sphere with a flat side already at a distance of `contactBreakingThreshold`, but the
+    contact of two spheres only when they touch. So the first step with force may be another one than with two spheres.
     """
     return _drop_each(text, masses, radius, speed, gaps, most_steps, flat=True)
 
@@ -119,7 +123,7 @@ def _drop_each(
     most_steps: int,
     flat: bool,
 ) -> list[tuple[float, int]]:
-    """Drop A on B once for each gap in m, all in one client, because connecting takes longer than a drop."""
+    """Drop A on B once for each gap in m. All drops use one connection, because connecting takes longer than a drop."""
     code = compile(text, "pasted", "exec")
     with pybullet.connected() as p:
         return [_drop_once(p, code, masses, radius, speed, gap, most_steps, flat) for gap in gaps]
@@ -135,7 +139,7 @@ def _drop_once(
     most_steps: int,
     flat: bool,
 ) -> tuple[float, int]:
-    """Drop A on B in a client that is emptied first."""
+    """Empty the engine's world, drop A on B in it, and return the restitution and the number of steps with contact."""
     (mass_a, mass_b), fixed = masses, math.isinf(masses[1])
     p.resetSimulation()
     sphere, depth = p.createCollisionShape(p.GEOM_SPHERE, radius=radius), radius
@@ -165,7 +169,7 @@ def _drop_once(
 def _follow(
     name: str, advance: Advance, drops: int, speed: float, most_steps: int
 ) -> list[tuple[float, int]]:
-    """Advance drops together until all are over; return the restitution and the steps in contact of each drop."""
+    """Take steps of all drops until all are over; return each drop's restitution and number of steps with contact."""
     before = np.full((drops, 1), -speed)
     first, last = np.full(drops, -1), np.full(drops, -1)
     for start in range(0, most_steps, BLOCK):

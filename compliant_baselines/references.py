@@ -1,28 +1,33 @@
 """Exact solvers: the laws of `model.chain` in time, with positions, and the model itself (docs/theory.md, section 7).
 
-**kelvin-voigt**: contact i is F = max(0, k_i delta^p + c_i delta^((p - 1)/2) delta') while its bodies overlap. Where p
-is not 1 the dashpot is that of Tsuji, Tanaka and Ishida (Powder Technology 71:239, 1992), times sqrt((p + 1)/2). In xi
-= delta^((p + 1)/2) it is the linear contact, u du/dxi = -2 (k xi + c u)/(M (p + 1)), with the same e for every p, at
-any speed.
+k is the stiffness of a contact, c its damping, delta its depth, p the exponent of its spring, M the reduced mass of its
+bodies.
 
-**compression-dashpot** is F = k_i delta^p + c_i delta^((p - 1)/2) delta' while delta' > 0, else k_i delta^p.
+**kelvin-voigt**: F = max(0, k delta^p + c delta^((p - 1)/2) delta') while the bodies overlap. For p = 1 this is a
+linear spring and dashpot. For other p the dashpot is that of Tsuji, Tanaka and Ishida (Powder Technology 71:239, 1992),
+and c has a factor sqrt((p + 1)/2). In the variable xi = delta^((p + 1)/2) and with u = delta', the motion is that of a
+linear contact: u du/dxi = -2 (k xi + c u)/(M (p + 1)). So e is the same for every p and at any speed.
 
-**linear-dashpot** is F = k_i delta^p + c_i delta^((p - 1)/2) delta' while delta > 0: it may pull, and ends at delta =
-0. In xi, as above, a contact alone is an oscillator up to its first return to xi = 0, so that the textbook's damping
-   ratio is exact for every p. Without gravity linear contacts always open. Proof: if contacts of a row stayed closed
-   for good, their slowest mode would decay without oscillation, with all delta > 0. But the damping ratio of this mode
-   is at most the largest zeta of its contacts, which is below 1 (Cauchy's inequality; the bodies of a row have at least
-   the reduced masses of its contacts).
+**compression-dashpot**: F = k delta^p + c delta^((p - 1)/2) delta' while delta' > 0, and F = k delta^p otherwise.
 
-**hunt-crossley** is F = max(0, k delta^p (1 + a delta')), a = A(e)/u with u the largest rate of compression at first
-touch, and the same A for every p (`restitution`).
+**linear-dashpot**: F = k delta^p + c delta^((p - 1)/2) delta' while delta > 0. The contact may pull, and ends at delta
+= 0. In the variable xi a contact alone is an oscillator until xi returns to 0. So the textbook's damping ratio is exact
+for every p.
 
-**bistiffness** is the model's own law in time. In a drop an end of compression takes 1 - e2^2 of the whole strain
-energy of contact 2. The energy of the compression by the weight is included, because the permanent indentation belongs
-to the contact, whatever presses it.
+Without gravity, linear contacts of this law always open. Proof: suppose that contacts of a row stayed closed for good.
+Their slowest mode would then decay without oscillation, with all delta > 0. But the damping ratio of this mode is at
+most the largest zeta of its contacts, by Cauchy's inequality, because the bodies of a row have at least the reduced
+masses of its contacts. And every zeta is below 1.
 
-Contact graphs are solved under the laws whose contacts are linear (`model.graph.in_time`), with c_i from e_i by the
-reduced mass 1/W_ii of each contact, as in chains.
+**hunt-crossley**: F = max(0, k delta^p (1 + a delta')), with a = A(e)/u. Here u is the largest rate of compression at
+first touch. A is the same for every p (`restitution`).
+
+**bistiffness**: the model's own law in time. In a drop, an end of compression of contact 2 takes the part 1 - e2^2 of
+its whole strain energy. This includes the energy of the compression by the weight, because the permanent indentation
+belongs to the contact, whatever presses it.
+
+Contact graphs are solved under the laws with linear contacts (`model.graph.in_time`). As in chains, c_i follows from
+e_i and the reduced mass of the contact, which is 1/W_ii with the Delassus matrix W.
 """
 
 from __future__ import annotations
@@ -60,7 +65,7 @@ if TYPE_CHECKING:
     from impact_xval.model.graph.collision import GraphCollision
     from impact_xval.model.graph.in_time.following import TimedGraphOutcomes
 
-#: The kernel's codes of laws, by the laws' names.
+#: Laws by their names, as the numbers by which compiled code selects them.
 LAWS = {
     "bistiffness": Law.STATE_TRANSITION,
     "kelvin-voigt": Law.KELVIN_VOIGT,
@@ -71,10 +76,10 @@ LAWS = {
     "linear-dashpot": Law.LINEAR_DASHPOT,
 }
 
-#: Laws with the damping of the textbook's contact, which may pull.
+#: Laws whose damping ratio is the textbook's, which is that of a contact that may pull.
 _TEXTBOOK = ("kelvin-voigt-textbook", "linear-dashpot")
 
-#: Factor on `TOLERANCE` in a second run; the difference of the two runs estimates the error of the first.
+#: Factor on `TOLERANCE` in a second run. The difference between the two runs estimates the error of the first run.
 LOOSER = 100.0
 
 _PLASTIC = (
@@ -106,15 +111,16 @@ def solve_by_law(
     law
         One of `LAWS`.
     frozen
-        True for frozen positions, as in the model: a contact that has opened returns when its bodies begin to approach.
-        Collisions with frozen positions have no gaps.
+        True for frozen positions, as in the model: a contact that has opened returns as soon as its bodies approach.
+        With frozen positions collisions must not have gaps.
     gravity
-        Gravity in m/s^2, of shape (n,) or (). Where it is above 0, the collision is a drop of two balls on a table, the
-        lower one settled (`chain.drop`).
+        Gravity in m/s^2, of shape (n,) or (). Where it is above 0, the collision is a drop of two balls on a table,
+        with the lower ball settled (`chain.drop`).
     states, paths
-        True if the outcomes shall have state sequences, or paths.
+        True if the outcomes shall contain state sequences, or paths.
     max_steps
-        Number of series windows after which a collision is given up.
+        Number of windows of series after which a collision is given up. A window is the time over which a series is
+        valid.
 
     Returns
     -------
@@ -156,9 +162,9 @@ def solve_by_law(
 def _settle_drops(
     collisions: Collisions, g: Floats, went: ChainResult
 ) -> tuple[Floats, Floats, dict[str, Floats]]:
-    """Return velocities with settled balls at 0, the velocity that gravity gave free balls, and diagnostics.
+    """Return velocities with settled balls at 0, the velocity that gravity gave free balls, and diagnostics of drops.
 
-    Velocities are in m/s. Collisions without gravity stay as they are.
+    Velocities are in m/s. Velocities of collisions without gravity are returned unchanged.
     """
     end, fall, falls, velocities = went.records["ending"], went.records["fall"], g > 0, went.velocities
     both_settled = falls & (end == ChainEnding.BOTH_SETTLED)
@@ -177,9 +183,10 @@ def _settle_drops(
 
 
 def dampings(collisions: Collisions, law: str) -> Floats:
-    """Return c (or a) of each contact in the units of its collision, shape (n, C); 0 for bistiffness, NaN where e is 0.
+    """Return the damping of each contact: c for linear contacts, a for `hunt-crossley`; shape (n, C).
 
-    The unit of c is sqrt(m1 k1) where contacts are linear. The unit of a is the inverse of a velocity.
+    c is in the unit sqrt(m1 k1) of its collision, and a is in the inverse of its unit of velocity. The damping is 0 for
+    bistiffness, and NaN where e is 0.
     """
     c, flat = collisions, collisions.restitutions.ravel()
     if law == "bistiffness":
@@ -190,7 +197,9 @@ def dampings(collisions: Collisions, law: str) -> Floats:
         return hunt_crossley_coefficients(flat).reshape(rates.shape) * largest[:, None]
     ratios = textbook_damping_ratios if law in _TEXTBOOK else damping_ratios
     if law == "compression-dashpot":
-        flat = flat**2  # e in compression alone is the root of e in both directions, see `restitution`
+        flat = (
+            flat**2
+        )  # a dashpot in compression only needs the damping ratio of a full one for e^2, see `restitution`
     with np.errstate(over="ignore", under="ignore", invalid="ignore", divide="ignore"):
         below = [np.full(len(c), np.inf)] if c.table else []
         inverse = c.masses[:, :1] / np.column_stack([c.masses, *below])
@@ -202,7 +211,7 @@ def dampings(collisions: Collisions, law: str) -> Floats:
 
 
 def law_at(law: str, *, frozen: bool = False, max_steps: int = MAX_WINDOWS) -> marks.Law:
-    """Return the function that solves collisions by a law for their marks."""
+    """Return the function that solves collisions by a law, in the form that `marks` calls."""
 
     def solve_without_states(collisions: Collisions, gravity: Floats) -> Outcomes:
         return solve_by_law(
@@ -212,10 +221,10 @@ def law_at(law: str, *, frozen: bool = False, max_steps: int = MAX_WINDOWS) -> m
     return solve_without_states
 
 
-#: Laws without a form on contact graphs, with the reason.
+#: Laws that cannot be solved on contact graphs, with the reason.
 _NOT_ON_GRAPHS = {
     "kelvin-voigt-anchored": "kelvin-voigt-anchored is a law of two balls on a table",
-    "hunt-crossley": "hunt-crossley is no linear contact; contact graphs are solved under linear ones",
+    "hunt-crossley": "hunt-crossley is not a linear contact; contact graphs are solved with linear contacts only",
     "liu-zhao-brogliato": "liu-zhao-brogliato is solved for balls in a line alone, no contact graphs",
 }
 
@@ -223,19 +232,21 @@ _NOT_ON_GRAPHS = {
 def solve_graphs_by_law(
     collisions: Sequence[GraphCollision], law: str, *, frozen: bool = False, max_steps: int = MAX_WINDOWS
 ) -> list[GraphCollisionOutcome]:
-    """Solve collisions of bodies by a law in time.
+    """Solve contact graphs by a law in time.
 
-    All contacts touch at first, and normals stay constant (`model.graph.in_time.law` has the law).
+    All contacts touch at the start, and normals stay constant (`model.graph.in_time.law` states the law).
 
     Parameters
     ----------
     collisions
+        The contact graphs.
     law
         One of `LAWS`; the laws in `_NOT_ON_GRAPHS` are refused.
     frozen
         True for frozen positions, as in the model.
     max_steps
-        Number of windows after which a collision is given up. A collision is given up after about a second in any case.
+        Number of windows of series after which a collision is given up. A collision is given up after about a second in
+        any case.
 
     Returns
     -------
@@ -297,13 +308,18 @@ def _group_by_contacts(collisions: Sequence[GraphCollision], places: Sequence[in
 
 
 def graph_dampings(W: Floats, k: Floats, e: Floats, law: str) -> Floats:
-    """Return c of each contact of n graphs in N s/m, shape (n, C), from e and the reduced mass 1/W_ii."""
+    """Return the damping c of each contact of n graphs in N s/m, shape (n, C).
+
+    c follows from the restitution e, the stiffness k in N/m, and the reduced mass 1/W_ii with the Delassus matrix W.
+    """
     if law == "bistiffness":
         return np.zeros(k.shape)
     ratios = textbook_damping_ratios if law in _TEXTBOOK else damping_ratios
     flat = e.ravel()
     if law == "compression-dashpot":
-        flat = flat**2  # e in compression alone is the root of e in both directions, see `restitution`
+        flat = (
+            flat**2
+        )  # a dashpot in compression only needs the damping ratio of a full one for e^2, see `restitution`
     diagonal = np.diagonal(W, axis1=1, axis2=2)
     with np.errstate(over="ignore", under="ignore", invalid="ignore", divide="ignore"):
         return 2 * ratios(flat).reshape(k.shape) * np.sqrt(k) / np.sqrt(diagonal)
@@ -312,7 +328,7 @@ def graph_dampings(W: Floats, k: Floats, e: Floats, law: str) -> Floats:
 def _graph_outcome(
     law: str, collision: GraphCollision, went: TimedGraphOutcomes, i: int
 ) -> GraphCollisionOutcome:
-    """Return the outcome of graph i with the velocities of its bodies."""
+    """Return the outcome of graph i, computed from its impulses."""
     velocities, turning = collision.after(went.impulses[i].tolist())
     return GraphCollisionOutcome(
         law,
@@ -325,28 +341,31 @@ def _graph_outcome(
 
 
 class ExactSolver(Solver):
-    """A solver of this project that solves arrays of collisions."""
+    """Base class of the solvers of this project that solve whole arrays of collisions."""
 
     def version(self) -> str:
-        """Return the version of this project, which contains the solver."""
+        """Return the version of this project."""
         return version("impact-xval")
 
     def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
-        """Solve every collision, in order."""
+        """Solve every collision; return the outcomes in order."""
         return solve_in_groups(collisions, lambda group: self.solve_group(group, settings))
 
     @abstractmethod
     def solve_group(self, collisions: Collisions, settings: Settings) -> Outcomes:
-        """Solve collisions of one layout (`solver.group_by_layout`)."""
+        """Solve collisions that have the same layout (`solver.group_by_layout`)."""
 
 
 class ReferenceSolver(ExactSolver):
-    """Solver of a law in time, with the name of the law; it ignores `step_fraction`, `shortest_state` and `mapping`."""
+    """Solver of a law in time; its name is the name of the law.
+
+    It ignores the settings `step_fraction`, `shortest_state` and `mapping`.
+    """
 
     kind = "reference"
 
     def solve_group(self, collisions: Collisions, settings: Settings) -> Outcomes:
-        """Solve collisions of one layout."""
+        """Solve collisions that have the same layout, and mark outcomes next to a jump."""
         if not collisions.falls_on_resting.all():
             reason = ""
             if self.name == "kelvin-voigt-anchored":
@@ -366,7 +385,7 @@ class ReferenceSolver(ExactSolver):
     def solve_graphs(
         self, collisions: Sequence[GraphCollision], settings: Settings
     ) -> Sequence[GraphCollisionOutcome]:
-        """Solve collisions of bodies, without gravity and without marks."""
+        """Solve contact graphs, without gravity and without marks."""
         if settings.scenario != "impact":
             reason = "scenario = 'drop': contact graphs are solved without gravity; legal: 'impact'"
             return [
@@ -379,22 +398,21 @@ class ReferenceSolver(ExactSolver):
 class StateTransitionSolver(ExactSolver):
     """The state-transition model as a solver.
 
-    Its only settings are the cut-off, the threshold of marks and the path.
-
-    The model has no gravity and no step: `impact` and `drop` have the same outcome.
+    Of the settings it reads the cut-off of stiffness ratios, the threshold of marks, and whether paths are recorded.
+    The model has no gravity and no step, so that the scenarios `impact` and `drop` have the same outcome.
 
     Under the name liu-zhao-brogliato this class solves the law of Liu, Zhao and Brogliato (Proc. R. Soc. A 464:3193,
-    2008) on the same diagram. The law shares bistiffness, energetic restitution and frozen positions with the primary
-    model. But every compression runs at the original stiffness (`pair.law`). The law equals the primary model exactly
-    until a contact compresses a second time. Its status is also `closed-form` where the bodies come to rest together
-    after infinitely many events.
+    2008) on the same diagram of states. This law also has bistiffness, energetic restitution and frozen positions. It
+    differs in one point: every compression runs at the original stiffness (`pair.law`). So both laws are equal until a
+    contact is compressed a second time. The status is also `closed-form` where the bodies come to rest together after
+    infinitely many events.
     """
 
     name = law = "state-transition"
     kind = "model"
 
     def solve_group(self, collisions: Collisions, settings: Settings) -> Outcomes:
-        """Solve collisions of one layout; gaps are ``unrepresentable``."""
+        """Solve collisions that have the same layout; collisions with gaps are ``unrepresentable``."""
         if collisions.gaps.any():
             reason = solving.no_positions(collisions)
             return Outcomes.failures(self.name, collisions, "unrepresentable", reason)
@@ -410,7 +428,7 @@ class StateTransitionSolver(ExactSolver):
     def solve_graphs(
         self, collisions: Sequence[GraphCollision], settings: Settings
     ) -> Sequence[GraphCollisionOutcome]:
-        """Solve collisions of bodies by the primary model; there is no cut-off on graphs."""
+        """Solve contact graphs by the state-transition model; the setting of the cut-off has no effect on graphs."""
         if self.name != "state-transition":
             reason = _NOT_ON_GRAPHS[self.name]
             return [

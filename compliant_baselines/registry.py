@@ -1,14 +1,14 @@
-"""The solvers by name, with a description of each and the way to construct it.
+"""All solvers by their names, with a description of each solver and the way to construct it.
 
-The module of a solver is imported when the solver is constructed, so that an engine that is missing, or slow to import,
-costs nothing to a caller who does not use it. `SOLVERS` states kind and law of this project's solvers without an
-import. Solvers of other distributions (plug-ins, docs/adding-a-solver.md) are found by their entry points; the class of
-a plug-in is loaded to learn its kind and law.
+The module of a solver is imported only when the solver is constructed. So an engine that is missing or slow to import
+does not disturb a caller who does not use it. `SOLVERS` states the kind and the law of this project's solvers without
+an import. Solvers of other distributions (plug-ins, docs/adding-a-solver.md) are found by their entry points. The class
+of a plug-in is loaded to find out its kind and law.
 
-A plug-in that cannot be loaded becomes an `Unloadable`: a solver that is ``unavailable`` with the reason. A name that
-no installed distribution provides becomes an `Unloadable` too; it may stand in a table that was written on another
-machine. An `Unloadable` counts as a compliant engine asked for `KELVIN_VOIGT`. A plug-in cannot take the name of a
-solver of this project.
+A plug-in that cannot be loaded is replaced by an `Unloadable`, a solver whose outcomes all have the status
+``unavailable`` and the reason. A name that no installed distribution provides, for example in a table from another
+machine, is also replaced by an `Unloadable`. It counts as a compliant engine that is asked for `KELVIN_VOIGT`. If a
+plug-in has the name of a solver of this project, the plug-in is ignored.
 """
 
 from __future__ import annotations
@@ -27,54 +27,54 @@ from impact_xval.model.outcome import Outcome
 
 
 class SolverSpec(NamedTuple):
-    """The facts about a solver of this project that are known without importing it."""
+    """Facts about a solver of this project that are known without importing its module."""
 
     name: str
-    #: Place of the solver's class: the module below `compliant_baselines`, a colon, the name of the class.
+    #: Place of the solver's class: the module below `compliant_baselines`, a colon, and the name of the class.
     factory: str
-    #: The value of `Solver.law`: the exact solver of the law, by name.
+    #: Name of the exact solver of the solver's law, or None (`Solver.law`).
     law: str | None
     #: Name of the solver on pages and in figures.
     title: str
-    #: Description of the solver in one line.
+    #: Description of the solver, one line for lists.
     description: str
-    #: The value of `Solver.kind`.
+    #: Kind of the solver (`Solver.kind`).
     kind: Kind = "compliant"
-    #: The value of `Engine.fixed_settings`: settings that always hold for this solver.
+    #: Settings that this solver always has, whatever the user sets (`Engine.fixed_settings`).
     fixed_settings: Mapping[str, object] = MappingProxyType({})
 
 
-#: Names of the solvers that run by default.
+#: Names of the solvers that run if a user names none.
 _DEFAULT_SOLVERS = ("state-transition", "bistiffness", KELVIN_VOIGT, "mujoco", "pybullet", "drake")
 
-#: Time steps that users choose in practice, over the shorter contact period. MuJoCo and PyBullet at each of these steps
-#: are separate solvers.
+#: Time steps that users choose in practice, as fractions of the shorter contact period. MuJoCo and PyBullet have a
+#: solver of their own for each of these steps.
 STEPS = (0.01, 0.03, 0.1)
 
 _MUJOCO, _PYBULLET = "engines.mujoco:Mujoco", "engines.pybullet:Pybullet"
 _PYBULLET_RESTITUTION = "rigid.bullet:PybulletRestitution"
 
-#: Settings of an engine with its defaults, at one step.
+#: Settings of an engine that keeps all its defaults. Its step is fixed, so that no limit dt -> 0 is computed.
 _AS_IT_SHIPS: Mapping[str, object] = MappingProxyType({"mapping": "shipped", "convergence": None})
 
 
 def _reference(name: str, title: str, description: str) -> SolverSpec:
-    """Specify an exact solver of a law in time, named after its law."""
+    """Return the spec of an exact solver of a law in time; the solver has the name of its law."""
     return SolverSpec(name, "references:ReferenceSolver", name, title, description, "reference")
 
 
 def _model(name: str, title: str, description: str) -> SolverSpec:
-    """Specify an exact solver that has no positions, named after its law."""
+    """Return the spec of an exact solver without positions; the solver has the name of its law."""
     return SolverSpec(name, "references:StateTransitionSolver", name, title, description, "model")
 
 
 def _rigid_law(name: str, description: str) -> SolverSpec:
-    """Specify an exact rigid impact law as a solver named after the law."""
+    """Return the spec of an exact solver of a rigid impact law; the solver has the name of its law."""
     return SolverSpec(name, "rigid.law_solver:RigidLaw", name, name, description, "reference")
 
 
 def _rigid_as_it_ships(name: str, factory: str, title: str, description: str) -> SolverSpec:
-    """Specify a rigid engine with its defaults; only coefficients of restitution are set."""
+    """Return the spec of a rigid engine with all its defaults; only coefficients of restitution are set."""
     return SolverSpec(
         f"{name}:default",
         factory,
@@ -87,7 +87,7 @@ def _rigid_as_it_ships(name: str, factory: str, title: str, description: str) ->
 
 
 def _at_step(name: str, factory: str, engine: str, step: float) -> SolverSpec:
-    """Specify an engine at a step that users choose in practice, without its limit dt -> 0."""
+    """Return the spec of an engine at a step that users choose in practice; no limit dt -> 0 is computed."""
     return SolverSpec(
         f"{name}:step-{step:g}",
         factory,
@@ -98,7 +98,7 @@ def _at_step(name: str, factory: str, engine: str, step: float) -> SolverSpec:
     )
 
 
-#: All solvers of this project. Tables list the default solvers first, then the others in this order.
+#: Specs of all solvers of this project. Tables list the default solvers first, then the other solvers in this order.
 SOLVERS = (
     _reference(
         "bistiffness",
@@ -253,7 +253,7 @@ SOLVERS = (
     _rigid_as_it_ships("dart", "rigid.dart:Dart", "DART", "at a step of 1 ms"),
     _rigid_as_it_ships("rapier", "rigid.rapier:Rapier", "Rapier", "at a step of 1/60 s"),
     _rigid_as_it_ships(
-        "sapien", "rigid.sapien:Sapien", "PhysX 5 (SAPIEN)", "at a step of 10 ms: none below 2 m/s"
+        "sapien", "rigid.sapien:Sapien", "PhysX 5 (SAPIEN)", "at a step of 10 ms: no rebound below 2 m/s"
     ),
     *(_at_step("mujoco", _MUJOCO, "MuJoCo", step) for step in STEPS),
     *(_at_step("pybullet", _PYBULLET, "PyBullet", step) for step in STEPS),
@@ -349,14 +349,17 @@ _SPECS = {spec.name: spec for spec in SOLVERS}
 
 
 def solver_names(*, on_request: bool = False) -> tuple[str, ...]:
-    """List the names of the solvers in the order of tables; `on_request` adds solvers that run only if named."""
+    """Return the names of all solvers that run by default, in the order of tables.
+
+    With `on_request` the solvers that run only if a user names them follow.
+    """
     plug_ins = (name for name in _entry_points() if name not in _SPECS)
     by_name_only = (name for name in _SPECS if on_request and name not in _DEFAULT_SOLVERS)
     return (*_DEFAULT_SOLVERS, *plug_ins, *by_name_only)
 
 
 def exact_law_names() -> tuple[str, ...]:
-    """List the names of all models and references of this project, including those that run only if named."""
+    """Return the names of all models and references of this project, including those that do not run by default."""
     return tuple(name for name in solver_names(on_request=True) if is_ours(name) and not is_engine(name))
 
 
@@ -366,37 +369,40 @@ def is_ours(name: str) -> bool:
 
 
 def kind_of(name: str) -> Kind:
-    """Return the kind of a solver."""
+    """Return the kind of a solver, such as ``reference`` or ``rigid``."""
     return _spec_or_plug_in(name).kind
 
 
 def is_engine(name: str) -> bool:
-    """Return True if a solver is an engine, with compliant or rigid contacts."""
+    """Return True if a solver is an engine, with compliant or with rigid contacts."""
     return kind_of(name) in ("compliant", "rigid")
 
 
 def law_name_of(name: str) -> str | None:
-    """Return the name of the exact solver of a solver's law (`Solver.law`); None if the law has no exact solver."""
+    """Return the name of the exact solver of a solver's law (`Solver.law`); None if there is no such exact solver."""
     return _spec_or_plug_in(name).law
 
 
 def stated_law(name: str) -> str | None:
-    """Return the law's name for lists that people read; None if there is no law, or a plug-in cannot be loaded."""
+    """Return the name of a solver's law for lists that people read.
+
+    None if it has no law or is a plug-in that fails to load.
+    """
     return None if isinstance(_spec_or_plug_in(name), Unloadable) else law_name_of(name)
 
 
 def has_fixed_mapping(name: str) -> bool:
-    """Return True if a solver has a mapping of its own, so that it never has the contacts that are configured."""
+    """Return True if a solver always has the same mapping of contacts to parameters, whatever the user sets."""
     return name in _SPECS and "mapping" in _SPECS[name].fixed_settings
 
 
 def title_of(name: str) -> str:
-    """Return the name of a solver on pages and in figures; for a plug-in, its name."""
+    """Return the name of a solver for pages and figures; the name itself for a plug-in."""
     return _SPECS[name].title if name in _SPECS else name
 
 
 def description_of(name: str) -> str:
-    """Return a description of a solver in one line; for a plug-in, the first line of its docstring."""
+    """Return the description of a solver in one line; for a plug-in the first line of its docstring."""
     if name in _SPECS:
         return _SPECS[name].description
     plug_in = _load_by_name(name)
@@ -406,10 +412,10 @@ def description_of(name: str) -> str:
 
 
 def group_by_law(names: Iterable[str]) -> dict[str, list[str]]:
-    """Group solvers by the law they have or are asked for, the exact solver of the law first.
+    """Group solvers by the law that they obey or are asked for; the exact solver of a law comes first in its group.
 
-    A solver without a law is a group of its own. The solvers of one group solve the same law: their agreement is no
-    independent confirmation.
+    A solver without a law is a group of its own. Solvers of one group solve the same equations, so that their agreement
+    does not confirm them independently.
     """
     groups: dict[str, list[str]] = {}
     for name in names:
@@ -418,19 +424,20 @@ def group_by_law(names: Iterable[str]) -> dict[str, list[str]]:
 
 
 def sort_by_law(names: Iterable[str]) -> list[str]:
-    """Sort solvers so that solvers of the same law stand together."""
+    """Return solvers in an order in which solvers of the same law stand together."""
     return [name for group in group_by_law(names).values() for name in group]
 
 
 def one_solver_per_law(names: Iterable[str]) -> list[str]:
-    """List one solver for each law: the exact solver, or else the first engine that was asked for the law."""
+    """Return one solver for each law: the exact solver if it is among the names, else the first solver of the law."""
     return [group[0] for group in group_by_law(names).values()]
 
 
 def exact_solver_for(name: str, mapping: MappingName) -> str:
-    """Return the name of the exact solver of the contacts that a solver was asked for; ``""`` if there is none.
+    """Return the name of the exact solver for the contacts that an engine was asked for; ``""`` if there is none.
 
-    A solver without a law has none. A solver whose mapping yields other contacts than those asked for has none either.
+    There is none for a solver without a law. There is none either if the mapping gives the engine other contacts than
+    those that were asked for.
     """
     if mapping == "naive" or has_fixed_mapping(name):
         return ""
@@ -469,9 +476,9 @@ def get_solver(name: str) -> Solver:
 
 
 def _class_of(spec: SolverSpec) -> type[Solver]:
-    """Import the class of a solver, and derive a class with the attributes that the spec states.
+    """Import the class of a solver, and derive a class from it with the attributes that the spec states.
 
-    The derived class is constructed without arguments, as rule 1 of `solver` demands of every solver.
+    The derived class has a constructor without arguments, as rule 1 of `solver` demands.
     """
     module, _, name = spec.factory.partition(":")
     base: type[Solver] = getattr(import_module(f"impact_xval.compliant_baselines.{module}"), name)
@@ -486,7 +493,7 @@ def _class_of(spec: SolverSpec) -> type[Solver]:
 
 
 def origins() -> dict[str, str]:
-    """Return the origin of every known solver: ``"impact-xval"``, or the distributions that provide it."""
+    """Return where each solver comes from: ``"impact-xval"``, or the names of the distributions that provide it."""
     origin_of = dict.fromkeys(solver_names(on_request=True), "impact-xval")
     for name, points in _entry_points().items():
         distributions = " and ".join(map(_distribution_of, points))
@@ -498,7 +505,7 @@ def origins() -> dict[str, str]:
 
 
 class Unloadable(Solver):
-    """Stand-in for a plug-in that cannot be loaded or is not installed."""
+    """Solver in place of a plug-in that cannot be loaded or is not installed; its outcomes are ``unavailable``."""
 
     def __init__(self, name: str, problem: str) -> None:
         self.name, self._problem = name, problem
@@ -512,34 +519,37 @@ class Unloadable(Solver):
         return self._problem
 
     def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
-        """Return a failure with the same reason for every collision."""
+        """Return for every collision an outcome ``unavailable`` with the reason."""
         return [Outcome.failure(self.name, c, "unavailable", self._problem) for c in collisions]
 
 
 def _spec_or_plug_in(name: str) -> SolverSpec | Solver:
-    """Return the object that states kind and law of a solver: its spec, or the plug-in itself."""
+    """Return the object that states the kind and the law of a solver: its spec, or the plug-in itself."""
     return _SPECS[name] if name in _SPECS else _load_by_name(name)
 
 
 def _load_by_name(name: str) -> Solver:
-    """Load a plug-in; `Unloadable` if no distribution provides the name."""
+    """Return the plug-in of a name, or an `Unloadable` if no distribution provides the name."""
     points = _entry_points().get(name)
     return _load(name, points) if points else Unloadable(name, "")
 
 
 def _entry_points() -> dict[str, list[EntryPoint]]:
-    """Return the entry points of plug-ins by the name of their solver, sorted; two of one name are a mistake."""
+    """Return the entry points of plug-ins by the names of their solvers, sorted.
+
+    A name with more than one entry point is a mistake, which `_load` reports.
+    """
     points = sorted(entry_points(group="impact_xval.solvers"), key=lambda point: (point.name, point.value))
     return {name: list(group) for name, group in groupby(points, key=lambda point: point.name)}
 
 
 def _distribution_of(point: EntryPoint) -> str:
-    """Return name and version of the distribution that an entry point belongs to."""
+    """Return the name and the version of the distribution to which an entry point belongs."""
     return f"{point.dist.name} {point.dist.version}" if point.dist else "an unknown distribution"
 
 
 def _load(name: str, points: Sequence[EntryPoint]) -> Solver:
-    """Load and construct a plug-in; `Unloadable` with the reason if that fails."""
+    """Load and construct a plug-in; return an `Unloadable` with the reason if this fails."""
     if len(points) > 1:
         distributions = " and ".join(map(_distribution_of, points))
         return Unloadable(name, f"{distributions} both provide {name!r}: uninstall one of them")
@@ -550,7 +560,7 @@ def _load(name: str, points: Sequence[EntryPoint]) -> Solver:
             raise TypeError(f"it is no {Solver.__module__}.Solver")
         if solver.name != name:
             raise TypeError(f"its name is {solver.name!r}")
-    except Exception as error:  # an import can raise anything
+    except Exception as error:  # importing a plug-in can raise any exception
         problem = (
             f"{_distribution_of(point)} provides {name!r} as {point.value}, but {describe_exception(error)}"
         )

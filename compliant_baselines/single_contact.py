@@ -1,12 +1,12 @@
 """Search for the largest step at which an engine gives two bodies the contact asked for (docs/mapping.md).
 
-Restitution and duration of a Kelvin-Voigt contact do not depend on the speed. In an engine they depend on the step, and
-on the place within a step at which the bodies touch. The restitution depends on them because the first force comes
-late, the duration because a user counts it in whole steps. A step is good if both errors are within the tolerance for
-every place of the touch, and if the shorter steps that are tried are good too.
+Restitution and duration of a Kelvin-Voigt contact do not depend on the speed. In an engine both depend on the step, and
+on the instant within a step at which the bodies touch. The restitution depends on them because the first force comes
+late, and the duration because a user counts it in whole steps. A step is good if both errors are within the tolerance
+wherever within a step the bodies touch. In addition, the next shorter steps that are tried must be good.
 
 MuJoCo and PyBullet run only the printed text (`pasted_drops`). Drake runs the scenes of its adapter, which have the
-numbers of the text.
+same numbers as the text.
 """
 
 from __future__ import annotations
@@ -36,71 +36,74 @@ from impact_xval.compliant_baselines.solver import SolverError
 from impact_xval.model.inputs import Legal
 from impact_xval.model.materials import MaterialContact
 
-#: Allowed relative error of restitution and duration by default.
+#: Default of the relative error that is allowed for restitution and duration.
 TOLERANCE = 0.01
 
-#: Amount by which rounding may push an error over the tolerance: 99 steps of 0.001 s for a duration of 0.1 s are just
-#: at it.
+#: Amount by which rounding may push an error above the tolerance. For example, 99 steps of 0.001 s for a duration of
+#: 0.1 s have exactly the default tolerance as their error.
 ROUNDING = 1e-9
 
-#: Fraction of a step between its start and the first place that is tried. At the start itself rounding decides whether
-#: the touch belongs to this step or to the one before.
+#: Distance of the first instant of touch that is tried from the start of a step, as a fraction of the step. Exactly at
+#: the start, rounding decides whether the bodies touch in this step or in the one before.
 END = 1e-8
 
-#: Places of the touch that are tried, as fractions of a step: just after its start, just before its end, and evenly
-#: spaced between them.
+#: Instants of touch that are tried, as fractions of a step, called places below: just after the start of the step, just
+#: before its end, and evenly spaced in between.
 PLACES = (END, *(np.arange(1, 31) / 31).tolist(), 1 - END)
 
-#: The places of `PLACES` that are tried during the search for a step.
+#: A few of `PLACES`, which are tried while a step is searched for.
 FEW_PLACES = (*PLACES[:-1:7], PLACES[-1])
 
-#: Number of times that the distance of places is halved around the least and the greatest restitution. Restitution is a
-#: continuous, piecewise linear function of the place, and its corners may lie anywhere.
+#: Number of times that the spacing of places is halved around the least and the greatest restitution. Restitution is a
+#: continuous, piecewise linear function of the place, whose corners may lie anywhere.
 HALVINGS = 8
 
-#: Most steps in a contact that are tried.
+#: Largest number of steps in a contact. No shorter step is tried.
 MOST_STEPS = 200_000
 
-#: Digits of the steps that are tried: the series R10 of preferred numbers.
+#: Leading digits of the steps that are tried: the series R10 of preferred numbers.
 DIGITS = (80, 60, 50, 40, 30, 25, 20, 15, 12, 10)
 
-#: The steps that are tried, in s, from the longest down.
+#: The steps in s that are tried, from the longest to the shortest.
 STEPS = [float(f"{digits}e{power}") for power in range(3, -324, -1) for digits in DIGITS]
 
-#: Legal ranges. Outside them positions or velocities of a drop drown in rounding, or its end is never reached.
+#: Legal masses and speeds. Outside these ranges rounding hides the positions or velocities of a drop, or the drop never
+#: ends.
 _MASSES = Legal("masses", 1e-15, 1e15, "from 1e-15 to 1e+15 (kg), one of them inf for a fixed body")
 _SPEED = Legal("speed", 1e-9, 1e9, "from 1e-09 to 1e+09 (m/s)")
 
-#: Legal range of the allowed error. `MOST_STEPS` steps in a contact resolve the least error; with the largest error a
+#: Legal range of the allowed error. The least error needs `MOST_STEPS` steps in a contact. At the largest error a
 #: contact has three steps.
 LEGAL_TOLERANCE = Legal("tolerance", 1e-4, 0.3, "from 0.0001 to 0.3")
 
-#: Largest ratio of two masses.
+#: Largest legal ratio of two finite masses.
 LARGEST_RATIO = 1e12
 
-#: Functions that run the text to paste, and nothing else, in an engine. The search for a step uses the first function
-#: of an engine; the intervals that are reported hold for all of them.
+#: For each engine, functions that drop two bodies by the text to paste and nothing else. The search for a step uses the
+#: first function. The intervals that are reported cover all of them.
 DROP = {"mujoco": [drop_in_mujoco], "pybullet": [drop_in_pybullet, drop_on_flat_in_pybullet]}
 
 #: Legal time steps.
 LEGAL_STEP = Legal("step", 1e-12, 1e3, "from 1e-12 to 1000 (s)")
 
-#: Number of durations per decade that are tried for a given step.
+#: Number of durations per factor of ten that are tried to find the stiffest contact for a given step.
 PER_DECADE = 40
 
-#: The given step and the shorter steps that have to be good too, as fractions of the given step (see `SHORTER`).
+#: A given step and shorter steps, as fractions of the given step. A contact must be good at all of them.
 SHORTER_STEPS = (1.0, 0.8, 0.63, 0.5, 0.4)
 
-#: Most steps in a contact that are tried for a given step.
+#: Largest number of steps in a contact that are tried for a given step.
 MOST_STEPS_OF_STIFFEST = 5_000
 
-#: Number of shorter steps that have to be good too. The shortest one is 0.4 times the step that is found.
+#: Number of next shorter steps that must also be good. The shortest of them is 0.4 times the step that is found.
 SHORTER = 4
 
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """Two bodies and the contact asked for between them, given by the numbers of `AskedContact` or by MuJoCo's own.
+    """Two bodies and the contact asked for between them.
+
+    The contact is given by the numbers of `AskedContact`, or by a solref of MuJoCo.
 
     Raises
     ------
@@ -108,28 +111,28 @@ class Pair:
         If a value is illegal; the message names the field, the value and the legal range.
     """
 
-    #: Masses in kg; one of them may be infinite, which is a fixed body.
+    #: Masses in kg. One of them may be infinite, for a fixed body.
     masses: tuple[float, float]
     restitution: float | None = None
     #: Stiffness in N/m.
     stiffness: float | None = None
     #: Time in s from the first touch to the end of the force.
     duration: float | None = None
-    #: Speed of approach in m/s; it decides how deep the bodies go, and whether an engine can take the contact.
+    #: Speed of approach in m/s. It decides how deep the bodies go, and so whether an engine can take the contact.
     speed: float = 1.0
     #: Damping in N s/m.
     damping: float | None = None
     damping_ratio: float | None = None
-    #: Depth at rest in m.
+    #: Depth in m at which the contact carries `load` at rest.
     sink: float | None = None
-    #: MuJoCo's own numbers, which replace all numbers above.
+    #: A solref and solimp of MuJoCo, given in place of all numbers for spring and damping.
     solref: MujocoContact | None = None
     #: Mass in kg whose weight the contact carries at rest; None: the mass of the lighter body.
     load: float | None = None
-    #: The contact asked for. With `solref` this is the contact that has the same restitution and duration at this
-    #: speed.
+    #: Spring and dashpot of the contact. With `solref` they have the same restitution and duration as the solref at
+    #: this speed.
     contact: KelvinVoigtContact = field(init=False)
-    #: Motion of the two bodies alone, without gravity, in the limit of small steps.
+    #: Restitution, duration and depth of the two bodies alone, without gravity, at a step of zero.
     motion: Motion = field(init=False)
 
     def __post_init__(self) -> None:
@@ -141,7 +144,7 @@ class Pair:
             asked = AskedContact(**quantities)
             contact = asked.contact(self.mass, self.carried)
             e = contact.restitution if self.restitution is None else self.restitution
-            # The greatest depth is the undamped one, decayed by sqrt(e): the decay of half the duration
+            # The greatest depth is that of an undamped contact times sqrt(e), the decay over half the duration
             # (docs/theory.md, section 7).
             motion = Motion(e, contact.duration, self.speed * math.sqrt(e) / contact.omega)
         else:
@@ -158,7 +161,7 @@ class Pair:
     def of(
         cls, masses: tuple[float, float], asked: AskedContact, speed: float = 1.0, load: float | None = None
     ) -> Pair:
-        """Make the pair of two masses in kg whose contact is asked for."""
+        """Make the pair of two bodies with masses in kg from the numbers that a user has asked for."""
         return cls(
             masses,
             asked.restitution,
@@ -178,7 +181,7 @@ class Pair:
 
     @property
     def mass(self) -> float:
-        """Reduced mass in kg."""
+        """Reduced mass of the two bodies in kg."""
         small, large = sorted(self.masses)
         return small / (1 + small / large)
 
@@ -189,19 +192,19 @@ class Pair:
 
     @property
     def penetration(self) -> float:
-        """Greatest penetration in m at the speed of approach of this pair."""
+        """Greatest depth in m of the contact at the speed of approach of this pair."""
         return self.motion.depth
 
     @property
     def depth_at_rest(self) -> float:
-        """Penetration in m under the weight that the contact carries, at `GRAVITY`."""
+        """Depth in m of the contact at rest, under the weight of `carried` with the gravity `GRAVITY`."""
         if self.solref is None:
             return self.carried * GRAVITY / self.contact.k
         return self.solref.equilibrium_depth(self.carried * GRAVITY / self.mass)
 
 
 def _require_legal_masses(masses: Sequence[float]) -> None:
-    """Raise a ValueError unless two masses in kg are legal, at most one of them infinite."""
+    """Raise a ValueError unless both masses in kg are legal; at most one mass may be infinite."""
     if len(masses) != 2:
         raise ValueError(f"masses = {masses!r}; legal: two")
     light, heavy = sorted(masses)
@@ -218,10 +221,10 @@ def _require_legal_masses(masses: Sequence[float]) -> None:
 
 
 def bodies_of_contacts(masses: Sequence[float]) -> list[tuple[tuple[float, float], float | None]]:
-    """Return the masses in kg of each contact of two or three bodies in a line, and the mass in kg that it carries.
+    """Return the two masses of each contact of two or three bodies in a line, and the mass that it carries; in kg.
 
-    If the third body is fixed, the first two stand on it, one upon the other. Otherwise a contact carries the lighter
-    body (None). A ValueError names the illegal value.
+    If the third body is fixed, the others stand on it, one upon the other. Otherwise the mass carried is None: a
+    contact carries its lighter body. A ValueError names the illegal value.
     """
     if len(masses) == 2:
         return [((masses[0], masses[1]), None)]
@@ -242,7 +245,7 @@ def make_pair(
     materials: Sequence[str] = (),
     radii: Sequence[float] = (),
 ) -> tuple[Pair, MaterialContact | None]:
-    """Make a pair from numbers, or from two bodies of given materials; their contact is linearised at the speed.
+    """Make a pair from numbers, or from two bodies of given materials, whose contact is linearised at the speed.
 
     A number that is not given is None. An explicit restitution overrides the restitution of the materials. A ValueError
     names the argument, the value and the legal range.
@@ -259,24 +262,24 @@ def make_pair(
     return Pair((touch.upper.mass, touch.lower.mass), e, touch.linear(speed), speed=speed), touch
 
 
-#: The numbers of a drop: restitution, and duration in s.
+#: Numbers that a drop yields, for example restitution and duration in s.
 Numbers = TypeVar("Numbers", bound=tuple[float, ...])
 
 
 class Drops(NamedTuple):
-    """The results of drops that touch at different places within a step."""
+    """Results of drops whose bodies touch at different instants within a step."""
 
     #: Time step in s.
     step: float
-    #: Least and greatest restitution.
+    #: Least and greatest restitution of the drops.
     restitution: tuple[float, float]
-    #: Least and greatest duration in s: whole steps from the first to the last with force.
+    #: Least and greatest duration in s of the drops: the whole steps from the first step with force to the last.
     duration: tuple[float, float]
     #: Number of drops.
     n: int
 
     def error(self, pair: Pair) -> float:
-        """Return the greatest relative error of restitution and duration."""
+        """Return the greatest relative error of restitution and duration, compared with the contact asked for."""
         right = pair.motion
         ratios = [e / right.restitution for e in self.restitution]
         ratios += [duration / right.duration for duration in self.duration]
@@ -284,17 +287,20 @@ class Drops(NamedTuple):
 
 
 def drop_at_places(engine: Engine, pair: Pair, step: float, places: Sequence[float]) -> Drops:
-    """Drop a pair in an engine, once for every place of the touch within a step; places are from 0 to 1."""
+    """Drop a pair in an engine, once for each place; return the least and greatest results.
+
+    A place is the instant of touch within a step, as a fraction of the step.
+    """
     return _summarise(step, measure_drops(engine, pair, step, places))
 
 
 def measure_drops(
     engine: Engine, pair: Pair, step: float, places: Sequence[float], kind: int = 0
 ) -> list[tuple[float, float]]:
-    """Return restitution and duration in s for every place of the touch within a step.
+    """Drop a pair once for each place; return the restitution and the duration in s of each drop.
 
-    `kind` is the position of a function in `DROP`. A SolverError says that the engine refuses the contact, or how a
-    drop failed.
+    A place is the instant of touch within a step, as a fraction of the step. `kind` is the position of a function in
+    `DROP`. A SolverError says that the engine refuses the contact, or how a drop failed.
     """
     adapted = scenes_of(pair, step, places)
     refused = engine.refusal(adapted[0])
@@ -312,7 +318,10 @@ def measure_drops(
 
 
 def find_extremes(engine: Engine, pair: Pair, step: float) -> Drops:
-    """Drop at all `PLACES` by all functions of `DROP`; search for the least and the greatest restitution."""
+    """Drop a pair at all `PLACES` by all functions of `DROP`; return the least and greatest results.
+
+    More places are tried near the least and the greatest restitution.
+    """
     drops: list[tuple[float, float]] = []
     for kind in range(len(DROP.get(engine.name, [None]))):
         measure = partial(measure_drops, engine, pair, step, kind=kind)
@@ -323,10 +332,11 @@ def find_extremes(engine: Engine, pair: Pair, step: float) -> Drops:
 def extremes_over_places(
     measure: Callable[[Sequence[float]], Sequence[Numbers]], components: Sequence[int]
 ) -> list[Numbers]:
-    """Measure at all `PLACES`, then at places ever closer to those with the least and the greatest component.
+    """Measure at all `PLACES`, then at more places near the extremes; return all measurements.
 
-    `measure` returns one tuple of numbers for each place. `components` are the positions in the tuple of the numbers
-    whose extremes are searched for.
+    A place is the instant of touch within a step, as a fraction of the step. `measure` returns one tuple of numbers for
+    each place. `components` are the positions in this tuple of the numbers whose least and greatest values are searched
+    for.
     """
     results = dict(zip(PLACES, measure(PLACES), strict=True))
     for _ in range(HALVINGS):
@@ -347,21 +357,22 @@ def extremes_over_places(
 
 
 def _summarise(step: float, results: Sequence[tuple[float, float]]) -> Drops:
-    """Return the least and the greatest of restitutions and durations."""
+    """Return the least and the greatest of restitutions and durations, given as one tuple for each drop."""
     restitution, duration = ((min(values), max(values)) for values in zip(*results, strict=True))
     return Drops(step, restitution, duration, len(results))
 
 
 def scenes_of(pair: Pair, step: float, places: Sequence[float]) -> list[Scene]:
-    """Make a scene of two balls on a table for each place of the touch, in which one contact alone takes part.
+    """Return for each place a scene of two balls on a table in which only one contact takes part.
 
-    Every scene is the scene of a collision, so that the code that is tested is the code that collisions run. The start
-    of the balls keeps the other contact out of the way. If one body is fixed, B2 meets the table while B1 leaves
-    upwards at twice the speed. If both are free, B1 meets B2 high above the table, and their velocities are taken in a
-    frame that rises at twice the speed.
+    A place is the instant of touch within a step, as a fraction of the step. The scenes are scenes of collisions, so
+    that the code that collisions run is tested. The start keeps the other contact out of the way. If one body is fixed,
+    B2 meets the table while B1 leaves upwards at twice the speed. If both are free, B1 meets B2 high above the table,
+    and all velocities have twice the speed added upwards.
     """
     (light, heavy), contact, speed = sorted(pair.masses), pair.contact, pair.speed
-    far = 10 * speed * contact.period  # out of reach for the contact's whole duration, with room to spare
+    # far enough that the other contact stays open until the contact is over, with room to spare
+    far = 10 * speed * contact.period
     return [
         Scene(
             masses=(light, light if pair.fixed else heavy),
@@ -377,11 +388,11 @@ def scenes_of(pair: Pair, step: float, places: Sequence[float]) -> list[Scene]:
 
 
 def _result_of(name: str, pair: Pair, run: Run) -> tuple[float, float]:
-    """Return the restitution and the duration in s of a run."""
+    """Return the restitution and the duration in s of a finished run."""
     if run.end != RunEnd.APART:
         if run.status == "crashed":
             raise SolverError(name, "crashed", run.problem())
-        # A collision can be over with both bodies settled on each other. Their contact is not over then.
+        # The run of a collision also ends when both bodies have settled on each other. Their contact is not over then.
         raise SolverError(name, "timeout", f"not over after {run.n_steps} steps, {run.duration:.3g} s")
     upper, lower = run.velocities.tolist()
     loaded = np.flatnonzero(run.raw_states.state & (2 if pair.fixed else 1))
@@ -393,16 +404,17 @@ def _result_of(name: str, pair: Pair, run: Run) -> tuple[float, float]:
 
 
 def find_largest_step(engine: Engine, pair: Pair, tolerance: float = TOLERANCE) -> Drops:
-    """Find the largest of `STEPS` at which an engine gives the contact asked for, also at the next shorter steps.
+    """Find the largest of `STEPS` at which an engine gives the contact asked for; return its drops at this step.
 
-    A SolverError says that the engine is missing or refuses the contact, or that no step is good.
+    The next shorter steps must give this contact too. A SolverError says that the engine is missing or refuses the
+    contact, or that no step is good.
     """
     _require_available(engine)
-    # A count of whole steps is off by up to one step: a step longer than the tolerance times the duration could be good
-    # only by luck.
+    # The number of steps in a contact is off by up to one. So a step that is longer than the tolerance times the
+    # duration could be good only by luck.
     longest, shortest = pair.motion.duration * tolerance, pair.motion.duration / MOST_STEPS
     why = f"even with {MOST_STEPS} steps a duration is not known to this tolerance"
-    good: list[float] = []  # consecutive steps, the largest first
+    good: list[float] = []  # steps that are good, without a gap in `STEPS`, the largest first
     for step in (step for step in STEPS if shortest <= step <= longest):
         try:
             _good_drops(engine, pair, step, FEW_PLACES, tolerance)
@@ -422,10 +434,11 @@ def find_largest_step(engine: Engine, pair: Pair, tolerance: float = TOLERANCE) 
 def find_stiffest(
     engine: Engine, pair: Pair, step: float, tolerance: float = TOLERANCE
 ) -> tuple[Pair, Drops]:
-    """Find the stiffest contact that a step carries, and drop it at all places of the touch within the step.
+    """Find the stiffest contact that an engine computes well at a given step; return it with the results of its drops.
 
-    The contacts that are tried have increasing durations (`PER_DECADE`), and stiffnesses of three digits. The first
-    contact that is good at this step and at shorter ones (`SHORTER_STEPS`) is the result.
+    Contacts are tried with increasing durations (`PER_DECADE` of them for a factor of ten), with their stiffnesses
+    rounded to three digits. The result is the first contact that is good at the given step and at the shorter steps
+    (`SHORTER_STEPS`).
 
     Parameters
     ----------
@@ -446,7 +459,7 @@ def find_stiffest(
     _require_available(engine)
 
     def pair_of(steps: float) -> Pair:
-        """Return the pair whose contact lasts a number of steps, with a rounded stiffness."""
+        """Return the pair whose contact lasts this number of steps; its stiffness is rounded down to three digits."""
         lasting = replace(pair, stiffness=None, sink=None, duration=steps * step)
         return replace(lasting, duration=None, stiffness=_round_down(lasting.contact.k))
 
@@ -455,7 +468,8 @@ def find_stiffest(
     for n in (n for n in steps if n <= MOST_STEPS_OF_STIFFEST):
         try:
             tried = pair_of(n)
-        except ValueError as illegal:  # a longer contact with this damping may be damped too much
+        # with the same damping a longer contact has a larger damping ratio, which may be illegal
+        except ValueError as illegal:
             why = why or str(illegal)
             break
         longest = tried.motion.duration
@@ -482,19 +496,19 @@ def _round_down(value: float) -> float:
 
 
 class VerifiedContact(NamedTuple):
-    """A contact and the drops that verify it."""
+    """A contact and the results of drops that verify it."""
 
     pair: Pair
-    #: Drops at the step of the result, at all places of the touch.
+    #: Results of drops at the step that was found or given, over all places of the touch within a step.
     drops: Drops
-    #: Drops at a tenth of this step, at one place of the touch.
+    #: Result of a drop at a tenth of this step, at one place of the touch.
     fine: Drops
 
 
 def verify_contacts(
     engine: Engine, pairs: Sequence[Pair], tolerance: float = TOLERANCE
 ) -> list[VerifiedContact]:
-    """Find the largest step that is good for all pairs, and drop each pair at this step."""
+    """Find the largest step that is good for all pairs; return each pair with the results of drops at this step."""
     found = [find_largest_step(engine, pair, tolerance) for pair in pairs]
     step = min(drops.step for drops in found)
     return [
@@ -506,12 +520,12 @@ def verify_contacts(
 def verify_stiffest(
     engine: Engine, pairs: Sequence[Pair], step: float, tolerance: float = TOLERANCE
 ) -> list[VerifiedContact]:
-    """Find, for each pair, the stiffest contact that a step carries."""
+    """Return for each pair the stiffest contact that the engine computes well at a step, with its drops."""
     return [_verified(engine, *find_stiffest(engine, pair, step, tolerance)) for pair in pairs]
 
 
 def _verified(engine: Engine, pair: Pair, drops: Drops) -> VerifiedContact:
-    """Return a pair's drops together with a drop at a tenth of the step."""
+    """Return a pair with the results of its drops, and with a drop at a tenth of the step."""
     return VerifiedContact(pair, drops, drop_at_places(engine, pair, drops.step / 10, [END]))
 
 
@@ -523,14 +537,14 @@ def _require_available(engine: Engine) -> None:
 
 
 def _good_drops(engine: Engine, pair: Pair, step: float, places: Sequence[float], tolerance: float) -> Drops:
-    """Drop a pair at places of a step; raise a SolverError if a result is outside the tolerance."""
-    # Most bad steps fail at the first place already.
+    """Drop a pair at places of a step; return the results, or raise a SolverError if they are outside the tolerance."""
+    # Most bad steps already fail at the first place, so that it is tried alone first.
     _check_tolerance(engine, pair, drop_at_places(engine, pair, step, places[:1]), tolerance)
     return _check_tolerance(engine, pair, drop_at_places(engine, pair, step, places), tolerance)
 
 
 def _check_tolerance(engine: Engine, pair: Pair, results: Drops, tolerance: float) -> Drops:
-    """Return drops that are within the tolerance; else raise a SolverError."""
+    """Return results that are within the tolerance; raise a SolverError if they are not."""
     if (error := results.error(pair)) > tolerance - ROUNDING:
         raise SolverError(
             engine.name, "unconverged", f"at the last step tried one of them is off by {error:.2g}"

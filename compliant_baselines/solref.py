@@ -1,12 +1,12 @@
-"""The contact that MuJoCo's own numbers, solref and solimp, make between two masses.
+"""The contact that a solref and a solimp of MuJoCo make between two masses.
 
-For two bodies alone, the engine's equations (its chapters "Computation", "Constraint model", and "Solver parameters")
-give the relative acceleration
+For two bodies alone, the engine's equations (chapters "Computation", "Constraint model", and "Solver parameters") give
+the relative acceleration
 
-    a = max(0, stiffness (d/dmax)^2 r + damping (d/dmax) r'),
+    a = max(0, stiffness (d/dmax)^2 r + damping (d/dmax) r').
 
-with the depth r, the impedance d = d(r) of solimp, and the stiffness and damping of the direct format. If d is
-constant, this is a Kelvin-Voigt contact with k = stiffness M and c = damping M. Otherwise the motion depends on the
+Here r is the depth, d = d(r) is the impedance by solimp, and stiffness and damping are those of the direct format. If d
+is constant, this is a Kelvin-Voigt contact with k = stiffness M and c = damping M. Otherwise the motion depends on the
 speed, and is integrated.
 """
 
@@ -31,18 +31,18 @@ from impact_xval.model.arrays import Floats
 
 integrate: Any = import_module("scipy.integrate")  # the package states no types
 
-#: Largest impedance and least width that the engine accepts (mjMAXIMP and mjMINVAL).
+#: Largest impedance (mjMAXIMP) and smallest width in m (mjMINVAL) that MuJoCo accepts.
 LARGEST_IMPEDANCE, LEAST_WIDTH = 0.9999, 1e-15
 
-#: Least restitution for which an equivalent spring and dashpot are named.
+#: Smallest restitution of a solref for which an equivalent spring and dashpot are computed.
 LEAST_RESTITUTION = restitution(LARGEST_DAMPING_RATIO)
 
-#: Relative error of the integration.
+#: Relative error that is allowed for the integration of a contact.
 ACCURACY = 1e-9
 
 
 class Motion(NamedTuple):
-    """Numbers of the motion of two lone bodies through a contact."""
+    """Restitution, duration and greatest depth of a contact between two bodies alone."""
 
     restitution: float
     #: Time in s from the first touch to the end of the force.
@@ -52,8 +52,9 @@ class Motion(NamedTuple):
 
 
 def read_solref(solref: Sequence[float], solimp: Sequence[float] = ()) -> MujocoContact:
-    """Return the parameters that the engine uses: defaults for missing numbers of solimp, the others within its limits.
+    """Return the parameters that MuJoCo uses for a solref and a solimp that a user has written.
 
+    Missing numbers of solimp get the engine's defaults; numbers outside the engine's limits are replaced by the limits.
     A ValueError names the field, the value and the legal range.
     """
     written = " ".join(f"{value:g}" for value in solref)
@@ -85,15 +86,16 @@ def read_solref(solref: Sequence[float], solimp: Sequence[float] = ()) -> Mujoco
 
 
 def is_linear(pair: MujocoContact) -> bool:
-    """Return True if a pair is a Kelvin-Voigt contact: its impedance is the same at every depth."""
+    """Return True if the impedance is the same at every depth, so that the contact is a linear spring and dashpot."""
     return pair.solimp[0] == pair.solimp[1]
 
 
 def contact_of_solref(pair: MujocoContact, mass: float, speed: float) -> tuple[KelvinVoigtContact, Motion]:
-    """Return the spring and dashpot equivalent to a pair for a reduced mass in kg at a speed in m/s, and the motion.
+    """Return the spring and dashpot that are equivalent to a contact of MuJoCo, and the motion of the contact.
 
-    Where the impedance changes with the depth, the spring and dashpot have the same restitution and duration. A
-    ValueError says that nothing comes back.
+    `mass` is the reduced mass in kg, and `speed` the speed of approach in m/s. If the impedance changes with the depth,
+    the equivalent spring and dashpot have the same restitution and duration. A ValueError says that the contact returns
+    hardly any of the speed.
     """
     stiffness, damping = (-number for number in pair.direct)
     if is_linear(pair):
@@ -117,7 +119,7 @@ def contact_of_solref(pair: MujocoContact, mass: float, speed: float) -> tuple[K
 
 
 def _integrate(pair: MujocoContact, stiffness: float, damping: float, speed: float) -> Motion:
-    """Integrate the motion of a pair at a speed in m/s, in its own unit of time 1/sqrt(stiffness)."""
+    """Integrate the motion of a contact at a speed of approach in m/s; return its restitution, duration and depth."""
     dmax, omega = pair.solimp[1], math.sqrt(stiffness)
     zeta = damping / (2 * omega)
 
@@ -134,7 +136,7 @@ def _integrate(pair: MujocoContact, stiffness: float, damping: float, speed: flo
     def turns(_: float, state: Floats) -> float:
         return float(state[1])
 
-    # The force starts at the dashpot's force, or at 0 without a dashpot. It ends where it is zero on the way out.
+    # At the start the force is positive with a dashpot, and 0 without. The contact ends when the force falls to zero.
     ends.terminal, ends.direction = True, -1.0  # type: ignore[attr-defined]
     least = min(pair.solimp[:2]) / dmax
     longest = 100 * (1 + zeta) / least**2

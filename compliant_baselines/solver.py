@@ -1,20 +1,18 @@
-"""The contract of a solver.
+"""The base classes of solvers, and the rules that every solver follows.
 
-Rules for whoever writes one:
-
-1. A solver is a class derived from `Solver` or, to answer one collision at a time, from `OneByOne`. It is constructed
-   without arguments, cheaply: an engine is imported when it is asked to run, never at module level.
+1. A solver is a class derived from `Solver`. A solver that answers one collision at a time is derived from `OneByOne`.
+   Its constructor takes no arguments and is cheap: an engine is imported when it shall run, never at module level.
 2. `solve_many` answers every collision, in order, with one `Outcome` each. A collision that the solver cannot solve (N
    balls, gravity, e = 0) is refused with the reason: `Outcome.failure` with the status ``unrepresentable``. A solver
    never replaces a parameter silently.
 3. `law` names the exact solver of this package to which the solver converges as its step goes to zero. For
-   ``kelvin-voigt`` contact i is F = max(0, k_i delta + c_i delta'), with c_i from `mapping`. None stands for a law of
-   the solver's own.
-4. An outcome depends on the collision and the settings alone. A call leaves no global state that a later call could
-   see, there is no hidden seed, and an outcome has the same bits whatever other collisions are in the call.
+   ``kelvin-voigt`` contact i is F = max(0, k_i delta + c_i delta'), with c_i from `mapping`. None says that no exact
+   solver of this package has the solver's law.
+4. An outcome depends only on the collision and the settings. A call leaves no global state that a later call could see,
+   and there is no hidden seed. An outcome has the same bits whatever other collisions are in the call.
 5. Velocities are in m/s, impulses in N s, times in s. They belong to the collision as given and are never rescaled.
-6. The collision is over when the balls are apart, the lowest one is off the table or at rest on it, and no ball will
-   meet another again.
+6. The collision is over when the balls are apart, the lowest ball is off the table or at rest on it, and no ball will
+   meet another ball again.
 """
 
 from __future__ import annotations
@@ -42,16 +40,16 @@ if TYPE_CHECKING:
 Scenario = Literal["impact", "drop"]
 MappingName = Literal["calibrated", "naive", "documented", "shipped"]
 
-#: Kinds of solvers. ``model``: impulses alone, with frozen positions. ``reference``: contacts in time, solved exactly.
-#: ``compliant``, ``rigid``: an engine with compliant or rigid contacts.
+#: Kinds of solvers. ``model``: impulses without positions. ``reference``: contacts in time, solved exactly.
+#: ``compliant`` and ``rigid``: an engine with compliant or rigid contacts.
 Kind = Literal["model", "reference", "compliant", "rigid"]
 
-#: The law that engines with compliant contacts are mapped to by default.
+#: The law that engines with compliant contacts are asked for, unless their adapters state another law.
 KELVIN_VOIGT = "kelvin-voigt"
 
 
 class SolverError(ImpactXvalError, ValueError):
-    """Error of a solver that has no result. It carries the status that a sweep would record, and the reason."""
+    """Error of a solver that has no result; its fields are the solver's name, the outcome's status, and the reason."""
 
     def __init__(self, solver: str, status: Status, reason: str) -> None:
         super().__init__(f"{solver}: {status}: {reason}")
@@ -70,9 +68,9 @@ class Convergence:
         If a value is illegal; the message names the field, the value and the legal range.
     """
 
-    #: Largest error of the limit, over abs(v0), at which a result counts as converged.
+    #: Largest error of a velocity, over abs(v0), at which the limit counts as known.
     tolerance: float = 1e-3
-    #: Number of times that the configured step may be halved.
+    #: Largest number of times that the step asked for is halved.
     halvings: int = 4
 
     def __post_init__(self) -> None:
@@ -95,33 +93,34 @@ class Settings:
         If a value is illegal; the message names the field, the value and the legal range.
     """
 
-    #: ``impact``: no gravity. ``drop``: gravity acts, B2 has settled on the table, and B1 touches it at t = 0 with v0.
+    #: ``impact``: no gravity. ``drop``: gravity acts, the lower ball B2 has settled on the table, and the upper ball B1
+    #: touches it at t = 0 with v0.
     scenario: Scenario = "impact"
     #: Gravity g > 0 in m/s^2; only ``drop`` uses it.
     gravity: float = 9.81
-    #: Time step over the period 2 pi sqrt(M_i/k_i) of the faster contact; in (0, 0.2]. `SHORTEST_STATE` is chosen for
-    #: the default value.
+    #: Time step over the period 2 pi sqrt(M_i/k_i) of the faster contact; in (0, 0.2]. The default of `shortest_state`
+    #: is two and a half of the default steps.
     step_fraction: float = 1e-3
-    #: Steps after which a collision that is not over is given up (status ``timeout``).
+    #: Number of steps after which a collision that is not over is given up (status ``timeout``).
     max_steps: int = 2_000_000
-    #: Name of the mapping from k_i and c_i to the engine's own parameters (`mapping`).
+    #: Name of the mapping from the stiffness and restitution of a contact to the engine's own parameters (`mapping`).
     mapping: MappingName = "calibrated"
-    #: Shortest time of a state, over the shorter contact period; in [0, 0.1]. A state that an engine holds for a
-    #: shorter time is merged with the state before it (`states`).
+    #: Shortest time for which a state counts, over the shorter contact period; in [0, 0.1]. A state that lasts less is
+    #: merged with the state before it (`states`).
     shortest_state: float = SHORTEST_STATE
-    #: True if outcomes shall carry the path.
+    #: True if outcomes shall contain the path: times, velocities and impulses during the collision.
     record_path: bool = False
-    #: For the state-transition model (`model.solve`): the cut-off of stiffness ratios, a number or "exact".
+    #: Only for the state-transition model: the stiffness ratio from which the stiffer contact is taken for rigid, or
+    #: "exact" (`model.solve`).
     stiffness_ratio_cutoff: Cutoff = "exact"
-    #: For the state-transition model: the grazing margin, from 0 to 1, below which an outcome is marked.
+    #: Only for the state-transition model: the grazing margin, from 0 to 1, below which an outcome is marked.
     grazing_threshold: float = GRAZING_THRESHOLD
-    #: True if references and engines shall mark outcomes near a jump of their exact law (`marks`).
+    #: True if references and engines shall mark outcomes next to a jump of their exact law (`marks`).
     mark: bool = True
-    #: Accuracy of the limit dt -> 0. If it is given, engines find this limit from runs at shorter steps. None: no
-    #: limit.
+    #: Accuracy of the limit dt -> 0 that engines compute from runs at several steps; None: no limit is computed.
     convergence: Convergence | None = None
-    #: For rigid engines that multiply the restitutions of two bodies: the restitution of the body below a contact, from
-    #: 0 to 1. The upper body has the e of the contact, so that the product is e by default.
+    #: Only for rigid engines that multiply the restitutions of two bodies: the restitution of the lower body of a
+    #: contact, from 0 to 1. The upper body has the restitution e of the contact, so that by default the product is e.
     partner_restitution: float = 1.0
 
     def __post_init__(self) -> None:
@@ -141,22 +140,22 @@ class Settings:
 
 
 class Solver(ABC):
-    """Base class of all solvers: a solver finds the outcome of collisions."""
+    """Base class of all solvers; a solver finds the outcomes of collisions."""
 
-    #: The name by which `get_solver` finds the solver.
+    #: Name by which `get_solver` finds the solver.
     name: str
     kind: Kind = "compliant"
-    #: Name of the exact solver of the law that the solver obeys or is asked for (rule 3).
+    #: Name of the exact solver of the law that the solver obeys or is asked for (rule 3 of the module's docstring).
     law: str | None = KELVIN_VOIGT
-    #: Largest fall of an impulse along a path, over m |v0|, that the rounding of velocities may cause.
+    #: Largest decrease of an impulse along a path, over m1 |v0|, that is taken for rounding.
     rounding: float = 1e-9
 
     @abstractmethod
     def version(self) -> str:
-        """Return the version of the program that solves, such as the engine; ``""`` if it is not installed."""
+        """Return the version of the engine or program that solves; ``""`` if it is not installed."""
 
     def unavailable(self) -> str | None:
-        """Return one sentence on why the solver cannot run on this machine, and the way out; None if it can."""
+        """Return None if the solver can run on this machine; else one sentence with the reason and the remedy."""
         return None
 
     @abstractmethod
@@ -179,21 +178,21 @@ class Solver(ABC):
     def solve_graphs(
         self, collisions: Sequence[GraphCollision], settings: Settings
     ) -> Sequence[GraphCollisionOutcome]:
-        """Solve collisions of bodies that touch in any number of contacts.
+        """Solve contact graphs: collisions of bodies that touch in any number of contacts.
 
-        This method refuses every graph. A solver that knows only lines of balls inherits it.
+        This method refuses every graph. A solver for balls in a line alone inherits it.
 
         Parameters
         ----------
         collisions
-            The collisions.
+            The contact graphs.
         settings
             Settings of the solver.
 
         Returns
         -------
         Sequence[GraphCollisionOutcome]
-            One outcome for every collision, in order; failures are outcomes with a status (rule 2).
+            One outcome for every graph, in order; failures are outcomes with a status (rule 2).
         """
         reason = f"{self.name} solves balls in a line alone, no contact graphs"
         return [
@@ -228,14 +227,14 @@ class Solver(ABC):
 
 
 class OneByOne(Solver):
-    """Base class of solvers of one collision at a time; an exception in `solve_one` costs only its collision."""
+    """Base class of solvers that solve one collision at a time."""
 
     @abstractmethod
     def solve_one(self, collision: Collision, settings: Settings) -> Outcome:
         """Solve one collision; a failure is an outcome with a status (rule 2)."""
 
     def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
-        """Solve every collision, in order."""
+        """Solve every collision; return the outcomes in order."""
         return [self.solve_one(collision, settings) for collision in collisions]
 
 
@@ -243,10 +242,10 @@ _Answer = TypeVar("_Answer")
 
 
 def group_by_layout(collisions: Sequence[Collision]) -> list[tuple[NDArray[np.intp], Collisions]]:
-    """Group collisions that one array call can solve; return the positions and the collisions of each group.
+    """Group collisions that can be solved together as arrays; return the positions and the collisions of each group.
 
-    The collisions of a group agree in the number of balls, in the exponent, and in whether they have a table, gaps, and
-    balls at rest below the first.
+    The collisions of a group have the same layout: the same number of balls and the same exponent. They also agree in
+    whether there is a table, whether there are gaps, and whether all balls below the first are at rest.
     """
     if isinstance(collisions, Collisions):
         properties = collisions.falls_on_resting, collisions.gaps.any(axis=1)

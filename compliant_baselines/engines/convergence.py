@@ -1,12 +1,13 @@
 """The limit of an engine's velocities as its step goes to zero, and the error of this limit.
 
-docs/convergence.md lists the steps at which an engine runs beside the user's step h, the way in which velocities are
-extrapolated, and the terms of the error. Balls that part for good have v1 >= v2 >= 0. A limit outside this range means
-that the balls meet once more as the step goes to zero. It is replaced by the nearest point inside, which is the outcome
-of a plastic meeting.
+docs/convergence.md says at which steps an engine runs in addition to the user's step h, how velocities are
+extrapolated, and which terms the error has. Balls that part for good have v1 >= v2 >= 0. If an extrapolated limit does
+not satisfy this, the balls meet once more as the step goes to zero. The limit is then replaced by the nearest
+velocities that satisfy it, which are those after a plastic meeting.
 
-The engine's own regularisation of contacts changes the velocities at every step. If this change exceeds the tolerance
-at 4h, it is measured again at the shortest step. The step is halved further unless two measurements agree.
+Some engines soften contacts by a regularisation, which changes velocities at every step. If this change exceeds the
+tolerance at the step 4h, it is measured again at the shortest step. Unless the two measurements agree, the step is
+halved further.
 """
 
 from __future__ import annotations
@@ -24,94 +25,99 @@ from impact_xval.compliant_baselines.engines.stepping import Run, project_to_sep
 from impact_xval.compliant_baselines.solver import Convergence
 from impact_xval.compliant_baselines.states import SHORTEST_STATE
 
-#: Least part of the last correction that counts as error: three differences can agree by accident.
+#: Smallest fraction of the last change of velocities that counts as an error of the limit. Three changes can agree by
+#: accident, so that the extrapolated limits seem not to differ.
 DOUBT = 0.1
 
-#: Multiple of the change by the second order that counts as error. This change is a third of the last correction. Four
-#: runs show the ratio of a quarter only once, which can be chance. Measured on PyBullet's limits in 1,400 random cells
-#: at steps of 0.01 of the period: six are further off than three stated errors, as many as without a second order.
+#: Factor on the change of the limit by the second order, when this change counts as an error. The change is a third of
+#: the last correction. Four runs show the ratio of a quarter, which second order has, only once, and this can be
+#: chance. Measured on PyBullet's limits in 1,400 random cells at steps of 0.01 of the period: six limits are wrong by
+#: more than three stated errors, as many as without a second order.
 CHANGE = 2.0
 
-#: Longest step, over the shorter contact period, of four runs that can show a second order. With a step of 0.1 all four
-#: runs damp the vibration of a stiff table away, and 7 of PyBullet's 194 limits were wrong (2 of 174 by first order).
+#: Longest step, over the shorter contact period, of four runs that can show a second order. At a step of 0.1 all four
+#: runs damp the vibration of a stiff table completely. Then 7 of PyBullet's 194 limits were wrong, against 2 of 174
+#: limits of first order.
 RESOLVED = 1 / 16
 
-#: Fraction of the largest correction of all velocities. Smaller corrections of a velocity say nothing about the order.
+#: Fraction of the largest correction of all velocities. Smaller corrections are not used to find the order of
+#: convergence.
 SMALL = 0.1
 
-#: Fraction of the changes in the first steps of contacts that may be missing from the limit. The limit is twice the run
-#: at the shortest step minus the run before it. Each of the two runs may contain any part of these changes.
+#: Fraction of the velocity changes in the first steps of contacts that counts as an error of the limit. The limit is
+#: twice the run at the shortest step minus the run before it, and each of the two runs may contain any part of these
+#: changes.
 CHANCE = 0.5
 
-#: Fraction of the changes in the first steps of contacts by which three runs may differ and still count as equal. Equal
-#: changes show that impulses do not depend on the length of the step: rigid engines in single precision differ by 1e-6.
-#: The impulses of a dashpot are halved with the step.
+#: Relative difference of the velocity changes in the first steps of contacts up to which three runs count as equal.
+#: Equal changes show that impulses do not depend on the step: rigid engines in single precision differ by 1e-6. With a
+#: dashpot, the impulse of a first step is halved with the step.
 WHOLE = 0.01
 
-#: Factor of errors: if each of the last two runs is off by at most x, their limit 2 Vn - V(n-1) is off by at most this
-#: factor times x.
+#: Factor by which extrapolation enlarges errors. If each of the last two runs Vn and V(n-1) is wrong by at most x, then
+#: their limit 2 Vn - V(n-1) is wrong by at most this factor times x.
 MEETINGS = 3.0
 
-#: Largest last change of a speed of separation, over this speed, with which a straight line leads to its limit. Bodies
-#: that part slowly have the speed that remains of a vibration: the length of a vector, which is not linear where it is
-#: shortest.
+#: Largest last change of a speed of separation, over this speed, at which a straight line through the last two runs
+#: leads to its limit. Bodies that part slowly have the speed that is left of a vibration. This speed is the length of a
+#: vector, which is not a linear function of the step where it is smallest.
 STRAIGHT = 1 / 3
 
-#: Largest multiple of the last change of a rate that counts as error if changes grow from run to run. The change before
-#: the last one may be zero, so that the growth is infinite. The reason: if steps damp a vibration so that x of it is
-#: left at h, then x^2 is left at 2h and x^4 at 4h. For a small x the distance to the limit, over the last change, is
-#: about the growth of the changes.
+#: Largest multiple of the last change of a rate that counts as error if changes grow from run to run. If steps damp a
+#: vibration so that x of it is left at h, then x^2 is left at 2h and x^4 at 4h. For a small x the distance to the
+#: limit, over the last change, is about the factor by which the changes grow. This factor is bounded here, because the
+#: change before the last may be zero.
 GROWTH = 100.0
 
-#: Most steps of a run at a shorter step, over the number that its length suggests: balls that meet soon at one step may
-#: meet after millions of steps at another.
+#: Largest number of steps of a run at a shorter step, over the number to be expected from the run at h. Balls that meet
+#: soon at one step may meet after millions of steps at another step.
 PATIENCE = 8
 
-#: Factor within which two measurements of a regularisation agree, and within which a ratio of corrections agrees with a
+#: Factor within which two numbers count as equal: two measurements of a regularisation, or a ratio of corrections and a
 #: quarter.
 ALIKE = 2.0
 
-#: Words of the reason why a limit is not known if shorter steps do not help.
+#: Words for the reason of an unknown limit that shorter steps do not make known.
 NO_HELP = "halving the step does not help"
 
-#: A run in a line or in a plane.
+#: A run of a scene in a line or in a plane.
 AnyRun = TypeVar("AnyRun", Run, PlaneRun)
 
-#: Function that runs a scene for at most so many steps.
+#: Function that runs a scene, up to a given number of steps.
 Follow = Callable[[Scene, int], AnyRun]
 
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """The limit dt -> 0; velocities and errors in m/s."""
+    """The limit of velocities as the step goes to zero; velocities and errors are in m/s."""
 
     velocities: tuple[float, ...]
-    #: Estimated error of the velocities, compared with the engine's own limit.
+    #: Estimated error of the velocities by the step, without the effect of the engine's regularisation.
     step_error: float
-    #: Fitted order of convergence; NaN if runs differ only by rounding.
+    #: Order of convergence, fitted to the runs; NaN if some runs do not differ.
     order: float
-    #: Change of the velocities by the engine's regularisation of contacts.
+    #: Largest change of a velocity by the engine's regularisation of contacts.
     regularisation: float
-    #: The shortest step, in s.
+    #: Step in s of the run with the shortest step.
     step: float
-    #: True if gravity ended in a first flight at the shortest step.
+    #: True if in the run at the shortest step gravity ended in a first flight.
     has_first_flight: bool
-    #: True if B2 settled on the table at the shortest step.
+    #: True if in the run at the shortest step B2 settled on the table.
     b2_settled: bool
 
     @property
     def error(self) -> float:
-        """Bound in m/s on the difference between these velocities and the velocities under the contacts asked for."""
+        """Bound in m/s on the error of these velocities, compared with the contacts that were asked for."""
         return self.step_error + self.regularisation
 
     @property
     def diagnostics(self) -> dict[str, float]:
-        """The known numbers of this limit, under their names in `Outcome.diagnostics`."""
+        """Velocities and accuracy of this limit, under their names in `Outcome.diagnostics`."""
         return {f"v{i}_limit": v for i, v in enumerate(self.velocities, 1)} | self.quality
 
     @property
     def quality(self) -> dict[str, float]:
-        """The known numbers on the accuracy of the limit, under their names in `diagnostics`."""
+        """Accuracy of this limit, under the names in `Outcome.diagnostics`; unknown numbers are left out."""
         numbers = {
             "limit_error": self.error,
             "regularisation": self.regularisation,
@@ -122,7 +128,7 @@ class Limit:
 
 
 class Extrapolation(NamedTuple):
-    """Velocities extrapolated to a step of zero; its fields mean the same as in `Limit`."""
+    """Velocities extrapolated to a step of zero; the fields are explained in `Limit`."""
 
     velocities: tuple[float, ...]
     step_error: float
@@ -130,19 +136,19 @@ class Extrapolation(NamedTuple):
 
 
 class Parting(NamedTuple):
-    """Conditions under which the bodies of a scene part, as functions of velocities in m/s."""
+    """Two functions of velocities in m/s, which say whether and how the bodies of a scene part."""
 
-    #: Return the speeds of separation of all contacts in m/s, shape (n, contacts), from velocities of the shape (n, N
-    #: axes).
+    #: Function that returns the speeds of separation of all contacts in m/s, shape (n, contacts), from velocities of
+    #: the shape (n, N axes).
     rates: Callable[[Floats], Floats]
-    #: Return the nearest velocities at which no contact approaches, shape (N axes,).
+    #: Function that returns the nearest velocities at which no bodies in contact approach, shape (N axes,).
     project: Callable[[Floats], tuple[float, ...]]
 
 
 def parting_in_line(masses: Sequence[float], table: bool = True) -> Parting:
-    """Return the `Parting` of balls in a line, with or without a table below the last ball.
+    """Return the `Parting` of balls in a line; `table` says if there is a table below the last ball.
 
-    The unit of masses does not matter.
+    The unit of the masses does not matter.
     """
 
     def rates(velocities: Floats) -> Floats:
@@ -185,15 +191,15 @@ def extrapolate(
     velocities
         Final velocities in m/s of n >= 3 runs, shape (n, N axes). Each run has half the step of the run before.
     touch_doubt
-        Change in m/s that the instants of touching may cause (`_touch_doubt`).
+        Change in m/s that depends on when within a step contacts touch (`_touch_doubt`).
     parting
         Conditions under which the bodies part.
     same_states
-        True if the last two runs pass through the same states to the same end.
+        True if the last two runs pass through the same states and end in the same way.
     orders
         Number of orders that may be extrapolated: 1 or 2.
     gravity_doubt
-        Change in m/s that the instants of a first flight and of the end may cause.
+        Change in m/s that depends on when within a step gravity and the collision end.
     """
     limits = 2 * velocities[1:] - velocities[:-1]
     doubt = DOUBT * np.abs(velocities[-1] - velocities[-2])
@@ -223,7 +229,8 @@ def extrapolate(
 def _are_of_second_order(corrections: Floats) -> bool:
     """Return True if limits converge at second order: their last correction is a quarter of the one before.
 
-    `corrections` has the shape (n, balls). A velocity whose two corrections are both small is ignored.
+    `corrections` are the differences of successive limits, shape (n, balls). A velocity is ignored if both of its last
+    corrections are small.
     """
     if len(corrections) < 2:
         return False
@@ -234,29 +241,29 @@ def _are_of_second_order(corrections: Floats) -> bool:
 
 
 class _Regularisation:
-    """Measurements of the change of velocities by the engine's regularisation of contacts."""
+    """Measurements of how the engine's regularisation of contacts changes velocities."""
 
     def __init__(self, factor: float | None, tolerance: float) -> None:
-        #: Factor on the regularisation in a second run.
+        #: Factor by which a second run has more regularisation.
         self.factor = factor or 1.0
-        #: Tolerance in m/s.
+        #: Allowed error of velocities in m/s.
         self.tolerance = tolerance
-        #: Changes of velocities in m/s at ever shorter steps; 0 for an engine without regularisation.
+        #: Measured changes of velocities in m/s, from longer to shorter steps; 0 for an engine without regularisation.
         self.moves = [] if factor else [0.0]
 
     def measure(self, follow: Follow[AnyRun], base: AnyRun, max_steps: int) -> None:
-        """Run the scene of a run once more, with more regularisation."""
+        """Run a scene again with more regularisation, and record how the velocities of the run `base` change."""
         more = follow(replace(base.scene, regularisation=self.factor), max_steps)
         if more.over:
             moved = np.abs(np.subtract(more.reported, base.reported)).max()
             self.moves.append(float(moved) / (self.factor - 1))
 
     def is_doubtful(self) -> bool:
-        """Return True if the change is unknown or seems to exceed the tolerance."""
+        """Return True if the change by the regularisation is unknown, or exceeds the tolerance."""
         return not (self.moves and self.moves[-1] <= self.tolerance)
 
     def stays(self) -> bool:
-        """Return True if the change exceeds the tolerance by the same amount at two steps.
+        """Return True if the change by the regularisation exceeds the tolerance and is the same at two steps.
 
         Then no shorter step makes it smaller.
         """
@@ -273,11 +280,11 @@ class _Regularisation:
 
 
 def _flight_doubt(before: AnyRun, last: AnyRun) -> float:
-    """Bound, in m/s, the change by gravity in a contact if the first flight before it is in doubt.
+    """Return a bound in m/s on the change by gravity if it is in doubt whether the first flight happens.
 
-    The lead of the flight is extrapolated in the same way as velocities. The flight is in doubt if the lead changes its
-    sign on the way to a step of zero, or is too short to have a clear sign. Gravity then may or may not act in the
-    contact that decides on the flight.
+    The lead of a flight is the time by which a gap closes after the flight has begun, or before it would have begun. It
+    is extrapolated to a step of zero as velocities are. The flight is in doubt if the lead changes its sign on the way,
+    or is too short to have a clear sign. Gravity then may or may not act in the contact that decides on the flight.
     """
     earlier, (now, contact), scene = before.flight_lead.time, last.flight_lead, last.scene
     if not scene.gravity or not math.isfinite(now):
@@ -290,14 +297,14 @@ def _flight_doubt(before: AnyRun, last: AnyRun) -> float:
 
 
 def _touch_doubt(runs: Sequence[AnyRun]) -> float:
-    """Bound, in m/s, the change by the instants at which contacts are met, and by a meeting still to come.
+    """Return a bound in m/s on the change by the instants at which bodies touch, and by a meeting yet to come.
 
     A dashpot misses a part of its first step, and the impulse of this step shrinks with the step. A rigid contact gives
     its whole impulse in its first step, whatever the step's length, so that nothing is missing. There are three
-    exceptions: neighbouring contacts fall into one step, and their impulses depend on one another; the engine solves
-    contacts only to its `World.accuracy`; or it gives slow contacts no restitution.
+    exceptions. Neighbouring contacts may begin in the same step, and their impulses then depend on one another. The
+    engine may solve contacts only to its `World.accuracy`. Or it gives slow contacts no restitution.
 
-    In a plane normals turn, and impulses turn with them: the change is at most the angle times the speed.
+    In a plane normals turn, and impulses turn with them. The change is at most the angle times the speed.
     """
     meeting_left = MEETINGS * max(run.meeting_left for run in runs[-2:])
     turning = max(run.turning for run in runs[-2:]) * runs[-1].scene.speed
@@ -305,7 +312,10 @@ def _touch_doubt(runs: Sequence[AnyRun]) -> float:
 
 
 def _start_doubt(runs: Sequence[AnyRun], meeting_left: float) -> float:
-    """Bound, in m/s, the change by first steps of contacts, given the bound of a meeting still to come."""
+    """Return a bound in m/s on the change by the first steps of contacts; it is at least `meeting_left`.
+
+    `meeting_left` is the bound in m/s on the change by a meeting that is still to come.
+    """
     starts = [run.starts for run in runs[-3:]]
     changed, last = max(starts) - min(starts), runs[-1]
     if changed <= WHOLE * last.starts:
@@ -317,7 +327,7 @@ def _start_doubt(runs: Sequence[AnyRun], meeting_left: float) -> float:
 def _limit_of(runs: Sequence[AnyRun], regularisation: Sequence[float]) -> Limit | None:
     """Return the limit of runs, given from the longest step to the shortest; None for fewer than three runs.
 
-    `regularisation` are the changes that `_Regularisation.moves` holds.
+    `regularisation` are the measured changes of velocities in m/s by the engine's regularisation.
     """
     if len(runs) < 3:
         return None
@@ -345,14 +355,14 @@ def _limit_of(runs: Sequence[AnyRun], regularisation: Sequence[float]) -> Limit 
 
 
 def _percentage(share: float) -> str:
-    """Format a share with two digits: ``110 %``, not ``1.1e+02 %``."""
+    """Return a fraction as a percentage with two digits: ``110 %``, not ``1.1e+02 %``."""
     return f"{float(f'{100 * share:.2g}'):g} %"
 
 
 def estimate_limit(
     follow: Follow[AnyRun], probe: float | None, first: AnyRun, convergence: Convergence, max_steps: int
 ) -> tuple[Limit | None, str]:
-    """Find the limit of a scene from runs at longer and shorter steps.
+    """Find the limit of a scene's velocities, from runs at longer and shorter steps.
 
     Parameters
     ----------
@@ -361,17 +371,16 @@ def estimate_limit(
     probe
         The engine's `regularisation_probe`.
     first
-        The run at the step h that a user takes; it is over.
+        The finished run at the user's step h.
     convergence
         Accuracy that is asked of the limit.
     max_steps
-        Most steps of the run at h and of runs at longer steps. A run at a shorter step may take this number times h
-        over its step, and at most `PATIENCE` times the steps of the run at h.
+        Largest number of steps of the run at h and of runs at longer steps. A run at a step h/n may take n times this
+        number. It may also take at most n `PATIENCE` times the steps of the run at h.
 
     Returns
     -------
-    The limit, or None if too few runs came to an end; and the reason why it is not converged, ``""`` if
-    it is.
+    The limit, or None if too few runs came to an end. Second, the reason why the limit is not converged, or ``""``.
     """
     scene, runs, failure = first.scene, [first], ""
     tolerance = convergence.tolerance * scene.speed
@@ -387,7 +396,8 @@ def estimate_limit(
     for halvings in range(1, convergence.halvings + 1):
         most = min(max_steps, PATIENCE * first.n_steps) * 2**halvings
         if not regularisation.is_enough(limit) and regularisation.is_doubtful():
-            # Near grazing, a run at a long step may measure step error instead.
+            # Near a grazing touch, a run at a long step may measure the error of the step instead. So it is measured
+            # again here.
             regularisation.measure(follow, runs[-1], most)
             limit = _limit_of(runs, regularisation.moves)
         if regularisation.is_enough(limit):
@@ -409,7 +419,10 @@ def estimate_limit(
 def _why_unconverged(
     limit: Limit, tolerance: float, speed: float, last: AnyRun, regularisation_stays: bool, failure: str
 ) -> str:
-    """Return why a limit misses a tolerance in m/s; `failure` belongs to the run at the next shorter step."""
+    """Return the reason why the error of a limit exceeds a tolerance in m/s.
+
+    `failure` is the reason why the run at the next shorter step failed, or ``""``.
+    """
     error, allowed = _percentage(limit.error / speed), _percentage(tolerance / speed)
     cause = ""
     if regularisation_stays:

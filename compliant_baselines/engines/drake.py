@@ -1,18 +1,18 @@
-"""Drake: spheres on prismatic joints; docs/mapping.md, section 2, gives the reason for each setting.
+"""Drake: spheres on joints along which they slide; docs/mapping.md, section 2, gives the reason for each setting.
 
-**Bodies.** Stiffness and dissipation are properties of geometries, and a ball inside a line has two contacts. So each
-ball has a sphere for each of its contacts, all at one place. The sphere of a contact's first body, in a line the upper
-body, has the parameters of the contact. The sphere of the second body is rigid and undamped, like a plane. Filters let
-only these pairs of spheres meet. Steps are logged in C++.
+**Bodies.** In Drake stiffness and dissipation belong to geometries, and a ball inside a line has two contacts. So each
+ball has a sphere for each of its contacts, all with the same centre. The sphere of a contact's first body, which in a
+line is the upper body, has the parameters of the contact. The sphere of the second body is rigid and undamped, and so
+is a plane. Filters let only the two shapes of a contact meet. Steps are recorded in C++.
 
 **Discrete time.** Drake has three approximations of a contact. ``kSap`` is a spring and a dashpot with a relaxation
 time. ``kLagged``, which is Drake's default, and ``kSimilar`` are Hunt and Crossley's contacts.
 
-**Hunt and Crossley's contacts** are F = max(0, k delta (1 + d delta')), d = A/|v0|, with A from equation (*) of
-`restitution`. For e < 1 this law differs from the dashpot's.
+**Hunt and Crossley's contacts** are F = max(0, k delta (1 + d delta')) with the depth delta. Here d = A/|v0|, with A
+from equation (*) of `restitution`. For e < 1 this law differs from that of a spring and dashpot.
 
 **Continuous time.** Contacts are Hunt and Crossley's. The integrator is the simulator's default, of third order. The
-motion has kinks where contacts begin and end; across a kink an error estimate of higher order is meaningless. The
+motion has kinks where contacts begin and end. Across a kink an error estimate of higher order has no meaning. The
 "step" is the time between two samples.
 """
 
@@ -41,14 +41,14 @@ from impact_xval.compliant_baselines.mapping import (
 )
 from impact_xval.compliant_baselines.restitution import hunt_crossley_coefficients
 
-#: Relative tolerance of the solver (SapSolverParameters; Python cannot set it).
+#: Relative tolerance of Drake's contact solver (SapSolverParameters). It cannot be set from Python.
 SAP_TOLERANCE = 1e-6
 
-#: Phase angle of a contact at which its impulse per step must have reached the tolerance. Half the square of the angle
-#: is the fraction of the velocity that is lost before.
+#: Phase angle omega t of a contact at which its impulse per step must have reached the tolerance. Half the square of
+#: this angle is the fraction of the velocity that is lost before.
 LATEST_START = 0.02
 
-#: Target of the integration error in each step, over |v0|. The error of final velocities is 4 times as large.
+#: Error over |v0| that the integrator may make in each step. The error of final velocities is 4 times as large.
 ACCURACY = 1e-10
 
 
@@ -76,11 +76,11 @@ class DrakeProperties(Protocol):
     """The methods of `ProximityProperties` that the adapter calls."""
 
     def AddProperty(self, group_name: str, name: str, value: float) -> None:
-        """Set a property."""
+        """Set a property of a shape, such as a stiffness."""
         ...
 
     def GetPropertyOrDefault(self, group_name: str, name: str, default_value: float) -> float:
-        """Return a property, or the default where it is not set."""
+        """Return a property of a shape, or the default if the property is not set."""
         ...
 
 
@@ -118,7 +118,7 @@ class DrakeFilterManager(Protocol):
     """The method of a `CollisionFilterManager` that the adapter calls."""
 
     def Apply(self, declaration: object, /) -> None:
-        """Apply a `CollisionFilterDeclaration`."""
+        """Apply a `CollisionFilterDeclaration`, which says which shapes can meet."""
         ...
 
 
@@ -126,7 +126,7 @@ class DrakeInspector(Protocol):
     """The method of a `SceneGraphInspector` that the adapter calls."""
 
     def GetProximityProperties(self, geometry_id: object, /) -> DrakeProperties:
-        """Return the properties of a shape."""
+        """Return the contact properties of a shape."""
         ...
 
 
@@ -134,7 +134,7 @@ class DrakeSceneGraph(Protocol):
     """The methods of a `SceneGraph` that the adapter calls."""
 
     def collision_filter_manager(self) -> DrakeFilterManager:
-        """Return the object that filters collisions."""
+        """Return the object that decides which shapes can meet."""
         ...
 
     def model_inspector(self) -> DrakeInspector:
@@ -143,29 +143,34 @@ class DrakeSceneGraph(Protocol):
 
 
 class Drake(Engine):
-    """Drake, discrete time."""
+    """Drake in discrete time, with springs and dashpots (`kSap`)."""
 
     name = distribution = "drake"
     knows_planes = True
     title, module, way_out = "Drake", "pydrake", "run pip install 'impact-xval[drake]' (Linux and macOS only)"
-    #: A member of `DiscreteContactApproximation`; empty: continuous time.
+    #: Name of the contact approximation in `DiscreteContactApproximation`; empty for continuous time.
     approximation = "kSap"
 
     def refusal(self, scene: Scene) -> str | None:
-        """Return why Drake cannot take a scene: a naive mapping of more than two balls, or a step that is too short."""
+        """Return a sentence that says why Drake cannot take a scene, or None.
+
+        Drake refuses the naive mapping for anything but two balls on a table, and a step that is too short.
+        """
         pair = scene.table and len(scene.masses) == 2
         if scene.mapping == "naive" and not (self.approximation == "kSap" and pair):
-            return "mapping = 'naive': Drake's is that of two balls on a table, by kSap; legal: 'calibrated'"
+            return (
+                "mapping = 'naive': Drake has it only for two balls on a table, by kSap; legal: 'calibrated'"
+            )
         return _too_short(scene) if self.approximation else None
 
     def world(self, scene: Scene) -> DrakeWorld:
-        """Set up a scene."""
+        """Set up a scene in a new plant."""
         return DrakeWorld(scene, self.approximation)
 
     @contextmanager
     def running(self) -> Generator[None]:
-        """Keep remarks about deformable bodies from the terminal; our scenes have none."""
-        import_module("pydrake")  # it sets up the logger
+        """Keep Drake's remarks about deformable bodies off the terminal; our scenes have no such bodies."""
+        import_module("pydrake")  # this import sets up the logger
         logger = logging.getLogger("drake")
         before = logger.level
         logger.setLevel(logging.ERROR)
@@ -176,25 +181,25 @@ class Drake(Engine):
 
 
 class DrakeHuntCrossley(Drake):
-    """Drake, continuous time, Hunt-Crossley contacts; elastic ones are linear springs."""
+    """Drake in continuous time, with Hunt and Crossley's contacts; for e = 1 these are linear springs."""
 
     name, law, approximation = "drake-hunt-crossley", "hunt-crossley", ""
 
 
 class DrakeLagged(Drake):
-    """Drake, discrete time, Hunt-Crossley contacts: the damping of a step comes from the depth before the step."""
+    """Drake in discrete time, with Hunt and Crossley's contacts whose damping uses the depth before the step."""
 
     law, approximation = "hunt-crossley", "kLagged"
 
 
 class DrakeSimilar(Drake):
-    """Drake, discrete time, contacts similar to Hunt-Crossley's: the force of a step depends only on its end."""
+    """Drake in discrete time, with contacts similar to Hunt and Crossley's; a step's force depends only on its end."""
 
     law, approximation = "hunt-crossley", "kSimilar"
 
 
 class DrakeWorld(World):
-    """A finished plant and the log of its states."""
+    """A scene in Drake: a finished plant, its simulator, and the record of its states."""
 
     def __init__(self, scene: Scene, approximation: str) -> None:
         self._scene, self._approximation = scene, approximation
@@ -216,7 +221,7 @@ class DrakeWorld(World):
             self.effective["damping"] = tuple(pair.stiffness * pair.dissipation for pair in pairs)
 
     def _build(self, velocities: Sequence[float], heights: Floats) -> None:
-        """Make a plant whose balls have these coordinates and rates, and its simulator."""
+        """Make a plant and its simulator, with the balls at heights in m and with velocities in m/s."""
         scene, step = self._scene, self._scene.step
         plants, builder = _module("multibody.plant"), _module("systems.framework").DiagramBuilder()
         plant, graph = plants.AddMultibodyPlantSceneGraph(
@@ -239,8 +244,8 @@ class DrakeWorld(World):
             joint.set_translation(context, z)
             joint.set_translation_rate(context, v)
         if not self._approximation:
-            # The integrator has one accuracy for heights in m and velocities in m/s: the larger of both changes
-            # decides.
+            # The integrator has one accuracy for heights in m and velocities in m/s. It limits the larger of the two
+            # errors.
             integrator = self._simulator.get_mutable_integrator()
             height_over_speed = max(periods(scene)) / (2 * math.pi)
             integrator.set_target_accuracy(ACCURACY * scene.speed * max(1.0, height_over_speed))
@@ -251,7 +256,7 @@ class DrakeWorld(World):
         self._simulator.Initialize()
 
     def _add_bodies(self, plant: DrakePlant, graph: DrakeSceneGraph) -> list[DrakeJoint]:
-        """Add planes and balls and finish the plant; return the joints, ball after ball, one for each axis."""
+        """Add planes and balls and finish the plant; return the joints, ordered by ball and then by axis."""
         geometry, tree, transforms = _module("geometry"), _module("multibody.tree"), _module("math")
         identity, arrangement = transforms.RigidTransform(), self._scene.arrangement
         sphere, inertia = geometry.Sphere(self.radius), tree.UnitInertia.SolidSphere(self.radius)
@@ -260,9 +265,8 @@ class DrakeWorld(World):
         for i, mass in enumerate(self._scene.masses):
             frame = plant.world_frame()
             *lighter, last_axis = SPACE_AXES[arrangement.axes]
-            for axis in (
-                lighter
-            ):  # a massless body slides along the first axis; the ball slides on it along the last axis
+            # In a plane a massless body slides along the first axis. The ball slides on this body along the last axis.
+            for axis in lighter:
                 carrier = plant.AddRigidBody(f"B{i + 1}-{axis}", tree.SpatialInertia.Zero())
                 joints.append(plant.AddJoint(_slide(f"B{i + 1}-{axis}", frame, carrier, axis)))
                 frame = carrier.body_frame()
@@ -300,7 +304,7 @@ class DrakeWorld(World):
         return joints
 
     def _material(self, side: Side) -> DrakeProperties:
-        """Make the frictionless proximity properties of a side."""
+        """Make frictionless contact properties with the parameters of a side."""
         geometry, frictionless = _module("geometry"), _module("multibody.plant").CoulombFriction(0.0, 0.0)
         properties = geometry.ProximityProperties()
         dissipation = {} if self._dashpots else {"dissipation": side.dissipation}
@@ -312,46 +316,47 @@ class DrakeWorld(World):
         return properties
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
-        """Take n steps, logged in C++."""
+        """Take n steps in C++; return the recorded velocities in m/s and heights in m."""
         if self._refused:
             raise RuntimeError(self._refused)
         coordinates, step = len(self.places), self._scene.step
         self._log.Clear()
         self._simulator.AdvanceTo((self._taken + n) * step)
-        # The first sample may repeat the last of the call before.
+        # The first sample may be the last sample of the call before.
         data = self._log.data()[:, self._log.sample_times() > (self._taken + 0.5) * step]
         self._taken += n
         return data[coordinates:].T.copy(), data[:coordinates].T - self.places
 
     def weightless(self, velocities: Floats, heights: Floats) -> None:
-        """Go on without gravity in a new plant: the gravity of a finished plant cannot be changed."""
+        """Continue without gravity, in a new plant, because the gravity of a finished plant cannot be changed."""
         self._scene = replace(self._scene, gravity=0.0)
         self._build(velocities.tolist(), heights)
 
 
 def _slide(name: str, frame: object, body: DrakeBody, axis: int) -> object:
-    """Make the joint along which a body slides on a frame."""
+    """Make the joint along which a body slides on a frame; `axis` is its position in (x, y, z)."""
     direction = np.eye(3)[axis]
     return _module("multibody.tree").PrismaticJoint(name, frame, body.body_frame(), direction, damping=0)
 
 
 def _module(name: str) -> ModuleType:
-    """Import a module of `pydrake`."""
+    """Import a module of `pydrake` by its name."""
     return import_module(f"pydrake.{name}")
 
 
 def _read_side(properties: DrakeProperties) -> Side:
-    """Read the parameters of a side back from the engine; in continuous time there is no relaxation time."""
+    """Read the parameters of a side back from the engine; a relaxation time that is not set becomes 0."""
     names = "point_contact_stiffness", "relaxation_time"
     return Side(*(properties.GetPropertyOrDefault("material", name, 0.0) for name in names))
 
 
 def _too_short(scene: Scene) -> str | None:
-    """Return a sentence if a step is so short that the engine neglects a contact; else None.
+    """Return a sentence if the step is so short that the engine neglects a contact; else None.
 
-    The engine compares residuals with the momentum of all bodies, both over sqrt(mass). An impulse M u of two bodies
-    that meet at the speed u is compared as sqrt(M) u with sqrt(sum m v^2). In a step of length h at the time t after
-    touch the impulse is k v t h. It reaches the tolerance at a phase omega t, which must come early.
+    The engine compares residuals with the momentum of all bodies, both divided by sqrt(mass). The impulse M u of two
+    bodies of reduced mass M that meet at the speed u counts as sqrt(M) u, and is compared with sqrt(sum m v^2). In a
+    step of length h at the time t after touch the impulse is k v t h. It reaches the tolerance at a phase omega t,
+    which must be small.
     """
     momentum = math.sqrt(sum(m * v * v for m, v in zip(scene.inertia, scene.velocities, strict=True)))
     slowest = min(c.omega * math.sqrt(c.mass) for c in scene.contacts) * scene.speed / momentum

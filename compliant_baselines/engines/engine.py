@@ -1,4 +1,4 @@
-"""The common part of all engine adapters: it refuses or sets up scenes, runs them, and turns runs into outcomes."""
+"""Base class of all engine adapters: it sets up or refuses scenes, runs them, and turns runs into outcomes."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from impact_xval.model.outcome import Outcome
 if TYPE_CHECKING:
     from impact_xval.model.graph.collision import GraphCollision
 
-#: The refusal of a scene with numbers outside double precision.
+#: Reason why a scene is refused if its numbers leave double precision.
 BEYOND = (
     "periods, penetrations or energies beyond double precision; scale stiffnesses, masses or v0 (Theorem 5)"
 )
@@ -43,7 +43,7 @@ _importing = Lock()
 
 
 def import_quietly(module: str) -> ModuleType:
-    """Import a module without PyBullet's line "pybullet build time: ..." on the terminal."""
+    """Import a module without letting PyBullet print its line "pybullet build time: ..." on the terminal."""
     with _importing:
         if module in sys.modules or module != "pybullet":
             return import_module(module)
@@ -53,10 +53,10 @@ def import_quietly(module: str) -> ModuleType:
 
 @contextmanager
 def standard_error_without(beginning: bytes) -> Generator[None]:
-    """Hold back the text for the descriptor of standard error; write it later, without lines with this beginning."""
+    """Hold back what is written to standard error, and write it at the end without lines that have this beginning."""
     try:
         terminal = os.dup(2)
-    except OSError:  # standard error is closed, so nothing can appear on it
+    except OSError:  # standard error is closed, so that nothing can appear on it
         yield
         return
     with tempfile.TemporaryFile() as held:
@@ -79,50 +79,50 @@ def version_of(distribution: str) -> str:
 
 
 def _comparable(version: str) -> tuple[int, ...]:
-    """Return the numbers of a version before any suffix: (3, 2, 7) of ``3.2.7.post1``."""
+    """Return the numbers of a version before any suffix, for example (3, 2, 7) for ``3.2.7.post1``."""
     return tuple(map(int, re.findall(r"\d+", re.split(r"[^\d.]", version)[0])))
 
 
 class Engine(Solver):
-    """Base class of engine adapters: an adapter states what its engine refuses, and sets up scenes.
+    """Base class of engine adapters: an adapter states which scenes its engine refuses, and sets up the others.
 
-    A run has the status `ok`, or one of these:
+    An outcome has the status `ok`, or one of these:
 
     * `unavailable`: the engine cannot be imported
-    * `unrepresentable`: k_i is 0 or infinite, a dashpot would need e_i = 0, or the engine cannot take the numbers
-    * `timeout`: the collision is not over after `max_steps` (`stepping.Run.status`; `Run.problem` says how far it came)
+    * `unrepresentable`: k_i is 0 or infinite, e_i = 0 would need an infinite damping, or the engine refuses a number
+    * `timeout`: the collision is not over after `max_steps` steps; `Run.problem` says how far it came
     * `crashed`: a number is not finite, or the engine has raised an error
     * `unconverged`: the collision is over, but it has gained energy, or its limit dt -> 0 is not known to the tolerance
-      asked for; the outcome keeps its numbers
+      asked for. The outcome keeps its numbers.
     """
 
-    #: The engine as its makers spell it.
+    #: Name of the engine as its makers spell it.
     title: str
-    #: The name of its package, as it is distributed.
+    #: Name of the Python package that contains the engine.
     distribution: str
-    #: The module that is imported.
+    #: Name of the module that is imported to run the engine.
     module: str
-    #: Advice on the way to install the engine if the import fails. Empty: install the extra that has the engine's name
-    #: up to a colon.
+    #: Advice on how to install the engine, for users on whose machine the import fails. If it is empty, users are told
+    #: to install the extra with the solver's name, up to a colon.
     way_out: str = ""
 
     #: The oldest version that the adapter can run; empty: any version that can be imported.
     oldest: str = ""
 
-    #: Factor on the engine's regularisation of contacts by which a second run shows what the regularisation does; None
-    #: for an engine that has none.
+    #: Factor on the engine's regularisation of contacts in a second run, which shows how much the regularisation
+    #: changes. None for an engine without regularisation.
     regularisation_probe: float | None = None
 
-    #: Settings that always hold for this solver, whatever is configured (`registry`).
+    #: Settings that this solver always has, whatever the user sets (`registry`).
     fixed_settings: Mapping[str, object] = MappingProxyType({})
 
-    #: True if the adapter sets up scenes in a plane (docs/adding-a-solver.md).
+    #: True if the adapter can also set up scenes in a plane, for contact graphs (docs/adding-a-solver.md).
     knows_planes: bool = False
 
-    #: The engine's default step in s; only for engines that run with their defaults.
+    #: The engine's default step in s. Only engines that run with all their defaults have it.
     shipped_step: float
 
-    #: Function that makes a world of a scene and a radius; an adapter sets it, or overrides `world`.
+    #: Function that makes a world from a scene and a radius in m. An adapter sets it, or overrides `world`.
     made: Callable[[Scene, float], World]
 
     def version(self) -> str:
@@ -130,13 +130,13 @@ class Engine(Solver):
         return version_of(self.distribution)
 
     def unavailable(self) -> str | None:
-        """Return why the engine cannot run here, and the way out; None if it can."""
+        """Return None if the engine can run on this machine; else one sentence with the reason and the remedy."""
         way_out = self.way_out or f"run pip install 'impact-xval[{self.name.partition(':')[0]}]'"
         if (installed := self.version()) and _comparable(installed) < _comparable(self.oldest):
             return f"{self.title} {installed} is too old: {self.oldest} or later runs: {way_out}"
         try:
             import_quietly(self.module)
-        except Exception as error:  # a broken package can raise anything
+        except Exception as error:  # a broken package can raise any exception
             if isinstance(error, ModuleNotFoundError) and error.name == self.module.partition(".")[0]:
                 return f"{self.title} is not installed: {way_out}"
             message = " ".join(str(error).split()) or type(error).__name__
@@ -145,7 +145,7 @@ class Engine(Solver):
         return None
 
     def refusal(self, scene: Scene) -> str | None:
-        """Return one sentence why the engine cannot take a scene; None if it can."""
+        """Return one sentence that says why the engine cannot take a scene; None if it can."""
         return None
 
     def radius(self, scene: Scene) -> float:
@@ -153,25 +153,25 @@ class Engine(Solver):
         return radius_of(scene.depth(scene.stiffnesses), scene.axes)
 
     def world(self, scene: Scene) -> World:
-        """Set up a scene; the world made before becomes invalid."""
+        """Set up a scene in the engine; a world that was set up before can no longer be used."""
         return self.made(scene, self.radius(scene))
 
     @contextmanager
     def running(self) -> Generator[None]:
-        """Keep an engine ready while scenes are set up and run: for example a connection, or a quiet terminal."""
+        """Prepare the engine while scenes are set up and run, for example by a connection."""
         yield
 
     def run(self, scenes: Sequence[Scene], max_steps: int, record_path: bool = False) -> list[Run]:
-        """Run every scene until its collision is over or `max_steps` steps are taken; the runs are in order."""
+        """Run every scene until its collision is over or `max_steps` steps are taken; return the runs in order."""
         with self.running():
             return [self.follow(scene, max_steps, record_path) for scene in scenes]
 
     def follow(self, scene: Scene, max_steps: int, record_path: bool = False) -> Run:
-        """Run a scene; call it only inside `running`."""
+        """Run a scene until its collision is over or `max_steps` steps are taken; call this only inside `running`."""
         return follow_scene(scene, self.world(scene), max_steps, record_path)
 
     def scene_or_refusal(self, collision: Collision, settings: Settings) -> Scene | str:
-        """Set up a collision as a scene that this engine takes, or return one sentence why it takes none."""
+        """Return the scene of a collision for this engine; or one sentence that says why the engine refuses it."""
         refusal = self._refusal_of_collision(collision, settings)
         if refusal is not None:
             return refusal
@@ -181,17 +181,18 @@ class Engine(Solver):
             return BEYOND
 
     def _accepted(self, scene: Scene) -> Scene | str:
-        """Return a scene in the form that this engine takes, or one sentence why it takes none."""
+        """Return the scene in the form that this engine runs; or one sentence that says why the engine refuses it."""
         if scene.mapping == "shipped":
             scene = replace(scene, step=self.shipped_step)
         energy = sum(m * v * v for m, v in zip(scene.inertia.tolist(), scene.velocities, strict=True))
-        # Energies are divided by the energy at the start, and radii follow from the depth of contacts.
+        # Later energies are divided by the energy at the start, and radii are computed from the depth of contacts. So
+        # neither may be 0 or infinite.
         if not (0 < energy < inf and 0 < scene.step < inf and scene.depth(scene.stiffnesses) > 0):
             return BEYOND
         return self.refusal(scene) or scene
 
     def _refusal_of_collision(self, collision: Collision, settings: Settings) -> str | None:
-        """Return one sentence why no engine of this kind takes a collision; None if an engine may take it."""
+        """Return one sentence that says why engines of this kind refuse a collision; None if an engine may take it."""
         c, shipped = collision, settings.mapping == "shipped"
         if settings.scenario == "drop" and not c.falls_on_resting:
             return f"scenario = {settings.scenario!r}: only two balls on a table are dropped; legal: 'impact'"
@@ -208,7 +209,7 @@ class Engine(Solver):
     def _refusal_of_contacts(
         self, stiffnesses: Sequence[float], restitutions: Sequence[float], shipped: bool
     ) -> str | None:
-        """Return one sentence why no engine of this kind takes such contacts; None if an engine may take them."""
+        """Return one sentence that says why engines of this kind refuse contacts; None if an engine may take them."""
         if len(stiffnesses) > MOST_CONTACTS:
             return f"{len(stiffnesses)} contacts: engines run up to {MOST_CONTACTS}"
         model = "or the state-transition model, which knows the limit"
@@ -221,7 +222,7 @@ class Engine(Solver):
         return None
 
     def plane_scene_or_refusal(self, collision: GraphCollision, settings: Settings) -> Scene | str:
-        """Set up a contact graph as a scene that this engine takes, or return one sentence why it takes none."""
+        """Return the scene of a contact graph for this engine; or one sentence that says why the engine refuses it."""
         if not self.knows_planes:
             return f"{self.name} solves balls in a line alone, no contact graphs"
         if settings.scenario == "drop":
@@ -248,7 +249,7 @@ class Engine(Solver):
         with self.running():
             solved = [self._solve_with_limit(c, settings) for c in collisions]
         outcomes = [outcome for outcome, _ in solved]
-        # Under any other mapping the contacts may obey another law.
+        # Marks come from the exact law that was asked for. Under other mappings the contacts may obey another law.
         if settings.mark and settings.mapping == "calibrated" and self.law is not None:
             self._mark(outcomes, [limit for _, limit in solved], collisions, self.law, settings)
         return outcomes
@@ -258,9 +259,9 @@ class Engine(Solver):
     ) -> Sequence[GraphCollisionOutcome]:
         """Solve contact graphs of balls in a plane; failures are outcomes with a status.
 
-        `velocities` are the velocities at the step asked for. With `Settings.convergence`, `limit_velocities` are the
-        velocities of the limit dt -> 0, and `diagnostics` hold its accuracy, under the same names as for lines of
-        balls.
+        `velocities` of an outcome are those at the user's step. With `Settings.convergence`, `limit_velocities` are the
+        velocities of the limit dt -> 0, and `diagnostics` contain its accuracy, under the same names as for balls in a
+        line.
         """
         settings = replace(settings, **self.fixed_settings)
         if (missing := self.unavailable()) is not None:
@@ -271,11 +272,11 @@ class Engine(Solver):
             return [self._solve_graph(collision, settings) for collision in collisions]
 
     def follow_plane(self, scene: Scene, max_steps: int) -> PlaneRun:
-        """Run a scene in a plane; call it only inside `running`."""
+        """Run a scene in a plane until its collision is over or `max_steps` steps are taken; only inside `running`."""
         return follow_plane_scene(scene, self.world(scene), max_steps)
 
     def _solve_graph(self, collision: GraphCollision, settings: Settings) -> GraphCollisionOutcome:
-        """Solve one contact graph, with its limit dt -> 0 if the limit is asked for and known."""
+        """Solve one contact graph, and find its limit dt -> 0 if it is asked for."""
         scene = self.plane_scene_or_refusal(collision, settings)
         if isinstance(scene, str):
             return GraphCollisionOutcome.failure(self.name, collision, "unrepresentable", scene)
@@ -307,7 +308,7 @@ class Engine(Solver):
         law: str,
         settings: Settings,
     ) -> None:
-        """Mark outcomes, in place, by the exact law that the engine was asked for; failures are not marked."""
+        """Add marks to the list of outcomes, by the exact law that the engine was asked for; failures get no marks."""
         has_numbers = [i for i, outcome in enumerate(outcomes) if np.isfinite(outcome.velocities).all()]
         g = settings.gravity if settings.scenario == "drop" else 0.0
         solve = law_at(law, max_steps=settings.max_steps)
@@ -322,7 +323,7 @@ class Engine(Solver):
                     outcomes[i] = replace(outcomes[i], mark=mark)
 
     def _solve_with_limit(self, collision: Collision, settings: Settings) -> tuple[Outcome, Limit | None]:
-        """Solve a collision; also return its limit dt -> 0 if the limit is asked for and known."""
+        """Solve one collision; return its outcome, and its limit dt -> 0 if that is asked for and known."""
         scene = self.scene_or_refusal(collision, settings)
         if isinstance(scene, str):
             return Outcome.failure(self.name, collision, "unrepresentable", scene), None
@@ -341,16 +342,17 @@ class Engine(Solver):
 
 
 def _end_of(limit: Limit | None) -> DropEnd | None:
-    """Return the end of the run at the shortest step of a limit; None without a limit."""
+    """Return how the drop ended in the run at the shortest step of a limit; None if there is no limit."""
     return None if limit is None else DropEnd(limit.has_first_flight, limit.b2_settled)
 
 
 def outcome_of(solver: str, collision: Collision, run: Run, settings: Settings) -> Outcome:
-    """Turn a finished run into an outcome.
+    """Return the outcome of a run.
 
-    `diagnostics` holds `step` (s), `n_steps`, `duration` (s) and `energy_gain` (over the energy before). For a drop it
-    also holds `gravity_number`, `first_flight` (s, if there is one) and `rest_speed` (m/s, of a settled B2). Impulses
-    are the impulses of the contacts, including the support of B2's weight. They match the reported velocities.
+    `diagnostics` contains `step` (s), `n_steps`, `duration` (s) and `energy_gain` (over the energy before). For a drop
+    it also contains `gravity_number`, `first_flight` (s, if there is one) and `rest_speed` (m/s, of a settled B2).
+    Impulses are those of the contacts, including the part that carries B2's weight. They agree with the reported
+    velocities.
     """
     c = run.scene
     if not run.over:
@@ -375,9 +377,9 @@ def outcome_of(solver: str, collision: Collision, run: Run, settings: Settings) 
 
 
 def graph_outcome_of(solver: str, run: PlaneRun) -> GraphCollisionOutcome:
-    """Turn a finished run in a plane into an outcome.
+    """Return the outcome of a run in a plane.
 
-    `diagnostics` are `step`, `n_steps`, `duration` and `energy_gain`, with the units of `outcome_of`.
+    `diagnostics` contains `step` (s), `n_steps`, `duration` (s) and `energy_gain` (over the energy before).
     """
     reason = run.too_much_energy()
     return GraphCollisionOutcome(
@@ -397,15 +399,15 @@ def graph_outcome_of(solver: str, run: PlaneRun) -> GraphCollisionOutcome:
 
 
 def _by_body(coordinates: Sequence[float], axes: int) -> tuple[tuple[float, ...], ...]:
-    """Return coordinates body by body."""
+    """Return coordinates as one tuple for each body."""
     return tuple(tuple(coordinates[i : i + axes]) for i in range(0, len(coordinates), axes))
 
 
 def _diagnostics_of(run: Run) -> dict[str, float]:
-    """Return the numbers of a run that an outcome lists (`outcome_of`).
+    """Return the numbers of a run that become the diagnostics of its outcome.
 
-    A number in m/s must also be listed in `experiments.measures.divergence` (`_VELOCITY`): only then is it shown over
-    abs(v0).
+    If a new number is in m/s, it must also be listed in `experiments.measures.divergence` (`_VELOCITY`), so that it is
+    shown as a fraction of abs(v0).
     """
     c = run.scene
     diagnostics = {

@@ -1,27 +1,27 @@
 """Exudyn: mass points in a line with `ObjectContactSphereSphere`, solved by the engine's implicit solver.
 
-**Laws.** `impactModel` 0 is F = k delta + c delta' while spheres overlap. The contact may pull, so its law is
-`linear-dashpot`. Models 1 and 2 are F = k delta (1 + a delta'), damped in proportion to the depth. They compute a from
-the restitution and from the speed at which *this* contact begins (the engine's ObjectContactSphereSphere.rst). The
-reference `hunt-crossley` uses one speed for all contacts, so it is not the law of these two models: they have no
-reference.
+**Laws.** With `impactModel` 0 a contact has F = k delta + c delta' while spheres overlap. The contact may pull, so that
+its law is `linear-dashpot`. With models 1 and 2 it has F = k delta (1 + a delta'), damped in proportion to the depth.
+These models compute a from the restitution e and from the speed u at which *this* contact begins (the engine's
+ObjectContactSphereSphere.rst). The exact solver `hunt-crossley` uses one speed for all contacts. So it does not solve
+these two models, and no other exact solver does.
 
 * Model 1 has a = 3 (1 - e)/(2 u), after Hunt and Crossley. Its restitution is larger than e.
-* Model 2 has 3 (1 - e) (11 - e)/(2 (1 + 9 e) u), after Carvalho and Martins, and (1 - e^2)/(e u) up to e = 1/3, after
-  Gonthier and others. The restitution of a contact alone is within some 1e-3 of e.
+* Model 2 has a = 3 (1 - e) (11 - e)/(2 (1 + 9 e) u), after Carvalho and Martins, and a = (1 - e^2)/(e u) up to e = 1/3,
+  after Gonthier and others. The restitution of a contact alone is within some 1e-3 of e.
 
-A contact whose bodies touch and are at rest begins at a speed that goes to zero with the step, and then its damping
+If bodies touch and are at rest, the speed at which their contact begins goes to zero with the step, and the damping
 grows beyond all bounds. So under models 1 and 2 a ball that rests on the table stays there when it is struck.
 
-**Integration** is Newmark's method, the trapezoidal rule. The engine's default is the generalised alpha method. Its
-acceleration follows the force with a delay: after every step 0.73 of the difference is left, with opposite sign. So
-velocities still change for some 20 steps after bodies have parted, as if the contact were active. In a drop gravity
+**Integration** is by Newmark's method, the trapezoidal rule. The engine's default is the generalised alpha method,
+whose acceleration follows the force with a delay: after every step 0.73 of the difference is left, with opposite sign.
+So velocities still change for some 20 steps after bodies have parted, as if the contact were active. In a drop gravity
 would also end some 20 steps late.
 
-**Bodies.** The table is a fixed sphere of the balls' radius: along one line a sphere and a plane are alike.
+**Bodies.** The table is a fixed sphere with the radius of the balls. Along one line it acts as a plane would.
 
-**Units** are the radius, the mass of ball 1, and the shortest contact period over 2 pi. The engine's tolerances are
-absolute.
+**Units** are the radius, the mass of ball 1, and the shortest contact period over 2 pi. They are needed because the
+engine's tolerances are absolute numbers.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, periods
 from impact_xval.compliant_baselines.mapping import KelvinVoigtContact
 
-#: Force up to which a step is not iterated again after a contact began or ended in it. The unit is the force of the
-#: unit stiffness at the unit length.
+#: Largest error of a force with which a step is accepted after a contact began or ended in it. The unit is the force of
+#: a unit stiffness at a unit length.
 CONTACT_TOLERANCE = 1e-9
 
-#: Gap that marks a contact as open before the start, in the unit of the engine's contact data. Without it the contact
-#: has no initial speed.
+#: Gap of an open contact before the start, in the unit of the engine's contact data. If it is not set, the contact gets
+#: no initial speed.
 OPEN = 1.0
 
 
@@ -51,15 +51,15 @@ class ExudynSystemData(Protocol):
     """The methods of `exudyn.SystemData` that the adapter calls; coordinates have the shape (3 N,)."""
 
     def SetDataCoordinates(self, coordinates: Floats, *, configuration: object) -> None:
-        """Write the data of all contacts, shape (4 C,)."""
+        """Write the engine's data of all contacts, shape (4 C,)."""
         ...
 
     def SetODE2Coordinates(self, coordinates: Floats, *, configuration: object) -> None:
-        """Write coordinates."""
+        """Write the coordinates of all balls, shape (3 N,)."""
         ...
 
     def SetODE2Coordinates_t(self, coordinates: Floats, *, configuration: object) -> None:
-        """Write velocities of coordinates."""
+        """Write the velocities of all balls, shape (3 N,)."""
         ...
 
 
@@ -79,13 +79,13 @@ class ExudynSettings(Protocol):
 class ExudynSystem(Protocol):
     """The members of `exudyn.MainSystem` that the adapter calls.
 
-    The result of an `Add` method stands for the item in later calls.
+    Each `Add` method returns an object that names the added item in later calls.
     """
 
     systemData: ExudynSystemData
 
     def AddNode(self, item: object) -> object:
-        """Add a node."""
+        """Add a node, which holds coordinates."""
         ...
 
     def AddObject(self, item: object) -> object:
@@ -93,44 +93,44 @@ class ExudynSystem(Protocol):
         ...
 
     def AddLoad(self, item: object) -> object:
-        """Add a load."""
+        """Add a load, such as a weight."""
         ...
 
     def AddMarker(self, item: object) -> object:
-        """Add a marker."""
+        """Add a marker, to which loads and contacts are attached."""
         ...
 
     def AddSensor(self, item: object) -> object:
-        """Add a sensor."""
+        """Add a sensor, which records a quantity of a node."""
         ...
 
     def Assemble(self) -> None:
-        """Finish the system."""
+        """Finish the system; nothing can be added afterwards."""
         ...
 
     def GetObjectParameter(self, item: object, name: str) -> float:
-        """Return a number of an object."""
+        """Return a parameter of an object."""
         ...
 
     def GetSensorStoredData(self, item: object) -> Floats:
-        """Return a row of time and three components for every step."""
+        """Return what a sensor has recorded: a row for every step, with the time and three components."""
         ...
 
     def SetLoadParameter(self, item: object, name: str, value: Sequence[float]) -> bool:
-        """Change a number of a load."""
+        """Change a parameter of a load."""
         ...
 
     def SolveDynamic(self, settings: ExudynSettings, *, updateInitialValues: bool, showHints: bool) -> bool:
-        """Run, and return whether the solver succeeded."""
+        """Take the steps in `settings`; return True if the solver succeeded."""
         ...
 
 
 class ExudynWorld(World):
-    """A scene as a system of its own."""
+    """A scene in its own system of Exudyn."""
 
-    #: The engine's Newton method ends at some 1e-10 of a force.
+    #: Largest relative error of a momentum: the engine's Newton method stops at some 1e-10 of a force.
     rounding = 2.0**-30
-    #: The trapezoidal rule takes half of the force at the end of a step.
+    #: The trapezoidal rule gives half of the force at the end of a step to this step.
     first_step_share = 0.5
 
     def __init__(self, scene: Scene, radius: float, model: int) -> None:
@@ -168,9 +168,9 @@ class ExudynWorld(World):
         }
 
     def _write_state(self, velocities: Floats, heights: Floats) -> None:
-        """Make velocities in m/s and heights in m, shape (N,), the initial state.
+        """Set the state from which the next steps start: velocities in m/s and heights in m, shape (N,).
 
-        Contacts whose bodies overlap count as closed before, all others as open.
+        Contacts whose bodies overlap count as closed before the start, all other contacts as open.
         """
         data = self._system.systemData
         initial = import_module("exudyn").ConfigurationType.Initial
@@ -187,7 +187,7 @@ class ExudynWorld(World):
         data.SetDataCoordinates(contacts.ravel(), configuration=initial)
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
-        """Take n steps, which sensors of the engine record."""
+        """Take n steps; return the velocities in m/s and heights in m that the engine's sensors have recorded."""
         integration = self._settings.timeIntegration
         integration.numberOfSteps, integration.endTime = n, n * self._step
         if not self._system.SolveDynamic(self._settings, updateInitialValues=True, showHints=False):
@@ -197,7 +197,7 @@ class ExudynWorld(World):
         return velocities.T * self._speed, heights.T * self._length
 
     def weightless(self, velocities: Floats, heights: Floats) -> None:
-        """Go on without gravity from a state."""
+        """Continue without gravity from the given velocities in m/s and heights in m."""
         for load in self._loads:
             self._system.SetLoadParameter(load, "loadVector", [0.0, 0.0, 0.0])
         self._write_state(velocities, heights)
@@ -206,7 +206,10 @@ class ExudynWorld(World):
 def _build(
     system: ExudynSystem, scene: Scene, model: int, mass: float, time: float, radius: float
 ) -> tuple[list[object], list[object], list[object]]:
-    """Add balls, table and contacts, in units of mass, time and radius; return nodes, loads of gravity and contacts."""
+    """Add balls, table and contacts to a system; return the nodes, the loads of gravity and the contacts.
+
+    `mass`, `time` and `radius` are the engine's units in SI units.
+    """
     items = import_module("exudyn.itemInterface")
     nodes: list[object] = []
     loads: list[object] = []
@@ -247,7 +250,7 @@ def _build(
 
 
 def _settings(exudyn: ModuleType) -> ExudynSettings:
-    """Return settings with a fixed step, without output files, and with a record of every step."""
+    """Return solver settings with a fixed step, without output files, and with a record of every step."""
     settings = exudyn.SimulationSettings()
     integration = settings.timeIntegration
     integration.verboseMode = 0
@@ -261,7 +264,7 @@ def _settings(exudyn: ModuleType) -> ExudynSettings:
 
 
 class Exudyn(Engine):
-    """Exudyn, spring and dashpot."""
+    """Exudyn with springs and dashpots (impact model 0)."""
 
     name = distribution = module = "exudyn"
     title = "Exudyn"
@@ -269,29 +272,32 @@ class Exudyn(Engine):
     oldest = "1.13"
     rounding = 1e-6
 
-    #: The engine's `impactModel`.
+    #: Value of the engine's setting `impactModel`.
     impact_model = 0
 
     def refusal(self, scene: Scene) -> str | None:
-        """Return why Exudyn cannot take a scene: it has one mapping, and models 1 and 2 fail for a contact at rest."""
+        """Return a sentence that says why Exudyn cannot take a scene, or None.
+
+        Exudyn has only the calibrated mapping. Models 1 and 2 fail for a contact that is at rest at the start.
+        """
         if scene.mapping != "calibrated":
-            return f"mapping = {scene.mapping!r}: Exudyn has one; legal: 'calibrated'"
+            return f"mapping = {scene.mapping!r}: Exudyn has only one mapping; legal: 'calibrated'"
         if scene.gravity and self.impact_model:
             return "scenario = 'drop': B2's contact has no speed at which it began; legal: 'impact'"
         return None
 
     def world(self, scene: Scene) -> ExudynWorld:
-        """Set up a scene."""
+        """Set up a scene in a new system."""
         return ExudynWorld(scene, self.radius(scene), self.impact_model)
 
 
 class ExudynHuntCrossley(Exudyn):
-    """Exudyn, impact model 1."""
+    """Exudyn with impact model 1, after Hunt and Crossley."""
 
     law, impact_model = None, 1
 
 
 class ExudynCarvalhoMartins(Exudyn):
-    """Exudyn, impact model 2."""
+    """Exudyn with impact model 2, after Carvalho and Martins."""
 
     law, impact_model = None, 2

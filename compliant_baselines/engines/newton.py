@@ -1,18 +1,19 @@
-"""Newton (Warp) on a processor, in single precision: SemiImplicit and Featherstone, by dashpots in compression.
+"""Newton (Warp) on a processor, in single precision: its solvers SemiImplicit and Featherstone.
 
-**Law.** While bodies overlap F = ke delta + kd max(0, delta'), where ke and kd are the means of the two shapes' numbers
-(the engine's kernels_contact.py). That is `compression-dashpot`. Both solvers call the same function for it.
-SemiImplicit moves bodies by it, and Featherstone moves joints; here a joint is the free motion of a ball.
-`rigid.newton` has XPBD.
+**Law.** While bodies overlap by delta, F = ke delta + kd max(0, delta'). Here ke and kd are the means of the numbers of
+the two shapes (the engine's kernels_contact.py). This is the law `compression-dashpot`, whose dashpot acts in
+compression only. Both solvers compute the force by the same function. SemiImplicit then moves bodies, and Featherstone
+moves joints; here the joint of a ball lets it move freely. The solver XPBD is in `rigid.newton`.
 
-**Bodies.** A ball has two spheres, as in `drake`: the lower side is above its origin, the upper side below. So all
-contacts happen at height 0, and a penetration is no difference of large heights.
+**Bodies.** A ball has two spheres, as in `drake`. The sphere for its lower side is above the ball's origin, and the
+sphere for its upper side below. So all contacts are at height 0, and a penetration is no difference of large heights.
 
-**As it ships.** Every contact has the stiffness and damping that a shape has unless others are set, at a step of its
-examples, ten a frame of 1/60 s.
+**Default settings.** In the solver `newton:default` every contact has the stiffness and damping that a shape gets if a
+user sets none. Its step is the step of the engine's examples, a tenth of 1/60 s.
 
-**Units** are the radius, the step and the mass of ball 1. A step is then 1 in every scene, and one recording of steps
-serves all scenes of as many balls. Warp replays a recording in C++ at a hundredth of the cost of calls from Python.
+**Units** are the radius, the step and the mass of ball 1. A step is then 1 in every scene. So Warp records steps once
+for a number of balls, and replays this recording for all scenes. Replaying takes a hundredth of the time of calls from
+Python.
 """
 
 from __future__ import annotations
@@ -30,21 +31,22 @@ from impact_xval.compliant_baselines.engines.engine import Engine, standard_erro
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, periods, radius_of
 from impact_xval.compliant_baselines.mapping import KelvinVoigtContact
 
-#: Stiffness in N/m and damping in N s/m of a shape, if none are set (`newton.ModelBuilder.ShapeConfig`).
+#: Default stiffness in N/m and damping in N s/m of a shape (`newton.ModelBuilder.ShapeConfig`).
 SHIPPED_STIFFNESS, SHIPPED_DAMPING = 2500.0, 100.0
 
-#: Smallest depth over the radius that has three digits: the surface of a sphere is known to 2^-24 of the radius.
+#: Smallest depth over the radius that is known to three digits. The surface of a sphere is known to 2^-24 of the
+#: radius.
 RESOLVED = 2.0**-14
 
 
 class NewtonSetting(NamedTuple):
-    """A solver of Newton, and how it is made and recorded."""
+    """One of Newton's solvers, with the way to make it and to record its steps."""
 
-    #: Name of its class in `newton.solvers`.
+    #: Name of the solver's class in `newton.solvers`.
     solver: str
-    #: Arguments of the class, beside the model.
+    #: Arguments of the class, in addition to the model.
     options: tuple[tuple[str, bool | int | float], ...]
-    #: Steps of a recording; an even number, as states are written to two places in turn.
+    #: Number of steps in a recording. It is even, because states are written to two places in turn.
     steps: int
     #: Length of a step in the engine's units of time.
     time: float = 1.0
@@ -52,25 +54,25 @@ class NewtonSetting(NamedTuple):
 
 SEMI_IMPLICIT = NewtonSetting("SolverSemiImplicit", (("angular_damping", 0.0),), 64)
 
-#: It takes five times as long to record a step.
+#: The recording is shorter, because recording a step takes five times as long as with SemiImplicit.
 FEATHERSTONE = NewtonSetting("SolverFeatherstone", (("angular_damping", 0.0),), 16)
 
 
 class WarpArray(Protocol):
-    """An array of Warp, on the processor."""
+    """An array of Warp in the memory of the processor."""
 
     def numpy(self) -> NDArray[np.float32]:
-        """Return the memory of the array."""
+        """Return the array as a NumPy array in the same memory."""
         ...
 
 
 class NewtonModel(Protocol):
-    """What the adapter reads and writes of `newton.Model`."""
+    """The members of `newton.Model` that the adapter reads and writes."""
 
     body_mass: WarpArray
     body_inv_mass: WarpArray
     gravity: WarpArray
-    #: Stiffness and damping of each shape.
+    #: Stiffness (ke) and damping (kd) of each shape.
     shape_material_ke: WarpArray
     shape_material_kd: WarpArray
     #: Coefficient of restitution of each shape.
@@ -78,47 +80,47 @@ class NewtonModel(Protocol):
 
 
 class NewtonSolver(Protocol):
-    """What the adapter calls of a solver of `newton.solvers`."""
+    """The method of the solvers in `newton.solvers` that the adapter calls."""
 
     def notify_model_changed(self, flags: int) -> None:
-        """Take over what has changed in the model."""
+        """Tell the solver that numbers of the model have changed."""
         ...
 
 
 class NewtonState(Protocol):
-    """What the adapter writes of `newton.State`."""
+    """The members of `newton.State` that the adapter writes."""
 
     #: Pose and velocity of every body.
     body_q: WarpArray
     body_qd: WarpArray
-    #: The same as coordinates and speeds of the bodies' free joints, which Featherstone reads; flat.
+    #: Pose and velocity of every body again, as coordinates and speeds of its joint, which Featherstone reads; flat.
     joint_q: WarpArray
     joint_qd: WarpArray
 
 
 class Recording(NamedTuple):
-    """Steps that Warp has recorded, with the arrays that they read and write; all objects are the engine's."""
+    """Steps that Warp has recorded, with the arrays that they read and write."""
 
-    #: The solver, which may keep copies of masses.
+    #: The solver. It may keep copies of masses.
     solver: NewtonSolver
-    #: What says to `NewtonSolver.notify_model_changed` that masses have changed.
+    #: The argument of `NewtonSolver.notify_model_changed` for masses that have changed.
     masses_changed: int
-    #: Masses, gravity and shapes.
+    #: The model, with masses, gravity and shapes.
     model: NewtonModel
-    #: Poses and velocities of the bodies, before and after the steps.
+    #: Poses and velocities of the bodies, from which the recorded steps start and in which they end.
     state: NewtonState
     #: Pose and velocity of every body after each step, shape (steps, balls).
     poses: WarpArray
     twists: WarpArray
-    #: The recorded steps.
+    #: The recorded steps, as an object that Warp can replay.
     graph: object
-    #: The function that was recorded; it holds what the graph points to.
+    #: The function that was recorded. It is kept because the recording refers to objects that it holds.
     step: Callable[[int], None]
 
 
 @lru_cache(maxsize=16)
 def _record(setting: NewtonSetting, balls: int, table: bool, _thread: int) -> Recording:
-    """Record steps of so many balls; one recording a thread."""
+    """Record steps of a line of balls; each thread has its own recording, because replaying changes its arrays."""
     newton, warp = import_module("newton"), import_module("warp")
     level = warp.ScopedLogLevel(warp.LOG_WARNING)
     with standard_error_without(b"Warp CUDA warning"), level, warp.ScopedDevice("cpu"):
@@ -131,7 +133,8 @@ def _record(setting: NewtonSetting, balls: int, table: bool, _thread: int) -> Re
                 builder.add_shape_sphere(body, xform=pose, radius=1.0, cfg=surface)
         builder.add_ground_plane(cfg=surface)
         model = builder.finalize()
-        # Shapes are numbered from the top down, two a ball; the upper side of ball 1 is shape 0 and meets nothing.
+        # Shapes are numbered from the top down, two for each ball. Shape 0 is the upper side of ball 1, which meets
+        # nothing.
         pairs = warp.array(np.arange(1, 1 + 2 * (balls - 1 + table)).reshape(-1, 2), dtype=warp.vec2i)
         pipeline = newton.CollisionPipeline(
             model, broad_phase="explicit", shape_pairs_filtered=pairs, rigid_contact_max=len(pairs)
@@ -157,7 +160,9 @@ def _record(setting: NewtonSetting, balls: int, table: bool, _thread: int) -> Re
 
 
 class RecordedScene:
-    """A scene, written into a recording, in units of the radius, the mass of ball 1, and the setting's time.
+    """A scene whose numbers are written into a recording of steps.
+
+    The units are the radius, the mass of ball 1, and the unit of time in which a step lasts `setting.time`.
 
     Parameters
     ----------
@@ -168,7 +173,7 @@ class RecordedScene:
     setting
         The solver.
     contacts
-        Numbers of each contact, shape (C,), by the attribute of the model that has them; in those units.
+        Numbers of each contact in these units, shape (C,), by the name of the model's attribute for them.
     """
 
     def __init__(
@@ -188,13 +193,16 @@ class RecordedScene:
         self._gravity = model.gravity.numpy()
 
     def numbers(self, attribute: str, contacts: int) -> Floats:
-        """Read back the numbers of contacts, as the engine combines those of two shapes: their means."""
+        """Return the numbers of contacts as the engine uses them: the means of the numbers of their two shapes."""
         values: WarpArray = getattr(self._recording.model, attribute)
         of_shapes = values.numpy()[1 : 1 + 2 * contacts].astype(float)
         return 0.5 * (of_shapes[::2] + of_shapes[1::2])
 
     def start(self, velocities: Floats, heights: Floats, gravity: float) -> None:
-        """Write velocities in m/s, heights in m above the places where balls only just touch, and gravity in m/s^2."""
+        """Write the state from which steps start, and gravity in m/s^2.
+
+        Velocities are in m/s. Heights are in m, counted from the places where balls just touch.
+        """
         self._gravity[:] = 0
         self._gravity[:, 2] = -gravity * self._length / self._speed**2
         state = self._recording.state
@@ -205,7 +213,7 @@ class RecordedScene:
             q[:, 2], qd[:, 2] = heights / self._length, velocities / self._speed
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
-        """Take the steps of the recording; return velocities in m/s and heights in m after the first n of them."""
+        """Replay the recorded steps; return velocities in m/s and heights in m after the first n of them."""
         import_module("warp").capture_launch(self._recording.graph)
         velocities = self._recording.twists.numpy()[:n, :, 2].astype(float)
         heights = self._recording.poses.numpy()[:n, :, 2].astype(float)
@@ -213,9 +221,10 @@ class RecordedScene:
 
 
 class NewtonWorld(World):
-    """A scene, written into a recording."""
+    """A scene in Newton, whose steps are replayed from a recording."""
 
-    #: Of single precision: an addition and an increment of three factors, half a unit each, and as much again.
+    #: Rounding in single precision: half a unit for an addition and for each of three factors of an increment, and as
+    #: much again.
     rounding = 2.0**-22
 
     def __init__(self, scene: Scene, radius: float, setting: NewtonSetting) -> None:
@@ -228,23 +237,26 @@ class NewtonWorld(World):
         given = self._recorded.numbers("shape_material_ke", k.size) / np.asarray(k, np.float32)
         self.effective = {"stiffness": tuple((given * stiffnesses).tolist()), "step": (time,)}
         self.rest = scene.masses[-1] * scene.gravity / float(stiffnesses[-1])
-        unit = radius * 2.0**-23  # such heights are exact one radius off
+        unit = (
+            radius * 2.0**-23
+        )  # at a distance of one radius, multiples of this unit are exact in single precision
         self.heights = np.round((np.array(scene.heights) - self.rest) / unit) * unit
         self._recorded.start(np.array(scene.velocities), self.heights, scene.gravity)
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
-        """Take up to the steps of a recording; those beyond n are not read."""
+        """Take up to as many steps as a recording has; steps beyond n are not read."""
         return self._recorded.advance(n)
 
     def weightless(self, velocities: Floats, heights: Floats) -> None:
-        """Go on from a state without gravity."""
+        """Continue without gravity from the given velocities in m/s and heights in m."""
         self._recorded.start(velocities, heights, 0.0)
 
 
 def stiffness_and_damping(scene: Scene) -> list[tuple[float, float]]:
     """Return the stiffness in N/m and the damping in N s/m of each contact.
 
-    The damping that gives e in compression alone gives e^2 in both directions (`restitution`).
+    A dashpot that acts in compression only needs the damping with which a dashpot in both directions gives e^2
+    (`restitution`).
     """
     if scene.mapping == "shipped":
         return [(SHIPPED_STIFFNESS, SHIPPED_DAMPING)] * len(scene.stiffnesses)
@@ -256,13 +268,13 @@ def stiffness_and_damping(scene: Scene) -> list[tuple[float, float]]:
 
 
 class Newton(Engine):
-    """Newton, SemiImplicit."""
+    """Newton with its SemiImplicit solver."""
 
     name, distribution, module, title, law = "newton", "newton", "newton", "Newton", "compression-dashpot"
     rounding = 1e-6
     shipped_step = 1 / 600
 
-    #: The solver of the engine.
+    #: The engine's solver.
     setting = SEMI_IMPLICIT
 
     def radius(self, scene: Scene) -> float:
@@ -270,22 +282,26 @@ class Newton(Engine):
         return radius_of(scene.depth([stiffness for stiffness, _ in stiffness_and_damping(scene)]))
 
     def world(self, scene: Scene) -> NewtonWorld:
-        """Set a scene up."""
+        """Set up a scene in a recording for as many balls."""
         return NewtonWorld(scene, self.radius(scene), self.setting)
 
     def refusal(self, scene: Scene) -> str | None:
-        """Say why Newton cannot take a scene: another mapping, or depths too far apart for single precision."""
+        """Return a sentence that says why Newton cannot take a scene, or None.
+
+        Newton has no other mapping than the calibrated one. It refuses depths that differ too much for single
+        precision.
+        """
         if scene.mapping not in ("calibrated", "shipped"):
-            return f"mapping = {scene.mapping!r}: Newton has one; legal: 'calibrated'"
+            return f"mapping = {scene.mapping!r}: Newton has only one mapping; legal: 'calibrated'"
         if scene.mapping == "shipped":
             return None
         depth = scene.speed * min(periods(scene)) / (2 * np.pi) / self.radius(scene)
         if depth < RESOLVED:
-            return f"a contact {depth:.1e} radii deep beside others: single precision needs {RESOLVED:.1e}"
+            return f"a contact is only {depth:.1e} radii deep: single precision needs {RESOLVED:.1e} radii"
         return None
 
 
 class NewtonFeatherstone(Newton):
-    """Newton, Featherstone."""
+    """Newton with its Featherstone solver."""
 
     name, setting = "newton:featherstone", FEATHERSTONE

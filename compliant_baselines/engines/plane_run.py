@@ -1,16 +1,19 @@
 """Runs of a scene in a plane through the steps of an engine: they find forces and the end of the collision.
 
-All contacts touch at t = 0, and nothing falls. Rates -J v and gaps J x are computed with fixed normals.
+All contacts touch at t = 0, and there is no gravity. With velocities v, displacements x and the matrix J of fixed
+normals (`Arrangement.jacobian`), rates of compression are -J v and gaps are J x.
 
-**A contact carries force** in a step if its impulse exceeds `World.rounding` of the momenta in the balance, and
-`TURNED` of the largest impulse of the step. Impulses follow from the changes of momentum, J^T P = M dv, by least
-squares. If contacts depend on one another (J^T does not have full rank), this is one of several ways to split the
-impulses. Impulses determine states and the error of a limit, never velocities.
+**A contact carries force** in a step if its impulse is larger than rounding, and larger than `TURNED` times the largest
+impulse of the step. Rounding is the fraction `World.rounding` of the momenta. The impulses P follow from the changes of
+momentum, J^T P = M dv, by least squares. If J^T does not have full rank, contacts depend on one another, and this is
+one of several ways to distribute the impulses. The impulses decide on states and on the error of a limit, but never
+change velocities.
 
-**Over**: at the end of the first step in which no body's momentum changes beyond rounding and no contact approaches. A
-flight also ends the run if two conditions hold: its next meeting lies further ahead than the time that the collision
-has taken, and this meeting can change little, by the bound of `stepping`. Reported are then the nearest velocities, in
-the kinetic norm, at which all contacts part. A flight that outlasts the remaining steps is given up.
+**The collision is over** at the end of the first step in which momenta change only by rounding and no bodies in contact
+approach. The run also ends in flight, while bodies still approach, if two conditions are satisfied. The next meeting is
+further ahead than the collision has lasted, and it can change velocities only a little, by the bound of `stepping`.
+Then the nearest velocities, in the kinetic norm, at which all bodies part are reported. A flight that lasts longer than
+the remaining steps is given up.
 """
 
 from __future__ import annotations
@@ -36,20 +39,21 @@ from impact_xval.model.status import Status
 
 _optimize: Any = optimize
 
-#: Fraction of the largest impulse of a step that may appear as an impulse of another contact because normals turn.
+#: Fraction of the largest impulse of a step. Normals that have turned may make so much appear at another contact, and
+#: such an impulse is ignored.
 TURNED = 1e-4
 
-#: Gap in radii above which a contact has opened: above the rounding of places, and of an initial overlap.
+#: Gap in radii above which a contact has opened. It is larger than the rounding of positions and an initial overlap.
 OPEN = 2.0**-44
 
-#: Rounding of a rate, over the sum of the magnitudes of its terms.
+#: Rounding of a rate of compression, over the sum of the magnitudes of its terms.
 RATE_ROUNDING = 2.0**-48
 
 
 def project_to_parting(velocities: Floats, scene: Scene) -> Floats:
-    """Return the nearest velocities, in the kinetic norm, at which no contact of a scene in a plane approaches.
+    """Return the nearest velocities, in the kinetic norm, at which no bodies in contact approach; shape (N axes,).
 
-    Velocities have the shape (N axes,). They are v + M^-1 J^T P with the plastic impulses P >= 0 of all contacts.
+    They are v + M^-1 J^T P, where P >= 0 are the impulses of a plastic impact at all contacts.
     """
     J, root = scene.arrangement.jacobian, np.sqrt(scene.inertia)
     impulses: Floats = _optimize.nnls((J / root).T, -root * velocities)[0]
@@ -78,18 +82,18 @@ def _rows_of_change(acts: Booleans, opened: Booleans, moved: Booleans) -> Boolea
 
 
 class PlaneRun:
-    """A run of a scene in a plane, in progress or over; its members have the names of `stepping.Run`.
+    """A run of a scene in a plane, during or after the collision; members are named as in `stepping.Run`.
 
     Attributes
     ----------
     scene
         The scene.
     max_steps
-        Steps after which the run is given up.
+        Number of steps after which the run is given up.
     n_steps
-        Steps taken.
+        Number of steps taken.
     end
-        State of the run; `RunEnd.GOING` if all `max_steps` are taken.
+        State of the run; still `RunEnd.GOING` if all `max_steps` are taken.
     failure
         The error message of an engine that failed.
     velocities, heights
@@ -97,12 +101,12 @@ class PlaneRun:
     effective, accuracy, dropped
         The members of these names of the `World`.
     starts, starts_together
-        Changes of relative velocities in m/s in the first steps of contacts whose bodies met at a speed, summed; and
-        the part that depends on another contact of the same body.
+        Sum of the changes of relative velocities in m/s in the first steps of contacts whose bodies met at a speed; and
+        the part of this sum that depends on another contact of the same body.
     turning
         Largest angle in rad by which a normal has turned until the last step with a force.
     first_flight, flight_lead, b2_settled
-        Values of a run without gravity: no first flight, an infinite lead, and B2 not settled.
+        Values for a run without gravity: no first flight, an infinite lead, and B2 not settled.
     """
 
     first_flight = None
@@ -126,7 +130,7 @@ class PlaneRun:
         self._sets: list[NDArray[np.int64]] = []
 
     def feed(self, v: Floats, x: Floats) -> None:
-        """Take those of the next steps that belong to the collision; v and x have the shape (n, N axes)."""
+        """Go through the next steps until the collision is over; v and x are their results, shape (n, N axes)."""
         finite = np.asarray(np.isfinite(v).all(axis=1) & np.isfinite(x).all(axis=1))
         before = np.vstack([self.velocities, v[:-1]])
         x_before = np.vstack([self.heights, x[:-1]])
@@ -162,7 +166,7 @@ class PlaneRun:
             self._note_turning(x[loaded[-1]])
 
     def _note_forces(self, acts: Booleans, opened: Booleans, impulses: Floats) -> None:
-        """Record the active contacts of a step, and the changes by contacts that are met at a speed in it."""
+        """Record the active contacts of a step, and the changes of velocity by contacts that begin in it at a speed."""
         self._met_at_speed |= opened
         self._met_at_speed |= self._active & ~acts
         starting = acts & ~self._active & self._met_at_speed
@@ -178,7 +182,7 @@ class PlaneRun:
         self._active = acts
 
     def _note_turning(self, x: Floats) -> None:
-        """Record the angle by which normals of two balls have turned at displacements in m, shape (N axes,)."""
+        """Record by which angle the normals of contacts have turned at the displacements x in m, shape (N axes,)."""
         places = np.reshape(x - self._start, (-1, self.scene.axes))
         for touch in self.scene.arrangement.touches:
             if touch.second is None:
@@ -188,7 +192,7 @@ class PlaneRun:
             self.turning = max(self.turning, float(np.linalg.norm(across)) / (2 * self._world.radius))
 
     def _end_of_flight(self, approaching: bool) -> RunEnd:
-        """Return the state of the run after a step without forces."""
+        """Return the state of the run after a step without forces; `approaching` says if bodies in contact approach."""
         if not approaching:
             return RunEnd.APART
         rates, gaps = -(self._J @ self.velocities), self._J @ self.heights
@@ -201,13 +205,16 @@ class PlaneRun:
         return RunEnd.GOING
 
     def _distance_to_parting(self) -> float:
-        """Bound in m/s on the change of a velocity by a meeting still to come."""
+        """Return a bound in m/s on the change of a velocity by a meeting that is still to come."""
         change = project_to_parting(self.velocities, self.scene) - self.velocities
         return math.sqrt(float(self._inertia @ change**2) / float(self._inertia.min()))
 
     @property
     def starts(self) -> float:
-        """Sum of changes in first steps in m/s, each scaled to a whole step (`World.first_step_share`)."""
+        """Changes of velocities in m/s in the first steps of contacts, summed and scaled to whole steps.
+
+        The scale is `World.first_step_share`.
+        """
         return self._starts / self._first_step_share
 
     @property
@@ -217,21 +224,21 @@ class PlaneRun:
 
     @property
     def reported(self) -> tuple[float, ...]:
-        """Velocities in m/s for the outcome, shape (N axes,)."""
+        """Velocities in m/s that the outcome reports, shape (N axes,)."""
         if self.end == RunEnd.IN_FLIGHT:
             return tuple(project_to_parting(self.velocities, self.scene).tolist())
         return tuple(self.velocities.tolist())
 
     @property
     def meeting_left(self) -> float:
-        """Bound in m/s on the change of the reported velocities by a meeting still to come."""
+        """Bound in m/s on the change of the reported velocities by a meeting that is still to come."""
         if self.end == RunEnd.APART:
             return 0.0
         return self._distance_to_parting() if self.end == RunEnd.IN_FLIGHT else math.inf
 
     @property
     def over(self) -> bool:
-        """True if the collision is over, except possibly for a meeting that changes next to nothing."""
+        """True if the collision is over, or only a meeting that changes almost nothing is still to come."""
         return self.meeting_left <= SLOWEST_MEETING * self.scene.speed
 
     @property
@@ -242,7 +249,7 @@ class PlaneRun:
         return "crashed" if self.end == RunEnd.BROKEN else "timeout"
 
     def problem(self) -> str:
-        """Return why the collision is not over; ``""`` if it is."""
+        """Return the reason why the collision is not over; ``""`` if it is over."""
         if self.over:
             return ""
         after = f"after {self.n_steps} steps of {self.scene.step:.3g} s"
@@ -251,16 +258,19 @@ class PlaneRun:
         return f"not over {after}"
 
     def merged_states(self, shortest_state: float) -> Runs:
-        """Return the state sequence, with times in steps; `Settings.shortest_state` is the argument."""
+        """Return the filtered sequence of states, with times in steps (`states.merge_runs`).
+
+        `shortest_state` is `Settings.shortest_state`.
+        """
         sets = np.concatenate([np.zeros(0, np.int64), *self._sets])
         starts = np.flatnonzero(np.diff(sets, prepend=-1))
         shortest = shortest_state * min(periods(self.scene)) / self.scene.step
         return merge_runs(Runs(starts, sets[starts], self.n_steps), shortest, int(_bits(len(self._J)).sum()))
 
     def energy_gain(self) -> float:
-        """Return the gain of kinetic energy over the energy at the start.
+        """Return the gain of kinetic energy, over the kinetic energy at the start.
 
-        Without a fixed body, energy is taken about the centre of mass.
+        Without a fixed body the energy is that of the motion relative to the centre of mass.
         """
         m = np.array(self.scene.masses)
 
@@ -273,21 +283,24 @@ class PlaneRun:
         return (kinetic(self.velocities) - before) / before
 
     def too_much_energy(self) -> str:
-        """Return why the result is not converged if it has gained too much energy; else ``""``."""
+        """Return the reason why a result with too much energy is not converged.
+
+        ``""`` if it has not gained too much.
+        """
         if (gain := self.energy_gain()) <= ENERGY_GAIN_ALLOWED:
             return ""
         return f"it ended with {gain:.1%} more energy than it began with: the step is too long"
 
 
 def _bits(contacts: int) -> NDArray[np.int64]:
-    """Return the bit of each contact in a set of contacts."""
+    """Return for each contact the bit that stands for it in a set of contacts."""
     return 1 << np.arange(contacts, dtype=np.int64)
 
 
 def follow_plane_scene(scene: Scene, world: World, max_steps: int) -> PlaneRun:
     """Run a scene in a plane until its collision is over or `max_steps` steps are taken.
 
-    If the engine raises a RuntimeError, the run ends.
+    If the engine raises a RuntimeError, the run ends with the state `RunEnd.BROKEN`.
     """
     run = PlaneRun(scene, world, max_steps)
     try:

@@ -1,16 +1,19 @@
 """PyBullet: spheres on a plane; docs/mapping.md, section 2, gives the reason for each setting.
 
-**Bodies.** The engine combines the stiffness and damping of two bodies. For two balls on a table the lower ball is
-rigid and undamped: the upper ball has the parameters of contact 1, the table those of contact 2. In any other line a
-ball has two sides. Its base meets the ball below and has the parameters of this contact. A massless link, fixed to the
-base at the same place, meets the ball above and is rigid and undamped. In a plane a ball has a side, the base or a
-link, for each contact, and the first body of a contact has its parameters. Filters let only these pairs of sides meet.
-Balls without a link are bodies in maximal coordinates: their step takes 60 % of the time of a multibody's step. A
-broadphase that tries every pair saves another seventh.
+**Bodies.** The engine combines the stiffness and damping of two bodies. Of two balls on a table the upper ball has the
+parameters of contact 1, and the table has those of contact 2. The lower ball is rigid and undamped. In any other line a
+ball consists of two parts at the same place: its base, and a massless link that is fixed to the base. The base meets
+the ball below and has the parameters of this contact. The link meets the ball above and is rigid and undamped. In a
+plane a ball has one part, the base or a link, for each of its contacts. The part of the first body of a contact has its
+parameters. Filters let only the two parts of a contact meet.
 
-**Steps.** A call from Python and two reads cost more than a step. Where nothing can happen
-(`engines.event_free_steps`), the engine takes up to `STRIDE` sub-steps in one call, and the result is the same to the
-bit. Heights of single steps are not read: the engine's update is x += h v with the new v, to the last bit or two.
+Balls without a link are bodies in maximal coordinates, whose steps take 60 % of the time of a multibody's steps. A
+broadphase that tries every pair of bodies saves another seventh.
+
+**Steps.** A call from Python that takes a step and two calls that read velocities take longer than the step itself.
+While nothing can happen (`engines.event_free_steps`), one call takes up to `STRIDE` steps, and the results are the same
+to the bit. Heights after single steps are not read, but computed as the engine does: x += h v with the new v, exact to
+the last bit or two.
 """
 
 from __future__ import annotations
@@ -42,19 +45,19 @@ from impact_xval.compliant_baselines.mapping import (
     sides_of_contacts,
 )
 
-#: Most sub-steps of one call.
+#: Largest number of steps that are taken in one call.
 STRIDE = 256
 
-#: Longest step in s that the engine ignores (SIMD_EPSILON).
+#: Length in s up to which the engine ignores a step (SIMD_EPSILON).
 SHORTEST_STEP = sys.float_info.epsilon
 
-#: Largest impulse in N s of a contact in a step; the engine caps larger ones.
+#: Largest impulse in N s that the engine gives to a contact in a step.
 LARGEST_IMPULSE = 1e10
 
-#: Diagonal in m of the box around a body above which the engine drops the body.
+#: Length in m of the diagonal of the box around a body above which the engine removes the body.
 LARGEST_BODY = 1e6
 
-#: Parameters of all scenes.
+#: Engine parameters that are the same in all scenes.
 EXACT = {
     "solverResidualThreshold": 0,
     "contactSlop": 0,
@@ -62,14 +65,15 @@ EXACT = {
     "useSplitImpulse": 0,
 }
 
-#: Largest radius in m of balls in a plane. It replaces a larger radius if it is still at least so many depths.
+#: Largest radius in m of balls in a plane. Larger radii are reduced to it if it is at least `NARROWEST` times the depth
+#: of contacts.
 LARGEST_PLANE_RADIUS, NARROWEST = 2.0**18, 2.0**12
 
-#: `contactBreakingThreshold` over the radius.
+#: The engine's `contactBreakingThreshold` as a fraction of the radius.
 BREAKING_OVER_RADIUS = 2e-7
 
-#: Arguments of `changeDynamics` that switch off friction, restitution and damping of bodies, and the cap of a
-#: multibody's speed.
+#: Arguments of `changeDynamics` that switch off friction, restitution, damping of free motion, and the limit on the
+#: speed of a multibody.
 ZERO = (
     "restitution",
     "lateralFriction",
@@ -81,39 +85,39 @@ ZERO = (
 )
 FREE = {**dict.fromkeys(ZERO, 0.0), "maxJointVelocity": 1e30}
 
-#: The arguments among these that belong to a surface. Together with any other argument the engine does not set them on
-#: a link.
+#: The arguments among `ZERO` that belong to a surface. The engine sets them on a link only if they are given without
+#: any other argument.
 SURFACE = dict.fromkeys(ZERO[:4], 0.0)
 
-#: The engine's numbers of the parts of a ball: in a line the base meets the ball below, the link the ball above.
+#: The engine's numbers for the parts of a ball: the base and its first link.
 BASE, LINK = -1, 0
 
 
 class BodyPart(NamedTuple):
-    """A part of a body, in the numbers of the engine's calls."""
+    """A part of a body, by the numbers that the engine's functions take."""
 
     body: int
-    #: `BASE`, or the number of a link, from `LINK` up.
+    #: `BASE`, or the number of a link: `LINK` or more.
     link: int
 
 
 class ContactParts(NamedTuple):
-    """The parts that meet in a contact."""
+    """The parts of two bodies that meet in a contact."""
 
     first: BodyPart
     second: BodyPart
 
 
 class SceneBodies(NamedTuple):
-    """The bodies of a scene."""
+    """The bodies of a scene, by the engine's numbers."""
 
-    #: Numbers of the balls.
+    #: The engine's number of each ball.
     balls: list[int]
     #: The parts of each contact.
     contacts: list[ContactParts]
 
 
-#: Arguments of `createMultiBody` that make a fixed, massless link.
+#: Arguments of `createMultiBody` that add a massless link which is fixed to the base.
 FIXED: dict[str, list[object]] = {
     "linkMasses": [0],
     "linkVisualShapeIndices": [-1],
@@ -127,7 +131,7 @@ FIXED: dict[str, list[object]] = {
 
 
 class Client:
-    """The module pybullet, its functions bound to one client."""
+    """A connection to PyBullet: the functions of its module, called with the number of this connection."""
 
     def __init__(self, number: int) -> None:
         self.module, self.number = import_quietly("pybullet"), number
@@ -139,9 +143,10 @@ class Client:
 
 @contextmanager
 def connected() -> Generator[Client]:
-    """Connect a client for the time of a context.
+    """Open a connection to PyBullet, and close it at the end of the context.
 
-    A lasting client would be client 0, which is shared by all other users of PyBullet that name no client.
+    A connection that stayed open would have the number 0, which other users of PyBullet take when they name no
+    connection.
     """
     p = import_quietly("pybullet")
     client = Client(p.connect(p.DIRECT))
@@ -154,7 +159,7 @@ def connected() -> Generator[Client]:
 
 
 class Pybullet(Engine):
-    """PyBullet, from a wheel (CPython up to 3.11) or built from source; each call connects its own client."""
+    """PyBullet from a wheel (CPython up to 3.11) or built from source; each call opens its own connection."""
 
     name = distribution = module = "pybullet"
     title, knows_planes = "PyBullet", True
@@ -164,13 +169,15 @@ class Pybullet(Engine):
     )
 
     def refusal(self, scene: Scene) -> str | None:
-        """Return why PyBullet cannot take a scene: one of its absolute limits would change a number asked for."""
+        """Return a sentence that says why PyBullet cannot take a scene, or None.
+
+        PyBullet refuses numbers that one of its absolute limits would change, and the naive mapping for anything but
+        two balls on a table.
+        """
         if scene.mapping == "naive" and _has_links(scene):
             return "mapping = 'naive': PyBullet's is that of two balls on a table; legal: 'calibrated'"
         if scene.step <= SHORTEST_STEP:
-            return (
-                f"step = {scene.step:.3g} s: PyBullet takes a step of {SHORTEST_STEP:.1e} s or less for none"
-            )
+            return f"step = {scene.step:.3g} s: PyBullet ignores steps of {SHORTEST_STEP:.1e} s or less"
         largest = scene.fastest * sum(scene.masses)
         if largest > LARGEST_IMPULSE:
             return f"m |v0| = {largest:.3g} N s: PyBullet caps a contact at {LARGEST_IMPULSE:.0e} N s a step"
@@ -187,25 +194,26 @@ class Pybullet(Engine):
         return _radius(scene, combine_sides(_sides(scene)))
 
     def world(self, scene: Scene) -> PybulletWorld:
-        """Set up a scene."""
+        """Set up a scene in the open connection."""
         return PybulletWorld(self._client, scene, self._bodies)
 
     @contextmanager
     def running(self) -> Generator[None]:
-        """Connect a client."""
+        """Open a connection in which scenes are set up and run."""
         with connected() as self._client:
             self._bodies: Bodies = {}
             yield
 
 
-#: The bodies that a client holds, by arrangement and radius; at most one entry.
+#: The bodies that exist in a connection, by their arrangement and radius in m; at most one entry.
 Bodies = dict[tuple[Arrangement, float], SceneBodies]
 
 
 class PybulletWorld(World):
-    """A scene as a plane and spheres in a client.
+    """A scene in PyBullet: planes and spheres in a connection.
 
-    If the client already holds as many spheres of the same radius, they are used again; else it is emptied first.
+    If the connection already has bodies of the same arrangement and radius, these are used again. Otherwise everything
+    in it is removed first.
     """
 
     longest_leap = STRIDE
@@ -226,23 +234,24 @@ class PybulletWorld(World):
         self.balls, parts = bodies[key]
         h = scene.step
         softening = [1 / (h * (h * contact.stiffness + contact.dissipation)) for contact in contacts]
-        # Two more sweeps, in which the cap at zero force settles the active contacts.
+        # In two additional sweeps the impulses of active contacts settle at their limit of zero.
         iterations = 2 + min(1000, max(2, count_sweeps(scene, softening)))
         p.setPhysicsEngineParameter(fixedTimeStep=h, numSubSteps=0, numSolverIterations=iterations)
         for ball, mass in zip(self.balls, scene.masses, strict=True):
             p.changeDynamics(ball, BASE, mass=mass)
-        # The order is that of the bodies, because two parts may be the same part.
+        # Contacts are set in their order. Two of the parts may be the same part, which the later contact then
+        # overwrites.
         for contact_parts, contact_sides in zip(parts, sides, strict=True):
             for part, side in zip(contact_parts, contact_sides, strict=True):
                 p.changeDynamics(*part, contactStiffness=side.stiffness, contactDamping=side.dissipation)
-        # The bodies stay apart for one step. In it the engine drops its contact points and the impulses of its warm
-        # start.
+        # In this step the bodies are apart, so that the engine forgets its contact points and the impulses of earlier
+        # steps.
         p.setGravity(0, 0, 0)
         self._place(10 * self.places, np.zeros(self.places.size))
         p.stepSimulation()
         p.setGravity(0, 0, -scene.gravity)
         self._place(self.places + self._x, np.array(scene.velocities))
-        if _has_links(scene):  # bodies in maximal coordinates cannot be read back
+        if _has_links(scene):  # parameters of bodies in maximal coordinates cannot be read back
             contacts = combine_sides([ContactSides(*map(self._read_side, both)) for both in parts])
         self.effective = {
             "stiffness": tuple(contact.stiffness for contact in contacts),
@@ -251,12 +260,12 @@ class PybulletWorld(World):
         }
 
     def _read_side(self, part: BodyPart) -> Side:
-        """Read back stiffness and damping of a part."""
+        """Return the stiffness and the damping of a part, read back from the engine."""
         damping, stiffness = self._p.getDynamicsInfo(*part)[8:10]
         return Side(stiffness, damping)
 
     def _make_bodies(self, scene: Scene, radius: float) -> SceneBodies:
-        """Empty the client, make the planes, then make the balls from the last one to the first."""
+        """Remove all bodies, then make the planes, and then the balls from the last one to the first."""
         p, linked, arrangement = self._p, _has_links(scene), scene.arrangement
         p.resetSimulation(0 if linked else p.RESET_USE_SIMPLE_BROADPHASE)
         threshold = BREAKING_OVER_RADIUS * (radius if scene.graph is None else radius / WIDER)
@@ -271,7 +280,8 @@ class PybulletWorld(World):
         places = in_space(10 * self.places, scene.axes).tolist()
         for number in reversed(range(len(places))):
             as_first, as_second = arrangement.sides(number)
-            # The base has the parameters of the first contact in which the ball is the first body.
+            # The base has the parameters of the first contact in which the ball is the first body; links have the other
+            # contacts.
             base, links = as_first[:1], [*as_first[1:], *as_second]
             made: dict[str, object] = {**coordinates}
             if linked:
@@ -297,7 +307,10 @@ class PybulletWorld(World):
         return SceneBodies(balls, parts)
 
     def _make_planes(self, scene: Scene, radius: float, coordinates: Mapping[str, object]) -> dict[int, int]:
-        """Make a plane for each contact with a fixed body, and one for a line without; return planes by contact."""
+        """Make a plane for each contact with a fixed body; return the planes' numbers by contact.
+
+        If there is no such contact, a plane is made that nothing touches.
+        """
         p, arrangement = self._p, scene.arrangement
         planes: dict[int, int] = {}
         for contact, touch in enumerate(arrangement.touches):
@@ -317,12 +330,16 @@ class PybulletWorld(World):
             self._p.resetBaseVelocity(ball, tuple(velocity), (0, 0, 0))
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
-        """Take n steps; while bodies fall, stop after the first step at whose end all gaps are open."""
+        """Take n steps, and read the velocities after each of them.
+
+        While gravity acts, the last step is the first one after which all gaps are open.
+        """
         self._set_stride(0)
-        p, client, h = self._p.module, self._p.number, self._step  # keyword calls are a tenth slower
+        # without keyword arguments a call takes a tenth less time
+        p, client, h = self._p.module, self._p.number, self._step
         step, read = p.stepSimulation, p.getBaseVelocity
         balls = self.balls
-        upper, lower = self._x[:2].tolist()  # heights of two balls that fall
+        upper, lower = self._x[:2].tolist()  # heights in m of the two balls of a drop
         velocities: list[list[tuple[float, float, float]]] = []
         for _ in range(n):
             step(client)
@@ -338,10 +355,11 @@ class PybulletWorld(World):
         return taken, heights
 
     def leap(self, n: int) -> tuple[int, Floats, Floats]:
-        """Take up to n steps in one call: the largest number that the engine divides into as many steps of length h.
+        """Take up to n steps in one call; return their number, and the velocities in m/s and heights in m after them.
 
-        The engine divides the time n h of a call by n, and counts how often the quotient goes into it
-        (btDiscreteDynamicsWorld.cpp, stepSimulation). For some n rounding changes the result; powers of two are safe.
+        The engine divides the time n h of a call by n, and counts how often the quotient fits into this time
+        (btDiscreteDynamicsWorld.cpp, stepSimulation). For some n rounding changes the step h or the count. Then a
+        smaller n is taken; powers of two are always possible.
         """
         p, client, h = self._p.module, self._p.number, self._step
         while n * h / n != h or int(n * h / h) != n:
@@ -354,9 +372,9 @@ class PybulletWorld(World):
         return n, v, self._x
 
     def weightless(self, velocities: Floats, heights: Floats) -> None:
-        """Switch gravity off.
+        """Switch off gravity.
 
-        The state needs no change: a flight begins after the last step taken (`advance`).
+        Velocities and heights need not be set: `advance` stops at the step after which the flight begins.
         """
         self._p.setGravity(0, 0, 0)
         self._falls = False
@@ -369,12 +387,15 @@ class PybulletWorld(World):
 
 
 def _has_links(scene: Scene) -> bool:
-    """Return True if balls need more than one side; see the module."""
+    """Return True if balls need more than one part (see the module's docstring)."""
     return scene.graph is not None or not (scene.table and len(scene.masses) == 2)
 
 
 def _radius(scene: Scene, contacts: Sequence[Side]) -> float:
-    """Return the radius in m of the balls; in a plane the engine's limit applies, if balls stay wide enough."""
+    """Return the radius in m of the balls.
+
+    In a plane it is limited to `LARGEST_PLANE_RADIUS`, unless this is too small for the depth of contacts.
+    """
     depth = scene.depth([contact.stiffness for contact in contacts])
     radius = radius_of(depth, scene.axes)
     if scene.graph is not None and NARROWEST * depth <= LARGEST_PLANE_RADIUS:
@@ -383,6 +404,6 @@ def _radius(scene: Scene, contacts: Sequence[Side]) -> float:
 
 
 def _sides(scene: Scene) -> list[ContactSides]:
-    """Return stiffness and damping of both sides of every contact."""
+    """Return the parameters of both sides of every contact."""
     contacts = [pybullet_side(contact) for contact in scene.contacts]
     return sides_of_contacts(contacts, scene.mapping, one_side_per_body=not _has_links(scene))

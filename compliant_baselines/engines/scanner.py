@@ -1,7 +1,7 @@
 """Compiled reading of an engine's steps: it finds the active contacts of each step, and the end of the collision.
 
-`engines.stepping` explains the rules. A record of `MEMORY` holds the state of the scan from one window of steps to the
-next.
+The docstring of `engines.stepping` explains the rules. Steps are read in windows of many steps. A record of `MEMORY`
+keeps what the next window needs to know.
 """
 
 from __future__ import annotations
@@ -20,51 +20,51 @@ from impact_xval.compliant_baselines.engines.event_free_steps import (
     strict_kernel,
 )
 
-#: Most contacts of a scene: the states of a run are sets of contacts, kept as bits.
+#: Largest number of contacts of a scene. A set of contacts is stored as the bits of an integer.
 MOST_CONTACTS = 60
 
 
 class RunEnd(IntEnum):
-    """The state of a run after its last step: under way, over, or given up."""
+    """State of a run after its last step: it goes on, is over, or is given up."""
 
-    #: It goes on.
+    #: The collision goes on.
     GOING = 0
     #: Over: the balls are apart, and off the table if there is one.
     APART = 1
-    #: Over: B1 has left B2, which has settled on the table.
+    #: Over: B1 has left B2, and B2 has settled on the table.
     B2_SETTLED = 2
-    #: Over: both balls have settled, B1 on B2.
+    #: Over: both balls have settled, B2 on the table and B1 on B2.
     BOTH_SETTLED = 3
     #: A number is not finite, or the engine has raised an error.
     BROKEN = 4
-    #: Given up: all balls are in flight, and their next meeting lies after the last step that is allowed.
+    #: Given up: all balls are in flight, and would only meet after the last step that is allowed.
     IN_FLIGHT = 5
-    #: The first flight of a drop begins: the run goes on without gravity.
+    #: The first flight of a drop begins, and the run goes on without gravity.
     FIRST_FLIGHT = 6
 
 
 class FlightPhase(IntEnum):
-    """Phase of a drop's first flight."""
+    """State of the first flight of a drop."""
 
     #: The flight has not begun.
     BEFORE = 0
     #: The flight goes on.
     DURING = 1
-    #: The flight is over: a gap has closed again.
+    #: The flight is over, because a gap has closed again.
     ENDED = 2
 
 
-#: State that `scan` keeps from one window to the next.
+#: Record that `scan` keeps from one window of steps to the next.
 #:
 #: * ``active``: the contacts that were active in the last step, as bits
-#: * ``met_at_speed``: the contacts whose bodies will meet at a speed when they next become active, as bits: all
-#:   contacts that were open at first or have ceased to be active
+#: * ``met_at_speed``: the contacts whose bodies will meet at a speed when they become active, as bits. These are all
+#:   contacts that were open at first or have ceased to be active.
 #: * ``n_steps``: number of steps so far
-#: * ``starts``, ``starts_together``: the sums of the same names in `stepping.Run`
-#: * ``last_pulls``: for each contact, the change of the relative velocity in m/s by its pull in the last step; else 0
-#: * ``lead``, ``lead_contact``: the event that came nearest to deciding on the first flight, and the contact that
-#:   decided. If the flight began, this contact closed ``lead`` steps after its beginning. If not, the contact had
-#:   closed -``lead`` steps before the other contact opened. Infinite before any such event
+#: * ``starts``, ``starts_together``: the sums of these names in `stepping.Run`
+#: * ``last_pulls``: for each contact, the change of the relative velocity in m/s by its pull in the last step, or 0
+#: * ``lead``, ``lead_contact``: the contact that came nearest to deciding whether the first flight begins, and a number
+#:   of steps. If the flight began, this contact closed ``lead`` steps after its beginning. If not, this contact had
+#:   closed -``lead`` steps before the other contact opened. The number is infinite before any such event.
 #: * ``flight_phase``, ``flight_start``: a `FlightPhase`, and the number of steps before the first flight
 #: * ``closed``, ``closed_at``: for each contact, 1 if its gap is closed, and the step at which it last closed
 MEMORY = np.dtype(
@@ -90,7 +90,7 @@ MEMORY = np.dtype(
 
 @strict_helper
 def _is_finite(v, x, row):  # pragma: no cover (compiled)
-    """Return True if velocities and heights after a step are finite."""
+    """Return True if all velocities and heights after a step are finite."""
     finite = True
     for ball in range(v.shape[1]):
         finite = finite and math.isfinite(v[row, ball]) and math.isfinite(x[row, ball])
@@ -124,14 +124,14 @@ def _gap(x, row, contact):  # pragma: no cover (compiled)
 
 @strict_helper
 def _note_forces(v, x, row, before, masses, numbers, memory):  # pragma: no cover (compiled)
-    """Balance the momenta of a step; record and return the contacts that are active in it, as bits.
+    """Record and return the contacts that are active in a step, as bits; impulses follow from the balance of momentum.
 
-    The force of a contact that may pull goes through zero while its bodies overlap. Such a contact stays active.
+    The force of a contact that may pull passes through zero while its bodies overlap. Such a contact stays active.
     """
     gravity_change = numbers.gravity * numbers.step
     impulse, noise, active = 0.0, 0.0, np.int64(0)
-    # Changes of the relative velocity at the contact above: in this step, and in this step if it is the contact's
-    # first.
+    # Changes of the relative velocity at the contact above: by its impulse in this step, and the same number if the
+    # contact begins in this step, else 0.
     change_above, start_above = 0.0, 0.0
     for contact in range(numbers.contacts):
         old, new = before[contact] if row == 0 else v[row - 1, contact], v[row, contact]
@@ -152,7 +152,7 @@ def _note_forces(v, x, row, before, masses, numbers, memory):  # pragma: no cove
                 memory.starts += start
         elif memory.active & bit:
             memory.met_at_speed |= bit
-            # A contact that pulled ends with a jump of its force, at an arbitrary instant within the step.
+            # The force of a contact that pulled jumps to zero at its end, at an arbitrary instant within the step.
             memory.starts += memory.last_pulls[contact]
         memory.last_pulls[contact] = max(-change, 0.0)
         if start > 0 or start_above > 0:
@@ -164,7 +164,7 @@ def _note_forces(v, x, row, before, masses, numbers, memory):  # pragma: no cove
 
 @strict_helper
 def _time_to_meeting(v, x, row, contacts):  # pragma: no cover (compiled)
-    """Return the time in s until free bodies meet; infinite if all part."""
+    """Return the time in s until bodies in free flight meet; infinite if all of them part."""
     soonest = np.inf
     for contact in range(contacts):
         rate = _compression_rate(v, row, contact)
@@ -175,7 +175,7 @@ def _time_to_meeting(v, x, row, contacts):  # pragma: no cover (compiled)
 
 @strict_helper
 def _bodies_approach(v, row, contacts):  # pragma: no cover (compiled)
-    """Return True if the bodies of any contact approach."""
+    """Return True if the bodies of at least one contact approach."""
     approach = False
     for contact in range(contacts):
         approach = approach or _compression_rate(v, row, contact) > 0
@@ -184,7 +184,7 @@ def _bodies_approach(v, row, contacts):  # pragma: no cover (compiled)
 
 @strict_helper
 def _note_gap(memory, contact, closed, other_closed):  # pragma: no cover (compiled)
-    """Record whether the gap of a contact is closed, and the lead in time with which it decides on the first flight."""
+    """Record if the gap of a contact is closed, and by how many steps this event decides on the first flight."""
     now, was_closed = memory.n_steps, memory.closed[contact] > 0
     lead, lead_contact = np.inf, contact
     if closed and not was_closed:
@@ -202,7 +202,7 @@ def _note_gap(memory, contact, closed, other_closed):  # pragma: no cover (compi
 
 @strict_helper
 def _note_gaps(memory, ball_ball_closed, ball_table_closed):  # pragma: no cover (compiled)
-    """Record which gaps of a drop are closed, and whether a first flight begins or ends."""
+    """Record which gaps of a drop are closed, and if a first flight begins or ends."""
     _note_gap(memory, 0, ball_ball_closed, ball_table_closed)
     _note_gap(memory, 1, ball_table_closed, ball_ball_closed)
     if memory.flight_phase == FlightPhase.BEFORE and not (ball_ball_closed or ball_table_closed):
@@ -212,7 +212,7 @@ def _note_gaps(memory, ball_ball_closed, ball_table_closed):  # pragma: no cover
 
 @strict_helper
 def _end_of_drop(active, v, x, row, masses, numbers):  # pragma: no cover (compiled)
-    """Return the state of a drop of two balls after a step in which these contacts are active."""
+    """Return the state of a drop of two balls after a step; `active` are the active contacts of this step, as bits."""
     v1, v2, x1, x2 = v[row, 0], v[row, 1], x[row, 0], x[row, 1]
     b1_leaves = not active & BALL_BALL and x1 >= x2 and v1 >= v2
     b2_leaves = not active & BALL_TABLE and x2 >= 0 and v2 >= 0
@@ -229,7 +229,10 @@ def _end_of_drop(active, v, x, row, masses, numbers):  # pragma: no cover (compi
 
 @strict_helper
 def _end_without_gravity(active, v, x, row, contacts, time_left):  # pragma: no cover (compiled)
-    """Return the state of a run without gravity after a step; `time_left` is the time in s that it may still take."""
+    """Return the state of a run without gravity after a step.
+
+    `time_left` is the time in s for which the run may still go on.
+    """
     if active != 0:
         return RunEnd.GOING
     if not _bodies_approach(v, row, contacts):
@@ -248,12 +251,12 @@ def scan(v, x, before, masses, scene_numbers, steps_left, active, memory):  # pr
     v, x
         Velocities in m/s and heights in m after each step, shape (n, N).
     before
-        Velocities before the first step, shape (N,).
+        Velocities in m/s before the first step, shape (N,).
     masses
-        In kg, shape (N,).
+        Masses in kg, shape (N,).
     scene_numbers
         One record of `event_free_steps.SCENE_NUMBERS`, shape (1,).
-    Masses in kg, shape (N,).
+    steps_left
         Number of steps that may be taken after this window.
     active
         Filled with the contacts that are active in each step, as bits; shape (n,).
@@ -262,8 +265,8 @@ def scan(v, x, before, masses, scene_numbers, steps_left, active, memory):  # pr
 
     Returns
     -------
-    The number of steps that belong to the collision, and the `RunEnd` after the last of them, as a number: compiled
-    code takes 30 microseconds to return a member of an enumeration.
+    The number of steps that belong to the collision, and the `RunEnd` after the last of them. The `RunEnd` is returned
+    as an integer, because compiled code takes 30 microseconds to return a member of an enumeration.
     """
     numbers, record = scene_numbers[0], memory[0]
     g = numbers.gravity

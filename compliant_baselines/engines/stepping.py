@@ -1,27 +1,27 @@
 """Runs of a scene through the steps of an engine: they find impulses, states and the end of the collision.
 
-**Impulses** come from the balance of momentum, with gravity put back, for a step of length h: dI_i = dI_{i-1} + m_i
-(dv_i + g h). The contact forces that an engine reports are never used.
+**Impulses** follow from the balance of momentum. In a step of length h the impulse of contact i is dI_i = dI_{i-1} +
+m_i (dv_i + g h), where g h takes the effect of gravity out. The contact forces that an engine reports are never used.
 
-**A contact carries force** in a step if its impulse exceeds `World.rounding` of the momenta in the balance. An impulse
-that pulls counts as rounding, unless the contacts of the engine may pull (`World.pulls`). Such a contact also carries
-force until its gap opens, once it has begun.
+**A contact carries force** in a step if its impulse is larger than the rounding of the momenta, `World.rounding` times
+their sum. A pulling impulse is taken for rounding, unless contacts of the engine may pull (`World.pulls`). A contact
+that may pull, once begun, also counts as carrying force until its gap opens.
 
 **Without gravity** the collision is over at the end of the first step in which no contact carries force and no bodies
-approach. A flight that outlasts the remaining steps is given up.
+approach. A flight that lasts longer than the remaining steps is given up.
 
-**In a drop** gravity is off for good from the first flight on. The first flight begins at the end of the first step in
-which no contact carries force and at whose end both gaps are open. A drop is also over when balls have settled: when
-their energy about equilibrium cannot unload the contacts that are closed. Either B2 has settled on the table while B1
-is clear of it and rises, or both balls have settled. Velocities of settled balls are reported as 0; the diagnostic
-`rest_speed` is the v2 that remained. The reasons are in docs/theory.md, section 8; engines and references keep these
-rules alike.
+**In a drop** gravity is switched off for good when the first flight begins. This is the end of the first step in which
+no contact carries force and after which both gaps are open. A drop is also over when balls have settled, so that their
+energy about equilibrium cannot unload the contacts that are closed. Either only B2 has settled on the table, while B1
+is clear of it and rises, or both balls have settled. The velocities of settled balls are reported as 0. The diagnostic
+`rest_speed` is the velocity that B2 still had. docs/theory.md, section 8, gives the reasons. The exact solvers follow
+the same rules.
 
-**A meeting still to come** when a flight is given up changes little if bodies approach slowly. Let p be any velocities
-at which all bodies part, and |.| the kinetic norm. Contacts that only push, with impulses P_i >= 0, change v to v' = v
-+ sum_i P_i n_i, where n_i . p >= 0. They create no energy, so |v' - p|^2 = |v'|^2 - 2 v' . p + |p|^2 <= |v - p|^2: the
-final velocities are no further from p than the velocities of the flight. If the flight is within `SLOWEST_MEETING` of
-the nearest such p, the collision counts as over, and p is reported.
+**A flight that is given up** may end with a further meeting, which changes little if bodies approach slowly. Proof: let
+p be any velocities at which all bodies part, and |.| the kinetic norm. Contacts that only push, with impulses P_i >= 0,
+change v to v' = v + sum_i P_i n_i, where n_i . p >= 0. They create no energy, so |v' - p|^2 = |v'|^2 - 2 v' . p + |p|^2
+<= |v - p|^2. So the final velocities are no further from p than the velocities in flight. If the velocities in flight
+are within `SLOWEST_MEETING` of the nearest such p, the collision counts as over, and p is reported.
 """
 
 from __future__ import annotations
@@ -47,49 +47,50 @@ from impact_xval.compliant_baselines.states import Runs, merge_runs
 from impact_xval.model.path import Path
 from impact_xval.model.status import Status
 
-#: Approximate number of points of a recorded path between the borders of its states.
+#: Approximate number of points of a recorded path that are not borders between states.
 PATH_POINTS = 2000
 
-#: Energy that an engine may create, over the energy at the start, before its outcome is `unconverged`. Springs and
-#: dashpots create no energy; explicit steps of 1/1000 of a period create at most 1e-4 of it.
+#: Largest energy that an engine may create, over the energy at the start. With more, the outcome is `unconverged`.
+#: Springs and dashpots create no energy; explicit steps of 1/1000 of a period create at most 1e-4 of it.
 ENERGY_GAIN_ALLOWED = 0.01
 
-#: Largest change of a velocity, over the speed at the start, by a meeting still to come with which a collision counts
-#: as over: a tenth of the default tolerance of a limit. Elastic balls that should rest against one another still
-#: approach: at some 1e-8 by MuJoCo's impedance, and at up to 1e-4 because PyBullet's steps damp.
+#: Largest change of a velocity by a meeting that is still to come, over the speed at the start, with which a collision
+#: counts as over. It is a tenth of the default tolerance of a limit. Elastic balls that should come to rest against one
+#: another still approach slowly: at about 1e-8 by MuJoCo's impedance, and at up to 1e-4 because PyBullet's steps damp.
 SLOWEST_MEETING = 1e-4
 
-#: Number of steps in a window; the steps of a window are read together.
+#: Number of steps in a window. The steps of a window are taken first and then read together.
 WINDOW = 256
 
-#: Number of steps in the first window after a leap, and in the first window of an engine that leaps.
+#: Number of steps in the first window of a run, and in the first window after many steps were taken in one call. Only
+#: for engines that can take many steps in one call.
 SHORT_WINDOW = 8
 
-#: Fewest steps of a leap.
+#: Smallest number of steps that are taken in one call without reading them.
 SHORTEST_LEAP = 8
 
-#: Most steps of a leap in a run that records its path, unless the fraction 1/`PATH_SHARE` of the event-free steps is
-#: more. Velocities within a leap are interpolated, on the default grid to 5e-5 of |v0|. Leaps of 32 steps are no
-#: better; a fraction of a half is worse, 7e-5.
+#: Largest number of steps in one call if a path is recorded, unless 1/`PATH_SHARE` of the steps without an event is
+#: more. Velocities within these steps are interpolated, on the default grid to 5e-5 of |v0|. With 32 steps a call the
+#: error is no smaller; with a fraction of a half it is larger, 7e-5.
 PATH_LEAP, PATH_SHARE = 32, 4
 
 
 class FirstFlight(NamedTuple):
-    """State at the beginning of a drop's first flight; from then on gravity is off."""
+    """State at the beginning of a drop's first flight. From then on gravity is off."""
 
-    #: Number of steps before the flight.
+    #: Number of steps before the flight begins.
     n_steps: int
-    #: Heights in m, shape (N,).
+    #: Heights in m at which the flight begins, shape (N,).
     heights: Floats
 
 
 class FlightLead(NamedTuple):
-    """The event that came nearest to deciding whether a first flight begins."""
+    """The event that came nearest to deciding whether the first flight of a drop begins."""
 
-    #: Lead of the event in s. Positive if the flight began, negative if it failed to begin, infinite without such an
-    #: event.
+    #: Time in s between the event and the beginning of the flight: positive if the flight began, negative if it did
+    #: not, and infinite if there was no such event.
     time: float
-    #: The contact that decided, counted from 0.
+    #: The contact whose gap closed in this event, counted from 0.
     contact: int
 
 
@@ -98,7 +99,7 @@ def project_to_separated(
 ) -> tuple[float, ...]:
     """Return the nearest velocities, in the kinetic norm, at which all bodies part or stay together.
 
-    They satisfy v1 >= v2 >= ..., and >= 0 on a table. The unit of masses does not matter.
+    They satisfy v1 >= v2 >= ..., and on a table all are >= 0. The unit of the masses does not matter.
     """
     regression: Any = isotonic_regression(velocities, weights=masses, increasing=False)
     separated: list[float] = regression.x.tolist()
@@ -106,22 +107,22 @@ def project_to_separated(
 
 
 class Run:
-    """A run of a scene, in progress or over: it takes the steps of an engine in windows and holds their results.
+    """A run of a scene, during or after the collision: it reads an engine's steps in windows and keeps the results.
 
     Attributes
     ----------
     scene
         The scene.
     max_steps
-        Steps after which the run is given up.
+        Number of steps after which the run is given up.
     n_steps
-        Steps taken.
+        Number of steps taken.
     end
-        State of the run; `RunEnd.GOING` if all `max_steps` are taken.
+        State of the run; still `RunEnd.GOING` if all `max_steps` are taken.
     failure
         The error message of an engine that failed.
     start
-        The engine's heights in m at t = 0, shape (N,).
+        Heights in m at t = 0 in the engine, shape (N,).
     velocities, heights
         Velocities in m/s and heights in m after the last step, shape (N,).
     first_flight
@@ -129,7 +130,7 @@ class Run:
     effective, accuracy, dropped
         The members of these names of the `World`.
     turning
-        0: normals in a line do not turn.
+        0, because normals in a line do not turn.
     """
 
     turning = 0.0
@@ -150,18 +151,19 @@ class Run:
         self._law = _contact_law(scene, world) if world.longest_leap else None
         self._active = NOT_STARTED
         self._memory = _new_memory(scene)
-        # The first step of each state, and the states, window by window.
+        # The first step of each state, and the state itself, window by window.
         self._state_starts: list[NDArray[np.int64]] = []
         self._states: list[NDArray[np.int64]] = []
-        # Points of the path, window by window: every `_stride`-th step, the borders between states, and the ends.
+        # Points of the path, window by window: every `_stride`-th step, the borders between states, and the ends of
+        # windows.
         self._points: list[Floats] = [np.array([[0.0, *scene.velocities]])] if record_path else []
         self._stride, self._n_points = 1, 0
 
     def feed(self, v: Floats, x: Floats) -> bool:
-        """Take those of the next steps that belong to the collision.
+        """Go through the next steps until the collision is over; return True if a first flight begins.
 
-        Velocities in m/s and heights in m after each step have the shape (n, N). The result is True if a first flight
-        begins. The engine then has to go on from the state of this run without gravity.
+        v and x are the velocities in m/s and heights in m after each step, shape (n, N). When a first flight begins,
+        the engine has to continue without gravity from the velocities and heights of this run.
         """
         active = np.empty(len(v), np.int64)
         steps_left = self.max_steps - self.n_steps - len(v)
@@ -189,14 +191,17 @@ class Run:
         return True
 
     def _record(self, number: NDArray[np.int64], velocities: Floats) -> None:
-        """Record points of the path: numbers of steps, and velocities after them."""
+        """Record points of the path: the numbers of steps, and the velocities in m/s after them."""
         self._points.append(np.column_stack([number.astype(np.float64), velocities]))
         self._n_points += len(number)
         if self._n_points > 4 * PATH_POINTS:
             self.thin_path()
 
     def thin_path(self) -> None:
-        """Double the stride until the path has at most `PATH_POINTS` points, apart from borders and ends."""
+        """Thin the path until it has at most `PATH_POINTS` points in addition to borders of states and ends.
+
+        The stride between recorded steps is doubled as often as needed.
+        """
         points = np.concatenate(self._points)
         number = points[:, 0].astype(np.int64)
         border = np.isin(number, self.raw_states.start)
@@ -208,7 +213,7 @@ class Run:
         self._points, self._n_points = [points[keep]], int(keep.sum())
 
     def event_free_steps(self) -> int:
-        """Count the next steps in which nothing will happen; 0 if the engine cannot leap."""
+        """Return the number of next steps in which no event happens; 0 if the engine is read after every step."""
         if self._law is None:
             return 0
         return count_event_free_steps(
@@ -216,9 +221,9 @@ class Run:
         )
 
     def skip(self, n: int, v: Floats, x: Floats) -> None:
-        """Take n event-free steps at once; velocities and heights after the last have the shape (N,).
+        """Record n steps without an event; only the velocities v in m/s and heights x in m after the last are known.
 
-        Points of the path in between are interpolated, to fourth order in the time of the n steps.
+        Points of the path in between are interpolated, with an error of fourth order in the time of the n steps.
         """
         if self._points:
             first, last = (self.n_steps // self._stride + 1) * self._stride, self.n_steps + n
@@ -229,7 +234,10 @@ class Run:
         self._memory["n_steps"] += n
 
     def _interpolate(self, number: NDArray[np.int64], n: int, v: Floats, x: Floats) -> Floats:
-        """Interpolate velocities after steps with these numbers, within n event-free steps that end with v and x."""
+        """Return interpolated velocities in m/s after the steps `number`, within n steps without an event.
+
+        v and x are the velocities and heights after the last of these n steps.
+        """
         between = np.empty((len(number), len(v)))
         hermite_interpolate(
             between,
@@ -249,18 +257,18 @@ class Run:
 
     @property
     def raw_states(self) -> Runs:
-        """States step by step, nothing merged."""
+        """The sequence of states as they were read, without a filter."""
         nothing = np.zeros(0, np.int64)
         start = np.concatenate([nothing, *self._state_starts])
         return Runs(start, np.concatenate([nothing, *self._states]), self.n_steps)
 
     @property
     def starts(self) -> float:
-        """Changes of relative velocities in the first steps of contacts that were met at a speed, summed, in m/s.
+        """Changes of relative velocities in m/s in the first steps of contacts whose bodies met at a speed, summed.
 
-        The instant within its first step at which a contact is met is arbitrary. This sum bounds the effect of these
-        instants. The last step of a contact that pulls until its bodies part counts too. Each change is scaled to a
-        whole step (`World.first_step_share`).
+        Bodies meet at an arbitrary instant within a step. This sum bounds how much these instants change the outcome.
+        The last step of a contact that pulls until its bodies part is included. Each change is scaled to a whole step
+        (`World.first_step_share`).
         """
         return float(self._memory["starts"][0]) / self._first_step_share
 
@@ -268,9 +276,8 @@ class Run:
     def starts_together(self) -> float:
         """The part of `starts` that depends on a neighbouring contact, in m/s.
 
-        Contacts that are met one after the other may fall into one step. The lesser of the two changes in such a step
-        tells how much the contacts depend on one another. It is next to nothing if only the engine's rounding loads a
-        contact.
+        Two contacts that would begin one after the other may begin in the same step. The smaller of their two changes
+        shows how much they depend on one another. It is almost nothing if only the engine's rounding loads a contact.
         """
         return float(self._memory["starts_together"][0])
 
@@ -283,7 +290,7 @@ class Run:
 
     @property
     def points(self) -> Floats | None:
-        """Numbers of steps (0 is the start) and velocities after them, shape (n, 1 + N); None if not recorded."""
+        """Points of the recorded path, shape (n, 1 + N), or None: number of steps, and velocities in m/s after them."""
         return self._points[0] if self._points else None
 
     @property
@@ -293,9 +300,9 @@ class Run:
 
     @property
     def meeting_left(self) -> float:
-        """Bound in m/s on the change of the reported velocities by a meeting still to come.
+        """Bound in m/s on the change of the reported velocities by a meeting that is still to come.
 
-        0 if the collision is over, and infinite if the run stopped before a flight.
+        It is 0 if the collision is over, and infinite if the run stopped while a contact was active.
         """
         if self.end in (RunEnd.APART, RunEnd.B2_SETTLED, RunEnd.BOTH_SETTLED):
             return 0.0
@@ -306,7 +313,7 @@ class Run:
 
     @property
     def over(self) -> bool:
-        """True if the collision is over, except possibly for a meeting that changes next to nothing."""
+        """True if the collision is over, or only a meeting that changes almost nothing is still to come."""
         return self.meeting_left <= SLOWEST_MEETING * self.scene.speed
 
     @property
@@ -318,8 +325,8 @@ class Run:
     def status(self) -> Status:
         """``ok`` if the collision is over; ``crashed`` if the engine failed; else ``timeout``.
 
-        A status is a word of `model.status`. `experiments.measures.divergence` (`has_numbers`) lists the statuses that
-        keep the numbers of a run that is not over.
+        All statuses are listed in `model.status`. `experiments.measures.divergence` (`has_numbers`) lists those with
+        which a run that is not over keeps its numbers.
         """
         if self.over:
             return "ok"
@@ -327,9 +334,9 @@ class Run:
 
     @property
     def reported(self) -> tuple[float, ...]:
-        """Velocities in m/s for the outcome.
+        """Velocities in m/s that the outcome reports.
 
-        Velocities of settled balls are 0. For a flight that was given up they are the nearest velocities at which all
+        The velocities of settled balls are 0. If a flight was given up, these are the nearest velocities at which all
         bodies part.
         """
         v: list[float] = self.velocities.tolist()
@@ -342,7 +349,7 @@ class Run:
         return tuple(v)
 
     def problem(self) -> str:
-        """Return why the collision is not over; ``""`` if it is."""
+        """Return the reason why the collision is not over; ``""`` if it is over."""
         if self.over:
             return ""
         if self.end == RunEnd.BROKEN:
@@ -354,10 +361,10 @@ class Run:
         return reason
 
     def impulses(self, velocities: ArrayLike, time: Floats | float) -> Floats:
-        """Return the impulses in N s up to times in s, from the velocities at these times.
+        """Return the impulses in N s up to times in s, from the velocities in m/s at these times.
 
         Velocities have the shape (..., N), times (...), impulses (..., C). The effect of gravity until the first flight
-        is removed from the velocities.
+        is removed.
         """
         c = self.scene
         falling = time
@@ -367,24 +374,27 @@ class Run:
         return np.cumsum(np.array(c.masses) * changes, axis=-1)[..., : len(c.stiffnesses)]
 
     def merged_states(self, shortest_state: float) -> Runs:
-        """Return the state sequence, with times in steps; `Settings.shortest_state` is the argument."""
+        """Return the filtered sequence of states, with times in steps (`states.merge_runs`).
+
+        `shortest_state` is `Settings.shortest_state`.
+        """
         c = self.scene
         closed = int((c.gaps == 0) @ _bits(len(c.stiffnesses)))
         return merge_runs(self.raw_states, shortest_state * min(periods(c)) / c.step, closed)
 
     def energy_gain(self) -> float:
-        """Return the energy gained, over the kinetic energy at the start; the engine has created any positive gain.
+        """Return the gain of energy over the kinetic energy at the start; the engine has created any positive gain.
 
-        The energy is kinetic, without a table about the centre of mass. While bodies fall, the energy of their heights
-        is added. At the start the energy in the support of a settled B2 is added. Energy in springs at the end is left
-        out.
+        The energy is kinetic; without a table it is that of the motion relative to the centre of mass. While gravity
+        acts, the energy of heights is added. At the start the energy in the support of a settled B2 is added. Energy
+        that springs hold at the end is ignored.
         """
         c, m = self.scene, np.array(self.scene.masses)
 
         def kinetic(v: Floats) -> float:
             return 0.5 * float(m @ (v if c.table else v - m @ v / m.sum()) ** 2)
 
-        # A linear support that carries m2 g at the penetration -x2 holds half the product of both.
+        # A linear support that carries the weight m2 g at the depth -x2 holds the energy m2 g (-x2)/2.
         held = -0.5 * c.masses[-1] * c.gravity * float(self.start[-1])
         lowest = self.heights if self.first_flight is None else self.first_flight.heights
         fallen = c.gravity * float(m @ (lowest - self.start))
@@ -392,16 +402,19 @@ class Run:
         return (kinetic(self.velocities) + fallen - before - held) / before
 
     def too_much_energy(self) -> str:
-        """Return why the result is not converged if it has gained too much energy; else ``""``."""
+        """Return the reason why a result with too much energy is not converged.
+
+        ``""`` if it has not gained too much.
+        """
         if (gain := self.energy_gain()) <= ENERGY_GAIN_ALLOWED:
             return ""
         return f"it ended with {gain:.1%} more energy than it began with: the step is too long"
 
     def path(self, states: Runs) -> Path:
-        """Return the recorded path under a merged state sequence."""
+        """Return the recorded path, with the filtered sequence of states."""
         assert self.points is not None
-        # Step n ends at point n. The state of a point is the state in the step before it. At a border between states
-        # the point occurs twice, the second time with the state in the step after it.
+        # The point of the path after step n has the state in step n. At a border between two states there are two such
+        # points; the second one has the state in step n + 1.
         times = 1 + np.isin(self.points[:, 0], states.start[1:])
         step = np.repeat(self.points[:, 0].astype(np.int64), times)
         is_second = np.append(False, step[1:] == step[:-1])
@@ -409,7 +422,7 @@ class Run:
         state = states.state[np.searchsorted(states.start, step_of_state, side="right") - 1]
         velocities, time = np.repeat(self.points[:, 1:], times, axis=0), np.float64(self.scene.step) * step
         impulses = self.impulses(velocities, time)
-        duration = np.diff(time)[:, None]  # 0 before the second point at a border
+        duration = np.diff(time)[:, None]  # 0 for the second of the two points at a border
         means = np.diff(impulses, axis=0) / np.where(duration > 0, duration, 1.0)
         forces = np.vstack([means[:1], np.where(duration > 0, means, np.roll(means, 1, axis=0))])
         acting = (state[:, None] & _bits(len(self.scene.stiffnesses))) != 0
@@ -417,12 +430,12 @@ class Run:
 
 
 def _bits(contacts: int) -> NDArray[np.int64]:
-    """Return the bit of each contact in a set of contacts."""
+    """Return for each contact the bit that stands for it in a set of contacts."""
     return 1 << np.arange(contacts)
 
 
 def _scene_numbers(scene: Scene, world: World) -> NDArray[np.void]:
-    """Return the numbers of a scene for the kernels; the depth of a settled B2 comes from the world."""
+    """Return the numbers of a scene as a record for compiled functions; the world knows how deep a settled B2 is."""
     numbers = np.zeros(1, SCENE_NUMBERS)
     numbers["contacts"] = len(scene.stiffnesses)
     numbers["step"] = scene.step
@@ -434,7 +447,8 @@ def _scene_numbers(scene: Scene, world: World) -> NDArray[np.void]:
     numbers["gravity"] = g
     numbers["k1"] = k1
     if not depth:
-        # Balls do not sink into a rigid support. The stiffnesses asked for still define a small energy.
+        # Balls do not sink into a rigid support. The stiffnesses asked for still define how little energy a settled
+        # ball has.
         numbers["k2"] = k2
         return numbers
     k2 = m2 * g / depth
@@ -446,7 +460,7 @@ def _scene_numbers(scene: Scene, world: World) -> NDArray[np.void]:
 
 
 def _contact_law(scene: Scene, world: World) -> NDArray[np.void]:
-    """Return a record of `CONTACT_LAW` for each contact, with the numbers of `World.effective`."""
+    """Return a record of `CONTACT_LAW` for each contact, with the numbers that the engine uses (`World.effective`)."""
     law = np.zeros(len(scene.stiffnesses), CONTACT_LAW)
     law["stiffness"] = world.effective["stiffness"]
     law["damping"] = world.effective["damping"]
@@ -455,7 +469,7 @@ def _contact_law(scene: Scene, world: World) -> NDArray[np.void]:
 
 
 def _new_memory(scene: Scene) -> NDArray[np.void]:
-    """Return the memory of `scan` at t = 0, at which all gaps count as closed."""
+    """Return the memory of `scan` before the first step; all gaps count as closed then."""
     memory = np.zeros(1, MEMORY)
     memory["lead"] = np.inf
     memory["flight_phase"] = FlightPhase.BEFORE
@@ -466,7 +480,10 @@ def _new_memory(scene: Scene) -> NDArray[np.void]:
 
 
 def follow_scene(scene: Scene, world: World, max_steps: int, record_path: bool = False) -> Run:
-    """Run a scene until its collision is over or `max_steps` steps are taken; a RuntimeError of the engine ends it."""
+    """Run a scene until its collision is over or `max_steps` steps are taken.
+
+    If the engine raises a RuntimeError, the run ends with the state `RunEnd.BROKEN`.
+    """
     run = Run(scene, world, max_steps, record_path)
     window = SHORT_WINDOW if world.longest_leap else WINDOW
     try:
@@ -489,7 +506,7 @@ def follow_scene(scene: Scene, world: World, max_steps: int, record_path: bool =
 
 
 def _next_leap(run: Run, world: World, record_path: bool) -> int:
-    """Return the number of steps that may be taken in one call."""
+    """Return how many steps may be taken in one call without reading them; 0 if the engine is read after every step."""
     if not world.longest_leap:
         return 0
     event_free = run.event_free_steps()

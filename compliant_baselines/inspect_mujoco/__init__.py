@@ -1,12 +1,12 @@
 """The contacts of a MuJoCo scene: traps in their parameters, and measurements of their behaviour (docs/mapping.md).
 
-The engine documents each trap (XML reference, "Solver parameters" and the options; changelog of 3.13), and a test
-measures its effect.
+A trap is a documented rule of the engine by which a contact behaves otherwise than its parameters suggest (XML
+reference, "Solver parameters" and the options; changelog of 3.13). For each trap a test measures its effect.
 
-* `scene_contacts` reads the contacts of a compiled scene and the bodies of each.
-* `drops` measures a contact in a scene of its own.
+* `scene_contacts` reads the contacts of a compiled scene, and the two bodies of each contact.
+* `drops` measures a contact in a separate scene of two bodies.
 * `traps` finds traps in parameters.
-* `groups` gathers contacts of the same parameters, and chooses the contacts to measure.
+* `groups` gathers contacts with the same parameters, and chooses the contacts to measure.
 * `readings` proposes parameters for the contact that a user may have meant.
 * `examination` combines all of these.
 """

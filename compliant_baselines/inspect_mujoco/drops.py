@@ -1,9 +1,9 @@
 """Measurement of a contact of a MuJoCo scene: a drop and a load at rest, in a separate scene of two bodies.
 
-The scene has two spheres, or a sphere and a plane for a fixed body, on vertical slides. It has the parameters of the
-contact as the engine combines them, and masses, inverse weights and options of the user's scene. A sphere has one point
-of contact. A box that lands on a face has four points, which share the load at rest. The solver stops at the same
-accuracy as for the two bodies in the user's scene.
+The separate scene has two spheres on vertical slides; a fixed body is a plane. The contact has the parameters that the
+engine combines in the user's scene. Masses, inverse weights and options are also those of the user's scene. A sphere
+has one point of contact. A box that lies on a face has four points, which share the load at rest. The solver stops at
+the same accuracy as it would for the two bodies in the user's scene.
 """
 
 from __future__ import annotations
@@ -19,63 +19,66 @@ from impact_xval.compliant_baselines.engines.mujoco import mjcf
 from impact_xval.compliant_baselines.inspect_mujoco.scene_contacts import Bodies, MujocoOption, flag
 from impact_xval.compliant_baselines.restitution import contact_time, damping_ratio
 
-mujoco: Any = import_module("mujoco")  # the names of the compiled module are invisible to a type checker
+mujoco: Any = import_module("mujoco")  # type checkers do not see the names of the compiled module
 
-#: Places of the touch within a step that are tried, from 0 to 1; the first two are far apart.
+#: Instants within a step at which the bodies touch, as fractions of the step. The first two are far apart.
 PLACES = tuple((18 * i % 32 + 1) / 32 for i in range(16))
 
-#: Number of steps in a contact from which the first two places are enough.
+#: Number of steps in a contact from which only the first two of `PLACES` are tried.
 LONG = 250
 
-#: Steps after which a drop is given up.
+#: Number of steps after which a drop is given up.
 MOST_STEPS = 20_000
 
-#: Largest relative change of a rate that counts as rounding.
+#: Largest change of the relative velocity in a step, over the speed of approach, that is taken for rounding.
 ROUNDING = 1e-12
 
-#: Steps without force after which a contact is over.
+#: Number of steps without force after which a contact is over.
 QUIET_STEPS = 3
 
-#: Speed, over the speed of approach, below which bodies that joints brake count as standing still.
+#: Speed, over the speed of approach, below which bodies that joints slow down are taken for standing still.
 STANDSTILL = 1e-3
 
-#: Fewest steps, and least fraction of the steps since the touch, for which bodies have to stand still in the contact.
+#: Bodies come to rest in the contact if they stand still for this number of steps, and for this fraction of the steps
+#: since the touch.
 STANDING_STEPS, STANDING_SHARE = 50, 0.5
 
 
 class MeasuredContact(NamedTuple):
-    """Measurement of contacts that are alike, in SI units; if a number is None, `reason` says why."""
+    """Measurement of contacts with equal parameters and bodies, in SI units; `reason` says why a number is None."""
 
     #: Names of the contacts.
     names: list[str]
-    #: Masses of the two bodies in kg, the lighter first; inf for a fixed body.
+    #: Masses of the two bodies in kg, the lighter body first; inf for a fixed body.
     masses: tuple[float, float]
-    #: Mean restitution over the places of the touch within a step; 0 if the bodies do not leave the contact.
+    #: Mean restitution over all instants within a step at which the bodies touch; 0 if the bodies do not leave the
+    #: contact.
     restitution: float | None = None
-    #: Least and greatest restitution over these places.
+    #: Least and greatest restitution over these instants.
     restitution_range: tuple[float, float] | None = None
-    #: Duration in s: whole steps from the first to the last with force. None if the bodies do not leave the contact.
+    #: Duration in s, as whole steps from the first step with force to the last. None if the bodies do not leave the
+    #: contact.
     duration: float | None = None
     steps: float | None = None
     #: Stiffness in N/m and damping in N s/m of the spring and dashpot with this restitution and duration.
     stiffness: float | None = None
     damping: float | None = None
-    #: Depth in m at which the contact carries the weight of the lighter body. None without gravity, and if the body
+    #: Depth in m at which the contact carries the weight of the lighter body. None without gravity, or if the body
     #: rests above the surface.
     penetration: float | None = None
     #: Number of points of contact that share this weight.
     points: int = 1
-    #: Greatest depth in m that a drop reached; None if the bodies turned above the surface.
+    #: Greatest depth in m in a drop; None if the bodies turned round above the surface.
     depth: float | None = None
-    #: Greatest force in N along the normal in a step of a drop.
+    #: Greatest force in N along the normal in a drop, as the mean over a step.
     force: float | None = None
     #: Least and greatest impedance of the contact while a drop had force.
     impedances: tuple[float, float] | None = None
-    #: Parameters to write for another contact, with the results of its drops; empty if nothing needs a change.
+    #: Text with parameters for another contact and the results of its drops; empty if nothing needs a change.
     change: str = ""
-    #: Why the contact was not measured; empty if it was.
+    #: Reason why the contact was not measured; empty if it was.
     reason: str = ""
-    #: Note on the effect of joints in the numbers, and on numbers that are left out; empty if there is none.
+    #: Note on how joints change the numbers, and on missing numbers; empty if there is nothing to note.
     note: str = ""
 
     @property
@@ -85,7 +88,7 @@ class MeasuredContact(NamedTuple):
 
     @property
     def outcome(self) -> str:
-        """The results of the drops in words."""
+        """The results of the drops as a phrase."""
         if self.restitution is None:
             return "the contact does not end"
         if self.duration is None:
@@ -97,20 +100,20 @@ class Drop(NamedTuple):
     """Result of one drop."""
 
     restitution: float
-    #: Steps from the first to the last with force; None if the bodies stand still in the contact.
+    #: Number of steps from the first step with force to the last; None if the bodies stand still in the contact.
     steps: int | None
-    #: Greatest depth in m, negative above the surface.
+    #: Greatest depth in m; negative if the bodies stay above the surface.
     depth: float
     #: Greatest force in N along the normal in a step.
     force: float
-    #: The impedances in the steps with force.
+    #: Impedances of the contact in the steps with force.
     impedances: list[float]
 
 
 def measure_contact(
     bodies: Bodies, option: MujocoOption, step: float, speed: float, gravity: float = 0.0, exact: bool = False
 ) -> MeasuredContact:
-    """Measure two bodies alone, dropped and at rest.
+    """Measure a contact between two bodies alone, in drops and under a load at rest.
 
     Parameters
     ----------
@@ -121,12 +124,12 @@ def measure_contact(
     step, speed, gravity
         Time step in s, speed of approach in m/s, and gravity at rest in m/s^2.
     exact
-        True for a solver tolerance of 0 in place of the scene's tolerance.
+        True for a solver tolerance of 0 instead of the scene's tolerance.
 
     Raises
     ------
     RuntimeError
-        If a drop is not over, or meets no force.
+        If a drop is not over after `MOST_STEPS` steps, or meets no force.
     """
     model = _compile_alone(bodies, option, step, speed, exact)
     drops = [_drop(model, bodies.mass, place, speed) for place in PLACES[:2]]
@@ -173,10 +176,10 @@ def measure_contact(
 
 
 def _compile_alone(bodies: Bodies, option: MujocoOption, step: float, speed: float, exact: bool) -> Any:
-    """Compile two bodies in a scene of their own, with the user's options; the lighter one is above.
+    """Return a compiled scene of two bodies with the user's options; the lighter body is above.
 
-    The height coordinate is the gap between them. The radius is the depth that a drop at this speed could reach before
-    it is given up.
+    The relative height of the bodies is the gap between them. The radius is the depth that a drop at this speed could
+    reach before it is given up.
     """
     fixed, radius = math.isinf(bodies.masses[1]), speed * step * MOST_STEPS
     model = mujoco.MjModel.from_xml_string(mjcf(line_of_balls(1 if fixed else 2, fixed)))
@@ -185,7 +188,7 @@ def _compile_alone(bodies: Bodies, option: MujocoOption, step: float, speed: flo
     model.geom_size[1:, 0] = model.geom_rbound[1:] = radius
     model.body_pos[1:, 2] = (radius, -radius)[: model.nv]
     model.body_mass[1:] = bodies.masses[: model.nv]
-    mujoco.mj_setConst(model, mujoco.MjData(model))  # computes numbers that follow from masses
+    mujoco.mj_setConst(model, mujoco.MjData(model))  # computes numbers that follow from the masses
     model.body_invweight0[1:] = bodies.weights[: model.nv]
     for dof, losses in enumerate(bodies.losses[: model.nv]):
         model.dof_damping[dof], model.dof_frictionloss[dof] = losses.damping, losses.friction
@@ -193,8 +196,8 @@ def _compile_alone(bodies: Bodies, option: MujocoOption, step: float, speed: flo
     _copy_options(option, model.opt)
     model.opt.timestep = step
     model.opt.gravity, model.opt.density, model.opt.viscosity = np.zeros(3), 0.0, 0.0
-    # Before the solver compares a measure with its tolerance, it divides the measure by the inertia of all bodies that
-    # are solved together.
+    # The solver divides its measure of convergence by the inertia of all bodies that it solves together, and then
+    # compares it with the tolerance.
     model.opt.tolerance = 0.0 if exact else option.tolerance * bodies.inertia / sum(bodies.masses[: model.nv])
     # A failed run is not reset automatically, and a slow body does not sleep.
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
@@ -203,7 +206,7 @@ def _compile_alone(bodies: Bodies, option: MujocoOption, step: float, speed: flo
 
 
 def _copy_options(source: object, target: object) -> None:
-    """Copy the options of one model to another, one by one: older versions cannot assign all at once."""
+    """Copy the options one by one, because older versions of MuJoCo cannot copy them all at once."""
     for name in dir(source):
         value = getattr(source, name)
         if isinstance(value, np.ndarray):
@@ -213,11 +216,11 @@ def _copy_options(source: object, target: object) -> None:
 
 
 def _drop(model: Any, mass: float, place: float, speed: float) -> Drop:
-    """Drop once two bodies of a reduced mass in kg, touching at a place from 0 to 1 within a step.
+    """Drop two bodies of a reduced mass in kg once; they touch at a place from 0 to 1 within a step.
 
-    The speed of approach is the speed at the touch. Joints may brake a body so hard that at first no contact force is
-    needed: the speed at the first step with force may be any small part of the speed of approach. Joints may also brake
-    a body so hard that it comes to rest in the contact, or creeps out of it for ever.
+    The speed of approach is that at the touch. Joints may slow a body down so much that at first no contact force is
+    needed. So the speed at the first step with force may be a very small part of the speed of approach. Joints may also
+    slow a body down so much that it comes to rest in the contact, or leaves it ever more slowly.
     """
     data, step = mujoco.MjData(model), float(model.opt.timestep)
     data.qpos[0], data.qvel[0] = model.pair_margin[0] + place * speed * step, -speed
@@ -225,10 +228,10 @@ def _drop(model: Any, mass: float, place: float, speed: float) -> Drop:
     # Joints may slow the bodies down even without contact.
     slowed_by_joints = bool(model.dof_damping.any() or model.dof_frictionloss.any())
     approach, rebound, before = 0.0, 0.0, -speed
-    height, force = math.inf, 0.0  # least height and greatest force so far
+    height, force = math.inf, 0.0  # least height in m and greatest force in N so far
     impedances: list[float] = []
-    first_step = last_step = 0  # steps with force; 0: no force yet
-    standing = 0  # latest steps in which the bodies stand still
+    first_step = last_step = 0  # first and last step with force; 0 if there was no force yet
+    standing = 0  # number of last steps in which the bodies stand still
 
     def finish(restitution: float, steps: int | None) -> Drop:
         return Drop(restitution, steps, -height, force, impedances)
@@ -262,7 +265,7 @@ def _drop(model: Any, mass: float, place: float, speed: float) -> Drop:
 
 
 def _is_active(data: Any) -> bool:
-    """Return True if the contact was a constraint in the last step."""
+    """Return True if the engine computed a force for the contact in the last step."""
     return data.ncon > 0 and data.contact.efc_address[0] >= 0
 
 
@@ -276,8 +279,8 @@ def _normal_force(model: Any, data: Any) -> float | None:
 
 
 def _equilibrium_depth(model: Any, load: float) -> float | None:
-    """Return the depth in m at which two bodies alone carry a load in N; None without a load, or if they carry none."""
-    model.dof_frictionloss[:] = 0  # dry friction would carry a load at any depth
+    """Return the depth in m at which two bodies alone carry a load in N; None if there is no load or no such depth."""
+    model.dof_frictionloss[:] = 0  # without this, dry friction would carry a load at any depth
     data, touch = mujoco.MjData(model), float(model.pair_margin[0])
 
     def carries_load(depth: float) -> bool:

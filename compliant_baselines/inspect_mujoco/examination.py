@@ -1,4 +1,4 @@
-"""Examination of a MuJoCo scene: measurements of its contacts, and the traps in their parameters."""
+"""Examination of a MuJoCo scene: it measures contacts, and finds traps in their parameters and measurements."""
 
 from __future__ import annotations
 
@@ -45,21 +45,22 @@ from impact_xval.compliant_baselines.inspect_mujoco.traps import (
     traps_of_mixing,
 )
 
-mujoco: Any = import_module("mujoco")  # the names of the compiled module are invisible to a type checker
+mujoco: Any = import_module("mujoco")  # type checkers do not see the names of the compiled module
 
-#: Most combinations of parameters and masses that are measured.
+#: Largest number of combinations of parameters and bodies that are measured.
 MOST_ROWS = 50
 
-#: Seconds after which no further contact is measured.
+#: Time in s after which no further contact is measured.
 MOST_SECONDS = 60.0
 
-#: Largest excess of a restitution over 1, and largest change of a restitution, or relative change of a duration, by the
-#: solver's tolerance. At 30 steps in a contact the restitution of an elastic contact is off by up to 1.1e-3.
+#: Changes up to this number are ignored: the excess of a restitution over 1, and the change of a restitution, or the
+#: relative change of a duration, by the solver's tolerance. At 30 steps in a contact the restitution of an elastic
+#: contact is wrong by up to 1.1e-3.
 NEGLIGIBLE = 1.5e-3
 
 
 class ExaminedContact(NamedTuple):
-    """Measurement of contacts that are alike, with the contacts that their numbers may have been meant for."""
+    """Measurement of contacts with equal parameters and bodies, and the contacts that a user may have meant."""
 
     bodies: Bodies
     row: MeasuredContact
@@ -70,7 +71,7 @@ class ExaminedContact(NamedTuple):
 
 @dataclass(frozen=True)
 class ExaminedGroup:
-    """Contacts of the same parameters, and the measured contacts among them."""
+    """Contacts with the same parameters, and the measurements of some of them."""
 
     group: ContactGroup
     examined: list[ExaminedContact]
@@ -88,46 +89,46 @@ class Examination:
 
     groups: list[ExaminedGroup]
     findings: list[Finding]
-    #: Number of geoms in the scene, and number of geoms that were looked at.
+    #: Number of geoms in the scene, and number of geoms whose contacts were examined.
     geoms: int
     geoms_looked_at: int
     #: Time step in s, and name of the integrator.
     step: float
     integrator: str
-    #: Effects in the scene that the drops leave out, in words.
+    #: Phrases that name effects of the scene which are missing in the drops.
     omissions: list[str] = field(default_factory=list[str])
 
     @property
     def contacts(self) -> list[ExaminedContact]:
-        """All contacts that were measured, or that have a reason why they were not."""
+        """All contacts with a measurement, or with the reason why there is none."""
         return [contact for group in self.groups for contact in group.examined]
 
 
 def load_scene(scene: Path) -> Any:
-    """Load a file, .mjb or MJCF; a ValueError has MuJoCo's own message if MuJoCo refuses the file."""
+    """Load a .mjb or MJCF file; a ValueError has MuJoCo's own message if it refuses the file."""
     load = mujoco.MjModel.from_binary_path if scene.suffix == ".mjb" else mujoco.MjModel.from_xml_path
     try:
         return load(str(scene))
-    except Exception as error:  # the engine may raise anything on a scene that it does not expect
+    except Exception as error:  # the engine can raise any exception on a scene that it does not expect
         raise ValueError(f"{scene}: MuJoCo does not compile it: {error}") from None
 
 
 def examine(speed: float, scene: Path) -> tuple[list[MeasuredContact], list[Finding]] | str:
-    """Measure the contacts of a file, .mjb or MJCF, and look for traps; or return why MuJoCo refuses the file."""
+    """Measure the contacts of a .mjb or MJCF file and find traps; or return the reason why MuJoCo refuses the file."""
     try:
         return examine_model(load_scene(scene), speed)
-    except Exception as error:  # the engine may raise anything on a scene that it does not expect
+    except Exception as error:  # the engine can raise any exception on a scene that it does not expect
         return str(error)
 
 
 def examine_model(model: Any, speed: float = 1.0) -> tuple[list[MeasuredContact], list[Finding]]:
-    """Measure the contacts of a compiled mujoco.MjModel, and look for traps in parameters and in measurements."""
+    """Measure the contacts of a compiled mujoco.MjModel, and find traps in parameters and in measurements."""
     examination = examine_groups(model, speed, every=True)
     return [contact.row for contact in examination.contacts], examination.findings
 
 
 def inspect_model(model: Any) -> list[Finding]:
-    """Look for traps in the parameters of a compiled mujoco.MjModel."""
+    """Find traps in the parameters of a compiled mujoco.MjModel, without measuring contacts."""
     groups = group_contacts(find_contacts(model))
     return gather_findings(
         [
@@ -141,9 +142,9 @@ def inspect_model(model: Any) -> list[Finding]:
 
 
 def measure_model(model: Any, speed: float = 1.0) -> list[MeasuredContact]:
-    """Measure the contacts of a compiled mujoco.MjModel, one for each combination of parameters and masses.
+    """Measure the contacts of a compiled mujoco.MjModel, one for each combination of parameters and bodies.
 
-    `speed` is the speed in m/s at which bodies meet. It matters if the impedance of a contact depends on the depth.
+    Bodies meet at `speed` in m/s. The speed matters if the impedance of a contact depends on the depth.
     """
     return [contact.row for contact in examine_groups(model, speed, every=True).contacts]
 
@@ -156,17 +157,17 @@ def abbreviate_names(names: list[str]) -> str:
 def examine_groups(
     model: Any, speed: float = 1.0, *, every: bool = False, geom: str | None = None
 ) -> Examination:
-    """Measure contacts of each group of a compiled mujoco.MjModel, and look for traps.
+    """Measure some contacts of each group with the same parameters in a compiled mujoco.MjModel, and find traps.
 
     Parameters
     ----------
     model, speed
         The scene, and the speed in m/s at which bodies meet.
     every
-        True to measure every combination of parameters and masses, up to `MOST_ROWS`, and not only the members of a
-        group that differ most.
+        True to measure every combination of parameters and bodies, up to `MOST_ROWS`. False to measure only the
+        contacts of a group that differ most.
     geom
-        Name of a geom, or its number after a "#": only its contacts are examined.
+        Name of a geom, or its number after a "#": only contacts of this geom are examined.
 
     Raises
     ------
@@ -186,7 +187,7 @@ def examine_groups(
     examined_groups: list[ExaminedGroup] = []
     traps: list[tuple[list[str], list[Trap]]] = []
     measured_traps: list[tuple[list[str], list[Trap]]] = []
-    with Mujoco().running():  # without the engine's warnings
+    with Mujoco().running():  # keeps the engine's warnings off the terminal
         for group in groups:
             members = list(group.members) if every else choose_members(group)
             examined, of_rows = _examine_group(model, speed, group, members[:rows_left], deadline)
@@ -199,7 +200,8 @@ def examine_groups(
                 *traps_in_parameters(model.opt, list(group.members), rows),
             ]
             if time.perf_counter() < deadline:
-                # An effect of the tolerance says nothing about the step.
+                # Contacts that the solver's tolerance changes are left out, because their behaviour says nothing about
+                # the step.
                 changed = [
                     names for names, of_row in of_rows if any(trap.name == "tolerance" for trap in of_row)
                 ]
@@ -218,7 +220,7 @@ def examine_groups(
 
 
 def number_of_geom(model: Any, name: str) -> int:
-    """Return the number of a geom, given by its name or by its number after a "#"; a ValueError without such a geom."""
+    """Return the number of a geom from its name, or from its number after a "#"; a ValueError if there is none."""
     names = [name_of_geom(model, geom) for geom in range(model.ngeom)]
     if name in names:
         return names.index(name)
@@ -231,7 +233,7 @@ def number_of_geom(model: Any, name: str) -> int:
 
 
 def list_omissions(model: Any) -> list[str]:
-    """List the effects in a scene that the drops leave out."""
+    """Return phrases that name the effects of a scene which are missing in the drops."""
     counts = [
         (model.nflex, "the contacts of {} flex (soft body)", "the contacts of {} flexes (soft bodies)"),
         (model.nu, "the force of {} actuator", "the forces of {} actuators"),
@@ -246,7 +248,7 @@ def list_omissions(model: Any) -> list[str]:
 def _examine_group(
     model: Any, speed: float, group: ContactGroup, members: list[Bodies], deadline: float
 ) -> tuple[list[ExaminedContact], list[tuple[list[str], list[Trap]]]]:
-    """Measure members of a group; return each measurement, and its traps with the names of the contacts."""
+    """Measure some contacts of a group; return the measurements, and their traps with the names of contacts."""
     gravity = float(np.linalg.norm(model.opt.gravity))
     names = group.members
     rows: list[tuple[Bodies, MeasuredContact]] = []
@@ -260,7 +262,7 @@ def _examine_group(
             measured = measure_contact(bodies, model.opt, model.opt.timestep, speed, gravity)
             notes = (measured.note, row.note)
             row = measured._replace(names=row.names, note="; ".join(note for note in notes if note))
-        except Exception as error:  # the engine may raise anything on numbers that it does not take
+        except Exception as error:  # the engine can raise any exception on numbers that it does not take
             row = row._replace(reason=str(error))
         rows.append((bodies, row))
     common = _common_measurement([row for _, row in rows])
@@ -271,7 +273,7 @@ def _examine_group(
         if not row.reason and time.perf_counter() < deadline:
             try:
                 contact = _add_readings(contact, model.opt, speed, common or row, is_first=number == 0)
-            except Exception as error:  # as above
+            except Exception as error:  # the engine can raise any exception on numbers that it does not take
                 contact = contact._replace(row=row._replace(reason=str(error)))
             traps.append((row.names, list(_traps_in_measurement(contact, model.opt, speed))))
         elif not row.reason.startswith("not measured"):
@@ -281,7 +283,7 @@ def _examine_group(
 
 
 def _common_measurement(rows: list[MeasuredContact]) -> MeasuredContact | None:
-    """Return a row with the mean restitution and duration of rows; None if a row is not near these means."""
+    """Return one of the rows with the mean restitution and duration of all; None if a row is not near the means."""
     numbers = [
         (row.restitution, row.duration) for row in rows if row.restitution is not None and row.duration
     ]
@@ -296,9 +298,9 @@ def _common_measurement(rows: list[MeasuredContact]) -> MeasuredContact | None:
 def _add_readings(
     contact: ExaminedContact, option: MujocoOption, speed: float, kept: MeasuredContact, is_first: bool
 ) -> ExaminedContact:
-    """Add the readings of a contact, or advice on its damping ratio; `kept` has its present behaviour.
+    """Return a contact with proposals: its readings, or advice on its damping ratio; `kept` has its present behaviour.
 
-    All members of a group have the same advice; only the first member gets it.
+    The advice is the same for all contacts of a group, so that only the first contact gets it.
     """
     bodies, row = contact.bodies, contact.row
     if min(bodies.solref) > 0:
@@ -313,7 +315,7 @@ def _add_readings(
 
 
 def _note_on_joints(bodies: Bodies) -> str:
-    """Return a note on the effect of joints in the numbers; ``""`` if there is none."""
+    """Return a note on how joints change the measured numbers; ``""`` if they do not."""
     damping = sum(losses.damping for losses in bodies.losses)
     friction = sum(losses.friction for losses in bodies.losses)
     if not (damping or friction):
@@ -344,7 +346,10 @@ def _traps_in_measurement(contact: ExaminedContact, option: MujocoOption, speed:
 
 
 def _trap_of_long_step(examined: list[ExaminedContact], option: MujocoOption, speed: float) -> list[Trap]:
-    """Return the trap of the contact that the step resolves least, with drops at a shorter step if there are any."""
+    """Return the trap of the contact for which the step is too long by most, with drops at a shorter step.
+
+    The list is empty if the step is short enough for all contacts.
+    """
     long = find_long_step([contact.row for contact in examined], option.timestep)
     if long is None:
         return []
@@ -367,7 +372,7 @@ def _trap_of_long_step(examined: list[ExaminedContact], option: MujocoOption, sp
 
 
 def _lost_to_tolerance(bodies: Bodies, option: MujocoOption, speed: float, row: MeasuredContact) -> str:
-    """Return a sentence on the effect of the solver's tolerance on a contact; ``""`` if there is none."""
+    """Return a sentence on how the solver's tolerance changes a contact; ``""`` if it does not."""
     if option.tolerance <= 0:
         return ""
     try:

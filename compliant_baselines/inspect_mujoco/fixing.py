@@ -1,8 +1,9 @@
-"""Writing a scene in which contacts behave as their direct numbers were meant, and measuring it again.
+"""Writing a MuJoCo scene in which contacts behave as a user may have meant their direct numbers, and measuring it.
 
-MuJoCo itself writes the compiled scene as one file (`mj_saveLastXML`): includes and frames are resolved, and numbers
-have six digits. The file gets a <pair> for each contact with direct numbers, the longest step at which all of them are
-good, and a tolerance of 0 if the scene's tolerance changes a contact. Geoms of such a pair that have no name get one.
+Direct numbers are a solref with -stiffness and -damping. MuJoCo itself writes the compiled scene as one file
+(`mj_saveLastXML`), with includes and frames resolved and with six digits. Then each contact with direct numbers gets a
+<pair> in this file. The time step becomes the longest one at which all these contacts are good. The tolerance becomes 0
+if the scene's tolerance changes a contact. Geoms of such a pair that have no name get one.
 """
 
 from __future__ import annotations
@@ -39,18 +40,18 @@ from impact_xval.compliant_baselines.inspect_mujoco.scene_contacts import (
 from impact_xval.compliant_baselines.mapping import KelvinVoigtContact
 from impact_xval.compliant_baselines.restitution import contact_time, damping_ratio
 
-mujoco: Any = import_module("mujoco")  # the names of the compiled module are invisible to a type checker
+mujoco: Any = import_module("mujoco")  # type checkers do not see the names of the compiled module
 
-#: Attributes that a new <pair> copies from the geoms, in addition to the reading; else the scene's default for pairs
-#: would replace them. The margin is the distance at which the force begins, so that the gap is 0.
+#: Attributes that a new <pair> copies from its geoms, because otherwise the scene's defaults for pairs would apply. The
+#: margin is the distance at which the force begins, so that the gap is 0.
 KEPT_PARAMETERS = ("margin", "solreffriction", "adhesion")
 
-#: Most geoms that a scene to be written may have.
+#: Largest number of geoms of a scene that can be written.
 MOST_GEOMS_TO_FIX = 250
 
 
 class ContactToWrite(NamedTuple):
-    """A contact that gets a new <pair>."""
+    """A contact that gets a new <pair>, with the contact that was meant and its parameters."""
 
     contact: SceneContact
     meant: KelvinVoigtContact
@@ -58,53 +59,53 @@ class ContactToWrite(NamedTuple):
 
 
 class WrittenContact(NamedTuple):
-    """A contact of the scene that was written, with its measurement in this scene."""
+    """A contact that got a new <pair>, with its measurement in the written scene."""
 
-    #: Names of the contacts, in the scene that was read, that have these bodies and parameters.
+    #: Names, in the original scene, of the contacts with these bodies and parameters.
     names: list[str]
     masses: tuple[float, float]
     solref_before: tuple[float, float]
     reading: Reading
     measured: MeasuredContact
-    #: True if the drops have the meant restitution and duration.
+    #: True if the drops have the restitution and duration that were meant.
     is_kept: bool
 
 
 @dataclass(frozen=True)
 class FixedScene:
-    """A scene that was written, with the measurements of its contacts."""
+    """A scene that was written with new <pair>s, and the measurements of its contacts."""
 
     kind: Kind
     written: list[WrittenContact]
-    #: Number of pairs that were written, and number of geoms that got a name.
+    #: Number of <pair>s that were written, and number of geoms that got a name.
     pairs: int
     named_geoms: int
-    #: Time steps in s, before and after.
+    #: Time step in s in the original scene, and in the written scene.
     step_before: float
     step: float
     zero_tolerance: bool
-    #: Number of contacts that are not changed.
+    #: Number of contacts that got no <pair>.
     unchanged: int
 
     @property
     def is_kept(self) -> bool:
-        """True if all measured contacts have the meant restitution and duration."""
+        """True if all measured contacts have the restitution and duration that were meant."""
         return all(contact.is_kept for contact in self.written)
 
 
 def fix_scene(source: Path, target: Path, kind: Kind, speed: float, geom: str | None = None) -> FixedScene:
-    """Write a scene in which contacts behave by one reading of their direct numbers, and measure it.
+    """Write a scene whose contacts behave as their direct numbers may have been meant, and measure it.
 
     Parameters
     ----------
     source, target
         The file that is read, and the file that is written.
     kind
-        The reading: ``keep`` or ``newton-metre``.
+        How direct numbers are read: ``keep`` for the present behaviour, ``newton-metre`` for N/m and N s/m.
     speed
         Speed in m/s at which bodies are dropped.
     geom
-        Name of a geom: only its contacts are written.
+        Name of a geom whose contacts alone are written.
 
     Raises
     ------
@@ -120,7 +121,8 @@ def fix_scene(source: Path, target: Path, kind: Kind, speed: float, geom: str | 
         raise ValueError(
             f"--fix: no contact of {source} has direct numbers with two readings; nothing is written"
         )
-    # The engine writes the model that it compiled last, and the drops of the examination have compiled others.
+    # The engine writes the model that it compiled last. The drops have compiled other models, so the scene is loaded
+    # again.
     load_scene(source)
     mujoco.mj_saveLastXML(str(target), model)
     step = min(model.opt.timestep, min(one.reading.step for one in to_write))
@@ -147,9 +149,9 @@ def fix_scene(source: Path, target: Path, kind: Kind, speed: float, geom: str | 
 
 
 def _contacts_to_write(model: Any, group: ExaminedGroup, kind: Kind) -> list[ContactToWrite]:
-    """Return the contacts of a group that have the reading.
+    """Return the contacts of a group that get a new <pair>.
 
-    A contact that was not measured gets the reading of the measured contact that is nearest in mass.
+    A contact that was not measured gets the parameters of the measured contact that is nearest in mass.
     """
     measured = [contact for contact in group.examined if not contact.row.reason]
     if not measured:
@@ -173,7 +175,7 @@ def _contacts_to_write(model: Any, group: ExaminedGroup, kind: Kind) -> list[Con
 
 
 def _contact_with(restitution: float, duration: float, bodies: Bodies) -> KelvinVoigtContact:
-    """Return the contact of two bodies with a restitution and a duration in s."""
+    """Return the spring and dashpot that give two bodies a restitution and a duration in s."""
     stiffness = bodies.mass * (contact_time(damping_ratio(restitution)) / duration) ** 2
     return KelvinVoigtContact.from_restitution(stiffness, restitution, bodies.mass)
 
@@ -186,7 +188,7 @@ def _write_pairs(
     step: float,
     zero_tolerance: bool,
 ) -> int:
-    """Write the pairs into the file that MuJoCo has saved; return the number of geoms that got a name."""
+    """Write new <pair>s into the file that MuJoCo has saved; return how many geoms got a name."""
     tree = ElementTree.parse(target)
     root = tree.getroot()
     world = root.find("worldbody")
@@ -232,7 +234,7 @@ def _write_pairs(
 
 
 def _geoms_in_order(body: ElementTree.Element) -> list[ElementTree.Element]:
-    """List the geoms below a body by their numbers: first its own, then those of its children."""
+    """Return the geoms of a body and of its children in the order of MuJoCo's numbers: first those of the body."""
     geoms = body.findall("geom")
     for child in body.findall("body"):
         geoms += _geoms_in_order(child)
@@ -247,7 +249,7 @@ def _free_name(name: str, names: Sequence[str]) -> str:
 
 
 def _point_to_assets(root: ElementTree.Element, folder: Path) -> None:
-    """Write the full paths of the folders of meshes and textures, because the file is written to another folder."""
+    """Write the full paths of the folders of meshes and textures, because the new file is in another folder."""
     compiler = root.find("compiler")
     if compiler is None:
         compiler = ElementTree.Element("compiler")
@@ -257,7 +259,7 @@ def _point_to_assets(root: ElementTree.Element, folder: Path) -> None:
 
 
 def _measure_written(model: Any, to_write: Sequence[ContactToWrite], speed: float) -> list[WrittenContact]:
-    """Measure contacts that were written: for each group of the original scene, the contacts that differ most."""
+    """Measure the written contacts that differ most in each group of contacts of the original scene."""
     selected = {geom for one in to_write for geom in one.contact.geoms}
     now = {contact.geoms: contact.bodies for contact in find_contacts(model, selected)}
     by_bodies = {one.contact.bodies: one for one in reversed(to_write)}

@@ -1,4 +1,4 @@
-"""Groups of contacts that have the same parameters, and the contacts that are measured for each group."""
+"""Groups of contacts with the same parameters, and the choice of contacts that are measured for each group."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 from impact_xval.compliant_baselines.inspect_mujoco.scene_contacts import Bodies, SceneContact
 
-#: Most contacts that are measured for a group.
+#: Largest number of contacts that are measured for a group.
 MOST_MEASURED = 4
 
 
 class ContactGroup(NamedTuple):
-    """Contacts whose parameters are the same; masses, joints and friction may differ."""
+    """Contacts with the same parameters; their masses, joints and friction may differ."""
 
     contacts: list[SceneContact]
 
@@ -24,7 +24,10 @@ class ContactGroup(NamedTuple):
 
     @property
     def members(self) -> dict[Bodies, list[str]]:
-        """Names of the contacts by their bodies; contacts that are alike in everything have one entry."""
+        """Names of the contacts, by their bodies and parameters.
+
+        Contacts in which all of these are equal have one entry.
+        """
         members: dict[Bodies, list[str]] = {}
         for contact in self.contacts:
             members.setdefault(contact.bodies, []).append(contact.name)
@@ -32,7 +35,7 @@ class ContactGroup(NamedTuple):
 
 
 def group_contacts(contacts: Sequence[SceneContact]) -> list[ContactGroup]:
-    """Group contacts by their parameters, in the order in which the parameters first occur."""
+    """Group contacts by their parameters; groups are in the order in which the parameters first occur."""
     groups: dict[object, ContactGroup] = {}
     for contact in contacts:
         groups.setdefault(contact.bodies.parameters, ContactGroup([])).contacts.append(contact)
@@ -40,11 +43,12 @@ def group_contacts(contacts: Sequence[SceneContact]) -> list[ContactGroup]:
 
 
 def choose_members(group: ContactGroup) -> list[Bodies]:
-    """Choose the members of a group to measure: those with extreme values of the quantities that matter.
+    """Choose the contacts of a group that are measured: those with extreme values of the quantities that matter.
 
-    They are the lightest and the heaviest pair; the pair whose mass is farthest from the engine's inverse weights (both
-    agree for free bodies); the light body that is solved together with most inertia, where the solver's tolerance
-    matters most; and the body that rests on most points.
+    They are the following, up to `MOST_MEASURED`: the lightest and the heaviest pair of bodies; the pair whose mass
+    differs most from that of the engine's inverse weights, which is the same for free bodies; the light body that is
+    solved together with most inertia, for which the solver's tolerance matters most; the body that rests on most
+    points; and bodies that joints slow down.
     """
     members = list(group.members)
     chosen = [

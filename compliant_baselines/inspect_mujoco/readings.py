@@ -1,9 +1,9 @@
-"""Readings of a solref: contacts that a user may have meant, parameters for them, and their measurements.
+"""Contacts that a user may have meant by a solref, parameters for these contacts, and their measurements.
 
-Direct numbers (-stiffness, -damping) have two readings: keep the present behaviour of the contact, or take the numbers
-for N/m and N s/m. Both are written as a <pair> at the level of forces, so that a third body does not change the
-contact. If the numbers are a time constant and a damping ratio, there is no reading: the advice lists damping ratios
-with their restitutions.
+Direct numbers are a solref (-stiffness, -damping). They can be read in two ways: keep the present behaviour of the
+contact, or take the numbers for N/m and N s/m. Each reading is written as a <pair> whose small impedance makes its
+numbers forces, so that a third body does not change the contact. If a solref is a time constant and a damping ratio,
+there is no reading. Instead damping ratios are listed with their restitutions, as advice.
 """
 
 from __future__ import annotations
@@ -23,67 +23,68 @@ from impact_xval.compliant_baselines.inspect_mujoco.traps import (
 from impact_xval.compliant_baselines.mapping import KelvinVoigtContact, mujoco_contact
 from impact_xval.compliant_baselines.restitution import contact_time, damping_ratio
 
-mujoco: Any = import_module("mujoco")  # the names of the compiled module are invisible to a type checker
+mujoco: Any = import_module("mujoco")  # type checkers do not see the names of the compiled module
 
-#: Largest difference between the restitution of a contact and the meant one.
+#: Largest difference between a measured restitution and the one that was meant.
 NEAR_E = 0.02
 
-#: Largest relative difference between the stiffness or duration of a contact and the meant one.
+#: Largest relative difference between a measured stiffness or duration and the one that was meant.
 NEAR_K = 0.05
 
-#: Restitution that is written for a contact without rebound: no finite damping gives 0.
+#: Restitution that is written for a contact without rebound, because no finite damping gives 0.
 NO_REBOUND = 0.01
 
-#: Fewest steps in a time constant. refsafe changes a time constant below 2 steps; this number leaves some room.
+#: Smallest number of steps in a time constant. The engine's refsafe changes time constants below 2 steps; this number
+#: leaves some room.
 _REFSAFE_STEPS = 2.2
 
-#: Largest relative difference between the restitution of a proposal and the one asked for.
+#: Largest relative difference between the measured restitution of advice and the one asked for.
 ADVICE_TOLERANCE = 0.01
 
-#: Most solrefs that are tried for a restitution.
+#: Largest number of solrefs that are tried to get a restitution.
 _MOST_CORRECTIONS = 6
 
-#: Restitutions for which the advice gives damping ratios.
+#: Restitutions for which the advice lists damping ratios.
 _USUAL_RESTITUTIONS = (0.5, 0.9)
 
 Kind = Literal["keep", "newton-metre"]
 
 
 class Reading(NamedTuple):
-    """A contact that a user may have meant, with its parameters and the results of their drops; SI units."""
+    """A contact that a user may have meant, with parameters for it and the results of their drops; SI units."""
 
     kind: Kind
-    #: The meant contact.
+    #: Numbers of the contact that was meant.
     stiffness: float
     damping: float
     restitution: float
     duration: float
-    #: Attributes to write in a <pair>: solref, solimp, condim and friction.
+    #: Parameters to write in a <pair>: solref, solimp, condim and friction.
     solref: tuple[float, float]
     solimp: tuple[float, float, float, float, float]
     condim: int
     friction: tuple[float, ...]
-    #: Longest time step in s.
+    #: Longest time step in s at which these parameters are good.
     step: float
-    #: True if the solver's tolerance has to be 0.
+    #: True if the solver's tolerance must be 0.
     zero_tolerance: bool
-    #: Mean and range of the restitution over the places of the touch within a step; None if they were not measured.
+    #: Mean and range of the restitution over the instants of touch within a step; None if it was not measured.
     measured_restitution: float | None
     measured_range: tuple[float, float] | None
     measured_duration: float | None
-    #: True if the drops have the meant restitution and duration; else `problem` says what they have.
+    #: True if the drops have the restitution and duration that were meant; else `problem` says what they have.
     is_kept: bool
     problem: str
 
     @property
     def pair(self) -> str:
-        """The <pair> to write; the names of its geoms are left out."""
+        """The <pair> to write, without the names of its geoms."""
         attributes = " ".join(f'{name}="{text}"' for name, text in self.attributes.items())
         return f"<pair {attributes}/>"
 
     @property
     def attributes(self) -> dict[str, str]:
-        """The attributes of the <pair>; a frictionless one has no friction."""
+        """Attributes of the <pair> as texts; friction is missing in a frictionless contact."""
         attributes = {"condim": str(self.condim)}
         if self.condim > 1:
             attributes["friction"] = format_numbers(self.friction)
@@ -91,7 +92,7 @@ class Reading(NamedTuple):
 
     @property
     def text(self) -> str:
-        """The reading in words: the meant contact, the text to write, and the results of its drops."""
+        """A phrase with the contact that was meant, the text to write, and the results of its drops."""
         meant = f"{self.stiffness:.4g} N/m and {self.damping:.4g} N s/m"
         if self.kind == "keep":
             meant = f"e = {self.restitution:.3g} in {self.duration:.3g} s as now"
@@ -103,20 +104,20 @@ class Reading(NamedTuple):
 
 
 class RatioAdvice(NamedTuple):
-    """Damping ratios with their restitutions, for a contact with a time constant and a damping ratio."""
+    """Damping ratios with their restitutions, as advice on a solref with a time constant and a damping ratio."""
 
     #: The present solref of the contact.
     solref: tuple[float, float]
-    #: Restitutions, and for each the solref that gives it together with the present duration of the contact.
+    #: Pairs of a restitution and the solref that gives this restitution with the present duration of the contact.
     choices: list[tuple[float, tuple[float, float]]]
     #: Longest time step in s that is good for all these solrefs.
     step: float
-    #: Mean restitution of the drops with each solref; None if a drop failed.
+    #: Mean restitution of the drops with each of these solrefs; None if a drop failed.
     measured: list[float | None]
 
     @property
     def problem(self) -> str:
-        """The solrefs that miss their restitution, in words; ``""`` if there is none."""
+        """A phrase that names the solrefs that miss their restitution; ``""`` if there are none."""
         missed = [
             f"solref {format_numbers(solref, 3)} proposed for e = {e:g} gives "
             + ("no result" if measured is None else f"{measured:.3g}")
@@ -127,7 +128,7 @@ class RatioAdvice(NamedTuple):
 
     @property
     def text(self) -> str:
-        """The advice in words."""
+        """The advice as a sentence."""
         first, *others = (
             f'{e:g} write {solref[1]:.3g} (solref="{format_numbers(solref, 3)}")'
             for e, solref in self.choices
@@ -142,10 +143,10 @@ class RatioAdvice(NamedTuple):
 def read_direct_numbers(
     bodies: Bodies, option: MujocoOption, speed: float, measured: MeasuredContact, kept: MeasuredContact
 ) -> tuple[Reading | None, Reading | None]:
-    """Read direct numbers in both ways: as the present behaviour (`kept`), and as numbers in N/m and N s/m.
+    """Return both readings of direct numbers: to keep the present behaviour `kept`, and to take them as N/m and N s/m.
 
-    There is no reading of other numbers, or if the contact already behaves by its numbers in N/m and N s/m. At the
-    level of forces the numbers are N/m and N s/m over the mass.
+    A reading is None if the solref has no direct numbers, or if the contact already behaves by its numbers in N/m and N
+    s/m.
     """
     if bodies.solref[0] >= 0:
         return None, None
@@ -164,10 +165,10 @@ def read_direct_numbers(
 def meaning_in_newton_metre(
     bodies: Bodies, option: MujocoOption, impedances: tuple[float, float] | None
 ) -> KelvinVoigtContact:
-    """Return the contact that has the numbers of a direct solref in N/m and N s/m.
+    """Return the contact that a direct solref means if its numbers are read in N/m and N s/m.
 
-    For a contact at the level of forces the engine multiplies the numbers by the mass and by the cone's factor. The
-    measured impedances decide whether a contact is at this level.
+    If the impedance is small and constant, the engine's numbers are forces: N/m and N s/m over the mass. Then they are
+    multiplied by the mass and by the factor of the friction cone. `impedances` are measured; they decide if this is so.
     """
     solref = bodies.solref
     is_force = is_at_force_level(bodies.solimp, impedances) and solref[1] <= 0
@@ -176,7 +177,7 @@ def meaning_in_newton_metre(
 
 
 def contact_of(measured: MeasuredContact, bodies: Bodies) -> KelvinVoigtContact:
-    """Return the contact with the restitution and the duration that were measured, for these bodies."""
+    """Return the spring and dashpot with the measured restitution and duration, for these bodies."""
     assert measured.restitution is not None
     assert measured.duration is not None
     e = min(max(measured.restitution, NO_REBOUND), 1.0)
@@ -185,7 +186,7 @@ def contact_of(measured: MeasuredContact, bodies: Bodies) -> KelvinVoigtContact:
 
 
 def write_reading(kind: Kind, bodies: Bodies, option: MujocoOption, meant: KelvinVoigtContact) -> Reading:
-    """Write a contact as a <pair> at the level of forces, with the geoms' condim and friction, without measuring it."""
+    """Return a contact as a <pair> with a small constant impedance, not measured yet; condim and friction are kept."""
     pair = dict(bodies.pair)
     solref, solimp = mujoco_contact(meant._replace(mass=bodies.scale * _cone_factor(bodies, option)))
     return Reading(
@@ -209,11 +210,11 @@ def write_reading(kind: Kind, bodies: Bodies, option: MujocoOption, meant: Kelvi
 
 
 def _cone_factor(bodies: Bodies, option: MujocoOption) -> float:
-    """Return the factor by which a cone multiplies the force along the normal at a small impedance.
+    """Return the factor by which a friction cone multiplies the force along the normal at a small impedance.
 
-    The factor of a pyramidal cone is (condim - 1)/(mu^2 (1 + mu^2)): the cone has 2 (condim - 1) edges. The
-    regularisation of an edge is 2 mu^2 times the regularisation of the normal. The inverse weight in it is (1 + mu^2)
-    times the inverse weight of the bodies (the engine's mj_diagApprox and mj_makeImpedance).
+    For a pyramidal cone the factor is (condim - 1)/(mu^2 (1 + mu^2)). The cone has 2 (condim - 1) edges. The
+    regularisation of an edge is 2 mu^2 times that of the normal. The inverse weight in it is (1 + mu^2) times that of
+    the bodies (the engine's mj_diagApprox and mj_makeImpedance).
     """
     pair = dict(bodies.pair)
     condim, mu = int(pair["dim"][0]), pair["friction"][0]
@@ -225,7 +226,7 @@ def _cone_factor(bodies: Bodies, option: MujocoOption) -> float:
 def verify_reading(
     kind: Kind, bodies: Bodies, option: MujocoOption, speed: float, meant: KelvinVoigtContact
 ) -> Reading:
-    """Write a contact and drop it; the tolerance is 0 if the scene's tolerance changes the contact."""
+    """Return a reading with the results of its drops, and with tolerance 0 if the scene's tolerance changes it."""
     reading = write_reading(kind, bodies, option, meant)
     written = bodies._replace(
         pair=tuple((dict(bodies.pair) | {"solref": reading.solref, "solimp": reading.solimp}).items())
@@ -255,7 +256,7 @@ def verify_reading(
 
 
 def is_as_meant(row: MeasuredContact, meant: KelvinVoigtContact) -> bool:
-    """Return True if the drops have the meant restitution and duration."""
+    """Return True if the drops have the restitution and duration that were meant."""
     if row.restitution_range is None or row.duration is None:
         return False
     off = max(abs(e - meant.restitution) for e in row.restitution_range)
@@ -265,11 +266,11 @@ def is_as_meant(row: MeasuredContact, meant: KelvinVoigtContact) -> bool:
 def advise_on_ratio(
     bodies: Bodies, option: MujocoOption, speed: float, measured: MeasuredContact
 ) -> RatioAdvice | None:
-    """Return damping ratios for several restitutions with the measured duration; None for direct solrefs."""
+    """Return damping ratios that give several restitutions with the measured duration; None for direct solrefs."""
     time_constant, ratio = bodies.solref
     if min(time_constant, ratio) <= 0 or not measured.duration:
         return None
-    # A user who took the damping ratio for a restitution wants this restitution.
+    # A user who took the damping ratio for a restitution wants the restitution with this number.
     wished = [ratio] if ratio < 1 else []
     wished += [e for e in _USUAL_RESTITUTIONS if e not in wished]
     choices = [(e, _find_solref(bodies, option, speed, e, measured.duration)) for e in wished[:2]]
@@ -283,27 +284,26 @@ def advise_on_ratio(
 
 
 def describe_ratio(advice: RatioAdvice, measured: MeasuredContact) -> str:
-    """Describe the effect of a contact's damping ratio, and the damping ratios of other restitutions."""
+    """Return a sentence on what a contact's damping ratio does, and on the damping ratios of other restitutions."""
     return f"{describe_damping_ratio(advice.solref, [measured])}. {advice.text}"
 
 
 def _is_near(measured: float | None, e: float) -> bool:
-    """Return True if a measured restitution is the meant one within `ADVICE_TOLERANCE`."""
+    """Return True if a measured restitution differs from e by at most the fraction `ADVICE_TOLERANCE`."""
     return measured is not None and abs(measured / e - 1) <= ADVICE_TOLERANCE
 
 
 def _find_solref(
     bodies: Bodies, option: MujocoOption, speed: float, e: float, duration: float
 ) -> tuple[float, float]:
-    """Return a time constant in s and a damping ratio with which drops give a restitution in a duration in s.
+    """Return a time constant in s and a damping ratio with which drops have a restitution and a duration in s.
 
-    The first guess is exact for a constant impedance. Then ln e is nearly proportional to the damping ratio, and the
-    duration to the time constant, and the next guesses are corrected by the measurements. The nearest guess is
-    returned.
+    The first guess is exact if the impedance is constant. Further guesses are corrected by measurements, because ln e
+    is nearly proportional to the damping ratio, and the duration to the time constant. The best guess is returned.
     """
     zeta, stretch = damping_ratio(e), 1.0
     by_formula = (duration / (contact_time(zeta) * zeta), zeta)
-    # Relative errors of the restitutions, with their solrefs.
+    # Relative errors of the restitutions that were measured, each with its solref.
     measured: list[tuple[float, tuple[float, float]]] = []
     for _ in range(_MOST_CORRECTIONS):
         solref = (stretch * duration / (contact_time(zeta) * zeta), zeta)
@@ -325,12 +325,12 @@ def _find_solref(
 
 
 def _step_of_choice(option: MujocoOption, duration: float, solref: tuple[float, float]) -> float:
-    """Return a good step in s for a contact of a duration in s: at most the scene's."""
+    """Return a good step in s for a contact of a duration in s; it is at most the scene's step."""
     return min(float(option.timestep), round_down(min(duration / GOOD_STEPS, solref[0] / _REFSAFE_STEPS)))
 
 
 def _bodies_with(bodies: Bodies, solref: tuple[float, float]) -> Bodies:
-    """Return the bodies of a contact with another solref."""
+    """Return the bodies and parameters of a contact with another solref."""
     return bodies._replace(pair=tuple((dict(bodies.pair) | {"solref": solref}).items()))
 
 

@@ -1,4 +1,4 @@
-"""Requests about a scene and their answers: an examination, or a scene that was written."""
+"""Requests about a MuJoCo scene and their answers: an examination of the scene, or a new file with changed contacts."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from impact_xval.compliant_baselines.inspect_mujoco.readings import Kind
 
 
 class InspectionRequest(NamedTuple):
-    """A request about a scene."""
+    """A request to examine a MuJoCo scene, or to write it with changed contacts."""
 
     #: Speed in m/s at which the bodies meet.
     speed: float
-    #: Only the contacts of this geom; None for all.
+    #: Name of a geom whose contacts alone are examined; None for all contacts.
     geom: str | None = None
-    #: True to measure every combination of parameters and masses.
+    #: True to measure every combination of parameters and bodies.
     every: bool = False
-    #: A file to write the scene to; None for an examination.
+    #: File into which the changed scene is written; None if the scene is only examined.
     target: Path | None = None
-    #: The reading that is written.
+    #: What the direct numbers of a contact are taken for when the scene is written (`readings`).
     kind: Kind = "keep"
 
 
 def answer_request(request: InspectionRequest, scene: Path) -> Examination | FixedScene | str:
-    """Examine a file, .mjb or MJCF, or write a fixed one; a string says why that is impossible."""
+    """Examine a .mjb or MJCF file, or write a changed one; a text says why this is impossible."""
     try:
         if request.target is not None:
             return fix_scene(scene, request.target, request.kind, request.speed, request.geom)
         return examine_groups(load_scene(scene), request.speed, every=request.every, geom=request.geom)
     except (ValueError, OSError) as error:
         return str(error)
-    except Exception as error:  # the engine may raise anything on a scene that it does not expect
+    except Exception as error:  # the engine can raise any exception on a scene that it does not expect
         return f"{scene}: cannot be examined: {error!r}"

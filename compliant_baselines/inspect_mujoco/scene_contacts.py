@@ -1,7 +1,7 @@
-"""The contacts of a compiled MuJoCo scene, and the masses, parameters and joints of their bodies.
+"""The contacts of a compiled MuJoCo scene, with the masses, parameters and joints of their bodies.
 
-The mass of a body on joints is its mass in the direction in which it moves most easily. Damping and dry friction of the
-joints are taken in the same direction.
+The mass of a body on joints depends on the direction. Here it is the mass in the direction in which the body moves most
+easily. Damping and dry friction of the joints are computed for the same direction.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.mapping import MUJOCO_DEFAULT_SOLIMP, MUJOCO_DEFAULT_SOLREF
 
-mujoco: Any = import_module("mujoco")  # the names of the compiled module are invisible to a type checker
+mujoco: Any = import_module("mujoco")  # type checkers do not see the names of the compiled module
 
-#: The parameters of a contact: the engine's array of pairs (without ``pair_``) and the attribute of its mjContact.
+#: Parameters of a contact: the name in the engine's arrays of pairs (without ``pair_``), and the name in its mjContact.
 _PARAMETERS = {
     "solref": "solref",
     "solimp": "solimp",
@@ -27,24 +27,26 @@ _PARAMETERS = {
     "solreffriction": "solreffriction",
     "dim": "dim",
     "margin": "includemargin",
-    **({"adhesion": "adhesion"} if hasattr(mujoco.MjContact, "adhesion") else {}),  # from 3.11 on
+    # this parameter exists from MuJoCo 3.11 on
+    **({"adhesion": "adhesion"} if hasattr(mujoco.MjContact, "adhesion") else {}),
 }
 
-#: The engine's stage that computes the mass matrix; from 3.3 on the stage adds the inertia of tendons.
+#: Name of the engine's function that computes the mass matrix. From MuJoCo 3.3 on it also adds the inertia of tendons.
 _MASS_MATRIX = "makeM" if hasattr(mujoco, "mj_makeM") else "crb"
 
-#: Most geoms of a scene in which every geom is looked at. In a larger scene only some geoms of each kind are looked at.
+#: Largest number of geoms of a scene in which the contacts of all geoms are examined. In a larger scene only some geoms
+#: of each kind are examined.
 MOST_GEOMS = 60
 
-#: Number of geoms of a kind that are looked at in a larger scene, on the lightest bodies and again on the heaviest.
+#: Number of geoms of a kind that are examined in a larger scene: so many on the lightest bodies, and on the heaviest.
 GEOMS_PER_END = 2
 
-#: Distance in m below which all geoms count as touching, so that contacts of distant geoms are found too.
+#: A margin in m that is larger than any scene. With it the engine finds the contacts of distant geoms too.
 _EVERYWHERE = 1e9
 
 
-#: Sources of the parameters of a contact: a <pair>, the flag `override`, the geom of higher priority, two geoms that
-#: have the same parameters, or two geoms whose parameters the engine mixes.
+#: Where the parameters of a contact come from: a <pair>, the flag `override`, the geom of higher priority, two geoms
+#: with the same parameters, or two geoms whose parameters the engine mixes.
 RULES = ("pair", "override", "priority", "same", "mixed")
 
 
@@ -61,39 +63,40 @@ class MujocoOption(Protocol):
 
 
 class Losses(NamedTuple):
-    """Damping and dry friction that the joints of a body oppose to its motion along the normal."""
+    """Damping and dry friction that the joints of a body add to its motion along the normal."""
 
     #: Damping in N s/m.
     damping: float = 0.0
     #: Dry friction in N.
     friction: float = 0.0
-    #: The dry-friction parameters of the joint with the largest dry friction.
+    #: Parameters of the dry friction of the joint in which it is largest.
     solref: tuple[float, ...] = MUJOCO_DEFAULT_SOLREF
     solimp: tuple[float, ...] = MUJOCO_DEFAULT_SOLIMP
 
 
 class Bodies(NamedTuple):
-    """The two bodies of a contact, the lighter first, and the parameters of the contact."""
+    """The two bodies of a contact, the lighter one first, and the parameters of the contact."""
 
     #: Masses along the normal in kg; inf for a fixed body.
     masses: tuple[float, float]
-    #: The engine's `body_invweight0` of each body.
+    #: The engine's inverse weights of each body (`body_invweight0`).
     weights: tuple[tuple[float, ...], ...]
-    #: Parameters of a `pair` that has this contact, by the names of the engine's arrays.
+    #: Parameters of the contact as a <pair> would have them, by the names of the engine's arrays.
     pair: tuple[tuple[str, Any], ...]
-    #: Sum of the mass matrix's diagonal; the solver divides by it before it compares a measure with its tolerance.
+    #: Sum of the diagonal of the mass matrix. The solver divides its measure of convergence by this sum, and then
+    #: compares the measure with its tolerance.
     inertia: float
     losses: tuple[Losses, Losses] = (Losses(), Losses())
-    #: The solrefs of two geoms, if one of them is direct and the engine has mixed them.
+    #: The solrefs of the two geoms, if the engine has mixed them and at least one is direct; else None.
     mixed: tuple[tuple[float, float], tuple[float, float]] | None = None
-    #: Source of the parameters, one of `RULES`.
+    #: Where the parameters come from, one of `RULES`.
     rule: str = "pair"
-    #: Number of points of contact when a body lies flat on the other one.
+    #: Number of points of contact if one body lies flat on the other one.
     points: int = 1
 
     @property
     def parameters(self) -> tuple[tuple[str, Any], ...]:
-        """The parameters that decide the contact, without its bodies: numbers except friction, and the rule."""
+        """The parameters that decide how the contact behaves: all except friction, and the rule; without the bodies."""
         return (*((name, value) for name, value in self.pair if "friction" not in name), ("rule", self.rule))
 
     @property
@@ -103,7 +106,7 @@ class Bodies(NamedTuple):
 
     @property
     def scale(self) -> float:
-        """Mass in kg by which the engine scales a direct solref: one over the sum of the inverse weights."""
+        """Mass in kg by which the engine multiplies a direct solref: one over the sum of the inverse weights."""
         return 1 / sum(weight[0] for weight in self.weights)
 
     @property
@@ -118,7 +121,7 @@ class Bodies(NamedTuple):
 
 
 class SceneContact(NamedTuple):
-    """A contact of a scene."""
+    """A contact of a scene, with its two geoms and the bodies to which they belong."""
 
     name: str
     #: The two geoms, the smaller number first.
@@ -130,9 +133,9 @@ class SceneContact(NamedTuple):
 
 
 def read_contacts(model: Any) -> dict[Bodies, list[str]]:
-    """Find all contacts of a compiled model; return the names of contacts that are alike, by their bodies.
+    """Find the contacts of a compiled model; return their names by the bodies and parameters that they share.
 
-    In a scene with more than `MOST_GEOMS` geoms only some geoms of each kind are looked at.
+    In a scene with more than `MOST_GEOMS` geoms only some geoms of each kind are examined.
     """
     found: dict[Bodies, list[str]] = {}
     for contact in find_contacts(model):
@@ -141,11 +144,11 @@ def read_contacts(model: Any) -> dict[Bodies, list[str]]:
 
 
 def find_contacts(model: Any, selected: Iterable[int] | None = None) -> list[SceneContact]:
-    """Find the contacts of a compiled model; <pair>s come first.
+    """Return the contacts of a compiled model; contacts of <pair>s come first.
 
-    The engine itself decides which geoms can touch, and combines their parameters. For this purpose all geoms of a copy
-    of the scene are at one place, and have a shape whose overlap the engine always finds. `selected` are the geoms that
-    are looked at in addition to the geoms of <pair>s; the default is `select_geoms`.
+    The engine itself decides which geoms can touch, and combines their parameters. To this end all geoms in a copy of
+    the scene are moved to one place, and get a shape whose overlap the engine always finds. `selected` are the geoms
+    that are examined in addition to the geoms of <pair>s; by default these are `select_geoms`.
     """
     near = _everything_near(model)
     _make_others_pass(near, {*(select_geoms(model) if selected is None else selected)})
@@ -154,7 +157,7 @@ def find_contacts(model: Any, selected: Iterable[int] | None = None) -> list[Sce
         getattr(mujoco, f"mj_{stage}")(near, data)
     data.geom_xpos[:] = 0
     mujoco.mj_collision(near, data)
-    # A geom number of -1 stands for a flex.
+    # A geom number of -1 stands for a flex, a soft body.
     touching = {
         tuple(sorted(geoms)): n for n, geoms in enumerate(data.contact.geom.tolist()) if min(geoms) >= 0
     }
@@ -201,10 +204,9 @@ def name_of_geom(model: Any, geom: int) -> str:
 
 
 def select_geoms(model: Any) -> list[int]:
-    """Choose the geoms to look at: all of them, or at most `MOST_GEOMS` with some of each kind.
+    """Return the numbers of the geoms to examine: all, or in a large scene at most `MOST_GEOMS` with some of each kind.
 
-    Geoms of a kind have the same contact parameters. The geoms of the lightest and of the heaviest bodies stand for
-    all.
+    Geoms of a kind have the same contact parameters. Those on the lightest and the heaviest bodies are taken.
     """
     geoms = list(range(model.ngeom))
     if model.ngeom <= MOST_GEOMS:
@@ -229,7 +231,7 @@ def select_geoms(model: Any) -> list[int]:
     selected: list[int] = []
     for kind in range(kinds.max() + 1):
         of_kind = np.flatnonzero(kinds == kind)
-        # One geom for each body, because two geoms of one body do not touch.
+        # Only one geom of each body, because two geoms of one body do not touch.
         _, firsts = np.unique(model.geom_bodyid[of_kind], return_index=True)
         by_weight = of_kind[firsts][np.argsort(weights[of_kind[firsts]], kind="stable")].tolist()
         ends = [*by_weight[:GEOMS_PER_END], *by_weight[-GEOMS_PER_END:]]
@@ -238,7 +240,7 @@ def select_geoms(model: Any) -> list[int]:
 
 
 def _make_others_pass(near: Any, selected: set[int]) -> None:
-    """Let all geoms but the selected ones pass through each other."""
+    """Let all geoms except the selected ones pass through each other."""
     if len(selected) == near.ngeom:
         return
     passes = np.ones(near.ngeom, bool)
@@ -250,7 +252,7 @@ def _make_others_pass(near: Any, selected: set[int]) -> None:
 
 
 def _everything_near(model: Any) -> Any:
-    """Copy a model so that every two of its geoms can be made to touch."""
+    """Return a copy of a model in which any two geoms can be made to touch."""
     near = copy(model)
     near.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
     near.opt.enableflags &= ~flag("mjtEnableBit", "mjENBL_SLEEP")
@@ -260,7 +262,7 @@ def _everything_near(model: Any) -> Any:
 
 
 class _Rules:
-    """The engine's rules for combining the parameters of two geoms."""
+    """The rules by which the engine combines the parameters of two geoms."""
 
     def __init__(self, model: Any) -> None:
         self._is_overridden = bool(model.opt.enableflags & int(mujoco.mjtEnableBit.mjENBL_OVERRIDE))
@@ -270,7 +272,7 @@ class _Rules:
         self._solimps = model.geom_solimp.tolist()
 
     def of(self, geoms: tuple[int, ...], is_pair: bool) -> str:
-        """Return the source of the parameters of a contact, one of `RULES`."""
+        """Return where the parameters of a contact come from, one of `RULES`."""
         first, second = geoms
         if self._is_overridden:
             return "override"
@@ -284,7 +286,7 @@ class _Rules:
     def mixed_solrefs(
         self, geoms: tuple[int, int], rule: str, solref: Sequence[float]
     ) -> tuple[tuple[float, float], tuple[float, float]] | None:
-        """Return the solrefs of two geoms if the engine has mixed them and the result is direct; else None."""
+        """Return the solrefs of two geoms if the engine has mixed them to a direct solref; else None."""
         first, second = (self.solrefs[geom] for geom in geoms)
         if rule != "mixed" or first == second or min(solref) > 0:
             return None
@@ -298,7 +300,7 @@ _POINTS_ON_BOX = {"mjGEOM_BOX": 4, "mjGEOM_CAPSULE": 2, "mjGEOM_CYLINDER": 4}
 
 
 def _points_at_rest(model: Any, geoms: tuple[int, int]) -> int:
-    """Return the number of points on which one of two geoms rests if it lies flat on the other one."""
+    """Return the number of points of contact when one of two geoms lies flat on the other one."""
     types = [mujoco.mjtGeom(int(model.geom_type[geom])).name for geom in geoms]
     for under, over in (types, types[::-1]):
         if under == "mjGEOM_PLANE":
@@ -310,15 +312,16 @@ def _points_at_rest(model: Any, geoms: tuple[int, int]) -> int:
 
 
 def _name_of(model: Any, geoms: tuple[int, ...], pair: int | None) -> str:
-    """Name a contact by its <pair>, if it has one, or by its geoms."""
+    """Return a name for a contact: that of its <pair>, or one made of the names of its geoms."""
     names = " and ".join(name_of_geom(model, geom) for geom in geoms)
     return f"geoms {names}" if pair is None else f"pair {model.pair(pair).name or names}"
 
 
 def _mass_and_losses(model: Any, data: Any, body: int) -> tuple[float, Losses]:
-    """Return the mass in kg in the direction in which a body moves most easily, and the losses of its joints there.
+    """Return the mass in kg of a body in the direction in which it moves most easily, and what its joints add there.
 
-    The mass is one over the largest eigenvalue of J M^-1 J^T, with the Jacobian J of the centre of mass.
+    The mass is one over the largest eigenvalue of J M^-1 J^T, with the Jacobian J of the body's centre of mass and the
+    mass matrix M of the scene.
     """
     jacobian, solved = np.zeros((3, model.nv)), np.zeros((3, model.nv))
     mujoco.mj_jacBodyCom(model, data, jacobian, None, body)
@@ -327,7 +330,7 @@ def _mass_and_losses(model: Any, data: Any, body: int) -> tuple[float, Losses]:
     largest = float(eigenvalues[-1])
     if largest <= 0:
         return math.inf, Losses()
-    # Rates of the joints when a push moves the body at 1 m/s in this direction.
+    # Velocities of the joints when a push moves the body at 1 m/s in this direction.
     rates = np.abs(directions[:, -1] @ solved) / largest
     friction = rates * model.dof_frictionloss
     losses = Losses()
@@ -339,7 +342,7 @@ def _mass_and_losses(model: Any, data: Any, body: int) -> tuple[float, Losses]:
 
 
 class _BodyNumbers:
-    """Masses, losses and inertias of the bodies of a model, each computed when it is asked for."""
+    """Masses, joint losses and inertias of the bodies of a model. Each number is computed when it is first needed."""
 
     def __init__(self, model: Any, data: Any) -> None:
         self._model, self._data = model, data
@@ -351,15 +354,15 @@ class _BodyNumbers:
         self._trees = model.body_treeid.tolist()
 
     def mass(self, body: int) -> float:
-        """Return the mass in kg that `_mass_and_losses` computes."""
+        """Return the mass of a body in kg, in the direction in which it moves most easily."""
         return self._of_body(body)[0]
 
     def losses(self, body: int) -> Losses:
-        """Return the losses of the joints that `_mass_and_losses` computes."""
+        """Return the damping and dry friction that joints add to the motion of a body in this direction."""
         return self._of_body(body)[1]
 
     def weights(self, body: int) -> tuple[float, ...]:
-        """Return the engine's `body_invweight0`."""
+        """Return the engine's inverse weights of a body (`body_invweight0`)."""
         if body not in self._weights:
             self._weights[body] = _round(self._model.body_invweight0[body])
         return self._weights[body]
@@ -372,8 +375,8 @@ class _BodyNumbers:
     def inertia(self, *bodies: int) -> float:
         """Return the sum of the mass matrix's diagonal, in kg and kg m^2, by which the solver divides its measures.
 
-        The sum runs over all degrees of freedom that are solved together: the trees of the two bodies, or the whole
-        scene if it is not solved island by island.
+        The sum is over all degrees of freedom that are solved together: those of the trees of the two bodies, or those
+        of the whole scene if the solver does not divide it into islands.
         """
         trees = tuple(sorted({self._trees[body] for body in bodies} - {-1})) if self._has_islands else ()
         if trees not in self._inertias:
@@ -385,8 +388,8 @@ class _BodyNumbers:
 def _mass_diagonal(model: Any, data: Any) -> NDArray[np.float64]:
     """Return the diagonal of the mass matrix, in kg and kg m^2.
 
-    Degrees of freedom of different trees do not act on each other, unless a tendon with inertia ties them. So one
-    product with the matrix yields one entry of each tree.
+    Degrees of freedom of different trees do not act on each other, unless a tendon with inertia connects them. So one
+    product with the matrix gives one entry for each tree at once.
     """
     nv = int(model.nv)
     rounds = np.arange(nv)
@@ -401,7 +404,7 @@ def _mass_diagonal(model: Any, data: Any) -> NDArray[np.float64]:
 
 
 def _has_islands(option: MujocoOption) -> bool:
-    """Return True if constraints are solved island by island: by default from 3.3 on, in older versions by a flag."""
+    """Return True if the solver divides the scene into islands: by default from 3.3 on, before with a flag."""
     if disables := flag("mjtDisableBit", "mjDSBL_ISLAND"):
         return not option.disableflags & disables
     return bool(option.enableflags & flag("mjtEnableBit", "mjENBL_ISLAND"))
@@ -413,5 +416,5 @@ def flag(kind: str, name: str) -> int:
 
 
 def _round(values: Any) -> tuple[float, ...]:
-    """Round to twelve digits, so that bodies that are alike have equal numbers."""
+    """Return numbers rounded to twelve digits, so that equal bodies get equal numbers in spite of rounding."""
     return tuple(float(f"{value:.12g}") for value in np.ravel(values))

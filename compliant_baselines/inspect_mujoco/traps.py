@@ -1,4 +1,7 @@
-"""Traps in the parameters of the contacts of a MuJoCo scene."""
+"""Traps in the parameters of the contacts of a MuJoCo scene.
+
+A trap is a rule of the engine by which a contact behaves otherwise than its parameters suggest.
+"""
 
 from __future__ import annotations
 
@@ -20,21 +23,21 @@ from impact_xval.compliant_baselines.mapping import (
 )
 from impact_xval.compliant_baselines.restitution import restitution
 
-mujoco: Any = import_module("mujoco")  # the names of the compiled module are invisible to a type checker
+mujoco: Any = import_module("mujoco")  # type checkers do not see the names of the compiled module
 
-#: Number of steps in a contact below which its restitution is off by 10 % and more.
+#: Number of steps in a contact below which its restitution is wrong by 10 % or more.
 FEWEST_STEPS = 30
 
-#: Number of steps in a contact at a good time step.
+#: Number of steps in a contact that a good time step gives.
 GOOD_STEPS = 100
 
-#: Largest relative change of an impedance that counts as the same at all depths.
+#: Largest relative change of an impedance with the depth at which it is taken for constant.
 SAME_IMPEDANCE = 0.01
 
-#: Largest impedance at which direct numbers are N/m and N s/m over the mass even if a third body pushes.
+#: Largest impedance at which direct numbers are N/m and N s/m over the mass, even if a third body pushes.
 FORCE_LEVEL = 0.01
 
-#: Names of all traps, in the order in which they are listed.
+#: Names of all traps, in the order in which findings are listed.
 TRAPS = (
     "mixed-geoms",
     "mixed-default",
@@ -53,10 +56,10 @@ TRAPS = (
 
 
 class LongStep(NamedTuple):
-    """A contact whose step is too long."""
+    """A contact for which the time step is too long."""
 
     row: MeasuredContact
-    #: Time in s that the step has to resolve, and the name of the process that takes this time.
+    #: Time in s that the step must resolve, and a phrase that names the process which takes this time.
     time: float
     what: str
 
@@ -66,25 +69,25 @@ class Trap(NamedTuple):
 
     #: One of `TRAPS`.
     name: str
-    #: Sentence on the engine's behaviour, with the way out.
+    #: Sentence on what the engine does, and on how to avoid it.
     message: str
 
 
 class Finding(NamedTuple):
-    """A trap in a scene."""
+    """A trap in a scene, with all contacts that have it."""
 
     #: One of `TRAPS`.
     trap: str
-    #: Names of the contacts that have it.
+    #: Names of the contacts that have this trap.
     contacts: list[str]
-    #: Sentence on the engine's behaviour, with the way out.
+    #: Sentence on what the engine does, and on how to avoid it.
     message: str
 
 
 def gather_findings(traps: Sequence[tuple[list[str], Iterable[Trap]]]) -> list[Finding]:
-    """Gather the traps of contacts, given with the contacts' names.
+    """Return the traps of a scene, gathered from the traps of its contacts and the contacts' names.
 
-    A trap that many contacts share in the same words is one finding.
+    Contacts whose trap has the same message share one finding.
     """
     contacts: dict[Trap, list[str]] = {}
     for names, traps_of_contact in traps:
@@ -95,9 +98,9 @@ def gather_findings(traps: Sequence[tuple[list[str], Iterable[Trap]]]) -> list[F
 
 
 def traps_of_mixing(contacts: Sequence[SceneContact]) -> Iterator[Trap]:
-    """Yield the trap of contacts of the same parameters in which a default of one geom changes the solref of the other.
+    """Yield the trap that the default solref of one geom is averaged with the solref of the other geom.
 
-    Direct numbers are not averaged: `traps_in_parameters` has their trap.
+    The contacts have the same parameters. Direct numbers are not averaged; their trap is in `traps_in_parameters`.
     """
     default = MUJOCO_DEFAULT_SOLREF
     averaged = [
@@ -134,9 +137,10 @@ def traps_in_parameters(
     option
         The options of the scene.
     alike
-        The bodies of contacts of the same parameters.
+        The bodies of contacts that have the same parameters.
     rows
-        Measurements of some of these contacts. Formulas replace numbers that were not measured, and the text says so.
+        Measurements of some of these contacts. Where numbers were not measured, formulas give them, and the text says
+        so.
     """
     measured = [row for row in rows if row.restitution is not None]
     bodies = alike[0]
@@ -204,15 +208,16 @@ def is_lengthened(solref: tuple[float, float], option: MujocoOption) -> bool:
 
 
 def _is_discrete(option: MujocoOption) -> bool:
-    """Return True for an integrator that computes forces at the end of a step; it exists from 3.13 on."""
+    """Return True if the integrator computes forces at the end of a step; it exists from MuJoCo 3.13 on."""
     return option.integrator == getattr(mujoco.mjtIntegrator, "mjINT_DISCRETE", None)
 
 
 def is_at_force_level(solimp: Sequence[float], impedances: tuple[float, float] | None) -> bool:
-    """Return True if the impedance is small and the same at all depths, by measurement if there is one.
+    """Return True if the impedance is small and constant, so that direct numbers are forces over the mass.
 
-    The engine multiplies the stiffness by (d/dmax)^2. So the stiffness differs from the number if the impedance d
-    changes or does not come near dmax.
+    `impedances` are the least and greatest measured impedance; without them solimp decides. The engine multiplies the
+    stiffness by (d/dmax)^2. So the stiffness differs from its number if the impedance d changes or stays away from
+    dmax.
     """
     dmax = max(solimp[1], MUJOCO_IMPEDANCE)
     low, high = impedances or (max(solimp[0], MUJOCO_IMPEDANCE), dmax)
@@ -222,7 +227,7 @@ def is_at_force_level(solimp: Sequence[float], impedances: tuple[float, float] |
 def _describe_direct_stiffness(
     stiffness: float, alike: Sequence[Bodies], measured: Sequence[MeasuredContact]
 ) -> str:
-    """Describe a direct stiffness in 1/s^2 in N/m: the measured stiffness, or else the largest possible one."""
+    """Return a sentence with a direct stiffness in N/m: the measured stiffness, or else the largest possible one."""
     dmin, dmax, *_ = alike[0].solimp
     springs = [row.stiffness for row in measured if row.stiffness is not None]
     impedances = [d for row in measured for d in row.impedances or ()]
@@ -235,7 +240,7 @@ def _describe_direct_stiffness(
 
 
 def describe_damping_ratio(solref: tuple[float, float], measured: Sequence[MeasuredContact] = ()) -> str:
-    """Describe the restitution that the damping ratio of a solref gives; the damping ratio itself is no restitution."""
+    """Return a sentence with the restitution that the damping ratio of a solref gives."""
     return (
         f"the second number of solref ({solref[0]:g}, {solref[1]:g}) is a damping ratio, not a restitution: "
         f"{solref[1]:g} rebounds with {_format_restitution(solref[1], measured)}"
@@ -243,16 +248,16 @@ def describe_damping_ratio(solref: tuple[float, float], measured: Sequence[Measu
 
 
 def find_long_step(measured: Sequence[MeasuredContact], step: float) -> LongStep | None:
-    """Return the measured contact that a step in s resolves least; None if all have `FEWEST_STEPS`.
+    """Return the measured contact for which a step in s is too long by most; None if all have `FEWEST_STEPS` steps.
 
-    Contacts that the bodies do not leave have no restitution that a step could change.
+    Contacts that the bodies do not leave are ignored, because they have no restitution that a step could change.
     """
     long_steps = [long for row in measured if (long := _least_resolved(row, step))]
     return min(long_steps, key=lambda long: long.time, default=None)
 
 
 def _least_resolved(row: MeasuredContact, step: float) -> LongStep | None:
-    """Return the process in a measured contact that a step resolves too little; None if there is none."""
+    """Return the process in a measured contact for which the step is too long; None if there is none."""
     if row.duration is None:
         return None
     long = LongStep(row, row.duration, f"a contact of {row.duration:.3g} s")
@@ -266,26 +271,27 @@ def _least_resolved(row: MeasuredContact, step: float) -> LongStep | None:
 
 
 def _format_restitution(damping_ratio: float, measured: Sequence[MeasuredContact]) -> str:
-    """Write the measured restitution, or else the restitution by the formula."""
+    """Return the measured restitution as a text, or else the restitution by the formula."""
     ends = [e for row in measured for e in row.restitution_range or ()]
     return format_range(ends) if ends else f"{restitution(damping_ratio):.2g} by the formula"
 
 
 def format_numbers(numbers: Sequence[float], digits: int = 6) -> str:
-    """Format numbers for MJCF."""
+    """Return numbers as a text for MJCF."""
     return " ".join(f"{number:.{digits}g}" for number in numbers)
 
 
 def format_range(values: Sequence[float]) -> str:
-    """Write the least and the greatest value in the format of the tables."""
+    """Return the least and the greatest of values as a text with three digits."""
     low, high = (f"{float(f'{value:.3g}'):g}" for value in (min(values), max(values)))
     return low if low == high else f"{low} to {high}"
 
 
 def _duration_to_resolve(solref: tuple[float, float]) -> float:
-    """Return the time in s that the step has to resolve, for two lone bodies at d = dmax; infinite without a spring.
+    """Return the time in s that the step must resolve, for two bodies alone at d = dmax; infinite without a spring.
 
-    This is the duration of the contact, or the decay time of a heavy dashpot, which is over before its contact ends.
+    It is the duration of the contact, or the time in which a heavy dashpot brakes, if this is over before the contact
+    ends.
     """
     k, c = (-number for number in MujocoContact(solref, MUJOCO_DEFAULT_SOLIMP).direct)
     if not k:

@@ -1,1 +1,1 @@
-"""Rigid contacts: exact impact laws, and adapters of engines that take a restitution."""
+"""Rigid contacts: exact impact laws, and adapters of engines that take coefficients of restitution."""

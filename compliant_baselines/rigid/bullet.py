@@ -1,11 +1,11 @@
-"""PyBullet with `restitution`: sequential impulses in double precision, the way in which most users run it.
+"""PyBullet with coefficients of restitution: sequential impulses in double precision, as most users run it.
 
-PyBullet multiplies the coefficients of two bodies. The base of a ball meets the ball below and has the e of that
-contact; its link meets the ball above and has `Settings.partner_restitution` (`engines.pybullet`). Overlaps are not
-corrected (`contactERP` = 0), and restitution has no threshold.
+PyBullet multiplies the coefficients of two bodies. A ball has two parts at the same place, a base and a link
+(`engines.pybullet`). The base meets the ball below and has the restitution e of this contact. The link meets the ball
+above and has `Settings.partner_restitution`. Overlaps are not corrected (`contactERP` = 0), and restitution has no
+threshold.
 
-Run with its defaults (`shipped`), PyBullet keeps all defaults but one: the damping of velocities in free flight is
-switched off.
+With its default settings (`shipped`) PyBullet keeps all defaults except one: the damping of free flight is off.
 """
 
 from __future__ import annotations
@@ -29,19 +29,20 @@ from impact_xval.compliant_baselines.rigid.lines import RigidEngine, RigidWorld
 #: Distance in m at which PyBullet drops a contact by default (gContactBreakingThreshold, btPersistentManifold.cpp).
 SHIPPED_BREAKING = 0.02
 
-#: No damping in free flight: changes of velocity between impacts would look like forces of contacts.
+#: Arguments that switch off the damping of free flight. With damping, velocities would change between impacts, which
+#: would look like forces of contacts.
 UNDAMPED = {"linearDamping": 0.0, "angularDamping": 0.0}
 
 
 class BulletWorld(RigidWorld):
-    """A plane and spheres in a client, which is emptied first."""
+    """A scene in PyBullet: a plane and spheres in a connection, from which everything else is removed."""
 
     def __init__(self, scene: Scene, radius: float, p: Client) -> None:
         super().__init__(scene, radius)
         self._p = p
         p.resetSimulation()
         exact = scene.mapping != "shipped"
-        # The whole process has one threshold, which another scene may have set.
+        # All scenes of a process share this threshold, and another scene may have changed it.
         parameters: dict[str, float] = {"contactBreakingThreshold": SHIPPED_BREAKING}
         if exact:
             parameters["contactBreakingThreshold"] = 1e-4 * self.radius
@@ -75,7 +76,7 @@ class BulletWorld(RigidWorld):
         }
 
     def step(self) -> tuple[list[float], list[float]]:
-        """Take a step."""
+        """Take a step; return the velocities in m/s and the heights of the balls' centres in m after it."""
         p, client = self._p.module, self._p.number
         p.stepSimulation(client)
         v = [p.getBaseVelocity(ball, client)[0][2] for ball in self._balls]
@@ -83,17 +84,17 @@ class BulletWorld(RigidWorld):
 
 
 class PybulletRestitution(RigidEngine):
-    """PyBullet with rigid contacts; each call connects its own client."""
+    """PyBullet with rigid contacts; each call opens its own connection."""
 
     name, distribution, module = "pybullet-restitution", "pybullet", "pybullet"
     title, way_out, shipped_step = "PyBullet", Pybullet.way_out, 1 / 240
 
     @contextmanager
     def running(self) -> Generator[None]:
-        """Connect a client."""
+        """Open a connection in which scenes are set up and run."""
         with connected() as self._client:
             yield
 
     def world(self, scene: Scene) -> BulletWorld:
-        """Set up a scene."""
+        """Set up a scene in the open connection."""
         return BulletWorld(scene, self.radius(scene), self._client)

@@ -1,11 +1,11 @@
-"""Collapses: infinite sequences of impacts, after which the bodies move on together.
+"""Collapses: infinite sequences of impacts in a finite time, after which the bodies move on together.
 
-The state of a line is the relative velocities u and the gaps g of its contacts. Suppose that a cycle of impacts
-multiplies all u of some contacts by r and all their g by s. The next cycle is then the same except for these factors,
-because an impact is homogeneous in u, and the first gap to close depends only on g/u. Each cycle takes s/r of the time
-of the cycle before. With r < 1 and s < r infinitely many cycles take a finite time, after which u and g are 0.
-(McNamara and Young, Physics of Fluids A 4:496, 1992, for three balls, where r and s are the eigenvalues of a cycle;
-Cipra, Dini, Kennedy and Kolan, Physica D 125:183, 1999, for four.)
+The state of a line is given by the relative velocities u and the gaps g of its contacts. Suppose that a cycle of
+impacts multiplies all u of some contacts by r and all their g by s. The next cycle then differs only by these factors,
+because the effect of an impact is proportional to u, and the first gap to close depends only on g/u. Each cycle takes
+s/r of the time of the cycle before. If r < 1 and s < r, infinitely many cycles take a finite time, after which u and g
+are 0. (McNamara and Young, Physics of Fluids A 4:496, 1992, for three balls, where r and s are the eigenvalues of a
+cycle; Cipra, Dini, Kennedy and Kolan, Physica D 125:183, 1999, for four.)
 """
 
 from __future__ import annotations
@@ -17,31 +17,33 @@ from impact_xval.model.arrays import Floats
 
 Bools = NDArray[np.bool_]
 
-#: Largest relative deviation from common factors r and s at which a cycle repeats the cycle before.
+#: Largest relative difference from common factors r and s with which a cycle counts as a repetition of the cycle
+#: before.
 SAME_FACTOR = 1e-10
 
-#: Largest relative deviation over (1 - r)^2. If e is a little too large for a collapse, u turns by a small angle t in
-#: each cycle, the factors deviate by t^2, and bodies part after pi/t cycles. At t^2 = 1e-3 (1 - r)^2 all speeds have
-#: shrunk to e^-99 when the bodies part.
+#: Largest relative difference of the factors of the velocities, over (1 - r)^2. If e is slightly too large for a
+#: collapse, u turns by a small angle t in each cycle. The factors then differ by t^2, and the bodies part after pi/t
+#: cycles. At t^2 = 1e-3 (1 - r)^2 all speeds have shrunk to e^-99 when the bodies part.
 LINGERING = 1e-3
 
-#: Speeds and gaps, over the largest at the start, below which a sequence counts as a collapse even without a cycle.
-#: Below 1e-308 the order in which gaps close would be lost.
+#: Speeds and gaps, over the largest at the start, below which a sequence of impacts counts as a collapse even without a
+#: cycle. Below 1e-308 the order in which gaps close would be lost.
 VANISHED_SPEED, VANISHED_GAP = 1e-100, 1e-200
 
 
 class Watch:
-    """A state after an impact, and a summary of the impacts since.
+    """A recorded state after an impact, and a summary of the impacts since then.
 
-    A watch treats a collapse of infinitely many impacts as it treats an impact.
+    It is compared with later states to find cycles of impacts. A collapse of infinitely many impacts can take the place
+    of an impact.
     """
 
     def __init__(self, events: int, u: Floats, gaps: Floats, touching: Bools, struck: Bools) -> None:
-        #: Number of impacts so far, and number of impacts when the watch began.
+        #: Number of impacts so far, and number of impacts when this state was recorded.
         self.events, self.begun = events, events
-        #: The state when the watch began, and the contacts of the impact before it.
+        #: The recorded state, and the contacts of the impact before it.
         self.u, self.gaps, self.touching, self.struck = u, gaps, touching, struck
-        #: Since the watch began: contacts with an impact, largest relative velocities in m/s, and time in s.
+        #: Since this state: contacts that had an impact, largest relative velocities in m/s, and time in s.
         self.active, self.fastest, self.elapsed = np.zeros(u.size, bool), np.abs(u), 0.0
 
     def note(self, u: Floats, struck: Bools) -> None:
@@ -54,8 +56,8 @@ class Watch:
     ) -> float | None:
         """Return the time in s until the active contacts are closed and at rest; None if no collapse is certain.
 
-        A collapse counts as certain below a speed in m/s, or below a gap in m other than 0; `vanished` holds both
-        limits.
+        Without a cycle, a collapse is certain only below a speed in m/s, or below a gap in m that is not 0. `vanished`
+        contains this speed and this gap.
         """
         slowed = np.abs(u[self.active]).max()
         if slowed == 0:
@@ -71,7 +73,7 @@ class Watch:
         return time
 
     def _time_of_cycles(self, u: Floats, gaps: Floats, touching: Bools) -> float | None:
-        """Return the time in s of all cycles from now on; None if the recorded impacts are not a shrinking cycle."""
+        """Return the time in s of all further cycles; None if the recorded impacts are not a cycle that shrinks."""
         active = self.active
         if (touching != self.touching)[active].any():
             return None
@@ -86,9 +88,9 @@ class Watch:
         return self.elapsed * s / (r - s)
 
     def _is_undisturbed(self, time: float, u: Floats, gaps: Floats, touching: Bools) -> bool:
-        """Return True if no inactive contact closes or changes the sign of its rate within a time in s.
+        """Return True if no inactive contact closes, or changes the sign of its rate, within a time in s.
 
-        The law leaves contacts that approach throughout this time for later.
+        Contacts that approach during all of this time are left to the impact law afterwards.
         """
         beside = np.zeros(u.size, bool)
         beside[1:] |= self.active[:-1]
@@ -101,7 +103,7 @@ class Watch:
 
 
 def _common_factor(before: Floats, now: Floats) -> tuple[float, float]:
-    """Return the factor between two arrays, and the largest relative deviation of an element from it."""
+    """Return the factor between two arrays, and the largest relative difference of an element's factor from it."""
     nonzero = before != 0
     if not nonzero.any() or now[~nonzero].any():
         return np.nan, np.inf

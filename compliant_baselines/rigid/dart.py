@@ -1,16 +1,16 @@
-"""DART: one boxed LCP for all contacts of a step (Dantzig's method), in double precision.
+"""DART: one linear complementarity problem with bounds for all contacts of a step, in double precision.
 
-The restitution of a contact is the product of the coefficients of its two shapes. Each ball slides along a joint. Split
-impulses keep the correction of overlaps from changing velocities.
+The problem is solved by Dantzig's method. The restitution of a contact is the product of the coefficients of its two
+shapes. Each ball slides along a joint. Split impulses keep the correction of overlaps from changing velocities.
 
-dartpy before 6.20 has no split impulses: corrections of overlaps then change the velocities of touching bodies by up to
-1e-3 m/s, and many collisions have no end.
+dartpy before 6.20 has no split impulses. Corrections of overlaps then change the velocities of touching bodies by up to
+1e-3 m/s, and many collisions do not end.
 
 Measured in version 6.20: DART softens a contact by 1e-5, so that a rebound is slower by (1 + e) 1e-5 of the approach. A
 contact that would rebound at `SLOWEST` or less does not rebound, and no contact rebounds faster than `FASTEST`.
 
-Run with its defaults (`shipped`), DART keeps its collision detector (FCL), its solvers and the correction of overlaps
-by velocities.
+With its default settings (`shipped`) DART keeps its collision detector (FCL), its solvers, and the correction of
+overlaps by velocities.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from impact_xval.compliant_baselines.engines.arrangement import SPACE_AXES
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene
 from impact_xval.compliant_baselines.rigid.lines import PLANE_WIDER, RigidEngine, RigidWorld
 
-#: Speed of rebound in m/s up to which DART drops restitution (DART_BOUNCING_VELOCITY_THRESHOLD in
+#: Speed of rebound in m/s up to which DART gives no restitution (DART_BOUNCING_VELOCITY_THRESHOLD in
 #: dart/constraint/ContactConstraint.cpp).
 SLOWEST = 0.1
 
-#: Fastest rebound in m/s (DART_MAX_BOUNCING_VELOCITY in the same file).
+#: Largest speed of rebound in m/s (DART_MAX_BOUNCING_VELOCITY in the same file).
 FASTEST = 100.0
 
 
@@ -39,19 +39,19 @@ class DartJoint(Protocol):
     """The methods of `dartpy.dynamics.PrismaticJoint` and `TranslationalJoint` that the adapter calls."""
 
     def setPosition(self, index: int, position: float) -> None:
-        """Set a position along the joint in m."""
+        """Set a position along the joint in m; `index` counts the joint's axes."""
         ...
 
     def setVelocity(self, index: int, velocity: float) -> None:
-        """Set a velocity along the joint in m/s."""
+        """Set a velocity along the joint in m/s; `index` counts the joint's axes."""
         ...
 
     def getPosition(self, index: int) -> float:
-        """Return the position along the joint in m."""
+        """Return a position along the joint in m; `index` counts the joint's axes."""
         ...
 
     def getVelocity(self, index: int) -> float:
-        """Return the velocity along the joint in m/s."""
+        """Return a velocity along the joint in m/s; `index` counts the joint's axes."""
         ...
 
 
@@ -75,19 +75,19 @@ class DartShapeNode(Protocol):
     """The methods of `dartpy.dynamics.ShapeNode` that the adapter calls."""
 
     def setRelativeTranslation(self, translation: list[float]) -> None:
-        """Place the shape in its body; in m."""
+        """Set the position of the shape relative to its body, in m."""
         ...
 
     def setRelativeRotation(self, rotation: list[list[float]]) -> None:
-        """Turn the shape in its body, by a rotation matrix."""
+        """Set the rotation matrix of the shape relative to its body."""
         ...
 
     def createCollisionAspect(self) -> object:
-        """Let the shape collide."""
+        """Make the shape collide with other shapes."""
         ...
 
     def createDynamicsAspect(self) -> DartMaterial:
-        """Give the shape a material."""
+        """Give the shape friction and restitution; return the object that sets them."""
         ...
 
 
@@ -136,10 +136,12 @@ class DartWorld(RigidWorld):
         exact = scene.mapping != "shipped"
         if exact:
             solver.setCollisionDetector(dart.collision.DARTCollisionDetector())
-        if exact and hasattr(solver, "setSplitImpulseEnabled"):  # dartpy before 6.20 reaches neither setting
+        if exact and hasattr(
+            solver, "setSplitImpulseEnabled"
+        ):  # dartpy before 6.20 can set neither of the two
             solver.setSplitImpulseEnabled(True)
-            # With four balls Dantzig's method can give up. DART then sweeps over the contacts. Its default of 30 sweeps
-            # is far too few.
+            # With four balls Dantzig's method can fail. DART then sweeps over the contacts, by default only 30 times,
+            # which is far too few.
             solver.getSecondaryBoxedLcpSolver().setOption(
                 dart.constraint.PgsBoxedLcpSolverOption(10_000, 0.0, 1e-14)
             )
@@ -157,7 +159,7 @@ class DartWorld(RigidWorld):
             material.setRestitutionCoeff(e)
             return material
 
-        #: Numbers of the joint's coordinates that are coordinates of the scene.
+        #: Indices of the joint's axes that are coordinates of the scene.
         self._indices = SPACE_AXES[self.axes] if self.axes > 1 else [0]
         bodies: list[DartBody] = []
         coordinates = np.reshape(self.places + self.heights, (-1, self.axes)).tolist()
@@ -199,7 +201,7 @@ class DartWorld(RigidWorld):
         }
 
     def _slide(self, skeleton: DartSkeleton) -> tuple[DartJoint, DartBody]:
-        """Add a body that slides upwards in a line, and along x, y and z in a plane, where y stays 0.
+        """Add a body that slides along the vertical in a line, or along x, y and z in a plane, where y stays 0.
 
         A `TranslationalJoint2D` cannot be used: contacts do not move it along its second axis (dartpy 6.20).
         """
@@ -210,13 +212,13 @@ class DartWorld(RigidWorld):
         return skeleton.createPrismaticJointAndBodyNodePair(None, slide)
 
     def step(self) -> tuple[list[float], list[float]]:
-        """Take a step."""
+        """Take a step; return the velocities in m/s and the coordinates of the balls in m after it."""
         self._world.step()
         velocities = [joint.getVelocity(index) for joint in self._joints for index in self._indices]
         return velocities, [joint.getPosition(index) for joint in self._joints for index in self._indices]
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
-        """Take n steps, and add up the restitution that DART has dropped in them."""
+        """Take n steps, and add to `dropped` the speed of rebounds that DART has suppressed in them."""
         velocities, heights = super().advance(n)
         states = np.vstack([self._velocities, velocities])
         rates = -(states @ self._J.T)
@@ -228,23 +230,24 @@ class DartWorld(RigidWorld):
 
 
 class Dart(RigidEngine):
-    """DART."""
+    """DART, with rigid contacts."""
 
     name, distribution, module, title = "dart", "dartpy", "dartpy", "DART"
     shipped_step, made = 1e-3, DartWorld
     knows_planes, plane_wider = True, PLANE_WIDER
 
     def refusal(self, scene: Scene) -> str | None:
-        """Return why DART cannot take a scene: it would drop the restitution of a first impact, or limit its rebound.
+        """Return a sentence that says why DART cannot take a scene, or None.
 
-        With its defaults DART takes such scenes, because its default behaviour is then what was asked for.
+        DART refuses a scene if it would suppress the rebound of a first impact, or limit its speed. With its default
+        settings it takes such scenes, because its default behaviour is then what was asked for.
         """
         if scene.mapping == "shipped":
             return super().refusal(scene)
         for i, rebound in enumerate((scene.restitutions * scene.rates).tolist(), 1):
             would = f"contact {i} would rebound at {rebound:.3g} m/s: DART"
             if 0 < rebound <= SLOWEST:
-                return f"{would} drops restitution up to {SLOWEST} m/s"
+                return f"{would} suppresses rebounds up to {SLOWEST} m/s"
             if rebound > FASTEST:
-                return f"{would} has none faster than {FASTEST} m/s"
+                return f"{would} allows no rebound faster than {FASTEST} m/s"
         return super().refusal(scene)

@@ -1,18 +1,18 @@
-"""Rigid impact laws for contact graphs, given by a Delassus matrix; their texts and sources are in `rigid.laws`.
+"""Rigid impact laws for contact graphs with a Delassus matrix W; `rigid.laws` has the laws' formulas and sources.
 
-With rates of compression w and impulses P >= 0, w+ = w - W P. All contacts touch throughout, without flights. Impacts
-follow one another until no contact approaches. Two laws differ from `rigid.laws` in the order of contacts:
-**sequential** always takes the first contact of a given order that approaches, and **plastic-then-restitution** sweeps
-in that order.
+An impact with impulses P >= 0 changes the rates of compression w to w - W P. All contacts touch throughout, and there
+are no flights. Impacts follow one another until no contact approaches. Two laws differ from `rigid.laws` in the order
+of contacts: **sequential** always takes the first contact of a given order that approaches, and
+**plastic-then-restitution** sweeps in that order.
 
-**Complementarity.** With W = L L^T and q = L c, the problem 0 <= P, q + W P >= 0, complementary, is the least-squares
-problem of L^T P = -c with P >= 0. L^T P is unique, and so are the velocities. P is unique only if no other P >= 0 has
-the same W P. `impulse_spread` is the largest range of the impulse of compression of one contact over all such P, in the
-first impact. Poisson's law and the sweep of plastic-then-restitution depend on P: `rate_spread` is the largest
-difference between the final rates that the extreme P lead to.
+**Complementarity.** The problem 0 <= P, q + W P >= 0, P . (q + W P) = 0 is solved as a least-squares problem. With W =
+L L^T and q = L c it is that of L^T P = -c with P >= 0. L^T P is unique, and so are the velocities. P is unique only if
+no other P >= 0 has the same W P. `impulse_spread` is the largest range of the impulse of compression of a single
+contact over all such P, in the first impact. Poisson's law and the sweep of plastic-then-restitution depend on P.
+`rate_spread` is the largest difference between the final rates that follow from the extreme P.
 
-`solve_graph_by_rigid_law` returns velocities of bodies. The module needs `rigid.laws` for the names. The command
-`solve` and users call it.
+`solve_graph_by_rigid_law` returns velocities of bodies. The module needs `rigid.laws` for the names of laws. It is
+called by the command `solve` and by users.
 """
 
 from __future__ import annotations
@@ -34,47 +34,48 @@ if TYPE_CHECKING:
 
 _optimize: Any = optimize
 
-#: Names of the laws on graphs: the laws of chains, but one sequential law for all orders.
+#: Names of the laws on graphs: those of balls in a line, but with one sequential law for all orders of contacts.
 GRAPH_LAWS = (*(name for name in LAWS if not name.startswith("sequential")), "sequential")
 
-#: Laws whose rates depend on the split of the impulses of compression.
+#: Laws whose final rates depend on how the impulses of compression are distributed over contacts.
 _DEPENDS_ON_SPLIT = ("poisson-restitution", "plastic-then-restitution")
 
 #: Number of impacts after which a graph is given up.
 MOST_IMPACTS = 100_000
 
-#: Fraction of the largest rate, or impulse, that counts as rounding of a least-squares problem.
+#: Fraction of the largest rate or impulse that is taken for rounding in a least-squares problem.
 _TINY = 1e-10
 
 
 class RigidGraphOutcome(NamedTuple):
     """Result of a rigid law for one contact graph."""
 
-    #: Name of the law, with its order of contacts if it has one.
+    #: Name of the law, with the order of contacts if the law depends on it.
     law: str
     #: Total impulses in N s and final rates of compression in m/s, shape (C,).
     impulses: Floats
     rates: Floats
     #: Number of impacts.
     impacts: int
-    #: Largest range of the impulse of compression of one contact in the first impact, in N s; 0 if the split is unique.
+    #: Largest range of the impulse of compression of a single contact in the first impact, in N s; 0 if the impulses
+    #: are unique.
     impulse_spread: float
-    #: Largest difference of final rates between extreme splits, in m/s.
+    #: Largest difference in m/s of final rates between extreme distributions of the impulses of compression.
     rate_spread: float
 
 
 class _Impact(NamedTuple):
-    """The numbers of an impact that a law needs."""
+    """The numbers of an impact from which a law computes impulses."""
 
     W: Floats
     e: Floats
-    #: Rates before the impact.
+    #: Rates of compression before the impact.
     w: Floats
-    #: Contacts in the order in which a law goes through them.
+    #: Contacts in the order in which a law takes them.
     order: Sequence[int]
-    #: Impulses of the compression of all contacts, 0 <= C, C W - w >= 0; one of several possible splits.
+    #: Impulses C >= 0 of the compression of all contacts, with W C - w >= 0. They may not be unique.
     compression: Floats
-    #: True if no impact came before.
+    #: True for the first impact of a collision.
     is_first: bool
 
 
@@ -141,7 +142,7 @@ def solve_rigid_graph(
 
 
 def solve_graph_by_rigid_law(law: str, collision: GraphCollision) -> GraphCollisionOutcome:
-    """Solve one collision of bodies by one of the laws of chains.
+    """Solve one contact graph by one of the laws for balls in a line.
 
     Parameters
     ----------
@@ -149,6 +150,7 @@ def solve_graph_by_rigid_law(law: str, collision: GraphCollision) -> GraphCollis
         One of `rigid.laws.LAWS`. On a graph ``sequential-top`` takes contacts in ascending order, and
         ``sequential-bottom`` in descending order.
     collision : GraphCollision
+        The contact graph.
 
     Returns
     -------
@@ -182,7 +184,7 @@ def solve_graph_by_rigid_law(law: str, collision: GraphCollision) -> GraphCollis
 
 
 def complementary(W: Floats, q: Floats) -> Floats:
-    """Solve 0 <= P, q + W P >= 0, complementary, for a positive semidefinite W and a q in its range."""
+    """Return P with 0 <= P, q + W P >= 0, P . (q + W P) = 0, for a positive semidefinite W and a q in its range."""
     values, vectors = np.linalg.eigh(W)
     is_kept = values > 1e-13 * values[-1]
     L: Floats = vectors[:, is_kept] * np.sqrt(values[is_kept])
@@ -196,7 +198,7 @@ def complementary(W: Floats, q: Floats) -> Floats:
 
 
 def _extreme_splits(W: Floats, w: Floats, compression: Floats) -> list[Floats]:
-    """Return splits with the same W C in which the impulse of some contact is the least or the largest."""
+    """Return impulses C with the same W C as `compression` in which one contact has its least or largest impulse."""
     contacts = len(w)
     if np.linalg.matrix_rank(W, hermitian=True) == contacts:
         return []
@@ -217,7 +219,7 @@ def _extreme_splits(W: Floats, w: Floats, compression: Floats) -> list[Floats]:
 def _follow(
     law: str, W: Floats, e: Floats, w: Floats, order: Sequence[int], compression: Floats
 ) -> tuple[Floats, int]:
-    """Return total impulses, and the number of impacts until no contact approaches."""
+    """Return the total impulses, and the number of impacts until no contact approaches."""
     total, rates, threshold = np.zeros(len(w)), w, ROUNDING * np.abs(w).max()
     for impact in range(MOST_IMPACTS):
         if not (rates > threshold).any():
@@ -241,9 +243,9 @@ def _poisson(impact: _Impact) -> Floats:
 
 
 def _reflections(impact: _Impact) -> Floats:
-    """Return the blend of the plastic and the elastic impulse.
+    """Return the plastic impulse times 1 - e plus the elastic impulse times e.
 
-    The elastic impulse reflects approaching contacts repeatedly.
+    The elastic impulse reflects approaching contacts again and again until none is left.
     """
     elastic, rates = np.zeros(len(impact.w)), impact.w
     threshold = ROUNDING * np.abs(impact.w).max()

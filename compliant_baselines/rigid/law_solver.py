@@ -1,7 +1,4 @@
-"""`RigidLaw`: the rigid impact laws of `rigid.laws` and `rigid.graphs` as solvers.
-
-Used by the registry.
-"""
+"""`RigidLaw`: the solver class of the rigid impact laws in `rigid.laws` and `rigid.graphs`; the registry uses it."""
 
 from __future__ import annotations
 
@@ -22,22 +19,22 @@ from impact_xval.model.states import name_of_set
 
 
 class RigidLaw(OneByOne):
-    """Exact solver of one of `LAWS`, with the name of the law; rigid engines are compared with it.
+    """Exact solver of one of `LAWS`; its name is the name of the law. Rigid engines are compared with it.
 
     It ignores stiffnesses, exponents and steps. Impacts take no time, so there are two states: the contacts that touch
-    at first, then no contact. `n_events` is the number of impacts, ``duration`` the time of the last impact in s. The
-    status is ``closed-form`` if a sequence had infinitely many impacts; only its first impacts are counted and stand in
-    the path.
+    at the start, and then no contact. `n_events` is the number of impacts, and ``duration`` the time of the last impact
+    in s. The status is ``closed-form`` if a sequence has infinitely many impacts. Then only its first impacts are
+    counted and recorded in the path.
     """
 
     kind = "reference"
 
     def version(self) -> str:
-        """Return the version of this project, which contains the solver."""
+        """Return the version of this project."""
         return version("impact-xval")
 
     def solve_one(self, collision: Collision, settings: Settings) -> Outcome:
-        """Solve one collision."""
+        """Solve one collision of balls in a line."""
         c = collision
         if settings.scenario != "impact":
             reason = f"scenario = {settings.scenario!r}: rigid laws are without gravity; legal: 'impact'"
@@ -76,7 +73,7 @@ class RigidLaw(OneByOne):
 
 
 def _path_of(line: Line) -> Path:
-    """Return the path of a line that is over; it ends with the velocities that are reported."""
+    """Return the path of a finished line; its last velocities are those of the outcome."""
     time, u, acting = (np.array(values) for values in zip(*line.points, strict=True))
     u[-1], acting[-1] = line.u, False
     velocities = np.array([line.velocities(rates) for rates in u])

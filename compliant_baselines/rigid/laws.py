@@ -1,8 +1,10 @@
 r"""Exact rigid impact laws for N balls in a line: an impact takes no time, and a contact has only a restitution e.
 
-Contact i has the relative velocity u_i = v_i - v_{i+1} (v_N at the table, a body of inverse mass 0), which is negative
-while its bodies approach, and the impulse P_i >= 0: u+ = u- + G P, with the tridiagonal G = H M^-1 H^T, H v = u. An
-impact involves all touching contacts at once, and does not depend on positions. The laws:
+Contact i has the relative velocity u_i = v_i - v_{i+1}, which is negative while its bodies approach. The table is a
+body of velocity 0 and inverse mass 0. With the impulses P_i >= 0 an impact changes u- to u+ = u- + G P. Here G = H M^-1
+H^T is a tridiagonal matrix, M is the diagonal matrix of the masses, and H v = u. An impact involves all touching
+contacts at once, and does not depend on positions. "Complementary" says that of two numbers at a contact at least one
+is 0. The laws:
 
 * **newton-restitution**: 0 <= P, u+ + e u- >= 0, complementary. (Moreau, in Nonsmooth Mechanics and Applications, CISM
   302, 1988; Glocker and Pfeiffer, Nonlinear Dynamics 7:471, 1995.) With unequal e it may create energy.
@@ -12,9 +14,9 @@ impact involves all touching contacts at once, and does not depend on positions.
 * **sequential-top**, **sequential-bottom**: single impacts of two bodies, P_i = -(1 + e_i) u_i/G_ii. The topmost
   (lowest) of the contacts that touch and approach is always next. Engines that sweep over contacts have other orders.
 * **generalised-reflection** (Smith, Kaufman, Vouga, Tamstorf and Grinspun, "Reflections on Simultaneous Impact", ACM
-  Trans. Graphics 31(4):106, 2012): while any contact approaches, P += 2 C, with C the compression of the approaching
-  contacts alone. The result is the elastic impulse. For e < 1 the impulse is (1 - e) times the compression of all
-  touching contacts and e times the elastic impulse, as in the authors' own program (github.com/breannansmith/scisim,
+  Trans. Graphics 31(4):106, 2012): while any contact approaches, P += 2 C, with C the compression of only the
+  approaching contacts. The result is the elastic impulse. For e < 1 the impulse is (1 - e) times the compression of all
+  touching contacts plus e times the elastic impulse, as in the authors' own program (github.com/breannansmith/scisim,
   GRROperator.cpp). The law has one e for all contacts.
 * **plastic-then-restitution**: the compression C of all touching contacts; then one sweep over the contacts that
   approached before. The sweep changes each impulse so that u+ + e u- = 0, or to 0 if it would pull: first the odd
@@ -25,14 +27,14 @@ impact involves all touching contacts at once, and does not depend on positions.
 
 **Sequences.** After an impact bodies may approach again: at once (by Newton's law, where a contact parted before the
 impact) or after a flight. Impacts follow one another until no contact approaches. A contact touches only when its gap
-is 0. Contacts whose gaps close at the same instant (`SAME_INSTANT`) are one impact. All laws agree on the impact of a
-single contact.
+is 0. If gaps close at the same instant (`SAME_INSTANT`), their contacts have one impact. All laws agree on the impact
+of a single contact.
 
 **Collapses.** Infinitely many impacts may follow one another at one instant, or in a finite time, while gaps and rates
 of approach vanish. The bodies then touch, and move with the velocity of their centre of mass, or not at all if the
 table is among them. `rigid.collapse` distinguishes a collapse from a sequence that ends.
 
-**Solutions.** G is a Stieltjes matrix (its entries off the diagonal are not positive). Its complementarity problem has
+**Solutions.** G is a Stieltjes matrix: its entries off the diagonal are not positive. Its complementarity problem has
 one solution, found in at most as many linear systems as there are contacts: Chandrasekaran, Opsearch 7:263, 1970;
 Cottle, Pang and Stone, The Linear Complementarity Problem, 1992, section 4.7.
 """
@@ -49,17 +51,17 @@ from impact_xval.compliant_baselines.rigid.collapse import VANISHED_GAP, VANISHE
 from impact_xval.model.arrays import Floats
 from impact_xval.model.collision import Collision
 
-#: Rounding of a sum, over the sum of the absolute values of its terms; a smaller sum counts as 0.
+#: Largest sum, over the sum of the absolute values of its terms, that is taken for rounding and set to 0.
 ROUNDING = 2.0**-46
 
-#: Largest relative difference of two times that count as the same instant.
+#: Largest relative difference of two times that are taken for the same instant.
 SAME_INSTANT = 1e-12
 
-#: A watch starts again when the number of impacts has grown by this factor since its start. So a watch finally lasts
-#: for as many impacts as the longest cycle has.
+#: Factor by which the number of impacts grows until a new state is recorded for comparison (`Watch`). So in the end a
+#: recorded state is kept for as many impacts as the longest cycle has.
 LATER = 1.5
 
-#: Largest relative velocity of distant bodies, over the largest speed at the start, that may be rounding.
+#: Largest relative velocity of distant bodies that may be rounding, over the largest speed at the start.
 TINY = 1e-14
 
 
@@ -68,7 +70,7 @@ class TooManyImpactsError(RuntimeError):
 
 
 class PathPoint(NamedTuple):
-    """A state of a line."""
+    """A state of a line at the start or after an impact."""
 
     #: Time in s.
     time: float
@@ -81,8 +83,8 @@ class PathPoint(NamedTuple):
 class Line:
     """Balls in a line between impacts, in SI units; arrays of balls have the shape (N,), arrays of contacts (C,).
 
-    The state is relative velocities and gaps, not velocities and positions. So each number keeps its relative
-    precision, however small it becomes.
+    The state consists of relative velocities and gaps, not of velocities and positions. So each number keeps its
+    relative precision, however small it becomes.
     """
 
     def __init__(self, c: Collision, most: int) -> None:
@@ -91,23 +93,26 @@ class Line:
         contacts, below = self.e.size, np.append(1 / self.mass, 0.0)
         self.diagonal, self.off = (below[:-1] + below[1:])[:contacts], -below[1:contacts]
         self.weight = self.mass / self.mass.max()
-        #: Relative velocities in m/s, negative where bodies approach; contacts that touch; time in s since first touch.
+        #: Relative velocities in m/s, negative where bodies approach; mask of contacts that touch; time in s since the
+        #: start.
         self.u = -np.diff(self.start, append=0.0) if c.table else -np.diff(self.start)
         self.touching, self.time = self.gaps == 0, 0.0
-        #: Number of impacts so far; True if no impact has happened at this instant; True if a sequence had no end.
+        #: Number of impacts so far; True until the first impact at the present instant; True if a collapse has
+        #: happened.
         self.impacts, self.fresh, self.endless = 0, True, False
         speed = np.abs(self.start).max()
         self.tiny = TINY * speed
         self.vanished = float(VANISHED_SPEED * speed), float(VANISHED_GAP * self.gaps.max())
-        #: Time in s after which bodies that approach at less than `tiny` are not expected to meet.
+        #: Time in s within which bodies must meet if they approach at less than `tiny`; later meetings are ignored.
         self.horizon = self.gaps.max() / self.tiny
-        #: The first watch follows impacts; each further watch follows the collapses that the watch before it has found.
+        #: The first watch looks for cycles of impacts. Each further watch looks for cycles of the collapses that the
+        #: watch before it has found.
         self.watches = [self.new_watch()]
         #: States at the start and after each impact.
         self.points = [PathPoint(0.0, self.u, self.touching)]
 
     def velocities(self, u: Floats) -> Floats:
-        """Return velocities in m/s from relative velocities; balls with u = 0 have the same velocity to the bit."""
+        """Return velocities in m/s from relative velocities; if u is 0 at a contact, its balls have equal bits."""
         over_lowest = np.cumsum(u[::-1])[::-1]
         if self.table:
             return over_lowest
@@ -115,13 +120,13 @@ class Line:
         return over_lowest + self.weight @ (self.start - over_lowest) / self.weight.sum()
 
     def impulses(self, v: Floats) -> Floats:
-        """Return the impulses in N s that have led to these velocities, by the balance of momentum."""
+        """Return the impulses in N s that have led to the velocities v in m/s, by the balance of momentum."""
         return np.cumsum(self.mass * (v - self.start))[: self.e.size]
 
     v = property(lambda self: self.velocities(self.u), doc="Velocities in m/s, shape (N,).")
 
     def after(self, u: Floats, impulse: Floats) -> Floats:
-        """Return the relative velocities in m/s after impulses in N s, u + G P; 0 where only rounding is left."""
+        """Return u + G P, the relative velocities in m/s after impulses P in N s; 0 where only rounding is left."""
         by_contact, by_neighbours = self.diagonal * impulse, np.zeros(u.size)
         by_neighbours[:-1] += self.off * impulse[1:]
         by_neighbours[1:] += self.off * impulse[:-1]
@@ -130,11 +135,14 @@ class Line:
         return new
 
     def complementary(self, q: Floats, contacts: Bools) -> Floats:
-        """Solve 0 <= P, q + G P >= 0, complementary, for the impulses P of contacts; P is 0 at all others."""
+        """Return impulses P with 0 <= P, q + G P >= 0, at least one of both 0, for some contacts.
+
+        P is 0 at all others.
+        """
         pushing, impulse = np.zeros(q.size, bool), np.zeros(q.size)
         while (new := contacts & ~pushing & (self.after(q, impulse) < 0)).any():
             pushing |= new
-            # One row more than there are contacts, because LAPACK's ptsv takes no matrix of a single row.
+            # The matrix has one additional row, because LAPACK's ptsv refuses a matrix with a single row.
             band = np.array([np.zeros(q.size + 1), np.ones(q.size + 1)])
             band[0, 1:-1] = np.where(pushing[1:] & pushing[:-1], self.off, 0.0)
             band[1, :-1][pushing] = self.diagonal[pushing]
@@ -147,18 +155,18 @@ class Line:
         return self.touching & (self.u < 0)
 
     def only_contact(self) -> int | None:
-        """Return the only contact that touches, if it approaches; None if there are several, or none."""
+        """Return the contact that touches if it is the only one and approaches; else None."""
         touching = np.flatnonzero(self.touching)
         if touching.size == 1 and self.u[touching[0]] < 0:
             return int(touching[0])
         return None
 
     def strike(self, impulse: Floats) -> None:
-        """Apply impulses in N s."""
+        """Apply impulses in N s at the contacts."""
         self.go_on(self.after(self.u, impulse), impulse > 0)
 
     def bounce(self, contact: int) -> None:
-        """Apply the impact of one contact alone."""
+        """Apply the impact of a single contact."""
         u, struck = self.u.copy(), np.zeros(self.e.size, bool)
         impulse = -(1 + self.e[contact]) * u[contact] / self.diagonal[contact]
         u[contact] = -self.e[contact] * u[contact]
@@ -171,7 +179,7 @@ class Line:
         self.go_on(u, struck)
 
     def go_on(self, u: Floats, struck: Bools) -> None:
-        """Go on with relative velocities in m/s after an impact in the contacts `struck`."""
+        """Continue with relative velocities u in m/s after an impact in the contacts `struck`."""
         if self.impacts == self.most:
             raise TooManyImpactsError(f"not over after {self.impacts} impacts")
         self.u, self.impacts, self.fresh = u, self.impacts + 1, False
@@ -181,7 +189,7 @@ class Line:
         self.look_for_collapse(struck)
 
     def look_for_collapse(self, struck: Bools) -> None:
-        """Move on to the end of infinitely many impacts if the last impact, in the contacts `struck`, reveals them."""
+        """Move on to the end of a collapse if the last impact, in the contacts `struck`, shows that there is one."""
         for level, watch in enumerate(self.watches):
             state = self.u, self.gaps, self.touching, struck
             time = watch.time_to_collapse(*state, self.vanished)
@@ -196,15 +204,15 @@ class Line:
         self.watches.append(Watch(1, self.u, self.gaps, self.touching, struck))
 
     def new_watch(self) -> Watch:
-        """Return a watch for cycles that begins in the present state, with no impact in this state."""
+        """Return a new watch that records the present state, before any impact."""
         return Watch(0, self.u, self.gaps, self.touching, np.zeros(self.e.size, bool))
 
     def collapse(self, active: Bools, time: float) -> None:
-        """Move on by a time in s to the state in which the active contacts are closed and at rest."""
+        """Move on by a time in s to the end of a collapse, where the active contacts are closed and at rest."""
         self.u, self.gaps = self.together(self.u, active), self.together(self.gaps, active)
         self.gaps = self.gaps + self.u * time
         if time:
-            # A contact that touched still touches if it does not part.
+            # A contact that touched before still touches if its bodies do not part.
             self.touching = active | (self.touching & (self.u == 0))
         else:
             self.touching = active | self.touching
@@ -214,7 +222,7 @@ class Line:
         self.points.append(PathPoint(self.time, self.u, active))
 
     def together(self, u: Floats, closed: Bools) -> Floats:
-        """Return relative velocities, or gaps, after moving bodies joined by closed contacts to their centre of mass.
+        """Return relative velocities or gaps after bodies joined by closed contacts have moved to their centre of mass.
 
         The results are 0 at the closed contacts.
         """
@@ -228,7 +236,7 @@ class Line:
         return np.where(closed, 0.0, u - np.diff(change))
 
     def fly(self) -> bool:
-        """Move freely until the next contact closes; False if none will."""
+        """Move freely until the next contact closes; return False if no contact will close."""
         u, closing = self.u, ~self.touching & (self.u < 0)
         times = np.divide(self.gaps, -u, out=np.full(u.size, np.inf), where=closing)
         times[(u > -self.tiny) & (times > self.horizon)] = np.inf
@@ -237,7 +245,7 @@ class Line:
             return False
         closed = times * (1 - SAME_INSTANT) <= first
         self.gaps = np.where(closed, 0.0, self.gaps + u * first)
-        # A contact that touches still touches if it neither parts nor approaches.
+        # A contact that touched before still touches if its bodies neither part nor approach.
         self.touching = closed | (self.touching & (u == 0))
         self.fresh = True
         self.time += first
@@ -258,7 +266,7 @@ def apply_poisson(line: Line) -> None:
 
 
 def apply_reflections(line: Line) -> None:
-    """Apply generalised reflections, blended with the plastic impact of all touching contacts."""
+    """Apply generalised reflections: a weighted sum of the elastic and the plastic impulse of all touching contacts."""
     plastic, e = line.complementary(line.u, line.touching), line.e[0]
     elastic, u = np.zeros(line.e.size), line.u
     left = line.most - line.impacts
@@ -274,7 +282,7 @@ def apply_reflections(line: Line) -> None:
 
 
 def apply_plastic_then_restitution(line: Line) -> None:
-    """Apply the plastic impact of all touching contacts, then the restitution of those that approached."""
+    """Apply the plastic impact of all touching contacts, then the restitution of the contacts that approached."""
     before, approached, between_balls = line.u, line.approaching(), line.mass.size - 1
     e = line.e if line.fresh else np.where(line.e < 1, 0.0, line.e)
     impulse = line.complementary(before, line.touching)
@@ -298,8 +306,8 @@ def apply_lowest(line: Line) -> None:
 
 
 #: Functions that apply the impact of several touching contacts, by the name of the law. A contact that touches alone
-#: bounces in the same way under every law (`follow_impacts`). A law with other single impacts has to change
-#: `follow_impacts` too. CONTRIBUTING.md lists the other places that a law needs.
+#: rebounds in the same way under every law (`follow_impacts`). For a law with other single impacts, change
+#: `follow_impacts` too. CONTRIBUTING.md lists what else a new law needs.
 LAWS: dict[str, Callable[[Line], None]] = {
     "newton-restitution": apply_newton,
     "poisson-restitution": apply_poisson,
@@ -311,14 +319,14 @@ LAWS: dict[str, Callable[[Line], None]] = {
 
 
 def follow_impacts(collision: Collision, law: str, most: int = 100_000) -> Line:
-    """Follow balls by a rigid law until no contact approaches; stiffnesses play no part.
+    """Follow balls in a line by a rigid law until no contact approaches; stiffnesses have no effect.
 
     Velocities and impulses at the end are exact to rounding.
 
     Raises
     ------
     ValueError
-        If the law has one restitution for all contacts, and the contacts have several.
+        If the law needs the same restitution at all contacts, and the restitutions differ.
     TooManyImpactsError
         If the collision is not over after `most` impacts.
     """
@@ -334,6 +342,6 @@ def follow_impacts(collision: Collision, law: str, most: int = 100_000) -> Line:
             else:
                 line.bounce(contact)
         going = line.fly()
-    # Remaining rates of approach are rounding (`Line.fly`).
+    # The rates of approach that are left are rounding (`Line.fly`).
     line.u = np.maximum(line.u, 0.0)
     return line

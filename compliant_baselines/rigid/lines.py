@@ -1,23 +1,23 @@
-"""The common part of adapters of rigid engines: spheres in a line or a plane, with steps that are read one by one.
+"""Base classes for adapters of rigid engines: spheres in a line or a plane, with steps that are read one by one.
 
-**Overlap.** The bodies of touching contacts overlap at first by `OVERLAP` of a radius. Without this overlap most
+**Overlap.** At the start the bodies of touching contacts overlap by `OVERLAP` of a radius. Without this overlap most
 engines find the contact in a later step, or not at all, so that a single impact would become several. Each adapter
 switches off the correction of positions, so that the overlap stays.
 
 **Restitution.** Most engines compute the restitution of a contact from one number for each body. A ball therefore has a
 sphere of half its radius for each of its contacts, inside the ball and next to the body that it touches. In a line one
-of the two spheres is above the other. The sphere of the first body of a contact (in a line the upper ball) has the e of
-the contact. Where an engine multiplies two numbers, the sphere of the second body, or the plane, has
-`Settings.partner_restitution`, by default 1. Each contact with a fixed body has a plane of its own. Two shapes of
-different contacts cannot meet.
+of the two spheres is above the other. The sphere of the first body of a contact, which in a line is the upper ball, has
+the e of the contact. Where an engine multiplies two numbers, the sphere of the second body, or the plane, has
+`Settings.partner_restitution`, by default 1. Each contact with a fixed body has its own plane. Two shapes of different
+contacts cannot meet.
 
-**In a plane** normals turn by displacement over radius. Radii are larger by `PLANE_WIDER` where positions are double
-precision. Single precision does not resolve the steps of larger balls. In single precision normals turn by about a
-thousandth in a step of a thousandth of a period if an engine takes several steps for a single impact. The limit dt -> 0
-removes this, and its bound is part of the limit's error.
+**In a plane** normals turn, by displacement over radius. In double precision radii are larger by the factor
+`PLANE_WIDER`. Single precision does not resolve the steps of balls that are so large. There normals turn by about a
+thousandth in a step of a thousandth of a period, if an engine takes several steps for a single impact. In the limit dt
+-> 0 this vanishes, and a bound on it is part of the limit's error.
 
-**Rest.** Relative velocities of up to `RigidWorld.resolution` times the speed of the fastest ball at the start are
-reported as 0. Otherwise a collision would only be over when a gap has closed at 1e-17 m/s.
+**Rest.** Relative velocities up to `RigidWorld.resolution` times the largest speed at the start are reported as 0.
+Otherwise a collision would not be over until a gap has closed at 1e-17 m/s.
 """
 
 from __future__ import annotations
@@ -32,53 +32,59 @@ from impact_xval.compliant_baselines.engines.arrangement import in_space
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, count_sweeps, radius_of
 
-#: Overlap of touching bodies over the radius: 60 units in the last place of a single-precision height of four radii, a
-#: fiftieth of the way in a step of a thousandth of a period. A power of two, so that it is exact in double precision.
+#: Overlap over the radius of touching bodies at the start: 60 units in the last place of a single-precision height of
+#: four radii, and a fiftieth of the distance moved in a step of a thousandth of a period. It is a power of two, so that
+#: it is exact in double precision.
 OVERLAP = 2.0**-16
 
-#: Radius in m of the balls of an engine with its defaults: the engine's thresholds are lengths.
+#: Radius in m of the balls in an engine with its default settings, whose thresholds are lengths.
 SHIPPED_RADIUS = 2.0**-4
 
-#: Resolution of velocities: sixty-four units in the last place, in double and in single precision.
+#: Largest relative velocity, over the largest speed at the start, that is taken for rounding: 64 units in the last
+#: place, in double and in single precision.
 DOUBLE, SINGLE = 2.0**-46, 2.0**-17
 
-#: Factor on the radii of balls in a plane, in double precision. Overlaps have the same length as in a line.
+#: Factor on the radii of balls in a plane, in double precision. Overlaps are as long as in a line.
 PLANE_WIDER = 2.0**20
 
-#: A large number; it and its inverse are numbers of single precision.
+#: Limit on masses, velocities and steps: they must be below this number and above its inverse. Single precision can
+#: represent both.
 LARGEST = 1e30
 
 
 class Sphere(NamedTuple):
-    """One of the small spheres of a ball."""
+    """One of the small spheres of which a ball consists."""
 
-    #: Number of its contact, from 0.
+    #: Number of the sphere's contact, from 0.
     contact: int
-    #: Position of its centre relative to the centre of the ball, in m: (x, y, z).
+    #: Position (x, y, z) in m of the sphere's centre relative to the centre of the ball.
     offset: tuple[float, float, float]
     #: True if the ball is the first body of the contact; the sphere then has the contact's e.
     is_first: bool
 
 
 class Wall(NamedTuple):
-    """A fixed plane, against which one ball lies."""
+    """A fixed plane that one ball touches."""
 
-    #: Number of its contact, from 0.
+    #: Number of the plane's contact, from 0.
     contact: int
-    #: The point in m at which the ball touches the plane, and the plane's normal, in space (x, y, z).
+    #: The point (x, y, z) in m at which the ball touches the plane, and the normal (x, y, z) of the plane.
     point: Floats
     normal: Floats
 
     @property
     def angle(self) -> float:
-        """The turn in rad about y that takes the z axis to the normal."""
+        """Angle in rad about y that turns the z axis into the normal."""
         return math.atan2(float(self.normal[0]), float(self.normal[2]))
 
 
 class RigidWorld(World):
-    """Spheres in a line, ball 1 on top, the table's surface at height 0; or spheres and walls in a plane."""
+    """A scene in a rigid engine: spheres in a line, or spheres and fixed planes in a plane.
 
-    #: Relative velocity, over the largest speed at the start, that is reported as 0.
+    In a line the table's surface is at height 0.
+    """
+
+    #: Relative velocity that is reported as 0, over the largest speed at the start.
     resolution = DOUBLE
     accuracy = DOUBLE
 
@@ -91,20 +97,20 @@ class RigidWorld(World):
         self._is_line, self.axes = scene.graph is None, scene.axes
         self.resting_rate = self._tiny
         overlap = OVERLAP * self.radius
-        if scene.graph is not None:  # overlaps are no longer than in a line
+        if scene.graph is not None:  # the overlap is at most as long as in a line
             overlap = OVERLAP * min(self.radius, radius_of(scene.depth(scene.stiffnesses)))
         self.heights = self.heights + overlap * scene.closing
         self._arrangement = scene.arrangement
-        #: Number of sweeps over the contacts after which sequential impulses have converged to rounding.
+        #: Number of sweeps over the contacts after which sequential impulses change only by rounding.
         self.sweeps = 4 + min(996, count_sweeps(scene))
 
     @property
     def centres(self) -> list[tuple[float, float, float]]:
-        """Centres of the balls at t = 0 in space, in m."""
+        """Centres of the balls at t = 0 as points (x, y, z) in m."""
         return [tuple(centre) for centre in in_space(self.places + self.heights, self.axes).tolist()]
 
     def spheres(self, ball: int) -> list[Sphere]:
-        """Return the spheres of a ball: first for contacts in which it is the first body, then for the others."""
+        """Return the spheres of a ball: first those of contacts in which it is the first body, then the others."""
         as_first, as_second = self._arrangement.sides(ball)
         spheres: list[Sphere] = []
         for contact in [*as_first, *as_second]:
@@ -116,7 +122,7 @@ class RigidWorld(World):
 
     @property
     def walls(self) -> list[Wall]:
-        """The fixed planes."""
+        """The fixed planes that balls touch."""
         return [
             Wall(
                 contact,
@@ -132,7 +138,7 @@ class RigidWorld(World):
         """Take a step; return the velocities in m/s and the coordinates of the centres in m after it."""
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
-        """Take n steps."""
+        """Take n steps; return the velocities in m/s and heights in m after each of them."""
         states = np.array([self.step() for _ in range(n)])
         if not self._is_line:
             return states[:, 0], states[:, 1] - self.places
@@ -145,14 +151,14 @@ class RigidWorld(World):
         return v[:, :-1], states[:, 1] - self.places
 
     def weightless(self, velocities: Floats, heights: Floats) -> None:
-        """Do nothing: drops are refused."""
+        """Do nothing, because rigid engines refuse drops and so never run with gravity."""
 
 
 class RigidEngine(Engine):
-    """Base class of rigid engines: contacts have restitutions; stiffnesses only decide the length of a step."""
+    """Base class of rigid engines: contacts have restitutions, and stiffnesses only decide the length of a step."""
 
     kind, law = "rigid", None
-    #: Factor on radii in a plane: `PLANE_WIDER` in double precision.
+    #: Factor on radii in a plane; it is `PLANE_WIDER` for engines in double precision.
     plane_wider: float = 1.0
 
     def radius(self, scene: Scene) -> float:
@@ -163,9 +169,12 @@ class RigidEngine(Engine):
         return radius if scene.graph is None else radius * self.plane_wider
 
     def refusal(self, scene: Scene) -> str | None:
-        """Return why the engine cannot take a scene: a drop, or numbers beyond single precision."""
+        """Return a sentence that says why the engine cannot take a scene, or None.
+
+        Rigid engines refuse drops, and numbers beyond single precision.
+        """
         if scene.gravity:
-            return f"gravity = {scene.gravity:g} m/s^2: rigid engines are run without; legal: 0"
+            return f"gravity = {scene.gravity:g} m/s^2: rigid engines are run without gravity; legal: 0"
         if scene.mapping == "shipped" and scene.fastest * scene.step > SHIPPED_RADIUS:
             return (
                 f"|v0| = {scene.fastest:.3g} m/s: more than a radius of {SHIPPED_RADIUS} m "
@@ -179,7 +188,7 @@ class RigidEngine(Engine):
 
 
 def filter_bit(contact: int) -> int:
-    """Return the bit for engines' filters that lets the two shapes of a contact, counted from 0, meet only each other.
+    """Return the bit with which filters let the two shapes of a contact meet only each other; contacts count from 0.
 
     Filters have 32 bits. Contacts that share a bit are far enough apart not to meet.
     """
@@ -187,8 +196,8 @@ def filter_bit(contact: int) -> int:
 
 
 def nearest_float32(value: float, requested: float) -> float:
-    """Undo the rounding of a number read back from an engine of single precision.
+    """Return the number asked for if `value` is its nearest number in single precision; else return `value`.
 
-    Returns the requested number if `value` is the nearest to it in single precision, else `value`.
+    This removes the rounding from a number that was read back from an engine of single precision.
     """
     return requested if np.float32(requested) == np.float32(value) else value

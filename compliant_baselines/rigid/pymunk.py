@@ -1,7 +1,7 @@
-"""Pymunk (Chipmunk, 2-D): circles that do not turn, on thick segments; impulses are iterated in double precision.
+"""Pymunk (Chipmunk, 2-D): circles that do not turn, on thick segments, by sequential impulses in double precision.
 
 The restitution of a contact is the product of the elasticities of its two shapes. `collision_bias` = 1 and
-`collision_slop` = 0 leave overlaps as they are. Filters let only the two shapes of a contact meet.
+`collision_slop` = 0 leave overlaps unchanged. Filters let only the two shapes of a contact meet.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class PymunkWorld(RigidWorld):
         self.effective = {"restitution": tuple(first[i].elasticity * second[i].elasticity for i in contacts)}
 
     def step(self) -> tuple[list[float], list[float]]:
-        """Take a step."""
+        """Take a step; return the velocities in m/s and the coordinates of the balls' centres in m after it."""
         self._space.step(self._h)
         if self.axes == 1:
             return [ball.velocity.y for ball in self._balls], [ball.position.y for ball in self._balls]
@@ -61,7 +61,7 @@ class PymunkWorld(RigidWorld):
 
 
 class Pymunk(RigidEngine):
-    """Pymunk."""
+    """Pymunk, with rigid contacts."""
 
     name = distribution = module = "pymunk"
     title = "Pymunk"

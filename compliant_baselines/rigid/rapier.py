@@ -1,11 +1,11 @@
-"""Rapier, 3-D, in single precision: it solves contacts without restitution in sub-steps, then restitution once.
+"""Rapier, 3-D, in single precision: sub-steps solve contacts without restitution, and restitution follows once.
 
-The adapter makes Rapier multiply the coefficients of two colliders. Bodies move along one axis, or two in a plane, and
-do not turn. The solver iterates until it has converged. Overlaps are not pushed out. Rapier caps the speed of bodies,
-by default at 400 lengths a second. Here the cap is a million times the speed of the fastest ball.
+The adapter makes Rapier multiply the coefficients of two shapes. Bodies move along one axis, in a plane along two, and
+do not turn. The solver iterates until it has converged. Overlaps are not pushed out. Rapier limits the speed of bodies,
+by default to 400 lengths a second. Here the limit is a million times the speed of the fastest ball.
 
-Run with its defaults (`shipped`), Rapier keeps all its parameters and takes the mean of two coefficients, so both
-colliders of a contact have the contact's e.
+With its default settings (`shipped`) Rapier keeps all its parameters and takes the mean of two coefficients, so both
+shapes of a contact have the contact's e.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class RapierShape(Protocol):
     """The methods of `rapier3d.ColliderBuilder` that the adapter calls; every call returns the builder."""
 
     def translation(self, v: tuple[float, float, float], /) -> Self:
-        """Place the shape in its body; in m."""
+        """Set the position of the shape relative to its body, in m."""
         ...
 
     def density(self, d: float, /) -> Self:
@@ -41,11 +41,11 @@ class RapierShape(Protocol):
         ...
 
     def rotation(self, v: tuple[float, float, float], /) -> Self:
-        """Turn the shape in its body, by a vector along the axis; in rad."""
+        """Set the rotation of the shape relative to its body, as a vector along the axis; in rad."""
         ...
 
     def collision_groups(self, g: object, /) -> Self:
-        """Set the `InteractionGroups` that the shape is in and meets."""
+        """Set the `InteractionGroups`: the groups of the shape, and the groups that it can meet."""
         ...
 
     def friction(self, f: float, /) -> Self:
@@ -133,9 +133,9 @@ class RapierWorld(RigidWorld):
         }
 
     def step(self) -> tuple[list[float], list[float]]:
-        """Take a step.
+        """Take a step; return the velocities in m/s and the coordinates of the balls' centres in m after it.
 
-        A RuntimeError says that numbers are no longer finite: Rapier itself stops such bodies without a message.
+        A RuntimeError says that numbers are no longer finite, because Rapier stops such bodies without a message.
         """
         self._world.step()
         if not self._world.quarantine.is_empty():
@@ -148,7 +148,7 @@ class RapierWorld(RigidWorld):
 
 
 class Rapier(RigidEngine):
-    """Rapier."""
+    """Rapier, with rigid contacts."""
 
     name, distribution, module, title = "rapier", "rapier3d", "rapier3d", "Rapier"
     shipped_step, made, knows_planes = 1 / 60, RapierWorld, True

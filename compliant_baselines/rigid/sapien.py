@@ -1,12 +1,12 @@
-"""SAPIEN (PhysX 5 on a CPU) in single precision: the TGS solver, restitution by material.
+"""SAPIEN (PhysX 5 on a CPU) in single precision, by its TGS solver; materials have restitutions.
 
 PhysX takes the mean of the coefficients of two shapes, so both shapes of a contact have the contact's e, and
-`Settings.partner_restitution` has no effect. Rotations are locked, and so are translations across the line or the
-plane. SAPIEN has one speed for all scenes below which contacts have no restitution, by default 2 m/s. The adapter sets
-it to 0 while a scene runs, and restores it afterwards.
+`Settings.partner_restitution` has no effect. Bodies cannot turn or leave the line or the plane. SAPIEN has a speed
+below which contacts have no restitution, the same for all scenes, by default 2 m/s. The adapter sets it to 0 while a
+scene runs, and restores it afterwards.
 
-Run with its defaults (`shipped`), SAPIEN keeps this speed, its offsets of contacts, its iterations, its sleep and the
-correction of overlaps.
+With its default settings (`shipped`) SAPIEN keeps this speed, its contact offsets, its iterations, its sleeping of slow
+bodies, and the correction of overlaps.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from impact_xval.compliant_baselines.rigid.lines import (
     nearest_float32,
 )
 
-#: Position and velocity iterations: as many as PhysX allows. After only four iterations a single ball rebounds with
-#: 0.693, not 0.7.
+#: Number of iterations for positions and for velocities, the largest that PhysX allows. With only four iterations a
+#: single ball rebounds with 0.693, not 0.7.
 MAX_ITERATIONS = 255
 
-#: Distance over the radius at which PhysX begins a contact, half for each shape. A ball that takes several steps
-#: through this distance stops at its outer end and keeps its velocity: at 1e-3 slow balls never arrived.
+#: Distance over the radius at which PhysX begins a contact, half of it for each shape. A ball that takes several steps
+#: through this distance stops at its outer end and keeps its velocity. At 1e-3 slow balls therefore never arrived.
 CONTACT_OFFSET = 1e-5
 
 #: Speed in m/s below which contacts have no restitution by default (`PhysxSceneConfig.bounce_threshold`).
@@ -51,7 +51,7 @@ class SapienShape(Protocol):
     rest_offset: float
 
     def set_collision_groups(self, groups: list[int]) -> None:
-        """Set the groups of the shape, the groups that it meets, and two groups of shapes that do not meet."""
+        """Set the shape's groups, the groups that it meets, and two sets of groups for shapes that do not meet."""
         ...
 
 
@@ -144,7 +144,7 @@ class SapienWorld(RigidWorld):
         }
 
     def step(self) -> tuple[list[float], list[float]]:
-        """Take a step."""
+        """Take a step; return the velocities in m/s and the coordinates of the balls' centres in m after it."""
         self._system.step()
         axes = SPACE_AXES[self.axes]
         velocities = [float(body.linear_velocity[axis]) for body in self._bodies for axis in axes]
@@ -152,20 +152,23 @@ class SapienWorld(RigidWorld):
 
 
 class Sapien(RigidEngine):
-    """SAPIEN."""
+    """SAPIEN, with rigid contacts."""
 
     name = distribution = module = "sapien"
     title = "SAPIEN"
     shipped_step, made, knows_planes = 0.01, SapienWorld, True
 
     def unavailable(self) -> str | None:
-        """Return why SAPIEN cannot run; its warning about missing graphics is held back."""
+        """Return None if SAPIEN can run on this machine; else the reason and the remedy.
+
+        Its warning about missing graphics is suppressed.
+        """
         with warnings.catch_warnings(action="ignore"):
             return super().unavailable()
 
     @contextmanager
     def running(self) -> Generator[None]:
-        """Restore the speed below which nothing rebounds: each scene sets it for the whole process."""
+        """Restore at the end the speed below which nothing rebounds, which each scene changes for the whole process."""
         physx = import_module("sapien").physx
         config = physx.get_scene_config()
         threshold = config.bounce_threshold

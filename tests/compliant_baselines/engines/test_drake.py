@@ -66,7 +66,7 @@ def test_the_naive_mapping_is_that_of_two_balls_in_discrete_time():
     with pytest.raises(SolverError, match=r"unrepresentable: mapping = 'naive': .* legal: 'calibrated'"):
         get_solver("drake-hunt-crossley").solve(two_balls(*ELASTIC[0], k1=1e6), naive)
     for name in ("drake", "drake-hunt-crossley"):
-        with pytest.raises(SolverError, match=r"mapping = 'naive': Drake's is that of two balls"):
+        with pytest.raises(SolverError, match=r"mapping = 'naive': Drake has it only for two balls"):
             get_solver(name).solve(FOUR, naive)
 
 

@@ -130,7 +130,9 @@ def test_xpbd_conforms_and_refuses_drops_and_other_mappings():
     pair = Collision.two_balls(1, 1, 1, 1, 0.5, 0.5)
     with pytest.raises(SolverError, match=r"gravity = 9\.81 m/s\^2: rigid engines are run without"):
         solver.solve(pair, Settings(scenario="drop", gravity=9.81))
-    with pytest.raises(SolverError, match=r"mapping = 'naive': Newton has one; legal: 'calibrated'"):
+    with pytest.raises(
+        SolverError, match=r"mapping = 'naive': Newton has only one mapping; legal: 'calibrated'"
+    ):
         solver.solve(pair, Settings(mapping="naive"))
 
 

@@ -51,7 +51,7 @@ def test_solvers_that_are_named_are_asked_instead(command):
     assert (refused["status"], refused["D"]) == ("unrepresentable", None)
     assert refused["velocities"] == [[None, None]] * 3
     table = command(words)
-    assert "hunt-crossley: unrepresentable: hunt-crossley is no linear contact" in table
+    assert "hunt-crossley: unrepresentable: hunt-crossley is not a linear contact" in table
     row = next(line for line in table.splitlines() if line.startswith("hunt-crossley "))
     assert row.split() == ["hunt-crossley", "unrepresentable", *"-----"]
 
