@@ -1,4 +1,8 @@
-"""What MkDocs adds to the pages: formulas, the keys of an experiment, their JSON schema, and a narrower breakpoint."""
+"""Hooks that MkDocs calls while it builds the pages (`hooks` in mkdocs.yml).
+
+They turn formulas into MathML, insert the table of the keys of an experiment, add the JSON schema of these keys, and
+show the navigation on narrower screens than the theme does.
+"""
 
 import json
 from pathlib import Path
@@ -13,14 +17,15 @@ from mkdocs.structure.files import File
 from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.config.keys import experiment_keys
 
-#: Stands in `configuration.md` where the table of keys goes.
+#: Comment in `configuration.md` that is replaced by the table of keys.
 _MARK = "<!-- keys -->"
 
-#: A formula in a sentence, as GitHub writes it: code between dollars. The marks after it must not begin a line. The
-#: pattern is tried before that of code (priority 190).
+#: Pattern of a formula in a sentence, in GitHub's syntax: code between dollars. It includes the punctuation marks after
+#: the formula, so that no line begins with such a mark. Its priority is above the priority of code (190).
 _INLINE, _BEFORE_CODE = r"\$`([^`]+)`\$([,.;:)]*)", 195
 
-#: Spaces around operators, left and right: browsers know names of functions as nothing, or as any operator.
+#: Spaces to the left and to the right of operators and of names of functions. Without them browsers would set names of
+#: functions without any space, or with the space of an ordinary operator.
 _SPACES = {
     "ln": ("0.167em", "0.167em"),
     "sin": ("0.167em", "0.167em"),
@@ -30,16 +35,16 @@ _SPACES = {
     "|": ("0", "0"),
 }
 
-#: After one of these a minus is a sign, and has no space to its right.
+#: Signs after which a minus is the sign of a number and has no space to its right.
 _BEFORE_A_SIGN = ("=", "(", ",", "←", "≤")
 
-#: Widths in em, of 16 px, from which the theme shows the navigation beside the page: its own, and those of this site.
-#: The theme has no option for them.
+#: Screen widths, in em of 16 px, from which the navigation stands beside the page: the width in the theme, and the
+#: width that this site puts in its place. The theme has no option for this width.
 _WIDTHS = {"76.25em": "68.75em", "76.234375em": "68.734375em"}
 
 
 def on_config(config):
-    """Let fenced blocks of the language `math`, and formulas in sentences, become MathML."""
+    """Return the configuration with rules that turn `math` blocks, and formulas in sentences, into MathML."""
     fences = config["mdx_configs"].setdefault("pymdownx.superfences", {})
     fences["custom_fences"] = [{"name": "math", "class": "formula", "format": _block}]
     config["markdown_extensions"].append(_Formulas())
@@ -47,7 +52,7 @@ def on_config(config):
 
 
 def to_mathml(latex, display):
-    """Return a formula as MathML, which browsers show without a script; `display` is "inline" or "block"."""
+    """Return a LaTeX formula as MathML, which browsers show without a script; `display` is "inline" or "block"."""
     math = ElementTree.fromstring(convert(latex, xmlns="", display=display))
     for group in math.iter():
         before = ""
@@ -64,36 +69,36 @@ def to_mathml(latex, display):
 
 
 def _block(source, language, css_class, options, md, **others):
-    """Return a fenced block as a formula on a line of its own."""
+    """Return the HTML of a fenced `math` block: a formula on a separate line."""
     return f'<div class="{css_class}">{to_mathml(source, "block")}</div>'
 
 
 class _Inline(InlineProcessor):
-    """A formula in a sentence."""
+    """Markdown processor of a formula in a sentence."""
 
     def handleMatch(self, m, data):  # noqa: N802
-        """Keep the MathML from being read as Markdown."""
+        """Return the formula as stashed MathML, which Markdown does not process again, and its place in the text."""
         formula = f'<span class="inline-formula">{to_mathml(m[1], "inline")}{m[2]}</span>'
         return self.md.htmlStash.store(formula), m.start(0), m.end(0)
 
 
 class _Formulas(Extension):
-    """Formulas in sentences."""
+    """Markdown extension for formulas in sentences."""
 
     def extendMarkdown(self, md):  # noqa: N802
-        """Look for formulas before code."""
+        """Register the processor of formulas, which runs before the processor of code."""
         md.inlinePatterns.register(_Inline(_INLINE, md), "formula", _BEFORE_CODE)
 
 
 def on_files(files, config):
-    """Add the JSON schema of an experiment, which editors check a file by."""
+    """Return the files with the JSON schema of an experiment added, by which editors check a file."""
     schema = json.dumps(Config.model_json_schema(), indent=1)
     files.append(File.generated(config, "experiment.schema.json", content=schema))
     return files
 
 
 def on_page_markdown(markdown, page, config, files):
-    """Put the table of keys into its page."""
+    """Return a page with the table of keys in place of its mark."""
     if _MARK not in markdown:
         return markdown
     heading = "| key | meaning | default | legal |\n| --- | --- | --- | --- |\n"
@@ -101,7 +106,7 @@ def on_page_markdown(markdown, page, config, files):
 
 
 def _row(key):
-    """Return the row of a key."""
+    """Return the row of a key in the Markdown table of keys."""
     default = "" if key.default is None else f"`{json.dumps(key.default)}`"
     legal = key.legal.replace("|", r"\|")
     return f"| `{key.name}` | {key.meaning} | {default} | {legal} |"

@@ -1,4 +1,4 @@
-"""A rigid law in closed form as a solver: B2 as part of the table."""
+"""An example of a solver: a rigid law in closed form, in which ball B2 is a part of the table."""
 
 import numpy as np
 
@@ -6,16 +6,16 @@ from impact_xval.plugins import OneByOne, Outcome, Path
 
 
 class Anvil(OneByOne):
-    """B1 leaves with e1 times the speed it came with, B2 stays where it is."""
+    """Solver in which ball B1 leaves with e1 times its speed of approach, and ball B2 stays at rest."""
 
     name, kind, law = "anvil", "rigid", None
 
     def version(self):
-        """Version of the law."""
+        """Return the version of the law."""
         return "1.0"
 
     def solve_one(self, collision, settings):
-        """Give the outcome of one collision, or say why there is none."""
+        """Return the outcome of one collision, or a failure with the reason."""
         if not collision.falls_on_resting or settings.scenario == "drop":
             reason = "the anvil knows two balls on a table, without gravity"
             return Outcome.failure(self.name, collision, "unrepresentable", reason)

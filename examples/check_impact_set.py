@@ -1,12 +1,13 @@
-"""Which exact law do an engine's answers follow? Needs numpy, impact-set-1.json, and nothing else.
+"""Find the exact law that an engine's answers follow. Needs only numpy and the file impact-set-1.json.
 
-Run every case of the set in an engine, without gravity and friction: balls in a line that touch, or are `gaps` apart;
-`restitutions` for engines that take them, `stiffnesses` for those that have springs. Then write what it answers, the
-final velocities in m/s by the name of the case, as JSON, and run
+Run every case of the set in your engine, without gravity and friction. The balls stand in a line, and touch or are
+`gaps` apart. An engine that takes coefficients of restitution needs `restitutions`, an engine with springs also needs
+`stiffnesses`. Write a JSON file that holds, by the name of each case, the final velocities in m/s. Then run
 
     python check_impact_set.py answers.json
 
-or call `check` from a test. D is sqrt(sum m (v - w)^2 / sum m v0^2), of velocities v and those of the law w.
+or call `check` from a test. The distance from a law is D = sqrt(sum m (v - w)^2 / sum m v0^2). Here m are the masses, v
+the final velocities of the engine, w those of the law, and v0 the velocities at the start.
 """
 
 import json
@@ -19,7 +20,7 @@ SET = Path(__file__).with_name("impact-set-1.json")
 
 
 def distance(case, velocities, law):
-    """Give D from a law, or None where the law has no outcome."""
+    """Return the distance D of velocities from a law, or None if the law has no outcome for the case."""
     if law not in case["outcomes"]:
         return None
     m, v0 = np.array(case["masses"]), np.array(case["velocities"])
@@ -28,9 +29,10 @@ def distance(case, velocities, law):
 
 
 def check(answers, tolerance=1e-3):
-    """Hold answers, velocities by the name of a case, against every law.
+    """Compare an engine's answers, which are final velocities by the name of a case, with every law.
 
-    Returns rows, the nearest law first: law, cases within the tolerance, cases compared, largest D.
+    Returns a row for each law, the nearest law first: its name, the number of cases with D within the tolerance, the
+    number of cases that were compared, and the largest D.
     """
     cases = [case for case in json.loads(SET.read_text(encoding="utf-8"))["cases"] if case["name"] in answers]
     if not cases:
@@ -44,7 +46,7 @@ def check(answers, tolerance=1e-3):
 
 
 def main(path):
-    """Print the laws, the nearest first, and what is wrong with energy and momentum."""
+    """Print the laws, the nearest first, and the cases in which energy grows or momentum changes."""
     answers = json.loads(Path(path).read_text(encoding="utf-8"))
     print(f"{'law':28} within 1e-3   largest D")
     for law, near, of, largest in check(answers):

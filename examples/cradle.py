@@ -1,7 +1,8 @@
-"""Newton's cradle, one steel ball on four: the model, the same contacts in time, and the engines.
+"""Newton's cradle, in which one steel ball strikes four: by the model, by laws in time, and by engines.
 
-Run as ``python examples/cradle.py [SOLVER ...]``. D is the difference from the model, weighted by mass, per speed of
-impact. The last row is the model with Hertz's contacts in place of the linear ones that stand for them.
+Run as ``python examples/cradle.py [SOLVER ...]``. A row has the final velocities by one solver. D is their difference
+from the model, weighted by mass and divided by the speed of impact. All rows have linear contacts that replace Hertz's
+contacts, except the last row, which is the model with Hertz's contacts themselves.
 """
 
 import sys
@@ -25,7 +26,7 @@ print("velocities in m/s of balls 1 to 5, ball 1 strikes downwards")
 
 
 def show(name, velocities):
-    """Print the velocities and D of one row."""
+    """Print a row: the name of a solver, its final velocities, and D."""
     difference = np.subtract(velocities, model.velocities)
     D = kinetic_norm(linear.masses, difference) / kinetic_norm(linear.masses, start)
     print(f"{name:24}", " ".join(f"{v:8.4f}" for v in velocities), f"  D = {D:.4f}")

@@ -1,7 +1,9 @@
-"""A box lands flat on two corners of unequal stiffness, and rebounds askew, unless I = m a^2.
+"""A box that lands flat on two corners with different stiffnesses, k1 and k2, and turns as it rebounds.
 
-Run as ``python examples/graph_box.py``. Columns are I/(m a^2), k2/k1, the vertical velocity in m/s and the angular
-velocity in rad/s afterwards.
+It does not turn if its moment of inertia is I = m a^2, with the mass m and half the width a.
+
+Run as ``python examples/graph_box.py``. The columns are I/(m a^2), k2/k1, and the vertical velocity in m/s and the
+angular velocity in rad/s after the collision.
 """
 
 from impact_xval.model.graph import box, solve_graph_collision

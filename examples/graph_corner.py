@@ -1,7 +1,7 @@
-"""A ball in a corner: the angle between the walls, and the ratio of their stiffnesses, decide where it leaves.
+"""A ball that meets two walls at once, for several angles between the walls and ratios of their stiffnesses.
 
-Run as ``python examples/graph_corner.py``. Columns are the angle between the walls' normals in degrees, k2/k1, the
-velocity (x, z) afterwards in m/s, and the sets of contacts that were active.
+Run as ``python examples/graph_corner.py``. The columns are the angle between the walls' normals in degrees, k2/k1, the
+velocity (x, z) after the collision in m/s, and the sets of contacts that were active, in the order of time.
 """
 
 from impact_xval.model.graph import corner, solve_graph_collision

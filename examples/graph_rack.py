@@ -1,7 +1,7 @@
 """A cue ball strikes a rack of billiard balls, all of which touch.
 
-Run as ``python examples/graph_rack.py [3, 6 or 10]``. Rows are the balls, the cue ball first: velocity (x, z) in m/s
-afterwards, for a cue ball with 1 m/s along x.
+Run as ``python examples/graph_rack.py [3, 6 or 10]``, with the number of balls in the rack. The cue ball moves along x
+at 1 m/s. Each row has the velocity (x, z) in m/s of one ball after the collision. The cue ball is ball 1.
 """
 
 import sys

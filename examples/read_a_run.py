@@ -1,8 +1,8 @@
-"""How far each solver of a finished run is from the model: with pandas, with xarray and with DuckDB.
+"""Print how far each solver of a finished run is from the model, by pandas, by xarray and by DuckDB.
 
-Run as ``python examples/read_a_run.py [FOLDER]``, by default on ``runs/default``. The second and the third part need
-`pip install xarray duckdb`; a part without what it needs is left out. docs/experiments.md says where the columns and
-their units are.
+Run as ``python examples/read_a_run.py [FOLDER]``. The default folder is ``runs/default``. The parts for xarray and
+DuckDB need `pip install xarray duckdb`; a part whose package is missing is left out. docs/experiments.md describes the
+columns and their units.
 """
 
 import sys
@@ -16,16 +16,16 @@ AXES = ["stiffness_ratio", "mass_ratio", "e1", "e2"]
 
 
 def with_pandas() -> None:
-    """Read a table whole: a row is a cell and a compared solver; velocities and impulses are in cells.parquet."""
+    """Print the median D of each solver from a whole table, which has one row for each cell and compared solver."""
     print("pandas: median of D by solver")
     columns = ["solver", "marked", "velocity_divergence"]
     divergence = pd.read_parquet(run / "divergence.parquet", columns=columns)
-    divergence = divergence[divergence.marked.isna()]  # beside a jump: no statistic has them
+    divergence = divergence[divergence.marked.isna()]  # marked rows are next to a jump of the outcome
     print(divergence.groupby("solver", observed=True)["velocity_divergence"].median().to_string())
 
 
 def with_xarray() -> None:
-    """Read it as an array with the axes of the grid."""
+    """Print the median D, whole and over k2/k1, from an array with the axes of the grid."""
     print("\nxarray: the same from an array with the axes of the grid, and its course over k2/k1")
     columns = ["solver", "marked", *AXES, "velocity_divergence"]
     cells = pd.read_parquet(run / "divergence.parquet", columns=columns)
@@ -36,7 +36,7 @@ def with_xarray() -> None:
 
 
 def with_duckdb() -> None:
-    """Read what a query needs, and no other columns of the file."""
+    """Print the median and the largest D by a query, which reads only the columns that it needs."""
     import duckdb
 
     print("\nDuckDB: the same, and the largest with its cell, reading no other columns of the file")

@@ -1,8 +1,8 @@
-"""The collisions of the supplement to Jia, Mason and Erdmann (IJRR 32(1), 2013), beside what it prints of them.
+"""Exact and printed velocities of the collisions in the supplement to Jia, Mason and Erdmann (IJRR 32(1), 2013).
 
-Run as ``python examples/supplement.py``. Two balls on a table, with the paper's parameters (44). At infinite and zero
-k2/k1 the supplement prints limits in closed form, at 40 and 1/40 the ends of an integration in steps of finite impulse
-(docs/errata.md).
+Run as ``python examples/supplement.py``. The collisions are of two balls on a table, with the paper's parameters (44).
+At infinite and zero k2/k1 the supplement prints limits in closed form. At 40 and 1/40 it prints the results of a
+numerical integration, whose steps of finite impulse cause errors (docs/errata.md).
 """
 
 import math
@@ -11,7 +11,7 @@ from impact_xval import Collision, solve
 
 MASS_RATIO, E1, E2 = 2 / math.sqrt(3), 0.9, 0.7
 
-#: k2/k1, and v1 and v2 per |v0| as they are printed in sections 3.1 and 3.2.
+#: For each collision a label, k2/k1, and v1 and v2 per |v0| as sections 3.1 and 3.2 of the supplement print them.
 PRINTED = (
     ("inf", math.inf, 0.9, 0.0),
     ("40", 40.0, 0.88922, 0.00022),

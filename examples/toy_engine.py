@@ -1,7 +1,8 @@
-"""A rigid engine and its adapter: all there is to write to compare an engine of one's own.
+"""A rigid engine and its adapter, as an example of how to compare your engine.
 
-The engine takes steps of a fixed length. In each it sweeps over the contacts that are closed and gives one whose bodies
-approach the impulse of Newton's restitution, until none approaches: sequential impulses. It knows no gravity.
+The engine takes steps of a fixed length and has no gravity. In each step it sweeps over the closed contacts. A contact
+whose bodies approach gets the impulse of Newton's restitution. The sweeps end when no contact approaches. This method
+is called sequential impulses.
 """
 
 import numpy as np
@@ -12,7 +13,7 @@ SWEEPS = 1000
 
 
 class ToyWorld(World):
-    """A scene, set up: balls in a line, ball 1 on top, up is positive, and a table as a body that does not move."""
+    """A scene in the engine: balls in a line, ball 1 on top, with up positive. A table is a body that does not move."""
 
     def __init__(self, scene):
         table = [0.0] if scene.table else []
@@ -24,22 +25,22 @@ class ToyWorld(World):
         self.effective = {"restitution": self.e, "step": (self.h,)}
 
     def advance(self, n):
-        """Take n steps; velocities and heights of the balls after each."""
+        """Take n steps; return the velocities and the heights of the balls after each step."""
         states = np.array([self.step() for _ in range(n)])[..., : self.balls]
         return states[:, 0], states[:, 1]
 
     def weightless(self, velocities, heights):
-        """Go on without gravity: of drops, which the adapter refuses."""
+        """Do nothing, because the engine has no gravity and the adapter refuses drops."""
 
     def step(self):
-        """Treat the closed contacts one after the other, and move."""
+        """Give impulses at the closed contacts, move all bodies, and return velocities and heights."""
         v, w = self.v, self.inverse
         closed = np.flatnonzero(np.diff(self.x) >= 0)
         for _ in range(SWEEPS):
             approaching = [i for i in closed if v[i + 1] > v[i]]
             for i in approaching:
-                rate = max(v[i + 1] - v[i], 0.0)  # the contact before may have stopped it
-                if rate < self.tiny:  # balls that come to rest together after infinitely many impulses
+                rate = max(v[i + 1] - v[i], 0.0)  # the contact before this one may have stopped the approach
+                if rate < self.tiny:  # the balls come to rest together after infinitely many impulses
                     v[i] = v[i + 1]
                     continue
                 impulse = (1 + self.e[i]) * rate / (w[i] + w[i + 1])
@@ -52,22 +53,22 @@ class ToyWorld(World):
 
 
 class ToyEngine(Engine):
-    """The adapter: what the engine is, what it refuses, and how it sets a scene up."""
+    """Adapter of the toy engine: a rigid engine without gravity."""
 
     name, kind, law = "toy", "rigid", None
 
     def version(self):
-        """Version of the engine."""
+        """Return the version of the engine."""
         return "1.0"
 
     def unavailable(self):
-        """Nothing keeps it from running."""
+        """Return the reason why the engine cannot run, which is None here."""
         return None
 
     def refusal(self, scene):
-        """Why the engine cannot take a scene, in one sentence; None if it can."""
+        """Return in one sentence why the engine cannot take a scene, or None if it can."""
         return f"gravity = {scene.gravity:g} m/s^2: the toy has none; legal: 0" if scene.gravity else None
 
     def world(self, scene):
-        """Set a scene up."""
+        """Return a scene that is set up in the engine."""
         return ToyWorld(scene)

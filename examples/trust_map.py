@@ -1,7 +1,8 @@
-"""Map v1 of the model over a million collisions, and the lines at which it jumps.
+"""Draw a map of v1 by the model over k2/k1 and m2/m1, with lines at which v1 jumps.
 
-Run as ``python examples/trust_map.py [FILE [SIDE]]``; by default ``trust_map.png`` of 1000 by 1000 collisions. At a
-line a compression just ends, or just does not: beside it no result of an engine can be compared with the model's.
+Run as ``python examples/trust_map.py [FILE [SIDE]]``. By default it writes ``trust_map.png``, with 1000 by 1000
+collisions. On one side of a line a compression just ends, and on the other side it just does not end. Close to a line
+the result of an engine cannot be compared with the model's.
 """
 
 import sys

@@ -1,4 +1,7 @@
-"""Draw docs/figures/divergence.svg: what D = 0.04, 0.11 and 0.42 look like (python docs/figures/divergence.py)."""
+"""Draw docs/figures/divergence.svg: final velocities by two laws that differ by D = 0.04, 0.11 and 0.42.
+
+Run as ``python docs/figures/divergence.py``.
+"""
 
 from pathlib import Path
 
@@ -7,18 +10,18 @@ import matplotlib.pyplot as plt
 
 from impact_xval import Collision, compare
 
-#: Stiffness ratios k2/k1 at which the two laws are near each other, further apart, and far apart.
+#: Stiffness ratios k2/k1 of the three collisions. The two laws are near each other, further apart, and far apart.
 STIFFNESS_RATIOS = (0.5, 3.2, 0.01)
 
-#: The same in all three collisions: m2/m1 and the restitutions.
+#: Mass ratio m2/m1 and restitutions of all three collisions.
 MASS_RATIO, E1, E2 = 1.15, 0.9, 0.7
 
-#: Solver, its words in the legend, and its colour.
+#: For each law its solver, its name in the legend, and its colour.
 LAWS = (("state-transition", "the model", "#222222"), ("kelvin-voigt", "springs and dashpots", "#d55e00"))
 
 
 def main() -> None:
-    """Write the figure beside this script, the same bytes at every run."""
+    """Write the figure into the folder of this script, with the same bytes at every run."""
     mpl.rcParams.update({"svg.hashsalt": "divergence", "font.family": "DejaVu Sans"})
     fig, axes = plt.subplots(1, 3, figsize=(7.2, 2.7), sharey=True, layout="constrained")
     for ax, ratio in zip(axes, STIFFNESS_RATIOS, strict=True):

@@ -1,4 +1,7 @@
-"""Draw docs/figures/jumps.svg, the outcome that flips on a soft table: python docs/figures/jumps.py."""
+"""Draw docs/figures/jumps.svg: final velocities of two balls that jump again and again on a soft table.
+
+Run as ``python docs/figures/jumps.py``.
+"""
 
 from pathlib import Path
 
@@ -8,24 +11,25 @@ import numpy as np
 
 from impact_xval import solve_batch
 
-#: The lighter lower ball and its two contacts; the outcome flips as the stiffness ratio falls.
+#: Mass ratio m2/m1 and restitutions of the collision. The lower ball is lighter, and the outcome jumps as the stiffness
+#: ratio k2/k1 falls.
 MASS_RATIO, E1, E2 = 0.5, 0.9, 0.7
 
-#: Below this stiffness ratio the whole range is drawn finely, for flips lie close together there.
+#: Stiffness ratio k2/k1 below which more points are drawn, because jumps lie close together there.
 FLIPS_BELOW = 0.02
 
-#: Change of a velocity, per |v0|, between neighbouring ratios that is a flip.
+#: Change of a velocity between neighbouring stiffness ratios, per |v0|, above which it is drawn as a jump.
 FLIP = 0.02
 
 
 def main() -> None:
-    """Write the figure beside this script, the same bytes at every run."""
+    """Write the figure into the folder of this script, with the same bytes at every run."""
     mpl.rcParams.update({"svg.hashsalt": "jumps", "font.family": "DejaVu Sans"})
     ratios = np.unique(np.concatenate([np.geomspace(1e-3, FLIPS_BELOW, 801), np.geomspace(1e-3, 10, 201)]))
     outcomes = solve_batch(stiffness_ratio=ratios, mass_ratio=MASS_RATIO, e1=E1, e2=E2)
     fig, ax = plt.subplots(figsize=(7.2, 3.0), layout="constrained")
     for ball, colour in enumerate(("#0072b2", "#d55e00")):
-        # A line that is broken where the outcome flips.
+        # Break the line where the outcome jumps.
         velocities = outcomes.velocities[:, ball]
         flips = np.flatnonzero(np.abs(np.diff(velocities)) > FLIP) + 1
         broken = np.insert(velocities, flips, np.nan)

@@ -1,4 +1,7 @@
-"""Draw docs/figures/states.svg, the state diagram of docs/theory.md, section 3: python docs/figures/states.py."""
+"""Draw docs/figures/states.svg, the state diagram of docs/theory.md, section 3.
+
+Run as ``python docs/figures/states.py``.
+"""
 
 from pathlib import Path
 
@@ -9,7 +12,7 @@ from matplotlib.patches import Circle, FancyArrowPatch, FancyBboxPatch
 INK, ACTING = "#222222", "#d55e00"
 WIDTH, HEIGHT = 2.5, 1.2
 
-#: Of a state: centre of its box, what acts, and whether contact 1 and contact 2 do.
+#: For each state: centre of its box, words for its active contacts, and whether contact 1 and contact 2 are active.
 STATES = {
     "S1": ((0, 3.4), "both contacts", True, True),
     "S2": ((-3.8, 1.7), "ball on table", False, True),
@@ -17,7 +20,7 @@ STATES = {
     "S4": ((0, 0), "no contact", False, False),
 }
 
-#: Of an arrow: its two ends, its curvature, and the event with the place of its middle.
+#: For each arrow: its two ends, its curvature, the words for its event, and the centre of these words.
 EVENTS = [
     ((-1.3, 3.7), (-4.2, 2.35), 0.25, "contact 1 ends\nrestitution", (-3.9, 3.85)),
     ((-2.5, 2.0), (-1.3, 3.0), 0.1, "v1 − v2 turns\nnegative", (-1.05, 2.05)),
@@ -31,7 +34,7 @@ EVENTS = [
 
 
 def draw_state(ax, name, centre, words, ball_ball, ball_table):
-    """Draw a state as a box: its name, what acts, and a sketch whose acting contacts are filled dots."""
+    """Draw a state as a box: its name, its active contacts in words, and a sketch with a dot at each active contact."""
     x, y = centre
     corner = (x - WIDTH / 2, y - HEIGHT / 2)
     ax.add_patch(
@@ -52,7 +55,7 @@ def draw_state(ax, name, centre, words, ball_ball, ball_table):
 
 
 def main():
-    """Write the figure beside this script, the same bytes at every run."""
+    """Write the figure into the folder of this script, with the same bytes at every run."""
     mpl.rcParams.update({"svg.hashsalt": "states", "font.family": "DejaVu Sans"})
     fig, ax = plt.subplots(figsize=(7.2, 4.1), layout="constrained")
     for name, state in STATES.items():
