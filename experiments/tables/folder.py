@@ -74,7 +74,7 @@ class Session(TypedDict):
 
 
 class Manifest(TypedDict):
-    """Content of ``manifest.json``: the size, the state and the versions of a run, and the sessions that worked on it."""
+    """Content of ``manifest.json``: size, state and versions of a run, and the sessions that worked on it."""
 
     #: Name of the format of the folder. `RunFolder.write_manifest` adds it.
     format: NotRequired[str]
@@ -324,7 +324,7 @@ def lock_for_writing(
 
 @contextlib.contextmanager
 def _refuse_unusable(root: Path, option: str) -> Generator[None]:
-    """Turn an `OSError` of the block into a `UserError`: one line that names the option and says why its folder fails."""
+    """Turn an `OSError` of the block into a `UserError`, one line that names the folder's option and the cause."""
     try:
         yield
     except OSError as error:
