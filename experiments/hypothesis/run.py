@@ -162,7 +162,7 @@ def draw_points(case: LimitingCase, n: int, seed: int) -> list[Point]:
 
 
 def draw_design(n: int, seed: int) -> Frame:
-    """Return the points of all limiting cases, one per row, with their classes and the velocities of their closed forms."""
+    """Return the points of all limiting cases, one per row, with class and velocities of the closed form."""
     tables = []
     for case in LIMITING_CASES:
         points = draw_points(case, n, seed)
