@@ -44,14 +44,14 @@ _MECHANISM = {
 }
 
 
-#: Explanations of the headers of columns and rows on the page. The solvers have explanations in `registry`.
+#: Explanations of the headers of columns and rows on the page. `registry` explains the solvers.
 _LIMITING_CASES = {
     "zero-apart": "k2/k1 → 0, ball on ball infinitely stiffer than the table: the balls part at once, for good",
     "zero-early": "k2/k1 → 0: the balls meet again and are one body while the table contact is still compressed",
     "zero-late": "k2/k1 → 0: the balls meet again and are one body while the table contact restores",
     "infinity": "k2/k1 → ∞, the table infinitely stiffer than ball on ball: the lower ball is part of the table",
-    "plastic-ball-ball": "e1 → 0: in restitution the contact of the balls is infinitely stiff, 1/e1^2 times its stiffness",
-    "plastic-ball-table": "e2 → 0: in restitution the table contact is infinitely stiff, 1/e2^2 times its stiffness",
+    "plastic-ball-ball": "e1 → 0: in restitution the contact of the balls is infinitely stiff, by the factor 1/e1^2",
+    "plastic-ball-table": "e2 → 0: in restitution the table contact is infinitely stiff, by the factor 1/e2^2",
 }
 _MEANINGS = {
     "solver": "what solved the collisions: an exact law, or an engine",
@@ -150,7 +150,7 @@ def _format_verdict(row: FrameRow) -> str:
 
 
 def _rows_of_class_all(table: Frame) -> Frame:
-    """Return the verdicts on all points of each limiting case, and leave out the verdicts on single classes of points."""
+    """Return the verdicts on all points of each limiting case, without the verdicts on single classes of points."""
     return table[table["class"] == "all"]
 
 
@@ -176,8 +176,8 @@ def _verdict_table(results: HypothesisResults) -> Table:
     caption = (
         "Verdict, number of points at which it is reached, and the contrast from which on D is at most "
         f"{percent(CLOSE)}, the median over the points. D is the distance from the closed form. Below a verdict "
-        "“supported” stands the rate r with which D falls as contrast^-r, its median and 95 % interval; below “refuted” "
-        "the range of D. Exact bistiffness has the model's law, and positions that move. "
+        "“supported” stands the rate r with which D falls as contrast^-r, its median and 95 % interval; below "
+        "“refuted” the range of D. Exact bistiffness has the model's law, and positions that move. "
         f"{describe_shared_laws(results.solvers)}"
     )
     table = _verdict_grid(wholes, {"solver": "solver"}, "case", _format_cell, caption)
@@ -234,8 +234,8 @@ def _details_section(results: HypothesisResults) -> Section:
     of_points = _verdict_grid(classes, lines, "solver", _format_verdict)
     balls = format_range(results.config.chains.balls)
     caption = (
-        f"Chains of {balls} balls, in which one contact becomes infinitely stiff. They are compared with chains in which "
-        "its two bodies are welded: one body, or part of the table. D: from refuted chains to the welded chains"
+        f"Chains of {balls} balls, in which one contact becomes infinitely stiff. They are compared with chains in "
+        "which its two bodies are welded: one body, or part of the table. D: from refuted chains to the welded chains"
     )
     rows = [(display_name(solver), *row) for solver, *row in count_chains(results)]
     header = ("solver", "bodies at first", "supported", "refuted", "rates", "D")
@@ -263,7 +263,7 @@ def count_chains(results: HypothesisResults) -> Iterator[tuple[str, ...]]:
 
 
 def _method_section(results: HypothesisResults) -> Section:
-    """Return the section of the page on limiting cases, unused outcomes, and the distance of engines from exact laws."""
+    """Return the section on limiting cases, unused outcomes, and the distance of engines from exact laws."""
     outcomes = results.outcomes
     caption = (
         "The limiting cases, with m1 = 1 and |v0| = 1. The end of compression multiplies a stiffness by 1/e^2"
@@ -291,7 +291,7 @@ def _method_section(results: HypothesisResults) -> Section:
 
 
 def format_range(values: Sequence[float], digits: str = "") -> str:
-    """Write the least and the largest of some numbers, such as ``0.1 to 2``, in two digits or in the format `digits`."""
+    """Write the range of some numbers, such as ``0.1 to 2``, in two digits or in the format `digits`."""
     low, high = (
         format(end, digits) if digits else compact_number(end, 2) for end in (min(values), max(values))
     )
