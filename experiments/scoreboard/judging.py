@@ -174,8 +174,7 @@ def _add_nearest_laws(judged: Frame) -> Frame:
 
 
 def find_nearest_laws(judged: Frame) -> Frame:
-    """Return for each engine the exact law that explains it best, with `ENGINE_COLUMNS`; engines without answers are
-    left out.
+    """Return for each engine with answers the exact law that explains it best, with the columns `ENGINE_COLUMNS`.
 
     It is the law from which the largest D of the engine over all cases is smallest.
     """
