@@ -35,7 +35,7 @@ SETTINGS = Settings(convergence=Convergence(), max_steps=100_000)
 
 
 def draw_chains(n: int, seed: int) -> list[Collision]:
-    """Draw chains whose first ball strikes others that are apart."""
+    """Return random chains whose first ball strikes other balls that do not touch each other."""
     rng, chains = np.random.default_rng(seed), []
     for i in range(n):
         balls, table = int(rng.integers(2, 5)), bool(rng.integers(2))

@@ -98,8 +98,7 @@ def compare_releases(here: Frame, elsewhere: Frame) -> list[Release]:
 def write_releases(
     releases: Sequence[Release], missing: Sequence[NotInstalledError], answers: Frame, root: Path
 ) -> Section:
-    """Write the answers of all versions, and their changes, into the folder of a scoreboard; return the page's "
-    "section."""
+    """Write the answers of all versions, and their changes, into a scoreboard's folder; return the page's section."""
     with replacing(root / ANSWERS) as temporary:
         answers.to_parquet(temporary, index=False, compression="zstd")
     changes = [
