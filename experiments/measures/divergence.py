@@ -44,7 +44,7 @@ class ImpulseCurves:
     no path has no points.
     """
 
-    #: Curve i consists of the points from offsets[i] up to, but without, offsets[i + 1]; shape (n + 1,).
+    #: Places in `impulses`, shape (n + 1,). Curve i has the points from offsets[i] up to, but without, offsets[i + 1].
     offsets: NDArray[np.int64]
     #: Impulses that the two contacts have transmitted so far, in N s, shape (number of points, 2).
     impulses: Floats
@@ -237,7 +237,7 @@ def results_of(
     if paths is None:
         single = [None] * len(speed) if isinstance(outcomes, Outcomes) else [o.path for o in outcomes]
         paths = Paths.of(single, balls, contacts)
-    # Only a path tells how long each state lasts. Without a path all states are compared, however short they are.
+    # Only a path tells how long each state lasts. Without a path the states are compared as the solver gives them.
     held = zip(comparable_states(paths, shortest), results.states, strict=True)
     compared = [text or given for text, given in held]
     return replace(results, compared=compared, curves=ImpulseCurves(paths.offsets, paths.impulses))
