@@ -24,7 +24,7 @@ from impact_xval.model import Collision, solve
 from impact_xval.model.solving import LAWS
 from tests.model.chain_reference import integrate
 
-#: Solvers by law.
+#: Names of solvers by the law that they solve.
 SOLVERS = dict(zip(LAWS, ("state-transition", "liu-zhao-brogliato"), strict=True))
 
 #: Number of balls, and number of chains with this many balls.
@@ -36,7 +36,7 @@ BOUND, FINER = 1e-8, 0.02
 
 
 def random_chain(rng: np.random.Generator, balls: int) -> Collision:
-    """Draw a row, a pile or a stack."""
+    """Return a random chain: a row, a pile or a stack."""
     table = bool(rng.integers(2))
     contacts = balls - 1 + table
     velocities = np.zeros(balls)
@@ -118,17 +118,29 @@ def _difference(one, other) -> float:
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument(
-        "--repeats", type=int, default=3, help="the best of so many counts (default: %(default)s)"
+        "--repeats",
+        type=int,
+        default=3,
+        help="repetitions, of which the fastest counts (default: %(default)s)",
     )
     parser.add_argument("--seed", type=int, default=0, help="(default: %(default)s)")
     parser.add_argument("--slow", type=int, default=20, help="largest N of solve_ivp (default: %(default)s)")
     parser.add_argument(
-        "--independent", type=int, default=0, metavar="COUNT", help="compare so many chains instead"
+        "--independent",
+        type=int,
+        default=0,
+        metavar="COUNT",
+        help="compare this number of chains with the integration instead",
     )
     parser.add_argument(
-        "--exponent", type=float, default=1.0, help="of the comparison (default: %(default)s)"
+        "--exponent",
+        type=float,
+        default=1.0,
+        help="exponent of the contacts in the comparison (default: %(default)s)",
     )
-    parser.add_argument("--law", choices=list(LAWS), default="jia-mason-erdmann", help="of the comparison")
+    parser.add_argument(
+        "--law", choices=list(LAWS), default="jia-mason-erdmann", help="law of the comparison"
+    )
     options = parser.parse_args()
     console = Console(width=max(110, Console().width))
     console.print(machine(), highlight=False)

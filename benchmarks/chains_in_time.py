@@ -42,7 +42,7 @@ CASES = (
 #: A steel ball of Newton's cradle: diameter in m, density in kg/m^3, Young's modulus in Pa, Poisson's number.
 DIAMETER, DENSITY, YOUNG, POISSON = 0.025, 7800.0, 2.1e11, 0.3
 
-#: Gaps of the cradle, in diameters.
+#: Gaps between the balls of the cradle, in diameters of a ball.
 GAPS = (0.0, 1e-6, 3e-6, 1e-5, 3e-5, 1e-4, 1e-3)
 
 
@@ -141,7 +141,7 @@ def gaps(console: Console) -> None:
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("what", choices=("references", "engines", "gaps"))
-    parser.add_argument("--count", type=int, default=60, help="chains (default: %(default)s)")
+    parser.add_argument("--count", type=int, default=60, help="number of chains (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="(default: %(default)s)")
     parser.add_argument("--engine", nargs="+", default=["mujoco", "pybullet"], help="(default: %(default)s)")
     parser.add_argument("--with-gaps", action="store_true", help="open contacts of about half of the chains")

@@ -38,7 +38,7 @@ WAYS = [*itertools.product(DAMPERS, SPRINGS), ("solref", "direct"), ("solref", "
 
 
 def random_masses(rng: np.random.Generator) -> tuple[float, float]:
-    """Draw masses from 1 g to 1 t, one in three with a fixed body."""
+    """Return two random masses from 1 g to 1 t; in one of three cases the second body is fixed."""
     light = 10 ** rng.uniform(-3, 2)
     return light, math.inf if rng.uniform() < 1 / 3 else light * 10 ** rng.uniform(0, 2)
 

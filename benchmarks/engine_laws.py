@@ -37,7 +37,7 @@ from impact_xval.model.status import RESULT_STATUSES
 
 RESTITUTIONS, SPEEDS = (0.5, 0.8, 1.0), (0.1, 1.0, 10.0)
 
-#: Stiffness of a lone contact in N/m.
+#: Stiffness of the contact in N/m, in the test of a single contact.
 STIFFNESS = 1e6
 
 
@@ -86,7 +86,7 @@ def draw(pairs: int, chains: int, seed: int) -> dict[str, list[Collision]]:
 
 
 def distance(c: Collision, a: Sequence[float], b: Sequence[float]) -> float:
-    """Return D between velocities."""
+    """Return D, the kinetic norm of a difference of final velocities over that of the velocities before."""
     return float(kinetic_norm(c.masses, np.subtract(a, b)) / kinetic_norm(c.masses, c.velocities))
 
 
@@ -166,7 +166,7 @@ def cradle(names: Sequence[str], step: float) -> None:
 
 
 def main() -> None:
-    """Print the tables."""
+    """Print the tables that the options ask for."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

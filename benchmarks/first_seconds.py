@@ -1,4 +1,4 @@
-"""Test of runs that are ended in their first seconds: the same command has to continue them to the same tables.
+"""Test of runs that are ended in their first seconds: the same command must continue each to the same tables.
 
 ``python benchmarks/first_seconds.py [--instants 40] [--until 10] [--ends SIGINT SIGINT+SIGINT SIGTERM SIGKILL]``
     Each run is ended at an instant by signals of one kind; two signals are a hundredth of a second apart. A run counts
@@ -35,12 +35,12 @@ mass_ratio = [1.0, 1.5]
 e1 = [0.9]
 e2 = [0.7]
 """
-#: Seconds between two signals, and most seconds of a run.
+#: Time in s between two signals, and longest time in s that a run may take.
 _BETWEEN, _LIMIT = 0.01, 300.0
 
 
 def command(folder: Path, root: Path) -> list[str]:
-    """Return the command of a run."""
+    """Return the command that runs the experiment in `folder` and writes its tables to `root`."""
     words = ["run", str(folder / "few.toml"), "--out", str(root), "--workers", "1"]
     return [sys.executable, "-m", "impact_xval", *words]
 
@@ -57,7 +57,7 @@ def ended(words: list[str], instant: float, ends: list[signal.Signals]) -> tuple
 
 
 def tables(root: Path) -> dict[str, bytes]:
-    """Read the tables of a run."""
+    """Return the bytes of every table in the folder of a run, by file name."""
     return {path.name: path.read_bytes() for path in root.iterdir() if path.suffix in (".csv", ".parquet")}
 
 
@@ -92,7 +92,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--instants", type=int, default=40)
-    parser.add_argument("--until", type=float, default=10.0, help="s")
+    parser.add_argument("--until", type=float, default=10.0, help="latest instant, in s after the run began")
     ends = ["SIGINT", "SIGINT+SIGINT", "SIGTERM", "SIGTERM+SIGINT", "SIGKILL"]
     parser.add_argument("--ends", nargs="+", default=ends)
     asked = parser.parse_args()

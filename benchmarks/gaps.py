@@ -25,7 +25,7 @@ from impact_xval.model.outcome import Outcome
 
 ENGINES = ("mujoco", "pybullet", "dart", "rapier", "pymunk", "pybullet-restitution")
 
-#: Multiple of the stated error beyond which a limit is wrong, and the error that rounding may add.
+#: A limit is wrong if its error exceeds this multiple of the error that the engine states, plus an error for rounding.
 HONEST, ROUNDING = 3.0, 1e-9
 
 #: Speed of the first ball in m/s: below 0.1 m/s DART drops restitution.
@@ -35,7 +35,7 @@ SETTINGS = Settings(convergence=Convergence(), max_steps=100_000)
 
 
 def draw_chains(n: int, seed: int) -> list[Collision]:
-    """Draw chains whose first ball strikes others that are apart."""
+    """Return random chains whose first ball strikes other balls that do not touch each other."""
     rng, chains = np.random.default_rng(seed), []
     for i in range(n):
         balls, table = int(rng.integers(2, 5)), bool(rng.integers(2))

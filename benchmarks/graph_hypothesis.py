@@ -136,7 +136,7 @@ def all_verdicts() -> Iterator[WeldedVerdict]:
 
 
 def main() -> None:
-    """Print a table of the verdicts."""
+    """Judge every contact of every graph, and print a table of the verdicts."""
     ends = (CONTRASTS[0], CONTRASTS[len(CONTRASTS) // 2], CONTRASTS[-1])
     header = ["graph", "contact", "bodies", "at first", "e", "verdict", "order", "D of the limit", "parts at"]
     table = Table(*header, *(f"D at {x:.0e}" for x in ends), box=None)

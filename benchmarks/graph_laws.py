@@ -38,7 +38,7 @@ RIGID_LAWS: dict[str, tuple[str, Sequence[int]]] = {
 RESTITUTIONS = (1.0, 0.7)
 RATIOS = np.geomspace(0.01, 100, 41)
 
-#: Ratios of the table.
+#: Stiffness ratios k2/k1 of the rows of the printed table.
 SHOWN = (0.01, 0.1, 0.5, 1.0, 2.0, 10.0, 100.0)
 
 FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "bernoulli-laws.svg"
@@ -81,7 +81,7 @@ def least_error(outcomes: Floats) -> float:
 
 
 def main() -> None:
-    """Print the table, and draw the figure if asked to."""
+    """Print the table of distances, and draw the figure if the options ask for it."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--figure", action="store_true")
     draws = parser.parse_args().figure

@@ -37,7 +37,7 @@ def random_chains(rng: np.random.Generator, count: int) -> Collisions:
 
 
 def delassus_of(chains: Collisions) -> Floats:
-    """Return the Delassus matrices of rows."""
+    """Return the Delassus matrices of the contacts of rows of balls (docs/glossary.md)."""
     J = np.eye(CONTACTS, CONTACTS + 1) - np.eye(CONTACTS, CONTACTS + 1, 1)
     return (J / chains.masses[:, None, :]) @ J.T
 
@@ -104,7 +104,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--count", type=int, default=10_000, help="(default: %(default)s)")
     parser.add_argument(
-        "--repeats", type=int, default=3, help="the best of so many counts (default: %(default)s)"
+        "--repeats",
+        type=int,
+        default=3,
+        help="repetitions, of which the fastest counts (default: %(default)s)",
     )
     parser.add_argument("--seed", type=int, default=0, help="(default: %(default)s)")
     parser.add_argument(

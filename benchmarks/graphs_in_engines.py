@@ -33,10 +33,10 @@ APPROACHING = "newton-of-approaching"
 #: Distance up to which laws count as equally near. The first of them is then named: in most graphs several laws agree.
 NEAR = 1e-4
 
-#: Distance up to which a law explains an answer.
+#: A law explains an engine's answer if their distance is at most this number.
 EXPLAINED = 1e-3
 
-#: Laws that take contacts in an order.
+#: Laws whose outcome depends on the order in which contacts are treated.
 ORDERED = ("sequential", "plastic-then-restitution")
 
 

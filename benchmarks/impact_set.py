@@ -36,13 +36,13 @@ def line(
     gap: float = 0.0,
     k: float = K,
 ) -> Collision:
-    """Make a line of balls with one e, stiffness and gap."""
+    """Return a line of balls in which all contacts have the same e, stiffness and gap."""
     n = len(masses) - 1 + table
     return Collision(tuple(masses), (k,) * n, (e,) * n, tuple(v), table, (gap,) * n)
 
 
 def cases() -> Iterator[tuple[str, Collision]]:
-    """Yield the collisions with their names."""
+    """Yield the collisions of the set, each with its name."""
     for ratio, m, (e1, e2) in product((0.01, 1.0, 100.0), (0.5, 2.0), ((1.0, 1.0), (0.9, 0.7), (0.0, 0.0))):
         name = f"two balls on a table, k2/k1 = {ratio:g}, m2/m1 = {m:g}, e = {e1:g}, {e2:g}"
         yield name, Collision.two_balls(1.0, m, K, K * ratio, e1, e2, -1.0)

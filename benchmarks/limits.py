@@ -1,4 +1,4 @@
-"""Accuracy of the engines' limits dt -> 0, jumps of the exact references, and marks that screens lose.
+"""Accuracy of the engines' limits dt -> 0, jumps of exact solvers, and marks that are lost by solving fewer collisions.
 
     python benchmarks/limits.py engines --cells 2000      # some fifteen minutes on one core
     python benchmarks/limits.py engines --cells 200 --box '{"stiffness_ratio": {"log": [100, 1000]}}'
@@ -9,7 +9,8 @@
 estimates, and compares every unmarked limit of status ok with the exact Kelvin-Voigt solution. It prints the share of
 limits that are further from it than three times the stated error, and the largest distance. **jumps** solves every cell
 by an exact reference, then again with k2/k1, k1 and both stiffnesses changed by a relative amount. It prints the
-numbers of marked and of unmarked cells that move by more than given amounts.
+numbers of marked and of unmarked cells whose velocities change by more than given amounts. **screens** counts the jumps
+that are not found because screens skip collisions that seem far from a jump.
 """
 
 from __future__ import annotations
@@ -33,17 +34,17 @@ from impact_xval.model.outcomes import Outcomes
 LAWS = ("kelvin-voigt", "bistiffness")
 ENGINES = ("mujoco", "pybullet")
 
-#: Multiples of the stated error beyond which a limit counts as wrong.
+#: A limit counts as wrong if its error is more than this many times the error that the engine states.
 HONEST = 3.0
 
 
 def draw(n: int, seed: int, box: Sample) -> np.ndarray:
-    """Draw k2/k1, m2/m1, e1, e2 of random cells of a box, shape (4, n)."""
+    """Return k2/k1, m2/m1, e1 and e2 of n random cells of a box, shape (4, n)."""
     return box.place(np.random.default_rng(seed).random((n, len(box.free())))).T
 
 
 def solve(cells: np.ndarray, settings: Settings, k1: float) -> list[list[tuple[str, str, float, float]]]:
-    """Return for each engine and cell: status, mark, distance of the limit from exact, stated error."""
+    """Return, for each engine and cell: status, mark, distance of the limit from the exact solution, stated error."""
     collisions = [Collision.two_balls(1.0, mu, k1, k1 * kappa, e1, e2, -1.0) for kappa, mu, e1, e2 in cells.T]
     exact = get_solver("kelvin-voigt").solve_many(collisions, settings)
     rows = []
@@ -89,7 +90,7 @@ def engines(options: argparse.Namespace) -> None:
 
 
 def jumps(options: argparse.Namespace) -> None:
-    """Change stiffnesses a little and count the cells that move."""
+    """Change stiffnesses a little, and print the number of cells whose velocities change much."""
     kappa, mu, e1, e2 = draw(options.cells, options.seed, options.box)
     number = 9.81 / np.sqrt(options.k1 * (1 + 1 / mu)) * (options.scenario == "drop")
     c = 1 + options.change
@@ -110,7 +111,7 @@ def jumps(options: argparse.Namespace) -> None:
 
 
 def screens(options: argparse.Namespace) -> None:
-    """Count the marks that screens lose, and the collisions that are solved with screens."""
+    """Print the number of jumps that are not found with screens, and the number of collisions solved with screens."""
     unit = np.random.default_rng(options.seed).random((options.cells, 4))
     cells = 10 ** (6 * unit[:, 0] - 3), 10 ** (2 * unit[:, 1] - 1), *(0.1 + 0.9 * unit[:, 2:].T)
     collisions = Collisions.from_ratios(*cells)
@@ -144,8 +145,15 @@ def main() -> None:
     parser.add_argument(
         "--box", type=Sample.model_validate_json, default=Sample(), help="JSON of `config.axes.Sample`"
     )
-    parser.add_argument("--step-fraction", type=float, default=1e-3, help="of the faster contact (engines)")
-    parser.add_argument("--tolerance", type=float, default=1e-3, help="of limits, per |v0| (engines)")
+    parser.add_argument(
+        "--step-fraction",
+        type=float,
+        default=1e-3,
+        help="time step over the period of the faster contact (engines)",
+    )
+    parser.add_argument(
+        "--tolerance", type=float, default=1e-3, help="largest accepted error of limits, per |v0| (engines)"
+    )
     parser.add_argument("--change", type=float, default=1e-3, help="relative change of stiffnesses (jumps)")
     parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes (engines)")
     parser.add_argument("--show", type=int, default=0, help="cells to list, the least honest first (engines)")

@@ -67,7 +67,7 @@ Stepper = Callable[[MjModel, MjData, int], Floats]
 
 
 def step_in_mujoco(model: MjModel, data: MjData, n: int) -> Floats:
-    """Take n steps in C."""
+    """Take n time steps with MuJoCo, which is written in C."""
     return take_steps(model, data, n)[1][-1]
 
 
@@ -90,7 +90,7 @@ def step_in_mjx(precision: str) -> Stepper:
 
 
 def step_in_warp(model: MjModel, data: MjData, n: int) -> Floats:
-    """Take n steps in Warp, which has single precision."""
+    """Take n time steps with MuJoCo Warp, which computes in single precision."""
     warp, mujoco_warp = import_module("warp"), import_module("mujoco_warp")
     with warp.ScopedDevice("cpu"):
         put, state = mujoco_warp.put_model(model), mujoco_warp.put_data(model, data)
@@ -189,7 +189,7 @@ def print_points_of_an_edge() -> None:
 
 
 def main() -> None:
-    """Print the differences of the scenes that are named, or of all."""
+    """Print the differences for the scenes that the command names, or for all scenes."""
     logging.disable()
     printers = {"chains": print_chains, "ball": print_ball, "box": print_boxes}
     steppers: dict[str, Stepper] = {

@@ -27,7 +27,7 @@ from queue import Queue
 ROOT = Path(__file__).parents[1]
 SOURCES = ("model/**/*.py", "compliant_baselines/references.py", "compliant_baselines/marks.py")
 STAGES = {"golden": ["tests/golden"], "suite": ["tests", "--ignore", "tests/golden"]}
-#: Most seconds for one stage, because a mutant may never end.
+#: Longest time in s for one stage of the tests. A mutant may never end otherwise.
 LONGEST = 900
 
 _SWAPS: dict[type, type] = {
@@ -94,7 +94,7 @@ class _Replaced(ast.NodeTransformer):
         self.old, self.new = old, new
 
     def generic_visit(self, node: ast.AST) -> ast.AST:
-        """Put the new statement in the old one's place."""
+        """Replace the old statement by the new statement."""
         return self.new if node is self.old else super().generic_visit(node)
 
 
@@ -139,7 +139,7 @@ def outcome(folder: Path, path: Path, source: str) -> tuple[str, str]:
                     )
                 except subprocess.TimeoutExpired:
                     return stage, "no end"
-            if done.returncode < 0:  # a kernel that writes beyond its arrays
+            if done.returncode < 0:  # the process crashed: a kernel wrote beyond its arrays
                 return stage, "crash"
             if done.returncode not in (0, 1, 2):
                 raise RuntimeError(f"pytest could not run: {done.stdout}{done.stderr}")
@@ -151,12 +151,14 @@ def outcome(folder: Path, path: Path, source: str) -> tuple[str, str]:
 
 
 def main() -> None:
-    """Draw mutants, try each, and print a line for it."""
+    """Draw mutants, run the tests on each, and print a line for each."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--count", type=int, default=24)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--processes", type=int, default=2, help="side by side")
-    parser.add_argument("--list", action="store_true", help="print the mutants and try none")
+    parser.add_argument(
+        "--processes", type=int, default=2, help="number of mutants that are tested at the same time"
+    )
+    parser.add_argument("--list", action="store_true", help="print the mutants, and run no tests")
     asked = parser.parse_args()
     mutants = list(draw(asked.count, asked.seed))
     if asked.list:

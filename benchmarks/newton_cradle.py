@@ -24,7 +24,7 @@ ANGLE, GRAVITY, FRAMES_PER_SECOND = math.radians(45.0), 9.81, 60
 SUBSTEPS = {"xpbd": 10, "vbd": 10, "mujoco": 10, "featherstone": 20, "kamino": 5}
 NATIVE = ("mujoco", "kamino")
 
-#: Time in s of a run: the last ball is out furthest after half a period, 1.04 s, and then comes back.
+#: Time in s that a run simulates. After half a period, 1.04 s, the last ball is farthest out; then it comes back.
 END = 1.4
 
 #: Angle in degrees from the lowest place below which the first ball counts as arrived.
@@ -124,7 +124,9 @@ def main() -> None:
     """Print a line for every solver and gap."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--solver", nargs="+", choices=SUBSTEPS, default=list(SUBSTEPS))
-    parser.add_argument("--gap", nargs="+", type=float, default=[0.0, 1e-3], help="in m")
+    parser.add_argument(
+        "--gap", nargs="+", type=float, default=[0.0, 1e-3], help="gaps between the balls in m"
+    )
     options = parser.parse_args()
     for solver in options.solver:
         for gap in options.gap:

@@ -27,14 +27,14 @@ STEP = Settings(step_fraction=1e-3)
 
 
 def line(*velocities: float, e: float = 1.0, gap: float = 0.0, table: bool = False) -> Collision:
-    """Make equal balls in a line, ball 1 on top."""
+    """Return a collision of equal balls in a line, with ball 1 on top, from their velocities in m/s."""
     n = len(velocities)
     contacts = n - 1 + table
     return Collision((1.0,) * n, (1.0,) * contacts, (e,) * contacts, velocities, table, (gap,) * contacts)
 
 
 def drawn(n: int) -> list[Collision]:
-    """Draw chains in which at least one contact approaches."""
+    """Return n random chains in which the bodies of at least one contact approach each other."""
     rng, found = np.random.default_rng(1), []
     while len(found) < n:
         balls, table = int(rng.integers(2, 6)), bool(rng.integers(2))
@@ -62,7 +62,7 @@ def distances(name: str, law: str, collisions: list[Collision]) -> np.ndarray:
 
 
 def main() -> None:
-    """Print the tables."""
+    """Print the distances of every engine from every law, and the velocities of some collisions."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--chains", type=int, default=200)
     chains = drawn(parser.parse_args().chains)

@@ -30,7 +30,7 @@ def _plain(share: float) -> str:
 
 
 def main() -> None:
-    """Compute and print, as rows of Markdown."""
+    """Compute the shares of the causes, and print them as rows of a Markdown table."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

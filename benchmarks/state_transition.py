@@ -25,7 +25,7 @@ from tests.model.chain_reference import JME, integrate
 
 
 def random_cells(n: int, seed: int) -> np.ndarray:
-    """Draw n cells: rows k2/k1, m2/m1, e1, e2."""
+    """Return n random cells, shape (4, n): the rows are k2/k1, m2/m1, e1 and e2."""
     rng = np.random.default_rng(seed)
     ratios = [10 ** rng.uniform(-2, 2, n), 10 ** rng.uniform(-1, 1, n)]
     return np.array([*ratios, rng.uniform(0.3, 1, n), rng.uniform(0.3, 1, n)])
@@ -50,10 +50,27 @@ def machine() -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--cells", type=int, default=1_000_000, help="by solve_batch (default: %(default)s)")
-    parser.add_argument("--single", type=int, default=10_000, help="by solve (default: %(default)s)")
-    parser.add_argument("--slow", type=int, default=50, help="by the integration (default: %(default)s)")
-    parser.add_argument("--repeats", type=int, default=3, help="(default: %(default)s)")
+    parser.add_argument(
+        "--cells",
+        type=int,
+        default=1_000_000,
+        help="number of collisions for solve_batch (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--single", type=int, default=10_000, help="number of collisions for solve (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--slow",
+        type=int,
+        default=50,
+        help="number of collisions for the integration in time (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--repeats",
+        type=int,
+        default=3,
+        help="repetitions, of which the fastest counts (default: %(default)s)",
+    )
     asked = parser.parse_args()
     cells = random_cells(asked.cells, seed=0)
     collisions = [Collision.from_ratios(*cell) for cell in cells[:, : max(asked.single, asked.slow)].T]

@@ -58,7 +58,7 @@ def velocities(collisions: Sequence[Collision], outcomes: Sequence[Outcome]) -> 
 
 
 def row(name: str, D: np.ndarray) -> None:
-    """Print the row of a solver."""
+    """Print the row of one solver in the table."""
     cuts = (number(float(np.quantile(D, q)), 2) for q in (0.5, 0.95, 1.0))
     print(f"| `{name}` | {D.size} | {' | '.join(cuts)} |")
 
@@ -100,13 +100,17 @@ def limits(collisions: Sequence[Collision]) -> None:
 
 
 def main() -> None:
-    """Measure and print."""
+    """Measure what the options ask for, and print it."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--cells", type=int, default=208, help="cells of the default grid")
-    parser.add_argument("--seed", type=int, default=1, help="of the sample")
-    parser.add_argument("--limits", action="store_true", help="of drops, by the step from which they begin")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the random sample of cells")
+    parser.add_argument(
+        "--limits",
+        action="store_true",
+        help="measure limits dt -> 0 of drops instead, by the step from which they begin",
+    )
     options = parser.parse_args()
     collisions = sample(options.cells, options.seed)
     if options.limits:

@@ -44,7 +44,7 @@ _FIRST = 256
 
 
 def costs(repetitions: int) -> None:
-    """Measure core-seconds per cell by solver."""
+    """Print the core-seconds that each solver needs per cell."""
     names = [name for name in solver_names() if get_solver(name).unavailable() is None]
     best: dict[str, float] = {}
     for name in names:
@@ -66,7 +66,7 @@ def costs(repetitions: int) -> None:
 
 
 def scaling(repetitions: int, cells: int) -> None:
-    """Compare one worker with two."""
+    """Print the wall times of a run with one worker and with two."""
     config = parse_config({"solvers": ["mujoco"], "chunk_size": 16, "sample": {"n": cells, "seed": 1}})
     table = Table("workers", "start (s)", "solve (s)", "whole run (s)", "one over this")
     first = 0.0
@@ -93,7 +93,7 @@ def _stages(config: Config, workers: int) -> dict[str, float]:
 
 
 def million(repetitions: int, largest: int) -> None:
-    """Measure cost per cell and memory at 1e4, 1e5 and 1e6 cells."""
+    """Print the cost per cell, and the memory, of runs with 1e4, 1e5 and 1e6 cells."""
     table = Table("cells", "solve", "tables, summary", "wall", "over 1e4", "core", "over 1e4", "peak memory")
     first = _best(_FIRST, repetitions)
     table.caption = (

@@ -17,7 +17,7 @@ STIFFNESS, STEPS_IN_CONTACT = 1e4, 200
 
 
 def requests():
-    """Yield the four contacts."""
+    """Yield the four contacts: each of two restitutions, against a fixed body and against a body of 3 kg."""
     for e in (0.5, 0.8):
         for other in (math.inf, 3.0):
             longest = ContactRequest.between((1.0, other), e, STIFFNESS, 1.0)

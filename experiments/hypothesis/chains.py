@@ -1,8 +1,9 @@
-"""The hypothesis in chains of N balls: does the pair of a contact that becomes infinitely stiff move as one.
+"""Test in chains of N balls whether two bodies move as one if the contact between them becomes infinitely stiff.
 
-If it does, the chain goes where N - 1 balls go of which one is the pair, *welded*: of the mass and the momentum of
-both, or, at the table, part of the table. The welded chain is solved by the same solver, so that a verdict is on the
-hypothesis under the solver's own law, and on nothing else.
+To answer this, a chain is compared with its *welded* chain of N - 1 balls, in which the two bodies are one body with
+the mass and the momentum of both. If one of the two is the table, its ball is part of the table. The same solver solves
+both chains, so that the verdict depends on the hypothesis alone and not on the solver's law. `run` calls this module
+for a test of the hypothesis, and `own` for a collision that a user gives.
 """
 
 from __future__ import annotations
@@ -24,19 +25,21 @@ from impact_xval.experiments.sweep.pool import available_cores
 from impact_xval.experiments.tables.frames import Frame, Record
 from impact_xval.model.collision import Collision
 
-#: Solvers of chains that are exact for linear contacts, and fast enough if a contact rings a thousand times.
+#: Solvers of chains that a test uses. They are exact for linear contacts, and fast enough for a stiff contact that
+#: opens and closes a thousand times.
 SOLVERS = ("state-transition", "bistiffness", "kelvin-voigt", "kelvin-voigt-textbook")
 
-#: Range of masses and stiffnesses, drawn logarithmically; range of restitutions of lossy contacts, drawn uniformly.
+#: Range of masses and stiffnesses, which are drawn uniformly in the logarithm; and range of the restitutions of lossy
+#: contacts, which are drawn uniformly.
 SPREAD, RESTITUTION = (0.3, 3.0), (0.5, 0.99)
 
-#: In every third chain all contacts are elastic.
+#: All contacts are elastic in one of this many chains.
 ELASTIC = 3
 
 #: Error of an exact solver's velocities in chains, per speed of impact (docs/chains.md, sections 6 and 7).
 ERROR = 1e-9
 
-#: Arrangements, and the position in each of the contact that becomes infinitely stiff.
+#: Arrangements of chains, each with the positions of the contact that becomes infinitely stiff.
 PLACES: tuple[tuple[Arrangement, str], ...] = (
     *((name, where) for name in ("row", "cradle") for where in ("top", "middle", "bottom")),
     *((name, where) for name in ("pile", "stack") for where in ("top", "middle", "table")),
@@ -46,10 +49,11 @@ PLACES: tuple[tuple[Arrangement, str], ...] = (
 def draw_chains(
     place: tuple[Arrangement, str], points: int, balls: tuple[int, int], seed: int
 ) -> list[tuple[Collision, int]]:
-    """Draw chains, and return each with the index of its stiff contact.
+    """Draw random chains; return each with the index of the contact that is to become infinitely stiff.
 
-    The number of balls is drawn from `balls` (least, largest). The contact at `place` is as stiff as the stiffest of
-    all others. Two balls strike in a cradle, and its middle contact is the one that they strike.
+    `points` is the number of chains, and `balls` the least and the largest number of balls in a chain. `place` is the
+    arrangement and the position of the contact. That contact is first as stiff as the stiffest of all other contacts.
+    In a cradle two balls strike, and the middle contact is the contact between these balls and the others.
     """
     arrangement, where = place
     rng = np.random.default_rng((seed, PLACES.index(place)))
@@ -70,13 +74,16 @@ def draw_chains(
 
 
 def stiffen_contact(chain: Collision, contact: int, contrast: float) -> Collision:
-    """Return a chain with one contact `contrast` times stiffer."""
+    """Return the chain in which the contact of index `contact` is `contrast` times as stiff."""
     stiffnesses = (k * contrast if i == contact else k for i, k in enumerate(chain.stiffnesses))
     return dataclasses.replace(chain, stiffnesses=tuple(stiffnesses))
 
 
 def weld_contact(chain: Collision, contact: int) -> Collision:
-    """Return the chain without a contact: its two bodies are one, or its ball is part of the table."""
+    """Return the chain in which the two bodies of a contact are welded into one body.
+
+    If the contact is with the table, its ball becomes a part of the table.
+    """
     upper, is_table_contact = contact, contact == len(chain.masses) - 1
     if is_table_contact:
         masses, velocities = chain.masses[:upper], chain.velocities[:upper]
@@ -92,10 +99,10 @@ def weld_contact(chain: Collision, contact: int) -> Collision:
 
 
 def velocities_of_balls(velocities: Sequence[float], contact: int) -> tuple[float, ...]:
-    """Return the velocities of the balls of a chain from those of its welded chain.
+    """Return the velocities of all balls of a chain, given the velocities of the balls of its welded chain.
 
-    The lower body of the welded contact, and every ball below it, stands one place higher in the welded chain. Where
-    the table is that lower body, ball N has its velocity, 0.
+    The two balls of the welded contact get the velocity of the one body. Every ball below them is one place higher in
+    the welded chain. If the welded contact is with the table, ball N gets the velocity of the table, 0.
     """
     of_welded = (*velocities, 0.0)
     above = of_welded[: contact + 1]
@@ -104,7 +111,10 @@ def velocities_of_balls(velocities: Sequence[float], contact: int) -> tuple[floa
 
 
 def solve_chains(config: HypothesisConfig) -> Frame:
-    """Solve the chains of a test by its exact solvers; return one row per place, solver, chain and contrast."""
+    """Solve the chains of a test by exact solvers, at rising contrasts.
+
+    Return the outcomes, one row per position of the stiff contact, solver, chain and contrast.
+    """
     design = config.chains
     contrasts = spaced_contrasts(design.contrast, design.per_decade)
     problems = [
@@ -113,7 +123,9 @@ def solve_chains(config: HypothesisConfig) -> Frame:
         for solver in filter(config.solvers.__contains__, SOLVERS)
         for i, chain in enumerate(draw_chains(place, design.points, design.balls, config.seed))
     ]
-    with ThreadPoolExecutor(available_cores()) as threads:  # kernels hold no lock of Python
+    with ThreadPoolExecutor(
+        available_cores()
+    ) as threads:  # compiled kernels release the global interpreter lock
         rows_by_problem = threads.map(
             lambda problem: list(_solve_at_contrasts(contrasts, *problem)), problems
         )
@@ -125,10 +137,11 @@ def solve_chains(config: HypothesisConfig) -> Frame:
 def _solve_at_contrasts(
     contrasts: Sequence[float], keys: Record, chain: Collision, contact: int
 ) -> Iterator[Record]:
-    """Yield the outcomes of a chain at rising contrasts of a contact; the closed form is that of the welded chain.
+    """Yield the outcomes of a chain at rising contrasts of a contact, one row per contrast.
 
-    `keys` tell the chain and its solver in every row. Velocities are in m/s, the incoming ones being 1; `weights` are
-    the masses per twice the kinetic energy at first.
+    The closed form in a row is the outcome of the welded chain. `keys` identify the chain and its solver, and are part
+    of every row. Velocities are in m/s, and the incoming balls have 1 m/s. `weights` in a row are the masses, divided
+    by twice the kinetic energy before the collision.
     """
     chains = [*(stiffen_contact(chain, contact, x) for x in contrasts), weld_contact(chain, contact)]
     *outcomes, as_one = get_solver(keys["solver"]).solve_many(chains, Settings(mark=False))

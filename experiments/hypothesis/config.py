@@ -1,4 +1,8 @@
-"""The configuration of a test of the hypothesis, as a validated TOML file; the empty file is the built-in one."""
+"""Configuration of a test of the hypothesis that an infinitely stiff pair of bodies acts as one body.
+
+It is read from a TOML file and checked. An empty file gives the built-in configuration. `run` and the command
+`impact-xval hypothesis` use it.
+"""
 
 from __future__ import annotations
 
@@ -14,19 +18,23 @@ from impact_xval.experiments.config.errors import read_toml, shorten, validate
 from impact_xval.experiments.config.experiment import Config, Solvers
 from impact_xval.experiments.config.renamed import HYPOTHESIS_KEYS, rename_keys
 
-#: Models and references beside the solvers that a run has by default.
+#: Exact laws that a test of the hypothesis uses by default, in addition to the default solvers of a run.
 LAWS = ("kelvin-voigt-anchored", "kelvin-voigt-textbook", "hunt-crossley", "liu-zhao-brogliato")
 
 
 def _in_order(value: tuple[float, float], info: ValidationInfo) -> tuple[float, float]:
-    """Check a range of contrasts; beyond its largest legal end double precision does not suffice."""
+    """Return a range of contrasts if it is legal, else raise a ValueError.
+
+    A contrast is a stiffness ratio. Above the largest legal contrast double precision does not suffice.
+    """
     most = "1e16" if info.field_name == "plastic_contrast" else "1e10"
     if not 1 < value[0] < value[1] <= float(most):
         raise ValueError(f"{shorten(list(value))}; legal: [lo, hi] with 1 < lo < hi <= {most}")
     return value
 
 
-#: A pair of numbers. TOML has lists only, so a list is accepted; its numbers are checked as strictly as others.
+#: Range of contrasts, least and largest. A list is accepted, because TOML has no tuples. Each number in it must be a
+#: number in TOML too, not a text.
 _Contrast = Annotated[
     tuple[float, float], Field(strict=False, description="[lo, hi]"), AfterValidator(_in_order)
 ]
@@ -34,13 +42,13 @@ _Decades = Annotated[float, Field(ge=1, le=8, description="from 1 to 8 (decades 
 
 
 class ChainsConfig(Strict):
-    """The chains of N balls."""
+    """The part of a test that is about chains of N balls: how many chains, their sizes, and the contrasts."""
 
     points: int = whole_field(6, 3, 100, " (chains at each place; every third is elastic)")
     balls: tuple[int, int] = Field(
         (4, 7), strict=False, description="whole numbers from 4 to 12, least first"
     )
-    contrast: _Contrast = (1e1, 1e6)  # of the stiff contact
+    contrast: _Contrast = (1e1, 1e6)  # stiffness of the stiff contact over the largest of the others
     per_decade: int = whole_field(4, 4, 64, " (contrasts in a decade)")
     fit_decades: _Decades = 3.0
 
@@ -53,7 +61,7 @@ class ChainsConfig(Strict):
 
 
 class HypothesisConfig(Strict):
-    """A test of the hypothesis."""
+    """Configuration of a whole test of the hypothesis, for pairs of balls on a table and for chains."""
 
     @model_validator(mode="before")
     @classmethod
@@ -72,9 +80,10 @@ class HypothesisConfig(Strict):
 
 
 def spaced_contrasts(ends: tuple[float, float], per_decade: int) -> list[float]:
-    """Return contrasts, `per_decade` in a decade, counted down from the upper end.
+    """Return rising contrasts, `per_decade` in each decade.
 
-    Windows of whole decades that end at the upper end thus begin on a contrast.
+    The largest contrast is the upper end of the range, and the others are spaced down from it. So the last whole
+    decades of the range begin exactly at a contrast.
     """
     low, high = map(math.log10, ends)
     whole = math.floor((high - low) * per_decade + 1e-9)
@@ -82,6 +91,9 @@ def spaced_contrasts(ends: tuple[float, float], per_decade: int) -> list[float]:
 
 
 def load_hypothesis_config(path: Path | None) -> HypothesisConfig:
-    """Read a configuration, or the built-in one without a path; a `UserError` says in one line what is illegal."""
+    """Return the configuration in a TOML file, or the built-in configuration if `path` is None.
+
+    A `UserError` says in one line what is illegal in the file.
+    """
     where = str(path) if path else "built-in hypothesis"
     return validate(HypothesisConfig, read_toml(path) if path else {}, where)

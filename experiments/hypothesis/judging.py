@@ -1,31 +1,38 @@
-"""Verdicts on a limiting case, from the outcomes of a solver.
+"""Verdicts on whether the outcomes of a solver approach the closed form of a limiting case.
 
-A series is the outcomes of one solver at one point, at rising contrasts x. Velocities are vectors w whose length is the
-kinetic norm; for two balls w = (v1, sqrt(m2/m1) v2). The rule asks whether a series gets to the closed form, at what
-rate, and where it goes if not:
+In a limiting case one contact becomes infinitely stiff compared with the others. The contrast x is the ratio of the
+stiffnesses. A series is the outcomes of one solver at rising contrasts, with all other parameters fixed at one point.
+Velocities are written as vectors w whose length is the kinetic norm; for two balls w = (v1, sqrt(m2/m1) v2). D is the
+distance of w from the closed form. The rule finds out whether a series gets to the closed form and at what rate, or
+where it goes otherwise:
 
-1. The *window* is the last `decades` of the usable outcomes. It ends where the distance D from the closed form sinks
-   under `FLOOR_ERRORS` errors of the solver for good.
-2. **Rate**: slope of ln D over ln x by Theil and Sen. Contacts that ring let D dip to nothing at single contrasts; a
-   median of slopes does not notice these dips.
-3. **Limit**: w = L + A x^-s by least squares, s from `EXPONENTS`. Its error is the largest of: what the same fit gives
-   without the last decade (or half of a short window), with a second term in x^-2s, or with any s that leaves no more
-   than twice the least residual; that residual; and the solver's own error.
-4. The series **settles** if the diameter of its last decade is below that of its first by at least `LEAST_RATE` a
-   decade, or below what the solver resolves, or below a tenth of its distance from the closed form. In the last case
-   the limit is the mean of that decade, with that diameter as its error.
-5. It **jumps** where, in the later half of the window, D exceeds both the line of the rate and the D before by `JUMP`.
+1. The *window* is the last `decades` of contrast of the usable outcomes. It ends where D sinks for good below
+   `FLOOR_ERRORS` times the error of the solver.
+2. **Rate**: the slope of ln D over ln x, by the method of Theil and Sen. Contacts that ring let D drop almost to 0 at
+   single contrasts. The method takes a median of slopes, which these drops do not influence.
+3. **Limit**: L in the fit w = L + A x^-s by least squares, with s from `EXPONENTS`. The error of the limit is the
+largest
+   of these numbers: the changes of L if the fit leaves out the last decade (or half of a short window), has a second
+   term in x^-2s, or takes any other s whose residual is at most twice the least; the least residual; and the error of
+   the solver.
+4. A series **settles** if the diameter of its last decade is smaller than the diameter of its first decade by at least
+   the factor 10^`LEAST_RATE` per decade, or is below what the solver resolves. It also settles if that diameter is
+   below a tenth of the distance from the closed form. Then the limit is the mean of the last decade, and the diameter
+   is its error.
+5. A series **jumps** where D in the later half of the window exceeds, `JUMP` times, both the fitted line of the rate
+and
+   the D at the contrast before.
 
 Points are grouped in classes by which of their contacts are elastic (`run.pair_class`). The verdict on a class is
 
-* `refuted` if at least a tenth of the points are refuted: for one law a single counterexample would do, a tenth is
-  robust;
-* else `supported` if at least half of the points are, none is refuted or fails to settle, and every other point either
-  agrees with the closed form within the error of its limit or is short of results;
-* else `no limit` if at least half of the points have none; else `undecided`.
+* `refuted` if at least a tenth of its points are refuted. A single counterexample would refute a law, but a tenth is
+  robust against errors of the solver;
+* else `supported` if at least half of its points are supported, no point is refuted or fails to settle, and every other
+  point either agrees with the closed form within the error of its limit or has too few results;
+* else `no limit` if at least half of its points have no limit; else `undecided`.
 
-Over the classes of a limiting case the worst verdict counts. A class that is undecided only because it is within the
-solver's own error of the closed form does not count beside one that is supported.
+The verdict on a limiting case is the worst verdict on its classes. A class does not count if it is undecided only
+because it agrees with the closed form within the error of the solver, and another class is supported.
 """
 
 from __future__ import annotations
@@ -46,71 +53,72 @@ from impact_xval.experiments.tables.frames import Frame, Record
 from impact_xval.model.arrays import Floats
 from impact_xval.model.status import RESULT_STATUSES
 
-#: Least rate of an approach: over four decades such a distance falls by 2.5.
+#: Least rate r of an approach D ~ x^-r. Over four decades of contrast D falls at this rate by a factor of 2.5.
 LEAST_RATE = 0.1
 
-#: Least factor by which the median distance falls from the first decade of a window to the last. A series that falls
-#: by less may level out just beyond the window.
+#: Least factor by which the median D of a supported series falls from the first decade of its window to the last. A
+#: series that falls by less may level out just beyond the window.
 LEAST_FALL = 2.5
 
-#: D below this many errors of the solver is hidden by them.
+#: A distance D is known only if it exceeds this many times the error of the solver.
 FLOOR_ERRORS = 3.0
 
-#: Factor by which a jump exceeds its neighbours.
+#: Factor by which D at a jump exceeds both the fitted line and the D at the contrast before.
 JUMP = 30.0
 
-#: Exponents s that are tried for the limit.
+#: Exponents s that are tried in the fit w = L + A x^-s, which gives the limit L of a series.
 EXPONENTS = np.arange(0.1, 3.01, 0.05)
 
-#: Share of refuted points that refutes their class.
+#: A class of points is refuted if at least this share of its points is refuted.
 REFUTING_SHARE = 0.1
 
-#: A margin in decades: contrasts are rounded.
+#: Margin, in decades, with which two contrasts are compared, because contrasts are rounded.
 _SLACK = 1e-6
 
-#: Grazing margin below which an outcome lies beside a jump. In the limiting cases of k2/k1 the ringing of the stiff
-#: contact is what grazes. It shrinks as the root of the contrast, and so does the margin, which is multiplied by that
-#: root there.
+#: Grazing margin below which an outcome lies next to a jump of the model, and is not used. In the limiting cases of
+#: k2/k1 it is the ringing of the stiff contact that grazes. The ringing, and with it the margin, shrinks as the inverse
+#: of the square root of the contrast. So the margin is multiplied by that root before it is compared with this number.
 GRAZING = 1e-3
 
-#: D up to which a limiting case is close enough to be used, per impact.
+#: Largest D, in units of the motion before the impact, at which an outcome counts as close to the closed form of a
+#: limiting case.
 CLOSE = 0.05
 
-#: Resamples of a bootstrap, and its seed.
+#: Number of random resamples for the bootstrap interval of a median rate, and the seed of these samples.
 _RESAMPLES, _SEED = 2000, 2013
 
-#: Verdicts, the worst first.
+#: All verdicts, from the worst to the best.
 _ORDER = ("refuted", "no limit", "undecided", "supported")
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Verdict on one series: the columns of ``points.csv`` that judge it, in their order.
+    """Verdict on one series of outcomes. The fields are columns of ``points.csv``, in the order of the columns.
 
-    Velocities and distances are per abs(v0) for pairs, and in m/s with incoming balls of 1 m/s for chains. Numbers are
-    NaN where the series does not tell them.
+    Velocities and distances are per abs(v0) for pairs of balls. For chains they are in m/s, and the incoming balls have
+    1 m/s. A number is NaN if it cannot be found from the series.
     """
 
     verdict: str = "undecided"
-    #: Why the series is neither supported nor refuted; else empty.
+    #: Why the series is neither supported nor refuted; an empty text if it is either.
     reason: str = ""
-    #: Whether the closed form is within three errors of the limit.
+    #: Whether the limit is at most three times its error away from the closed form.
     consistent: bool = False
     settles: bool = True
-    #: r of D ~ x^-r, with its 95 % interval.
+    #: Rate r in D ~ x^-r for the contrast x, and the ends of its 95 % interval.
     rate: float = math.nan
     rate_low: float = math.nan
     rate_high: float = math.nan
-    #: Median of D over the last decade.
+    #: Median of D over the last decade of contrast.
     last: float = math.nan
     limit_error: float = math.nan
-    #: D of the limit.
+    #: Distance D of the limit from the closed form.
     offset: float = math.nan
-    #: Velocities of the balls in the limit; columns ``limit_v1``, ``limit_v2``, ...
+    #: Velocities of the balls in the limit. They are the columns ``limit_v1``, ``limit_v2``, ...
     limit: tuple[float, ...] = ()
 
     def columns(self) -> Record:
-        """Return the columns by name, one for each ball in place of `limit`."""
+        """Return the fields by name; the limit becomes one column per ball, ``limit_v1``, ``limit_v2``, ..."""
         values = asdict(self)
         limit = values.pop("limit")
         return values | {f"limit_v{ball}": v for ball, v in enumerate(limit, 1)}
@@ -118,87 +126,92 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class ClassVerdict:
-    """Verdict on a class of points: the columns of ``verdicts.csv`` after its keys, in their order."""
+    """Verdict on a class of points. The fields are the last columns of ``verdicts.csv``, in their order."""
 
     verdict: str
-    #: Whether the class is undecided only because it is within the solver's own error of the closed form.
+    #: Whether the class is undecided only because its points agree with the closed form within the error of the solver.
     within_error: bool
-    #: Number of points, and of those with each verdict; points with no limit count as undecided.
+    #: Number of points, and number of points with each verdict. Points with the verdict ``no limit`` count as
+    #: undecided.
     points: int
     n_supported: int
     n_refuted: int
     n_undecided: int
-    #: Median rate of the supported points, with its 95 % bootstrap interval.
+    #: Median rate of the supported points, and the ends of its 95 % bootstrap interval.
     rate: float
     rate_low: float
     rate_high: float
-    #: Range of the rates of the supported points.
+    #: Least and largest rate of the supported points.
     least_rate: float
     largest_rate: float
-    #: Range of the distances of the refuted points from the closed form.
+    #: Least and largest distance between the limit of a refuted point and the closed form.
     offset_least: float
     offset_largest: float
-    #: Median contrast from which D stays within `CLOSE`.
+    #: Contrast from which on D is at most `CLOSE`, the median over the points.
     close_from: float
     reason: str
 
 
 class Approach(NamedTuple):
-    """Outcomes of one solver at one point, at n rising contrasts, and the closed form that they should approach."""
+    """Outcomes of one solver at one point, at n rising contrasts, and the closed form that they may approach."""
 
     contrast: Floats
-    #: Which outcomes can be used, shape (n,).
+    #: Mask of the outcomes that have a result and do not lie next to a jump, shape (n,).
     used: NDArray[np.bool_]
-    #: Velocities of N balls, shape (n, N).
+    #: Final velocities of the N balls at each contrast, shape (n, N).
     velocities: Floats
-    #: The solver's error of each outcome, as a distance D.
+    #: Error of the solver in each outcome, as a distance D, shape (n,).
     error: Floats
-    #: Velocities of the closed form, shape (N,).
+    #: Final velocities by the closed form of the limiting case, shape (N,).
     closed_form: Floats
-    #: Masses in the unit of D, shape (N,).
+    #: Masses of the balls as D weights them, D = sqrt(sum of weight times velocity difference squared), shape (N,).
     weights: Floats
-    #: Decades of contrast that a verdict needs.
+    #: Number of decades of contrast that a verdict is based on.
     decades: float
 
 
 class Series(NamedTuple):
-    """Usable outcomes at rising contrasts, one element or row per outcome."""
+    """Usable outcomes of one solver at rising contrasts. The arrays have one element or row per outcome."""
 
-    #: log10 of the contrast.
+    #: Decimal logarithm of the contrast.
     x: Floats
-    #: Velocities as vectors whose length is the kinetic norm, shape (n, N).
+    #: Velocities as vectors w whose length is the kinetic norm, shape (n, N).
     w: Floats
-    #: Distance from the closed form.
+    #: Distance of the velocities from the closed form.
     D: Floats
-    #: The solver's error, as a distance D.
+    #: Error of the solver, as a distance D.
     error: Floats
-    #: Whether D exceeds `FLOOR_ERRORS` errors.
+    #: Whether D exceeds `FLOOR_ERRORS` times the error of the solver, so that it is known.
     clear: NDArray[np.bool_]
 
     def part(self, low: float, high: float = np.inf) -> Series:
-        """Return the outcomes between two x, both included."""
+        """Return the outcomes whose logarithm of the contrast is between `low` and `high`, both included."""
         inside = (low - _SLACK <= self.x) & (self.x <= high + _SLACK)
         return Series(self.x[inside], self.w[inside], self.D[inside], self.error[inside], self.clear[inside])
 
     def first_and_last_decade(self) -> tuple[Series, Series]:
-        """Return the outcomes of the first decade, and of the last."""
+        """Return the outcomes of the first decade of contrast, and of the last decade."""
         return self.part(self.x[0], self.x[0] + 1), self.part(self.x[-1] - 1)
 
 
 class SeriesLimit(NamedTuple):
-    """Limit of a series."""
+    """Limit to which a series of outcomes tends as the contrast grows."""
 
-    #: The limit as a vector w, shape (N,), and its error.
+    #: The limit, as a vector of velocities w, shape (N,), and its error, as a distance D.
     w: Floats
     error: float
-    #: Whether the last decade is about as wide as the first, and wider than the solver's error.
+    #: Whether the outcomes spread over the last decade about as much as over the first, and more than errors explain.
     restless: bool
-    #: Whether the series settles: it is not restless, or it circles a place that is far from the closed form.
+    #: Whether the series settles. It does if it is not restless, or if it moves around a place far from the closed
+    #: form.
     settles: bool
 
 
 class RateLine(NamedTuple):
-    """Line log10 D = `at_zero` - `rate` x through a window, with a 95 % interval of its rate; NaN without a line."""
+    """Line log10 D = `at_zero` - `rate` x through the outcomes of a window, where x is log10 of the contrast.
+
+    `low` and `high` are the ends of the 95 % interval of the rate. All are NaN if too few outcomes determine a line.
+    """
 
     rate: float = math.nan
     low: float = math.nan
@@ -207,15 +220,15 @@ class RateLine(NamedTuple):
 
 
 def kinetic_distance(weights: ArrayLike, differences: ArrayLike) -> Floats:
-    """Return D of differences of velocities, shape (..., N): their kinetic norm with `weights` as masses."""
+    """Return D, the kinetic norm of velocity differences over the last axis, with `weights` as masses."""
     return np.sqrt((np.asarray(weights) * np.square(differences)).sum(axis=-1))
 
 
 def mark_usable(outcomes: Frame, root: Floats | float) -> Frame:
-    """Add the columns `used` and `grazing` to outcomes.
+    """Return a table of outcomes with two more columns, `used` and `grazing`.
 
-    An outcome is used if it has a result, hence a distance, and lies beside no jump: its grazing margin times `root`
-    is at least `GRAZING`.
+    An outcome grazes if it has a result and its grazing margin, multiplied by `root`, is below `GRAZING`: it lies next
+    to a jump of the model. An outcome is used if it has a result and does not graze.
     """
     has_result = outcomes.distance.notna()
     grazing = has_result & (outcomes.grazing_margin.fillna(np.inf) * root < GRAZING)
@@ -223,7 +236,7 @@ def mark_usable(outcomes: Frame, root: Floats | float) -> Frame:
 
 
 def judge_approach(approach: Approach) -> Verdict:
-    """Judge the outcomes of one solver at one point."""
+    """Return the verdict on the outcomes of one solver at one point."""
     scale = np.sqrt(approach.weights)
     closed_form = approach.closed_form * scale
     window = _choose_window(_usable_series(approach, closed_form, scale), approach.decades)
@@ -252,17 +265,20 @@ def judge_approach(approach: Approach) -> Verdict:
 
 
 def _usable_series(approach: Approach, closed_form: Floats, scale: Floats) -> Series:
-    """Return the usable outcomes as vectors w; the closed form is such a vector too."""
+    """Return the usable outcomes as a series of vectors w, whose length is the kinetic norm.
+
+    `closed_form` is such a vector too. `scale` are the square roots of the weights.
+    """
     w = approach.velocities[approach.used] * scale
     D = kinetic_distance(1.0, w - closed_form)
-    # An estimate of an error can vanish by chance: the largest of three neighbours counts.
+    # The estimate of an error can vanish by chance. So the largest of it and its two neighbours is taken.
     error = np.pad(approach.error[approach.used], 1, constant_values=-np.inf)
     error = np.maximum(np.maximum(error[:-2], error[1:-1]), error[2:])
     return Series(np.log10(approach.contrast[approach.used]), w, D, error, FLOOR_ERRORS * error < D)
 
 
 def _choose_window(series: Series, decades: float) -> Series | str:
-    """Return the window of a series, or the reason why it has none."""
+    """Return the window of a series, which a verdict is based on, or the reason why the series has no window."""
     x = series.x
     span = np.ptp(x) if x.size else 0.0
     if span < decades - _SLACK:
@@ -276,7 +292,7 @@ def _choose_window(series: Series, decades: float) -> Series | str:
 
 
 def _find_limit(window: Series, decades: float) -> SeriesLimit:
-    """Find the limit of a series, and whether the series settles there."""
+    """Return the limit of a window of a series, and whether the series settles there."""
     first, last = window.first_and_last_decade()
     first_diameter, last_diameter = (pdist(decade.w).max(initial=0.0) for decade in (first, last))
     is_resolved = last_diameter > FLOOR_ERRORS * last.error.max()
@@ -289,7 +305,10 @@ def _find_limit(window: Series, decades: float) -> SeriesLimit:
 
 
 def _judge_unsettled(window: Series, verdict: Verdict) -> Verdict:
-    """Judge a series that does not settle; one that still falls from contrast to contrast is undecided."""
+    """Return the verdict on a series that does not settle.
+
+    It is ``no limit``, or ``undecided`` if D still falls from each contrast to the next.
+    """
     last = window.first_and_last_decade()[1]
     reason = f"it does not settle: in the last decade D runs from {last.D.min():.3g} to {last.D.max():.3g}"
     falls = np.all(np.diff(window.D) < 0)
@@ -297,14 +316,14 @@ def _judge_unsettled(window: Series, verdict: Verdict) -> Verdict:
 
 
 def _is_refuted(window: Series, verdict: Verdict) -> bool:
-    """Return whether a series that settles goes to another value than the closed form."""
+    """Return whether a series that settles goes to other velocities than the closed form."""
     last = window.first_and_last_decade()[1]
     is_clear_of_error = verdict.offset > max(3 * verdict.limit_error, 0.2 * verdict.last)
     return bool(is_clear_of_error and last.D.min() > 0.5 * verdict.offset)
 
 
 def fit_rate(window: Series) -> RateLine:
-    """Fit the rate of an approach to the distances that exceed the solver's error."""
+    """Fit the rate at which D falls, from the outcomes whose D clearly exceeds the error of the solver."""
     if np.count_nonzero(window.clear) < 3:
         return RateLine()
     log_D = np.log10(window.D[window.clear])
@@ -314,7 +333,10 @@ def fit_rate(window: Series) -> RateLine:
 
 
 def decide(window: Series, line: RateLine, verdict: Verdict) -> Verdict:
-    """Decide on a series that settles and is not refuted: supported, undecided, or no limit if it jumps."""
+    """Return the verdict on a series that settles and is not refuted.
+
+    It is ``supported``, ``undecided``, or ``no limit`` if the series jumps.
+    """
     jumps = _count_jumps(window, line)
     if jumps:
         reason = (
@@ -325,7 +347,7 @@ def decide(window: Series, line: RateLine, verdict: Verdict) -> Verdict:
     if not window.clear[-1]:
         reason = f"it is within the solver's own error ({last.error.max():.1g}) of the closed form too soon"
         return replace(verdict, reason=reason)
-    if not line.low > LEAST_RATE:  # also if there is no line
+    if not line.low > LEAST_RATE:  # true also for NaN, where there is no line
         reason = f"the rate {line.rate:.2g} ({line.low:.2g} to {line.high:.2g}) cannot be told from none"
         return replace(verdict, reason=reason)
     fall = np.median(first.D) / verdict.last
@@ -336,7 +358,10 @@ def decide(window: Series, line: RateLine, verdict: Verdict) -> Verdict:
 
 
 def _count_jumps(window: Series, line: RateLine) -> int:
-    """Count the jumps in the later half of a window: D exceeds the line and the D before by `JUMP`."""
+    """Return the number of jumps in the later half of a window.
+
+    At a jump D exceeds both the fitted line and the D at the contrast before by the factor `JUMP`.
+    """
     x, log_D = window.x[window.clear], np.log10(window.D[window.clear])
     above_line = log_D - line.at_zero + line.rate * x
     above_before = np.diff(log_D, prepend=log_D[:1])
@@ -346,7 +371,11 @@ def _count_jumps(window: Series, line: RateLine) -> int:
 
 
 def _fit_limits(x: Floats, w: Floats) -> tuple[Floats, Floats]:
-    """Return the limits L (k, N) of w = L + A x^-s for every s of `EXPONENTS`, and their rms residuals (k,)."""
+    """Fit w = L + A (contrast)^-s by least squares for each of the k exponents s in `EXPONENTS`.
+
+    Return the limits L, shape (k, N), and the root mean square residuals of the fits, shape (k,). `x` are the decimal
+    logarithms of the contrasts.
+    """
     base = 10.0 ** (-np.outer(EXPONENTS, x - x[0]))
     mean, centre = base.mean(axis=1, keepdims=True), w.mean(axis=0)
     slope = ((base - mean) @ (w - centre)) / np.square(base - mean).sum(axis=1, keepdims=True)
@@ -356,7 +385,10 @@ def _fit_limits(x: Floats, w: Floats) -> tuple[Floats, Floats]:
 
 
 def _extrapolate(window: Series) -> tuple[Floats, float]:
-    """Extrapolate a window; return its limit w and the error of the limit, as point 3 of the module says."""
+    """Return the velocities w to which a window tends as the contrast grows, and the error of this limit.
+
+    The error is the largest change of the limit among several fits, as the docstring of this module describes.
+    """
     x, w = window.x, window.w
     last = window.first_and_last_decade()[1]
     limits, residuals = _fit_limits(x, w)
@@ -377,10 +409,13 @@ def _extrapolate(window: Series) -> tuple[Floats, float]:
 
 
 def judge_points(outcomes: Frame, keys: Sequence[str]) -> Frame:
-    """Judge every series of outcomes, of pairs or of chains: one row for the outcomes that share `keys`.
+    """Return the verdicts on all series of outcomes, one row per series.
 
-    The columns are the keys, those of `Verdict`, and three on the outcomes: `close_from`, the contrast from which D
-    stays within `CLOSE`; `grazing_left_out`, how many lie beside a jump; and `without_result`, how many have no result.
+    A series is the outcomes, of pairs or of chains, that have the same values in the columns `keys`.
+
+    The columns are the keys, the columns of `Verdict`, and three more: `close_from`, the contrast from which on D is at
+    most `CLOSE`; `grazing_left_out`, the number of outcomes next to a jump, which are not used; and `without_result`, a
+    text with the numbers of outcomes without a result.
     """
     rows = []
     table = {name: outcomes[name].to_numpy() for name in outcomes}
@@ -399,7 +434,7 @@ def judge_points(outcomes: Frame, keys: Sequence[str]) -> Frame:
 
 
 def _approach_of(series: Mapping[str, np.ndarray]) -> Approach:
-    """Make an `Approach` of the columns of outcomes of one solver at one point."""
+    """Return the outcomes of one solver at one point, given as columns by name, as an `Approach`."""
     return Approach(
         contrast=series["contrast"],
         used=series["used"].astype(bool),
@@ -412,23 +447,28 @@ def _approach_of(series: Mapping[str, np.ndarray]) -> Approach:
 
 
 def _close_from(contrast: Floats, distances: Floats) -> float:
-    """Return the contrast from which D stays within `CLOSE`; infinite if the last outcome is not close."""
-    # A place before the first outcome stands for "not close", so that the first may be the answer.
+    """Return the contrast from which on D is at most `CLOSE`; infinite if the last D is larger or not known."""
+    # True is put in front as a place that is not close. So if all outcomes are close, the result is the first contrast.
     last_far_place = np.flatnonzero(np.r_[True, ~(distances <= CLOSE)])[-1]
     return [*contrast, np.inf][last_far_place]
 
 
 def _count_missing(statuses: Sequence[str], reasons: Sequence[str]) -> str:
-    """Count the outcomes without a result by status, with the first reason of each status; empty if there are none."""
+    """Return a text that counts the outcomes without a result by status, with the first reason of each status.
+
+    The text is empty if all outcomes have a result.
+    """
     counts = Counter(status for status in statuses if status not in RESULT_STATUSES)
     first_reasons = dict(zip(statuses[::-1], reasons[::-1], strict=True))
     return "; ".join(f"{n} {status}: {first_reasons[status]}" for status, n in sorted(counts.items()))
 
 
 def judge_classes(points: Frame, keys: Sequence[str]) -> Frame:
-    """Judge the classes of points: for each value of `keys` a row of class ``all``, then one row for each class.
+    """Return the verdicts on the classes of points.
 
-    The columns are the keys, `class` and those of `ClassVerdict`.
+    For each value of `keys` there is one row for all points together, with the class ``all``, then one row per class.
+
+    The columns are the keys, `class`, and the fields of `ClassVerdict`.
     """
     rows = []
     for key, group in points.groupby(list(keys), sort=False):
@@ -442,14 +482,17 @@ def judge_classes(points: Frame, keys: Sequence[str]) -> Frame:
 
 
 def _worst_class(classes: Sequence[ClassVerdict]) -> ClassVerdict:
-    """Return the worst verdict; beside a supported class, those within the solver's own error do not count."""
+    """Return the verdict on the class with the worst verdict.
+
+    If a class is supported, classes that are undecided only because of the solver's own error do not count.
+    """
     is_supported = any(verdict.verdict == "supported" for verdict in classes)
     counting = [verdict for verdict in classes if not (verdict.within_error and is_supported)]
     return min(counting, key=lambda verdict: _ORDER.index(verdict.verdict))
 
 
 def _judge_class(points: Frame) -> ClassVerdict:
-    """Judge a class of points by the rule that the module states."""
+    """Return the verdict on a class of points, by the rule in the docstring of this module."""
     supported, refuted = (points[points.verdict == verdict] for verdict in ("supported", "refuted"))
     undecided = points[~points.verdict.isin(["supported", "refuted"])]
     unsettled = undecided[~undecided.settles]
@@ -488,7 +531,7 @@ def _judge_class(points: Frame) -> ClassVerdict:
 
 def _bootstrap_median(rates: Floats) -> tuple[float, float]:
     """Return the 95 % bootstrap interval of a median; NaN without rates."""
-    # One rate is legal, which scipy.stats.bootstrap refuses.
+    # There may be a single rate, which scipy.stats.bootstrap does not accept.
     if not rates.size:
         return math.nan, math.nan
     draws = np.random.default_rng(_SEED).choice(rates, (_RESAMPLES, rates.size))

@@ -1,10 +1,12 @@
-"""The hypothesis for one collision of one's own: does its stiff pair move as one body, by every law.
+"""Test for a user's own collision whether the bodies of its stiffest contact move as one, by each law.
 
-The two bodies of the stiffest contact are *welded* (`chains.weld_contact`): one body of the mass and the momentum of
-both, or, at the table, part of the table. Each law solves the welded collision, the collision at hand, and the same
-collision at rising contrasts of the stiff contact; all other contacts stay as they are. D is the kinetic norm of the
-difference from the welded collision, over the kinetic norm of the velocities at first touch. The series of rising
-contrasts is judged by the rule of a test of the hypothesis (`judging`).
+The contrast is the stiffness of this contact over the largest stiffness of the others. In the *welded* collision the
+two bodies of the contact are one body with the mass and the momentum of both, or part of the table
+(`chains.weld_contact`). Each law solves three things: the welded collision, the user's collision, and the user's
+collision at rising contrasts, where all other contacts stay as they are. D is the kinetic norm of the difference in
+final velocities from the welded collision, over the kinetic norm of the velocities at first touch. The outcomes at
+rising contrasts are judged by the rule of a test of the hypothesis (`judging`). The command `impact-xval hypothesis`
+calls this module.
 """
 
 from __future__ import annotations
@@ -46,7 +48,7 @@ from impact_xval.model.collision import MAX_BALLS, Collision
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.status import RESULT_STATUSES
 
-#: Laws that are asked for two balls on a table only, beside the laws of chains.
+#: Laws that solve the collision in addition to the laws of chains, if it is one of two balls on a table.
 OF_PAIRS = (
     "liu-zhao-brogliato",
     "kelvin-voigt-anchored",
@@ -55,26 +57,29 @@ OF_PAIRS = (
     "hunt-crossley",
 )
 
-#: Laws for two balls on a table only, and the law that replaces each for the one ball of the welded collision.
+#: Laws for two balls on a table only, each with the law that replaces it in the welded collision, which has a single
+#: ball.
 _WELDED_BY = {"kelvin-voigt-anchored": "kelvin-voigt"}
 
-#: Contrasts of the series: from `_FROM` to `_TO` or a hundred times the contrast at hand, whichever is larger, but at
-#: most to `_MOST`, as in a test of the hypothesis; contrasts in a decade; decades that a verdict is based on.
+#: Rising contrasts begin at `_FROM`. They end at `_TO` or at a hundred times the contrast of the user's collision,
+#: whichever is larger, but at most at `_MOST`, as in a test of the hypothesis. `_PER_DECADE` is the number of contrasts
+#: in a decade, and `_DECADES` the number of decades that a verdict is based on.
 _FROM, _TO, _MOST = 10.0, 1e6, 1e10
 _PER_DECADE, _DECADES = 4, 3.0
 
-#: Multiples of the contrast at hand whose D is shown beside it.
+#: Multiples of the contrast of the user's collision at which D is shown.
 MULTIPLES = (1.0, 10.0, 100.0, 1000.0)
 
-#: Settings of all solutions. A cut-off would insert the limiting case in question; contacts may ring for many steps.
+#: Settings of all solvers. The cut-off is infinite, because beyond a finite one the model would use the limiting case
+#: that is in question. Many steps are allowed, because a stiff contact may open and close very often.
 _SETTINGS = Settings(stiffness_ratio_cutoff=math.inf, max_steps=50_000_000, mark=False)
 
-#: Key that tells a file with a collision from a file with a test of the hypothesis.
+#: Key of a TOML file that shows that the file holds a collision, and not the configuration of a test of the hypothesis.
 MARK = "masses"
 
 
 class OwnCollision(Strict):
-    """A collision of one's own, as a TOML file: balls in a line, from the top, and their contacts."""
+    """Collision that a user gives in a TOML file: balls in a line, from the top down, and their contacts."""
 
     masses: list[float] = Field(min_length=2, max_length=MAX_BALLS, description="a list of numbers > 0 (kg)")
     stiffnesses: list[float] = Field(
@@ -94,7 +99,7 @@ class OwnCollision(Strict):
     )
 
     def collision(self) -> Collision:
-        """Return the collision; a ValueError says what is illegal."""
+        """Return the collision; raise a ValueError that says what is illegal, if anything is."""
         contacts, balls = len(self.stiffnesses), len(self.masses)
         table = contacts == balls if self.table is None else self.table
         e = self.restitutions
@@ -108,7 +113,10 @@ class OwnCollision(Strict):
 
 
 def load_own_collision(path: Path) -> tuple[Collision, int | None] | None:
-    """Read a collision and the place of its stiff contact, from 0; None if the file is a test of the hypothesis."""
+    """Return the collision in a TOML file, and the index of its stiff contact, or None for the stiffest contact.
+
+    The result is None if the file holds the configuration of a test of the hypothesis instead.
+    """
     data = read_toml(path)
     if MARK not in data:
         return None
@@ -124,12 +132,14 @@ def load_own_collision(path: Path) -> tuple[Collision, int | None] | None:
 
 
 class OneBodyVerdict(NamedTuple):
-    """Result of one law for a collision whose stiff pair may move as one body."""
+    """Result of one law on whether the bodies of the stiff contact of a collision move as one."""
 
     solver: str
-    #: Why the law has no result for the collision at hand or the welded one, or why its series is undecided.
+    #: Why the law has no result for the user's collision or for the welded collision, or why its outcomes at rising
+    #: contrasts allow no verdict.
     reason: str
-    #: D from the welded collision at `MULTIPLES` of the contrast at hand; NaN without a result.
+    #: Distance D from the welded collision, at `MULTIPLES` of the contrast of the user's collision; NaN without a
+    #: result.
     distances: tuple[float, ...]
     #: Verdict by the rule of a test of the hypothesis: ``supported``, ``refuted``, ``no limit`` or ``undecided``.
     verdict: str
@@ -138,7 +148,7 @@ class OneBodyVerdict(NamedTuple):
 
     @property
     def as_one(self) -> str:
-        """Say whether the pair moves as one body at the contrast at hand: ``yes``, ``no``, or ``-`` if unknown."""
+        """Whether the two bodies move as one in the user's collision: ``yes``, ``no``, or ``-`` if it is unknown."""
         if math.isnan(self.distances[0]):
             return "-"
         return "yes" if self.distances[0] <= CLOSE else "no"
@@ -159,39 +169,41 @@ class OneBodyVerdict(NamedTuple):
 
 
 class OwnPair(NamedTuple):
-    """The stiff pair of a collision, and the result of every law."""
+    """Results of all laws on whether the bodies of the stiff contact of a user's collision move as one."""
 
     collision: Collision
-    #: Index of the stiff contact, from 0, and its stiffness over the largest of all other contacts.
+    #: Index of the stiff contact, from 0, and the contrast: its stiffness over the largest stiffness of the others.
     contact: int
     contrast: float
     laws: list[OneBodyVerdict]
 
     @property
     def bodies(self) -> str:
-        """Name the two bodies of the stiff contact."""
+        """Names of the two bodies of the stiff contact, such as ``ball 2 and the table``."""
         upper = f"ball {self.contact + 1}"
         below = "the table" if self.contact == len(self.collision.masses) - 1 else f"ball {self.contact + 2}"
         return f"{upper} and {below}"
 
     @property
     def meets(self) -> bool:
-        """Whether the two bodies of the stiff contact have different velocities at first."""
+        """Whether the two bodies of the stiff contact approach each other when the collision begins."""
         return bool(self.collision.compression_rates[self.contact] > 0)
 
 
 def judge_own_pair(collision: Collision, stiff: int | None = None) -> OwnPair:
-    """Solve a collision and its welded one by every law, at the contrast at hand and at rising ones.
+    """Return, by every law, whether the bodies of the stiff contact of a collision move as one.
 
-    `stiff` is the place of the contact in question, from 0; by default that of the stiffest. A `UserError` says that
-    there is none, or that no other body is left to collide with.
+    `stiff` is the index of the stiff contact, from 0; by default the stiffest contact is taken. A `UserError` is raised
+    if that contact is not stiffer than all others, if there is no other contact, or if the contacts are not linear ones
+    that touch.
     """
     k: Floats = np.array(collision.stiffnesses)
     contact = int(np.argmax(k)) if stiff is None else stiff
     others = np.delete(k, contact)
     if not others.size:
         raise UserError(
-            "a collision with one contact: with its pair welded nothing is left to collide; legal: two"
+            "a collision with one contact: with its two bodies welded nothing is left to collide; "
+            "legal: two contacts or more"
         )
     with np.errstate(divide="ignore", invalid="ignore"):
         contrast = float(k[contact] / others.max())
@@ -202,7 +214,7 @@ def judge_own_pair(collision: Collision, stiff: int | None = None) -> OwnPair:
         )
     if collision.exponent != 1 or any(collision.gaps):
         raise UserError(
-            "exponent or gap: the hypothesis is tried on linear contacts that touch; legal: neither"
+            "exponent or gap: the hypothesis is tested on linear contacts that touch; legal: no exponent, no gap"
         )
     solvers = (*SOLVERS, *OF_PAIRS) if collision.falls_on_resting else SOLVERS
     laws = [_one_law(name, collision, contact, contrast) for name in solvers]
@@ -210,7 +222,11 @@ def judge_own_pair(collision: Collision, stiff: int | None = None) -> OwnPair:
 
 
 def _one_law(name: str, collision: Collision, contact: int, contrast: float) -> OneBodyVerdict:
-    """Solve a collision by a law: welded, at multiples of its contrast, and at the contrasts of the series."""
+    """Return the verdict by one law.
+
+    The law solves the welded collision, the collision at multiples of its contrast, and the collision at the rising
+    contrasts on which the verdict is based.
+    """
     multiples = [x for x in MULTIPLES if x * contrast <= _MOST]
     series = spaced_contrasts((_FROM, min(_MOST, max(_TO, 100 * contrast))), _PER_DECADE)
     stiffer = [*multiples[1:], *(x / contrast for x in series)]
@@ -244,7 +260,7 @@ def _judge_law(
     weights: Floats,
     form: tuple[float, ...],
 ) -> Verdict:
-    """Judge outcomes of a law at rising contrasts by the rule of a test of the hypothesis."""
+    """Return the verdict on a law's outcomes at rising contrasts, by the rule of a test of the hypothesis."""
     margins = np.array([outcome.grazing_margin for outcome in outcomes], float)  # NaN where there is none
     rows = pd.DataFrame({"contrast": contrasts, "distance": distances, "grazing_margin": margins})
     rows = mark_usable(rows, np.sqrt(rows.contrast))
@@ -262,7 +278,7 @@ def _judge_law(
 
 
 def own_pair_blocks(own: OwnPair) -> Iterator[Block]:
-    """Lay out the results for a stiff pair, one row per law, and explain the columns."""
+    """Yield what the command prints about a user's collision: a table with one row per law, and its explanation."""
     masses, place = own.collision.masses, own.contact
     at_table = place == len(masses) - 1
     united = (
@@ -284,9 +300,10 @@ def own_pair_blocks(own: OwnPair) -> Iterator[Block]:
     yield Table([*header, "as the contrast grows"], rows, text=2)
     highest = number(max(_TO, min(_MOST, 100 * own.contrast)))
     yield (
-        f"D: difference from the same collision with the pair welded, by the same law, in the kinetic norm per that of "
-        f"the velocities at first touch. As one body: whether D is at most {CLOSE:g} at your contrast. As the contrast "
-        f"grows: where D goes up to a contrast of {highest}, all else as it is."
+        "D: difference from the same collision with the pair welded, by the same law. It is the kinetic norm of the "
+        "difference of final velocities, over the kinetic norm of the velocities at first touch. As one body: whether "
+        f"D is at most {CLOSE:g} at your contrast. As the contrast grows: where D goes as only this contact becomes "
+        f"stiffer, up to a contrast of {highest}."
     )
     for answer in ("yes", "no"):
         laws = [law for law in own.laws if law.as_one == answer]
@@ -295,8 +312,8 @@ def own_pair_blocks(own: OwnPair) -> Iterator[Block]:
             yield f"As one body, by D from the welded pair at your contrast: {answer} by {by}."
     if own.meets:
         yield (
-            "The bodies of the stiff contact have an impact of their own first, and what it gives back parts them; the "
-            "supplement's hypothesis is of what follows once they have one velocity (docs/hypothesis.md)."
+            "The bodies of the stiff contact collide with each other first, and restitution parts them. The hypothesis "
+            "of the supplement is about what follows once they have one velocity (docs/hypothesis.md)."
         )
     for law in own.laws:
         if law.as_one == "-":

@@ -1,4 +1,7 @@
-"""The page of a test, its figure, the other files of its folder, and what the command prints at the end."""
+"""Presentation of a test of the hypothesis: its page with a figure, its tables as files, and the command's last lines.
+
+The command `impact-xval hypothesis` calls this module with the results of `run.judge_runs`.
+"""
 
 from __future__ import annotations
 
@@ -32,42 +35,43 @@ TITLE = "Does an infinitely stiff pair act as one body?"
 
 MODEL, LAW_IN_TIME = "state-transition", "bistiffness"
 
-#: Why the pair is one body, by two verdicts: on the model, and on the same impact law with positions that move.
+#: What makes the pair one body, as the page says it in HTML. The keys are two verdicts: on the model, and on
+#: bistiffness, which is the same impact law with positions that move.
 _MECHANISM = {
     ("supported", "supported"): "stiffness, whether<br>positions are frozen<br>or move",
-    ("supported", "refuted"): "frozen positions:<br>where they move,<br>it parts again",
-    ("no limit", "refuted"): "frozen positions, but<br>for what rings<br>for ever",
+    ("supported", "refuted"): "frozen positions:<br>if they move,<br>the pair parts again",
+    ("no limit", "refuted"): "frozen positions,<br>unless contacts ring<br>for ever",
 }
 
 
-#: Meanings of the headers of columns and rows; the names of solvers are explained apart.
+#: Explanations of the headers of columns and rows on the page. `registry` explains the solvers.
 _LIMITING_CASES = {
     "zero-apart": "k2/k1 → 0, ball on ball infinitely stiffer than the table: the balls part at once, for good",
     "zero-early": "k2/k1 → 0: the balls meet again and are one body while the table contact is still compressed",
     "zero-late": "k2/k1 → 0: the balls meet again and are one body while the table contact restores",
     "infinity": "k2/k1 → ∞, the table infinitely stiffer than ball on ball: the lower ball is part of the table",
-    "plastic-ball-ball": "e1 → 0: what restores the contact of the balls becomes infinitely stiff, by 1/e1^2",
-    "plastic-ball-table": "e2 → 0: what restores the contact with the table becomes infinitely stiff, by 1/e2^2",
+    "plastic-ball-ball": "e1 → 0: in restitution the contact of the balls is infinitely stiff, by the factor 1/e1^2",
+    "plastic-ball-table": "e2 → 0: in restitution the table contact is infinitely stiff, by the factor 1/e2^2",
 }
 _MEANINGS = {
-    "solver": "who solved the collisions: by a law that is exact, or an engine",
+    "solver": "what solved the collisions: an exact law, or an engine",
     "the pair is one by": "what makes the pair one body, by the verdicts on the model and on exact bistiffness",
-    "limiting case": "one of the six that the contrast leads to",
-    "elastic contacts": "which contacts of the points have e = 1; where e1 or e2 → 0, whether the other one has",
-    "bodies at first": "whether the bodies of the stiff contact meet with different velocities, or have one at first",
-    "supported": "chains whose D from the welded one falls as a power of the contrast, of how many",
-    "refuted": "chains that go to another outcome than the welded one, of how many",
-    "rates": "r of the supported chains, D falling as contrast^-r: the least and the largest",
-    "D": "distance from the closed form, or the welded chain: a kinetic norm, per that of the incoming motion",
-    "contrast": "what goes to infinity: how many times stiffer one contact is",
+    "limiting case": "one of the six cases that are reached as the contrast grows",
+    "elastic contacts": "which contacts of the points have e = 1; if e1 or e2 → 0, whether the other contact has e = 1",
+    "bodies at first": "whether the bodies of the stiff contact first meet with different velocities, or have the same",
+    "supported": "number of chains, of all, whose D from the welded chain falls as a power of the contrast",
+    "refuted": "number of chains, of all, that go to another outcome than the welded chain",
+    "rates": "least and largest r of the supported chains, whose D falls as contrast^-r",
+    "D": "distance from the closed form or from the welded chain: its kinetic norm over that of the incoming motion",
+    "contrast": "how many times stiffer one contact is than the others; it goes to infinity",
     "regime": "which collisions of two balls go to that limiting case",
-    "name": "what heads a column, or a row",
-    "meaning": "what it stands for",
+    "name": "header of a column or a row",
+    "meaning": "what the header stands for",
 }
 
 
 def write_hypothesis(results: HypothesisResults, root: Path) -> Path:
-    """Write tables, figure and page into the folder of a test; return the path of the page."""
+    """Write the tables, the figure and the page of a test into its folder; return the path of the page."""
     for name in ("verdicts", "points", "chains"):
         write_text(root / f"{name}.csv", getattr(results, name).to_csv(index=False, lineterminator="\n"))
     for name, frame in {"outcomes": results.outcomes, "chains": results.chain_outcomes}.items():
@@ -80,7 +84,7 @@ def write_hypothesis(results: HypothesisResults, root: Path) -> Path:
 
 
 def show_verdicts(console: Console, results: HypothesisResults) -> None:
-    """Print the verdicts, and the points at which they are reached."""
+    """Print the verdicts on the terminal, with the number of points that reach each verdict."""
     table = _verdict_grid(
         _rows_of_class_all(results.verdicts), {"solver": "solver"}, "case", _format_verdict, TITLE
     )
@@ -88,14 +92,14 @@ def show_verdicts(console: Console, results: HypothesisResults) -> None:
 
 
 def _blocks(results: HypothesisResults) -> list[Block]:
-    """Build the page: a table and a figure, details folded."""
+    """Return the content of the page: the question, the answers, a table, a figure, and sections with details."""
     question = (
         "The supplement of Jia, Mason and Erdmann (IJRR 32(1), 2013) derives its limiting cases from a hypothesis: if "
         "one of two contacts is infinitely stiffer than the other, its bodies act as one once they reach the same "
         f"velocity, and the rest is a single impact with the third body. {len(results.solvers)} solvers of "
         f"{len(one_solver_per_law(results.solvers))} laws approach {len(LIMITING_CASES)} limiting cases, each at "
-        f"{results.config.points} collisions or more. Supported: final velocities approach the closed form; "
-        "refuted: another value."
+        f"{results.config.points} collisions or more. Supported: final velocities approach the closed form. "
+        "Refuted: they approach other velocities."
     )
     held = _rows_of_class_all(results.verdicts).query("solver == @MODEL and verdict == 'supported'")
     answers = list(_chains_as_one(results))
@@ -103,8 +107,8 @@ def _blocks(results: HypothesisResults) -> list[Block]:
         answers.insert(0, f"The model supports it in {len(held)} of {len(LIMITING_CASES)} limiting cases.")
     figure = Figure(
         "distance",
-        "D over the contrast: median over the points none of whose other contacts is elastic. Open markers: engines, "
-        "in the limit dt -> 0. A line that levels out goes to another outcome",
+        "D over the contrast, the median over the points at which no contact with a fixed e is elastic. Open markers: "
+        "engines, in the limit dt -> 0. A line that levels out goes to another outcome",
     )
     return [
         question,
@@ -119,7 +123,7 @@ def _blocks(results: HypothesisResults) -> list[Block]:
 
 
 def _names_section(results: HypothesisResults) -> Section:
-    """Return the section that explains the headers of columns and rows."""
+    """Return the section of the page that explains the headers of columns and rows, and the solvers."""
     solvers = {display_name(name): f"{description_of(name)} (solver {name})" for name in results.solvers}
     rows = [*_LIMITING_CASES.items(), *solvers.items(), *_MEANINGS.items()]
     return Section("What the names mean", [Table(("name", "meaning"), rows, text=2)], folded=True)
@@ -128,9 +132,10 @@ def _names_section(results: HypothesisResults) -> Section:
 def _verdict_grid(
     rows: Frame, index: Mapping[str, str], columns: str, cell: Callable[[FrameRow], str], caption: str = ""
 ) -> Table:
-    """Lay out verdicts as a grid, one verdict per cell.
+    """Return a table with one verdict per cell.
 
-    The columns in `index` name the lines of the grid; its values are their headers.
+    Each line of the table is named by the columns of `rows` in the keys of `index`, whose values are the headers of
+    these names. Each further column stands for a value of the column `columns`. `cell` writes a verdict as text.
     """
     cells = rows.assign(cell=[cell(row) for row in rows.itertuples()])
     grid = cells.pivot_table("cell", [*index], columns, aggfunc="first", sort=False, observed=True)
@@ -145,14 +150,14 @@ def _format_verdict(row: FrameRow) -> str:
 
 
 def _rows_of_class_all(table: Frame) -> Frame:
-    """Return the verdicts on all points of a limiting case, without those on its classes of points."""
+    """Return the verdicts on all points of each limiting case, without the verdicts on single classes of points."""
     return table[table["class"] == "all"]
 
 
 def _chains_as_one(results: HypothesisResults) -> Iterator[str]:
-    """Say how many chains move as one, of those whose stiff pair has one velocity at first.
+    """Yield a sentence that counts, for each solver, the chains in which the stiff pair moves as one body.
 
-    Nothing is said without chains.
+    Only chains are counted whose stiff pair has one velocity at first. Without such chains nothing is yielded.
     """
     places = count_chains(results)
     counts = [
@@ -163,16 +168,17 @@ def _chains_as_one(results: HypothesisResults) -> Iterator[str]:
 
 
 def _verdict_table(results: HypothesisResults) -> Table:
-    """Lay out the verdicts, one row per solver and one column per limiting case.
+    """Return the table of verdicts, with one row per solver and one column per limiting case.
 
-    Below the row of the model's law in time a row says why the pair is one body.
+    Below the row of bistiffness, the model's law with positions that move, a row says what makes the pair one body.
     """
     wholes = _rows_of_class_all(results.verdicts)
     caption = (
-        f"Verdict, points at which it is reached, and the contrast from which D stays within {percent(CLOSE)}, median; "
-        "D is the distance from the closed form. Below, of a supported case the rate r, D falling as contrast^-r, "
-        "median and its 95 % interval; of a refuted one the range of D. Exact bistiffness has the model's law, "
-        f"and positions that move. {describe_shared_laws(results.solvers)}"
+        "Verdict, number of points at which it is reached, and the contrast from which on D is at most "
+        f"{percent(CLOSE)}, the median over the points. D is the distance from the closed form. Below a verdict "
+        "“supported” stands the rate r with which D falls as contrast^-r, its median and 95 % interval; below "
+        "“refuted” the range of D. Exact bistiffness has the model's law, and positions that move. "
+        f"{describe_shared_laws(results.solvers)}"
     )
     table = _verdict_grid(wholes, {"solver": "solver"}, "case", _format_cell, caption)
     rows = [(name, *map(Markup, cells)) for name, *cells in table.rows]
@@ -184,7 +190,7 @@ def _verdict_table(results: HypothesisResults) -> Table:
 
 
 def _format_cell(row: FrameRow) -> str:
-    """Write a verdict for the page: below it the contrast from which D is small, and the rate or the range of D."""
+    """Return the HTML of a verdict, with the contrast from which on D is small, and the rate or the range of D."""
     more = "within its error" if row.within_error else ""
     if row.verdict == "supported":
         low, high = (format(end, ".2f") for end in (row.rate_low, row.rate_high))
@@ -222,14 +228,14 @@ def _draw_distances(results: HypothesisResults, folder: Path) -> None:
 
 
 def _details_section(results: HypothesisResults) -> Section:
-    """Return the section with the verdicts on classes of points, and on chains of N balls."""
+    """Return the section of the page with the verdicts on classes of points and on chains of N balls."""
     classes = results.verdicts[results.verdicts["class"] != "all"]
     lines = {"case": "limiting case", "class": "elastic contacts"}
     of_points = _verdict_grid(classes, lines, "solver", _format_verdict)
     balls = format_range(results.config.chains.balls)
     caption = (
-        f"Chains of {balls} balls, one contact of which becomes infinitely stiff, beside those "
-        "whose pair is welded: one body, or part of the table. D: of refuted chains, from the welded ones"
+        f"Chains of {balls} balls, in which one contact becomes infinitely stiff. They are compared with chains in "
+        "which its two bodies are welded: one body, or part of the table. D: from refuted chains to the welded chains"
     )
     rows = [(display_name(solver), *row) for solver, *row in count_chains(results)]
     header = ("solver", "bodies at first", "supported", "refuted", "rates", "D")
@@ -238,7 +244,10 @@ def _details_section(results: HypothesisResults) -> Section:
 
 
 def count_chains(results: HypothesisResults) -> Iterator[tuple[str, ...]]:
-    """Count chains by verdict: one row per solver, and per whether the bodies of the stiff pair meet at first."""
+    """Yield one row of the table of chains for each solver, and for chains whose stiff pair meets at first or does not.
+
+    A row has the numbers of supported and refuted chains, the range of rates, and the range of D.
+    """
     if results.chains.empty:
         return
     for (solver, meets), rows in _rows_of_class_all(results.chains).groupby(["solver", "meets"], sort=False):
@@ -254,10 +263,10 @@ def count_chains(results: HypothesisResults) -> Iterator[tuple[str, ...]]:
 
 
 def _method_section(results: HypothesisResults) -> Section:
-    """Return the section on limiting cases, skipped outcomes, and the distance of engines from the exact solvers."""
+    """Return the section on limiting cases, unused outcomes, and the distance of engines from exact laws."""
     outcomes = results.outcomes
     caption = (
-        "The limiting cases, m1 = 1 and |v0| = 1. 1/e^2: an end of compression multiplies a stiffness by that"
+        "The limiting cases, with m1 = 1 and |v0| = 1. The end of compression multiplies a stiffness by 1/e^2"
     )
     cases = Table(
         ("limiting case", "contrast", "regime"), [case[:3] for case in LIMITING_CASES], caption, text=3
@@ -267,8 +276,8 @@ def _method_section(results: HypothesisResults) -> Section:
     said = [
         f"The design is hypothesis.toml beside this page (seed {results.config.seed}); docs/hypothesis.md says how "
         "points are drawn, how verdicts are reached, and what is not shown.",
-        f"Of {len(outcomes)} outcomes {int(outcomes.grazing.sum())} lie beside a grazing jump and are left out of "
-        f"every fit; not converged, or without a result, are {words or 'none'}.",
+        f"Of {len(outcomes)} outcomes {int(outcomes.grazing.sum())} lie next to a jump where a contact grazes, and no "
+        f"fit uses them. Outcomes that did not converge or have no result: {words or 'none'}.",
     ]
     for name, version in results.versions.items():
         away = outcomes[outcomes.solver == name].limit_distance
@@ -282,7 +291,7 @@ def _method_section(results: HypothesisResults) -> Section:
 
 
 def format_range(values: Sequence[float], digits: str = "") -> str:
-    """Write the range of some numbers, in two digits or in the format `digits`."""
+    """Write the range of some numbers, such as ``0.1 to 2``, in two digits or in the format `digits`."""
     low, high = (
         format(end, digits) if digits else compact_number(end, 2) for end in (min(values), max(values))
     )

@@ -1,9 +1,13 @@
-"""The limiting cases of the supplement, the points at which each is approached, and their runs (docs/hypothesis.md).
+"""Limiting cases of the paper's supplement, the points at which a test approaches each, and the test's runs.
 
-For e_i → 0 the contrast is 1/e_i^2, because an end of compression multiplies the stiffness by it (supplement, 3.3): a
-rate in e_i is twice that in x. Closed forms are the model's own at a contrast of infinity (`model.pair.limits`); tests
-hold them against those of the supplement. Velocities are per abs(v0), masses per m1. The points at all contrasts are
-lists of cells, for exact solvers and for engines; the sweep of each is a run in the folder of the test.
+A point is a set of ratios and restitutions of a collision, of which one goes to its limit as the contrast x grows
+(docs/hypothesis.md). For k2/k1 the contrast is a ratio of stiffnesses. For e_i → 0 it is 1/e_i^2, because at the end of
+compression the stiffness is multiplied by this number (supplement, 3.3). So a rate in e_i is twice the rate in x.
+
+Closed forms are the outcomes of the model at an infinite contrast (`model.pair.limits`). Tests compare them with the
+closed forms of the supplement. Velocities are per abs(v0), and masses are per m1. The points at all contrasts make up
+lists of cells, separate for exact solvers and for engines. Each list is run as a sweep, whose folder lies in the folder
+of the test. The command `impact-xval hypothesis` calls this module.
 """
 
 from __future__ import annotations
@@ -39,41 +43,45 @@ from impact_xval.experiments.tables.parquet import replacing
 from impact_xval.model import solve_batch
 from impact_xval.model.status import RESULT_STATUSES
 
-#: In the folder of a test: its configuration, and its runs. The limiting cases in which balls unite have a run of
-#: engines of their own. Laws with positions end far from the closed form there, so a wider tolerance and half the
-#: steps suffice.
+#: Names in the folder of a test: the configuration, the run of exact solvers, and two runs of engines. The run `UNITED`
+#: has the limiting cases `_BALLS_UNITE`, in which the model's balls become one body. Engines, whose positions are not
+#: frozen, end far from the closed form there, so that a wider tolerance and half the steps suffice.
 CONFIGURATION, EXACT, ENGINES, UNITED = "hypothesis.toml", "exact", "engines", "engines-united"
 _BALLS_UNITE = ("zero-early", "zero-late")
 
-#: Settings of all runs, without a cut-off: it would insert the closed form that is tested.
+#: Settings of all runs. The cut-off is infinite, because beyond a finite one the model would use the closed form
+#: tested.
 _SETTINGS: dict[str, object] = {"scenario": "impact", "measures": "velocities", "m1": 1.0, "k1": 1.0}
 _SETTINGS |= {"stiffness_ratio_cutoff": math.inf, "step_fraction": 5e-3, "max_steps": 50_000_000}
 
-#: Rounding of an exact solver's velocities, per abs(v0).
+#: Error of an exact solver's velocities by rounding, per abs(v0).
 ROUNDING = 1e-13
 
-#: Columns that are read from a run; those that are kept too; and those of the closed form.
+#: Columns that are read from the table of a run, columns that are read and kept in the outcomes, and columns with the
+#: velocities of the closed form.
 _READ = ["v1", "v2", "v1_limit", "v2_limit", "limit_error", "velocity_error"]
 _KEPT = ["solver", "status", "reason", "limit_distance", "grazing_margin"]
 _CLOSED = ["closed_form_v1", "closed_form_v2"]
 
-#: Least distance of a point from the border of its regime, in velocity per abs(v0). Two closed forms meet at the
-#: border. Near it a series falls only from a contrast of the inverse distance on, and balls part so slowly that engines
-#: need most of their steps.
+#: Least distance of a point from the border of its regime, as a velocity per abs(v0). A regime is the set of points for
+#: which a closed form is valid, and two closed forms meet at its border. At a small distance d from the border,
+#: outcomes approach the closed form only at contrasts above 1/d. There balls also part so slowly that engines need very
+#: many steps.
 MARGIN = 0.1
 
-#: Ranges of the points: k2/k1 (of plastic limiting cases), m2/m1, and inelastic e.
+#: Ranges from which points are drawn: k2/k1 (if e1 or e2 goes to 0), m2/m1, and restitutions below 1.
 _RANGES = {"stiffness_ratio": {"log": [0.03, 30.0]}, "mass_ratio": {"log": [0.2, 10.0]}}
 BOX = Sample.model_validate(_RANGES | {e: {"linear": [0.3, 0.95]} for e in ("e1", "e2")})
 
-#: Ratios and restitutions of a collision; NaN for the one that goes to its limit.
+#: Ratios and restitutions of a collision. The number that goes to its limit is NaN.
 Point = namedtuple("Point", AXES)
 
 
 class LimitingCase(NamedTuple):
-    """One limiting case, or one regime of it.
+    """A limiting case, or one regime of it with a closed form of its own.
 
-    `variable` is the contrast, `regime` the condition on the point, `axis` the ratio that goes to its limit.
+    `variable` is the contrast in symbols, `regime` the condition that points fulfil, and `axis` the ratio or
+    restitution that goes to its limit.
     """
 
     key: str
@@ -86,7 +94,7 @@ class LimitingCase(NamedTuple):
     )
 
     def at(self, contrast: float) -> dict[str, float]:
-        """Return the ratio that goes to its limit, by name, at a contrast."""
+        """Return the value of the ratio or restitution that goes to its limit, by its name, at a contrast."""
         return {self.axis: contrast ** {"k2/k1": 1, "k1/k2": -1}.get(self.variable, -0.5)}
 
 
@@ -94,10 +102,12 @@ LIMITING_CASES = (
     LimitingCase(
         "zero-apart", "k1/k2", "e1 m2/m1 ≥ 1 and e2 (1 + e1) ≤ e1 m2/m1 - 1"
     ),  # the balls part at once
-    LimitingCase("zero-early", "k1/k2", "e1 m2/m1 below 1"),  # united while the table contact is compressed
+    LimitingCase(
+        "zero-early", "k1/k2", "e1 m2/m1 below 1"
+    ),  # one body from a time when the table contact is compressed
     LimitingCase(
         "zero-late", "k1/k2", "e1 m2/m1 ≥ 1 and e2 (1 + e1) above e1 m2/m1 - 1"
-    ),  # ... while it restores
+    ),  # one body from a time when the table contact restores
     LimitingCase("infinity", "k2/k1", "everywhere"),
     LimitingCase("plastic-ball-ball", "1/e1^2", "everywhere", "e1"),
     LimitingCase("plastic-ball-table", "1/e2^2", "everywhere", "e2"),
@@ -105,11 +115,11 @@ LIMITING_CASES = (
 
 
 def distance_from_border(case: LimitingCase, point: Point) -> float:
-    """Return how far inside its regime a point lies, in velocity per abs(v0).
+    """Return how far inside the regime of a limiting case a point lies, as a velocity per abs(v0).
 
     The distance is negative outside of the regime, and infinite if the regime has no border. At k2/k1 → 0 the borders
-    are v11 = 0 and -e2 v21 = v11, where v11 and v21 are the velocities after an impact of the balls alone: supplement,
-    (11), (12).
+    are v11 = 0 and -e2 v21 = v11. Here v11 and v21 are the velocities of ball 1 and ball 2 after an impact of the balls
+    alone (supplement, equations 11 and 12).
     """
     _, mu, e1, e2 = point
     v11, v21 = (e1 * mu - 1) / (1 + mu), -(1 + e1) / (1 + mu)
@@ -121,7 +131,7 @@ def distance_from_border(case: LimitingCase, point: Point) -> float:
 def pair_class(case: LimitingCase, point: Point) -> str:
     """Name the class of a point by which of its contacts are elastic (e = 1).
 
-    In a plastic limiting case one restitution is 0, and the other contact decides.
+    In a plastic limiting case, e1 → 0 or e2 → 0, the class says whether the other contact is elastic.
     """
     if case.plastic:
         return "other elastic" if 1 in (point.e1, point.e2) else "other lossy"
@@ -130,11 +140,11 @@ def pair_class(case: LimitingCase, point: Point) -> str:
 
 
 def draw_points(case: LimitingCase, n: int, seed: int) -> list[Point]:
-    """Draw n points of a limiting case from a scrambled Sobol sequence in `BOX`, rounded to six digits.
+    """Return n points of a limiting case from a scrambled Sobol sequence in `BOX`, rounded to six digits.
 
-    Every point lies at least `MARGIN` inside its regime. In a limiting case of k2/k1 half of the points have
-    e1, e2 < 1; a sixth has e1 = 1, a sixth e2 = 1, a sixth both. In a plastic one a third has the other contact
-    elastic.
+    Every point lies at least `MARGIN` inside the regime of the limiting case. If k2/k1 goes to its limit, half of the
+    points have e1 < 1 and e2 < 1, a sixth has only e1 = 1, a sixth only e2 = 1, and a sixth e1 = e2 = 1. If a
+    restitution goes to 0, the other restitution is 1 for a third of the points.
     """
     elastic = n // 6 * [{"e1": 1.0}] + n // 6 * [{"e2": 1.0}] + n // 6 * [{"e1": 1.0, "e2": 1.0}]
     if case.plastic:
@@ -152,7 +162,7 @@ def draw_points(case: LimitingCase, n: int, seed: int) -> list[Point]:
 
 
 def draw_design(n: int, seed: int) -> Frame:
-    """Draw the points of all limiting cases: one row each, with its class and the velocities of its closed form."""
+    """Return the points of all limiting cases, one per row, with class and velocities of the closed form."""
     tables = []
     for case in LIMITING_CASES:
         points = draw_points(case, n, seed)
@@ -166,9 +176,10 @@ def draw_design(n: int, seed: int) -> Frame:
 class HypothesisResults(NamedTuple):
     """Results of a test of the hypothesis.
 
-    `outcomes` has one row per contrast, `points` one row per series of contrasts, `verdicts` one row per class of
-    points, class ``all`` first. `chain_outcomes` and `chains` are the outcomes and verdicts for chains of N balls.
-    `versions` has the version of each engine, or why the engine is unavailable.
+    Three tables are about pairs of balls on a table. `outcomes` has one row per solver, point and contrast. `points`
+    has the verdicts on solvers at points, one per row. `verdicts` has the verdicts on classes of points, with the class
+    ``all`` first. `chain_outcomes` and `chains` are the outcomes and verdicts for chains of N balls. `versions` has the
+    version of each engine, or the reason why the engine is not available.
     """
 
     config: HypothesisConfig
@@ -186,9 +197,10 @@ class HypothesisResults(NamedTuple):
 
 
 def prepare_runs(config: HypothesisConfig, root: Path) -> Iterator[tuple[str, Callable[..., SweepResult]]]:
-    """Prepare the folder of a test, and give its runs, each with a line that says what it is of, as a `run_sweep`.
+    """Prepare the folder of a test, and yield its runs.
 
-    A folder that holds anything but the same test is a `UserError`.
+    A run is a line with its name and solvers, and a function that calls `run_sweep`. A `UserError` is raised if the
+    folder holds anything other than the same test.
     """
     file, text = root / CONFIGURATION, tomli_w.dumps(config.model_dump(mode="json"))
     if not file.exists():
@@ -208,17 +220,20 @@ def prepare_runs(config: HypothesisConfig, root: Path) -> Iterator[tuple[str, Ca
 
 
 def _solvers_by_run(config: HypothesisConfig) -> dict[str, list[str]]:
-    """Return the solvers of each run, by the name of the run; runs without solvers are skipped."""
+    """Return the solvers of each run of a test, by the name of the run. A run without solvers is left out."""
     exact = [name for name in config.solvers if name in exact_law_names()]
     engines = [name for name in config.solvers if name not in exact]
     return {name: names for name, names in ((EXACT, exact), (ENGINES, engines), (UNITED, engines)) if names}
 
 
 def _list_cells(config: HypothesisConfig, run: str) -> Frame:
-    """List the cells of a run, contrast by contrast: neighbours then take about as many steps."""
+    """Return the cells of a run, one per row, sorted by limiting case and then by contrast.
+
+    Cells that follow one another then need about the same number of time steps.
+    """
     contrasts = spaced_contrasts(config.contrast, config.per_decade)
     plastic_contrasts = spaced_contrasts(config.plastic_contrast, max(4, config.per_decade // 2))
-    if run != EXACT:  # steps grow as the root of the contrast: as far as one can wait
+    if run != EXACT:  # steps, hence time, grow as the root of the contrast
         contrasts, plastic_contrasts = (
             spaced_contrasts((10**0.5, 10**3.5), 2),
             spaced_contrasts((1e2, 1e5), 2),
@@ -234,7 +249,7 @@ def _list_cells(config: HypothesisConfig, run: str) -> Frame:
 
 
 def judge_runs(config: HypothesisConfig, root: Path) -> HypothesisResults:
-    """Judge the finished runs in a folder."""
+    """Return the results of a test, with all verdicts, from the finished runs in its folder."""
     tables, versions = [], {}
     for name, solvers in _solvers_by_run(config).items():
         folder = finished_run(root / name)
@@ -262,7 +277,10 @@ def judge_runs(config: HypothesisConfig, root: Path) -> HypothesisResults:
 
 
 def _make_outcomes(rows: Frame) -> Frame:
-    """Make the table of outcomes, engines by their limit dt -> 0, and mark the outcomes that can be used."""
+    """Return the table of outcomes, in which the outcomes that a verdict may use are marked.
+
+    The outcome of an engine is its limit at a time step of zero.
+    """
     limits, velocities = (rows[names].to_numpy() for names in (["v1_limit", "v2_limit"], ["v1", "v2"]))
     at_no_step = ~np.isnan(limits).any(axis=1)
     has_result = rows.status.isin(RESULT_STATUSES) | (at_no_step & (rows.status == "unconverged"))

@@ -1,1 +1,4 @@
-"""Divergence, its ladder of causes, estimates of convergence, statistics. Imports `tables` and `config`."""
+"""Measures of finished cells: divergence from the model, its split into causes, convergence, and statistics.
+
+The modules import the packages `tables` and `config` of `experiments`.
+"""

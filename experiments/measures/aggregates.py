@@ -1,4 +1,8 @@
-"""The finished table of divergence, grouped by solver and by the levels of axes; a column in memory at a time."""
+"""The finished table of divergence, grouped by solver and by the levels of the axes.
+
+The table may be larger than the memory, so its columns are read one at a time. `summary` and the pages of a run call
+this module.
+"""
 
 from __future__ import annotations
 
@@ -16,52 +20,64 @@ from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.frames import AxisValue, Frame
 from impact_xval.experiments.tables.parquet import read_codes, read_column, read_selected, read_where_present
 
-#: Columns of ``summary.csv``: which rows, of what, and the statistics of it.
+#: Columns of ``summary.csv``: the group of rows, the measure, and the statistics of that measure in that group.
 STATISTICS = ["solver", "cells", "axis", "value", "measure", "n", "mean", "median", "p95", "max"]
 
-#: Whether the state paths are equal, where the model followed its own to the end; null elsewhere.
+#: Name of a measure: whether the state paths of solver and model are equal. It is null where the model did not follow
+#: its path to the end, because it used a closed form.
 FULL_PATHS = "states_equal_without_limit"
 
-#: Whether a solver's state path is that of the exact solver of its own law; null without one in the run.
+#: Name of a measure: whether a solver's state path equals the path of the exact solver of the same law. It is null
+#: where the run has no such exact solver.
 OWN_LAW = "states_equal_own_law"
 
-#: Scattered values up to this many are levels; more go into this many bins.
+#: Up to `_FEW` different scattered values are levels themselves. More values are put into `_BINS` bins.
 _FEW = 24
 _BINS = 12
-#: Ratio of the ends of an axis from which its bins are even in the logarithm.
+#: Bins are evenly spaced in the logarithm if the largest value is more than this many times the smallest.
 _WIDE = 20.0
 
 
 @dataclass(frozen=True, slots=True)
 class AxisLevels:
-    """Levels of one axis, by which rows are grouped: its values, or the middles of bins.
+    """Levels of one axis, by which rows are grouped: the values on the axis, or the middles of bins.
 
-    With bins `edges` has the lower end of every bin but the first.
+    `edges` is None without bins. With bins it holds the lower end of every bin except the first.
     """
 
     values: Sequence[AxisValue]
     edges: NDArray[np.float64] | None = None
 
     def codes(self, x: np.ndarray) -> NDArray[np.intp]:
-        """Return the position in `values` of each x; without bins -1 for NaN."""
+        """Return the position in `values` of the level of each x.
+
+        Without bins the position of NaN is -1.
+        """
         if self.edges is None:
             return pd.Index(self.values).get_indexer(x)
         return np.searchsorted(self.edges, x, side="right")
 
 
 def axis_levels(config: Config, axis: str, x: np.ndarray) -> AxisLevels:
-    """Return the levels of an axis: the values of a grid, of chains or of graphs, else the bins of scattered values."""
+    """Return the levels of an axis.
+
+    They are the values of a grid, of chains or of graphs. Scattered values, from a sample or a list of cells, have
+    bins.
+    """
     if config.kind != "pair":
         return AxisLevels(sorted(set(pd.Series(x).dropna())))
     scattered = config.sample is not None or config.cells is not None
     axes = {} if scattered else config.grid.axes()
     if axis in axes:
         return AxisLevels(axes[axis])
-    return levels_of(x)  # so are ratios of quantities in SI units
+    return levels_of(x)  # axes of a grid in SI units: their ratios are scattered too
 
 
 def levels_of(x: NDArray[np.float64]) -> AxisLevels:
-    """Return the levels of scattered values; 0 and infinity, where they occur, are levels of their own."""
+    """Return the levels of scattered values: the values themselves if there are few, else the middles of bins.
+
+    Where 0 and infinity occur, each is a separate level.
+    """
     unique = np.unique(x)
     if len(unique) <= _FEW:
         return AxisLevels(unique.tolist())
@@ -81,33 +97,43 @@ def levels_of(x: NDArray[np.float64]) -> AxisLevels:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DivergenceTable:
-    """The rows of the table of divergence, in columns of small numbers."""
+    """The table of divergence with its rows' solvers and levels in memory, and its measures still in the file.
+
+    In memory a solver or a level is a small integer, which points into a list of names or values.
+    """
 
     path: Path
     solvers: list[str]
-    #: By axis.
+    #: Levels of each axis, by the name of the axis.
     levels: dict[str, AxisLevels]
-    #: ``solver`` and the level of every axis, as categories; ``compared``, whether there is a result on both sides;
-    #: ``marked``, whether the row is kept apart (`schema`).
+    #: One row per row of the table. Columns: ``solver`` and the level of every axis, as categories; ``compared``,
+    #: whether both the solver and the model have a result; ``marked``, whether the row lies next to a jump of the
+    #: outcome.
     rows: Frame
 
     @property
     def regular(self) -> NDArray[np.bool_]:
-        """Rows that statistics count: compared, and not marked."""
+        """Mask of the rows that statistics count: both sides have a result, and no jump of the outcome is near."""
         return (self.rows.compared & ~self.rows.marked).to_numpy()
 
     def measure(self, name: str) -> NDArray[np.float64]:
-        """Read a measure, `FULL_PATHS` or `OWN_LAW`; NaN where there is none."""
+        """Return the values of a measure, one per row of the table; NaN where a row has none.
+
+        `name` is a column of the table, `FULL_PATHS` or `OWN_LAW`.
+        """
         if name == OWN_LAW:
             return self._own_law()
         if name != FULL_PATHS:
             return read_column(self.path, name)
-        # Where the model took a limit, its path ends there: it cannot equal one that was followed to the end.
+        # Where the model used a closed form, its state path stops early and cannot equal a path followed to the end.
         followed = read_codes(self.path, "model_status", ["ok"]) == 0
         return np.where(followed, read_column(self.path, "states_equal"), np.nan)
 
     def _own_law(self) -> NDArray[np.float64]:
-        """Compare each path with that of the exact solver of its law, a row above or below in the same cell."""
+        """Return whether each row's state path equals the path of the exact solver of the same law in the same cell.
+
+        The values are 1 and 0, and NaN where one of the two solvers has no result or the run lacks the exact solver.
+        """
         laws = ["" if law_name_of(name) == name else law_name_of(name) for name in self.solvers]
         law = np.array([self.solvers.index(name) if name in self.solvers else -1 for name in laws])
         if not (law >= 0).any():
@@ -119,7 +145,10 @@ class DivergenceTable:
         return np.where(there, paths == paths[:, law], np.nan).ravel()
 
     def frame(self, measures: Sequence[str]) -> Frame:
-        """Make a table of the regular rows: solver, the level of every axis, and measures."""
+        """Return a table of the regular rows, with the solver, the level of every axis, and some measures.
+
+        Regular are the rows that statistics count (`regular`).
+        """
         regular = self.regular
         rows = self.rows.loc[regular, ["solver", *self.levels]].reset_index(drop=True)
         levels = {axis: rows[axis].to_numpy() for axis in self.levels}
@@ -127,7 +156,10 @@ class DivergenceTable:
 
 
 def load_divergence(folder: RunFolder, config: Config) -> DivergenceTable:
-    """Read the columns of the table of divergence by which everything is grouped; measures are read as needed."""
+    """Read the solver, the axes and the marks of every row of a run's table of divergence.
+
+    The measures stay in the file. `DivergenceTable.measure` reads them when they are needed.
+    """
     path = folder.table_path("divergence.parquet")
     solvers = [name for name in config.solvers if name != REFERENCE]
     rows = pd.DataFrame({"solver": pd.Categorical.from_codes(read_codes(path, "solver", solvers), solvers)})
@@ -142,10 +174,13 @@ def load_divergence(folder: RunFolder, config: Config) -> DivergenceTable:
 
 
 def statistics_of(groups: Frame) -> dict[str, Frame]:
-    """Count the values of each group; their mean, median, 95 % and largest."""
+    """Return statistics of grouped values, each by group.
+
+    They are the number of values, their mean, median, 95th percentile and maximum.
+    """
     return {"n": groups.count(), "mean": groups.mean(), **cuts(groups)}
 
 
 def cuts(values: Frame) -> dict[str, Frame]:
-    """Take the median, 95 % and largest of some values, or of those of each group."""
+    """Return the median, the 95th percentile and the maximum of values; of grouped values by group."""
     return {"median": values.median(), "p95": values.quantile(0.95), "max": values.max()}

@@ -1,9 +1,15 @@
-"""The corners between the model and the law of an engine: every combination of three switches (docs/ladder.md).
+"""Corners: exact solutions of a collision for every combination of three switches (docs/ladder.md).
 
-The switches are positions, law and gravity. All off is the state-transition model, all on the law of the engine in its
-scenario. Corners are computed by the references, without a time step, whether or not a run lists them as solvers; the
-model's is the run's own row. In an `impact` the corners of the third switch are two and two the same; chains of N
-balls know no gravity, and have two switches.
+Each switch is one difference between the model and the law that an engine was asked for:
+
+* positions: off, they are frozen as in the model; on, the balls move;
+* law: off, energetic restitution as in the model; on, the law of the engine;
+* gravity: off, none; on, the gravity of the run's scenario.
+
+The corner with all switches off is the state-transition model. The corner with all switches on is the law of the engine
+in the scenario of the run. The corner of the model is passed in. Exact solvers compute all other corners, without a
+time step, whether or not a run lists these solvers. In the scenario ``impact``, which has no gravity, the third switch
+changes nothing. Chains of N balls have no gravity either, and only two switches. `ladder` calls this module.
 """
 
 from __future__ import annotations
@@ -25,34 +31,36 @@ from impact_xval.model.outcomes import Outcomes
 
 Texts = NDArray[np.object_]
 
-#: A corner: the position of each of its switches (positions, law, gravity), 0 if off and 1 if on.
+#: Switches of a corner, in the order positions, law, gravity; each is 0 if it is off and 1 if it is on.
 Index = tuple[int, int, int]
-#: The corner of the model.
+#: Index of the state-transition model: all switches are off.
 MODEL: Index = (0, 0, 0)
 
-#: Pieces of segments after which a corner of N balls is given up, a second of ten balls.
+#: Most steps of an exact solver of N balls, each over a part of the time between two changes of contact; a solution
+#: that needs more is given up. Ten balls take about a second for this many.
 _MAX_STEPS = 100_000
 
 
 class Corners(NamedTuple):
-    """The corners of n cells of N balls."""
+    """Exact solutions of n cells of N balls for every combination of the switches."""
 
-    #: Final velocities by position of each switch, per abs(v0), shape (2, 2, g, n, N); g is 1 for chains. NaN from the
-    #: first corner without a result on.
+    #: Final velocities per abs(v0), shape (2, 2, g, n, N). The first three indices say which switches are on; g is 1
+    #: for chains, which have no gravity. Once a corner of a cell has no result, that corner and all later ones are NaN.
     velocities: Floats
-    #: Which corner, beside the model, is the first without a result, and its status; empty where all have one.
+    #: The first corner without a result, and the status of that corner, by cell; empty where every corner has a result.
     reason: Texts
-    #: Which corner jumps beside the cell, or is decided by rounding, so that shares are uncertain; empty where none.
+    #: The first corner whose outcome jumps near the cell, or is decided by rounding, by cell. Shares are uncertain
+    #: there. An empty text where no corner does so.
     mark: Texts
 
     @property
     def model(self) -> Floats:
-        """Velocities of the state-transition model, all switches off, shape (n, N)."""
+        """Final velocities per abs(v0) of the state-transition model (all switches off), shape (n, N)."""
         return self.velocities[MODEL]
 
     @property
     def engine_law(self) -> Floats:
-        """Velocities of the law of the engine in its scenario, all switches on, shape (n, N)."""
+        """Final velocities per abs(v0) by the engine's law in the run's scenario (all switches on), shape (n, N)."""
         return self.velocities[-1, -1, -1]
 
     @property
@@ -62,7 +70,7 @@ class Corners(NamedTuple):
 
 
 def corner_names(*, gravity: bool = True) -> dict[Index, str]:
-    """Return the name of every corner, as in columns of tables, by its switches."""
+    """Return the name of every corner by its index; columns of the table ``ladder`` begin with these names."""
     weights = ("_weightless", "_scenario") if gravity else ("",)
     names = product(("frozen", "free"), ("energetic", "asked"), weights)
     indices = product((0, 1), (0, 1), range(len(weights)))
@@ -72,10 +80,19 @@ def corner_names(*, gravity: bool = True) -> dict[Index, str]:
 def corners(
     model: Floats, collisions: Collisions, gravity: Floats, obeyed: str = KELVIN_VOIGT, *, pair: bool = True
 ) -> Corners:
-    """Compute the corners of collisions of one number of balls; of a `pair` they may know gravity, in m/s^2.
+    """Compute the corners of n collisions, all of N balls.
 
-    `model` are final velocities of the model per abs(v0), shape (n, N); nothing is computed where they are NaN. The
-    engine was asked for the law `obeyed`, one of `references.LAWS`.
+    Parameters
+    ----------
+    model : array, shape (n, N)
+        Final velocities of the model per abs(v0). No corner is computed where they are NaN.
+    collisions : Collisions
+    gravity : array, shape (n,)
+        Gravity in m/s^2; not used unless `pair`.
+    obeyed : str
+        Law that the engine was asked for, one of `references.LAWS`.
+    pair : bool
+        Whether the collisions are pairs of balls on a table, which may have gravity.
     """
     velocities = np.full((2, 2, 1 + pair, *model.shape), np.nan)
     velocities[MODEL] = model
@@ -96,7 +113,7 @@ def corners(
         solved = outcomes.has_result
         reason[left[~solved]] = [f"{name}: {status}" for status in outcomes.statuses[~solved]]
         jumps = _describe_jumps(solve, law, remaining, outcomes, g, pair)
-        new = (mark[left] == "") & (jumps != "")  # the first that jumps is told
+        new = (mark[left] == "") & (jumps != "")  # the mark names only the first corner that jumps
         mark[left[new]] = f"ladder: {name}" + jumps[new]
         left = left[solved]
     mark[reason != ""] = ""
@@ -108,7 +125,11 @@ def corners(
 def _describe_jumps(
     solve: Law, law: str, collisions: Collisions, outcomes: Outcomes, gravity: Floats, pair: bool
 ) -> Texts:
-    """Say where a corner jumps; for chains, where it grazes or is decided by rounding. Empty elsewhere."""
+    """Return for each collision a text that says how the outcome of a corner is uncertain; empty where it is not.
+
+    The outcome of a pair is uncertain if it jumps at a small change of a parameter. The outcome of a chain is uncertain
+    if a contact grazes, or if rounding decides the outcome.
+    """
     if pair:
         excess = find_jumps(solve, collisions, outcomes, gravity).excess
         text = f" jumps where a parameter changes by {max(JUMPS):g} or less"

@@ -1,4 +1,8 @@
-"""Outcomes of cells by one solver as arrays, and their dimensionless divergence from the model's."""
+"""Outcomes of one solver as arrays, and measures of how far they diverge from the outcomes of the model.
+
+The measures have no dimension. The worker processes of a sweep call this module for every chunk of cells, and
+`impact-xval solve` calls it for a single collision.
+"""
 
 from __future__ import annotations
 
@@ -28,17 +32,21 @@ from impact_xval.model.status import RESULT_STATUSES
 
 Texts = NDArray[np.object_]
 
-#: Diagnostics in m/s; tables and JSON state them per abs(v0).
+#: Names of the diagnostics that solvers give in m/s. In tables and JSON they are divided by abs(v0), the impact speed.
 _VELOCITY = re.compile(r"v\d+[xz]?_limit|limit_error|velocity_error|regularisation|rest_speed")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImpulseCurves:
-    """Impulse curves of n pairs, one after another; a pair without a path has no points."""
+    """Impulse curves of n pairs of balls, stored one after another in one array.
 
-    #: Points of curve i are those from offsets[i] to offsets[i + 1].
+    An impulse curve is the path of the impulses of the pair's two contacts in their plane. A pair whose outcome holds
+    no path has no points.
+    """
+
+    #: Places in `impulses`, shape (n + 1,). Curve i has the points from offsets[i] up to, but without, offsets[i + 1].
     offsets: NDArray[np.int64]
-    #: Impulses of both contacts so far in N s, shape (number of points, 2).
+    #: Impulses that the two contacts have transmitted so far, in N s, shape (number of points, 2).
     impulses: Floats
 
     def __getitem__(self, place: slice) -> ImpulseCurves:
@@ -48,16 +56,17 @@ class ImpulseCurves:
 
     @classmethod
     def concatenate(cls, pieces: Sequence[ImpulseCurves]) -> ImpulseCurves:
-        """Put the curves of successive pairs together."""
+        """Return the curves of all pieces as one object, in the order of the pieces."""
         lengths = np.concatenate([np.diff(piece.offsets) for piece in pieces])
         return cls(np.append(0, np.cumsum(lengths)), np.concatenate([piece.impulses for piece in pieces]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SolverResults:
-    """Outcomes of n cells by one solver; NaN where a cell has fewer than N balls, and where nothing is known.
+    """Outcomes of one solver in n cells of at most N balls, as arrays.
 
-    Of graphs N counts components of velocities, x and z of each body: `components` are their names.
+    An element is NaN where a cell has fewer than N balls, or where the solver gives no value. In contact graphs N is
+    the number of components of velocity, x and z of each body, and `components` holds their names.
     """
 
     #: Final velocities in m/s, shape (n, N).
@@ -68,44 +77,52 @@ class SolverResults:
     reason: Texts
     mark: Texts
     differences: Texts
-    #: State sequences of pairs as the solver gives them; empty for chains.
+    #: State sequences of pairs of balls as the solver gives them; empty texts for chains and graphs.
     states: list[str]
-    #: State sequences of pairs as they are compared; empty for chains.
+    #: State sequences of pairs as they are compared, without states of very short duration; empty for chains and
+    #: graphs.
     compared: list[str]
     n_states: NDArray[np.int64]
     n_events: NDArray[np.int64]
     margin: Floats
-    #: Diagnostics by name, shape (n,): velocities per abs(v0), times in s.
+    #: Diagnostics by name, each of shape (n,). Velocities are divided by the impact speed abs(v0), times are in s.
     diagnostics: dict[str, Floats]
-    #: Impulse curves of pairs; None for chains, and in a `Comparison`.
+    #: Impulse curves of pairs of balls. None for chains and graphs, and in a `Comparison`, which does not keep them.
     curves: ImpulseCurves | None
-    #: Names of the components of velocity, as in the names of columns, if they are not 1, 2, ...
+    #: Names of the components of velocity in contact graphs, such as 1x and 1z; empty for balls in a line.
     components: tuple[str, ...] = ()
 
     @property
     def has_result(self) -> NDArray[np.bool_]:
-        """Where the numbers are a result, shape (n,)."""
+        """Mask of the cells in which the solver has a result, shape (n,)."""
         return np.isin(self.status.astype(str), RESULT_STATUSES)
 
     @property
     def has_numbers(self) -> NDArray[np.bool_]:
-        """Where numbers go into the tables, shape (n,): results, and what a solver came to that did not converge."""
+        """Mask of the cells whose numbers go into the tables, shape (n,).
+
+        These are the cells with a result, and the cells in which the solver gives numbers although it did not converge
+        or ran out of time.
+        """
         unfinished = (self.status == "unconverged") | (self.status == "timeout")
         return (self.has_result | unfinished) & ~np.isnan(self.velocities[:, 0])
 
     def velocities_of(self, statuses: Sequence[str] = RESULT_STATUSES) -> Floats:
-        """Return the velocities in m/s, shape (n, N); NaN where the status is none of these."""
+        """Return the final velocities in m/s, shape (n, N); NaN in cells whose status is not among `statuses`."""
         kept = np.isin(self.status.astype(str), statuses) & self.has_numbers
         return np.where(kept[:, None], self.velocities, np.nan)
 
     def limits(self) -> Floats:
-        """Return the limits dt -> 0 of the velocities per abs(v0), shape (n, N); NaN where there is none."""
+        """Return the final velocities of an engine in the limit of a time step of zero, per abs(v0), shape (n, N).
+
+        They are NaN in cells that have no result or no such limit.
+        """
         names = self.components or range(1, 1 + self.velocities.shape[1])
         limits = np.column_stack([self.diagnostic(f"v{i}_limit") for i in names])
         return np.where(self.has_result[:, None], limits, np.nan)
 
     def diagnostic(self, name: str) -> Floats:
-        """Return a diagnostic; NaN where no outcome states it."""
+        """Return the diagnostic of this name in every cell, shape (n,); NaN where an outcome does not state it."""
         return self.diagnostics.get(name, np.full(len(self.status), np.nan))
 
     def __len__(self) -> int:
@@ -133,7 +150,7 @@ class SolverResults:
 
     @classmethod
     def concatenate(cls, pieces: Sequence[SolverResults]) -> SolverResults:
-        """Put the results of a solver in successive cells together."""
+        """Return the results of all pieces as one object, in the order of the pieces."""
         if len(pieces) == 1:
             return pieces[0]
         names = dict.fromkeys(name for piece in pieces for name in piece.diagnostics)
@@ -160,13 +177,14 @@ class SolverResults:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """Results of one solver in n cells, and their divergence from the model's."""
+    """Results of one solver in n cells, and measures of their divergence from the results of the model."""
 
-    #: The results, without their curves.
+    #: The results. The impulse curves are dropped, because only the measures need them.
     results: SolverResults
-    #: Which jump of the model or of the solver is near, or which cut-off decides, by cell; empty where none does.
+    #: Why each cell is marked: which jump of the outcome, of the model or of the solver, is near, or which cut-off of
+    #: the model decides the outcome. An empty text where the cell is not marked.
     marked: Texts
-    #: Measures by the names of their columns (`schema.MEASURES`); none for the model itself.
+    #: Measures by the names of their columns (`schema.MEASURES`); an empty mapping for the model itself.
     measures: ColumnArrays
 
     def __getitem__(self, place: slice) -> Comparison:
@@ -175,7 +193,7 @@ class Comparison:
 
     @classmethod
     def concatenate(cls, pieces: Sequence[Comparison]) -> Comparison:
-        """Put the comparisons of a solver in successive cells together."""
+        """Return the comparisons of all pieces as one object, in the order of the pieces."""
         if len(pieces) == 1:
             return pieces[0]
         return cls(
@@ -191,7 +209,7 @@ class Comparison:
 def results_of(
     outcomes: Sequence[Outcome], speed: Floats, balls: int, contacts: int, shortest: Floats | None
 ) -> SolverResults:
-    """Make arrays of outcomes.
+    """Return the outcomes of a solver as arrays, with velocities among the diagnostics divided by abs(v0).
 
     Parameters
     ----------
@@ -199,9 +217,10 @@ def results_of(
     speed : array, shape (n,)
         abs(v0) of each cell in m/s.
     balls, contacts : int
-        Largest numbers of balls and contacts of a cell.
+        Largest number of balls, and of contacts, that a cell has.
     shortest : array, shape (n,), or None
-        Time in s for which a state of a pair must be held to count (`states`); None where states are not compared.
+        Shortest time in s that a state of a pair must last to be compared. None if states are not compared: then the
+        result has no curves either.
     """
     if isinstance(outcomes, Outcomes):
         results = _results_of_arrays(outcomes, balls, contacts, with_states=shortest is not None)
@@ -218,14 +237,14 @@ def results_of(
     if paths is None:
         single = [None] * len(speed) if isinstance(outcomes, Outcomes) else [o.path for o in outcomes]
         paths = Paths.of(single, balls, contacts)
-    # The times of states stand on the path alone: without a path states are compared as the solver gives them.
+    # Only a path tells how long each state lasts. Without a path the states are compared as the solver gives them.
     held = zip(comparable_states(paths, shortest), results.states, strict=True)
     compared = [text or given for text, given in held]
     return replace(results, compared=compared, curves=ImpulseCurves(paths.offsets, paths.impulses))
 
 
 def _results_of_arrays(outcomes: Outcomes, balls: int, contacts: int, *, with_states: bool) -> SolverResults:
-    """Return the results of outcomes that are arrays already."""
+    """Return the results of a batch of outcomes, whose fields are arrays already."""
     n = len(outcomes)
     return SolverResults(
         velocities=_pad(outcomes.velocities, balls),
@@ -245,7 +264,7 @@ def _results_of_arrays(outcomes: Outcomes, balls: int, contacts: int, *, with_st
 
 
 def _results_of_list(outcomes: Sequence[Outcome], balls: int, contacts: int) -> SolverResults:
-    """Return the results of a list of outcomes, which are read one by one."""
+    """Return the results of a list of single outcomes: each array collects one field of all outcomes."""
     names = dict.fromkeys(name for outcome in outcomes for name in outcome.diagnostics)
     return SolverResults(
         velocities=_pad([outcome.velocities for outcome in outcomes], balls),
@@ -269,7 +288,9 @@ def _results_of_list(outcomes: Sequence[Outcome], balls: int, contacts: int) -> 
 def results_of_graphs(
     outcomes: Sequence[GraphCollisionOutcome], speed: Floats, components: tuple[str, ...]
 ) -> SolverResults:
-    """Make arrays of outcomes of contact graphs, which have no impulses, states and paths.
+    """Return the outcomes of contact graphs as arrays.
+
+    Such outcomes have no impulses, states or paths.
 
     Parameters
     ----------
@@ -277,7 +298,7 @@ def results_of_graphs(
     speed : array, shape (n,)
         abs(v0) of each cell in m/s.
     components : tuple of str
-        Names of the components of velocity (`schema.Counts`).
+        Names of the components of velocity, body after body, such as 1x, 1z, 2x, 2z.
     """
     n = len(outcomes)
     names = dict.fromkeys(name for outcome in outcomes for name in outcome.diagnostics)
@@ -306,12 +327,12 @@ def results_of_graphs(
 
 
 def _flattened(velocities: Sequence[Sequence[float]]) -> list[float]:
-    """Return the components of velocities, body after body."""
+    """Return the components of all bodies' velocities in one list, body after body."""
     return [component for velocity in velocities for component in velocity]
 
 
 def _pad(rows: Floats | Sequence[Sequence[float]], width: int) -> Floats:
-    """Return numbers of each row as an array of this width, NaN where a row has fewer."""
+    """Return rows of numbers as one array of `width` columns, with NaN at the end of shorter rows."""
     if isinstance(rows, np.ndarray) and rows.shape[1] == width:
         return rows
     padded = np.full((len(rows), width), np.nan)
@@ -321,7 +342,10 @@ def _pad(rows: Floats | Sequence[Sequence[float]], width: int) -> Floats:
 
 
 def masses_and_starts(collisions: Sequence[Collision], balls: int) -> tuple[Floats, Floats]:
-    """Return masses in kg and velocities at first touch in m/s, shape (n, N); NaN where a cell has fewer balls."""
+    """Return the masses in kg, and the velocities at first touch in m/s, of all balls of all cells.
+
+    Both are of shape (n, `balls`), with NaN where a cell has fewer balls.
+    """
     if isinstance(collisions, Collisions):
         return _pad(collisions.masses, balls), _pad(collisions.velocities, balls)
     masses, velocities = ([getattr(c, name) for c in collisions] for name in ("masses", "velocities"))
@@ -329,13 +353,20 @@ def masses_and_starts(collisions: Sequence[Collision], balls: int) -> tuple[Floa
 
 
 def masses_and_starts_of_graphs(collisions: Sequence[GraphCollision], width: int) -> tuple[Floats, Floats]:
-    """Return masses in kg and velocities at first touch in m/s of every component of velocity, shape (n, width)."""
+    """Return, for contact graphs, the mass in kg and the initial velocity in m/s of every component of velocity.
+
+    Both are of shape (n, width), with NaN where a graph has fewer components. The components x and z of a body have the
+    same mass.
+    """
     masses = [[mass for mass in c.masses for _ in c.velocities[0]] for c in collisions]
     return _pad(masses, width), _pad([_flattened(c.velocities) for c in collisions], width)
 
 
 def norms(masses: Floats, differences: Floats, starts: Floats) -> Floats:
-    """Return D, shape (n,): the kinetic norm of differences of velocities over that of the first velocities."""
+    """Return D, the kinetic norm of velocity differences over the kinetic norm of the initial velocities, shape (n,).
+
+    The kinetic norm is the mass-weighted norm sqrt(sum m_i v_i^2). All arguments are of shape (n, N).
+    """
     with np.errstate(over="ignore", invalid="ignore"):
         return kinetic_norm(masses, differences) / kinetic_norm(masses, starts)
 
@@ -343,9 +374,20 @@ def norms(masses: Floats, differences: Floats, starts: Floats) -> Floats:
 def divergence(
     masses: Floats, starts: Floats, speed: Floats, model: SolverResults, other: SolverResults
 ) -> ColumnArrays:
-    """Compute every measure of a solver's results, other minus model; NaN or None where one of the two has no result.
+    """Return every measure of the divergence of a solver from the model, by the name of its column, shape (n,).
 
-    Masses in kg and starts, velocities at first touch in m/s, are of shape (n, N); speed is abs(v0), of shape (n,).
+    Differences are solver minus model. A measure is NaN or None in cells where the solver or the model has no result.
+
+    Parameters
+    ----------
+    masses : array, shape (n, N)
+        Masses in kg.
+    starts : array, shape (n, N)
+        Velocities at first touch in m/s.
+    speed : array, shape (n,)
+        abs(v0) in m/s.
+    model, other : SolverResults
+        Results of the model, and of the solver that is compared with it.
     """
     both = model.has_result & other.has_result
     absent = ~both
@@ -376,10 +418,10 @@ def divergence(
 
     def scale(curves: ImpulseCurves) -> Floats:
         units = np.repeat(masses[:, 0] * speed, np.diff(curves.offsets))
-        # Contiguous: for any other layout the kernel would be compiled once more.
+        # The array is made contiguous: numba would compile `distances` a second time for another memory layout.
         return np.ascontiguousarray(curves.impulses / units[:, None])
 
-    # Imported here because the import of numba takes longer than the D of one collision.
+    # Imported here, because importing numba takes longer than computing D of a single collision.
     from impact_xval.experiments.measures.hausdorff import distances
 
     apart = distances(scale(model.curves), scale(other.curves), model.curves.offsets, other.curves.offsets)
@@ -388,17 +430,17 @@ def divergence(
 
 
 def retained_energy(masses: Floats, starts: Floats, results: SolverResults) -> Floats:
-    """Return the kinetic energy after the collision over that before it, shape (n,)."""
+    """Return the ratio of the kinetic energy after the collision to the kinetic energy before it, shape (n,)."""
     return norms(masses, results.velocities, starts) ** 2
 
 
 def retained_momentum(masses: Floats, starts: Floats, results: SolverResults) -> Floats:
-    """Return the momentum after the collision over that before it, shape (n,), with its sign.
+    """Return the ratio of the total momentum after the collision to the total momentum before it, shape (n,).
 
-    It is 1 without a table, and negative where balls that fell leave a table upwards.
+    The ratio is 1 without a table. It is negative where balls that fell on a table leave it upwards.
     """
     weights = masses / np.nanmax(masses, axis=1, keepdims=True)
-    with np.errstate(all="ignore"):  # there may be no momentum before
+    with np.errstate(all="ignore"):  # the momentum before may be 0
         after, before = (np.nansum(weights * v, axis=1) for v in (results.velocities, starts))
         return np.where(np.isnan(results.velocities).all(axis=1), np.nan, after / before)
 
@@ -406,7 +448,11 @@ def retained_momentum(masses: Floats, starts: Floats, results: SolverResults) ->
 def retained_momentum_of_graphs(
     collisions: Sequence[GraphCollision], masses: Floats, starts: Floats, results: SolverResults
 ) -> Floats:
-    """Return the component along the momentum before of that after, over it, shape (n,); NaN where bodies are fixed."""
+    """Return the retained momentum of contact graphs, shape (n,).
+
+    It is the component of the momentum after the collision along the momentum before, divided by the momentum before.
+    It is NaN where a fixed body, such as a table, takes momentum.
+    """
     axes = len(collisions[0].velocities[0]) if len(collisions) else 1
     weights = masses / np.nanmax(masses, axis=1, keepdims=True)
 
@@ -421,15 +467,16 @@ def retained_momentum_of_graphs(
 
 
 def asymmetry(parameters: ColumnArrays, results: SolverResults) -> Floats:
-    """Return how far velocities are from their mirror images, shape (n,).
+    """Return how far the final velocities in contact graphs are from mirror symmetry, shape (n,).
 
-    It is the largest difference, per abs(v0), between a velocity and the mirrored velocity of the body's mirror image;
-    NaN where the scene is not symmetric.
+    In a symmetric scene every body has a mirror image, another body or itself. The result is the largest difference
+    between a body's velocity and the mirrored velocity of the body's mirror image, per abs(v0). It is NaN where the
+    scene is not symmetric.
 
     Parameters
     ----------
     parameters : mapping of str to array, shape (n,)
-        Those of graphs by name.
+        Parameters of the contact graphs by name.
     results : SolverResults
     """
     axes = [name for name in GRAPH_AXES if name != "graph"]
@@ -446,7 +493,7 @@ def asymmetry(parameters: ColumnArrays, results: SolverResults) -> Floats:
 
 
 def first_difference(a: Sequence[str], b: Sequence[str]) -> int | None:
-    """Return the position, from 1, of the first state in which two sequences differ; None if they are equal."""
+    """Return the position of the first state in which two sequences differ, counted from 1; None if they are equal."""
     pairs = enumerate(zip_longest(a, b), start=1)
     return next((position for position, (x, y) in pairs if x != y), None)
 
@@ -462,9 +509,10 @@ def edit_distance(a: Sequence[str], b: Sequence[str]) -> int:
 
 
 def measures_of(collision: Collision, outcomes: Mapping[str, Outcome]) -> dict[str, dict[str, float]]:
-    """Measure the outcomes of one collision by several solvers: measures of `schema`, beside their scaled diagnostics.
+    """Return the measures of one collision's outcomes, by solver and by the name of the measure.
 
-    NaN where there is nothing to measure.
+    Diagnostics that are velocities are among the measures, divided by abs(v0). A measure is NaN where a result is
+    missing that it needs.
     """
     balls, contacts = len(collision.masses), len(collision.stiffnesses)
     masses, starts = masses_and_starts([collision], balls)

@@ -1,14 +1,17 @@
 """Hausdorff distance of two polylines in the plane.
 
-The directed distance from A to B is the largest distance of any point of A (also inside its segments) from B;
-the symmetric one is the larger of both directions.
+The directed distance from A to B is the largest distance of any point of A from B, where points inside the segments of
+A count too. The symmetric distance is the larger of the distances from A to B and from B to A. `divergence` calls this
+module to compare impulse curves.
 
-Two facts keep it fast on curves of 1e5 points. The sum s = x + y differs between two points by at most
-sqrt(2) times their distance, so only the piece of B with s within sqrt(2) d of a point can be nearer to it
-than d: along an impulse curve, where both impulses grow, that piece is short (and the search stays right
-where a curve turns back). And the distance to one segment is convex, so a segment of A whose two ends lie
-within d of *one* segment of B lies within d altogether; other segments are halved until that holds or they
-are shorter than the tolerance.
+Two facts keep the computation fast on curves of 1e5 points:
+
+* The sum s = x + y differs between two points by at most sqrt(2) times their distance. So only the part of B with s
+  within sqrt(2) d of a point can be nearer to the point than d. Along an impulse curve both impulses grow, and that
+  part is short. The search is also right where a curve turns back.
+* The distance from one segment is a convex function. So if both ends of a segment of A lie within d of the same segment
+  of B, the whole segment of A does. Segments of A for which this is not known are halved, until it is known or they are
+  shorter than the tolerance.
 """
 
 from __future__ import annotations
@@ -19,18 +22,21 @@ import numpy as np
 
 from impact_xval.model.compiled import kernel_decorator, strict_float_helper
 
-#: Absolute error allowed, in units of the coordinates.
+#: Largest absolute error of a distance, in the unit of the coordinates.
 TOLERANCE = 1e-9
 
-#: Largest coordinate: squares of larger ones leave double precision, and no piece would be short enough.
+#: Largest coordinate for which a distance is computed. The squares of larger coordinates may overflow in double
+#: precision, and the halving of segments would then never end.
 LARGEST = 1e150
 
 
 @kernel_decorator(fastmath=False, nogil=True)
 def distances(a, b, offsets_a, offsets_b):
-    """Distances of n pairs of polylines, one after the other in `a` and `b`; NaN where one has no vertex.
+    """Return the symmetric Hausdorff distances of n pairs of polylines, shape (n,).
 
-    Where a coordinate is beyond `LARGEST`, the distance is NaN too.
+    The vertices of all polylines follow one another in `a` and in `b`, of shape (number of vertices, 2). Polyline i has
+    the vertices from offsets[i] up to, but without, offsets[i + 1]. A distance is NaN where a polyline has no vertex,
+    or a coordinate that is larger than `LARGEST`.
     """
     found = np.empty(len(offsets_a) - 1)
     for i in range(len(found)):
@@ -43,7 +49,7 @@ def distances(a, b, offsets_a, offsets_b):
 
 @strict_float_helper
 def _legal(one):
-    """Return whether a polyline has vertices, none of them beyond `LARGEST`."""
+    """Return whether a polyline has at least one vertex, and no coordinate larger than `LARGEST`."""
     for i in range(len(one)):
         if not (abs(one[i, 0]) <= LARGEST and abs(one[i, 1]) <= LARGEST):
             return False
@@ -52,7 +58,7 @@ def _legal(one):
 
 @strict_float_helper
 def _to_segment(x, y, b, j):
-    """Distance squared of the point (x, y) from segment j of b."""
+    """Return the squared distance of the point (x, y) from segment j of the polyline b."""
     ax, ay = x - b[j, 0], y - b[j, 1]
     if j + 1 < len(b):
         dx, dy = b[j + 1, 0] - b[j, 0], b[j + 1, 1] - b[j, 1]
@@ -65,12 +71,14 @@ def _to_segment(x, y, b, j):
 
 @strict_float_helper
 def _nearest(x, y, b, lowest, highest, enough):
-    """Return a segment of b within `enough` of the point, or else the nearest one, and its distance.
+    """Return the distance of the point (x, y) from a segment of the polyline b, and the index of that segment.
 
-    `lowest[j]` is the least s at segment j or later, `highest[j]` the greatest s at segment j or earlier.
+    The segment is the nearest one, or any segment within the distance `enough` of the point. With s = x + y,
+    `lowest[j]` is the least s on segment j and all later segments, and `highest[j]` the greatest s on segment j and all
+    earlier ones.
     """
     n, s, root2 = len(highest), x + y, math.sqrt(2.0)
-    # Where s is that of the point: near it, along an impulse curve.
+    # Begin with the segment of b that has the s of the point. Along an impulse curve it is near the point.
     where, last = 0, n - 1
     while where < last:
         middle = (where + last) // 2
@@ -100,7 +108,7 @@ def _nearest(x, y, b, lowest, highest, enough):
 
 @strict_float_helper
 def _directed(a, b):
-    """Directed Hausdorff distance from a to b, at most `TOLERANCE` too small."""
+    """Return the directed Hausdorff distance from the polyline a to the polyline b, at most `TOLERANCE` too small."""
     n = max(1, len(b) - 1)
     lowest, highest = np.empty(n), np.empty(n)
     for j in range(n):
@@ -110,8 +118,9 @@ def _directed(a, b):
         highest[j] = max(highest[j], highest[j - 1])
         lowest[n - 1 - j] = min(lowest[n - 1 - j], lowest[n - j])
 
-    # Vertices from coarse to fine, so that the largest distance is nearly known after a few searches and the
-    # many that are no farther end theirs at once; in their own order each new maximum would cost a search.
+    # The vertices of a are searched from coarse to fine: every 1024th, say, then those halfway between, and so on. The
+    # largest distance is nearly known after a few searches, and the search of any vertex that is no farther ends at
+    # once. If the vertices were searched in sequence, each new largest distance would cost a full search.
     near, worst = np.empty(len(a), dtype=np.int64), 0.0
     stride = 1
     while stride < len(a):
@@ -132,9 +141,12 @@ def _directed(a, b):
 
 @strict_float_helper
 def _within(one, two, b, lowest, highest, worst):
-    """Return the larger of `worst` and of all distances from b of a piece of a: ends are x, y, segment next to it."""
+    """Return the largest distance of the points of a piece of a from the polyline b, or `worst` if that is larger.
+
+    `one` and `two` are the ends of the piece: x, y, and the index of a segment of b near that end.
+    """
     (x1, y1, near1), (x2, y2, near2) = one, two
-    # By convexity the farthest point of the piece is no farther from a segment than the farther end.
+    # The distance from a segment of b is convex: no point of the piece is farther from it than the farther end.
     bound = max(_to_segment(x1, y1, b, near1), _to_segment(x2, y2, b, near1))
     if near2 != near1:
         bound = min(bound, max(_to_segment(x1, y1, b, near2), _to_segment(x2, y2, b, near2)))

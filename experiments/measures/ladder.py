@@ -1,12 +1,18 @@
-"""The difference of final velocities between an engine and the model, split into its causes (docs/ladder.md).
+"""Split of the difference of final velocities between an engine and the model into contributions (docs/ladder.md).
 
-The three causes stand between the model and the law that the engine was asked for in its scenario: switches, all
-combinations of which (`corners`) are known without an engine. A cause is the mean of what its switch changes over the
-six orders in which they can be turned on (its Shapley value); chains of N balls know no gravity, and have two. The
-last two contributions, from that law to the engine, have one order. All sum to engine minus model, to rounding.
+Three contributions are called causes: frozen positions, the dissipation law, and gravity. They lead from the model to
+the exact solution of the law that the engine was asked for. Each cause is a switch, and the exact solutions for all
+combinations of the switches (`corners`) are known without an engine. The contribution of a cause is the mean, over the
+six orders in which three switches can be turned on, of what its switch changes (the Shapley value). Chains of N balls
+have no gravity, hence two causes and two orders. The other contributions lead from the exact solution of the law to
+the engine, and they have one order. All contributions of a cell sum to engine minus model, up to rounding.
 
-Norms do not add, components along the total do: their sum is D. A share is one of them over D; over many cells it is
-sum(along)/sum(D), its range that of this quotient over the orders.
+The norms of contributions do not add up, but the components of contributions along the whole difference do. They sum
+to D, the kinetic norm of that difference. The share of a contribution is its component divided by D. Over many cells
+the share is the sum of the components divided by the sum of D. The range of a share is the range of this quotient over
+the orders of the causes.
+
+The worker processes of a sweep call `ladders` for every chunk of cells.
 """
 
 from __future__ import annotations
@@ -28,43 +34,52 @@ from impact_xval.experiments.measures.divergence import Comparison
 from impact_xval.model.arrays import Floats
 from impact_xval.model.status import RESULT_STATUSES
 
-#: D below which there is nothing to split: the accuracy of the references.
+#: Least D, the divergence of an engine from the model, that is split into contributions. The exact solvers are accurate
+#: to about this number, so that a smaller D is not known.
 NOTHING = 1e-9
 
-#: Two causes cancel where the least share is below the first number and the largest above the second: both causes are
-#: then longer than D, and the larger one more than twice as long.
+#: Two contributions cancel where the least share is below the first number and the largest share above the second. The
+#: norms of both are then larger than D, and one norm is more than twice as large as D.
 CANCEL = (-1.0, 2.0)
 
-#: Status of an engine's result that still changes with its step: the result has a ladder, which no statistic counts.
+#: Status of an engine whose result still changes with the time step. Such a result is split into contributions too, but
+#: no statistic counts it.
 UNCONVERGED = "unconverged"
 
-#: Reason why mapping and time step are one contribution.
+#: Reason in the table ``ladder`` why the effects of the engine's mapping and of its time step are one contribution: the
+#: limit of the engine at a time step of zero, which would separate them, is not known.
 NO_LIMIT = "no certified limit dt -> 0 for this cell"
 
-#: Least width of a range of shares that a sentence mentions.
+#: A sentence states the range of a share over the orders of the causes if the range is at least this wide.
 _WIDE = 0.005
 
-#: Least share, of the second contribution of a sentence, that the sentence mentions.
+#: A sentence names a second contribution if the share of that contribution is at least this large, positive or
+#: negative.
 _MENTIONED = 0.02
 
-#: Array that holds no text; `numpy.where` makes objects of it.
+#: None as an array, for elements without a text: `numpy.where` then returns an array of objects.
 _NONE = np.array(None, dtype=object)
 
 
 @dataclass(frozen=True, slots=True)
 class Contribution:
-    """Contribution of one cause, or of the engine, to a divergence."""
+    """Description of one contribution to the divergence of an engine from the model.
+
+    The contribution is a cause, such as gravity, or an effect of the engine, such as its time step.
+    """
 
     name: str
     label: str
-    #: Words for a sentence about an engine, after "by".
+    #: Words that name the contribution in a sentence, after "from the model, most of it by".
     phrase: str
-    #: Colour of Tol's muted palette, which shares none with solvers.
+    #: Colour in figures, from Paul Tol's muted palette. No solver has one of these colours.
     color: str
-    #: Of a cause the two positions of its switch (`corners`); else the two outcomes that are subtracted.
+    #: For a cause, what its switch means when it is off and when it is on. For an effect of the engine, the two
+    #: outcomes that are subtracted: the contribution is `after` minus `before`.
     before: str
     after: str
-    #: Whether the contribution is known without an engine: the mean over the orders in which switches are turned on.
+    #: Whether the contribution is a cause: it is computed from exact solutions, without an engine, as a mean over the
+    #: orders of the causes.
     is_cause: bool = False
     #: Whether the contribution exists only where a scenario may have gravity.
     needs_gravity: bool = False
@@ -74,8 +89,9 @@ _ENGINE_LAW = "kelvin-voigt in the scenario of the run"
 _LIMIT = "the engine in the limit dt -> 0"
 _RUN = "the engine at the step it was run with"
 
-#: All contributions in their order, the causes first and in the order of the switches of `corners`. A cell has either
-#: the last contribution or the two before it. Where a text says kelvin-voigt, an engine of another law has its own.
+#: All contributions, the causes first and in the order of the switches of `corners`. A cell has either the last
+#: contribution, or the two before it. The texts name the law kelvin-voigt; for an engine that was asked for another law
+#: they mean that law.
 CONTRIBUTIONS = (
     Contribution(
         name="frozen_positions",
@@ -136,16 +152,20 @@ CAUSES = tuple(contribution for contribution in CONTRIBUTIONS if contribution.is
 
 
 def contributions_of(*, gravity: bool) -> tuple[Contribution, ...]:
-    """Return the contributions that a cell may have, in their order; `gravity`: whether one may be gravity."""
+    """Return the contributions that a cell may have, in their order.
+
+    The contribution of gravity is among them if `gravity` is true.
+    """
     return tuple(c for c in CONTRIBUTIONS if gravity or not c.needs_gravity)
 
 
 def changes_by_order(corners: Floats) -> Floats:
     """Return what each switch changes, for each of the six orders in which the three switches can be turned on.
 
-    `corners` has shape (2, 2, g, ...), by position of each switch; the result has shape (6, g + 1, ...), by order and
-    switch. Without gravity g is 1, and the result has each of the two orders three times. The changes of an order sum
-    to the last corner minus the first.
+    `corners` are the solutions for all combinations of the switches, of shape (2, 2, g, ...). The first three indices
+    are 0 or 1, for each switch off or on. The result is of shape (6, g + 1, ...), by order and by switch. With gravity
+    g is 2. Without gravity g is 1, and the result holds each of the two possible orders three times. The changes of one
+    order sum to the solution with all switches on minus the solution with all switches off.
     """
     changes: list[list[Floats]] = []
     for order in permutations(range(3)):
@@ -161,7 +181,10 @@ def changes_by_order(corners: Floats) -> Floats:
 
 
 def cancelling_pair(shares: Sequence[float]) -> tuple[int, int] | None:
-    """Return the positions of two large shares that cancel, the larger share first; None where none cancel."""
+    """Return the indices of two shares of opposite sign that nearly cancel, the larger share first.
+
+    The result is None if no two shares are as large as `CANCEL` states.
+    """
     numbers = np.nan_to_num(np.asarray(shares, dtype=float))
     high, low = int(numbers.argmax()), int(numbers.argmin())
     cancel = numbers[high] > CANCEL[1] and numbers[low] < CANCEL[0]
@@ -169,31 +192,37 @@ def cancelling_pair(shares: Sequence[float]) -> tuple[int, int] | None:
 
 
 class Split(NamedTuple):
-    """Contributions to the divergence of n cells of N balls; m contributions, differences of velocities per abs(v0)."""
+    """Split of an engine's divergence from the model into m contributions, in n cells of N balls.
+
+    All velocities and differences of velocities are divided by abs(v0), the impact speed.
+    """
 
     contributions: tuple[Contribution, ...]
-    #: Engine minus model, shape (n, N), and D, its kinetic norm, shape (n,).
+    #: Final velocities of the engine minus those of the model, shape (n, N). D is the kinetic norm of it, shape (n,).
     total: Floats
     divergence: Floats
-    #: Contributions, shape (m, n, N), and their kinetic norms, shape (m, n); NaN for one that a cell does not have.
+    #: Contributions, shape (m, n, N), and their kinetic norms, shape (m, n). Both are NaN for a contribution that a
+    #: cell does not have.
     vectors: Floats
     norms: Floats
-    #: Their components along the total, shape (m, n), and these by each order of the causes, shape (6, m, n); NaN where
-    #: D is 0.
+    #: Components of the contributions along `total`, shape (m, n), and the same components for each order of the
+    #: causes, shape (6, m, n). Both are NaN where D is 0.
     along: Floats
     orders: Floats
-    #: `along` over D, and the least and largest of `orders` over D, shape (m, n); NaN where there is nothing to split.
+    #: `along` divided by D, and the least and the largest over the orders of `orders` divided by D, shape (m, n). They
+    #: are NaN where D is below `NOTHING`.
     shares: Floats
     ranges: tuple[Floats, Floats]
-    #: Component of each corner minus the model along the total, shape (2, 2, g, n).
+    #: Component along `total` of each exact solution minus the model, shape (2, 2, g, n). The first three indices say
+    #: which switches are on.
     corners: Floats
 
     def dominant(self) -> NDArray[np.intp]:
-        """Return the index of the largest share in each cell; -1 where there is nothing to split."""
+        """Return the index of the contribution with the largest share in each cell; -1 where D is below `NOTHING`."""
         return np.where(self.divergence >= NOTHING, _index_of_largest(self.along), -1)
 
     def same_by_every_order(self) -> NDArray[np.bool_]:
-        """Return whether the same contribution has the largest share by all orders, shape (n,)."""
+        """Return whether the same contribution has the largest share in every order of the causes, shape (n,)."""
         return (_index_of_largest(self.orders) == self.dominant()).all(axis=0)
 
 
@@ -204,8 +233,18 @@ def _index_of_largest(along: Floats) -> NDArray[np.intp]:
 def split(weights: Floats, corners: Corners, limit: Floats, engine: Floats) -> Split:
     """Split the difference of an engine from the model into contributions.
 
-    Weights are masses over that of what moves at first; `limit` and `engine` final velocities per abs(v0), in the limit
-    dt -> 0 and at the engine's step, NaN where there are none. All are of shape (n, N).
+    All arrays are of shape (n, N), for n cells of N balls. Velocities are divided by abs(v0).
+
+    Parameters
+    ----------
+    weights : array
+        Masses, divided by the total mass of the balls that move at first.
+    corners : Corners
+        Exact solutions for all combinations of the causes' switches.
+    limit : array
+        Final velocities of the engine in the limit of a time step of zero; NaN where the limit is not known.
+    engine : array
+        Final velocities of the engine at its time step; NaN where it has no result.
     """
     has_limit = ~np.isnan(limit).any(axis=1, keepdims=True)
     mapping = np.where(has_limit, limit - corners.engine_law, np.nan)
@@ -222,7 +261,7 @@ def split(weights: Floats, corners: Corners, limit: Floats, engine: Floats) -> S
 
     along, of_causes = component(vectors), component(causes)
     n_orders, n_causes = of_causes.shape[:2]
-    of_engine = along[n_causes:]  # the same by every order
+    of_engine = along[n_causes:]  # effects of the engine do not depend on the order of the causes
     orders = np.concatenate([of_causes, np.broadcast_to(of_engine, (n_orders, *of_engine.shape))], axis=1)
     divided = np.where(divergence >= NOTHING, divergence, np.nan)
     shares = orders / divided
@@ -241,16 +280,17 @@ def split(weights: Floats, corners: Corners, limit: Floats, engine: Floats) -> S
 
 
 def _norm(weights: Floats, differences: Floats) -> Floats:
-    """Return the kinetic norm of differences of velocities over the last axis."""
+    """Return the kinetic norm of velocity differences over the last axis, with `weights` as masses."""
     return np.sqrt((weights * differences**2).sum(axis=-1))
 
 
 def ladders(
     config: Config, block: CellBlock, model: Comparison, engines: Mapping[str, Comparison]
 ) -> dict[str, ColumnArrays]:
-    """Make the ladders of engines in cells: by engine the columns of the table ``ladder``, shape (n,).
+    """Split the divergence of every engine in a block of n cells into contributions.
 
-    A column holds NaN or None where there is no ladder.
+    Return the columns of the table ``ladder``, each of shape (n,), by engine and by name of the column. A column holds
+    NaN or None in cells whose divergence cannot be split, because a solution is missing.
     """
     columns: dict[str, ColumnArrays] = {name: {} for name in engines}
     if not engines:
@@ -280,7 +320,10 @@ def ladders(
 
 
 def _put_into_column(columns: ColumnArrays, key: str, values: np.ndarray, places: np.ndarray, n: int) -> None:
-    """Put values in their places of a column of length n, which holds NaN or None elsewhere."""
+    """Put values at some places of the column `key`, which is made first if it does not exist.
+
+    A new column is of length n and holds NaN or None at all other places.
+    """
     nothing = np.nan if values.dtype.kind == "f" else None
     columns.setdefault(key, np.full(n, nothing, values.dtype))[places] = values
 
@@ -293,14 +336,18 @@ def _status_columns(
     corners: Corners,
     ladder: Split,
 ) -> ColumnArrays:
-    """Return the columns that a row has with or without a ladder: the first outcome that is missing, marks, errors."""
+    """Return the columns that every row has, even if its divergence cannot be split.
+
+    The columns are the status, and the reason that names the first missing outcome; the jump that marks the row; the
+    grazing margin of the model; and the error of the engine's limit.
+    """
     status, reason = engine.results.status[places], engine.results.reason[places]
     of_model = model.results.status[places]
     of_engine = np.array(
         [f"{name}: {text or word}" for text, word in zip(reason, status, strict=True)], dtype=object
     )
     of_corner = np.array([text.rpartition(" ")[2] for text in corners.reason], dtype=object)
-    # In the order in which a missing outcome is told: of the engine, the model, a corner.
+    # If several outcomes are missing, the reason names the first: of the engine, of the model, of an exact solution.
     missing = [
         ~np.isin(status.tolist(), RESULT_STATUSES),
         ~np.isin(of_model.tolist(), RESULT_STATUSES),
@@ -319,7 +366,10 @@ def _status_columns(
 
 
 def _split_columns(name: str, corners: Corners, ladder: Split, ok: NDArray[np.bool_]) -> ColumnArrays:
-    """Return the columns of corners and contributions, and of the largest contribution; nothing where not `ok`."""
+    """Return the columns with the numbers of a split divergence, its largest contribution, and its sentence.
+
+    The columns hold NaN or None in rows that are not `ok`.
+    """
     low, high = ladder.ranges
     numbers = {"velocity_divergence": ladder.divergence} | _by_ball("dv", ladder.total)
     for i, contribution in enumerate(ladder.contributions):
@@ -341,14 +391,14 @@ def _split_columns(name: str, corners: Corners, ladder: Split, ok: NDArray[np.bo
         parts = _parts_of_row(ladder, row)
         sentences[row] = sentence(name, float(ladder.divergence[row]), parts, bool(agreed[row]))
     return {key: np.where(ok, x, np.nan) for key, x in numbers.items()} | {
-        "dominant": names[dominant],  # -1: the last entry, None
+        "dominant": names[dominant],  # index -1 picks the last entry, None
         "dominant_by_every_order": np.where(dominant >= 0, agreed.astype(object), _NONE),
         "sentence": sentences,
     }
 
 
 def _parts_of_row(ladder: Split, row: int) -> list[SentencePart]:
-    """Return the contributions that a cell has, as a sentence needs them."""
+    """Return the contributions that the cell of a row has, with the numbers that a sentence states."""
     low, high = ladder.ranges
     return [
         SentencePart(
@@ -368,7 +418,11 @@ def _by_ball(name: str, velocities: Floats) -> ColumnArrays:
 
 
 class SentencePart(NamedTuple):
-    """A contribution in a sentence: its phrase, share and norm, and its least and largest share by the orders."""
+    """Words and numbers of one contribution for the sentence about a cell.
+
+    `low` and `high` are the least and the largest share over the orders of the causes. `norm` is the kinetic norm of
+    the contribution.
+    """
 
     phrase: str
     share: float
@@ -378,7 +432,7 @@ class SentencePart(NamedTuple):
 
     @property
     def percent(self) -> str:
-        """The share, with its range where that can be seen."""
+        """The share in per cent, with its range over the orders of the causes if the range is wide enough to matter."""
         text = f"{100 * self.share:.3g} %"
         return (
             f"{text}, by order {format_share_range(self.low, self.high)}"
@@ -388,12 +442,15 @@ class SentencePart(NamedTuple):
 
 
 def format_share_range(low: float, high: float) -> str:
-    """Write a range of shares in per cent."""
+    """Write a range of shares in per cent, such as ``67.9 to 69.4 %``."""
     return f"{100 * low:.3g} to {100 * high:.3g} %"
 
 
 def sentence(solver: str, divergence: float, parts: Sequence[SentencePart], agreed: bool = True) -> str:
-    """Write in words which contribution carries most of a divergence; `agreed`: the same one by every order."""
+    """Write in one sentence which contributions make up most of an engine's divergence D from the model.
+
+    `agreed` says whether the same contribution has the largest share in every order of the causes.
+    """
     if divergence < NOTHING:
         return f"{solver} ends where the model does (D = {divergence:.1g}): there is nothing to split."
     pair = cancelling_pair([part.share for part in parts])

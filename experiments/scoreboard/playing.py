@@ -1,4 +1,8 @@
-"""Answers of all solvers, each from a process of its own: one that dies or hangs costs its answers only."""
+"""Collection of the answers of all solvers to the cases of the scoreboard.
+
+Each solver answers in a separate process. If a solver crashes or hangs, only its answers are lost. The command
+`impact-xval scoreboard` calls this module.
+"""
 
 from __future__ import annotations
 
@@ -29,10 +33,10 @@ from impact_xval.experiments.sweep.process import FaultError
 from impact_xval.experiments.tables.folder import new_folder, write_text
 from impact_xval.experiments.tables.frames import Record
 
-#: Columns of answers, as `collect_answers` describes them.
+#: Columns of the table of answers that `collect_answers` returns.
 _COLUMNS = ["solver", "version", "microseconds", "case", "e", "arrangement", "status", "reason"]
 _COLUMNS += [f"v{ball}" for ball in range(1, 6)]
-#: Seconds that a solver has for all arrangements of one case.
+#: Longest time in s that a solver may take for one case in all arrangements.
 _LONGEST = 120.0
 
 
@@ -41,7 +45,7 @@ _Arguments = TypeVarTuple("_Arguments")
 
 
 class _Call(Protocol):
-    """Calls a function in the process of a solver, as `Worker.call`."""
+    """Type of a function that calls another function in the process of a solver, as `Worker.call` does."""
 
     def __call__(
         self, function: Callable[[None, *_Arguments], _Answer], *arguments: *_Arguments, timeout: float
@@ -49,7 +53,10 @@ class _Call(Protocol):
 
 
 def list_entrants(names: Sequence[str] = ()) -> list[str]:
-    """List the exact laws, and the given engines; without any, all installed engines."""
+    """Return the names of the solvers of a scoreboard: all exact laws, then the engines.
+
+    The engines are those in `names`, or all installed engines if `names` is empty.
+    """
     engines = filter(is_engine, solver_names(on_request=True))
     installed = (name for name in engines if get_solver(name).unavailable() is None)
     return list(dict.fromkeys([*exact_law_names(), *(names or installed)]))
@@ -62,20 +69,23 @@ def collect_answers(
     progress: Callable[..., None],
     elsewhere: Sequence[tuple[str, Environment]] = (),
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Have solvers answer every case; answers are kept in a folder, so that a board that was stopped continues.
+    """Return the answers of solvers to every case of the scoreboard.
+
+    The answers are also stored in the folder `root`, so that an interrupted command can continue.
 
     Parameters
     ----------
     names
-        Solvers that are asked as they are installed here.
+        Solvers that answer in this installation.
     elsewhere
-        Solvers that are asked in another environment.
+        Solvers that answer in another environment, each with that environment.
 
     Returns
     -------
     here, there : DataFrame
-        Answers of the solvers here, and of those elsewhere. A row an answer: solver, version, microseconds (a step),
-        case, e, arrangement, status, reason, v1 ... v5 in m/s.
+        Answers of the solvers here, and answers of the solvers in other environments, one row per answer. Columns:
+        solver, version, microseconds (wall time of one time step), case, e, arrangement, status, reason, and the final
+        velocities v1 ... v5 in m/s.
     """
     in_environments = [*((name, None) for name in names), *elsewhere]
     interpreters = [environment.python for _, environment in elsewhere]
@@ -89,7 +99,7 @@ def collect_answers(
                 for name, where in in_environments
             ]
             for done, future in enumerate(as_completed(futures), 1):
-                future.result()  # an error ends all at once
+                future.result()  # raises the error of a failed solver, which ends the command
                 progress(done * len(CASES), len(futures) * len(CASES), "")
     except KeyboardInterrupt:
         raise InterruptedRunError("interrupted; answers are kept; the same command continues") from None
@@ -104,9 +114,9 @@ def collect_answers(
 def _answer_all_cases(
     slot: Slot[None], name: str, folder: Path, where: Environment | None = None
 ) -> list[Record]:
-    """Return the answers of a solver to every case, from its file or else from its process.
+    """Return the answers of a solver to every case, from the solver's file if it exists, else from its process.
 
-    With an environment the solver runs there, in a process that ends after the last case.
+    If an environment is given, the solver runs in it, in a process that ends after the last case.
     """
 
     def call(
@@ -124,7 +134,10 @@ def _answer_all_cases(
 
 
 def _answer_or_read(call: _Call, name: str, folder: Path, installed: str, *environment: str) -> list[Record]:
-    """Return the answers of a solver from its file, named by versions and cases; without it, call its process."""
+    """Return the answers of a solver from its file; without the file, ask the solver's process and write the file.
+
+    The name of the file contains a hash of the versions, the cases and the settings.
+    """
     facts: Record = {"solver": name, "version": installed, "microseconds": None}
     identifying = version("impact-xval"), installed, CASE_SETUPS, list(CASES), str(SETTINGS), *environment
     identity = sha256(json.dumps(identifying).encode()).hexdigest()[:12]
@@ -132,7 +145,7 @@ def _answer_or_read(call: _Call, name: str, folder: Path, installed: str, *envir
     rows: list[Record] = []
     if path.exists():
         return json.loads(path.read_text(encoding="utf-8"))
-    with contextlib.suppress(FaultError):  # then each case says so
+    with contextlib.suppress(FaultError):  # each case will report the fault too
         facts["microseconds"] = call(warm_up_and_time, name, timeout=TO_PREPARE)
     for case, e in CASES:
         try:

@@ -1,4 +1,7 @@
-"""Changes between releases of an engine: the answers of each version against those of the version before."""
+"""Changes between releases of an engine: the answers of each version compared with those of the version before.
+
+The command `impact-xval scoreboard` calls this module if it is asked for other versions of engines (option ``--with``).
+"""
 
 from __future__ import annotations
 
@@ -19,53 +22,56 @@ from impact_xval.experiments.tables.frames import Frame
 from impact_xval.experiments.tables.numbers import join_words, number
 from impact_xval.experiments.tables.parquet import replacing
 
-#: Files in the folder of a scoreboard: all answers of all versions, and those that moved.
+#: Names of files in the folder of a scoreboard: the answers of all versions, and the answers that changed.
 ANSWERS, MOVED = "releases.parquet", "releases.csv"
 
 TITLE = "What releases changed"
 
-#: Largest change of a velocity, over |v0|, that is ignored, as in the comparison with a baseline.
+#: Largest change of a velocity, over |v0|, that is ignored. The comparison of a scoreboard with an earlier one ignores
+#: the same changes.
 TOLERANCE = 1e-6
 
 CAPTION = (
-    "A row a version, which is held against the version above that has answers: the largest change of a velocity, over "
-    f"|v0|, among all e and all placements of a case. = : none is larger than {TOLERANCE:g}. ! : another status, "
-    "or an answer in one of the two alone. - : no answer, or no version before. * marks a version that differs; "
-    "“moved” counts its answers that do, of all that it was asked for."
+    "Each row is a version, compared with the nearest version above that has answers. A number is the largest change "
+    "of a velocity, over |v0|, among all e and all placements of a case. = : no change is larger than "
+    f"{TOLERANCE:g}. ! : the status changed, or only one of the two versions has an answer. - : no answer, or no "
+    "version before. * : the version has changed answers. “Moved” counts these answers, of all that the version was "
+    "asked for."
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Release:
-    """A version of an engine beside the version before."""
+    """A version of an engine, compared with the version before."""
 
     solver: str
     version: str
-    #: The version before that has answers; None for the first.
+    #: The last version before this one that has answers; None for the first version with answers.
     before: str | None = None
-    #: Answers that moved (`judging.list_moved_answers`), and the number of compared answers.
+    #: Answers that changed, from `judging.list_moved_answers`, and the number of answers that were compared.
     moved: Frame | None = None
     compared: int = 0
-    #: Cases that this version answers for some e.
+    #: Names of the cases that this version answers for at least one restitution e.
     answered: frozenset[str] = frozenset()
-    #: Why this version has no answer at all; empty if it has any.
+    #: Why this version has no answer at all; an empty text if it has answers.
     reason: str = ""
 
     @property
     def differs(self) -> bool:
-        """Whether an answer moved."""
+        """Whether an answer of this version differs from the answer of the version before."""
         return self.moved is not None and len(self.moved) > 0
 
 
 def compare_releases(here: Frame, elsewhere: Frame) -> list[Release]:
-    """Compare each version of an engine with the version before, in the order of version numbers.
+    """Return the comparison of each version of every engine with the version before, in the order of version numbers.
 
     Parameters
     ----------
     here
-        Answers of the engines that are asked here, which are a version too where they are installed.
+        Answers of the engines in this installation. The version that is installed here is compared too.
     elsewhere
-        Answers of the versions that were asked for. Of two with the same number the first counts.
+        Answers of the versions that the user asked for. If two environments hold the same version of an engine, the
+        answers of the first count.
     """
     both = (elsewhere, here[here.solver.isin(elsewhere.solver) & (here.version != "")])
     answers = pd.concat([part.drop(columns="microseconds") for part in both], ignore_index=True)
@@ -92,7 +98,7 @@ def compare_releases(here: Frame, elsewhere: Frame) -> list[Release]:
 def write_releases(
     releases: Sequence[Release], missing: Sequence[NotInstalledError], answers: Frame, root: Path
 ) -> Section:
-    """Write the tables of releases into the folder of a scoreboard; return the section for its page."""
+    """Write the answers of all versions, and their changes, into a scoreboard's folder; return the page's section."""
     with replacing(root / ANSWERS) as temporary:
         answers.to_parquet(temporary, index=False, compression="zstd")
     changes = [
@@ -106,7 +112,7 @@ def write_releases(
 
 
 def describe_releases(releases: Sequence[Release]) -> list[Block]:
-    """Say which versions of each engine answer differently from the version before."""
+    """Return sentences that say which versions of each engine answer differently from the version before."""
     sentences: list[str] = []
     for distribution, names in solvers_by_distribution().items():
         same: list[str] = []
@@ -127,7 +133,7 @@ def describe_releases(releases: Sequence[Release]) -> list[Block]:
 
 
 def _change_in_words(release: Release) -> str:
-    """Say what a release changed: how many answers, and where a velocity changed most."""
+    """Return words for what a release changed: the number of changed answers, and the largest change of a velocity."""
     assert release.moved is not None
     largest = release.moved.iloc[0]
     return (
@@ -138,7 +144,7 @@ def _change_in_words(release: Release) -> str:
 
 
 def release_table(releases: Sequence[Release], missing: Sequence[NotInstalledError]) -> Table:
-    """Lay out one row per version and one column per case; a version without answers has its reason."""
+    """Return the table of releases, with one row per version and one column per case. Missing answers have a reason."""
     rows: list[tuple[str, ...]] = []
     nothing = ["-"] * len(CASE_SETUPS)
     for distribution, names in solvers_by_distribution().items():
@@ -164,7 +170,7 @@ def release_table(releases: Sequence[Release], missing: Sequence[NotInstalledErr
 
 
 def _largest_changes(release: Release) -> list[str]:
-    """Write the largest change of each case."""
+    """Return, for each case, the table cell with the largest change of a velocity."""
     assert release.moved is not None
     cells: list[str] = []
     for case in CASE_SETUPS:
@@ -175,6 +181,7 @@ def _largest_changes(release: Release) -> list[str]:
         largest = changes.change.max()
         parts = [number(largest, 2)] if largest > TOLERANCE else []
         another_status = (changes.status_before != changes.status_after).any()
-        # Without a change of either an answer is there, after a flight that was given up, in one version alone.
+        # If neither a velocity nor a status changed, only one version has an answer: the other gave up in a flight.
+        # This is shown like a change of status.
         cells.append(" ".join([*parts, "!"] if another_status or not parts else parts))
     return cells

@@ -1,7 +1,10 @@
-"""Comparison of two finished runs of the same cells: the rows that moved, by solver and by cell.
+"""Comparison of two finished runs of the same cells, for the command `impact-xval compare`.
 
-A row is a cell and a solver. It moved where its status is another one, where a velocity per abs(v0) or D differs by
-more than a tolerance, or where one run has such a number and the other has none.
+A row holds the result of one solver in one cell. A row is said to have moved if
+
+* the two runs have different statuses in it,
+* a final velocity per abs(v0), or the divergence D from the model, differs by more than a tolerance, or
+* only one of the runs has such a number.
 """
 
 from __future__ import annotations
@@ -21,26 +24,27 @@ from impact_xval.experiments.tables.frames import Frame
 
 @dataclass(frozen=True, slots=True)
 class SolverChanges:
-    """Changes of one solver between two runs."""
+    """Changes of the results of one solver between two runs."""
 
-    #: Numbers of rows that were compared, that moved, and that have another status.
+    #: Number of rows that were compared, of rows that moved, and of rows whose status changed.
     compared: int
     moved: int
     statuses: int
-    #: Largest change of a velocity per abs(v0), and of D, where both runs have a number.
+    #: Largest change of a velocity per abs(v0), and largest change of D, over the rows in which both runs have a
+    #: number.
     velocity: float
     divergence: float
 
 
 class RowChange(NamedTuple):
-    """Change of one row between two runs."""
+    """Change of one row, a cell and a solver, between two runs."""
 
     cell: int
     solver: str
     status_a: str
     status_b: str
-    #: Largest change of a velocity per abs(v0), and that of D: infinite where one run alone has a number, 0 where
-    #: neither has.
+    #: Largest change of a velocity per abs(v0), and change of D. A change is infinite where only one run has the
+    #: number, and 0 where neither run has it.
     velocity: float
     divergence: float
 
@@ -50,14 +54,14 @@ class RunComparison:
     """Changes between two runs that are larger than a tolerance."""
 
     tolerance: float
-    #: By solver, in the order of the first run.
+    #: Changes of each solver that both runs have, in the order of the first run.
     solvers: dict[str, SolverChanges]
-    #: The ten worst rows, the worst first.
+    #: The ten rows that changed most. Rows with another status come first, then rows with the largest changes.
     worst: list[RowChange]
-    #: Solvers, and numbers of cells, that one run alone has.
+    #: Names of the solvers, and numbers of the cells, that only one of the two runs has.
     alone: list[str]
     cells_alone: list[int]
-    #: Settings, and versions of solvers, that differ: both values by name.
+    #: Settings that differ between the runs, and versions of solvers that differ, as the two values by name.
     settings: dict[str, tuple[str, str]]
     versions: dict[str, tuple[str, str]]
 
@@ -68,7 +72,13 @@ class RunComparison:
 
 
 def compare_runs(a: RunFolder, b: RunFolder, tolerance: float) -> RunComparison:
-    """Compare two finished runs; a `UserError` says where a cell is not the same in both, or a table is damaged."""
+    """Return the changes between two finished runs of the same cells.
+
+    Raises
+    ------
+    UserError
+        If the runs are not of one kind, a cell is not the same in both runs, or a table is damaged.
+    """
     config_a, config_b = a.config(), b.config()
     kinds = [_KINDS[config.kind] for config in (config_a, config_b)]
     if kinds[0] != kinds[1]:
@@ -113,20 +123,21 @@ def compare_runs(a: RunFolder, b: RunFolder, tolerance: float) -> RunComparison:
     )
 
 
-#: What the cells of a kind are called.
+#: Words for the cells of a run in messages, by the kind of the cells.
 _KINDS = {"pair": "collisions", "chain": "chains of N balls", "graph": "contact graphs"}
 
-#: Settings that say nothing of what is compared: the cells are, one by one, and the solvers are named.
+#: Settings whose differences are not listed. They choose the cells and the solvers, which are compared separately, or
+#: do not influence any result.
 _ELSEWHERE = ("name", "workers", "grid", "sample", "cells", "chain", "graph", "solvers", "chunk_size")
 
 
 def _differing(a: Mapping[str, object], b: Mapping[str, object]) -> dict[str, tuple[str, str]]:
-    """Return the values of the keys that both have and in which they differ, as texts."""
+    """Return the two values, as texts, of every key that both mappings have with different values."""
     return {key: (str(a[key]), str(b[key])) for key in a if key in b and a[key] != b[key]}
 
 
 def _read_compared_rows(run: RunFolder, solvers: Sequence[str]) -> Frame:
-    """Read what is compared of a run: parameters, status, velocities and D of every cell and solver."""
+    """Read the columns of a run that are compared: parameters, status, velocities and D of every cell and solver."""
     path = run.table_path("cells.parquet")
     names = pq.read_schema(path).names
     wanted = [
@@ -142,7 +153,7 @@ def _read_compared_rows(run: RunFolder, solvers: Sequence[str]) -> Frame:
 
 
 def _check_same_cells(a: RunFolder, b: RunFolder, rows: Frame) -> None:
-    """Refuse two runs in which a cell of one number is not the same, to the last bit."""
+    """Raise a `UserError` if a cell that both runs have differs between them in any bit of a parameter."""
     names = [name[:-2] for name in rows if name.endswith("_a")]
     for name in names[: names.index("status")]:
         x, y = rows[f"{name}_a"], rows[f"{name}_b"]
@@ -154,7 +165,10 @@ def _check_same_cells(a: RunFolder, b: RunFolder, rows: Frame) -> None:
 
 
 def _sizes_of_changes(rows: Frame, name: str) -> Frame:
-    """Return the sizes of changes: 0 between equal numbers and where neither is there, infinite where one is not."""
+    """Return the absolute change of a column between two runs in every row.
+
+    A change is 0 where neither run has the number, and infinite where only one run has it.
+    """
     x, y = rows[f"{name}_a"], rows[f"{name}_b"]
     size = (x - y).abs().mask(x == y, 0.0)
     return size.mask(x.isna() & y.isna(), 0.0).mask(x.isna() ^ y.isna(), np.inf)

@@ -1,7 +1,7 @@
-"""The tables of a run of version 0.4, under the names that their columns and values have now.
+"""Tables of a run that version 0.4 wrote, with the columns and values renamed to the names of today.
 
-`folder.run_folder` has them made for the folder of such a run, whose own tables are never changed: the renamed tables
-lie in a temporary folder, which is removed when the process ends.
+`folder.run_folder` calls this module for the folder of such a run. The tables in that folder are never changed. The
+renamed tables lie in a temporary folder, which is removed when the process ends.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ import pyarrow.parquet as pq
 from impact_xval.experiments.config.renamed import ARRANGEMENTS, COLUMNS, STATUSES
 from impact_xval.experiments.tables.parquet import table_writer
 
-#: The format of the folders that version 0.4 wrote.
+#: Name of the format of run folders that version 0.4 wrote, as it stands in their manifest.
 EARLIER_FORMAT = "impact-xval run, format 3"
 
-#: Values that were renamed, by the columns in which they stand.
+#: Values that were renamed after version 0.4: new value by old value, for each column that holds such values.
 _VALUES = {"status": STATUSES, "model_status": STATUSES, "arrangement": ARRANGEMENTS}
 
 
 def renamed_tables(root: Path) -> Path:
-    """Write the tables of a run of 0.4 under today's names into a new temporary folder, and return it.
+    """Copy the tables of a run of version 0.4 into a new temporary folder, with today's names; return that folder.
 
-    Tables that are damaged are left out: whoever reads them says that they are missing.
+    Damaged tables are not copied. A later attempt to read such a table raises an error that says it is missing.
     """
     folder = Path(tempfile.mkdtemp(prefix="impact-xval-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
@@ -40,7 +40,7 @@ def renamed_tables(root: Path) -> Path:
 
 
 def _copy_renamed(old: Path, new: Path) -> None:
-    """Copy a table, a row group at a time, with its columns and values renamed."""
+    """Copy a table with its columns and values renamed. Only one group of rows is in memory at a time."""
     with pq.ParquetFile(old) as file:
         schema = rename(file.schema_arrow.empty_table()).schema
         with table_writer(new, schema) as add:
@@ -49,7 +49,7 @@ def _copy_renamed(old: Path, new: Path) -> None:
 
 
 def rename(table: pa.Table) -> pa.Table:
-    """Rename the columns of a table of 0.4, and the values of its columns of text."""
+    """Return a table of version 0.4 with its columns, and the values in its text columns, renamed to today's names."""
     for name, values in _VALUES.items():
         if name in table.column_names:
             place = table.schema.get_field_index(name)

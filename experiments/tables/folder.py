@@ -1,7 +1,8 @@
-"""The folder of a run: what was asked for, the parts that are there, the finished tables, and who writes.
+"""The folder of a run: its experiment, its parts, its finished tables, and the locks of the processes that write to it.
 
-A part holds the rows of one chunk of cells; its name bears the identity of the run (configuration, versions, cells).
-Parts of another identity are left alone.
+A part is a file with the rows of one chunk of cells. Its name contains the identity of the run, a hash of the
+configuration, the versions and the cells. Parts of another identity are neither read nor removed. The commands that
+make, continue, show or compare runs call this module.
 """
 
 from __future__ import annotations
@@ -36,105 +37,108 @@ from impact_xval.experiments.tables.parquet import (
 )
 from impact_xval.experiments.tables.schema import Layout
 
+#: Name of the format of run folders that this version writes; it stands in every manifest.
 FORMAT = "impact-xval run, format 4"
-#: States of a run, in its manifest: parts are missing; the tables are finished; they are presented too.
+#: States of a run, as they stand in its manifest. `RUNNING`: parts are still missing. `TABLES`: the tables are
+#: finished. `COMPLETE`: the report on them is written too.
 RUNNING, TABLES, COMPLETE = "running", "tables", "complete"
 #: States of a run whose tables are finished.
 FINISHED = (TABLES, COMPLETE)
 MANIFEST, CONFIGURATION = "manifest.json", "experiment.toml"
-#: Every name in a folder that a lock, or a file half-written, begins with.
+#: Beginnings of the names of locks, and of files that are not yet completely written.
 _LOCK, _TEMPORARY = ".lock", ".tmp-"
 
-#: A run of more rows than this writes no CSV: no spreadsheet opens it.
+#: Largest number of rows for which tables are written as CSV too; spreadsheets cannot open longer tables.
 _CSV = 100_000
-#: Number of rows by solver, status and reason ("" if none).
+#: Number of rows of a run by solver, status and reason; the reason is "" if a row has none.
 Tally = Counter[tuple[str, str, str]]
 
 
 class Session(TypedDict):
-    """Session of a run, in its manifest: where and how long it worked, on how many parts."""
+    """Entry of a manifest about one session: the work of one command on a run, which may take several commands."""
 
-    #: Instant at which it ended, by ISO 8601.
+    #: Date and time at which the session ended, by ISO 8601.
     finished: str
-    #: Which shard, such as ``1 of 4``.
+    #: Which shard of the run the session worked on, such as ``1 of 4``.
     shard: str
-    #: The address of a scheduler, or ``this machine``; and the number of processes.
+    #: The address of a scheduler, or ``this machine``; and the number of worker processes.
     where: str
     workers: int
     parts_reused: int
     parts_computed: int
     processes_lost: int
-    #: Wall time in s: of all, by stage, and by solver.
+    #: Wall time in s of the whole session, of each stage, and of each solver.
     wall_time_s: float
     stages_s: dict[str, float]
     solver_time_s: dict[str, float]
 
 
 class Manifest(TypedDict):
-    """Content of ``manifest.json``: what a run is of, and who has worked on it."""
+    """Content of ``manifest.json``: size, state and versions of a run, and the sessions that worked on it."""
 
-    #: `FORMAT`, which `RunFolder.write_manifest` adds.
+    #: Name of the format of the folder. `RunFolder.write_manifest` adds it.
     format: NotRequired[str]
-    #: `RUNNING`, `TABLES` or `COMPLETE`.
+    #: State of the run: `RUNNING`, `TABLES` or `COMPLETE`.
     state: str
     name: str
-    #: Numbers of cells, and of their chunks.
+    #: Number of cells, and number of the chunks into which the cells are divided.
     cells: int
     chunks: int
-    #: The solver that all others are compared with.
+    #: Name of the solver with which all other solvers are compared.
     reference: str
-    #: Hash of all that the content of a part depends on, but for its number.
+    #: Hash of everything that determines the content of the parts: configuration, versions, and cells.
     identity: str
-    #: Versions of the project and of the solvers, and of libraries.
+    #: Versions by name: of this project and the solvers, and of the libraries that they use.
     versions: dict[str, str]
     libraries: dict[str, str]
-    #: Texts on the machine, and its number of cores.
+    #: Description of the machine: texts, and the number of cores.
     machine: dict[str, str | int]
-    #: Seed of a sample, or ``none``.
+    #: Seed of the random sample of cells, or ``none`` if the cells are not a sample.
     seeds: int | str
-    #: In the order in which they ended.
+    #: Sessions of the run, in the order in which they ended.
     sessions: list[Session]
-    #: Of a finished run the number of rows by solver and status.
+    #: Number of rows by solver and status; only finished runs have it.
     statuses: NotRequired[dict[str, dict[str, int]]]
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file (UTF-8, line feeds) in one step."""
+    """Write a text file in UTF-8 with line feeds; a reader sees either the old file or the complete new one."""
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
 
 
 def write_json(path: Path, value: object) -> None:
-    """Write strict JSON in one step."""
+    """Write a value as strict JSON; a reader sees either the old file or the complete new one."""
     write_text(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
 
 
 @dataclass(frozen=True, slots=True)
 class RunFolder:
-    """The folder of a run; what is missing or damaged in it is a `UserError`."""
+    """The folder of a run. Its methods raise a `UserError` where a file is missing or damaged."""
 
     root: Path
-    #: Where the finished tables are, if not in `root`: those of a run of 0.4, under today's names.
+    #: Folder of the finished tables, if it is not `root`. For a run of version 0.4 it is a temporary folder, with
+    #: copies of the tables under today's names.
     tables: Path | None = None
 
     @property
     def parts(self) -> Path:
-        """Folder of the parts."""
+        """Folder of the parts, the files with the rows of one chunk of cells each."""
         return self.root / "parts"
 
     def write_config(self, config: Config) -> None:
-        """Write the experiment as it is run."""
+        """Write the experiment of the run, with all defaults filled in, as a TOML file."""
         write_text(self.root / CONFIGURATION, config.toml())
 
     def config(self) -> Config:
-        """Read the experiment of the run."""
+        """Return the experiment of the run, from its TOML file."""
         path = self.root / CONFIGURATION
         if not path.exists():
             raise UserError(f"{self.root}: no {CONFIGURATION}; legal: the folder of a run ({FORMAT})")
         return load_config(path, KEPT)
 
     def manifest(self) -> Manifest:
-        """Read the manifest, of this format or of that of version 0.4."""
+        """Return the content of the manifest. The format may be the one of today or the one of version 0.4."""
         path = self.root / MANIFEST
         again = "the command that began the run writes it again"
         if not path.exists():
@@ -159,23 +163,27 @@ class RunFolder:
 
     @property
     def is_earlier(self) -> bool:
-        """Whether version 0.4 wrote the run; False where there is no manifest that can be read."""
+        """Whether version 0.4 wrote the run. It is False if the manifest cannot be read."""
         try:
             return self.manifest().get("format") == EARLIER_FORMAT
         except UserError:
             return False
 
     def write_manifest(self, value: Manifest) -> None:
-        """Write the manifest, of this format."""
+        """Write the manifest, with the name of today's format added."""
         write_json(self.root / MANIFEST, {"format": FORMAT, **value})
 
     def write_part(self, number: int, identity: str, data: bytes) -> None:
-        """Write a part; its checksums tell where a power cut has emptied it."""
+        """Write the file of a part.
+
+        The content is not forced to the disk. If a power cut damages the file, its checksums reveal that when it is
+        read.
+        """
         with replacing(self._part(number, identity), sync=False) as temporary:
             temporary.write_bytes(data)
 
     def named_parts(self, numbers: Iterable[int], identity: str) -> dict[int, Path]:
-        """Find parts of a run by their names; path by number."""
+        """Return the paths of the parts that exist in the folder, by number, among the parts with the given numbers."""
         names = {path.name for path in self.parts.iterdir()} if self.parts.is_dir() else set()
         paths = {number: self._part(number, identity) for number in numbers}
         return {number: path for number, path in paths.items() if path.name in names}
@@ -184,13 +192,16 @@ class RunFolder:
         return self.parts / f"{number:06d}-{identity}.parquet"
 
     def remove_leftovers(self) -> None:
-        """Remove the temporary files of runs that were killed."""
+        """Remove the temporary files that killed processes have left in the folder."""
         for folder in (self.root, self.parts, self.root / "figures"):
             for path in folder.glob(f"{_TEMPORARY}[0-9]*-*"):
                 path.unlink(missing_ok=True)
 
     def assemble(self, parts: dict[int, Path], layout: Layout, rows: int) -> None:
-        """Write the finished tables from the parts, in the order of the cells, in one pass; `rows` are in them all."""
+        """Write the finished tables from the parts, in the order of the cells, reading each part once.
+
+        `rows` is the number of rows of all parts together. Tables are written as CSV too if it is not too large.
+        """
         with contextlib.ExitStack() as stack:
             writers = [
                 (table, stack.enter_context(table_writer(self.root / f"{name}.parquet", table.schema)))
@@ -207,11 +218,11 @@ class RunFolder:
                     pacsv.write_csv(self.read_table(f"{name}.parquet"), path)
 
     def tally(self) -> Tally:
-        """Count the rows of the finished table of cells by what became of them."""
+        """Return the number of rows of the table of cells by solver, status and reason."""
         return tally(read_row_groups(self.table_path("cells.parquet"), ["solver", "status", "reason"]))
 
     def table_path(self, name: str) -> Path:
-        """Return the path of a finished table."""
+        """Return the path of a finished table; a `UserError` if the table is missing or damaged."""
         path = (self.tables or self.root) / name
         try:
             pq.read_schema(path)
@@ -222,12 +233,15 @@ class RunFolder:
         return path
 
     def read_table(self, name: str) -> pa.Table:
-        """Read a finished table whole; for small ones."""
+        """Return a whole finished table, which must fit into the memory."""
         return pq.read_table(self.table_path(name))
 
 
 def part_bytes(rows: pa.Table) -> bytes:
-    """Return the rows of a chunk as the content of a part, without what is the same in every part."""
+    """Return the rows of a chunk of cells as the bytes of a part, a Parquet file with checksums.
+
+    Units and meanings of columns are left out, because they are the same in every part.
+    """
     bare = pa.schema([pa.field(field.name, field.type) for field in rows.schema])
     sink = pa.BufferOutputStream()
     pq.write_table(
@@ -242,7 +256,7 @@ def part_bytes(rows: pa.Table) -> bytes:
 
 
 def read_part(path: Path, layout: Layout) -> pa.Table:
-    """Read the rows of a part; a `UserError` where it is damaged."""
+    """Return the rows of a part; a `UserError` if its file is damaged."""
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             return file.read(use_threads=False).cast(layout.part_schema)
@@ -251,7 +265,7 @@ def read_part(path: Path, layout: Layout) -> pa.Table:
 
 
 def tally(tables: Iterable[pa.Table]) -> Tally:
-    """Count the rows of tables by solver, status and reason."""
+    """Return the number of rows of all tables together, by solver, status and reason."""
     counts: Tally = Counter()
     for table in tables:
         grouped = table.group_by(["solver", "status", "reason"], use_threads=False)
@@ -261,7 +275,7 @@ def tally(tables: Iterable[pa.Table]) -> Tally:
 
 
 def statuses_of(outcomes: Tally) -> dict[str, dict[str, int]]:
-    """Count every status by solver."""
+    """Return the number of rows by solver and status, from the numbers by solver, status and reason."""
     counts: dict[str, Counter[str]] = {}
     for (solver, status, _), n in outcomes.items():
         counts.setdefault(solver, Counter())[status] += n
@@ -269,7 +283,7 @@ def statuses_of(outcomes: Tally) -> dict[str, dict[str, int]]:
 
 
 def _row_groups(parts: Iterable[Path], layout: Layout) -> Iterator[pa.Table]:
-    """Read parts, as many at a time as make a row group of the tables."""
+    """Yield the rows of successive parts, joined until they are enough for a row group of the finished tables."""
     tables: list[pa.Table] = []
     for part in parts:
         tables.append(read_part(part, layout))
@@ -284,10 +298,11 @@ def _row_groups(parts: Iterable[Path], layout: Layout) -> Iterator[pa.Table]:
 def lock_for_writing(
     root: Path, config: Config, shard: tuple[int, int] = (1, 1)
 ) -> Generator[tuple[RunFolder, bool]]:
-    """Lock the folder of a run, or of a shard; yield it and whether it already holds a run of the experiment.
+    """Lock the folder of a run, or of one shard of it, while the block runs.
 
-    The lock is the operating system's, which frees it as soon as its process is gone. The experiment is written before
-    anything else that a run leaves behind: whatever ends the run, its folder is recognised.
+    Yield the folder, and whether it already holds a run of this experiment. The operating system frees the lock as soon
+    as the process is gone. In a new folder the experiment is written before any part, so that the folder can be
+    recognised even if the run is killed.
     """
     folder = RunFolder(root)
     lock = root / (_LOCK if shard == (1, 1) else f"{_LOCK}-{shard[0]}-of-{shard[1]}")
@@ -309,7 +324,7 @@ def lock_for_writing(
 
 @contextlib.contextmanager
 def _refuse_unusable(root: Path, option: str) -> Generator[None]:
-    """Turn what keeps the folder of an option from being read or written to into one line."""
+    """Turn an `OSError` of the block into a `UserError`, one line that names the folder's option and the cause."""
     try:
         yield
     except OSError as error:
@@ -319,20 +334,26 @@ def _refuse_unusable(root: Path, option: str) -> Generator[None]:
 
 
 def _names_in_folder(root: Path) -> list[str]:
-    """List the names in a folder, if it is there, but for files half-written: a command that is killed leaves them."""
+    """Return the sorted names in a folder; empty if there is no such folder.
+
+    Temporary files are not among them, because a killed command leaves them behind.
+    """
     names = (entry.name for entry in root.iterdir()) if root.exists() else ()
     return sorted(name for name in names if not name.startswith(_TEMPORARY))
 
 
 def _holds_same_run(folder: RunFolder, config: Config) -> bool:
-    """Return whether a folder holds a run of this experiment; a `UserError` where it holds anything else."""
+    """Return whether a folder holds a run of this experiment.
+
+    A folder that does not exist, or is empty, holds none. A `UserError` is raised if the folder holds anything else.
+    """
     root, entries = folder.root, _names_in_folder(folder.root)
     if CONFIGURATION in entries:
         check_continues(root)
         _check_same_experiment(folder, config)
         return True
     if MANIFEST in entries:
-        folder.manifest()  # one of another format is told as such
+        folder.manifest()  # raises a UserError if the manifest has another format
     foreign = [name for name in entries if not name.startswith(_LOCK) and name != "parts"]
     if foreign:
         raise UserError(f"--out {root}: not empty ({foreign[0]}) and not a run; legal: a new or empty folder")
@@ -340,7 +361,10 @@ def _holds_same_run(folder: RunFolder, config: Config) -> bool:
 
 
 def check_continues(root: Path) -> None:
-    """Refuse to continue the run in a folder if version 0.4 wrote it: its parts have other columns and words."""
+    """Raise a `UserError` if version 0.4 wrote the run in a folder.
+
+    Such a run cannot be continued, because its parts have other columns and words.
+    """
     if RunFolder(root).is_earlier:
         raise UserError(
             f"--out {root}: a run of version 0.4, which is not continued; legal: a new folder; "
@@ -349,7 +373,7 @@ def check_continues(root: Path) -> None:
 
 
 def _check_same_experiment(folder: RunFolder, config: Config) -> None:
-    """Refuse a folder that holds a run of another experiment; the error names the first key that differs."""
+    """Raise a `UserError`, which names the first key that differs, if a folder holds a run of another experiment."""
     stored = folder.config()
     if stored.identity() == config.identity():
         return
@@ -360,17 +384,17 @@ def _check_same_experiment(folder: RunFolder, config: Config) -> None:
 
 
 def tables_lock(folder: RunFolder) -> FileLock:
-    """Return the lock for writing the manifest or the tables; it is waited for."""
+    """Return the lock that a process must hold to write the manifest or the tables. Processes wait until it is free."""
     return FileLock(folder.root / f"{_LOCK}-tables")
 
 
 def presenting_lock(folder: RunFolder) -> FileLock:
-    """Return the lock for presenting the tables of a run; it is waited for."""
+    """Return the lock that a process must hold to write the report of a run. Processes wait until it is free."""
     return FileLock(folder.root / f"{_LOCK}-presenting")
 
 
 def is_written_to(root: Path) -> bool:
-    """Return whether a process writes to a folder now; locks that may not be opened are skipped."""
+    """Return whether a process holds a lock of a folder now. Locks that this process may not open are not counted."""
     for path in root.glob(f"{_LOCK}*"):
         try:
             with FileLock(path, timeout=0):
@@ -388,7 +412,7 @@ def continue_command(root: Path) -> str:
 
 
 def run_folder(root: Path) -> RunFolder:
-    """Return the folder of a run, or a `UserError` where there is none."""
+    """Return the folder of a run; a `UserError` if there is no such folder."""
     if not root.is_dir():
         what = "a file" if root.exists() else "no such folder"
         raise UserError(f"{root}: {what}; legal: the folder of a run")
@@ -397,7 +421,10 @@ def run_folder(root: Path) -> RunFolder:
 
 
 def finished_run(root: Path) -> RunFolder:
-    """Return the folder of a run whose tables are complete, or a `UserError`; its report may be missing."""
+    """Return the folder of a run whose tables are complete; a `UserError` if they are not.
+
+    The report of the run may be missing.
+    """
     folder = run_folder(root)
     if folder.manifest()["state"] not in FINISHED:
         raise UserError(f"{root}: the run is not finished; to continue: {continue_command(root)}")
@@ -405,7 +432,7 @@ def finished_run(root: Path) -> RunFolder:
 
 
 def finished_run_of_pairs(root: Path) -> RunFolder:
-    """Return the folder of a finished run of two balls, or a `UserError`."""
+    """Return the folder of a finished run of two balls; a `UserError` if the run is not finished or of another kind."""
     folder = finished_run(root)
     if (kind := folder.config().kind) != "pair":
         what = "chains of N balls" if kind == "chain" else "contact graphs"
@@ -414,7 +441,7 @@ def finished_run_of_pairs(root: Path) -> RunFolder:
 
 
 def check_writable(root: Path, option: str = "") -> None:
-    """Refuse a folder into which nothing can be written, before anything is computed for it."""
+    """Raise a `UserError` if nothing can be written into a folder. It is called before anything is computed for it."""
     if not os.access(root, os.W_OK):
         raise UserError(
             f"{option}{root}: the folder cannot be written to; legal: one that can, such as a copy"
@@ -422,7 +449,10 @@ def check_writable(root: Path, option: str = "") -> None:
 
 
 def new_folder(root: Path, option: str = "--out ") -> None:
-    """Make the folder of an option, of a command that does not continue what it finds: it must be new or empty."""
+    """Make the folder in which a command writes its results; a `UserError` if it exists and is not empty.
+
+    It is for commands that cannot continue earlier results. `option` is the command's option that names the folder.
+    """
     with _refuse_unusable(root, option):
         if _names_in_folder(root):
             raise UserError(f"{option}{root}: not empty; legal: a new or empty folder")
@@ -431,7 +461,10 @@ def new_folder(root: Path, option: str = "--out ") -> None:
 
 
 def cells_of_run(folder: RunFolder, config: Config) -> ExperimentCells:
-    """Return the cells of a finished run; those of a list as its table has them, wherever their file is now."""
+    """Return the cells of a finished run.
+
+    If the cells came from a file with a list, they are read from the run's table, because that file may be gone.
+    """
     if config.cells is None:
         return experiment_cells(config)
     path = folder.table_path("cells.parquet")

@@ -1,17 +1,18 @@
-"""Types of what pandas holds: pandas states none that code could be checked against."""
+"""Names for the types of tables, rows and values in annotations, mostly for pandas objects."""
 
 from __future__ import annotations
 
 from typing import Any
 
-#: A DataFrame or a Series. The annotations of pandas are too wide: any selection may be either.
+#: A DataFrame or a Series of pandas. It is `Any`, because by the annotations of pandas every selection from a DataFrame
+#: may be either, so that a type checker would reject correct code.
 Frame = Any
 
-#: A row of a DataFrame: a Series, or the named tuple that `itertuples` gives.
+#: A row of a DataFrame: a Series, or a named tuple from `DataFrame.itertuples`.
 FrameRow = Any
 
-#: A row of a table as plain values by column: a number, a text, a truth value, a list of these, or None.
+#: A row of a table as plain values by column. A value is a number, a text, a bool, a list of these, or None.
 Record = dict[str, Any]
 
-#: A value of an axis: a number, or a word such as an arrangement.
+#: A value of an axis of an experiment: a number, or a word such as the arrangement ``row``.
 AxisValue = float | str

@@ -1,4 +1,7 @@
-"""Columns of the tables that a run writes, with their units; a row is a cell and a solver."""
+"""Columns of the tables that a run writes, with their units and meanings.
+
+A row of a table holds the result of one solver in one cell. `measures.layout` chooses the columns of each table.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ import pyarrow.compute as pc
 
 from impact_xval.experiments.config.experiment import CellKind
 
-#: Type of the values of a column.
+#: Name of the type of a column's values. ``floats`` is a list of numbers, ``lists`` a list of such lists.
 ColumnType = Literal["int", "float", "text", "bool", "floats", "lists"]
 
 _ARROW_TYPES: dict[ColumnType, pa.DataType] = {
@@ -25,10 +28,11 @@ _ARROW_TYPES: dict[ColumnType, pa.DataType] = {
     "lists": pa.list_(pa.list_(pa.float64())),
 }
 
-#: Stands for the number of a ball or contact in the name and meaning of a column by ball or by contact.
+#: Placeholder in the name and the meaning of a column that a table has once for every ball or contact. The number of
+#: the ball or contact replaces it.
 _NUMBER = "{i}"
 
-#: A column may be in the tables of these kinds of cells only.
+#: Kinds of cells whose tables have a column: only pairs, balls in a line (pairs and chains), only graphs, or all.
 _PAIRS: tuple[CellKind, ...] = ("pair",)
 _LINES: tuple[CellKind, ...] = ("pair", "chain")
 _GRAPHS: tuple[CellKind, ...] = ("graph",)
@@ -37,9 +41,10 @@ _ALL: tuple[CellKind, ...] = ("pair", "chain", "graph")
 
 @dataclass(frozen=True, slots=True)
 class Counts:
-    """How many columns those by ball and by contact stand for.
+    """Number of balls and contacts in the tables of an experiment, and the directions of velocities.
 
-    A column by ball is one by ball and direction in a graph: its velocities have two components, x and z (up).
+    A column by ball stands for one column per ball. In a contact graph it stands for one per ball and direction,
+    because velocities there have the two components x and z (up).
     """
 
     balls: int
@@ -48,24 +53,24 @@ class Counts:
 
     @property
     def components(self) -> tuple[str, ...]:
-        """Names of the components of velocity, ball after ball: 1, 2, ... or 1x, 1z, 2x, ..."""
+        """Names of the components of velocity, ball after ball: 1, 2, ... or, in graphs, 1x, 1z, 2x, ..."""
         return tuple(f"{ball}{x}" for ball in range(1, 1 + self.balls) for x in self.directions)
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """Column of a table.
+    """Column of a table, or a template of several columns.
 
-    A column by ball or by contact stands for as many columns as a cell has balls or contacts: `expand_columns` gives
-    them.
+    A column by ball or by contact is a template: a table has such a column for every ball or contact.
+    `expand_columns` returns these columns.
     """
 
-    #: Name in the table; of a column by ball or by contact with ``{i}`` in place of the number.
+    #: Name in the table. In a template ``{i}`` stands in place of the number of the ball or contact.
     name: str
     type: ColumnType
-    #: Unit of the values; "-" is dimensionless.
+    #: Unit of the values; "-" for values without a dimension.
     unit: str
-    #: Sentence for a reader; with ``{i}`` as in the name.
+    #: What the values are, in words for a reader of the table. In a template ``{i}`` stands in place of the number.
     meaning: str
     #: Whether the table has the column once, or once for every ball or contact.
     per: Literal["row", "ball", "contact"] = "row"
@@ -73,7 +78,7 @@ class Column:
     kinds: tuple[CellKind, ...] = _ALL
 
     def expand(self, counts: Counts) -> tuple[Column, ...]:
-        """Return the columns that this one stands for, numbered from 1, in cells of so many balls and contacts."""
+        """Return the columns that this column stands for, numbered from 1; only itself if it is no template."""
         match self.per:
             case "row":
                 return (self,)
@@ -93,14 +98,14 @@ class Column:
         )
 
     def field(self) -> pa.Field:
-        """Return the field of an Arrow schema; unit and meaning are its metadata."""
+        """Return the column as a field of an Arrow schema, with its unit and meaning as metadata."""
         metadata: dict[str | bytes, str | bytes] = {"unit": self.unit, "meaning": self.meaning}
         return pa.field(self.name, _ARROW_TYPES[self.type], metadata=metadata)
 
 
 Columns = tuple[Column, ...]
 
-#: Parameters of a pair.
+#: Columns with the parameters of a pair, two balls on a table.
 PAIR_PARAMETERS: Columns = (
     Column("cell", "int", "-", "number of the cell in the grid, from 0"),
     Column("stiffness_ratio", "float", "-", "k2/k1"),
@@ -113,39 +118,55 @@ PAIR_PARAMETERS: Columns = (
     Column("k2", "float", "N/m", "stiffness, ball on table"),
     Column("v0", "float", "m/s", "velocity of B1 at first touch; up is positive"),
 )
-#: Parameters of a chain.
+#: Columns with the parameters of a chain, N balls in a line.
 CHAIN_PARAMETERS: Columns = (
     Column("cell", "int", "-", "number of the chain in the experiment, from 0"),
     Column("arrangement", "text", "-", "row, cradle, pile or stack"),
     Column("balls", "int", "-", "number of balls, N"),
-    Column("strike", "int", "-", "number of balls that strike the others; of a cradle only"),
-    Column("exponent", "float", "-", "p of the contacts, F = k delta^p"),
-    Column("mass_taper", "float", "-", "mass of every next ball over that of the last one"),
-    Column("stiffness_taper", "float", "-", "stiffness of every next contact over that of the last one"),
-    Column("gap", "float", "m", "of every contact but the struck one at first"),
+    Column(
+        "strike",
+        "int",
+        "-",
+        "number of balls that strike the others; null unless the arrangement is a cradle",
+    ),
+    Column("exponent", "float", "-", "exponent p of the contact force F = k delta^p at the depth delta"),
+    Column("mass_taper", "float", "-", "mass of each ball over the mass of the ball above it"),
+    Column(
+        "stiffness_taper",
+        "float",
+        "-",
+        "stiffness of each contact over the stiffness of the contact above it",
+    ),
+    Column("gap", "float", "m", "gap at first of every contact except the struck contact"),
     Column("e", "float", "-", "restitution of every contact"),
     Column("m1", "float", "kg", "mass of ball 1, at the top"),
     Column("k1", "float", "N/m^p", "stiffness of contact 1"),
-    Column("v0", "float", "m/s", "velocity of what strikes at first touch; up is positive"),
+    Column("v0", "float", "m/s", "velocity of the balls that strike, at first touch; up is positive"),
 )
-#: Parameters of a contact graph; those that a graph does not have are null.
+#: Columns with the parameters of a contact graph. A parameter is null in the rows of graphs that do not have it.
 GRAPH_PARAMETERS: Columns = (
     Column("cell", "int", "-", "number of the graph in the experiment, from 0"),
     Column("graph", "text", "-", "bernoulli, corner, bridge or rack"),
-    Column("stiffness_ratio", "float", "-", "k2/k1; of a bridge that of the table over that between balls"),
     Column(
-        "angle", "float", "degrees", "between the fall and each line of centres, or between normals of walls"
+        "stiffness_ratio",
+        "float",
+        "-",
+        "k2/k1; in a bridge k of contacts with the table over k between balls",
     ),
-    Column("mass_ratio", "float", "-", "m2/m1, of a bridge"),
-    Column("balls", "int", "-", "balls of a rack, without the one that strikes it"),
+    Column(
+        "angle",
+        "float",
+        "degrees",
+        "angle between the fall and each line of centres; in a corner, between the normals of the walls",
+    ),
+    Column("mass_ratio", "float", "-", "m2/m1; null unless the graph is a bridge"),
+    Column("balls", "int", "-", "number of balls of a rack, without the ball that strikes it"),
     Column("e", "float", "-", "restitution of every contact"),
     Column("m1", "float", "kg", "mass of ball 1"),
     Column("k1", "float", "N/m", "stiffness of contact 1"),
-    Column(
-        "v0", "float", "m/s", "its size is the speed of ball 1 at first touch; in a corner the speed along x"
-    ),
+    Column("v0", "float", "m/s", "|v0| is the speed of ball 1 at first touch; in a corner its speed along x"),
 )
-#: Solver of a row, and whether it has a result.
+#: Columns that name the solver of a row and say whether it has a result.
 SOLVER_AND_STATUS: Columns = (
     Column("solver", "text", "-", "name of the solver"),
     Column("status", "text", "-", "ok, closed-form, or why there is no result"),
@@ -153,27 +174,27 @@ SOLVER_AND_STATUS: Columns = (
         "marked",
         "text",
         "-",
-        "which jump of the solver's exact law or of the model is so near, or which cut-off, that the row "
-        "counts in no statistic; null if none",
+        "why no statistic counts the row: which jump of the model or of the solver's exact law is near, or which "
+        "cut-off decides; null if nothing does",
     ),
-    Column("reason", "text", "-", "one sentence where the status is not ok"),
+    Column("reason", "text", "-", "why the status is what it is, in one sentence; null if the status is ok"),
     Column(
         "differences",
         "text",
         "-",
-        "what an engine says it uses instead of what it was asked for; null if nothing",
+        "settings that an engine uses, as it says, instead of those it was asked for; null if there are none",
     ),
 )
-#: How far an outcome is from its own mirror image.
+#: Column with the distance between an outcome in a symmetric scene and the mirror image of this outcome.
 ASYMMETRY = Column(
     "asymmetry",
     "float",
     "-",
-    "largest difference between a velocity and the mirrored one of the body's mirror image, per |v0|; null where the "
-    "scene is not symmetric",
+    "largest difference between a body's velocity and the mirrored velocity of the body's mirror image, per |v0|; null "
+    "where the scene is not symmetric",
     kinds=_GRAPHS,
 )
-#: Outcome of the collision.
+#: Columns with the outcome of the collision.
 OUTCOME: Columns = (
     Column("v{i}", "float", "m/s", "velocity of ball {i} when the collision is over", per="ball"),
     Column("impulse{i}", "float", "N s", "total impulse of contact {i}", per="contact"),
@@ -181,51 +202,56 @@ OUTCOME: Columns = (
         "states",
         "text",
         "-",
-        "state sequence, separated by spaces; an engine's without states held too briefly",
+        "sequence of states, separated by spaces; engines leave out states that last too briefly",
         kinds=_PAIRS,
     ),
     Column(
         "states_compared",
         "text",
         "-",
-        "state sequence without states held too briefly, for any solver",
+        "sequence of states that is compared: states that last too briefly are left out for every solver",
         kinds=_PAIRS,
     ),
-    Column("n_states", "int", "-", "length of the state sequence", kinds=_LINES),
-    Column("n_events", "int", "-", "number of events", kinds=_LINES),
+    Column("n_states", "int", "-", "number of states in the sequence", kinds=_LINES),
+    Column(
+        "n_events", "int", "-", "number of events, such as the end of a contact's compression", kinds=_LINES
+    ),
     Column(
         "grazing_margin",
         "float",
         "-",
-        "smallest compression rate at a turning point, per amplitude of that rate, up to 0.05; a jump of "
-        "the model is at 0; infinite: none is near",
+        "smallest rate of compression at a turning point over the amplitude of that rate, if at most 0.05, else "
+        "infinite; the model's outcome jumps where it is 0",
         kinds=_LINES,
     ),
-    Column("retained_energy", "float", "-", "kinetic energy after over before"),
     Column(
-        "retained_momentum",
-        "float",
-        "-",
-        "sum of m_i v_i after over that before, up is positive: negative if falling balls leave a table "
-        "upwards (before: m1 v0 < 0); 1 without a table",
-        kinds=_LINES,
+        "retained_energy", "float", "-", "kinetic energy after the collision over the kinetic energy before"
     ),
     Column(
         "retained_momentum",
         "float",
         "-",
-        "component along the momentum before of that after, over it; null where a fixed body takes momentum",
+        "sum of m_i v_i after the collision over the same sum before; negative if balls that fell on a table leave it "
+        "upwards, 1 without a table",
+        kinds=_LINES,
+    ),
+    Column(
+        "retained_momentum",
+        "float",
+        "-",
+        "component of the momentum after along the momentum before, over the momentum before; null if a fixed "
+        "body takes part",
         kinds=_GRAPHS,
     ),
     ASYMMETRY,
     Column("step", "float", "s", "time step"),
     Column("n_steps", "int", "-", "number of time steps"),
-    Column("duration", "float", "s", "from first touch to the end of the collision"),
+    Column("duration", "float", "s", "time from first touch to the end of the collision"),
     Column(
         "velocity_error",
         "float",
         "-",
-        "error of a reference's velocities, per |v0|, as it states it; null if exact",
+        "error that an exact solver states for its velocities, per |v0|; null if there is none but rounding",
     ),
     Column(
         "gravity_number",
@@ -235,48 +261,61 @@ OUTCOME: Columns = (
         kinds=_PAIRS,
     ),
 )
-#: Limit of an engine's velocities at a time step of zero, and its error.
+#: Columns with the limit of an engine's velocities at a time step of zero, and the error of the limit.
 LIMIT: Columns = (
     Column(
         "v{i}_limit",
         "float",
         "-",
-        "velocity of ball {i} per |v0|, extrapolated to a step of 0; engines only",
+        "velocity of ball {i} per |v0|, extrapolated to a time step of 0; engines only",
         per="ball",
     ),
     Column(
         "limit_error",
         "float",
         "-",
-        "estimated error of these velocities as those of the contacts asked for (naive mapping: of its own)",
+        "estimated error of these limits, per |v0|, as a solution with the contacts asked for (naive mapping: "
+        "with the engine's own contacts)",
     ),
     Column(
         "limit_distance",
         "float",
         "-",
-        "their largest distance from the exact solver of the law the engine was asked for; null without "
-        "that solver, and with the naive mapping",
+        "largest distance of these limits, per |v0|, from the exact solver of the law the engine was asked for; null "
+        "without that solver, and with the naive mapping",
     ),
     Column(
         "regularisation",
         "float",
         "-",
-        "the part of limit_error that no step removes: the engine's own doing",
+        "the part of limit_error that no time step removes, because the engine softens its contacts by itself",
     ),
-    Column("order", "float", "-", "order in the step with which the velocities approach the limit, fitted"),
-    Column("finest_step", "float", "s", "the shortest time step that went into the limit"),
+    Column(
+        "order",
+        "float",
+        "-",
+        "fitted order: the power of the time step with which velocities approach the limit",
+    ),
+    Column("finest_step", "float", "s", "shortest time step that was used to find the limit"),
 )
-#: Measures of the divergence of a solver from the model.
+#: Columns with the measures of a solver's divergence from the model.
 MEASURES: Columns = (
-    Column("velocity_divergence", "float", "-", "D = sqrt(sum m_i dv_i^2/sum m_i v_i0^2)"),
-    Column("dv{i}", "float", "-", "solver minus model, per |v0|", per="ball"),
-    Column("dimpulse{i}", "float", "-", "solver minus model, per m1 |v0|", per="contact"),
+    Column(
+        "velocity_divergence",
+        "float",
+        "-",
+        "D = sqrt(sum m_i dv_i^2/sum m_i v_i0^2), v_i0 before the collision",
+    ),
+    Column("dv{i}", "float", "-", "velocity of ball {i}, solver minus model, per |v0|", per="ball"),
+    Column(
+        "dimpulse{i}", "float", "-", "impulse of contact {i}, solver minus model, per m1 |v0|", per="contact"
+    ),
     Column("largest_dv", "float", "-", "largest |dv_i|"),
     Column(
         "dretained_energy",
         "float",
         "-",
-        "difference of the retained energy fractions, solver minus model",
+        "retained energy, solver minus model",
     ),
     Column(
         "states_equal",
@@ -289,27 +328,27 @@ MEASURES: Columns = (
         "states_differ_at",
         "int",
         "-",
-        "position, from 1, of the first state that differs; null if equal",
+        "position, from 1, of the first state that differs between the two; null if they are equal",
         kinds=_PAIRS,
     ),
     Column(
         "states_edit_distance",
         "int",
         "-",
-        "insertions, deletions and substitutions between the two",
+        "least number of insertions, deletions and substitutions that turn one sequence into the other",
         kinds=_PAIRS,
     ),
     Column(
         "impulse_curve_distance",
         "float",
         "-",
-        "symmetric Hausdorff distance of the impulse curves, per m1 |v0|",
+        "symmetric Hausdorff distance between the two impulse curves, per m1 |v0|",
         kinds=_PAIRS,
     ),
 )
-#: Results of the model in the same cell.
+#: Columns with the model's results in the cell of the row.
 MODEL: Columns = (
-    Column("model_states", "text", "-", "state sequence of the state-transition model", kinds=_PAIRS),
+    Column("model_states", "text", "-", "sequence of states of the state-transition model", kinds=_PAIRS),
     Column(
         "model_states_compared",
         "text",
@@ -326,14 +365,14 @@ MODEL: Columns = (
 
 @dataclass(frozen=True, eq=False)
 class TableSpec:
-    """A table of a run: its columns, and which columns and rows of the parts it is made of."""
+    """Description of a table of a run: its columns, and the columns and rows of the parts that it is made of."""
 
     columns: Columns
-    #: For each column the name of the column of a part that holds its values.
+    #: For each column, the name of the column in the parts that holds its values.
     source: tuple[str, ...]
-    #: Condition for the rows of a part that the table has; None: all of them.
+    #: Condition that a row of a part fulfils if the table has it; None if the table has all rows.
     keep: pc.Expression | None = None
-    #: Whether the table is written as CSV too.
+    #: Whether the table is written as a CSV file too.
     csv: bool = True
 
     @cached_property
@@ -342,9 +381,10 @@ class TableSpec:
         return arrow_schema(self.columns)
 
     def select(self, rows: pa.Table) -> pa.Table:
-        """Select the rows of the table from rows of parts.
+        """Return the table that some rows of parts make up.
 
-        The table is empty where parts lack a column of it: in a run without engines they have no ladders.
+        The table is empty if the parts lack one of its columns. So the table ``ladder``, which is about engines, is
+        empty in a run without engines.
         """
         if not set(self.source) <= set(rows.column_names):
             return self.schema.empty_table()
@@ -354,15 +394,15 @@ class TableSpec:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layout:
-    """Columns of the parts and tables of an experiment."""
+    """Columns of the tables of an experiment, and of the parts from which the tables are put together."""
 
-    #: What every cell is.
+    #: What every cell is: a pair, a chain or a graph.
     kind: CellKind
-    #: Largest numbers of balls and contacts of a cell.
+    #: Largest number of balls, and of contacts, that a cell has.
     counts: Counts
-    #: Schema of a part, with all columns of all tables: a row is a cell and a solver.
+    #: Arrow schema of a part, with the columns of all tables. A row holds the result of one solver in one cell.
     part_schema: pa.Schema
-    #: Tables by their names, without suffix.
+    #: Tables by the names of their files without suffix.
     tables: dict[str, TableSpec]
 
     @property
@@ -372,7 +412,7 @@ class Layout:
 
 
 def expand_columns(columns: Iterable[Column], counts: Counts) -> Columns:
-    """Return columns with each column by ball or by contact replaced by the columns that it stands for."""
+    """Return columns, where each column by ball or by contact is replaced by the columns that it stands for."""
     return tuple(single for column in columns for single in column.expand(counts))
 
 
@@ -382,13 +422,13 @@ def names_of(columns: Iterable[Column]) -> tuple[str, ...]:
 
 
 def pick(columns: Iterable[Column], names: Iterable[str]) -> Columns:
-    """Return the columns of these names, in the order of the names."""
+    """Return the columns that have the given names, in the order of the names."""
     by_name = {column.name: column for column in columns}
     return tuple(by_name[name] for name in names)
 
 
 def union(*groups: Iterable[Column]) -> Columns:
-    """Return the columns of several groups, each name once, where it comes first."""
+    """Return the columns of several groups in sequence. Of columns with the same name only the first is kept."""
     by_name: dict[str, Column] = {}
     for group in groups:
         for column in group:
@@ -397,12 +437,12 @@ def union(*groups: Iterable[Column]) -> Columns:
 
 
 def arrow_schema(columns: Iterable[Column]) -> pa.Schema:
-    """Return the Arrow schema of a table of these columns."""
+    """Return the Arrow schema of a table with the given columns."""
     return pa.schema([column.field() for column in columns])
 
 
 def to_table(columns: Mapping[str, np.ndarray], n: int, schema: pa.Schema) -> pa.Table:
-    """Make a table from arrays by name, shape (n,).
+    """Return a table with the given schema, whose columns are arrays of shape (n,) by name.
 
     NaN, None and an empty text become nulls; a column without an array holds nulls only.
     """
