@@ -17,9 +17,9 @@ from impact_xval.experiments.tables.numbers import number, percent
 class Value:
     """A number of a run in a sentence. On a page its tooltip says where the number comes from.
 
-    `key` is the text of the tooltip. It names a place in ``summary.csv``, such as ``mujoco velocity_divergence median``,
-    or says how the number was derived. `digits` is the number of significant digits shown; with 0 the number is shown
-    as a percentage.
+    `key` is the text of the tooltip. It names a place in ``summary.csv``, such as ``mujoco velocity_divergence
+    median``, or says how the number was derived. `digits` is the number of significant digits shown. With 0 the number
+    is shown as a percentage.
     """
 
     value: float

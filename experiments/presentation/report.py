@@ -1,6 +1,6 @@
 """Writers of the report of a run: statistics as CSV and LaTeX, figures, and one self-contained HTML page.
 
-They need the folder of a finished run. The commands `run`, `report` and `merge` call them.
+They need the folder of a finished run. The commands `run` and `report` call them.
 """
 
 from __future__ import annotations

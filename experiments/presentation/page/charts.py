@@ -70,8 +70,8 @@ class Tiles:
 
     Tiles without a cell are left out. `places` has one row per tile: its position ``across`` and ``above``, the labels
     of its ``column`` and ``row``, and the ``cell`` that it opens. That is the unmarked cell with the largest D by any
-    solver, or a marked cell if the tile has no other. `medians` has one row per tile and one column per compared solver:
-    the median D of the unmarked cells, NaN where nothing was compared.
+    solver, or a marked cell if the tile has no other. `medians` has one row per tile and one column per compared
+    solver: the median D of the unmarked cells, NaN where nothing was compared.
     """
 
     along: str

@@ -90,8 +90,8 @@ def pack_cells(folder: RunFolder, cells: Sequence[int]) -> str:
 def collect_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, CellContents]:
     """Return the contents of cells of a run, by number of the cell.
 
-    Only exact solvers have impulse curves, because they are solved again. Other solvers have the final impulses that the
-    tables of the run hold.
+    Only exact solvers have impulse curves, because they are solved again. Other solvers have the final impulses that
+    the tables of the run hold.
     """
     config = folder.config()
     pair, axes = config.kind == "pair", AXES_OF[config.kind]
