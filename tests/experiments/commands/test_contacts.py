@@ -138,7 +138,7 @@ def test_three_bodies_and_a_step_are_one_answer(command):
 def test_negative_numbers_after_solref_are_numbers(command):
     text = command("contact --masses 1 inf --solref -1e4 -20 --solimp .5 .5 --engine mujoco")
     assert text.startswith(
-        "The engine reads solref -10000 -20 and solimp 0.5 0.5 0.001 0.5 2. For these masses that is:"
+        "The engine reads solref -10000 -20 and solimp 0.5 0.5 0.001 0.5 2. For these masses they mean:"
     )
     assert "k = 10000 N/m, c = 20 N s/m, damping ratio 0.1, reduced mass 1 kg" in text
     assert "\ndepth at rest 0.0004905 m, " in text  # (1 - d) g/stiffness
