@@ -160,8 +160,8 @@ def _drop_blocks(
     return [
         Table(header, rows, caption),
         *says,
-        f"The drops ({counts}) touch at different instants within a step. Drops with four shorter steps are within this "
-        f"error too. {takes} {steps} steps.",
+        f"The drops ({counts}) touch at different instants within a step. Drops with four shorter steps are within "
+        f"this error too. {takes} {steps} steps.",
     ]
 
 
@@ -206,8 +206,8 @@ def impact_blocks(
         rows.append((f"{engine}, the lines above at {run.step:.6g} s", *ranges, divergence(middle)))
     floor = "is fixed" if len(moving) == 2 else "is at rest"
     caption = (
-        f"All three bodies at the same time: A strikes B at {pairs[0].speed:.6g} m/s, B touches C, and C {floor}. There is no "
-        "gravity.\nVelocities after the impact in m/s, positive away from C:"
+        f"All three bodies at the same time: A strikes B at {pairs[0].speed:.6g} m/s, B touches C, and C {floor}. "
+        "There is no gravity.\nVelocities after the impact in m/s, positive away from C:"
     )
     return [
         Table(("", *(f"v of {body}" for body in moving), "D"), rows, caption),
@@ -327,8 +327,8 @@ def _caption_of_what_to_write(has_readings: bool, has_advice: bool) -> str:
     pair = f'<pair geom1="A" geom2="B" solimp="{_FORCE_LEVEL}" .../>'
     if has_readings and has_advice:
         return (
-            f"What to write for another contact. Rows with a condim: {pair}. Rows without a condim: a new solref in place "
-            "of the old one"
+            f"What to write for another contact. Rows with a condim: {pair}. Rows without a condim: a new solref in "
+            "place of the old one"
         )
     return f"What to write for another contact: {pair if has_readings else 'a new solref in place of the old one'}"
 

@@ -16,7 +16,7 @@ from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.errors import is_table
 from impact_xval.experiments.config.experiment import AXES_OF, NOUN_OF, REFERENCE
 from impact_xval.experiments.measures.aggregates import FULL_PATHS, OWN_LAW
-from impact_xval.experiments.measures.ladder import cancelling_pair
+from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, cancelling_pair
 from impact_xval.experiments.measures.summary import HONEST, Summary, load_divergence
 from impact_xval.experiments.presentation import findings, words
 from impact_xval.experiments.presentation.document import (
@@ -222,10 +222,10 @@ def _numbers_to_remember(summary: Summary) -> Iterator[tuple[Value | str, str]]:
         causes = findings.cause_shares(summary.ladder, name)
         if causes and cancelling_pair(summary.ladder.region(name).share) is None:
             cause, share = next(iter(causes.items()))
-            label = findings.LABELS[cause]
+            (phrase,) = (c.phrase for c in CONTRIBUTIONS if c.name == cause)
             yield (
                 share,
-                f"of the mean D of {display_name(name)} comes from one cause, {label}. Regions of the grid differ",
+                f"of the mean D of {display_name(name)} comes from {phrase}. This share differs by region",
             )
 
 
@@ -325,8 +325,8 @@ def _describe_extremes(summary: Summary, name: str, axis: str) -> str:
 def _describe_state_order(summary: Summary, name: str) -> Markup:
     """Say how often a solver has the same sequence of contact states as the model, and as its own contact law."""
     sentence = fill_sentence(
-        "{solver} has the same sequence of contact states as the model in {equal} of the {n} {cells} in which the "
-        "model is no closed form",
+        "{solver} has the same sequence of contact states as the model in {equal} of the {n} {cells} that the model "
+        "solves without the closed form of a limiting case (such as e = 0)",
         solver=display_name(name),
         cells=findings.count_noun(statistic_value(summary, name, "n", FULL_PATHS).value, "cells"),
         equal=statistic_value(summary, name, "mean", FULL_PATHS),

@@ -41,7 +41,9 @@ _LABELS = {
     FULL_PATHS: "share of cells with the model's states (-)",
 }
 _SIDE = "The solvers are drawn side by side."
-_MEDIANS = f"Markers are medians over all other axes, bars reach from the 5th to the 95th percentile. {_SIDE}"
+_MEDIANS = (
+    f"Markers are medians over all other axes, and bars reach from the 5th to the 95th percentile. {_SIDE}"
+)
 
 #: Labels of the axes of the figures, by name of the axis.
 _AXIS_LABELS = {
@@ -65,7 +67,8 @@ _CAPTIONS = {
     f"{number(_FLOOR)}. {LEFT_OUT} {{votes}}",
     FULL_PATHS: "Share of cells in which a solver has the same sequence of contact states as the model, over {over}. "
     "The states are S1 (both contacts active), S2 (ball on table), S3 (ball on ball) and S4 (none). Only cells count "
-    f"in which the model is no closed form of a limiting case. {_SIDE} {LEFT_OUT}",
+    "that the model solves without the closed form of a limiting case (such as e = 0). "
+    f"{_SIDE} {LEFT_OUT}",
 }
 
 

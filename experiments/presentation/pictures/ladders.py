@@ -186,8 +186,8 @@ def _trust_caption(trust: Frame, engines: Sequence[str]) -> str:
         said += f", and the most frequent largest cause is {labels[0]}." if labels else "."
     return (
         "Trust maps: how far each engine is from the model, over stiffness ratio k2/k1 and mass ratio m2/m1. A field "
-        f"of a map holds the cells of all restitutions (at most {trust.cells.max()}). Left: the median D of the field, "
-        f"as a level of {first} %, {second} %, {third} % or more. Middle: the largest D of the field, as such a level. "
+        f"of a map holds the cells of all restitutions (at most {trust.cells.max()}). Left: whether the median D of "
+        f"the field is within {first} %, {second} %, {third} % or above. Middle: the same for the largest D. "
         f"Right: the cause with the largest part of D, summed over the cells with D above {first} % (docs/ladder.md). "
         f"The field is grey if no D is above {first} %. White fields have nothing to compare.{said} {LEFT_OUT}"
     )
