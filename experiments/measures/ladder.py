@@ -70,20 +70,20 @@ class Contribution:
     needs_gravity: bool = False
 
 
-_ENGINE_LAW = "kelvin-voigt in the scenario of the run"
-_LIMIT = "the engine in the limit dt -> 0"
-_RUN = "the engine at the step it was run with"
+_ENGINE_LAW = "the exact solution of the engine's own contact law, in the scenario of the run"
+_LIMIT = "the engine, extrapolated to a time step of zero"
+_RUN = "the engine at the time step of the run"
 
 #: All contributions in their order, the causes first and in the order of the switches of `corners`. A cell has either
-#: the last contribution or the two before it. Where a text says kelvin-voigt, an engine of another law has its own.
+#: the last contribution or the two before it.
 CONTRIBUTIONS = (
     Contribution(
         name="frozen_positions",
         label="frozen positions",
         phrase="frozen positions (bodies do not move during the collision in the model)",
         color="#332288",
-        before="contacts that return when their bodies approach",
-        after="contacts that return when their gap has closed",
+        before="a contact acts again as soon as its bodies approach",
+        after="a contact acts again when the gap between its bodies has closed",
         is_cause=True,
     ),
     Contribution(
@@ -91,8 +91,8 @@ CONTRIBUTIONS = (
         label="dissipation law",
         phrase="the dissipation law (contacts lose energy in another way than in the model)",
         color="#DDCC77",
-        before="energetic restitution",
-        after="the law the engine was asked for (spring and dashpot, kelvin-voigt)",
+        before="energetic restitution, the model's law",
+        after="the engine's own contact law (in most engines springs with dashpots)",
         is_cause=True,
     ),
     Contribution(
@@ -101,7 +101,7 @@ CONTRIBUTIONS = (
         phrase="gravity (which the model leaves out)",
         color="#88CCEE",
         before="no gravity",
-        after="gravity as in the scenario of the run, B2 in static equilibrium",
+        after="gravity of the scenario, with B2 in static equilibrium at the start",
         is_cause=True,
         needs_gravity=True,
     ),
