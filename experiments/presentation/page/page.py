@@ -61,9 +61,9 @@ _REASONS = 10
 #: Text of the section on the limiting cases of the model.
 _HYPOTHESIS = Markup(
     "The model has a limiting case if one contact is infinitely stiffer than the other: the two bodies of the stiff "
-    "contact then move as one. Whether other solvers have the same limiting case, and how fast they come near to it, "
-    "needs other collisions than these. The command <code>impact-xval hypothesis</code> solves them, and writes a page "
-    "with a verdict for every limiting case and solver."
+    "contact then move as one. Other collisions than these show whether other solvers have the same limiting case, and "
+    "how fast they come near to it. The command <code>impact-xval hypothesis</code> solves such collisions, and writes "
+    "a page with a verdict for every limiting case and solver."
 )
 
 #: Sentences about the contact laws that most runs have, by the name of the solver.
