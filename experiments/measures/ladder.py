@@ -70,7 +70,7 @@ class Contribution:
 
     name: str
     label: str
-    #: Words that name the contribution in a sentence, after "from the model, most of it by".
+    #: Words for a sentence about an engine, after "comes from".
     phrase: str
     #: Colour in figures, from Paul Tol's muted palette. No solver has one of these colours.
     color: str
@@ -85,46 +85,45 @@ class Contribution:
     needs_gravity: bool = False
 
 
-_ENGINE_LAW = "kelvin-voigt in the scenario of the run"
-_LIMIT = "the engine in the limit dt -> 0"
-_RUN = "the engine at the step it was run with"
+_ENGINE_LAW = "the exact solution of the engine's own contact law, in the scenario of the run"
+_LIMIT = "the engine, extrapolated to a time step of zero"
+_RUN = "the engine at the time step of the run"
 
-#: All contributions, the causes first and in the order of the switches of `corners`. A cell has either the last
-#: contribution, or the two before it. The texts name the law kelvin-voigt; for an engine that was asked for another law
-#: they mean that law.
+#: All contributions in their order, the causes first and in the order of the switches of `corners`. A cell has either
+#: the last contribution or the two before it.
 CONTRIBUTIONS = (
     Contribution(
         name="frozen_positions",
         label="frozen positions",
-        phrase="frozen positions",
+        phrase="frozen positions (bodies do not move during the collision in the model)",
         color="#332288",
-        before="contacts that return when their bodies approach",
-        after="contacts that return when their gap has closed",
+        before="a contact acts again as soon as its bodies approach",
+        after="a contact acts again when the gap between its bodies has closed",
         is_cause=True,
     ),
     Contribution(
         name="dissipation_law",
         label="dissipation law",
-        phrase="the dissipation law",
+        phrase="the dissipation law (contacts lose energy in another way than in the model)",
         color="#DDCC77",
-        before="energetic restitution",
-        after="the law the engine was asked for (spring and dashpot, kelvin-voigt)",
+        before="energetic restitution, the model's law",
+        after="the engine's own contact law (in most engines springs with dashpots)",
         is_cause=True,
     ),
     Contribution(
         name="gravity",
         label="gravity",
-        phrase="gravity",
+        phrase="gravity (which the model leaves out)",
         color="#88CCEE",
         before="no gravity",
-        after="gravity as in the scenario of the run, B2 in static equilibrium",
+        after="gravity of the scenario, with B2 in static equilibrium at the start",
         is_cause=True,
         needs_gravity=True,
     ),
     Contribution(
         name="mapping",
         label="regularisation and mapping",
-        phrase="its regularisation and mapping",
+        phrase="its regularisation and mapping (how it softens contacts and takes parameters)",
         color="#AA4499",
         before=_ENGINE_LAW,
         after=_LIMIT,
@@ -140,7 +139,7 @@ CONTRIBUTIONS = (
     Contribution(
         name="engine",
         label="mapping and time step",
-        phrase="its mapping and time step, not separated",
+        phrase="its mapping and time step together",
         color="#117733",
         before=_ENGINE_LAW,
         after=_RUN,
@@ -432,12 +431,10 @@ class SentencePart(NamedTuple):
 
     @property
     def percent(self) -> str:
-        """The share in per cent, with its range over the orders of the causes if the range is wide enough to matter."""
+        """Text of the share, followed by its range over the orders of the causes if the range is wide."""
         text = f"{100 * self.share:.3g} %"
         return (
-            f"{text}, by order {format_share_range(self.low, self.high)}"
-            if self.high - self.low >= _WIDE
-            else text
+            f"{text} ({format_share_range(self.low, self.high)})" if self.high - self.low >= _WIDE else text
         )
 
 
@@ -447,28 +444,33 @@ def format_share_range(low: float, high: float) -> str:
 
 
 def sentence(solver: str, divergence: float, parts: Sequence[SentencePart], agreed: bool = True) -> str:
-    """Write in one sentence which contributions make up most of an engine's divergence D from the model.
+    """Return the sentences that name the largest contributions to a divergence.
 
-    `agreed` says whether the same contribution has the largest share in every order of the causes.
+    `agreed` says that the same contribution is the largest for every order of the causes.
     """
     if divergence < NOTHING:
-        return f"{solver} ends where the model does (D = {divergence:.1g}): there is nothing to split."
+        return f"{solver} ends where the model does (D = {divergence:.1g}), so there is no difference to explain."
     pair = cancelling_pair([part.share for part in parts])
     if pair is not None:
-        larger, smaller = (f"{parts[i].phrase} (norm {parts[i].norm:.3g})" for i in pair)
-        cancel = f"two large causes cancel: {larger} and {smaller}"
-        return f"{solver} ends D = {divergence:.3g} from the model, where {cancel}."
+        larger, smaller = (f"{parts[i].phrase}, of size {parts[i].norm:.3g}" for i in pair)
+        return (
+            f"{solver} ends D = {divergence:.3g} from the model. Two larger causes nearly cancel: {larger}, and "
+            f"{smaller} (sizes are measured like D)."
+        )
     first, *rest = sorted(parts, key=lambda part: -part.share)
     sure = first.low if np.isfinite(first.low) else first.share
-    how_much = "most of it" if sure > 0.5 else "the largest part of it"
-    how_much += "" if agreed else " (another by another order)"
-    text = (
-        f"{solver} ends D = {divergence:.3g} from the model, {how_much} by {first.phrase} "
-        f"({first.percent}, norm {first.norm:.3g})"
-    )
+    how_much = "Most of it" if sure > 0.5 else "The largest part of it"
+    text = f"{solver} ends D = {divergence:.3g} from the model. {how_much} comes from {first.phrase}: {first.percent}."
+    if not agreed:
+        text += " In another order of the causes, another cause is the largest."
     second = max(rest, key=lambda part: abs(part.share))
+    shown = [first.percent]
     if second.share <= -_MENTIONED:
-        return f"{text}, taken back in part by {second.phrase} ({second.percent}, norm {second.norm:.3g})."
-    if second.share >= _MENTIONED:
-        return f"{text}, then by {second.phrase} ({second.percent})."
-    return f"{text}."
+        text += f" A part of it is undone by {second.phrase}: {second.percent}."
+        shown.append(second.percent)
+    elif second.share >= _MENTIONED:
+        text += f" The next largest cause is {second.phrase}: {second.percent}."
+        shown.append(second.percent)
+    if any("(" in percent for percent in shown):
+        text += " Brackets: range over all orders in which causes can be switched on."
+    return text

@@ -1,4 +1,8 @@
-"""Contacts in words and tables: one contact for an engine, and the contacts of a MuJoCo scene."""
+"""Text and tables about contacts: one contact for an engine, and the contacts of a MuJoCo scene.
+
+They need measured contacts of `single_contact`, `three_bodies` or `inspect_mujoco`. The commands `contact` and
+`inspect` call them.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +25,7 @@ from impact_xval.experiments.tables.numbers import number
 from impact_xval.model.kinetic import kinetic_norm
 from impact_xval.model.materials import MaterialContact
 
-if TYPE_CHECKING:  # the package imports MuJoCo
+if TYPE_CHECKING:  # the imported package needs MuJoCo
     from impact_xval.compliant_baselines.inspect_mujoco import (
         Examination,
         ExaminedContact,
@@ -32,7 +36,7 @@ if TYPE_CHECKING:  # the package imports MuJoCo
     from impact_xval.compliant_baselines.inspect_mujoco.readings import RatioAdvice, Reading
 
 
-#: Names of the bodies from the top down, as the text to paste calls them.
+#: Names of the bodies from the top down, as in the text to paste.
 _BODIES = "ABC"
 
 
@@ -43,25 +47,27 @@ def contact_blocks(
     tolerance: float = TOLERANCE,
     given_step: float | None = None,
 ) -> list[Block]:
-    """Lay out one contact, or two of three bodies: numbers, lines to paste, and the results of drops.
+    """Return text and tables about one contact, or about the two contacts of three bodies.
+
+    They show the numbers of the contacts, the lines to paste into a scene of the engine, and the results of drops.
 
     Parameters
     ----------
     engine
         The engine.
     verified
-        The contacts, all of them dropped at one step.
+        The contacts, whose drops all have the same time step.
     touch
-        What the pair was made of, if of materials.
+        The contact of two materials that the pair stands for, if there is one.
     tolerance
         Allowed relative error of restitution and duration.
     given_step
-        The time step in s, if it was given and the stiffness was looked for.
+        The time step in s, if it was given and the stiffness was searched.
 
     Raises
     ------
     SolverError
-        If the engine does not take a contact.
+        If the engine cannot represent a contact.
     """
     pairs, step = [contact.pair for contact in verified], verified[0].drops.step
     blocks: list[Block] = []
@@ -77,39 +83,39 @@ def contact_blocks(
 
 
 def _name_of_contact(i: int) -> str:
-    """Name contact i, from 0, by its bodies."""
+    """Return the name of contact i, which counts from 0, such as ``A on B``."""
     return f"{_BODIES[i]} on {_BODIES[i + 1]}"
 
 
 def _describe_numbers(pair: Pair, prefix: str) -> list[str]:
-    """Say what contact a pair has, and how deep it goes."""
+    """Return lines with the numbers of a pair's contact, and with its depths."""
     c, lines = pair.contact, []
     if pair.solref is not None:
         solref, solimp = (" ".join(f"{value:g}" for value in values) for values in pair.solref)
-        lines.append(f"The engine reads solref {solref} and solimp {solimp}. For these masses that is:")
+        lines.append(f"The engine reads solref {solref} and solimp {solimp}. For these masses they mean:")
     return [
         *lines,
         f"{prefix}k = {c.k:.6g} N/m, c = {c.c:.6g} N s/m, damping ratio {c.zeta:.4g}, reduced mass {c.mass:.6g} kg",
         *([] if pair.solref is None else _describe_solref(pair.solref, pair)),
         f"{prefix}greatest depth {pair.penetration:.3g} m at {pair.speed:.6g} m/s; the bodies must be much larger "
-        "than that",
+        "than this depth",
         f"{prefix}depth at rest {pair.depth_at_rest:.4g} m, under the weight of {pair.carried:.6g} kg at "
         f"{GRAVITY:g} m/s^2",
     ]
 
 
 def _describe_solref(written: MujocoContact, pair: Pair) -> list[str]:
-    """Say what the numbers of a solref are not."""
+    """Return warnings about a solref whose numbers can be misread; empty if there are none."""
     lines: list[str] = []
     if not is_linear(written):
         lines.append(
-            f"This spring and dashpot has the same restitution and duration at {pair.speed:.6g} m/s. At another speed "
-            "its numbers are others, because the impedance changes with the depth."
+            f"This spring and dashpot has the same restitution and duration as the contact at {pair.speed:.6g} m/s. At "
+            "another speed its numbers are different, because the impedance changes with the depth."
         )
     if written.solref[0] > 0:
         lines.append(
-            f"The second number of solref is a damping ratio, not a restitution: {written.solref[1]:g} rebounds with "
-            f"{pair.motion.restitution:.4g}."
+            f"The second number of solref is a damping ratio, not a restitution. With {written.solref[1]:g} the "
+            f"restitution is {pair.motion.restitution:.4g}."
         )
     return lines
 
@@ -117,7 +123,7 @@ def _describe_solref(written: MujocoContact, pair: Pair) -> list[str]:
 def _drop_blocks(
     engine: Engine, verified: Sequence[VerifiedContact], tolerance: float, given_step: float | None
 ) -> list[Block]:
-    """Lay out what drops gave at a step and at a tenth of it, and what the step is."""
+    """Return the table of the results of drops, at the time step and at a tenth of it, and lines about the step."""
     name, step = engine.name, verified[0].drops.step
     rows: list[tuple[str, ...]] = []
     for i, (pair, drops, fine) in enumerate(verified):
@@ -140,7 +146,7 @@ def _drop_blocks(
         caption += ", one contact at a time"
     counts = " and ".join(str(contact.drops.n) for contact in verified)
     steps = " and ".join(f"{contact.pair.motion.duration / step:.0f}" for contact in verified)
-    kept = f"restitution and duration within {tolerance:g} of the {first} numbers"
+    kept = f"restitution and duration within a relative error of {tolerance:g} of the {first} numbers"
     if given_step is None:
         says = [f"{step:.6g} s is the largest step tried that keeps {kept}. Ten steps per decade were tried."]
     else:
@@ -154,8 +160,8 @@ def _drop_blocks(
     return [
         Table(header, rows, caption),
         *says,
-        f"This holds wherever within a step the bodies touch ({counts} drops), and at four shorter steps too. {takes} "
-        f"{steps} steps.",
+        f"The drops ({counts}) touch at different instants within a step. Drops with four shorter steps are within "
+        f"this error too. {takes} {steps} steps.",
     ]
 
 
@@ -166,10 +172,10 @@ def impact_blocks(
     exact: Mapping[str, list[float] | str],
     runs: Sequence[Strike | str],
 ) -> list[Block]:
-    """Lay out the impact of three bodies at once.
+    """Return the table of velocities after an impact of three bodies at the same time, with notes.
 
-    `exact` has the velocities in m/s by solver, and `runs` those of the engine's runs, or else the reason why there are
-    none.
+    `exact` has the velocities in m/s by solver. `runs` has the results of the engine. In both, a text is the reason why
+    there are no velocities.
     """
     moving = [body for body, mass in zip(_BODIES, masses, strict=True) if not math.isinf(mass)]
     weights = [mass for mass in masses if not math.isinf(mass)]
@@ -178,6 +184,7 @@ def impact_blocks(
     notes: list[str] = []
 
     def divergence(velocities: Sequence[float]) -> str:
+        """Return the D between velocities and the model as text; a dash if the model has no velocities."""
         if isinstance(model, str):
             return "-"
         difference = np.subtract(velocities, model)
@@ -199,32 +206,33 @@ def impact_blocks(
         rows.append((f"{engine}, the lines above at {run.step:.6g} s", *ranges, divergence(middle)))
     floor = "is fixed" if len(moving) == 2 else "is at rest"
     caption = (
-        f"All three bodies at once: A strikes B at {pairs[0].speed:.6g} m/s, B touches C, and C {floor}. There is no "
-        "gravity.\nVelocities after the impact in m/s, positive away from C:"
+        f"All three bodies at the same time: A strikes B at {pairs[0].speed:.6g} m/s, B touches C, and C {floor}. "
+        "There is no gravity.\nVelocities after the impact in m/s, positive away from C:"
     )
     return [
         Table(("", *(f"v of {body}" for body in moving), "D"), rows, caption),
         *notes,
         "D is the difference from the model (docs/theory.md, section 9).",
-        "A contact has another restitution here than alone, because a third body pushes too.",
+        "The restitution of a contact differs here from that of two bodies alone, because a third body pushes too.",
     ]
 
 
 def round_outward(low: float, high: float) -> str:
-    """Write an interval that contains both numbers, wider by at most 2e-4 of its width and 2e-12 of the numbers.
+    """Return the text of a rounded interval that contains both numbers.
 
-    Rounded to the nearest digit an interval would leave out what was measured.
+    It is wider than the exact interval by at most 2e-4 of its width plus 2e-12 of the numbers. If the ends were rounded
+    to the nearest digit, the interval could leave out measured numbers.
     """
     resolution = max(1e-4 * (high - low), 1e-12 * max(abs(low), abs(high)))
     exponent = math.floor(math.log10(resolution)) if resolution > 0 else 0
     unit = 10.0**exponent
-    # What is a multiple of the unit stays one: a thousandth of it may be the rounding of the quotient.
+    # An end that is a multiple of the unit keeps its value. The quotient may be off by rounding, below a thousandth.
     ends = math.floor(low / unit + 1e-3), math.ceil(high / unit - 1e-3)
     return " to ".join(f"{float(f'{end}e{exponent}'):.15g}" for end in ends)
 
 
 def _describe_linearised(touch: MaterialContact, speed: float) -> list[str]:
-    """Say which force of materials a linear contact stands for, and how the two differ."""
+    """Return lines about the force of the materials that a linear contact stands for, and how both differ."""
     names = " on ".join(
         f"{body.material.name} "
         + ("flat" if math.isinf(body.radius) else f"ball of {body.radius:g} m radius")
@@ -233,37 +241,39 @@ def _describe_linearised(touch: MaterialContact, speed: float) -> list[str]:
     p, duration = touch.exponent, touch.duration(speed)
     longer = math.pi * touch.compression(speed) / speed / duration - 1
     return [
-        f"The materials, {names}, have an elastic force of {touch.stiffness:.4g} delta^{p:g} N at a depth of delta in "
-        f"m. Their contact lasts {duration:.4g} s.",
-        f"The linear contact has the same greatest depth and energy at this speed. It lasts {longer:.1%} longer, and "
-        f"its peak force is {1 - 2 / (p + 1):.0%} lower.",
+        f"The materials are {names}. Their elastic force is {touch.stiffness:.4g} delta^{p:g} N at a depth delta in m. "
+        f"Their contact lasts {duration:.4g} s.",
+        "The linear contact has the same greatest depth and energy at this speed. Compared with the contact of the "
+        f"materials it lasts {longer:.1%} longer, and its peak force is {1 - 2 / (p + 1):.0%} lower.",
     ]
 
 
-#: Most lines of one screen about a scene, and the most of them for groups, remarks and traps.
+#: Largest numbers of lines about a scene on one screen: of all lines, and of lines for groups, remarks and traps.
 _MOST_LINES, _MOST_GROUPS, _MOST_REMARKS, _MOST_TRAPS = 40, 8, 3, 7
 
-#: Most contacts of a written scene that are shown.
+#: Largest number of contacts of a written scene that are shown.
 _MOST_WRITTEN = 12
 
-#: What contacts at the level of forces do where two bodies touch otherwise than in the drops. Other direct numbers are
-#: accelerations, which neither the number of points nor the place changes much.
+#: Warning about contacts whose numbers are forces. In a scene, such contacts may differ from the drops, in which bodies
+#: touch in one point at their centres. Contacts whose numbers are accelerations depend little on the points of contact.
 _ONE_POINT = (
-    "These numbers are those of one point of contact at the centres of mass. A box that lands on a face has four "
-    "points and is four times as stiff. A body that is hit elsewhere is lighter: its rebound comes sooner and is lower."
+    "These numbers are for one point of contact, in line with the centres of mass. A box that lands on a face has four "
+    "points of contact and is four times as stiff. A body that is hit off its centre acts like a lighter body: its "
+    "rebound is earlier and lower."
 )
 
-#: Letters of a contact's name that a table of a screen shows.
+#: Largest number of letters of the name of a contact in a table.
 _NAME_WIDTH = 44
 
 
 def scene_blocks(
     examination: Examination, scene: str, speed: float, version: str, *, everything: bool = False
 ) -> list[Block]:
-    """Lay out the contacts that MuJoCo makes of a scene dropped at a speed, readings of their numbers, and the traps.
+    """Return text and tables about the contacts of a MuJoCo scene, which were measured by drops at a speed in m/s.
 
-    One screen shows the first groups, readings and traps; `everything` shows all, and a row for every contact that was
-    measured.
+    They show the parameters, the measured numbers, what to write for another contact, and the traps (known problems).
+    By default only the first rows of each, so that they fit on one screen. With `everything` all rows, and one row for
+    every measured contact.
     """
     groups = examination.groups
     shown = groups if everything else groups[:_MOST_GROUPS]
@@ -274,26 +284,28 @@ def scene_blocks(
     header = ("group", "contacts", "number", "from", "condim", "solref", "solimp")
     rows = [_parameter_row(n, group) for n, group in enumerate(shown, 1)]
     caption = (
-        f"Measured with two bodies alone: a drop at {speed:g} m/s, touching at several places within a step, and the "
+        f"Measured with two bodies alone: drops at {speed:g} m/s that touch at several instants within a step, and the "
         "depth at rest under the lighter body"
     )
     measured_header = ("group", "masses, kg", "e", "k, N/m", "c, N s/m", "duration, s", "steps", "at rest, m")
     measured_rows = [row for n, group in enumerate(shown, 1) for row in _measured_rows(n, group, everything)]
     remarks = [line for n, group in enumerate(shown, 1) for line in _describe_remarks(n, group)]
     if len(groups) > len(shown):
-        remarks.insert(0, f"{len(groups) - len(shown)} more groups: --all shows them")
+        remarks.insert(0, f"{len(groups) - len(shown)} more groups are not shown; --all shows them")
     advice = _advice_rows(shown)
     to_write = sorted([*_reading_rows(shown, everything), *advice], key=lambda row: _first_number(row[0]))
     has_readings, has_advice = len(to_write) > len(advice), bool(advice)
     notes = [_describe_pairs(shown), _ONE_POINT] if has_readings else []
     if not everything:
         remarks = _keep_first(remarks, _MOST_REMARKS, "remarks")
-        # Beside rows there are the first line, an empty line, a caption and a header for each of three tables, and an
-        # empty line after them.
+        # 11 lines are not rows: the first line, three lines for each of three tables (an empty line, a caption and a
+        # header), and an empty line after the tables.
         lines_left = _MOST_LINES - 11 - sum(map(len, (rows, measured_rows, remarks, notes, traps)))
         if len(to_write) > lines_left:
             kept = max(lines_left - 1, 0)
-            notes.insert(0, f"{len(to_write) - kept} more rows of what to write: --all shows them")
+            notes.insert(
+                0, f"{len(to_write) - kept} more rows of what to write are not shown; --all shows them"
+            )
             to_write = to_write[:kept]
     return [
         head,
@@ -306,57 +318,60 @@ def scene_blocks(
     ]
 
 
-#: Header of the table of what to write.
+#: Header of the table that says what to write into a scene for another contact.
 _TO_WRITE = ("group", "contact", "e", "duration, s", "solref", "condim", "friction", "step, s", "e of drops")
 
 
 def _caption_of_what_to_write(has_readings: bool, has_advice: bool) -> str:
-    """Say what a row of the table of what to write is: a <pair>, or a solref."""
+    """Return the caption of the table of what to write, which says whether its rows are a <pair>, a solref, or both."""
     pair = f'<pair geom1="A" geom2="B" solimp="{_FORCE_LEVEL}" .../>'
     if has_readings and has_advice:
-        return f"What to write for another contact. With a condim: {pair}. Without one: a new solref in the old place"
-    return f"What to write for another contact: {pair if has_readings else 'a new solref in the old place'}"
+        return (
+            f"What to write for another contact. Rows with a condim: {pair}. Rows without a condim: a new solref in "
+            "place of the old one"
+        )
+    return f"What to write for another contact: {pair if has_readings else 'a new solref in place of the old one'}"
 
 
-#: The solimp of all readings.
+#: The solimp of every <pair> that is proposed.
 _FORCE_LEVEL = "0.0001 0.0001 0.001 0.5 1"
 
 
 def _first_number(numbers: str) -> int:
-    """Return the first of the numbers of groups that a row stands for."""
+    """Return the first number in a text of numbers of groups, such as ``2, 5``."""
     return int(numbers.partition(",")[0])
 
 
 def _keep_first(lines: list[str], most: int, what: str) -> list[str]:
-    """Keep the first lines, and say in the last line how many more there are."""
+    """Return the first lines, and a last line that says how many more lines there are."""
     if len(lines) <= most:
         return lines
-    return [*lines[: most - 1], f"{len(lines) - most + 1} more {what}: --all shows them"]
+    return [*lines[: most - 1], f"{len(lines) - most + 1} more {what} are not shown; --all shows them"]
 
 
 def _describe_examination(examination: Examination, scene: str, version: str) -> str:
-    """Say what was examined, by which engine, and what is left out."""
+    """Return a line that says what was examined, by which engine, and what is left out."""
     contacts = sum(len(group.group.contacts) for group in examination.groups)
     looked = ""
     if examination.geoms_looked_at < examination.geoms:
-        looked = f" ({examination.geoms_looked_at} of them stand for all of their kinds)"
+        looked = f" (examined: {examination.geoms_looked_at}, which stand for all others of their kinds)"
     head = (
         f"MuJoCo {version}, {scene}: {_count(examination.geoms, 'geom')}{looked}, {_count(contacts, 'contact')} in "
-        f"{_count(len(examination.groups), 'group')} of the same parameters, step {examination.step:g} s, integrator "
+        f"{_count(len(examination.groups), 'group')} of equal parameters, step {examination.step:g} s, integrator "
         f"{examination.integrator}"
     )
     if examination.omissions:
-        head += f". Not in the drops: {', '.join(examination.omissions)}"
+        head += f". The drops leave out: {', '.join(examination.omissions)}"
     return head
 
 
 def _count(number: int, thing: str) -> str:
-    """Write a number of things."""
+    """Return the text of a number of things, with an s unless it is 1."""
     return f"{number} {thing}{'' if number == 1 else 's'}"
 
 
 def _parameter_row(n: int, group: ExaminedGroup) -> tuple[str, ...]:
-    """Return the row of the parameters of a group."""
+    """Return the row of a group in the table of parameters."""
     contacts = group.group.contacts
     bodies = contacts[0].bodies
     solref, solimp = (
@@ -374,7 +389,7 @@ def _parameter_row(n: int, group: ExaminedGroup) -> tuple[str, ...]:
     )
 
 
-#: What a table says of where parameters come from.
+#: Words of a table for the rule by which MuJoCo finds the parameters of a contact.
 _RULE_WORDS = {
     "pair": "<pair>",
     "override": "flag override",
@@ -385,15 +400,15 @@ _RULE_WORDS = {
 
 
 def _shorten(name: str) -> str:
-    """Shorten a long name of a contact."""
+    """Return the name of a contact, shortened to `_NAME_WIDTH` letters."""
     return name if len(name) <= _NAME_WIDTH else f"{name[: _NAME_WIDTH - 3]}..."
 
 
 def fixed_scene_blocks(fixed: FixedScene, scene: str, target: str, version: str) -> list[Block]:
-    """Lay out what was changed in a scene that was written, and what its contacts were measured to do."""
-    reading = "what they do now" if fixed.kind == "keep" else "what their numbers mean in N/m and N s/m"
+    """Return text and a table about a scene that was written: what was changed in it, and what its contacts do."""
+    reading = "behave as before" if fixed.kind == "keep" else "have their numbers in N/m and N s/m"
     changes = [f"{fixed.pairs} <pair>s", f"the step, from {fixed.step_before:g} to {fixed.step:g} s"]
-    changes += ["the solver's tolerance, which is 0"] if fixed.zero_tolerance else []
+    changes += ["the solver's tolerance, which is now 0"] if fixed.zero_tolerance else []
     changes += [f"names of {fixed.named_geoms} geoms"] if fixed.named_geoms else []
     rows: list[tuple[str, ...]] = []
     for contact in fixed.written[:_MOST_WRITTEN]:
@@ -409,22 +424,24 @@ def fixed_scene_blocks(fixed: FixedScene, scene: str, target: str, version: str)
     header = ("contact", "masses, kg", "solref before", "solref now", *measured_header)
     caption = f"{target}, measured by MuJoCo {version}"
     if len(fixed.written) > _MOST_WRITTEN:
-        caption += f"; the first {_MOST_WRITTEN} of {len(fixed.written)} contacts that were measured"
+        caption += f"; the first {_MOST_WRITTEN} of {len(fixed.written)} measured contacts"
     missed = sum(not contact.is_kept for contact in fixed.written)
     end = (
-        f"{missed} of {len(fixed.written)} contacts do not do it" if missed else "all contacts measured do it"
+        f"{missed} of {len(fixed.written)} measured contacts do not behave as meant"
+        if missed
+        else "all measured contacts behave as meant"
     )
     return [
-        f"{target} is {scene} with contacts that do {reading}. Changed: {', '.join(changes)}",
+        f"{target} is {scene} with contacts that {reading}. Changed: {', '.join(changes)}",
         Table(header, rows, caption, text=4),
         _ONE_POINT,
-        f"{fixed.unchanged} other contacts keep their parameters, at the new step",
+        f"Other contacts, which keep their parameters at the new step: {fixed.unchanged}",
         end,
     ]
 
 
 def _measured_rows(n: int, group: ExaminedGroup, everything: bool) -> list[tuple[str, ...]]:
-    """Return the rows of what was measured: one for a group, or one for each of its contacts that was measured."""
+    """Return the rows of measured numbers: one row per group, or with `everything` one row per measured contact."""
     if everything:
         return [
             (
@@ -439,7 +456,7 @@ def _measured_rows(n: int, group: ExaminedGroup, everything: bool) -> list[tuple
 
 
 def _measured_columns(contacts: list[ExaminedContact]) -> list[str]:
-    """Return the numbers of contacts, as ranges where they differ."""
+    """Return the measured numbers of contacts as text, as ranges if contacts differ."""
     rows = [contact.row for contact in contacts]
     ends = [e for row in rows for e in row.restitution_range or ()]
     columns = [[row.stiffness for row in rows], [row.damping for row in rows], [row.duration for row in rows]]
@@ -448,7 +465,7 @@ def _measured_columns(contacts: list[ExaminedContact]) -> list[str]:
 
 
 def _format_rest(rows: Sequence[MeasuredContact]) -> str:
-    """Write the depths at rest, and the number of points that carry if it is not one."""
+    """Return the depths at rest as text, with the number of points of contact that carry the body if it is not one."""
     text = _format_values([row.penetration for row in rows])
     points = sorted({row.points for row in rows if row.penetration is not None})
     if not points or points == [1]:
@@ -457,7 +474,7 @@ def _format_rest(rows: Sequence[MeasuredContact]) -> str:
 
 
 def _format_values(values: Sequence[float | None]) -> str:
-    """Write the range of the numbers that are there."""
+    """Return the range of numbers as text, without missing numbers; a dash if all are missing."""
     numbers = sorted(value for value in values if value is not None)
     if not numbers:
         return "-"
@@ -466,7 +483,7 @@ def _format_values(values: Sequence[float | None]) -> str:
 
 
 def _format_masses(masses: Sequence[tuple[float, float]]) -> str:
-    """Write the masses of the lighter bodies, and of what they meet."""
+    """Return the masses of the lighter and of the heavier bodies as text, such as ``1 to 2 on fixed``."""
     light, heavy = (sorted(values) for values in zip(*masses, strict=True))
     finite = [mass for mass in heavy if mass < math.inf]
     others = [_format_mass_range(finite)] if finite else []
@@ -475,18 +492,18 @@ def _format_masses(masses: Sequence[tuple[float, float]]) -> str:
 
 
 def _format_mass_range(masses: Sequence[float]) -> str:
-    """Write the range of sorted masses."""
+    """Return the range of sorted masses as text."""
     low, high = f"{masses[0]:.4g}", f"{masses[-1]:.4g}"
     return low if low == high else f"{low} to {high}"
 
 
 def _abbreviate(names: list[str]) -> str:
-    """Name contacts shortly: the first, and the number of others."""
+    """Return the name of the first contact, and the number of other contacts."""
     return _shorten(names[0]) + (f" and {len(names) - 1} more" if len(names) > 1 else "")
 
 
 def _describe_remarks(n: int, group: ExaminedGroup) -> list[str]:
-    """Say why contacts of a group were not measured, and what their numbers contain of joints."""
+    """Return a line with the first remark on a group, such as why contacts were not measured; empty without one."""
     remarks = dict.fromkeys(
         remark for contact in group.examined for remark in (contact.row.reason, contact.row.note) if remark
     )
@@ -496,11 +513,14 @@ def _describe_remarks(n: int, group: ExaminedGroup) -> list[str]:
 
 
 def _reading_rows(groups: list[ExaminedGroup], everything: bool) -> list[tuple[str, ...]]:
-    """Return the rows of what direct numbers may have been meant to say: a row for each reading and each text of it."""
+    """Return the rows that propose a <pair> for contacts whose solref has negative (direct) numbers.
+
+    Direct numbers can be read in two ways. There is one row per group, reading and text to write.
+    """
     rows: list[tuple[str, ...]] = []
     for n, group in enumerate(groups, 1):
         for kind in ("keep", "newton_metre"):
-            # With a pyramidal cone the solref depends on the friction too.
+            # With a pyramidal friction cone the solref also depends on the friction.
             by_text: dict[tuple[str, str], list[tuple[ExaminedContact, Reading]]] = {}
             for contact in group.examined:
                 reading: Reading | None = getattr(contact, kind)
@@ -513,19 +533,19 @@ def _reading_rows(groups: list[ExaminedGroup], everything: bool) -> list[tuple[s
     return rows
 
 
-#: Most rows on a screen for one reading of a group, whose solref depends on the masses.
+#: Largest number of rows on one screen for one reading of a group. There are several if the solref depends on masses.
 _MOST_SOLREFS = 2
 
 
 def _reading_row(
     n: int, readings: list[tuple[ExaminedContact, Reading]], *, is_only: bool
 ) -> tuple[str, ...]:
-    """Return the row of one reading of contacts that get the same text; `is_only` if the whole group gets it."""
+    """Return the row of one reading of contacts that get the same text. `is_only` says that the whole group gets it."""
     _, first = readings[0]
     bodies = [contact.bodies for contact, _ in readings]
     if first.kind == "keep":
         is_free = all(math.isclose(each.mass, each.scale, rel_tol=1e-6) for each in bodies)
-        meant = "as now, in any mass" if is_free and is_only else "as now"
+        meant = "as now, for any mass" if is_free and is_only else "as now"
     else:
         numbers = _format_values([reading.stiffness for _, reading in readings])
         dampings = _format_values([reading.damping for _, reading in readings])
@@ -547,12 +567,12 @@ def _reading_row(
     )
 
 
-#: Largest relative error of a restitution that a row of what to write may have without a word.
+#: Largest relative error of a restitution for which a row of what to write has no warning.
 _WITHOUT_A_WORD = 0.01
 
 
 def _flag_miss(measured: Sequence[float], meant: Sequence[float]) -> str:
-    """Write what drops gave of what is proposed, and by how much it misses what is meant."""
+    """Return the measured restitution as text, with its relative error if that is above `_WITHOUT_A_WORD`."""
     if not measured:
         return "not measured"
     miss = max(abs(ends / e - 1) for ends, e in ((min(measured), min(meant)), (max(measured), max(meant))))
@@ -561,7 +581,7 @@ def _flag_miss(measured: Sequence[float], meant: Sequence[float]) -> str:
 
 
 def _advice_rows(groups: list[ExaminedGroup]) -> list[tuple[str, ...]]:
-    """Return the rows of the damping ratios that give other restitutions: two for each solref."""
+    """Return the rows that propose damping ratios for other restitutions: two rows for each solref."""
     by_solref: dict[tuple[float, float], list[tuple[int, ExaminedContact, RatioAdvice]]] = {}
     for n, group in enumerate(groups, 1):
         for contact in group.examined:
@@ -589,19 +609,28 @@ def _advice_rows(groups: list[ExaminedGroup]) -> list[tuple[str, ...]]:
 
 
 def _describe_pairs(groups: list[ExaminedGroup]) -> str:
-    """Say how the pairs come into a scene, and what their impedance makes of friction."""
+    """Return a note on how to write the proposed pairs into a scene, with a warning if they have friction."""
     has_friction = any(
         reading is not None and reading.condim > 1
         for group in groups
         for contact in group.examined
         for reading in (contact.keep, contact.newton_metre)
     )
-    creep = " Their friction is a weak dashpot: bodies creep on a slope." if has_friction else ""
-    return f"A and B are two geoms. --fix FILE with --keep or --newton-metre writes all these pairs.{creep}"
+    creep = (
+        " The friction of these pairs acts like a weak dashpot, so bodies creep on a slope."
+        if has_friction
+        else ""
+    )
+    return (
+        f"A and B are two geoms. --fix FILE with --keep or --newton-metre writes all of these pairs.{creep}"
+    )
 
 
 def _describe_traps(examination: Examination, scene: str, everything: bool) -> list[str]:
-    """List the traps, on one screen the first of each kind and the groups that have it, and count them."""
+    """Return lines about the traps (known problems) of a scene, and a last line with their number.
+
+    Without `everything` there is one line per kind of trap, with the groups that have it.
+    """
     findings = examination.findings
     if everything:
         lines = [f"{trap}: {_abbreviate(where)}: {says}" for trap, where, says in findings]
@@ -618,7 +647,7 @@ def _describe_traps(examination: Examination, scene: str, everything: bool) -> l
         if len(lines) > _MOST_TRAPS:
             lines = [
                 *lines[:_MOST_TRAPS],
-                f"{len(lines) - _MOST_TRAPS} more kinds of traps: --all shows them",
+                f"{len(lines) - _MOST_TRAPS} more kinds of traps are not shown; --all shows them",
             ]
     count = len(findings)
     more = "" if everything or count <= len(lines) else "; --all shows all"
@@ -626,7 +655,7 @@ def _describe_traps(examination: Examination, scene: str, everything: bool) -> l
 
 
 def _format_groups(groups: list[int]) -> str:
-    """Write the numbers of groups, with consecutive ones as ranges; the first ranges if there are many."""
+    """Return numbers of groups as text, such as ``1 to 4, 7``, with at most `_MOST_GROUPS` ranges."""
     ranges: list[list[int]] = []
     for n in groups:
         if ranges and n == ranges[-1][-1] + 1:

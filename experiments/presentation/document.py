@@ -1,4 +1,7 @@
-"""A document: paragraphs, tables, figures and sections. A page, a terminal and a notebook show the same ones."""
+"""Documents of paragraphs, tables, figures and sections, which a page, a terminal and a notebook can all show.
+
+The module needs nothing but the formatting of numbers. All modules that make or show text call it.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +15,11 @@ from impact_xval.experiments.tables.numbers import number, percent
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """A number of a run in a sentence; on a page its tooltip says which value of the tables it is.
+    """A number of a run in a sentence. On a page its tooltip says where the number comes from.
 
-    `key` is that text: the place in ``summary.csv``, such as ``mujoco velocity_divergence median``, or a derivation.
-    `digits` are the significant ones shown; 0 for a percentage.
+    `key` is the text of the tooltip. It names a place in ``summary.csv``, such as ``mujoco velocity_divergence
+    median``, or says how the number was derived. `digits` is the number of significant digits shown. With 0 the number
+    is shown as a percentage.
     """
 
     value: float
@@ -32,12 +36,15 @@ class Value:
 
 
 class Piece(Markup):
-    """A piece of HTML for pages only. Other `Markup` is a paragraph; a terminal shows it without tags."""
+    """A piece of HTML for pages only.
+
+    In contrast, other `Markup` is a paragraph, which a terminal shows without its tags.
+    """
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table with a header and rows; the first `text` columns are aligned left, all other columns right."""
+    """A table with a header and rows. Its first `text` columns are aligned left, all other columns right."""
 
     header: Sequence[str]
     rows: Sequence[Sequence[object]]
@@ -47,7 +54,7 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A figure of the run's folder, with its caption."""
+    """A figure in the folder of a run, by name, with its caption."""
 
     name: str
     caption: str
@@ -55,7 +62,10 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A titled part of a document; if `folded`, it opens on demand; if `beside`, its text is beside its picture."""
+    """A titled part of a document.
+
+    If `folded`, the section is closed until a reader opens it. If `beside`, its text is beside its figure.
+    """
 
     title: str
     blocks: Sequence[Block]
@@ -64,14 +74,14 @@ class Section:
 
     @property
     def name(self) -> str:
-        """The section's name in an address."""
+        """Name of the section in the address of a page."""
         return "-".join("".join(c if c.isalnum() else " " for c in self.title.lower()).split())
 
 
-#: A block of a document; a text is a paragraph.
+#: A block of a document. A text is a paragraph.
 Block = str | Table | Figure | Section
 
 
 def fill_sentence(template: str, **values: object) -> Markup:
-    """Fill the named fields of a sentence; text is escaped, and a `Value` keeps its tooltip."""
+    """Return a sentence whose named fields are filled. Text is escaped, and a `Value` keeps its tooltip."""
     return escape(template).format(**values)

@@ -1,4 +1,7 @@
-"""Findings of a run, in sentences and tables that the page and the terminal share."""
+"""Findings of a run, in sentences and tables that the page and the terminal share.
+
+They need the `Summary` of a finished run. The page of a run, `report` and the terminal call them.
+"""
 
 from __future__ import annotations
 
@@ -39,26 +42,33 @@ from impact_xval.experiments.tables.numbers import join_words, number, percent
 
 _Value = TypeVar("_Value")
 
-#: Statistics of a measure, in the order of tables.
+#: Statistics of a measure, in the order in which tables show them.
 CUTS = ("median", "p95", "max")
 
+#: Name of the measure D in the statistics of a run.
 D = "velocity_divergence"
 
-#: Largest asymmetry, per abs(v0), that is rounding.
+#: Largest asymmetry, per abs(v0), that rounding alone can make.
 ROUNDING = 1e-12
 
-#: Most rows of a table along an axis.
+#: Largest number of rows of a table along an axis.
 _ROWS = 40
 
+#: Labels of contributions, by name.
 LABELS = {c.name: c.label for c in CONTRIBUTIONS}
 
-#: Labels of axes of all kinds of cells.
+#: Labels of the axes of pairs, chains and graphs, by name.
 LABELS_OF_AXES = AXES | CHAIN_AXES | GRAPH_AXES
 
 
 def row_noun(summary: Summary) -> str:
     """Return the plural noun for the rows of a run: ``cells``, ``chains`` or ``graphs``."""
     return NOUN_OF[summary.config.kind]
+
+
+def count_noun(n: float, plural: str) -> str:
+    """Return the noun that follows a number: the plural without its last letter after 1."""
+    return plural[:-1] if n == 1 else plural
 
 
 def statistic_value(
@@ -69,7 +79,7 @@ def statistic_value(
     axis: str = "all",
     at: AxisValue = "",
 ) -> Value:
-    """Return a statistic of a measure, with its place in ``summary.csv``."""
+    """Return a statistic of a measure as a `Value`, whose key is its place in ``summary.csv``."""
     row = summary.get(solver, measure, axis, at)
     key = f"{solver} {measure} {statistic}" + ("" if axis == "all" else f" {axis}={at}")
     digits = 0 if measure.startswith("states_equal") and statistic == "mean" else 3
@@ -77,7 +87,7 @@ def statistic_value(
 
 
 def thin_out(values: Sequence[_Value]) -> Sequence[_Value]:
-    """Return the values of an axis that a table shows: all, or evenly spaced ones of many."""
+    """Return the values of an axis that a table shows: all of them, or every second, third, ... if there are many."""
     return values[:: -(-len(values) // _ROWS)] if values else values
 
 
@@ -87,13 +97,17 @@ def compared_solvers(summary: Summary) -> list[str]:
 
 
 def solvers_of_sentences(summary: Summary) -> list[str]:
-    """List the solvers that sentences are about: the compared engines, or without engines all compared solvers."""
+    """List the solvers that sentences name: the compared engines, or all compared solvers if no engine is compared."""
     names = compared_solvers(summary)
     return [name for name in names if is_engine(name)] or names
 
 
 def describe_row(summary: Summary, row: FrameRow) -> str:
-    """Describe a cell by its axes; a chain by its arrangement and the axes that have several values; so a graph."""
+    """Return a description of a row: the values of its axes.
+
+    The description of a chain begins with its arrangement, that of a graph with its name. Both leave out axes that
+    have one value in the whole run.
+    """
     if summary.config.kind == "pair":
         return describe_cell(row)
     if summary.config.kind == "graph":
@@ -106,16 +120,17 @@ def describe_row(summary: Summary, row: FrameRow) -> str:
 
 
 def row_of_largest_d(summary: Summary, solver: str) -> FrameRow:
-    """Return the row of the table of divergence with the largest D of a solver."""
+    """Return the row of `Summary.worst` in which a solver has its largest D."""
     return summary.worst[summary.worst.solver == solver].iloc[0]
 
 
 def describe_distances(summary: Summary) -> Markup:
-    """Say how far solvers end from the model."""
+    """Say for each solver how large its median and its largest D from the model are."""
     return Markup(" ").join(
         fill_sentence(
-            "{solver} ends D = {median} from the model (median of {n} {unit}); the largest, {most}, is at {where}.",
-            unit=row_noun(summary),
+            "The median D of {solver} from the model is {median}, over {n} {unit}. Its largest D is {most}, at "
+            "{where}.",
+            unit=count_noun(statistic_value(summary, name, "n").value, row_noun(summary)),
             solver=display_name(name),
             median=statistic_value(summary, name),
             n=statistic_value(summary, name, "n"),
@@ -127,9 +142,10 @@ def describe_distances(summary: Summary) -> Markup:
 
 
 def distances_from_own_laws(summary: Summary) -> Iterator[tuple[str, str, Value, Value]]:
-    """Yield each engine with the exact solver of its law, and their median and largest distance.
+    """Yield each engine with the exact solver of its contact law, and the median and largest distance between them.
 
-    The distance is D for two balls; for chains and graphs it is the distance of the engine's limit dt -> 0.
+    For two balls the distance is D. For chains and graphs it is the difference in velocity, per abs(v0), between the
+    exact solver and the engine's limit dt -> 0.
     """
     if summary.config.kind == "pair":
         for row in summary.between.to_dict("records"):
@@ -147,10 +163,16 @@ def distances_from_own_laws(summary: Summary) -> Iterator[tuple[str, str, Value,
 
 
 def describe_distances_from_own_laws(summary: Summary) -> list[Markup]:
-    """Say how near engines are to the exact solver of the law that they were asked for."""
-    near = "{solver} ends D = {median} (median; at most {most}) from {law}"
+    """Say for each engine how near it is to the exact solution of its own contact law."""
+    near = (
+        "The D between {solver} and the exact solution of its own contact law ({law}) has the median {median} and the "
+        "maximum {most}."
+    )
     if summary.config.kind != "pair":
-        near = "The limits dt -> 0 of {solver} are {median} |v0| (median; at most {most} |v0|) from {law}"
+        near = (
+            "Extrapolated to a time step of zero, {solver} differs from the exact solution of its own contact law "
+            "({law}) by {median} |v0| (median) and by at most {most} |v0|."
+        )
     laws = {
         exact_solver_for(name, summary.config.mapping)
         for name in solvers_of_sentences(summary)
@@ -158,11 +180,14 @@ def describe_distances_from_own_laws(summary: Summary) -> list[Markup]:
     }
     missing = sorted(laws - {"", *summary.solvers})
     if missing:
-        line = "The exact solver of the law that engines were asked for was not run: {laws} among the solvers shows it."
+        line = (
+            "This run does not show how well engines solve their own contact law, because the exact solution of that "
+            "law was not run. It needs {laws} among its solvers."
+        )
         return [fill_sentence(line, laws=", ".join(missing))]
     return [
         fill_sentence(
-            near + ", the exact solution of the law it was asked for.",
+            near,
             solver=display_name(name),
             law=display_name(law),
             median=median,
@@ -175,13 +200,13 @@ def describe_distances_from_own_laws(summary: Summary) -> list[Markup]:
 def cause_shares(
     ladder: LadderSummary, solver: str, axis: str = "all", at: AxisValue = math.nan
 ) -> dict[str, Value | str]:
-    """Return the shares of the causes in an engine's mean D over a region, the largest first.
+    """Return the shares of the causes in an engine's mean D over a region, by name, the largest share first.
 
-    Of two large causes that cancel a text says so, in place of the share.
+    If two large causes cancel, each of them has a text that says so instead of a share.
     """
     region = ladder.region(solver, axis, at)
     key = "mean" if axis == "all" else f"mean {axis}={at}"
-    causes = region[region["max"] > 0]  # gravity is nowhere in an impact
+    causes = region[region["max"] > 0]  # all norms of gravity are 0 if the scenario is impact
     largest = causes.share.abs().sort_values(ascending=False, kind="stable").index
     return {
         name: _describe_cancelling(region, name)
@@ -191,60 +216,65 @@ def cause_shares(
 
 
 def _describe_cancelling(region: Frame, name: str) -> str:
-    """Return a text for a cause that cancels another large cause; empty for other causes."""
+    """Return a text with the size of a cause that another large cause cancels; empty for other causes."""
     cancels = name in region.index[list(cancelling_pair(region.share) or ())]
-    return f"cancelling (norm {number(region['mean'][name])})" if cancels else ""
+    return f"cancelled (size {number(region['mean'][name])})" if cancels else ""
 
 
 def describe_causes(summary: Summary, solver: str, most: int = 2, *, explain: bool = False) -> Markup:
-    """Say what an engine's mean D consists of.
+    """Say which causes an engine's mean D has.
 
-    The sentence names the `most` largest causes, and how the share of the largest depends on the grid.
+    The text names the `most` largest causes. It also says how the share of the largest cause differs between regions
+    of the grid. With `explain` it explains each cause in brackets.
     """
     ladder = summary.ladder
     whole = ladder.region(solver)
     total = Value(whole.total.iloc[0], f"{solver} mean D of the ladders")
     if total.value == 0:
         return fill_sentence(
-            "{solver} ends where the model does: there is nothing to split.", solver=display_name(solver)
+            "{solver} ends where the model does, so there is no difference to explain.",
+            solver=display_name(solver),
         )
     causes_by_share = cause_shares(ladder, solver)
     parts = [
-        fill_sentence("{share} {label}", share=share, label=LABELS[name])
+        fill_sentence("{label} {share}", share=share, label=LABELS[name])
         + (f" ({MEANINGS[name]})" if explain and name in MEANINGS else "")
         for name, share in list(causes_by_share.items())[:most]
     ]
     return fill_sentence(
-        "{solver}'s mean D of {total}, over {n} {unit} whose causes are all known, is {causes}.{by_region}",
+        "The mean D of {solver} is {total}, over {n} {unit} whose causes are all known. {largest}: {causes}."
+        "{by_region}",
         solver=display_name(solver),
         total=total,
         n=Value(float(whole.n.max()), f"{solver} ladders n"),
-        unit=row_noun(summary),
+        unit=count_noun(whole.n.max(), row_noun(summary)),
+        largest="Its largest cause" if len(parts) == 1 else "Its largest causes",
         causes=Markup(", ").join(parts),
         by_region=_describe_regions(ladder, solver, next(iter(causes_by_share))),
     )
 
 
 def _describe_regions(ladder: LadderSummary, solver: str, name: str) -> str:
-    """Say how the share of a cause differs between regions of the grid; empty with fewer than two."""
+    """Say how the share of a cause differs between regions of the grid; empty if fewer than two have a share."""
     by_region = {
         label: cause_shares(ladder, solver, *place).get(name) for label, place in ladder.regions.items()
     }
     parts = [
-        fill_sentence("{share} at {label}", share=share, label=label)
+        fill_sentence("{share} for {label}", share=share, label=label)
         for label, share in by_region.items()
         if share
     ]
     if len(parts) < 2:
         return ""
     cause, regions = LABELS[name], Markup(", ").join(parts)
-    return fill_sentence(
-        " The shares depend on the grid: of {cause} {regions}.", cause=cause, regions=regions
-    )
+    return fill_sentence(" Share of {cause} by region: {regions}.", cause=cause, regions=regions)
 
 
 def describe_asymmetries(summary: Summary) -> Markup:
-    """Say how far the outcomes of symmetric graphs are from their mirror images; empty without a symmetric graph."""
+    """Say which solvers keep the mirror symmetry of symmetric graphs, and by how much the other solvers break it.
+
+    The text is empty if the run has no symmetric graph.
+    """
     known = summary.asymmetries
     groups: dict[bool, list[str]] = {True: [], False: []}
     for name in (REFERENCE, *summary.solvers):
@@ -252,33 +282,35 @@ def describe_asymmetries(summary: Summary) -> Markup:
             groups[known[name][0] <= ROUNDING].append(name)
     sentences: list[Markup] = []
     if groups[True]:
-        count = max(known[name][1] for name in groups[True])
+        count = int(max(known[name][1] for name in groups[True]))
         names = capitalise_first(join_words(map(display_name, groups[True])))
         verb = "keeps" if len(groups[True]) == 1 else "keep"
         sentences.append(
             fill_sentence(
-                "{names} {verb} the mirror symmetry of a symmetric scene to rounding, in {count} graphs.",
+                "{names} {verb} the mirror symmetry of a scene, up to rounding, in {count} symmetric {graphs}.",
                 names=names,
                 verb=verb,
                 count=count,
+                graphs=count_noun(count, "graphs"),
             )
         )
     for name in groups[False]:
         most, count = known[name]
         sentences.append(
             fill_sentence(
-                "{solver} breaks the mirror symmetry: velocities differ from those of their mirror image by up to "
-                "{most} |v0|, in {count} symmetric graphs.",
+                "{solver} breaks the mirror symmetry of a scene: in {count} symmetric {graphs}, velocities differ from "
+                "those of the mirror image by up to {most} |v0|.",
                 solver=capitalise_first(display_name(name)),
                 most=Value(most, f"{name} largest asymmetry"),
                 count=count,
+                graphs=count_noun(count, "graphs"),
             )
         )
     return Markup(" ").join(sentences)
 
 
 def describe_why_graphs_differ(summary: Summary) -> list[Markup]:
-    """Say by what solvers of graphs part from the model: what they know of stiffness, dissipation, and positions."""
+    """Say why solvers of graphs differ from the model: by stiffness, by loss of energy, or because bodies move."""
     names = compared_solvers(summary)
     levels = summary.levels["e"].values
     said: list[Markup] = []
@@ -286,22 +318,27 @@ def describe_why_graphs_differ(summary: Summary) -> list[Markup]:
     if blind:
         said.append(
             fill_sentence(
-                "{names} {know} no stiffness: over k2/k1 {their} D changes because the model's outcome does.",
+                "{names} {know} not use the stiffness of contacts. {their} D changes with k2/k1 only because the "
+                "outcome of the model changes.",
                 names=capitalise_first(join_words(map(display_name, blind))),
-                know="knows" if len(blind) == 1 else "know",
-                their="its" if len(blind) == 1 else "their",
+                know="does" if len(blind) == 1 else "do",
+                their="Its" if len(blind) == 1 else "Their",
             )
         )
     elastic, least = (summary.levels["e"].values[i] for i in np.argsort(levels)[[-1, 0]])
     for name in (each for each in names if each not in blind and elastic == 1 and elastic != least):
         sentence = (
-            "At e = 1 contacts are plain springs, and {solver} has the law of the model: it differs only because "
-            "bodies move while they collide, by D up to {most}."
+            "At e = 1 contacts are plain springs, so {solver} has the contact law of the model. There its D is at most "
+            "{most}, only because in {solver} bodies move during the collision."
         )
         if law_name_of(name) == "bistiffness":
-            sentence += " So it does at any e: at e = {least} D is at most {damped}."
+            sentence += (
+                " {solver} has the contact law of the model at e = {least} too: D is at most {damped}."
+            )
         else:
-            sentence += " At e = {least} D is up to {damped}, for its law of dissipation is another one."
+            sentence += (
+                " At e = {least} its D is at most {damped}, because its contacts lose energy by another law."
+            )
         said.append(
             fill_sentence(
                 sentence,
@@ -315,14 +352,14 @@ def describe_why_graphs_differ(summary: Summary) -> list[Markup]:
 
 
 def knows_stiffness(name: str) -> bool:
-    """Tell whether a solver knows the stiffness of a contact: laws in time and compliant engines do."""
+    """Return whether a solver uses the stiffness of contacts: rigid engines and rigid laws do not."""
     return kind_of(name) != "rigid" and name not in RIGID_LAWS
 
 
 def describe_unsolved(summary: Summary) -> list[str]:
-    """Say for each solver in how many cells it has no result, by status, with the most frequent reason.
+    """Say for each solver in how many cells it has no result, by status, and the most frequent reason.
 
-    A last sentence names the settings that help, if shorter steps may help in some cell.
+    A last sentence names settings that shorten time steps, if shorter steps may help in some cell.
     """
     sentences = []
     for name in (REFERENCE, *summary.solvers):
@@ -331,42 +368,43 @@ def describe_unsolved(summary: Summary) -> list[str]:
             continue
         numbers = reasons.groupby("status", sort=False).n.sum()
         counts = ", ".join(f"{n} {status}" for status, n in numbers.items())
-        cells = f"{reasons.n.sum()} of {summary.n_cells} {row_noun(summary)}"
+        cells = f"{reasons.n.sum()} of {summary.n_cells} {count_noun(summary.n_cells, row_noun(summary))}"
         sentences.append(
-            f"{capitalise_first(display_name(name))} has no result in {cells} ({counts}), most often: "
+            f"{capitalise_first(display_name(name))} has no result in {cells} ({counts}). The most frequent reason: "
             f"{reasons.reason.iloc[0]}"
         )
     return [*sentences, *_describe_shorter_steps(summary)]
 
 
 def _describe_shorter_steps(summary: Summary) -> list[str]:
-    """Say which settings shorten the steps of engines, if results did not converge for which that may help."""
+    """Say which settings shorten the steps of engines, if that may help a result that did not converge."""
     reasons = summary.reasons.reason[summary.reasons.status == "unconverged"]
-    if reasons.str.contains(NO_HELP, regex=False).all():  # also where there are none
+    if reasons.str.contains(NO_HELP, regex=False).all():  # true also if no result is unconverged
         return []
     config = summary.config
-    halvings = f"; or more halvings under [convergence], here {config.convergence.halvings}, at most 10"
+    halvings = f", or more halvings under [convergence] (now {config.convergence.halvings}, at most 10)"
     return [
-        f"Where results are unconverged, shorter steps may help: a smaller step_fraction, here "
-        f"{number(config.step_fraction)}{halvings if config.convergence.enabled else ''}"
+        f"Shorter time steps may help where results are unconverged: set a smaller step_fraction (now "
+        f"{number(config.step_fraction)}){halvings if config.convergence.enabled else ''}"
     ]
 
 
 def describe_counted_cells(summary: Summary) -> str:
-    """Say which cells the statistics are taken over."""
-    beyond = "".join(f", {n} more of {display_name(name)}" for name, n in summary.marked_beyond.items())
+    """Say which cells the statistics are taken over, and how many cells are left out because they are marked."""
+    beyond = "".join(f", {n} more for {display_name(name)}" for name, n in summary.marked_beyond.items())
+    noun = row_noun(summary)
     said = (
-        f"Statistics are over the {row_noun(summary)} that both the solver and the model solved and that are "
-        f"not marked. Marked, beside a jump of the outcome, are {summary.n_marked} of {summary.n_cells} in "
-        f"the model{beyond}."
+        f"Statistics are over the {noun} that both the solver and the model solved. They leave out marked {noun}, in "
+        f"which a tiny change of a parameter flips the outcome: {summary.n_marked} of {summary.n_cells} for the model"
+        f"{beyond}."
     )
     if len(summary.ladder.statistics):
-        said += " Causes are known where every exact law between the model and the engine is unmarked too."
+        said += " Causes are known if no exact solution between the model and the engine is marked either."
     return said
 
 
 def axis_table(summary: Summary, axis: str) -> Table:
-    """Tabulate D along an axis, one row per value."""
+    """Return the table of D along an axis, one row per value of the axis and one column per solver."""
     levels, label = summary.levels[axis], LABELS_OF_AXES[axis]
     values = thin_out(levels.values)
 
@@ -374,7 +412,7 @@ def axis_table(summary: Summary, axis: str) -> Table:
         row = summary.get(name, D, axis, value)
         return " / ".join(number(row[cut], 2) for cut in CUTS) if row["n"] else "-"
 
-    caption = f"D by {label}: median / 95th percentile / maximum over the other axes"
+    caption = f"D by {label}. An entry is median / 95th percentile / maximum over the other axes"
     if len(values) < len(levels.values):
         caption += f" ({len(values)} of {len(levels.values)} values; all are in summary.csv)"
     if levels.edges is not None:
@@ -384,7 +422,10 @@ def axis_table(summary: Summary, axis: str) -> Table:
 
 
 def region_table(ladder: LadderSummary, called: Callable[[str], str] = str) -> Table:
-    """Tabulate the shares of the causes in the mean D of each engine, by region, with their range over the orders."""
+    """Return the table of the shares of the causes in the mean D of each engine, by region.
+
+    A share is followed by its range over the orders of the causes. `called` returns the name of a solver.
+    """
     rows = []
     for solver in ladder.solvers:
         for label, place in {"all": ("all", math.nan), **ladder.regions}.items():
@@ -395,11 +436,17 @@ def region_table(ladder: LadderSummary, called: Callable[[str], str] = str) -> T
                     (called(solver), label, *known, *(_share_text(region, c.name) for c in ladder.present))
                 )
     header = ["solver", "region", "cells", "mean D", *(c.label for c in ladder.present)]
-    caption = "What the mean D of each engine consists of; in brackets the range over the "
-    return Table(header, rows, f"{caption}{ladder.orders} orders of causes", text=2)
+    caption = (
+        "Causes of the mean D of each engine, as shares of it. In brackets: the range over the "
+        f"{ladder.orders} orders in which causes can be switched on"
+    )
+    if any("cancelled" in cell for row in rows for cell in map(str, row)):
+        caption += ". Two large causes that cancel have no share; their sizes are measured like D"
+    return Table(header, rows, caption, text=2)
 
 
 def _share_text(region: Frame, name: str) -> str:
+    """Return the text of the share of a cause in a region, or a dash if the region does not have the cause."""
     if name not in region.index:
         return "-"
     share, low, high = map(percent, region.loc[name, ["share", "low", "high"]])
@@ -408,7 +455,7 @@ def _share_text(region: Frame, name: str) -> str:
 
 
 def overall_table(summary: Summary) -> Table:
-    """Tabulate the distance of each solver from the model, one row per solver, for one screen."""
+    """Return the table of the distance of each solver from the model, one row per solver, for one screen."""
     last = {"same path": lambda name: percent(summary.get(name, "states_equal")["mean"])}
     if summary.config.kind == "graph":
         last = {
@@ -427,20 +474,27 @@ def overall_table(summary: Summary) -> Table:
         known = (int(row["n"]), *(number(row[cut]) for cut in CUTS), *(cell(name) for cell in last.values()))
         rows.append((stated_law(name) or "-", name, *known, int(apart)))
     header = ["law", "solver", row_noun(summary), "median D", "95 %", "max", *last, "not compared"]
-    caption = f"Divergence D from the model, by the law asked for. {describe_shared_laws(compared_solvers(summary))}"
+    caption = (
+        f"Divergence D from the model, by contact law. {describe_shared_laws(compared_solvers(summary))}"
+    )
     return Table(header, rows, caption.strip(), text=2)
 
 
 def summary_blocks(summary: Summary) -> list[Block]:
-    """Return the findings of a run for one screen of a terminal."""
+    """Return the findings of a run, short enough for one screen of a terminal."""
     blocks: list[Block] = [overall_table(summary)]
     if not compared_solvers(summary):
         blocks.append("Nothing could be compared.")
     places: dict[str, list[str]] = {}
     for name in compared_solvers(summary):
         places.setdefault(describe_row(summary, row_of_largest_d(summary, name)), []).append(name)
-    blocks += [f"D is largest at {place}: {', '.join(names)}." for place, names in places.items()]
+    blocks += [
+        f"{capitalise_first(join_words(map(display_name, names)))} {'has its' if len(names) == 1 else 'have their'} "
+        f"largest D at {place}."
+        for place, names in places.items()
+    ]
     blocks += describe_distances_from_own_laws(summary)
-    blocks += [describe_causes(summary, name, 3) for name in summary.ladder.solvers]
+    engines = summary.ladder.solvers
+    blocks += [describe_causes(summary, name, 3, explain=name == engines[0]) for name in engines]
     blocks += [said] if (said := describe_asymmetries(summary)) else []
     return [*blocks, *describe_unsolved(summary), describe_counted_cells(summary), LAWS_WITH_LAWS]

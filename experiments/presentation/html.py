@@ -1,4 +1,7 @@
-"""A document as one self-contained page for a browser, which loads nothing else."""
+"""Conversion of a document to one self-contained HTML page, which loads nothing else.
+
+It needs the templates of this package. `report` and other writers of pages call it.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ _ENVIRONMENT = Environment(
     trim_blocks=True,
     lstrip_blocks=True,
 )
-_ENVIRONMENT.policies["json.dumps_kwargs"] = {}  # in the order in which they were written
+_ENVIRONMENT.policies["json.dumps_kwargs"] = {}  # keep the order of keys
 _ENVIRONMENT.globals["Value"] = Value
 _ENVIRONMENT.filters |= {"kind": lambda block: type(block).__name__}
 _ENVIRONMENT.filters |= {"number": number, "join_words": join_words, "named": display_name}
@@ -28,7 +31,10 @@ _ENVIRONMENT.filters["in_words"] = GRAPHS_IN_WORDS.__getitem__
 
 
 def render_page(title: str, blocks: Sequence[Block], folder: Path | None = None) -> str:
-    """Return a document as a page that contains the figures of `folder`; a table of contents precedes the sections."""
+    """Return a document as an HTML page that contains its figures, which are in `folder`.
+
+    A table of contents precedes the first section if there are more than two sections.
+    """
 
     def picture(name: str) -> str:
         assert folder is not None
@@ -40,12 +46,12 @@ def render_page(title: str, blocks: Sequence[Block], folder: Path | None = None)
 
 
 def render_blocks(blocks: Sequence[Block]) -> Markup:
-    """Return blocks as a piece of HTML; they may have no figures of a folder."""
+    """Return blocks without figures as a piece of HTML."""
     module = _ENVIRONMENT.get_template("blocks.html.j2").make_module({"picture": None})
-    show: Callable[[Block], Markup] = vars(module)["show"]  # a macro of the template
+    show: Callable[[Block], Markup] = vars(module)["show"]  # the macro `show` of the template
     return Markup("").join(map(show, blocks))
 
 
 def render_template(name: str, /, **facts: object) -> Piece:
-    """Fill an HTML template, which escapes the values."""
+    """Return an HTML template that is filled with values, which are escaped."""
     return Piece(_ENVIRONMENT.get_template(name).render(facts))

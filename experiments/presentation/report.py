@@ -1,4 +1,7 @@
-"""The report of a run: tables of its statistics, figures, and one self-contained HTML page."""
+"""Writers of the report of a run: statistics as CSV and LaTeX, figures, and one self-contained HTML page.
+
+They need the folder of a finished run. The commands `run` and `report` call them.
+"""
 
 from __future__ import annotations
 
@@ -22,13 +25,16 @@ from impact_xval.experiments.tables.parquet import replacing
 
 
 def present_run(folder: RunFolder, apart: Apart) -> Summary:
-    """Write tables, figures and page of a finished run; another process collects the cells that open on the page."""
+    """Write tables, figures and the page of a finished run, and return its summary.
+
+    `apart` runs a function in another process, which collects the cells that open on the page.
+    """
     collected = apart(pack_opening_cells, folder)
 
     def cells() -> str:
         try:
             return collected.result()
-        except FaultError:  # the process was killed
+        except FaultError:  # the other process was killed
             return pack_opening_cells(None, folder)
 
     summary = summarise(folder)
@@ -39,7 +45,7 @@ def present_run(folder: RunFolder, apart: Apart) -> Summary:
 
 
 def write_tables(folder: RunFolder, summary: Summary) -> None:
-    """Write ``summary.csv`` of a finished run."""
+    """Write the statistics of a finished run as ``summary.csv``."""
     ladders = [] if summary.config.kind != "pair" else ladder_statistics_for_csv(summary.ladder)
     with replacing(folder.root / "summary.csv") as temporary:
         statistics = pd.concat([summary.statistics, *ladders], ignore_index=True)
@@ -47,7 +53,7 @@ def write_tables(folder: RunFolder, summary: Summary) -> None:
 
 
 def write_latex(folder: RunFolder, summary: Summary) -> Path:
-    """Write the table of divergence by solver as ``summary.tex``, for a LaTeX document."""
+    """Write the table of divergence by solver as ``summary.tex`` for LaTeX documents, and return its path."""
     table, path = overall_table(summary), folder.root / "summary.tex"
     frame = pd.DataFrame(table.rows, columns=list(table.header))
     aligned = "l" * table.text + "r" * (len(table.header) - table.text)
@@ -56,9 +62,10 @@ def write_latex(folder: RunFolder, summary: Summary) -> Path:
 
 
 def write_report(folder: RunFolder, summary: Summary, cells: Callable[[], str] | None = None) -> Path:
-    """Write ``report.html`` of a finished run and return its path; missing figures are drawn.
+    """Write ``report.html`` of a finished run, and return its path. Figures that are missing are drawn first.
 
-    `cells` returns the cells that open on the page; by default `pack_opening_cells`, called if there are any.
+    `cells` returns the packed contents of the cells that open on the page. By default `pack_opening_cells` collects
+    them. It is not called if no cell opens.
     """
     figures = folder.root / "figures"
     known = figures / CAPTIONS

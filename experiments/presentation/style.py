@@ -1,4 +1,7 @@
-"""The style of figures, and functions that save them."""
+"""Style of the figures, and functions that save figures.
+
+They need Matplotlib. All modules of `pictures` and the commands that draw call them.
+"""
 
 from __future__ import annotations
 
@@ -21,16 +24,18 @@ from impact_xval.experiments.tables.frames import AxisValue
 from impact_xval.experiments.tables.parquet import replacing
 
 if TYPE_CHECKING:
-    from matplotlib.typing import RcKeyType  # old releases have none
+    from matplotlib.typing import RcKeyType  # old releases of Matplotlib do not have it
 
+#: Name of the file that holds the captions of the figures of a run.
 CAPTIONS = "captions.json"
 
-#: Name, figure and caption.
+#: Name, figure and caption of a figure.
 Drawn = tuple[str, Figure, str]
 
-#: Sentence in the captions of figures without marked cells.
-LEFT_OUT = "Marked cells (beside a jump) are left out."
+#: Sentence for the captions of figures that leave out marked cells.
+LEFT_OUT = "Cells in which a tiny change of a parameter flips the outcome (marked cells) are left out."
 
+#: Parameters of Matplotlib for all figures.
 _PARAMETERS: dict[RcKeyType, object] = {
     "figure.constrained_layout.use": True,
     "font.size": 9,
@@ -48,37 +53,37 @@ _PARAMETERS: dict[RcKeyType, object] = {
 
 @contextmanager
 def styled_figure(width: float, height: float) -> Generator[Figure]:
-    """Yield an empty figure of a size in inches, with the style of the project set for the block only."""
+    """Yield an empty figure of a size in inches. The style of the project is set only inside the `with` block."""
     with mpl.rc_context(_PARAMETERS):
         yield Figure(figsize=(width, height), layout="constrained")
 
 
 def draw_legend_beside(axes: Axes) -> Legend:
-    """Draw the legend of axes to the right of them."""
+    """Draw the legend of axes to the right of the axes, and return it."""
     return axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5))
 
 
 def label_axis_values(axis: Axis, values: Sequence[AxisValue], most: int) -> None:
-    """Label the places 0, 1, ... of an axis with their values, `most` places at most."""
+    """Label the positions 0, 1, ... of an axis with the given values, with at most `most` labels."""
     step = max(1, -(-len(values) // most))
     axis.set_ticks(range(0, len(values), step), [format_axis_value(value, 2) for value in values[::step]])
 
 
 def _widen_limits(low: float, high: float) -> tuple[float, float]:
-    """Widen the limits of an axis if they differ by rounding only, because such an axis has no ticks."""
+    """Return the limits of an axis, widened if they differ only by rounding, because such an axis has no ticks."""
     reach = 1e-9 * max(abs(low), abs(high))
     return (low, high) if abs(high - low) > reach else (low - reach, high + reach)
 
 
 def save_figure(figure: Figure, folder: Path, name: str) -> None:
-    """Write a figure as ``NAME.svg`` and ``NAME.pdf``; the same figure gives the same bytes."""
+    """Write a figure as ``NAME.svg`` and ``NAME.pdf``. The same figure always gives the same bytes."""
     for ax in figure.axes:
-        ax.minorticks_off()  # layout takes half its time for their labels, which nobody sees
+        ax.minorticks_off()  # their labels are invisible, but take half of the time of the layout
         ax.set_xlim(_widen_limits(*ax.get_xlim()), auto=None)
         ax.set_ylim(_widen_limits(*ax.get_ylim()), auto=None)
-    # Not `savefig`, which lays out and draws twice for each format.
+    # `savefig` would lay out and draw the figure twice for each format.
     figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # it is laid out
+    figure.set_layout_engine("none")  # the layout is final
     with mpl.rc_context(_PARAMETERS), replacing(folder / f"{name}.svg") as temporary:
         FigureCanvasSVG(figure).print_svg(temporary, metadata={"Date": None})
     with replacing(folder / f"{name}.pdf") as temporary:
@@ -86,7 +91,7 @@ def save_figure(figure: Figure, folder: Path, name: str) -> None:
 
 
 def save_figures(figures: Iterable[Drawn], folder: Path) -> dict[str, str]:
-    """Write figures, and their captions by name as ``captions.json``; return the captions."""
+    """Write figures, and their captions as ``captions.json``. Return the captions by name of the figure."""
     captions: dict[str, str] = {}
     for name, figure, caption in figures:
         save_figure(figure, folder, name)
@@ -96,7 +101,10 @@ def save_figures(figures: Iterable[Drawn], folder: Path) -> dict[str, str]:
 
 
 def save_picture(figure: Figure, path: Path) -> None:
-    """Write a figure in the format of the suffix, .png, .svg or .pdf; the same figure gives the same bytes."""
+    """Write a figure in the format of the suffix of its path: .png, .svg or .pdf.
+
+    The same figure always gives the same bytes.
+    """
     dates = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
     with mpl.rc_context(_PARAMETERS), replacing(path) as temporary:
         figure.savefig(temporary, format=path.suffix[1:], dpi=200, metadata=dates.get(path.suffix))

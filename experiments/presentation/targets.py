@@ -1,4 +1,8 @@
-"""A contact for one engine, or for all ways to write it into an engine, as text to paste and what is known of it."""
+"""Text and tables about a contact for an engine: the text to paste, what the engine reads, and results of drops.
+
+They need a pair of bodies and targets, which are ways to write a contact into an engine. The command `contact` calls
+them.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +18,10 @@ from impact_xval.compliant_baselines.targets import ContactRequest, Target
 from impact_xval.experiments.presentation.contacts import round_outward
 from impact_xval.experiments.presentation.document import Block, Table
 
-#: Steps in a contact if no step is given, before rounding.
+#: Number of time steps in a contact if no step is given, before the step is rounded.
 DEFAULT_STEPS = 200
 
-#: What the engine makes of the contact, by `Target.law`.
+#: Explanations of the contact laws of engines, by `Target.law`.
 LAWS = {
     "pushes": "F = max(0, k d + c d') at a depth d; the contact may push but not pull",
     "pulls": "F = k d + c d' at a depth d; the contact may pull",
@@ -32,12 +36,12 @@ class ContactOfTwo(Protocol):
 
     @property
     def masses(self) -> tuple[float, float]:
-        """Masses in kg; one may be infinite."""
+        """Masses in kg. One mass may be infinite."""
         ...
 
     @property
     def contact(self) -> KelvinVoigtContact:
-        """The contact asked for."""
+        """The requested contact."""
         ...
 
     @property
@@ -47,7 +51,10 @@ class ContactOfTwo(Protocol):
 
 
 def request_contact(pair: ContactOfTwo, step: float | None = None) -> ContactRequest:
-    """Ask for the contact of a pair at a step in s, by default a 200th of the contact's duration or a little less."""
+    """Return the request for the contact of a pair at a time step in s.
+
+    The default step is a 200th of the duration of the contact, rounded down to one digit.
+    """
     light, heavy = sorted(pair.masses)
     e = float(f"{pair.contact.restitution:.12g}")
     if step is None:
@@ -58,12 +65,12 @@ def request_contact(pair: ContactOfTwo, step: float | None = None) -> ContactReq
 def _round_down(value: float) -> float:
     """Return the largest number of one significant digit that is not above a value."""
     exponent = math.floor(math.log10(value))
-    # What is a multiple of the power of ten stays one: a thousandth of it may be the rounding of the quotient.
+    # A multiple of the power of ten keeps its value: the quotient may be off by rounding, less than a thousandth.
     return float(f"{math.floor(value / 10.0**exponent + 1e-3)}e{exponent}")
 
 
 def describe_target(target: Target, pair: ContactOfTwo, step: float | None = None) -> list[Block]:
-    """Lay out the text of a target for a contact, what the engine reads, and what drops of the text gave.
+    """Return the text to paste for a contact, what the engine reads in it, and the results of drops with it.
 
     Parameters
     ----------
@@ -86,7 +93,7 @@ def describe_target(target: Target, pair: ContactOfTwo, step: float | None = Non
     """
     request = request_contact(pair, step)
     facts = [
-        f"what is read: {target.reads}",
+        f"what the engine reads: {target.reads}",
         f"law: {LAWS[target.law]}",
         f"numbers of two bodies: {target.combines}",
         f"speed below which nothing rebounds: {target.threshold}",
@@ -96,7 +103,7 @@ def describe_target(target: Target, pair: ContactOfTwo, step: float | None = Non
     rebound = request.restitution * request.speed
     if 0 < rebound <= target.dropped_rebound:
         facts.append(
-            f"At {request.speed:.6g} m/s this contact would rebound at {rebound:.3g} m/s: {target.title} gives no "
+            f"At {request.speed:.6g} m/s this contact would rebound at {rebound:.3g} m/s, but {target.title} gives no "
             f"rebound of {target.dropped_rebound:g} m/s or less."
         )
     return [
@@ -108,19 +115,19 @@ def describe_target(target: Target, pair: ContactOfTwo, step: float | None = Non
 
 
 def describe_targets(targets: Sequence[Target], pair: ContactOfTwo, step: float | None = None) -> list[Block]:
-    """Lay out several targets one after the other; a target that cannot take the numbers says why.
+    """Return the blocks of several targets one after the other. A target that cannot take the numbers says why.
 
     Raises
     ------
     SolverError
-        If none of them can take the numbers.
+        If no target can take the numbers.
     """
     c = pair.contact
     blocks: list[Block] = []
     if any(target.kind == "compliant" for target in targets):
         blocks.append(
-            f"k = {c.k:.6g} N/m, e = {c.restitution:.6g}, reduced mass {c.mass:.6g} kg. With c = {c.c:.6g} N s/m a "
-            f"contact that pushes only has this e; it lasts {c.duration:.6g} s."
+            f"k = {c.k:.6g} N/m, e = {c.restitution:.6g}, reduced mass {c.mass:.6g} kg. A contact that can only push "
+            f"has this e with c = {c.c:.6g} N s/m, and lasts {c.duration:.6g} s."
         )
     refusals: list[SolverError] = []
     for target in targets:
@@ -135,7 +142,7 @@ def describe_targets(targets: Sequence[Target], pair: ContactOfTwo, step: float 
 
 
 def _describe_drops(target: Target, request: ContactRequest) -> list[Block]:
-    """Lay out asked and given; or say why nothing was verified."""
+    """Return the table of requested and measured numbers, or a line that says why nothing was measured."""
     missing = missing_distribution(target)
     if missing is not None:
         return [f"not verified here: {missing}"]
@@ -143,7 +150,7 @@ def _describe_drops(target: Target, request: ContactRequest) -> list[Block]:
         given = drop_target(target, request)
     except SolverError as error:
         return [
-            f"not verified here: a drop with this text in {target.title} gave no rebound to measure: {error.reason}"
+            f"not verified here, because a drop with this text in {target.title} gave no rebound: {error.reason}"
         ]
     rows = [("restitution", f"{request.restitution:.6g}", _describe_range(*given.restitution))]
     if target.kind == "compliant":
@@ -157,13 +164,13 @@ def _describe_drops(target: Target, request: ContactRequest) -> list[Block]:
         rows.append(("duration", by_law or asked, f"{_describe_range(*given.duration)} s"))
     version = version_of(target.distributions[0])
     caption = (
-        f"Drops of this text alone in {target.distributions[0]} {version}: a step of {request.step:.6g} s, "
-        f"{request.speed:.6g} m/s, and {len(PLACES)} places of the touch within a step"
+        f"Drops with this text alone in {target.distributions[0]} {version}: a step of {request.step:.6g} s, "
+        f"{request.speed:.6g} m/s, and {len(PLACES)} instants of first touch within a step"
     )
-    return [Table(("", "asked", "given"), rows, caption)]
+    return [Table(("", "requested", "measured"), rows, caption)]
 
 
 def _describe_range(low: float, high: float) -> str:
-    """Write an interval, or a number of six digits where both ends round to it."""
+    """Return an interval as text, or one number of six digits if both ends round to it."""
     ends = {f"{end:.6g}" for end in (low, high)}
     return ends.pop() if len(ends) == 1 else round_outward(low, high)

@@ -1,4 +1,7 @@
-"""Output of the commands on a terminal or in a log: progress, tables and lines."""
+"""Output of the commands on a terminal or in a log: progress, tables and lines.
+
+It needs the library rich. All commands call it.
+"""
 
 from __future__ import annotations
 
@@ -30,11 +33,11 @@ from impact_xval.experiments.presentation.document import Block, Table
 from impact_xval.experiments.presentation.words import look_of
 
 #: Message before kernels are compiled.
-COMPILING = "compiling the kernels, once for each installation: half a minute or more"
+COMPILING = "compiling the kernels (numerical code) takes half a minute or more, once after each installation"
 
-#: Width in letters of output that is not a terminal.
+#: Width, in letters, of output that does not go to a terminal.
 _WIDTH = 150
-#: Seconds between two messages on standard error while a command works.
+#: Time in s between two messages on standard error while a command works.
 _SAY = 20.0
 #: Name of standard output in an error message.
 _STDOUT = "standard output"
@@ -58,7 +61,10 @@ def print_blocks(console: Console, blocks: Iterable[Block]) -> None:
 
 
 def _rich_table(block: Table) -> RichTable:
-    """Lay out a table; solvers have their colours of figures, but the model, which is black there, has none."""
+    """Return a table of rich. Names of solvers have the colours that they have in figures.
+
+    The name of the model has no colour, because it is black in figures.
+    """
     table, known = RichTable(box=None, pad_edge=False), {*solver_names(on_request=True)} - {REFERENCE}
     for place, title in enumerate(block.header):
         table.add_column(
@@ -75,13 +81,14 @@ def _rich_table(block: Table) -> RichTable:
 
 @contextmanager
 def show_progress(console: Console) -> Generator[Callable[[int, int, str], None]]:
-    """Show progress: a bar on a terminal, otherwise a line for the first report and for every tenth.
+    """Show the progress of a run: a bar on a terminal, otherwise a line for every tenth of the cells.
 
-    Yields a function that any thread may call with the number of cells done, the total, and a line to print.
+    The context yields a function that any thread may call. Its arguments are the number of cells done, the total, and a
+    line to print.
     """
     live = console.is_terminal and not console.is_dumb_terminal
     counts = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    slow = 3600  # s: parts may take minutes
+    slow = 3600  # in s; long, because a part of a run may take minutes
     bar = Progress(TextColumn("{task.description}"), *counts, console=console, speed_estimate_period=slow)
     bar.add_task("cells", total=None)
     (task,), said, lock = bar.tasks, -1, threading.Lock()
@@ -102,18 +109,18 @@ def show_progress(console: Console) -> Generator[Callable[[int, int, str], None]
 
     with bar if live else nullcontext():
         yield report
-        bar.live.transient = True  # what follows says it better
+        bar.live.transient = True  # the bar disappears, because the summary that follows says more
 
 
 class _Console(Console):
-    """A console whose failures to write are an `OSError` that names standard output."""
+    """A console that raises an `OSError` with the name of standard output if it cannot write."""
 
     def print(self, *objects: object, **options: Any) -> None:
-        """Print; raise `BrokenPipeError` when nobody reads, where rich would end the process."""
+        """Print objects. Raise `BrokenPipeError` if nobody reads the output, instead of ending the process."""
         try:
             super().print(*objects, **options)
         except SystemExit:
-            raise BrokenPipeError(errno.EPIPE, "nobody reads it any more", _STDOUT) from None
+            raise BrokenPipeError(errno.EPIPE, "its reader has ended", _STDOUT) from None
         except OSError as error:
             error.filename = error.filename or _STDOUT
             raise
@@ -121,7 +128,7 @@ class _Console(Console):
 
 @contextmanager
 def report_waiting(activity: str) -> Generator[None]:
-    """Say on standard error every `_SAY` s how long the block has taken."""
+    """Print every `_SAY` seconds on standard error how long the `with` block has taken."""
     start, ended = time.perf_counter(), threading.Event()
 
     def say() -> None:
@@ -138,23 +145,23 @@ def report_waiting(activity: str) -> Generator[None]:
 
 
 def make_console() -> Console:
-    """Return the console of standard output; a log gets wide lines."""
+    """Return the console of standard output, with wide lines if the output is not a terminal."""
     console = _Console()
     return console if console.is_terminal else _Console(width=_WIDTH)
 
 
 def print_line(console: Console, text: str) -> None:
-    """Print a line without control characters; in a log it is not wrapped."""
+    """Print a line without control characters. Only a terminal wraps it."""
     console.print(escape_invisible(text), markup=False, highlight=False, soft_wrap=not console.is_terminal)
 
 
 def error_line(text: str) -> None:
-    """Print a line on standard error."""
+    """Print a line on standard error, after the name of the program."""
     Console(stderr=True).print(
         f"impact-xval: {escape_invisible(text)}", markup=False, highlight=False, soft_wrap=True
     )
 
 
 def say_waiting(line: str) -> None:
-    """Print on standard error what is waited for; an empty line stands for the compilation of kernels."""
+    """Print on standard error what the program waits for. An empty line stands for the compilation of kernels."""
     error_line(line or COMPILING)

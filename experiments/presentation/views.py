@@ -1,4 +1,7 @@
-"""Views of a run on a terminal: its progress, its findings, one cell, and its changes from another run."""
+"""Views of a run on a terminal: its progress, its findings, one cell, and its changes from another run.
+
+They need the folder or the `Summary` of a run. The commands `run`, `show`, `status` and `compare` call them.
+"""
 
 from __future__ import annotations
 
@@ -34,11 +37,11 @@ from impact_xval.experiments.tables.frames import Record
 from impact_xval.experiments.tables.numbers import number, percent
 from impact_xval.model.status import RESULT_STATUSES
 
-#: Columns of the difference that a ladder splits into contributions.
+#: Names of the columns of the difference between engine and model that a ladder splits into contributions.
 _DIFFERENCE = re.compile(r"velocity_divergence|dv\d+")
-#: Reasons that `show_status` prints.
+#: Largest number of reasons that `show_status` prints.
 _REASONS = 12
-#: Most balls whose velocities fit in one row.
+#: Largest number of balls whose velocities fit into one row.
 _SHOWN = 8
 
 
@@ -48,13 +51,15 @@ def show_summary(console: Console, summary: Summary) -> None:
 
 
 def show_end(console: Console, summary: Summary, seconds: float, root: str) -> None:
-    """Print the findings of a run, and where its files are."""
+    """Print the findings of a run, the seconds that it took, and where its files are."""
     print_blocks(console, summary_blocks(summary))
-    print_line(console, f"{seconds:.0f} s; report.html is the page to read; everything is in {root}")
+    print_line(
+        console, f"Finished after {seconds:.0f} s. All files are in {root}. The page to read is report.html."
+    )
 
 
 def show_status(console: Console, root: str, status: RunStatus) -> None:
-    """Print how far a run is."""
+    """Print the state of a run: how many of its cells are done, and their statuses and reasons."""
     names = sorted({name for counts in status.statuses.values() for name in counts})
     counts = [(solver, *(n.get(name, 0) for name in names)) for solver, n in status.statuses.items()]
     share = percent(status.cells_done / status.cells if status.cells else 1.0)
@@ -63,23 +68,24 @@ def show_status(console: Console, root: str, status: RunStatus) -> None:
         f"{status.cells_done} of {status.cells} cells ({share}), {status.parts_done} of {status.parts} parts",
     ]
     if status.parts_damaged:
-        blocks.append(f"{status.parts_damaged} parts are damaged; the next run computes them again")
+        parts = "part" if status.parts_damaged == 1 else "parts"
+        blocks.append(f"{status.parts_damaged} damaged {parts} will be computed again by the next run")
     blocks.append(Table(["solver", *names], counts))
     blocks.append(Table(["solver", "status", "reason", "cells"], status.reasons[:_REASONS], text=3))
     if len(status.reasons) > _REASONS:
-        blocks.append(f"and {len(status.reasons) - _REASONS} more reasons")
+        blocks.append(f"{len(status.reasons) - _REASONS} more reasons are not shown")
     if status.state == "stopped":
         blocks.append(f"to continue: {shlex.join(['impact-xval', 'run', '--out', root])}")
     print_blocks(console, blocks)
 
 
 def rows_of_cell(folder: RunFolder, cell: int) -> list[Record]:
-    """Read a cell of a finished run: one row per solver, with its outcome, measures and contributions."""
+    """Return the rows of a cell of a finished run, one per solver, with outcome, measures and contributions."""
     paths = (folder.table_path(f"{name}.parquet") for name in ("cells", "divergence", "ladder"))
     rows, measures, ladder = (
         pq.read_table(path, filters=[("cell", "==", cell)]).to_pandas() for path in paths
     )
-    # A ladder has the difference that it splits also where a row has no result, and so no measure of divergence.
+    # The table of ladders has a difference even for rows without a result, which have no D. Its columns are renamed.
     ladder = ladder.rename(columns=lambda name: f"ladder_{name}" if _DIFFERENCE.fullmatch(name) else name)
     for table in (measures, ladder):
         new = ["cell", "solver", *table.columns.difference(rows.columns, sort=False)]
@@ -91,7 +97,7 @@ def rows_of_cell(folder: RunFolder, cell: int) -> list[Record]:
 
 
 def show_cell(console: Console, cell: int, rows: list[Record]) -> None:
-    """Print a cell: the outcome of each solver, and why engines diverge."""
+    """Print a cell: the outcome of each solver, and the causes of each engine's D."""
     axes = GRAPH_AXES if "graph" in rows[0] else CHAIN_AXES if "arrangement" in rows[0] else AXES
     balls = _shown_components(rows)
     speed = abs(rows[0]["v0"])
@@ -110,13 +116,13 @@ def show_cell(console: Console, cell: int, rows: list[Record]) -> None:
     if axes is AXES:
         setup += f"; {describe_si_values(rows[0])}"
     if axes is GRAPH_AXES:
-        setup += f"; v1x is along x, v1z up; |v0| = {number(speed)} m/s"
+        setup += f". v1x is the velocity of body 1 along x, v1z upwards. |v0| = {number(speed)} m/s"
     blocks: list[Block] = [f"cell {cell}: {setup}", Table(header, outcomes, text=2)]
     if any(NO_RESULT in "".join(outcome) for outcome in outcomes):
         blocks.append(WHAT_NO_RESULT_IS)
     blocks += [f"{row['solver']}: {row['status']}: {row['reason']}" for row in rows if row["reason"]]
     blocks += [f"{row['solver']}: marked: {row['marked']}" for row in rows if row["marked"]]
-    causes = ["cause", *(f"dv{i}/|v0|" for i in balls), "kinetic norm", "share", "by order"]
+    causes = ["cause", *(f"dv{i}/|v0|" for i in balls), "size (like D)", "share", "range over orders"]
     for row in rows:
         if row.get("sentence"):
             blocks.append(
@@ -126,9 +132,10 @@ def show_cell(console: Console, cell: int, rows: list[Record]) -> None:
 
 
 def _shown_components(rows: list[Record]) -> list[str]:
-    """List the numbers of the balls, or of a graph the components, whose velocities fit in one row; none of too many.
+    """List the balls, or the components of velocity of a graph, that a table of a cell shows.
 
-    Of a graph it is those of which some solver, or the shape of the graph, has a number.
+    The list is empty if there are too many to fit into one row. A component of a graph is in the list if a solver has a
+    number for it.
     """
     if "graph" not in rows[0]:
         balls = rows[0].get("balls") or 2
@@ -139,21 +146,24 @@ def _shown_components(rows: list[Record]) -> list[str]:
 
 
 def _format_velocity(row: Record, name: str, speed: float) -> str:
-    """Write a velocity per |v0|, marked if the row has no result, or a dash if there is no number."""
+    """Return a velocity per |v0| as text; a dash if there is no number.
+
+    `NO_RESULT` follows a number of a row that has no result.
+    """
     if row[name] is None:
         return "-"
     return f"{row[name] / speed:.6f}" + (NO_RESULT if row["status"] not in RESULT_STATUSES else "")
 
 
 def _contribution_rows(row: Record, balls: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return the rows of the table of contributions of a cell and engine; empty without a ladder."""
+    """Return the rows of the table of causes of one cell and engine; empty if the causes are not known."""
     contributions = [c for c in CONTRIBUTIONS if row.get(f"{c.name}_norm") is not None]
     pair = cancelling_pair([row[f"{c.name}_share"] for c in contributions]) or ()
     lines = []
     for i, c in enumerate(contributions):
         name = f"{c.name}_share"
         by_order = format_share_range(row[f"{name}_low"], row[f"{name}_high"]) if c.is_cause else ""
-        shown = ("cancels", "") if i in pair else (percent(row[name]), by_order)
+        shown = ("cancelled", "") if i in pair else (percent(row[name]), by_order)
         changes = (f"{row[f'{c.name}_dv{j}']:.3e}" for j in balls)
         lines.append((c.label, *changes, f"{row[f'{c.name}_norm']:.3e}", *shown))
     total = (f"{row[f'ladder_dv{j}']:.3e}" for j in balls)
@@ -163,9 +173,10 @@ def _contribution_rows(row: Record, balls: Sequence[str]) -> list[tuple[str, ...
 
 
 def show_changes(console: Console, a: str, b: str, comparison: RunComparison) -> None:
-    """Print what moved between two runs."""
+    """Print what changed between two runs."""
 
     def shown(change: float) -> str:
+        """Return a change as text."""
         return "one only" if math.isinf(change) else number(change, 2)
 
     solvers = [
@@ -181,23 +192,25 @@ def show_changes(console: Console, a: str, b: str, comparison: RunComparison) ->
         for row in comparison.worst
     ]
     limit = number(comparison.tolerance)
-    moved = f"{comparison.moved} rows moved by more than {limit}, or have another status."
-    blocks: list[Block] = [moved if comparison.moved else f"Nothing moved by more than {limit}."]
+    rows = "row" if comparison.moved == 1 else "rows"
+    moved = f"{comparison.moved} {rows} changed by more than {limit}, or changed the status."
+    blocks: list[Block] = [moved if comparison.moved else f"Nothing changed by more than {limit}."]
     for name, (before, after) in [*comparison.versions.items(), *comparison.settings.items()]:
         blocks.append(f"{name} is {before} in the first run, {after} in the second.")
     if comparison.alone:
-        blocks.append(f"Not compared, since only one run has them: {', '.join(comparison.alone)}.")
+        blocks.append(f"Not compared, because only one run has it: {', '.join(comparison.alone)}.")
     if cells := comparison.cells_alone:
-        blocks.append(f"Not compared, since only one run has them: {len(cells)} cells, the first {cells[0]}.")
-    by_solver = ("solver", "cells", "moved", "other status", "largest dv/|v0|", "largest dD")
+        count = "1 cell" if len(cells) == 1 else f"{len(cells)} cells"
+        blocks.append(f"Not compared, because only one run has it: {count}, first cell {cells[0]}.")
+    by_solver = ("solver", "cells", "changed", "other status", "largest dv/|v0|", "largest dD")
     blocks.append(Table(by_solver, solvers, f"Changes from {a} to {b}"))
     by_row = ("cell", "solver", "first status", "second status", "dv/|v0|", "dD")
-    caption = 'The largest changes; "one only": only one run has a number'
+    caption = 'The largest changes. "one only" means that only one run has a number'
     print_blocks(console, [*blocks, Table(by_row, worst, caption, text=4)])
 
 
 def changes_to_json(comparison: RunComparison) -> dict[str, object]:
-    """Return the changes between two runs for JSON; a change is infinite if only one run has a number."""
+    """Return the changes between two runs as values for JSON. A change is infinite if only one run has a number."""
     return {
         "tolerance": comparison.tolerance,
         "moved": comparison.moved,

@@ -1,4 +1,7 @@
-"""Sentences that several pages and commands share, and the names and looks of solvers."""
+"""Sentences that the page of a run and several commands share, and the names and looks of solvers.
+
+It needs the list of solvers and the names of axes. The page, the figures and the terminal call it.
+"""
 
 from __future__ import annotations
 
@@ -13,19 +16,21 @@ from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.tables.frames import AxisValue, FrameRow, Record
 from impact_xval.experiments.tables.numbers import join_words, number
 
-#: The measure of divergence, in words.
+#: Explanation of the measure of divergence D.
 WHAT_D_IS = (
-    "D is the difference between two outcomes: that of the final velocities, weighted by mass (the kinetic "
-    "norm), per speed of impact. D = 0 is the same outcome; at D = 0.1 velocities differ by a tenth of the "
-    "incoming motion."
+    "D says how far apart two outcomes are. It is the difference of their final velocities, weighted by mass (the "
+    "kinetic norm), and divided by the same norm of the velocities before the impact. D = 0 means that both outcomes "
+    "are the same. D = 0.1 means that they differ by a tenth of the incoming motion."
 )
 
+#: Statement of what the comparison cannot show.
 LAWS_WITH_LAWS = (
-    "Laws of contact are compared with one another; no laboratory measurement is in the comparison, and no "
-    "number says which law is nearer to a real collision."
+    "Contact laws are compared with one another, not with laboratory measurements. No number here says which law is "
+    "nearer to a real collision."
 )
 
-#: Colour, marker and dash of the solvers of most runs, by the palette of Okabe and Ito, safe for the colour-blind.
+#: Colour, marker and dash of the solvers that most runs have. Most colours are from the palette of Okabe and Ito, which
+#: colour-blind readers can tell apart.
 _LOOKS = {
     "state-transition": ("#000000", "", "solid"),
     "mujoco": ("#0072B2", "o", "solid"),
@@ -39,7 +44,7 @@ _LOOKS = {
     "liu-zhao-brogliato": ("#5D3A9B", "*", (0, (3, 1))),
     "drake": ("#E69F00", "v", (0, (5, 1, 1, 1, 1, 1))),
 }
-#: Colours and markers of all other solvers, in the order of the list of solvers, by the muted palette of Tol.
+#: Colours, from the muted palette of Tol, and markers of all other solvers, in the order of the list of solvers.
 _COLORS = ("#882255", "#44AA99", "#999933", "#332288", "#661100", "#AA4499", "#117733", "#DDCC77")
 _MARKERS = ("P", "X", "h", ">", "p")
 
@@ -47,9 +52,9 @@ _MARKERS = ("P", "X", "h", ">", "p")
 MEANINGS = {
     "frozen_positions": "the model keeps all bodies in place during the collision; in an engine they move",
     "dissipation_law": "a dashpot takes energy out at another time and in another amount than the model's restitution",
-    "gravity": "it acts in an engine and not in the model",
+    "gravity": "gravity acts in the engine but not in the model",
     "mapping": "how the engine softens its contacts, and how stiffness and damping become its parameters",
-    "discretisation": "the engine's step is not zero",
+    "discretisation": "the engine advances in time steps of finite length",
 }
 
 #: What happens in the contact graphs of an experiment, by name.
@@ -60,18 +65,18 @@ GRAPHS_IN_WORDS = {
     "rack": "a ball strikes a rack of balls (rack)",
 }
 
-#: Mark after the numbers of a row without a result, and the note below a table with such rows.
+#: Mark after the numbers of a solver that has no result, and the note below a table that shows such numbers.
 NO_RESULT = "*"
 WHAT_NO_RESULT_IS = (
-    f"{NO_RESULT}: what the solver came to, but no result; the status and the reason say why. The velocities are those "
-    "at the step of the run, and a reason that speaks of halving the step is about the shortest step tried. Such a row "
-    "counts in no statistic of D. A sentence on its causes, where there is one, tells its D at the step of the run."
+    f"{NO_RESULT}: the solver ended with these numbers, but they do not count as a result. The status and the reason "
+    "say why. The velocities are those at the time step of the run. A reason that mentions halving the step refers to "
+    "the shortest step tried. No statistic of D counts these numbers. If a sentence names causes of their D, that is "
+    "the D at the time step of the run."
 )
 
-#: Engines that multiply the restitutions of two bodies, and their names as their makers spell them.
+#: Engines in which the restitution of a contact is the product of the restitutions of its two bodies. Keys are names of
+#: solvers, values the spelling of the makers.
 _MULTIPLYING = {"pybullet": "PyBullet", "dart": "DART", "pymunk": "Pymunk"}
-
-_COUNTS = ("none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,11 +85,11 @@ class Look:
 
     color: str
     marker: str
-    dash: str | tuple[int, tuple[int, ...]]  # matplotlib and Bokeh have the same words
+    dash: str | tuple[int, tuple[int, ...]]  # the words that matplotlib and Bokeh both understand
 
 
 def look_of(solver: str) -> Look:
-    """Return the look of a solver, the same in every figure."""
+    """Return the colour, marker and dash of a solver, which are the same in every figure."""
     if solver in _LOOKS:
         return Look(*_LOOKS[solver])
     names = [name for name in solver_names(on_request=True) if name not in _LOOKS]
@@ -93,12 +98,12 @@ def look_of(solver: str) -> Look:
 
 
 def display_name(solver: str) -> str:
-    """Return the name of a solver for readers."""
+    """Return the name of a solver as readers see it, such as MuJoCo for ``mujoco``."""
     return title_of(solver)
 
 
 def name_solver_in(solver: str, text: str) -> str:
-    """Replace the identifier of a solver at the beginning of a ladder's sentence by the solver's name."""
+    """Return a sentence on causes whose first word, the identifier of a solver, is replaced by the solver's name."""
     identifier = next(filter(text.startswith, (solver, REFERENCE)), "")
     return display_name(identifier) + text.removeprefix(identifier)
 
@@ -109,51 +114,56 @@ def capitalise_first(sentence: str) -> str:
 
 
 def format_axis_value(value: AxisValue, digits: int = 3) -> str:
-    """Write a value of an axis: a word, or a number."""
+    """Return the value of an axis as text: a word as it is, a number rounded to `digits` digits."""
     return value if isinstance(value, str) else number(value, digits)
 
 
 def describe_cell(cell: Record | FrameRow, axes: Mapping[str, str] = AXES, digits: int = 3) -> str:
-    """Describe a cell by the axes on which it has a value."""
+    """Return the values of a cell as text, such as ``k2/k1 = 40, e1 = 0.9``, without axes on which it has no value."""
     known = ((label, cell[axis]) for axis, label in axes.items() if cell[axis] is not None)
     return ", ".join(f"{label} = {format_axis_value(value, digits)}" for label, value in known)
 
 
 def describe_si_values(cell: Record | FrameRow, quantities: Iterable[str] = SI_AXES) -> str:
-    """Write masses and stiffnesses of a cell of two balls with their units."""
+    """Return masses and stiffnesses of a cell of two balls as text with their units."""
     return ", ".join(f"{name} = {number(cell[name], 6)} {SI_AXES[name]}" for name in quantities)
 
 
 def describe_chain(chain: ChainSetup) -> str:
-    """Say in words how a chain is arranged."""
+    """Return a description of a chain: its arrangement, number of balls, restitution, force law, tapers and gaps."""
     words = f"a {chain.arrangement} of {chain.balls} balls"
     words += f", {chain.striking} striking" if chain.arrangement == "cradle" else ""
     words += f", e = {number(chain.e, 6)}"
     words += f", F = k delta^{number(chain.exponent, 6)}" if chain.exponent != 1 else ""
-    words += f", mass taper {number(chain.mass_taper, 6)}" if chain.mass_taper != 1 else ""
-    words += f", stiffness taper {number(chain.stiffness_taper, 6)}" if chain.stiffness_taper != 1 else ""
+    words += (
+        f", each mass {number(chain.mass_taper, 6)} times the one before" if chain.mass_taper != 1 else ""
+    )
+    if chain.stiffness_taper != 1:
+        words += f", each stiffness {number(chain.stiffness_taper, 6)} times the one before"
     return words + (f", gaps of {number(chain.gap, 6)} m" if chain.gap else "")
 
 
 def describe_restitution_product(solvers: Iterable[str], e: float = 0.9) -> str:
-    """Say what to write for e in engines that multiply the restitutions of two bodies; empty without such engines."""
+    """Return advice for engines that multiply the restitutions of two bodies; empty without such engines."""
     engines = [re.split("[-:]", name)[0] for name in solvers]
     titles = [title for engine, title in _MULTIPLYING.items() if engine in engines]
     if not titles:
         return ""
     verb = "multiplies" if len(titles) == 1 else "multiply"
     return (
-        f"{join_words(titles)} {verb} the restitutions of the two bodies of a contact: {number(e, 4)} on both gives "
-        f"{number(e * e, 4)}. For e = {number(e, 4)} write {number(e, 4)} on one and 1 on the other."
+        f"{join_words(titles)} {verb} the restitutions of the two bodies of a contact: {number(e, 4)} on both bodies "
+        f"gives {number(e * e, 4)}. For a contact with e = {number(e, 4)} write {number(e, 4)} on one body and 1 "
+        "on the other body."
     )
 
 
 def describe_shared_laws(solvers: Iterable[str]) -> str:
-    """Say which solvers were asked for the same law, and are one vote on it; empty if there are none."""
+    """Say which solvers solve the same contact law, so that their agreement confirms nothing; empty if none do."""
     said: list[str] = []
     for group in group_by_law(solvers).values():
         if len(group) > 1:
-            count = _COUNTS[len(group)] if len(group) < len(_COUNTS) else len(group)
             names = capitalise_first(join_words(map(display_name, group)))
-            said.append(f"{names} were asked for one law: one vote, not {count}.")
+            said.append(
+                f"{names} solve the same contact law, so their agreement is no independent confirmation."
+            )
     return " ".join(said)

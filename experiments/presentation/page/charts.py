@@ -1,6 +1,7 @@
-"""Interactive charts of the page, by Bokeh: the map whose tiles open, and the impulse curves of the open cell.
+"""Interactive charts of the page, drawn by Bokeh: a map of the cells, and the impulse curves of the open cell.
 
-The map is of k2/k1, or the number of balls, by other axes; its tiles are bounded in number.
+They need the table of divergence of a finished run. The map shows D over k2/k1 (two balls) or over the number of balls
+(chains), and other axes. A click on a tile of the map opens a cell. The page of a run and `explore` call this module.
 """
 
 from __future__ import annotations
@@ -44,32 +45,33 @@ from impact_xval.experiments.tables.frames import Frame
 from impact_xval.experiments.tables.numbers import join_words
 from impact_xval.experiments.tables.parquet import read_column
 
-#: Most tiles of a map: a browser draws these at once, and a page has room for them.
+#: Largest number of tiles of a map: a browser draws so many without delay, and a page has room for them.
 TILES = 1000
 
-#: An axis with more levels is put into bins if the map has no room for it.
+#: Largest number of values of an axis that is never put into bins.
 _FEW = 24
 
-#: Labels of axes for readers.
+#: Labels of the axes of pairs, chains and graphs, by name.
 LABELS = AXES | CHAIN_AXES | GRAPH_AXES
 
-#: Stands on an axis that a graph does not have.
+#: Label of graphs on an axis that they do not have.
 _ABSENT = "-"
 
-#: Least D with a colour of its own: about the rounding of the solvers.
+#: Smallest D on the scale of colours; smaller D have the same colour.
 _FLOOR = 1e-4
 
-#: Most labels of an axis.
+#: Largest number of labels of an axis.
 _LABELS = 60
 
 
 @dataclass(frozen=True, slots=True)
 class Tiles:
-    """Tiles of a map along one axis, and others up its side; those without a cell are left out.
+    """Tiles of a map, with one axis of the run along the map and one or more axes up its side.
 
-    `places` has of every tile its place, ``across`` and ``above``; what it says there, ``column`` and ``row``; and the
-    ``cell`` that it opens: that of the largest D by any solver, unmarked where there is one. `medians` has the median D
-    of each solver that was compared, marked cells left out; NaN where nothing was compared.
+    Tiles without a cell are left out. `places` has one row per tile: its position ``across`` and ``above``, the labels
+    of its ``column`` and ``row``, and the ``cell`` that it opens. That is the unmarked cell with the largest D by any
+    solver, or a marked cell if the tile has no other. `medians` has one row per tile and one column per compared
+    solver: the median D of the unmarked cells, NaN where nothing was compared.
     """
 
     along: str
@@ -79,14 +81,14 @@ class Tiles:
 
 
 def make_tiles(table: DivergenceTable) -> Tiles:
-    """Lay the compared cells of a run out as a map.
+    """Return the map of the compared cells of a run.
 
-    As many axes as there is room for stand up the side, in the order of the tables: with all of them a tile is one
-    cell of a grid. Of columns those that have several values in every cell.
+    As many axes as there is room for are up the side, in the order of the tables. With all axes, a tile is one cell of
+    the grid. For chains only axes count that have several values, and a value in every cell.
     """
     rows = table.rows.assign(d=table.measure("velocity_divergence"))
     rows["cell"] = read_column(table.path, "cell").astype(np.int64)
-    rows["rank"] = rows.d.where(table.regular, -1.0)  # those that are kept apart come last
+    rows["rank"] = rows.d.where(table.regular, -1.0)  # marked cells come last
     for axis, levels in table.levels.items():
         rows[axis] = rows[axis].cat.reorder_categories(sorted(levels.values))
     along, *up = table.levels
@@ -128,7 +130,11 @@ def make_tiles(table: DivergenceTable) -> Tiles:
 
 
 def cells_piece(tiles: Tiles, n_cells: int, packed: str, solvers: Sequence[str], kind: CellKind) -> Markup:
-    """Lay out the map of a run in which a solver was compared, and the cell that is open (`opened.pack_cells`)."""
+    """Return the HTML of the map of a run and of its open cell.
+
+    At least one solver was compared. `packed` has the contents of the cells that open, as `opened.pack_cells` returns
+    them.
+    """
     plots = {"map": _draw_map(tiles)} | ({"curves": curves_chart(solvers)} if kind == "pair" else {})
     return render_template(
         "cells.html.j2",
@@ -148,12 +154,12 @@ def cells_piece(tiles: Tiles, n_cells: int, packed: str, solvers: Sequence[str],
 
 
 def bokeh_script() -> Markup:
-    """Return the script of Bokeh; a page that contains it loads nothing."""
+    """Return the script of Bokeh as HTML, so that the page that contains it loads nothing."""
     return Markup(Resources(mode="inline", components=["bokeh"], log_level="error").render_js())
 
 
 def _draw_map(tiles: Tiles) -> figure:
-    """Draw one tile per cell or per group of cells, coloured by the (median) D of one solver."""
+    """Return the chart of the map: one tile per cell or group of cells, coloured by the median D of one solver."""
     places, floored = tiles.places, tiles.medians.clip(lower=_FLOOR)
     medians = floored.add_prefix("d ").to_dict("list")
     shown = {"shown": [*medians.values()][-1]}
@@ -196,7 +202,10 @@ def _draw_map(tiles: Tiles) -> figure:
 
 
 def curves_chart(solvers: Sequence[str]) -> figure:
-    """Draw empty impulse curves; the page fills ``curve SOLVER``, ``end SOLVER``, ``line l1`` and ``line l2``."""
+    """Return an empty chart of impulse curves.
+
+    The page fills its data sources ``curve SOLVER``, ``end SOLVER``, ``line l1`` and ``line l2``.
+    """
     plot = _empty_chart("curves", "I1/(m1 |v0|), ball on ball (-)", "I2/(m1 |v0|), ball on table (-)")
     for line, dash in (("l1: v1 = v2", "dashed"), ("l2: v2 = 0", "dotted")):
         source = ColumnDataSource({"x": [], "y": []}, name=f"line {line[:2]}")
@@ -205,7 +214,7 @@ def curves_chart(solvers: Sequence[str]) -> figure:
 
 
 def velocities_chart(solvers: Sequence[str]) -> figure:
-    """Draw empty final velocities of the balls of a chain; the page fills ``balls SOLVER``."""
+    """Return an empty chart of final velocities of a chain, whose data sources ``balls SOLVER`` the page fills."""
     plot = _empty_chart("velocities", "ball, 1 on top or first", "final velocity / |v0|, up is positive (-)")
     ticker = plot.xaxis[0].ticker
     assert isinstance(ticker, BasicTicker)
@@ -216,6 +225,7 @@ def velocities_chart(solvers: Sequence[str]) -> figure:
 
 
 def _empty_chart(name: str, across: str, up: str) -> figure:
+    """Return a chart without curves that can be moved and zoomed, with its legend below."""
     plot = figure(
         height=420,
         sizing_mode="stretch_width",
@@ -227,13 +237,16 @@ def _empty_chart(name: str, across: str, up: str) -> figure:
         name=name,
     )
     plot.toolbar.logo = None
-    # Within the chart it would cover a line.
+    # Inside the chart the legend would cover a curve.
     plot.add_layout(Legend(location="top_left", ncols=2, spacing=12, label_text_font_size="11px"), "below")
     return plot
 
 
 def _with_solvers(plot: figure, solvers: Sequence[str], lines: str, points: str) -> figure:
-    """Add a line and points for each solver, with sources named by `lines` and `points` and the solver."""
+    """Add an empty line and empty points for each solver to a chart, and return the chart.
+
+    The names of the data sources are `lines` and `points`, each followed by the name of the solver.
+    """
     for name in solvers:
         style = look_of(name)
         dash = style.dash if isinstance(style.dash, str) else list(style.dash[1])

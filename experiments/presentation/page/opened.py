@@ -1,4 +1,8 @@
-"""Contents of a cell that opens on the page: results, impulse curves, causes, commands, and scene."""
+"""Contents of a cell that opens on the page: results, impulse curves, causes, commands and scene.
+
+They need the folder of a finished run, whose exact solvers are run again for the curves. The page of a run calls this
+module.
+"""
 
 from __future__ import annotations
 
@@ -33,60 +37,61 @@ from impact_xval.model.collision import Collision
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.status import RESULT_STATUSES
 
-#: Digits of the impulses of a curve: ten times finer than a screen shows.
+#: Decimals of the impulses of a curve: ten times finer than a screen shows.
 _DIGITS = 4
 
 
-#: Impulses I1 and I2 per m1 |v0| along a curve.
+#: Impulses I1 (ball on ball) and I2 (ball on table) along a curve, per m1 |v0|.
 Curve = list[list[float]]
 
 
 class SolverResult(TypedDict):
     """Result of one solver in a cell."""
 
-    #: Name for readers, and identifier.
+    #: Name of the solver for readers, and its name in tables.
     name: str
     solver: str
     status: str
     marked: str | None
     reason: str | None
-    #: Whether the numbers are a result.
+    #: Whether the numbers count as a result.
     result: bool
-    #: Per |v0|; None where nothing is known.
+    #: Final velocities per |v0|; None for a velocity that the solver did not return.
     velocities: list[float | None]
-    #: Divergence from the model.
+    #: Divergence D from the model.
     d: float | None
     states: str | None
-    #: Final impulses per m1 |v0|, of two balls.
+    #: Final impulses of two balls per m1 |v0|; None for chains and graphs.
     end: list[float] | None
 
 
 class CellContents(TypedDict, total=False):
-    """Contents of a cell that opens; what its run does not have is left out."""
+    """Contents of a cell that opens on the page, without keys that its kind of run does not have."""
 
-    #: Values of the axes by label.
+    #: Values of the axes of the run as text, by label.
     at: dict[str, str]
     results: Required[list[SolverResult]]
-    #: A sentence for each engine.
+    #: Sentence on the causes of divergence for each engine.
     causes: Required[list[str]]
-    #: Commands that show the cell on a terminal: each a description and a line.
+    #: Commands that show the cell on a terminal: a description and a command line each.
     commands: list[list[str]]
-    #: Of two balls the impulse curves by solver.
+    #: Impulse curves of two balls by solver.
     curves: dict[str, Curve]
-    #: Of two balls the scene in MJCF; None where MuJoCo is not in the run.
+    #: Scene of two balls in MJCF; None if MuJoCo is not in the run or cannot represent the cell.
     scene: str | None
 
 
 def pack_cells(folder: RunFolder, cells: Sequence[int]) -> str:
-    """Collect the contents of some cells of a run as compressed JSON in base64."""
+    """Return the contents of cells of a run as compressed JSON in base64."""
     text = json.dumps(collect_cells(folder, cells), separators=(",", ":"), allow_nan=False)
     return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode("ascii")
 
 
 def collect_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, CellContents]:
-    """Collect the contents of some cells of a run, by number.
+    """Return the contents of cells of a run, by number of the cell.
 
-    Curves are those of the exact solvers, solved again: of the others the table holds the end.
+    Only exact solvers have impulse curves, because they are solved again. Other solvers have the final impulses that
+    the tables of the run hold.
     """
     config = folder.config()
     pair, axes = config.kind == "pair", AXES_OF[config.kind]
@@ -103,7 +108,7 @@ def collect_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, CellCont
     names = pq.read_schema(folder.table_path("cells.parquet")).names
     balls = [name for name in names if re.fullmatch(r"v[1-9]\d*[xz]?", name)]
     index = cells_of_run(folder, config)
-    # Of a graph two components of each body.
+    # Each body of a graph has two components of its velocity.
     components = {
         cell: 2 * len(graph.masses)
         for cell in (cells if config.kind == "graph" else ())
@@ -152,35 +157,42 @@ def collect_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, CellCont
 
 
 def _commands_for_cell(root: Path, config: Config, row: Record) -> list[list[str]]:
-    """Return the commands that show a cell on a terminal, each with its description."""
+    """Return the commands that show a cell on a terminal, each with a description."""
     run, cell = shlex.quote(str(root)), row["cell"]
-    show = ["every cause, in every order", f"impact-xval show {run} --cell {cell}"]
+    show = ["all results and causes of this cell", f"impact-xval show {run} --cell {cell}"]
     if config.kind == "graph":
         again = f"impact-xval solve --graph {row['graph']} {_options_of_graph(row)}"
-        unit = "once more, at m1 = 1 kg, k1 = 1 N/m and |v0| = 1 m/s: per |v0| the outcome is the same"
+        unit = (
+            "solve again with m1 = 1 kg, k1 = 1 N/m and |v0| = 1 m/s, which gives the same outcome per |v0|"
+        )
         picture = f"{again} --plot cell-{cell}.svg"
-        return [["its outcome by every solver", show[1]], [unit, again], ["as a picture", picture]]
+        return [["results of all solvers", show[1]], [unit, again], ["draw a picture", picture]]
     axes = AXES_OF[config.kind]
     ours = ["scenario"] if config.kind == "pair" else []
     ours += [*(["gravity"] if config.scenario == "drop" else []), "m1", "k1", "v0", "step_fraction"]
     given = {axis: row[axis] for axis in axes if row[axis] is not None}
     given |= {name: row[name] if name in row else getattr(config, name) for name in ours}
     for ratio, (quantity, _) in RATIO_OF.items():
-        if quantity in row and quantity in config.grid.in_si:  # to the last bit
+        if (
+            quantity in row and quantity in config.grid.in_si
+        ):  # the quantity gives the same bits again, a rounded ratio may not
             given[quantity] = row[quantity]
             del given[ratio]
     again = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in given.items())
     if config.mapping == "naive":
         naive = (f"{name}-naive" for name in config.solvers)
         again += "".join(f" --solver {name}" for name in naive if name in solver_names(on_request=True))
-    solve = ["once more, by every solver", f"impact-xval solve {again}"]
-    scene = ["scenes that run in the engine alone", f"impact-xval scene {run} {cell}"]
-    film = ["in slow motion", f"impact-xval solve {again} --plot cell-{cell}.html"]
+    solve = ["solve again with all solvers", f"impact-xval solve {again}"]
+    scene = ["write scenes that run in the engine without this package", f"impact-xval scene {run} {cell}"]
+    film = ["show it in slow motion", f"impact-xval solve {again} --plot cell-{cell}.html"]
     return [show, *([scene] if config.kind == "pair" else []), solve, film]
 
 
 def _options_of_graph(row: Record) -> str:
-    """Return the options of ``solve --graph`` for a cell; the bridge has a name of its own for k2/k1."""
+    """Return the options of ``solve --graph`` for a cell.
+
+    The option for k2/k1 of a bridge is ``--table-stiffness-ratio``.
+    """
     name = row["graph"]
     both = name in ("corner", "bridge")
     renamed = {"e": ("--e1", "--e2") if both else ("--restitution",)}
@@ -194,7 +206,7 @@ def _options_of_graph(row: Record) -> str:
 
 
 def _exact_curves(config: Config, collisions: Sequence[Collision]) -> list[dict[str, Curve]]:
-    """Solve collisions by the exact solvers of a run: impulses per m1 |v0| by solver, as few points as a line needs."""
+    """Return the impulse curves of collisions by the exact solvers of a run, one dictionary per collision."""
     settings = replace(settings_of(config), record_path=True, mark=False)
     exact = [name for name in config.solvers if name in exact_law_names()]
     solved = {name: get_solver(name).solve_many(collisions, settings) for name in exact}
@@ -209,7 +221,10 @@ def _exact_curves(config: Config, collisions: Sequence[Collision]) -> list[dict[
 
 
 def impulse_curve(collision: Collision, outcome: Outcome) -> Curve | None:
-    """Return I1 and I2 per m1 |v0| along an impulse curve, as few points as a line needs; None without a path."""
+    """Return the impulse curve of an outcome; None if the outcome has no path or is no result.
+
+    Points are left out if the line through the other points shows the same curve.
+    """
     path = outcome.path
     if outcome.status not in RESULT_STATUSES or path is None:
         return None

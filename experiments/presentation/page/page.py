@@ -1,4 +1,7 @@
-"""The page of a run, section by section: of two balls on a table, of chains of balls, and of contact graphs."""
+"""Sections of the page of a run: for two balls on a table, for chains of balls, and for contact graphs.
+
+They need the folder, the `Summary` and the captions of the figures of a finished run. `report` calls them.
+"""
 
 from __future__ import annotations
 
@@ -11,9 +14,9 @@ from markupsafe import Markup
 from impact_xval.compliant_baselines.registry import is_engine, kind_of
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.errors import is_table
-from impact_xval.experiments.config.experiment import AXES_OF, REFERENCE
+from impact_xval.experiments.config.experiment import AXES_OF, NOUN_OF, REFERENCE
 from impact_xval.experiments.measures.aggregates import FULL_PATHS, OWN_LAW
-from impact_xval.experiments.measures.ladder import cancelling_pair
+from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, cancelling_pair
 from impact_xval.experiments.measures.summary import HONEST, Summary, load_divergence
 from impact_xval.experiments.presentation import findings, words
 from impact_xval.experiments.presentation.document import (
@@ -39,7 +42,6 @@ from impact_xval.experiments.presentation.page.opened import pack_cells
 from impact_xval.experiments.presentation.pictures.figures import ACCEPTED, recommended_steps
 from impact_xval.experiments.presentation.words import (
     MEANINGS,
-    capitalise_first,
     describe_restitution_product,
     describe_shared_laws,
     display_name,
@@ -53,52 +55,75 @@ from impact_xval.experiments.tables.parquet import read_column
 #: Figures of a run: captions by name.
 Captions = Mapping[str, str]
 
-#: Reasons that the page shows.
+#: Largest number of reasons for missing results that the page shows.
 _REASONS = 10
 
+#: Text of the section on the limiting cases of the model.
 _HYPOTHESIS = Markup(
-    "The model has a limit of its own: where one contact is infinitely stiffer than the other, its two bodies move as "
-    "one. Whether solvers go there, and how fast, other collisions than these show: "
-    "<code>impact-xval hypothesis</code> solves them, and writes a page with a verdict for every limit and solver."
+    "The model has a limiting case if one contact is infinitely stiffer than the other: the two bodies of the stiff "
+    "contact then move as one. Other collisions than these show whether other solvers have the same limiting case, and "
+    "how fast they come near to it. The command <code>impact-xval hypothesis</code> solves such collisions, and writes "
+    "a page with a verdict for every limiting case and solver."
 )
 
-#: Explanations of the laws that are in most runs.
+#: Sentences about the contact laws that most runs have, by the name of the solver.
 _LAWS = {
-    "kelvin-voigt": "exact Kelvin-Voigt is what engines are set to, springs with dashpots",
-    "bistiffness": "exact bistiffness is the model's own restitution in bodies that move",
+    "kelvin-voigt": (
+        "Exact Kelvin-Voigt is the exact solution for contacts that are springs with dashpots, the contact law that "
+        "most engines are set to."
+    ),
+    "bistiffness": (
+        "Exact bistiffness is the exact solution for contacts whose springs are stiffer during restitution than during "
+        "compression. This is the restitution of the model, but bodies move during the collision."
+    ),
 }
 
+#: Words of the page and their meanings.
 GLOSSARY = (
     ("model", "the state-transition model of Jia, Mason and Erdmann, solved exactly"),
-    ("S1, S2, S3, S4", "contact states: both contacts act; ball on table only; ball on ball only; none"),
+    (
+        "S1, S2, S3, S4",
+        "contact states: both contacts are active; only ball on table; only ball on ball; none",
+    ),
     ("solver", "the model, a reference, or an engine"),
-    ("reference", "a contact law followed in time without an engine, exactly or with a stated error"),
-    ("exact bistiffness", "springs that are stiffer when they restore: the model's restitution in real time"),
-    ("exact Kelvin-Voigt", "springs and dashpots: what engines are asked for"),
-    ("restitution e", "energetic: e² is the share of the work of compression that restitution returns"),
+    ("reference", "the solution of a contact law in time without an engine, exact or with a stated error"),
+    (
+        "exact bistiffness",
+        "springs that are stiffer in restitution than in compression: the model's restitution, with bodies that move",
+    ),
+    ("exact Kelvin-Voigt", "springs with dashpots, the contact law that most engines are set to"),
+    ("frozen positions", "the model's assumption that bodies do not move during the collision"),
+    (
+        "dissipation law",
+        "the law by which a contact loses energy: by restitution in the model, by dashpots in engines",
+    ),
+    ("restitution e", "energetic restitution: a contact returns the fraction e² of the work of compression"),
     ("share", "the part of D that one cause accounts for; the shares of a cell sum to 100 %"),
     (
         "limit dt -> 0",
-        "where an engine's result goes as its step shrinks, with an estimate of how well that is known",
+        "an engine's result extrapolated to a time step of zero, with an estimate of its error",
     ),
-    ("marked", "beside a jump, where an arbitrarily small change of a parameter ends in another outcome"),
+    ("marked", "a tiny change of a parameter flips the outcome; marked cells are in no statistic"),
     (
         "asymmetry",
-        "the largest difference between a velocity and the mirrored one of the body's mirror image, per |v0|",
+        "the largest difference between a velocity and the mirrored velocity of the body's mirror image, per |v0|",
     ),
-    ("closed-form (a status)", "a closed-form limiting case of the model was used"),
+    ("closed-form (a status)", "the result is a closed form of the model for a limiting case, such as e = 0"),
 )
 
 
 def pack_opening_cells(_: object, folder: RunFolder) -> str:
-    """Collect the contents of the cells that open on the page of a finished run (`pack_cells`)."""
+    """Return the packed contents of the cells that open on the page of a finished run, as `pack_cells` does."""
     return pack_cells(folder, make_tiles(load_divergence(folder, folder.config())).places.cell.tolist())
 
 
 def run_blocks(
     folder: RunFolder, summary: Summary, captions: Captions, cells: Callable[[], str]
 ) -> list[Block]:
-    """Return the blocks of the page of a finished run; `cells` returns the cells that open, and is called if any do."""
+    """Return the blocks of the page of a finished run.
+
+    `cells` returns the packed contents of the cells that open on the page. It is not called if no cell opens.
+    """
     kind, unit = summary.config.kind, row_noun(summary)[:-1]
     pair = kind == "pair"
     compared_names = compared_solvers(summary)
@@ -127,12 +152,12 @@ def run_blocks(
 
 
 def _figure_blocks(captions: Captions, *names: str) -> list[Block]:
-    """Return the figures of these names that were drawn."""
+    """Return the blocks of figures, without those figures that were not drawn."""
     return [Figure(name, captions[name]) for name in names if name in captions]
 
 
 def _opening(summary: Summary) -> Piece:
-    """Return the opening: what was compared, and the numbers to remember."""
+    """Return the opening of the page, which says what was compared and shows the numbers to remember."""
     labels = AXES if summary.config.kind == "pair" else {}
     spans = {labels[axis]: x for axis, x in summary.axes.items() if axis in labels}
     return render_template(
@@ -142,7 +167,7 @@ def _opening(summary: Summary) -> Piece:
             f"{label} from {format_axis_value(min(x))} to {format_axis_value(max(x))}"
             for label, x in spans.items()
         ],
-        laws=capitalise_first("; ".join(said for name, said in _LAWS.items() if name in summary.solvers)),
+        laws=" ".join(said for name, said in _LAWS.items() if name in summary.solvers),
         weightless=[name for name in summary.config.solvers if kind_of(name) == "model"],
         engines=any(map(is_engine, summary.solvers)),
         words=words,
@@ -151,15 +176,16 @@ def _opening(summary: Summary) -> Piece:
 
 
 def _numbers_to_remember(summary: Summary) -> Iterator[tuple[Value | str, str]]:
-    """Yield up to three numbers to remember: D from the model, D from the law asked for, and the largest cause.
+    """Yield up to three numbers to remember, each with its text.
 
-    Of graphs it is the largest D, and the largest asymmetry.
+    For pairs and chains they are an engine's median D from the model, its median distance from its own contact law, and
+    the share of its largest cause. For graphs they are an engine's largest D and the largest asymmetry.
     """
     if summary.config.kind == "graph":
         for name in solvers_of_sentences(summary)[:1]:
             yield (
                 statistic_value(summary, name, "max"),
-                f"is the largest D of {display_name(name)} from the model",
+                f"is the largest D between {display_name(name)} and the model",
             )
         name, (most, count) = max(
             summary.asymmetries.items(), key=lambda each: each[1][0], default=("", (0.0, 0))
@@ -167,31 +193,44 @@ def _numbers_to_remember(summary: Summary) -> Iterator[tuple[Value | str, str]]:
         if most > findings.ROUNDING:
             yield (
                 Value(most, f"{name} largest asymmetry"),
-                f"of |v0| is the largest asymmetry of {display_name(name)}, in {count} symmetric graphs",
+                f"|v0| is the largest asymmetry of {display_name(name)}, in {count} symmetric "
+                f"{findings.count_noun(count, 'graphs')}",
             )
         return
     for name in solvers_of_sentences(summary)[:1]:
         n = int(statistic_value(summary, name, "n").value)
         yield (
             statistic_value(summary, name),
-            f"is the median D of {display_name(name)} from the model, of {n} {row_noun(summary)}",
+            f"is the median D between {display_name(name)} and the model, over {n} "
+            f"{findings.count_noun(n, row_noun(summary))}",
         )
     for name, law, median, _ in list(findings.distances_from_own_laws(summary))[:1]:
-        measure = "D" if summary.config.kind == "pair" else "distance of the limit dt -> 0, per |v0|,"
+        if summary.config.kind == "pair":
+            said = (
+                f"is the median D between {display_name(name)} and its own contact law, {display_name(law)}"
+            )
+        else:
+            said = (
+                f"|v0| is the median difference in velocity between {display_name(name)}, extrapolated to a time step "
+                f"of zero, and its own contact law, {display_name(law)}"
+            )
         yield (
             median,
-            f"is the median {measure} of {display_name(name)} from {display_name(law)}, the law it was set to",
+            said,
         )
     for name in summary.ladder.solvers[:1]:
         causes = findings.cause_shares(summary.ladder, name)
         if causes and cancelling_pair(summary.ladder.region(name).share) is None:
             cause, share = next(iter(causes.items()))
-            label = findings.LABELS[cause]
-            yield share, f"of {display_name(name)}'s mean D is due to {label}; by region it differs"
+            (phrase,) = (c.phrase for c in CONTRIBUTIONS if c.name == cause)
+            yield (
+                share,
+                f"of the mean D of {display_name(name)} comes from {phrase}. This share differs by region",
+            )
 
 
 def _advice_section(summary: Summary, captions: Captions) -> Section:
-    """Return the section with advice on engines."""
+    """Return the section that says what to do with an engine."""
     engines, steps = recommended_steps(summary), 1 / summary.config.step_fraction
     said = render_template("advice.html.j2", engines=engines, steps=steps, accepted=ACCEPTED)
     return Section(
@@ -200,7 +239,7 @@ def _advice_section(summary: Summary, captions: Captions) -> Section:
 
 
 def _answer_questions(summary: Summary, captions: Captions) -> list[Block]:
-    """Return the findings as questions, each with its answer and picture."""
+    """Return sections whose titles are questions, each with its answer and its figure."""
     if summary.config.kind == "graph":
         return _answer_questions_of_graphs(summary, captions)
     pair, names, engines = (
@@ -217,13 +256,13 @@ def _answer_questions(summary: Summary, captions: Captions) -> list[Block]:
             sections.append(Section(question, [*said, *figure], beside=bool(said and figure)))
 
     far = [findings.describe_distances(summary), describe_shared_laws(summary.solvers)]
-    answer("How far are they from the model?", far, f"divergence-by-{over}")
+    answer("How far are the solvers from the model?", far, f"divergence-by-{over}")
     own_law = findings.describe_distances_from_own_laws(summary)
-    answer("Do engines do what they were asked for?", own_law, "impulse-curves" if pair else "wave")
+    answer("Do engines solve their own contact law?", own_law, "impulse-curves" if pair else "wave")
     why = [findings.describe_causes(summary, name, explain=name == engines[0]) for name in engines]
-    answer("Then why do they diverge?", why, f"ladder-by-{over}")
+    answer("Why do engines differ from the model?", why, f"ladder-by-{over}")
     extremes = [_describe_extremes(summary, name, axis) for name in names]
-    answer("Where does it matter?", extremes, "trust-map" if pair else "velocities")
+    answer("Where are the differences large?", extremes, "trust-map" if pair else "velocities")
     if pair:
         orders = [_describe_state_order(summary, name) for name in names]
         answer("Do contacts open and close in the same order?", orders, "state-paths")
@@ -231,21 +270,25 @@ def _answer_questions(summary: Summary, captions: Captions) -> list[Block]:
 
 
 def _answer_questions_of_graphs(summary: Summary, captions: Captions) -> list[Block]:
-    """Return the findings of a run of graphs as questions, each with its answer and picture."""
+    """Return the sections of a run of graphs whose titles are questions, each with its answer and its figure."""
     names = compared_solvers(summary)
     over_stiffness = [_describe_extremes(summary, name, "stiffness_ratio") for name in names]
     over_angle = [_describe_extremes(summary, name, "angle") for name in names]
     asked: list[tuple[str, list[str], str]] = [
         (
-            "How far are they from the model?",
+            "How far are the solvers from the model?",
             [findings.describe_distances(summary), describe_shared_laws(summary.solvers), *over_stiffness],
             "divergence-by-stiffness",
         ),
-        ("Why do they differ?", [*findings.describe_why_graphs_differ(summary)], "divergence-by-restitution"),
-        ("Does the angle matter?", over_angle, "divergence-by-angle"),
+        (
+            "Why do solvers differ from the model?",
+            [*findings.describe_why_graphs_differ(summary)],
+            "divergence-by-restitution",
+        ),
+        ("Does the angle change the difference?", over_angle, "divergence-by-angle"),
         ("Does a symmetric scene stay symmetric?", [findings.describe_asymmetries(summary)], ""),
         (
-            "Do engines do what they were asked for?",
+            "Do engines solve their own contact law?",
             [*findings.describe_distances_from_own_laws(summary)],
             "",
         ),
@@ -259,7 +302,7 @@ def _answer_questions_of_graphs(summary: Summary, captions: Captions) -> list[Bl
 
 
 def _describe_extremes(summary: Summary, name: str, axis: str) -> str:
-    """Say where along an axis the median D is largest and smallest."""
+    """Say at which values of an axis a solver's median D is largest and smallest; empty if D does not change."""
     values = [(at, statistic_value(summary, name, axis=axis, at=at)) for at in summary.levels[axis].values]
     known = sorted((each for each in values if not math.isnan(each[1].value)), key=lambda each: each[1].value)
     if not known:
@@ -268,7 +311,8 @@ def _describe_extremes(summary: Summary, name: str, axis: str) -> str:
     if least.value == most.value or (summary.config.kind == "graph" and most.value <= findings.ROUNDING):
         return ""
     return fill_sentence(
-        "By {axis} the median D of {solver} is largest, {most}, at {high}, and smallest, {least}, at {low}.",
+        "Along {axis}, {solver} has its largest median D ({most}) at {axis} = {high} and its smallest ({least}) at "
+        "{axis} = {low}.",
         axis=LABELS[axis],
         solver=display_name(name),
         most=most,
@@ -279,24 +323,26 @@ def _describe_extremes(summary: Summary, name: str, axis: str) -> str:
 
 
 def _describe_state_order(summary: Summary, name: str) -> Markup:
-    """Say how often a solver passes through the states of the model, and of its own law."""
+    """Say how often a solver has the same sequence of contact states as the model, and as its own contact law."""
     sentence = fill_sentence(
-        "{solver} passes through the contact states of the model in {equal} of the {n} cells in which the "
-        "model needed no limiting case",
+        "{solver} has the same sequence of contact states as the model in {equal} of the {n} {cells} that the model "
+        "solves without the closed form of a limiting case (such as e = 0)",
         solver=display_name(name),
+        cells=findings.count_noun(statistic_value(summary, name, "n", FULL_PATHS).value, "cells"),
         equal=statistic_value(summary, name, "mean", FULL_PATHS),
         n=statistic_value(summary, name, "n", FULL_PATHS),
     )
     own_law = statistic_value(summary, name, "mean", OWN_LAW)
     if not math.isnan(own_law.value):
         sentence += fill_sentence(
-            ", and through those of the exact law it was asked for in {own}", own=own_law
+            ", and the same sequence as the exact solution of its own contact law in {own} of the cells",
+            own=own_law,
         )
     return sentence + "."
 
 
 def _cell_blocks(folder: RunFolder, summary: Summary, packed: str) -> list[Block]:
-    """Lay out the map of cells that open, and the table of the cells with the largest D."""
+    """Return the map of the cells that open, and the table of the cells with the largest D."""
     tiles = make_tiles(load_divergence(folder, summary.config))
     opens, unit = set(tiles.places.cell), row_noun(summary)
     piece = cells_piece(tiles, summary.n_cells, packed, summary.config.solvers, summary.config.kind)
@@ -313,12 +359,12 @@ def _cell_blocks(folder: RunFolder, summary: Summary, packed: str) -> list[Block
         for row in summary.worst.loc[order].to_dict("records")
     ]
     header = ["solver", unit[:-1], *axes.values(), "D"]
-    worst = Table(header, rows, f"The {unit} with the largest D of every solver", text=2)
+    worst = Table(header, rows, f"The {unit} in which each solver has its largest D", text=2)
     return [piece, Section("Largest divergences", [worst], folded=True)]
 
 
 def _pairwise_table(summary: Summary) -> Table:
-    """Lay out D between every two solvers, above the diagonal."""
+    """Return the table of D between every two solvers, which fills the part above its diagonal."""
     names = [REFERENCE, *summary.solvers]
     known: dict[frozenset[str], FrameRow] = {
         frozenset((row["solver"], row["other"])): row for row in summary.between.to_dict("records")
@@ -336,7 +382,10 @@ def _pairwise_table(summary: Summary) -> Table:
         (display_name(a), *[""] * place, *(cell(a, b) for b in names[place + 1 :]))
         for place, a in enumerate(names[:-1])
     ]
-    caption = "Median D (largest D) between every two solvers, over the cells that both solved, marked ones left out"
+    caption = (
+        "Median D between every two solvers, with the largest D in brackets, over the cells that both solvers solved. "
+        "Marked cells are left out"
+    )
     return Table(["", *map(display_name, names[1:])], rows, caption)
 
 
@@ -344,16 +393,17 @@ def _causes_section(summary: Summary, captions: Captions) -> Section:
     """Return the section on the causes of divergence."""
     ladder = summary.ladder
     if not ladder.solvers:
-        return Section("Causes", ["No engine has a result: there is nothing to split."])
+        return Section("Causes", ["No engine has a result, so there is no difference to explain."])
     several = "three causes" if ladder.orders == "six" else "two causes"
     said = (
-        "Between the model and what an engine was asked for one thing is changed at a time, in every "
-        "order, and the mean differences sum to the engine's divergence exactly, in every cell. The share "
-        "of a cause is the component of its difference of velocities along the whole difference, over D; "
-        f"it is the mean over the {ladder.orders} orders of the first {several}. Over a region it is summed "
-        "over cells, over the sum of D. Shares are signed and sum to 100 %."
+        "An engine differs from the model in several things at once (causes). To find the effect of each cause, exact "
+        "solutions lead from the model to the engine's own contact law by one change at a time. The order of the first "
+        f"{several} matters, so all {ladder.orders} orders are computed and averaged. In every cell the changes sum "
+        "exactly to the difference between the engine and the model. The share of a cause is the component of its "
+        "change along this whole difference, divided by D. The share over a region is the sum of these components over "
+        "the sum of D. Shares sum to 100 %. A cause that brings the engine nearer to the model has a negative share."
     )
-    header = ["contribution", "from", "to", "in words"]
+    header = ["cause", "from", "to", "in words"]
     rows = [(c.label, c.before, c.after, MEANINGS.get(c.name, "")) for c in ladder.present]
     figures = _figure_blocks(captions, "ladder-by-restitution", "ladder-by-chain")
     details = Section("Causes in detail", [Table(header, rows, text=4), *figures], folded=True)
@@ -361,20 +411,35 @@ def _causes_section(summary: Summary, captions: Captions) -> Section:
 
 
 def _accuracy_section(summary: Summary) -> Section:
-    """Return the section on the accuracy of results: limits dt -> 0, statuses, and the cells that count."""
+    """Return the section on the accuracy of results: extrapolated limits, missing results, and marked cells."""
     closed_forms = summary.statuses.loc[REFERENCE].get("closed-form", 0)
     said = [
-        "Nothing is random: the same run gives the same numbers. Every collision of an engine is run at "
-        "several steps, and extrapolated to a step of zero with an estimate of the error.",
+        "Nothing is random, so a repeated run gives the same numbers. An engine simulates every collision with several "
+        "time steps. The results are extrapolated to a time step of zero (the limit dt -> 0), with an estimate of the "
+        "error.",
         *(f"{each}." for each in findings.describe_unsolved(summary)),
-        *([f"In {closed_forms} cells the model is a limiting case in closed form."] if closed_forms else []),
+        *(
+            [
+                f"In {closed_forms} {findings.count_noun(closed_forms, row_noun(summary))} the result of the model is "
+                "a closed form of a limiting case."
+            ]
+            if closed_forms
+            else []
+        ),
         findings.describe_counted_cells(summary),
     ]
-    header = ["solver", "asked for", "converged", "error order", "step error", "estimated error of the limit"]
+    header = [
+        "solver",
+        "own contact law",
+        "converged",
+        "error order",
+        "step error",
+        "estimated error of the limit",
+    ]
     header += [
         "limit's distance from the law",
         "largest regularisation",
-        f"within {number(HONEST)} estimates",
+        f"law within {number(HONEST)} estimated errors",
     ]
     rows = [
         (
@@ -392,28 +457,29 @@ def _accuracy_section(summary: Summary) -> Section:
         for row in summary.estimates.to_dict("records")
     ]
     caption = (
-        "Limits dt -> 0 of engines, and the exact solver of the law they were asked for: velocities per "
-        "|v0|, the largest of all balls, median / maximum"
+        "Limits dt -> 0 of engines, compared with the exact solution of their own contact law. Errors and distances "
+        "are velocities per |v0|, the largest of all balls. Entries are median / maximum over cells"
     )
     return Section("How sure is it?", [Markup(" ").join(said), Table(header, rows, caption, text=3)])
 
 
 def _effective_section(folder: RunFolder) -> Section:
-    """Return the section on solvers whose effective parameters differ from the requested ones."""
+    """Return the section on solvers whose effective parameters differ from the requested parameters."""
     rows = pd.read_parquet(folder.table_path("cells.parquet"), columns=["solver", "differences"]).dropna()
     sentences: list[Block] = [
-        f"{display_name(str(name))} uses other numbers than it was asked for in {len(differences)} cells, "
-        f"in the first: {differences.iloc[0]}."
+        f"{display_name(str(name))} uses other numbers than requested in {len(differences)} "
+        f"{findings.count_noun(len(differences), NOUN_OF[folder.config().kind])}. In the first of them: "
+        f"{differences.iloc[0]}."
         for name, differences in rows.groupby("solver").differences
     ]
-    said = "Stiffness, damping, restitution and step of an engine are read back after they were set."
-    none = "All are as requested, to the engines' own precision."
+    said = "Stiffness, damping, restitution and time step are read back from an engine after they were set."
+    none = "All of them are as requested, to the precision of the numbers in the engine."
     product = describe_restitution_product(folder.config().solvers)
     return Section("Requested and effective", [said, *(sentences or [none]), *([product] if product else [])])
 
 
 def _status_section(summary: Summary) -> Section:
-    """Return the section that counts results by status, with the reasons for missing ones, and D in marked cells."""
+    """Return the section that counts results by status, with reasons for missing results, and D in marked cells."""
     statuses, unit, more = summary.statuses, row_noun(summary), len(summary.reasons) - _REASONS
     counts = [(display_name(name), *row) for name, *row in statuses.itertuples()]
     reasons = [(display_name(name), *rest) for name, *rest in summary.reasons.head(_REASONS).to_numpy()]
@@ -422,7 +488,9 @@ def _status_section(summary: Summary) -> Section:
         for name in summary.solvers
         if (row := summary.get(name, D, cells="marked"))["n"]
     ]
-    why = f"Why {unit} have no result" + (f" (and {more} reasons more, in cells.parquet)" if more > 0 else "")
+    why = f"Why {unit} have no result" + (
+        f" ({more} more {findings.count_noun(more, 'reasons')} in cells.parquet)" if more > 0 else ""
+    )
     tables = [
         Table(["solver", *statuses], counts, f"{unit} by solver and status".capitalize()),
         Table(["solver", "status", "reason", unit], reasons, why, text=3),
@@ -432,7 +500,7 @@ def _status_section(summary: Summary) -> Section:
 
 
 def _method_section(folder: RunFolder, summary: Summary) -> Section:
-    """Return the section on the method and its limitations."""
+    """Return the section on the method and on what it leaves out."""
     span: list[str] = []
     if summary.config.scenario == "drop":
         values = read_column(folder.table_path("cells.parquet"), "gravity_number")
@@ -444,8 +512,12 @@ def _method_section(folder: RunFolder, summary: Summary) -> Section:
 
 
 def _glossary_section(summary: Summary) -> Section:
-    """Return the glossary, and the identifiers of solvers in tables and commands."""
-    left_out = {"pair": ("asymmetry",), "chain": ("S1", "asymmetry"), "graph": ("S1", "share")}
+    """Return the section with the glossary and the names of solvers in tables and commands."""
+    left_out = {
+        "pair": ("asymmetry",),
+        "chain": ("S1", "asymmetry"),
+        "graph": ("S1", "share", "dissipation law"),
+    }
     absent = left_out[summary.config.kind]
     rows = [(word, f"{meaning}.") for word, meaning in GLOSSARY if not word.startswith(absent)]
     names = [(display_name(name), name) for name in summary.config.solvers]
@@ -457,13 +529,13 @@ def _glossary_section(summary: Summary) -> Section:
 
 
 def _provenance_section(folder: RunFolder) -> Section:
-    """Return the section with all entries of the manifest of a run."""
+    """Return the section that lists all entries of the manifest of a run."""
     rows = [*_flatten({key: value for key, value in folder.manifest().items() if key != "statuses"})]
     return Section("Provenance", [Table(["what", "value"], rows, text=2)], folded=True)
 
 
 def _flatten(value: object, *names: str) -> Iterator[tuple[str, object]]:
-    """Yield the values of nested tables and lists, each with the names that lead to it."""
+    """Yield the values of nested tables and lists, each with the names of the keys that lead to it."""
     if isinstance(value, list):
         value = {str(place): item for place, item in enumerate(value, 1)}
     if not is_table(value):

@@ -1,1 +1,1 @@
-"""Pictures that people ask for by name, and maps of a run: the supplement's figures, one cell, its motion, trust."""
+"""Figures of runs and of single collisions: statistics, causes, impulse curves, slow motion, and the supplement."""

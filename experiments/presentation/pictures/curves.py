@@ -1,6 +1,7 @@
-"""Figures of one collision: impulse curves of two balls with the lines l1 and l2; velocities and wave of a chain.
+"""Figures of one collision by several solvers: impulse curves of two balls; velocities and forces of a chain.
 
-By every solver: of the cell or chain of a run's figures, or of any other.
+They need outcomes with paths, or the table of curves of a run. The figures of a run and the option ``--plot`` of
+`solve` call this module.
 """
 
 from __future__ import annotations
@@ -27,12 +28,12 @@ from impact_xval.model.outcome import Outcome
 from impact_xval.model.path import Path
 from impact_xval.model.status import RESULT_STATUSES
 
-#: Most panels in a row of the figure of the wave.
+#: Largest number of panels in a row of the figure of forces.
 _ACROSS = 4
 
 
 def draw_cell_curves(curves: Frame, config: Config) -> Iterator[Drawn]:
-    """Draw the impulse curves, by all solvers, of the cell that the figures of a run show."""
+    """Draw the impulse curves of the one cell that the figures of a run show, by all solvers."""
     followed = curves[curves.impulses.notna()].set_index("solver").impulses
     if followed.empty:
         return
@@ -40,16 +41,15 @@ def draw_cell_curves(curves: Frame, config: Config) -> Iterator[Drawn]:
     points = {name: np.column_stack(followed[name]) for name in solvers}
     caption = (
         f"Impulse curves of one collision ({describe_cell(cell.model_dump())}): "
-        "ball-table impulse I2 over ball-ball impulse "
-        "I1, both per m1 |v0|. Grey lines: compression line l1 (equal velocities, v1 = v2) and l2 "
-        "(lower ball at rest, I1 = I2). Markers: where each curve ends; the right panel enlarges "
-        "the ends."
+        "impulse I2 between ball and table over impulse I1 between the balls, both per m1 |v0|. Compression ends at "
+        "the grey lines: l1 for the balls (equal velocities, v1 = v2), and l2 for the lower ball and the table (lower "
+        "ball at rest, I1 = I2). Markers show where each curve ends. The right panel enlarges these ends."
     )
     yield "impulse-curves", _draw_whole_and_ends(points, cell.mass_ratio), caption
 
 
 def _draw_whole_and_ends(points: Mapping[str, np.ndarray], mass_ratio: float) -> Figure:
-    """Draw impulse curves by solver in two panels: whole, and enlarged where they end."""
+    """Draw impulse curves in two panels: whole on the left, and enlarged at their ends on the right."""
     with styled_figure(9.2, 4.2) as figure:
         whole, detail = figure.subplots(1, 2)
         for ax, title in ((whole, "whole curves"), (detail, "where the curves end")):
@@ -66,13 +66,16 @@ def _draw_whole_and_ends(points: Mapping[str, np.ndarray], mass_ratio: float) ->
 
 
 def zoom_in(ax: Axes, middle: Floats, half: float) -> None:
-    """Limit the axes to a square around a point, of twice the width `half`."""
+    """Limit the axes to a square around a point. The side of the square is twice `half`."""
     x, y = middle
     ax.set(xlim=(x - half, x + half), ylim=(y - half, y + half))
 
 
 def _draw_curve(ax: Axes, name: str, impulse1: np.ndarray, impulse2: np.ndarray) -> None:
-    """Draw an impulse curve and its end; the curve of the model is wide, so that curves on it are seen."""
+    """Draw an impulse curve and a marker at its end.
+
+    The curve of the model is wide, so that other curves on top of it are visible.
+    """
     style, model = look_of(name), name == REFERENCE
     (line,) = ax.plot(impulse1, impulse2, color=style.color, linestyle=style.dash, label=display_name(name))
     line.set(linewidth=2.6 if model else 1.5, alpha=0.85 if model else None)
@@ -80,7 +83,11 @@ def _draw_curve(ax: Axes, name: str, impulse1: np.ndarray, impulse2: np.ndarray)
 
 
 def draw_compression_lines(ax: Axes, mass_ratio: float, reach: float) -> None:
-    """Draw l1: -1 + (1 + 1/m2) I1 - I2/m2 = 0 and l2: I1 = I2, in units of m1 |v0| with m2 per m1."""
+    """Draw the lines at which the compression of a contact ends.
+
+    Impulses are per m1 |v0|, and m2 is per m1. Line l1 (v1 = v2) is -1 + (1 + 1/m2) I1 - I2/m2 = 0. Line l2 (v2 = 0) is
+    I1 = I2.
+    """
     foot = mass_ratio / (1 + mass_ratio)
     top = (reach + mass_ratio) / (1 + mass_ratio)
     lines = ((foot, top, (6, 3), r"$\ell_1$", (-14, -6)), (0, reach, (2, 2), r"$\ell_2$", (2, -12)))
@@ -97,14 +104,17 @@ def draw_compression_lines(ax: Axes, mass_ratio: float, reach: float) -> None:
 
 
 def label_impulse_axes(ax: Axes) -> None:
-    """Label the axes of impulse curves and give them one scale."""
+    """Label the axes of impulse curves, and give both axes the same scale."""
     ax.set_aspect("equal")
     ax.set_xlabel(r"$I_1\,/\,(m_1 |v_0|)$, ball on ball")
     ax.set_ylabel(r"$I_2\,/\,(m_1 |v_0|)$, ball on table")
 
 
 def drawable_paths(collision: Collision, outcomes: Mapping[str, Outcome]) -> dict[str, Path]:
-    """Return the paths that can be drawn, by solver in the order of laws; the model is last, to be drawn on top."""
+    """Return the paths that can be drawn, by solver.
+
+    Solvers are sorted by contact law. The model is last, so that it is drawn on top.
+    """
     paths = {}
     for name in sorted(sort_by_law(outcomes), key=lambda name: name == REFERENCE):
         path, largest = outcomes[name].path, LARGEST * collision.units.impulse
@@ -115,7 +125,7 @@ def drawable_paths(collision: Collision, outcomes: Mapping[str, Outcome]) -> dic
 
 
 def draw_collision(collision: Collision, paths: Mapping[str, Path]) -> Figure:
-    """Draw the impulse curve and the velocities of every path of a collision; there is at least one path."""
+    """Draw the impulse curve and the velocities of every path of a collision. At least one path is needed."""
     unit = collision.units
     with styled_figure(8.6, 4.2) as figure:
         grid = figure.subplot_mosaic([["curve", "v1"], ["curve", "v2"]], width_ratios=(1.25, 1))
@@ -140,43 +150,44 @@ def draw_collision(collision: Collision, paths: Mapping[str, Path]) -> Figure:
 
 
 def collision_caption(collision: Collision, solvers: Iterable[str], scenario: str) -> str:
-    """Return the caption of the figure of a collision."""
+    """Return the caption of the figure that `draw_collision` draws."""
     return (
-        f"One collision by {', '.join(solvers)}: {describe_ratios(collision)}, scenario {scenario}. Left: ball-table "
-        "impulse I2 over ball-ball impulse I1, with the compression lines l1 (v1 = v2) and l2 (v2 = 0, I1 "
-        "= I2); markers: where each curve ends. Right: velocities over the impulse of both contacts that "
-        "has passed, which serves as a clock for all of them, since the model has no time."
+        f"One collision by {', '.join(solvers)}: {describe_ratios(collision)}, scenario {scenario}. Left: impulse I2 "
+        "between ball and table over impulse I1 between the balls. Compression ends at the lines l1 (v1 = v2) and l2 "
+        "(v2 = 0, I1 = I2). Markers show where each curve ends. Right: velocities over the sum of both impulses so "
+        "far. This sum takes the place of time, because the model has no time."
     )
 
 
 def describe_ratios(collision: Collision) -> str:
-    """Describe a collision of two balls by its ratios and restitutions."""
+    """Return the ratios and restitutions of a collision of two balls as text."""
     return describe_cell({axis: getattr(collision, axis) for axis in AXES})
 
 
 def draw_chain_figures(curves: Frame, config: Config) -> Iterator[Drawn]:
-    """Draw the final velocities and the forces of the chain that the figures of a run show."""
+    """Draw the final velocities and the contact forces of the one chain that the figures of a run show."""
     by_solver, followed = curves.set_index("solver").velocities.dropna(), curves[curves.time.notna()]
     if len(by_solver):
         solvers = sort_by_law(by_solver.index)
         caption = (
-            "Final velocities of one chain, ball by ball and solver beside solver, per |v0|, up is positive: "
+            "Final velocities of the balls of one chain, per |v0|, with the solvers side by side. Up is positive. "
+            f"The chain: {describe_chain(config.figure_chain)}."
         )
-        caption += f"{describe_chain(config.figure_chain)}."
         yield "velocities", draw_velocities({name: by_solver[name] for name in solvers}), caption
     if len(followed):
         caption = (
-            "The wave through one chain: force of each contact over time since first touch, per m1 "
-            "|v0| and the unit of time (m1/k1 |v0|^(1 - p))^(1/(p + 1)), by the solvers that follow it "
-            f"({describe_chain(config.figure_chain)}). Contact 1 is between balls 1 and 2; the model's time "
-            "is that of positions that stay frozen, forces of engines are means over their steps. The "
-            f"time axis ends where all but {number(TAIL)} of the impulses have passed, by every solver."
+            "Wave of forces through one chain: the force of each contact over time since first touch, by all solvers "
+            f"that record it ({describe_chain(config.figure_chain)}). Contact 1 is between balls 1 and 2. The unit of "
+            "time is (m1/k1 |v0|^(1 - p))^(1/(p + 1)), and the unit of force is m1 |v0| over the unit of time. The "
+            "model's time is computed as if balls did not move during the collision (frozen positions). Forces of "
+            "engines are means over their time steps. The time axis ends when every solver has passed all but a "
+            f"fraction of {number(TAIL)} of its impulses."
         )
         yield "wave", _draw_wave(followed, config), caption
 
 
 def draw_velocities(drawn: Mapping[str, Sequence[float]]) -> Figure:
-    """Draw the final velocities of one chain per |v0|, with solvers side by side."""
+    """Draw the final velocities of one chain, per |v0|, with the solvers side by side."""
     balls = np.arange(1, 1 + len(next(iter(drawn.values()))))
     with styled_figure(max(5.0, min(12.0, 1.0 + 0.9 * len(balls))) + 1.6, 3.2) as figure:
         ax = figure.subplots()
@@ -193,7 +204,7 @@ def draw_velocities(drawn: Mapping[str, Sequence[float]]) -> Figure:
 
 
 def _draw_wave(curves: Frame, config: Config) -> Figure:
-    """Draw the force of every contact of one chain over time, one panel per solver."""
+    """Draw the force of every contact of one chain over time, with one panel per solver."""
     rows = curves.to_dict("records")
     across = len(rows) if len(rows) <= _ACROSS else -(-len(rows) // 2)
     down = -(-len(rows) // across)
@@ -206,13 +217,13 @@ def _draw_wave(curves: Frame, config: Config) -> Figure:
             for contact, forces in enumerate(row["forces"], start=1):
                 shade = colormaps["viridis"](0.92 * (contact - 1) / max(1, len(row["forces"]) - 1))
                 ax.plot(row["time"], forces, color=shade, label=f"contact {contact}", linewidth=1.2)
-            if place + across >= len(rows):  # nothing below it
+            if place + across >= len(rows):  # no panel is below this one
                 ax.set_xlabel("time / sqrt(m1/k1) (-)" if config.figure_chain.exponent == 1 else "time (-)")
                 ax.tick_params(labelbottom=True)
             ax.set_title(display_name(row["solver"]))
         for ax in grid[:, 0]:
             ax.set_ylabel("contact force (-)")
-        axes[0].set_xlim(0, 1.05 * max(map(end_of_wave, rows)))  # shared
+        axes[0].set_xlim(0, 1.05 * max(map(end_of_wave, rows)))  # all panels share this axis
         if len(rows[0]["forces"]) <= 12:
             figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center")
     return figure

@@ -1,4 +1,7 @@
-"""The figures of a run, drawn from its stored tables, each with a caption that stands alone."""
+"""Figures of a run, drawn from its tables, each with a caption that can be read without other text.
+
+They need the folder and the `Summary` of a finished run. `report` calls this module.
+"""
 
 from __future__ import annotations
 
@@ -26,21 +29,23 @@ from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.frames import AxisValue, Frame, Record
 from impact_xval.experiments.tables.numbers import number
 
-#: Least D on logarithmic axes, about the rounding of the solvers; smaller D are drawn there.
+#: Smallest D on logarithmic axes, about the rounding errors of the solvers. Smaller D are drawn at this value.
 _FLOOR = 1e-6
 
-#: Error of a velocity, per |v0|, that a recommended step may have.
+#: Largest error of a velocity, per |v0|, that a recommended time step may cause.
 ACCEPTED = 0.01
 
 _D = "velocity_divergence"
 _LABELS = {
     _D: "velocity divergence D (-)",
-    FULL_PATHS: "share of cells with the model's path (-)",
+    FULL_PATHS: "share of cells with the model's states (-)",
 }
-_SIDE = "solvers stand side by side."
-_MEDIANS = f"Markers: medians over all other axes; bars: 5th to 95th percentile; {_SIDE}"
+_SIDE = "The solvers are drawn side by side."
+_MEDIANS = (
+    f"Markers are medians over all other axes, and bars reach from the 5th to the 95th percentile. {_SIDE}"
+)
 
-#: Labels of the axes of the figures.
+#: Labels of the axes of the figures, by name of the axis.
 _AXIS_LABELS = {
     "balls": "number of balls N",
     "stiffness_ratio": "stiffness ratio k2/k1 (-)",
@@ -48,35 +53,36 @@ _AXIS_LABELS = {
     "e": "restitution e of every contact (-)",
 }
 
-#: Figures of graphs by the axis that they are drawn over.
+#: Names of the figures of graphs, by the axis that they are drawn over.
 _FIGURES_OF_GRAPHS = {
     "stiffness_ratio": "divergence-by-stiffness",
     "angle": "divergence-by-angle",
     "e": "divergence-by-restitution",
 }
 
-#: Captions of the figures over k2/k1, or for chains over the number of balls.
+#: Captions of the figures over one axis, by measure.
 _CAPTIONS = {
-    _D: "Velocity divergence D of each solver from the model over {over}. "
-    f"{_MEDIANS} D = sqrt(sum m_i dv_i^2/sum m_i v_i0^2), dimensionless; values below {number(_FLOOR)} are drawn "
-    f"there. {LEFT_OUT} {{votes}}",
-    FULL_PATHS: "Share of cells in which a solver passes through the same contact states (S1 both contacts active, S2 "
-    "ball on table, S3 ball on ball, S4 none) as the model, over {over}, of the cells in which the model needed no "
-    f"limiting case; {_SIDE} {LEFT_OUT}",
+    _D: "Velocity divergence D between each solver and the model, over {over}. "
+    f"{_MEDIANS} D = sqrt(sum m_i dv_i^2/sum m_i v_i0^2) has no unit. Values below {number(_FLOOR)} are drawn at "
+    f"{number(_FLOOR)}. {LEFT_OUT} {{votes}}",
+    FULL_PATHS: "Share of cells in which a solver has the same sequence of contact states as the model, over {over}. "
+    "The states are S1 (both contacts active), S2 (ball on table), S3 (ball on ball) and S4 (none). Only cells count "
+    "that the model solves without the closed form of a limiting case (such as e = 0). "
+    f"{_SIDE} {LEFT_OUT}",
 }
 
 
 def write_figures(folder: RunFolder, summary: Summary) -> dict[str, str]:
-    """Draw every figure of a finished run into ``figures/``; return their captions by name, as in ``captions.json``."""
+    """Draw every figure of a finished run into its folder ``figures``, and return the captions by name."""
     target = folder.root / "figures"
     target.mkdir(exist_ok=True)
     return save_figures(_draw_figures(folder, summary), target)
 
 
 def _draw_figures(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
-    """Draw the figures of a run that have something to show."""
+    """Draw the figures of a run, without those that would be empty."""
     config, pair = summary.config, summary.config.kind == "pair"
-    curves = folder.read_table(CURVES).to_pandas()  # of a damaged folder nothing is drawn
+    curves = folder.read_table(CURVES).to_pandas()  # raises for a damaged folder before anything is drawn
     if config.kind == "graph":
         yield from _draw_graphs(folder, summary)
         return
@@ -85,7 +91,7 @@ def _draw_figures(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
         axis, over = "stiffness_ratio", "the stiffness ratio k2/k1"
     else:
         measures = {_D: "divergence-by-balls"}
-        axis, over = "balls", "the number of balls N, a panel an arrangement"
+        axis, over = "balls", "the number of balls N, with one panel per arrangement"
     table = load_divergence(folder, config)
     rows, values = table.frame(tuple(measures)), sorted(table.levels[axis].values)
     panels = {"": (rows, values)}
@@ -103,7 +109,7 @@ def _draw_figures(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
 
 
 def _draw_graphs(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
-    """Draw D over each axis that has several values in some graph, a panel a graph; over e all graphs."""
+    """Draw D over every axis on which a graph has several values, with one panel per graph."""
     table = load_divergence(folder, summary.config)
     rows = table.frame((_D,))
     solvers = [name for name in summary.solvers if name in set(rows.solver)]
@@ -115,7 +121,7 @@ def _draw_graphs(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
                 panels[str(graph)] = some, values
         if panels:
             figure = _draw_over_axis(panels, solvers, axis, _D)
-            over = f"{_AXIS_LABELS[axis].removesuffix(' (-)')}, a panel a graph"
+            over = f"{_AXIS_LABELS[axis].removesuffix(' (-)')}, with one panel per graph"
             yield name, figure, _CAPTIONS[_D].format(over=over, votes=describe_shared_laws(solvers)).strip()
 
 
@@ -125,9 +131,9 @@ def _draw_over_axis(
     axis: str,
     measure: str,
 ) -> Figure:
-    """Draw the median of a measure over an axis with its 5th to 95th percentile, or a share.
+    """Draw a measure over an axis: its median with the 5th to 95th percentile, or its mean if it is a share.
 
-    `panels` has by title the rows of a panel, and the values of the axis.
+    `panels` has by title of the panel the rows that it shows and the values of the axis.
     """
     with styled_figure(2.6 * len(panels) + 3.6, 3.2) as figure:
         axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
@@ -148,7 +154,7 @@ def _draw_over_axis(
                 ax.plot(at, middle, linewidth=1, label=display_name(solver), **line)
         axes[0].set_ylabel(_LABELS[measure])
         if measure == _D:
-            axes[0].set_yscale("log")  # shared
+            axes[0].set_yscale("log")  # all panels share this axis
         else:
             axes[0].set_ylim(-0.03, 1.03)
         draw_legend_beside(axes[-1])
@@ -156,9 +162,10 @@ def _draw_over_axis(
 
 
 def recommended_steps(summary: Summary) -> list[Record]:
-    """Return the estimates of engines, and as `enough` the step with an error of `ACCEPTED` in 95 % of cells.
+    """Return the error estimates of engines, each with the largest step that is small enough, as ``enough``.
 
-    The step is over the faster contact period, and extrapolated from the step of the run by the measured order.
+    With the step ``enough``, which is divided by the period of the faster contact, the error is at most `ACCEPTED` in
+    95 % of the cells. It is extrapolated from the step of the run by the measured order of the error.
     """
     rows = summary.estimates.to_dict("records") if summary.config.kind == "pair" else []
     return [
@@ -169,7 +176,7 @@ def recommended_steps(summary: Summary) -> list[Record]:
 
 
 def draw_steps(summary: Summary) -> Iterator[Drawn]:
-    """Draw the error over the step; nothing if no engine has a limit."""
+    """Draw the error of a velocity over the time step; nothing if no engine has an error estimate."""
     engines, f = recommended_steps(summary), summary.config.step_fraction
     if not engines:
         return
@@ -189,7 +196,8 @@ def draw_steps(summary: Summary) -> Iterator[Drawn]:
     yield (
         "error-by-step",
         figure,
-        "Error that an engine's step makes in a final velocity, per |v0|, over the step. Markers: median (thin) "
-        "and 95th percentile (thick) over the cells at the step of this run; dashed: extrapolated by the order "
-        f"measured in this run. Grey: {100 * ACCEPTED:.0f} %.",
+        "Error of a final velocity that the time step of an engine causes, per |v0|, over the time step. Markers show "
+        "the median (thin line) and the 95th percentile (thick line) over the cells, at the time step of this run. "
+        "Dashed lines extrapolate these errors by the order of the error measured in this run. The grey line is at "
+        f"{100 * ACCEPTED:.0f} %.",
     )

@@ -1,7 +1,9 @@
-"""Picture of one contact graph: bodies, normals, and velocities before and after, with a panel for each solver.
+"""Figure of one contact graph: bodies, contact normals, and velocities before and after, with one panel per solver.
 
-A graph has no positions: bodies are laid out along the normals of their contacts, balls of one radius apart, and a body
-whose contacts have arms as the box of its arms.
+It needs a graph in the plane and its outcomes. The option ``--plot`` of `solve --graph` calls it.
+
+A graph has no positions. Bodies are therefore drawn along the normals of their contacts, as balls of equal radius that
+touch. A body whose contacts have arms (points of contact away from its centre) is drawn as the box of its arms.
 """
 
 from __future__ import annotations
@@ -20,17 +22,17 @@ from impact_xval.model.arrays import Floats
 from impact_xval.model.graph.collision import GraphCollision
 from impact_xval.model.graph.collision_outcome import GraphCollisionOutcome
 
-#: Radius of a ball, and length of the longest arrow, in units of the picture.
+#: Radius of a ball, and length of the longest arrow, in units of the figure.
 _RADIUS, _LONGEST = 0.5, 0.9
 
-#: Panels in a row, and width of a panel in inches.
+#: Largest number of panels in a row, and width of a panel in inches.
 _ACROSS, _WIDTH = 4, 2.6
 
 
 def draw_graph(
     collision: GraphCollision, outcomes: Mapping[str, GraphCollisionOutcome], caption: str
 ) -> Figure:
-    """Draw a graph in the plane (x, z); outcomes are by the titles of their panels."""
+    """Draw a graph in the plane (x, z), with one panel per outcome. The keys of `outcomes` are titles of panels."""
     if len(collision.velocities[0]) != 2:
         raise ValueError("bodies move in space; legal: a graph in the plane")
     sizes = _half_sizes(collision)
@@ -73,7 +75,7 @@ def draw_graph(
 
 
 def _half_sizes(collision: GraphCollision) -> list[Floats]:
-    """Return half width and half height of each body, in units of the picture."""
+    """Return half the width and half the height of each body, in units of the figure."""
     sizes = [np.full(2, _RADIUS) for _ in collision.masses]
     for contact in collision.contacts:
         for body, arm in zip(contact.bodies, contact.arms, strict=False):
@@ -83,7 +85,7 @@ def _half_sizes(collision: GraphCollision) -> list[Floats]:
 
 
 def _lay_out(collision: GraphCollision, sizes: Sequence[Floats]) -> Floats:
-    """Return the centres of bodies, shape (B, 2): each body beside one that it touches."""
+    """Return the centres of the B bodies, shape (B, 2), so that bodies in contact are side by side."""
     places: dict[int, Floats] = {}
     while len(places) < len(sizes):
         start = next(body for body in range(len(sizes)) if body not in places)
@@ -104,7 +106,7 @@ def _lay_out(collision: GraphCollision, sizes: Sequence[Floats]) -> Floats:
 
 
 def _draw_bodies(ax: Axes, collision: GraphCollision, places: Floats, sizes: Sequence[Floats]) -> None:
-    """Draw bodies with their numbers, walls, and the normal of every contact as a short black arrow."""
+    """Draw the bodies with their numbers, the walls, and the normal of every contact as a short black arrow."""
     with_arms = {
         body for contact in collision.contacts if contact.arms for body in contact.bodies if body is not None
     }
@@ -127,7 +129,7 @@ def _draw_bodies(ax: Axes, collision: GraphCollision, places: Floats, sizes: Seq
 
 
 def _draw_arrows(ax: Axes, places: Floats, vectors: Floats, color: object) -> object:
-    """Draw one arrow per body from its centre; the vectors are in units of the picture."""
+    """Draw one arrow per body from its centre. The vectors are in units of the figure."""
     return ax.quiver(
         *places.T, *vectors.T, angles="xy", scale_units="xy", scale=1, color=color, width=0.012, zorder=3
     )

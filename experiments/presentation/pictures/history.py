@@ -1,16 +1,20 @@
-"""A collision over time, from the path of an outcome: forces, heights and contacts at any instant, dimensionless.
+"""A collision over time, made from the path of an outcome: forces, heights and active contacts at any instant.
 
-**Units** are those of `Collision.units`, in which m1 = k1 = 1 and balls meet with 1: time sqrt(m1/k1) where contacts
-are linear, impulse m1 abs(v0), force their quotient.
+It needs an outcome with a path. The animation (`motion`) and the figure of forces call this module.
 
-**The clock.** References and engines move in time. The model is stated in impulses and has no time; its path carries
-the time in which its contact forces, F = sqrt(2 k E), pass on those impulses: dI = F dt turns equation (15),
-dI2/dI1 = sqrt(k2 E2/(k1 E1)), into two springs in time. Of a contact without or with infinite stiffness it is infinite
-or meaningless, and such a collision has no history.
+**Units** are those of `Collision.units`, in which m1 = k1 = 1 and balls meet with speed 1. The unit of time is
+sqrt(m1/k1) if contacts are linear. The unit of impulse is m1 abs(v0). The unit of force is their quotient.
 
-**Forces** are impulses over times between neighbouring points of the path, at the middle of each; **heights** are
-integrals of velocities. The model has no positions: its heights are those that its velocities imply, and where balls
-of the model still overlap when their contact has ended, that is what its assumption of frozen positions leaves out.
+**Time of the model.** References and engines move in time. The model is stated in impulses I, and has no time. Its path
+carries the time that its contact forces F = sqrt(2 k E) would need for these impulses, where k is the stiffness and E
+the elastic energy of a contact. With dI = F dt, equation (15), dI2/dI1 = sqrt(k2 E2/(k1 E1)), describes two springs in
+time. This time is infinite or meaningless for a contact of zero or infinite stiffness. A collision with such a contact
+has no history.
+
+**Forces** are differences of the impulses between neighbouring points of the path, divided by the differences in time.
+They belong to the middles of these intervals. **Heights** are integrals of the velocities. The model has no positions,
+so its heights are integrals of its velocities too. Balls of the model may still overlap when their contact has ended,
+because the model assumes that positions do not change.
 """
 
 from __future__ import annotations
@@ -24,16 +28,24 @@ from impact_xval.model.arrays import Floats
 from impact_xval.model.collision import Collision
 from impact_xval.model.path import Path
 
-#: Share of the impulses that may pass after the time shown: balls may meet again much later.
+#: Fraction of the impulses that may pass after the time shown, because balls may meet again much later.
 TAIL = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class History:
-    """A collision of N balls with C contacts over time: n instants since first touch, rising.
+    """A collision of N balls with C contacts at n instants.
 
-    `velocities` and `heights`, 0 where springs are unloaded and touch, have shape (n, N); `impulses`, passed so far,
-    and `acting`, which contacts act from each instant on, (n, C).
+    Attributes
+    ----------
+    time
+        Instants since first touch, rising, shape (n,).
+    velocities, heights
+        Velocities and heights of the balls, shape (n, N). A height is 0 where the springs are unloaded and touch.
+    impulses
+        Impulse that each contact has passed so far, shape (n, C).
+    acting
+        Whether a contact is active from an instant on, shape (n, C).
     """
 
     time: Floats
@@ -44,7 +56,7 @@ class History:
 
     @property
     def middles(self) -> Floats:
-        """Middles of the intervals, shape (n - 1,): instants of `forces`."""
+        """Instants of `forces`, which are the middles of the intervals, shape (n - 1,)."""
         return 0.5 * (self.time[1:] + self.time[:-1])
 
     @property
@@ -54,18 +66,19 @@ class History:
 
     @property
     def compressions(self) -> Floats:
-        """Compressions of the springs of the contacts, shape (n, C); negative where a contact is open."""
+        """Compressions of the springs of the contacts, shape (n, C); negative for an open contact."""
         contacts = self.impulses.shape[1]
         table = np.zeros((len(self.time), 1))
         return np.hstack([self.heights, table])[:, 1 : 1 + contacts] - self.heights[:, :contacts]
 
     def at(self, instants: Floats) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
-        """Return heights and velocities of the balls at instants, forces of the contacts, and which are active.
+        """Return the state at given instants: heights, velocities, forces, and whether each contact is active.
 
-        After the last one bodies fly on as they do then, and no contact acts.
+        After the last instant of the history, balls keep their velocities, and no contact is active.
         """
 
         def of(known: Floats, values: Floats) -> Floats:
+            """Return values, which are known at some instants, interpolated at the given instants."""
             of_columns: list[Floats] = [np.interp(instants, known, column) for column in values.T]
             return np.column_stack(of_columns)
 
@@ -80,24 +93,29 @@ class History:
 
 
 def instant_of_tail(time: Floats, passed: Floats) -> float:
-    """Return the instant at which all but `TAIL` of an impulse has passed."""
+    """Return the instant at which all but a fraction `TAIL` of an impulse has passed.
+
+    `passed` is the impulse that has passed at each instant of `time`.
+    """
     return float(time[np.searchsorted(passed, (1 - TAIL) * passed[-1])])
 
 
 def make_history(collision: Collision, path: Path, gravity: float = 0.0) -> History | None:
-    """Make the history of a path in the units of its collision; None if the path has no finite times.
+    """Return the history of a path in the units of its collision; None if its times are not finite.
 
-    With gravity (m/s^2) the lower one of two balls begins in static equilibrium on its support.
+    With gravity (in m/s^2), the lower of two balls starts in static equilibrium on the table.
     """
     unit = collision.units
     time = path.time / unit.time
     if not (np.isfinite(time).all() and time[-1] > 0):
         return None
-    # On a border a point is given once for each state: the last of them says what follows.
+    # A point on the border of two states is in the path once for each state. The last of them has the next state.
     kept = np.append(np.diff(time) > 0, True)
     time, velocities = time[kept], path.velocities[kept] / unit.velocity
     steps = 0.5 * (velocities[1:] + velocities[:-1]) * np.diff(time)[:, None]
-    apart = np.append(collision.gaps, [0.0] * (not collision.table))  # of each ball from the one below
+    apart = np.append(
+        collision.gaps, [0.0] * (not collision.table)
+    )  # gap between each ball and the body below it
     start = np.cumsum(apart[::-1])[::-1]
     if gravity:
         start = start - collision.m2 * gravity / collision.k2

@@ -1,9 +1,12 @@
-"""Figures of the ladders (docs/ladder.md): what the mean D is made of, over axes, and trust maps.
+"""Figures of the causes of divergence (docs/ladder.md): the shares of the causes over axes, and trust maps.
 
-Trust maps show where in the plane of k2/k1 and m2/m1 an engine stays near the model, and what is to blame elsewhere. A
-field of the plane holds the cells of all restitutions. It counts as within a level where its median cell is, or, more
-strictly, where all of its cells are. To blame is the contribution with the largest sum of components over the cells of
-the field that are beyond the lowest level.
+They need the `LadderSummary` and the table of ladders of a finished run. A ladder splits the difference between an
+engine and the model into causes. `figures` calls this module.
+
+A trust map shows where in the plane of k2/k1 and m2/m1 an engine stays near the model, and which cause is the largest
+elsewhere. A field of the plane holds the cells of all restitutions. The typical level of a field is the level of D that
+its median cell stays within. The strict level is the level that all of its cells stay within. The blamed cause of a
+field has the largest sum of components over the cells of the field that are beyond the lowest level.
 """
 
 from __future__ import annotations
@@ -31,13 +34,14 @@ from impact_xval.experiments.tables.frames import Frame
 from impact_xval.experiments.tables.numbers import number, percent
 from impact_xval.experiments.tables.parquet import read_column, read_selected
 
-#: Figures and the axes that they are drawn over, for two balls and for chains; labels of the axes.
+#: Figures and the axes that they are drawn over. The first two are for two balls, the other two for chains.
 _STACKS = {
     "ladder-by-stiffness": ("stiffness_ratio",),
     "ladder-by-restitution": ("e1", "e2"),
     "ladder-by-balls": ("balls",),
     "ladder-by-chain": ("arrangement", "e"),
 }
+#: Labels of the axes, by name.
 _LABELS = {
     "stiffness_ratio": "stiffness ratio k2/k1 (-)",
     "e1": "e1, ball on ball (-)",
@@ -47,24 +51,24 @@ _LABELS = {
     "e": "e of every contact (-)",
 }
 
-#: Position of the whisker of each cause in a bar, side by side so that they do not overlap.
+#: Horizontal position of the whisker of each cause, relative to the middle of its bar, so that whiskers do not overlap.
 _WHISKERS = (-0.24, -0.08, 0.08, 0.24)
 
-#: Levels of D that count as trusted, the strictest first.
+#: Levels of D that a trust map distinguishes, the lowest first.
 LEVELS = (0.01, 0.05, 0.2)
 
-#: Colours of the fields of each level and of fields beyond the last, safe for the colour-blind.
+#: Colours of the fields of each level, and of fields beyond the last level, which colour-blind readers can tell apart.
 _COLORS = ("#08519C", "#6BAED6", "#FEE391", "#A63603")
 
-#: Colour of fields without a cell beyond the lowest level.
+#: Colour, in the panel of causes, of fields that have no cell beyond the lowest level.
 _WITHIN = "0.9"
 
-#: Axes of the plane: vertical, horizontal.
+#: Vertical and horizontal axis of the plane of a trust map.
 _PLANE = ["mass_ratio", "stiffness_ratio"]
 
 
 def draw_ladders(ladder: LadderSummary) -> Iterator[Drawn]:
-    """Draw every figure of the ladders; none if no engine has a result."""
+    """Draw all figures of the shares of causes; none if no engine has a result."""
     for name, axes in _STACKS.items():
         known_axes = [axis for axis in axes if axis in ladder.axes]
         if known_axes:
@@ -73,21 +77,21 @@ def draw_ladders(ladder: LadderSummary) -> Iterator[Drawn]:
 
 
 def _ladder_caption(over: str, ladder: LadderSummary) -> str:
+    """Return the caption of a figure of the shares of causes over one or two axes."""
     causes = "dissipation law and gravity" if ladder.orders == "six" else "and dissipation law"
     return (
-        f"What the mean velocity divergence D of each engine consists of, over {over}. Line: mean D; bars "
-        "below zero: causes that take the engine back towards the model; whiskers: the range over "
-        f"{ladder.orders} orders of causes. Each cause is a difference of velocities made by one change on the "
-        "way from the model to the engine; drawn is the mean of its component along the whole difference, in the "
-        f"kinetic norm. The components of a cell sum to its D. Frozen positions, {causes} can be changed in "
-        f"{ladder.orders} orders; a bar is the mean over them, and its whisker reaches from where it ends by the "
-        "order that gives least to where by the one that gives most. D = sqrt(sum m_i dv_i^2/sum m_i "
-        f"v_i0^2), dimensionless. {LEFT_OUT}"
+        f"Causes of the mean velocity divergence D between each engine and the model, over {over}. Each cause is a "
+        "coloured bar, and the black line is the mean D. A bar below zero is a cause that brings the engine nearer to "
+        "the model. Each cause is one change on the way from the model to the engine. The height of its bar is the "
+        "component of the change in velocities along the whole difference, in the kinetic norm, averaged over cells. "
+        f"The components of a cell sum to its D. The changes of frozen positions, {causes} can be made in "
+        f"{ladder.orders} orders, and a bar is the mean over these orders. Its whisker shows the smallest and the "
+        f"largest result of an order. D = sqrt(sum m_i dv_i^2/sum m_i v_i0^2) has no unit. {LEFT_OUT}"
     )
 
 
 def _draw_panels(ladder: LadderSummary, axes: Sequence[str]) -> Figure:
-    """Draw one panel per axis and engine."""
+    """Draw the shares of causes with one panel per axis and engine."""
     solvers = ladder.solvers
     with styled_figure(max(6.4, 3.6 * len(solvers)), 0.9 + 2.6 * len(axes)) as figure:
         panels = figure.subplots(len(axes), len(solvers), sharey=True, squeeze=False)
@@ -107,7 +111,7 @@ def _draw_panels(ladder: LadderSummary, axes: Sequence[str]) -> Figure:
 
 
 def _draw_bars(ax: Axes, ladder: LadderSummary, wide: Frame) -> None:
-    """Draw the mean D of one engine and the bars of its contributions, positive ones above zero."""
+    """Draw the mean D of one engine and a bar for each of its contributions, above or below zero by its sign."""
     total = wide.total.max(axis=1).to_numpy()
     x, above, below = np.arange(len(wide)), np.zeros(len(wide)), np.zeros(len(wide))
     for c in ladder.present:
@@ -129,12 +133,16 @@ def _draw_bars(ax: Axes, ladder: LadderSummary, wide: Frame) -> None:
 
 
 def make_trust_maps(folder: RunFolder, config: Config) -> Frame | None:
-    """Compute the trust in the engines of a run of two balls over its plane, from its ladders.
+    """Return the trust maps of the engines of a run of two balls, one row per field that has a compared cell.
 
-    None without a plane or a result of an engine; else a row a field that has a cell, by engine, mass ratio and
-    stiffness ratio: ``cells``, the number of those that are compared; ``typical`` and ``strict``, the position in
-    `LEVELS` of the level that the median cell, or every cell, stays within, 3 beyond all of them; ``blamed``, the name
-    of the contribution, NaN where nothing is.
+    The index is the engine, the mass ratio and the stiffness ratio. Columns:
+
+    * ``cells``: number of compared cells
+    * ``typical``: position in `LEVELS` of the level that the median cell stays within, 3 beyond all levels
+    * ``strict``: position in `LEVELS` of the level that every cell stays within, 3 beyond all levels
+    * ``blamed``: name of the blamed contribution, NaN if no cell is beyond the lowest level
+
+    The result is None if no engine has a result, or if k2/k1 or m2/m1 has a single value.
     """
     path = folder.table_path("ladder.parquet")
     levels = {axis: axis_levels(config, axis, read_column(path, axis)) for axis in _PLANE}
@@ -160,38 +168,37 @@ def make_trust_maps(folder: RunFolder, config: Config) -> Frame | None:
 
 
 def draw_trust(trust: Frame | None) -> Iterator[Drawn]:
-    """Draw a trust map; nothing without one."""
+    """Draw the trust maps; nothing if there are none."""
     if trust is not None:
         engines = sort_by_law(trust.index.unique("solver"))
         yield "trust-map", _draw_trust_map(trust, engines), _trust_caption(trust, engines)
 
 
 def _trust_caption(trust: Frame, engines: Sequence[str]) -> str:
+    """Return the caption of the trust maps, with the share of trusted fields of each engine."""
     first, second, third = (number(100 * level) for level in LEVELS)
     said = ""
     for name in engines:
         fields = trust.loc[name]
         within = percent((fields.typical <= 1).mean())
-        said += f" {display_name(name)}: the median cell is within {second} % in {within} "
+        said += f" {display_name(name)}: the median D is within {second} % in {within} of the fields"
         labels = [c.label for c in CONTRIBUTIONS if c.name in set(fields.blamed.mode())]
-        said += (
-            f"of the fields; the largest cause is most often: {labels[0]}." if labels else "of the fields."
-        )
+        said += f", and the most frequent largest cause is {labels[0]}." if labels else "."
     return (
-        "Where engines end as the model does, over stiffness ratio k2/k1 and mass ratio m2/m1. A field "
-        f"holds the cells of all restitutions, {trust.cells.max()} at most. Left: the velocity divergence D "
-        f"that its median cell stays within, {first} %, {second} %, {third} % or more; middle: that every cell of it "
-        "stays within. Right: the cause with the largest part of D, summed over those of its cells that are beyond "
-        f"{first} % (docs/ladder.md); grey: no cell is. White: nothing to compare.{said} {LEFT_OUT}"
+        "Trust maps: how far each engine is from the model, over stiffness ratio k2/k1 and mass ratio m2/m1. A field "
+        f"of a map holds the cells of all restitutions (at most {trust.cells.max()}). Left: whether the median D of "
+        f"the field is within {first} %, {second} %, {third} % or above. Middle: the same for the largest D. "
+        f"Right: the cause with the largest part of D, summed over the cells with D above {first} % (docs/ladder.md). "
+        f"The field is grey if no D is above {first} %. White fields have nothing to compare.{said} {LEFT_OUT}"
     )
 
 
 def _draw_trust_map(trust: Frame, engines: Sequence[str]) -> Figure:
-    """Draw two panels of levels and one of causes, one row per engine."""
+    """Draw the trust maps: two panels of levels and one panel of causes in each row, and one row per engine."""
     shown = [c for c in CONTRIBUTIONS if (trust.blamed == c.name).any()]
     places = {c.name: place for place, c in enumerate(shown, start=1)}
     up, across = (sorted(trust.index.unique(axis)) for axis in _PLANE)
-    titles = ("median cell is within", "every cell is within", f"largest cause beyond {100 * LEVELS[0]:g} %")
+    titles = ("median D", "largest D", f"largest cause of D above {100 * LEVELS[0]:g} %")
     with styled_figure(7.4, 1.4 + 1.45 * len(engines)) as figure:
         axes = figure.subplots(len(engines), 3, sharex=True, sharey=True, squeeze=False)
         for ax, title in zip(axes[0], titles, strict=True):
@@ -226,5 +233,5 @@ def _draw_trust_map(trust: Frame, engines: Sequence[str]) -> Figure:
 
 
 def _legend_patches(shown: Sequence[Contribution]) -> list[Patch]:
-    """Make the entries of a legend of contributions."""
+    """Return the entries of a legend of contributions."""
     return [Patch(color=c.color, label=c.label) for c in shown]

@@ -1,7 +1,9 @@
-"""One collision in slow motion: balls, contacts and forces by the model and, beside it, by other solvers.
+"""Animation of one collision in slow motion: balls, contacts and forces by the model and by other solvers.
 
-Balls on a table stand, the panels of solvers beside one another. Balls in a row without a table lie, the panels below
-one another: ball 1 is on the left, and moves to the right at first.
+It needs outcomes with paths. The option ``--plot`` of `solve` calls this module for ``.gif`` and ``.html`` files.
+
+Balls on a table are drawn upright, with the panels of the solvers side by side. Balls in a line without a table are
+drawn lying, with one panel below the other. Ball 1 is then on the left, and moves to the right at first.
 """
 
 from __future__ import annotations
@@ -46,46 +48,51 @@ from impact_xval.model.collision import Collision
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.status import RESULT_STATUSES
 
+#: Picture of shape (height, width, 3).
 Pixels = NDArray[np.uint8]
 
-_STATES = ("S1: both contacts act", "S2: ball on table", "S3: ball on ball", "S4: no contact acts")
+#: Contact states of two balls on a table, by number less 1.
+_STATES = ("S1: both contacts active", "S2: ball on table", "S3: ball on ball", "S4: no contact active")
 
-#: Most solvers that are shown beside the model.
+#: Largest number of solvers that are shown beside the model.
 MOST = 6
 
-_CLOCK = "The model has no time: its clock is how long its forces take to pass on its impulses."
+#: Sentence on the time of the model, which is stated in impulses.
+_CLOCK = "The model has no time of its own. The time shown is the time that its forces would need for its impulses."
 
 #: Number of frames of a collision, and frames per second.
 FRAMES, RATE = 100, 10
+#: Pixels per inch of a frame.
 _DPI = 100
 #: Number of colours of a frame.
 _COLORS = 128
 
-#: Colours of contacts 1 and 2 of two balls, those of the states in which they act alone.
+#: Colours of contacts 1 and 2 of two balls. Each is the colour of the state in which the contact is active alone.
 CONTACT_COLORS = ("#D55E00", "#0072B2")
+#: Colours of the balls, which alternate, and of springs without force.
 _BALLS, _IDLE = ("#B0B0B0", "#D0D0D0"), "0.75"
 
-#: Natural length of a spring in a scene, and the share of it that the largest compression takes.
+#: Natural length of a spring in a scene, and the fraction of it by which the largest compression shortens the spring.
 _SPRING, _COMPRESSED = 0.6, 0.8
-#: Largest and smallest radius of a ball; room to rise, and to fall where there is no table.
+#: Largest and smallest radius of a ball, room above the balls, and room for balls to move away without a table.
 _RADIUS, _SMALL, _RISE, _FALL = 0.45, 0.16, 0.7, 1.4
-#: Length of the arrow of abs(v0), and of the bar of the largest force.
+#: Length of the arrow of a velocity of abs(v0), and of the bar of the largest force.
 _ARROW, _BAR = 0.7, 0.75
-#: Points of a spring: across, and up from its lower end over its length.
+#: Points of a drawn spring: position across, and height above its lower end over its length.
 _ZIGZAG = (
     np.array([0, 0, 1, -1, 1, -1, 1, -1, 0, 0]) * 0.12,
     np.array([0, 0.1, 0.17, 0.3, 0.43, 0.57, 0.7, 0.83, 0.9, 1]),
 )
 
 
-#: A place across a scene, or up: of a point, or of the points of a line.
+#: Horizontal or vertical coordinate of a point, or coordinates of the points of a line.
 _Coordinate = TypeVar("_Coordinate", float, Floats)
 
 
 class Moment(NamedTuple):
-    """Bodies of a history at one instant, as `History.at` gives them at several."""
+    """State of the balls and contacts of a history at one instant."""
 
-    #: Of the balls, shape (N,).
+    #: Heights and velocities of the balls, shape (N,).
     heights: Floats
     velocities: Floats
     #: Force of each contact, and whether the contact is active, shape (C,).
@@ -94,7 +101,7 @@ class Moment(NamedTuple):
 
 
 class SolverAxes(NamedTuple):
-    """Axes of one solver: of its scene, and of the forces of its contacts over time."""
+    """The two axes of one solver: its scene, and the forces of its contacts over time."""
 
     scene: Axes
     forces: Axes
@@ -102,9 +109,9 @@ class SolverAxes(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SlowMotion:
-    """An animation: a collision, its description `what`, and its histories by solver, the model first.
+    """A collision to be animated, with its description `what` and its histories by solver, the model first.
 
-    `left_out` has the reason for each solver that was asked for and is not shown.
+    `left_out` has, for each requested solver that is not shown, the reason why it is not shown.
     """
 
     collision: Collision
@@ -116,10 +123,10 @@ class SlowMotion:
     def of(
         cls, collision: Collision, outcomes: Mapping[str, Outcome], config: Config, chain: ChainSetup | None
     ) -> SlowMotion:
-        """Put solvers beside the model, in the order of the outcomes, `MOST` at most.
+        """Return the animation of the model and at most `MOST` other solvers, in the order of the outcomes.
 
-        The configuration says how they solved it, and `chain` what the collision is, if a chain. A ValueError says
-        that no solver but the model has a path in finite time.
+        `config` holds the settings that the outcomes were solved with. `chain` is the arrangement of the balls if the
+        collision is a chain. A ValueError says that only the model has a path in finite time.
         """
         drop, histories, left_out = config.scenario == "drop", {}, {}
         for name in sorted(outcomes, key=lambda name: name != REFERENCE):
@@ -132,13 +139,13 @@ class SlowMotion:
             if history is None:
                 left_out[name] = "no path in finite time"
             elif len(histories.keys() - {REFERENCE}) == MOST:
-                left_out[name] = f"{MOST} at most"
+                left_out[name] = f"at most {MOST} solvers are shown"
             else:
                 histories[name] = history
         if not histories.keys() - {REFERENCE}:
             reasons = ", ".join(f"{name}: {reason}" for name, reason in left_out.items())
             raise ValueError(
-                "needs a solver beside the model with a path in finite time"
+                "needs a second solver, beside the model, whose path takes a finite time"
                 + (f" ({reasons})" if reasons else "")
                 + "; legal: such a collision, or FILE.png"
             )
@@ -147,28 +154,34 @@ class SlowMotion:
             if chain is not None
             else f"{describe_ratios(collision)}, scenario {config.scenario}"
         )
-        what += ", in which the model has no gravity" if drop and REFERENCE in histories else ""
+        what += "; the model has no gravity" if drop and REFERENCE in histories else ""
         return cls(collision, what, histories, left_out)
 
     @property
     def lies(self) -> bool:
-        """Whether the balls lie in a row: without a table there is no below."""
+        """Whether the balls are drawn lying in a row, because there is no table."""
         return not self.collision.table
 
     @property
     def rigid(self) -> list[str]:
-        """Solvers with rigid contacts, if others are shown too: their forces last one step and exceed the scale."""
+        """Solvers with rigid contacts, whose forces last one time step and exceed the scale of the other solvers.
+
+        The list is empty if all solvers have rigid contacts.
+        """
         rigid = [name for name in self.histories if kind_of(name) == "rigid"]
         return rigid if len(rigid) < len(self.histories) else []
 
     @property
     def clock(self) -> str:
-        """Sentence on the clock of the model; empty if the model is not shown."""
+        """Sentence on the time of the model; empty if the model is not shown."""
         return _CLOCK if REFERENCE in self.histories else ""
 
     @property
     def instants(self) -> Floats:
-        """Instants of the frames, until a little after all solvers have passed all but a tail of their impulses."""
+        """Instants of the frames.
+
+        The last one is a little after every solver has passed all but a fraction `TAIL` of its impulses.
+        """
         ends = (
             instant_of_tail(history.time, history.impulses.sum(axis=1)) for history in self.histories.values()
         )
@@ -183,36 +196,37 @@ class SlowMotion:
         return list(colormaps["viridis"](np.linspace(0, 0.92, count)))
 
     def title(self) -> str:
-        """Return the title, which names the solvers."""
+        """Return the title of the animation, which names the solvers."""
         return f"One collision in slow motion: {join_words(map(display_name, self.histories))}"
 
     def caption(self) -> str:
-        """Return the caption, which explains the animation and the clock."""
+        """Return the caption, which explains what the animation shows, and the time of the model."""
         seconds = self.instants[-1] * self.collision.units.time
         c, slower = self.collision, number(FRAMES / RATE / seconds, 2)
         unit = "N/m" if c.exponent == 1 else f"N/m^{number(c.exponent)}"
         model = (
-            " The model's heights are those that its velocities imply. Where its balls still overlap when a contact "
-            "has ended, its assumption of frozen positions shows."
+            " The model's heights are computed from its velocities. Its balls may still overlap when a contact has "
+            "ended, because the model assumes that balls do not move during the collision (frozen positions)."
         )
         cut = (
-            f" Forces of {join_words(map(display_name, self.rigid))}, which last a step, are cut off."
+            f" Forces of {join_words(map(display_name, self.rigid))} last one time step, and are cut off."
             if self.rigid
             else ""
         )
         missing = join_words(f"{display_name(name)} ({why})" for name, why in self.left_out.items())
         heights, first = ("places", "on the left") if self.lies else ("heights", "on top")
         return (
-            f"{self.title()}: {self.what}; {slower} times slower than at m1 = {number(c.masses[0])} kg, k1 = "
-            f"{number(c.stiffnesses[0])} {unit}. Balls and springs show {heights} with compressions enlarged, a grey "
-            f"spring carries no force; arrows are velocities, bars the forces of the contacts, 1 {first}, which stand "
-            f"over time {'beside' if self.lies else 'below'}. {self.clock}{model if self.clock else ''}{cut}"
+            f"{self.title()}: {self.what}. It is {slower} times slower than the collision at m1 = "
+            f"{number(c.masses[0])} kg and k1 = {number(c.stiffnesses[0])} {unit}. Balls and springs show {heights}, "
+            f"with enlarged compressions. A grey spring carries no force. Arrows are velocities. Bars are forces of "
+            f"the contacts, with contact 1 {first}. The curves {'on the right' if self.lies else 'below'} are these "
+            f"forces over time. {self.clock}{model if self.clock else ''}{cut}"
             + (f" Not shown: {missing}." if missing else "")
         ).replace("  ", " ")
 
 
 def _at_rest(c: Collision) -> tuple[Floats, Floats]:
-    """Return radii of the balls in a scene, and heights of their middles when all springs are unloaded and touch."""
+    """Return the radii of the balls in a scene, and the heights of their centres when all springs are unloaded."""
     masses = np.array(c.masses)
     radii = np.maximum(_RADIUS * (masses / masses.max()) ** (1 / 3), _SMALL)
     springs = np.full(len(masses), _SPRING)
@@ -224,17 +238,17 @@ def _at_rest(c: Collision) -> tuple[Floats, Floats]:
 def _moving_artists(
     motion: SlowMotion, scale: float, strongest: float, letters: float, now: Moment
 ) -> Iterator[Artist]:
-    """Yield the moving artists of a solver's scene: springs, balls, bars of force, arrows of velocity, the state.
+    """Yield the moving parts of a solver's scene: springs, balls, bars of force, arrows of velocity, and the state.
 
-    The names of balls are `letters` points high.
+    `letters` is the height of the names of the balls in points.
     """
     radii, at_rest = _at_rest(motion.collision)
     middles, top = at_rest + scale * now.heights, at_rest[0] + radii[0] + _RISE
-    tops = np.append(middles + radii, 0.0)[1:]  # of what is below a contact, the table last
+    tops = np.append(middles + radii, 0.0)[1:]  # tops of the bodies below the contacts, the table last
     ends = list(zip(tops, np.minimum(middles - radii, tops + _SPRING), strict=True))
     contacts = list(
         zip(ends, motion.colors, now.acting, now.forces, strict=False)
-    )  # the last ball may have none
+    )  # without a table the last ball has no contact below it
 
     def place(across: _Coordinate, up: _Coordinate) -> tuple[_Coordinate, _Coordinate]:
         """Return where a point is drawn; in a lying scene the top is on the left."""
@@ -262,9 +276,10 @@ def _moving_artists(
 
 
 def draw_frames(motion: SlowMotion) -> Iterator[Pixels]:
-    """Draw the frames of a motion, shape (height, width, 3) each; everything at rest is drawn once.
+    """Yield the frames of an animation, each of shape (height, width, 3).
 
-    Each solver has a scene, and below or beside it the forces of the contacts over time.
+    Each solver has a scene, and the forces of its contacts over time below or beside it. Parts that do not move are
+    drawn only once.
     """
     instants, histories = motion.instants, motion.histories.values()
     visible = {name: (history, history.time <= instants[-1]) for name, history in motion.histories.items()}
@@ -299,7 +314,7 @@ def draw_frames(motion: SlowMotion) -> Iterator[Pixels]:
 
 
 def _draw(ax: Axes, *artists: Artist) -> None:
-    """Draw artists into axes without adding them for good."""
+    """Draw artists into axes, and remove them from the axes again."""
     for artist in artists:
         ax.add_artist(artist)
         ax.draw_artist(artist)
@@ -307,7 +322,7 @@ def _draw(ax: Axes, *artists: Artist) -> None:
 
 
 def _frame_size(motion: SlowMotion) -> tuple[float, float]:
-    """Return width and height of a frame in inches."""
+    """Return the width and the height of a frame in inches."""
     balls, solvers = min(len(motion.collision.masses), 20), len(motion.histories)
     if motion.lies:
         return 8.5 + 0.35 * balls, 1.6 + 1.7 * solvers
@@ -315,7 +330,7 @@ def _frame_size(motion: SlowMotion) -> tuple[float, float]:
 
 
 def _set_up(figure: Figure, motion: SlowMotion, least: float, most: float) -> list[SolverAxes]:
-    """Draw everything at rest; return for each solver the axes of its scene and of its forces.
+    """Draw all parts that do not move, and return the axes of each solver.
 
     The axes of forces reach from `least` to `most`.
     """
@@ -367,7 +382,7 @@ def _set_up(figure: Figure, motion: SlowMotion, least: float, most: float) -> li
 
 
 def _set_scene(scene: Axes, motion: SlowMotion) -> None:
-    """Set the limits of the axes of a scene, and draw the table if there is one."""
+    """Set the limits of the axes of a scene, and draw the table if the collision has one."""
     radii, at_rest = _at_rest(motion.collision)
     top = at_rest[0] + radii[0] + _RISE
     if motion.lies:
@@ -379,9 +394,9 @@ def _set_scene(scene: Axes, motion: SlowMotion) -> None:
 
 
 def write_animation(motion: SlowMotion, path: Path) -> None:
-    """Write an animation as a GIF or as a self-contained page, by the suffix of the file."""
+    """Write an animation as a GIF if the suffix of its path is ``.gif``, otherwise as a self-contained page."""
     pictures = list(draw_frames(motion))
-    # One palette, that of the first and the middle one: in these are all colours.
+    # One palette serves all frames. The first and the middle frame together have all colours.
     both = np.vstack([pictures[0], pictures[len(pictures) // 2]])
     palette = Image.fromarray(both).quantize(_COLORS, Image.Quantize.MAXCOVERAGE)  # white stays white
     first, *rest = (

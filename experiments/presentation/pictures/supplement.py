@@ -1,7 +1,10 @@
-"""The six panels of the supplement's figures: exact impulse curves beside the numbers printed there.
+"""The three figures of the paper's supplement, drawn again: exact impulse curves and the numbers printed there.
 
-The supplement of Jia, Mason and Erdmann (IJRR 32(1), 2013) draws I2 over I1 with the compression lines l1 and l2, per
-m1 abs(v0). Its parameters (44), and what its printed digits can bear, are in docs/errata.md.
+It needs nothing but the model. The command `figures` calls this module.
+
+The supplement of Jia, Mason and Erdmann (IJRR 32(1), 2013) draws the impulse I2 over the impulse I1, per m1 abs(v0),
+with the lines l1 (v1 = v2) and l2 (v2 = 0), at which compression ends. docs/errata.md has its parameters (44), and says
+how exact its printed digits are.
 """
 
 from __future__ import annotations
@@ -23,11 +26,11 @@ from impact_xval.experiments.presentation.style import Drawn, styled_figure
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.model import Collision, Outcome, solve
 
-#: Colours of the states along a curve (S4 has no extent), and the colour of printed numbers.
+#: Colours of the states along a curve, and the colour of printed numbers. S4 has no colour, because it has no length.
 _STATES = {1: "#000000", 2: "#0072B2", 3: "#D55E00"}
 _PRINTED = "#AA3377"
 
-#: By figure: the section of the supplement, and the distance of its printed velocities from the exact ones.
+#: For each figure: section of the supplement, and difference of its printed and the exact velocities, per |v0|.
 _FIGURES = {"1": ("3.1", "6e-4"), "2": ("3.2", "5e-3"), "3": ("3.4", "")}
 
 
@@ -35,8 +38,8 @@ _FIGURES = {"1": ("3.1", "6e-4"), "2": ("3.2", "5e-3"), "3": ("3.4", "")}
 class Panel:
     """One panel of the supplement's figures, with the printed stiffness ratio, final velocities and states.
 
-    `corners` are points (I1, I2) on the way that the text states; `detail` is half the width of the window that shows
-    where the curve ends, 0 without one.
+    `corners` are points (I1, I2) of the curve that the text of the supplement states. `detail` is half the width of the
+    window that enlarges the end of the curve; 0 means that there is no window.
     """
 
     name: str
@@ -48,7 +51,10 @@ class Panel:
     detail: float = 0.0
 
     def printed_end(self) -> list[tuple[float, float]]:
-        """Return the final (I1, I2) of the printed velocities, if any: I1 = 1 + v1, I2 = I1 + m2 v2."""
+        """Return the final point (I1, I2) that the printed velocities imply; empty without printed velocities.
+
+        I1 = 1 + v1 and I2 = I1 + m2 v2, per m1 abs(v0).
+        """
         if not self.velocities:
             return []
         v1, v2 = map(float, self.velocities)
@@ -56,7 +62,9 @@ class Panel:
 
 
 def _panels() -> tuple[Panel, ...]:
-    # Parameters (44) of the main paper, inferred from the supplement, at the ratios of its figures 1(b) and 2(b).
+    """Return the six panels of the supplement."""
+    # Parameters (44) of the main paper. They were inferred from the supplement, at the stiffness ratios of its figures
+    # 1(b) and 2(b).
     m2, e1, e2, of = 2 / math.sqrt(3), 0.9, 0.7, Collision.from_ratios
     foot = m2 / (1 + m2)
     corners = ((foot, 0.0), ((1 + e1) * foot, 0.0), ((1 + e1) * foot, e1 * m2))
@@ -73,13 +81,14 @@ def _panels() -> tuple[Panel, ...]:
 
 
 def draw_supplement_figures() -> Iterator[Drawn]:
-    """Draw the supplement's three figures, two panels each."""
+    """Draw the three figures of the supplement, each with two panels."""
     for row, (section, apart) in _FIGURES.items():
         panels = [panel for panel in _panels() if panel.name.startswith(row)]
         yield f"supplement-{row}", _draw_panels(panels), _caption(row, section, apart, panels)
 
 
 def _caption(row: str, section: str, apart: str, panels: list[Panel]) -> str:
+    """Return the caption of one figure of the supplement."""
     cells = " ".join(
         f"({panel.name[1]}) k2/k1 = {panel.ratio}, m2/m1 = {number(panel.collision.mass_ratio, 6)}, e1 = "
         f"{number(panel.collision.e1)}, e2 = {number(panel.collision.e2)}."
@@ -87,27 +96,27 @@ def _caption(row: str, section: str, apart: str, panels: list[Panel]) -> str:
     )
     if not apart:
         said = (
-            f"The supplement (section {section}) prints no velocities here, and says of (a) that S1 and S2, of "
-            "(b) that S1 and S3 take turns while the curve converges to a line; the exact paths at its "
-            "stiffness ratios are below the panels (docs/errata.md)."
+            f"The supplement (section {section}) prints no velocities here. It says that S1 and S2 alternate in (a), "
+            "and S1 and S3 in (b), while the curve converges to a line. The exact sequences of states at its stiffness "
+            "ratios are below the panels (docs/errata.md)."
         )
     else:
         said = (
-            f"Circles: what the supplement prints (section {section}), its velocities as I1 = 1 + "
-            "v1/|v0|, I2 = I1 + (m2/m1) v2/|v0|; dots: where the exact curve ends. The velocities printed "
-            f"for (b) come from steps of finite impulse and differ from the exact ones by {apart} (docs/errata.md): "
-            "the window enlarges both ends."
+            f"Circles are the velocities printed in the supplement (section {section}), as I1 = 1 + v1/|v0| and I2 = "
+            "I1 + (m2/m1) v2/|v0|. Dots are the ends of the exact curves. The velocities printed for (b) were computed "
+            f"with finite steps of impulse, and differ from the exact velocities by {apart} |v0| (docs/errata.md). The "
+            "window enlarges both ends."
         )
     return (
-        f"Figure {row} of the supplement of Jia, Mason and Erdmann (2013), drawn again: ball-table impulse "
-        "I2 over ball-ball impulse I1, both per m1 |v0|, by the exact model, coloured by state (S1 both "
-        "contacts active, S2 ball on table, S3 ball on ball), with the compression lines l1 (v1 = v2) and "
-        f"l2 (v2 = 0, I1 = I2). {cells} {said}"
+        f"Figure {row} of the supplement of Jia, Mason and Erdmann (2013), drawn again: impulse I2 between ball and "
+        "table over impulse I1 between the balls, both per m1 |v0|, by the exact model. Colours are states: S1 (both "
+        "contacts active), S2 (ball on table), S3 (ball on ball). Compression ends at the lines l1 (v1 = v2) and l2 "
+        f"(v2 = 0, I1 = I2). {cells} {said}"
     )
 
 
 def _draw_panels(panels: list[Panel]) -> Figure:
-    """Draw panels side by side, the printed and the exact numbers below each."""
+    """Draw panels side by side, with the printed and the exact numbers below each panel."""
     with styled_figure(7.2, 4.9) as figure:
         upper, lower = figure.subplots(2, len(panels), height_ratios=(6, 1))
         for ax, below, panel in zip(upper, lower, panels, strict=True):
@@ -119,7 +128,7 @@ def _draw_panels(panels: list[Panel]) -> Figure:
 
 
 def _draw_curve(ax: Axes, panel: Panel, outcome: Outcome) -> None:
-    """Draw the exact curve, with one colour per state, and the printed points."""
+    """Draw the exact curve of a panel, with one colour per state, and the printed points."""
     path = outcome.path
     assert path is not None
     i1, i2, end = path.impulse1, path.impulse2, panel.printed_end()
@@ -138,7 +147,7 @@ def _draw_curve(ax: Axes, panel: Panel, outcome: Outcome) -> None:
         for state, color in _STATES.items():
             is_state = path.state == state
             if is_state.any():
-                is_state[1:] |= is_state[:-1]  # to where the next state begins
+                is_state[1:] |= is_state[:-1]  # extend the segment to the point where the next state begins
                 window_or_whole.plot(
                     *(np.where(is_state, i, np.nan) for i in (i1, i2)), color=color, label=f"S{state}"
                 )

@@ -49,7 +49,7 @@ def test_what_is_said_of_the_restitutions_of_two_bodies_is_what_the_engine_does(
         pytest.skip(reason)
     pair = Collision((1.0, 1.0), (1e4,), (0.9,), (-1.0, 0.0), table=False)
     v1, v2 = solver.solve(pair, Settings(partner_restitution=0.9)).velocities
-    gives = float(re.search(r"0.9 on both gives (\S+)\.", describe_restitution_product([engine]))[1])
+    gives = float(re.search(r"0.9 on both bodies gives (\S+)\.", describe_restitution_product([engine]))[1])
     # They meet with 1 m/s; DART softens its constraints by some 1e-5. The mean would be 0.9.
     assert v1 - v2 == pytest.approx(gives, abs=1e-3)
 
@@ -57,7 +57,7 @@ def test_what_is_said_of_the_restitutions_of_two_bodies_is_what_the_engine_does(
 def test_restitutions_that_multiply_are_said_where_one_goes_in(command):
     of_pybullet = command("contact --engine pybullet --masses 1 inf --restitution 0.7 --stiffness 1e6")
     assert (
-        "PyBullet multiplies the restitutions of the two bodies of a contact: 0.7 on both gives 0.49."
+        "PyBullet multiplies the restitutions of the two bodies of a contact: 0.7 on both bodies gives 0.49."
         in of_pybullet
     )
     assert "multiplies" not in command(
@@ -77,7 +77,7 @@ def test_a_material_and_a_radius_are_a_contact(command):
     assert drops["restitution"][0] == 0.85
     hertz = float(
         re.search(
-            r"Their contact lasts (\S+) s\.\n.* It lasts 6.7% longer, and its peak force is 20% lower", text
+            r"Their contact lasts (\S+) s\.\n.* it lasts 6.7% longer, and its peak force is 20% lower", text
         )[1]
     )
     assert drops["duration"][0] / hertz == pytest.approx(1.067, rel=0.05)
@@ -138,7 +138,7 @@ def test_three_bodies_and_a_step_are_one_answer(command):
 def test_negative_numbers_after_solref_are_numbers(command):
     text = command("contact --masses 1 inf --solref -1e4 -20 --solimp .5 .5 --engine mujoco")
     assert text.startswith(
-        "The engine reads solref -10000 -20 and solimp 0.5 0.5 0.001 0.5 2. For these masses that is:"
+        "The engine reads solref -10000 -20 and solimp 0.5 0.5 0.001 0.5 2. For these masses they mean:"
     )
     assert "k = 10000 N/m, c = 20 N s/m, damping ratio 0.1, reduced mass 1 kg" in text
     assert "\ndepth at rest 0.0004905 m, " in text  # (1 - d) g/stiffness

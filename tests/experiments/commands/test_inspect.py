@@ -32,8 +32,8 @@ def test_many_groups_are_cut_and_all_shows_them(tmp_path, command):
     path.write_text(text)
     out = command(["inspect", path], ends=3)
     assert len(out.splitlines()) <= 40
-    assert "4 more groups: --all shows them" in out
-    assert "more rows of what to write: --all shows them" in out
+    assert "4 more groups are not shown; --all shows them" in out
+    assert "more rows of what to write are not shown; --all shows them" in out
     everything = command(["inspect", path, "--all"], ends=3)
     assert "--all shows" not in everything
     assert re.search(r"^12 +geoms #0 and #12 ", everything, re.MULTILINE)
@@ -92,7 +92,7 @@ def test_a_written_scene_does_what_was_meant(reading, tmp_path, command):
     out = command(["inspect", scene, "--fix", folder / "fixed.xml", f"--{reading}"])
     assert "Changed: 3 <pair>s, the step, from 0.001 to " in out
     assert "names of 1 geoms" in out
-    assert out.endswith("all contacts measured do it\n")
+    assert out.endswith("all measured contacts behave as meant\n")
     model = mujoco.MjModel.from_xml_path(str(folder / "fixed.xml"))
     assert (model.npair, model.ngeom, model.pair("own").dim[0]) == (3, 3, 1)
     # dropped by hand: the ball without a name
@@ -134,7 +134,7 @@ def test_a_box_on_a_face_is_said_to_be_four_times_as_stiff_and_is(tmp_path, comm
         '<geom type="plane" size="9 9 1"/><body pos="0 0 .1"><freejoint/><geom type="box" size=".1 .2 .1" mass="4"/>'
         "</body></worldbody></mujoco>"
     )
-    says = "A box that lands on a face has four points and is four times as stiff"
+    says = "A box that lands on a face has four points of contact and is four times as stiff"
     assert says in command(["inspect", scene], ends=3)
     assert says in command(["inspect", scene, "--fix", fixed, "--keep"])
     model = mujoco.MjModel.from_xml_path(str(fixed))
@@ -175,7 +175,7 @@ def test_what_the_drops_leave_out_is_one_line(tmp_path, command):
     )
     head = command(["inspect", path], ends=3).splitlines()[0]
     for part in (
-        "Not in the drops: the contacts of 1 flex (soft body)",
+        "The drops leave out: the contacts of 1 flex (soft body)",
         "the force of 1 actuator",
         "the spring of 1 joint",
         "the limits of 1 joint",

@@ -23,7 +23,7 @@ CHAIN_OPTIONS = "solve --arrangement cradle --balls 3 --solver kelvin-voigt"
     ("asked", "suffix", "first", "says"),
     [
         (BESIDE, "png", b"\x89PNG", "One collision by "),
-        (BESIDE, "pdf", b"%PDF", "markers: where each curve ends."),
+        (BESIDE, "pdf", b"%PDF", "Markers show where each curve ends."),
         (CHAIN_OPTIONS, "svg", b"<?xml", "final velocities"),
     ],
 )
@@ -62,7 +62,7 @@ def test_a_page_needs_nothing_else_and_says_what_the_clock_is(tmp_path, command)
     rest = " ".join(re.sub(r"data:image/png;base64,[^\"]+", "", page).split())
     assert not re.search(r"https?:|<link|@import|url\(", rest)
     assert "the model and exact Kelvin-Voigt: k2/k1 = " in rest
-    assert "The model has no time: its clock is how long its forces" in rest
+    assert "The model has no time of its own. The time shown is" in rest
 
 
 CHAIN = ChainSetup(arrangement="row", balls=2)
@@ -117,5 +117,5 @@ def test_a_cradle_lies_and_a_stack_stands(arrangement):
 def test_what_does_not_move_is_one_line_and_nothing_is_written(tmp_path, capsys):
     assert main([*BESIDE.split(), "--e1", "0", "--plot", str(tmp_path / "one.gif")]) == 2
     said = capsys.readouterr().err
-    assert "needs a solver beside the model with a path" in said
+    assert "needs a second solver, beside the model, whose path" in said
     assert (said.count("\n"), [*tmp_path.iterdir()]) == (1, [])

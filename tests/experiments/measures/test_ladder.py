@@ -231,12 +231,14 @@ def test_a_sentence_claims_most_only_if_every_order_agrees():
         return sentence("engine", divergence, [SentencePart(*part) for part in parts], agreed)
 
     most, little = ("a", 0.9, 0.09, 0.8, 0.95), ("b", 0.1, 0.01, 0.05, 0.2)
-    assert "most of it by a (90 %, by order 80 to 95 %" in said(most, little)
+    assert "Most of it comes from a: 90 % (80 to 95 %)." in said(most, little)
     two = ("a", 0.62, 0.1, 0.04, 1.2), ("b", 0.38, 0.1, -0.2, 0.96)
-    assert "(another by another order) by a" in said(*two, agreed=False)
-    assert "the largest part of it by a (40 %" in said(
+    assert "In another order of the causes, another cause is the largest." in said(*two, agreed=False)
+    assert "The largest part of it comes from a: 40 %." in said(
         ("a", 0.4, 0.1, 0.4, 0.4), *[("b", 0.3, 0.1, 0.3, 0.3)] * 2
     )
-    assert "taken back in part by b (-80 %" in said(("a", 1.8, 0.2, 1.8, 1.8), ("b", -0.8, 0.1, -0.8, -0.8))
-    assert "causes cancel" in said(("a", 13.0, 1.3, 12, 14), ("b", -12.0, 1.2, -13, -11))
-    assert "nothing to split" in said(most, little, divergence=1e-12)
+    assert "A part of it is undone by b: -80 %." in said(
+        ("a", 1.8, 0.2, 1.8, 1.8), ("b", -0.8, 0.1, -0.8, -0.8)
+    )
+    assert "causes nearly cancel" in said(("a", 13.0, 1.3, 12, 14), ("b", -12.0, 1.2, -13, -11))
+    assert "no difference to explain" in said(most, little, divergence=1e-12)

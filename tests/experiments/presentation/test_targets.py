@@ -38,7 +38,7 @@ def test_text_sources_and_drops_are_printed():
     assert "source of elasticity: " in text
     assert isinstance(table, Table)
     assert table.rows == [("restitution", "0.8", "0.8")]
-    assert "a step of 0.001 s, 1 m/s, and 5 places" in table.caption
+    assert "a step of 0.001 s, 1 m/s, and 5 instants" in table.caption
 
 
 def test_what_cannot_be_run_is_said_not_to_be_verified():
@@ -55,7 +55,7 @@ def test_a_missing_engine_is_named(monkeypatch):
 
 def test_a_rebound_that_dart_drops_is_said():
     slow = Pair((1.0, math.inf), 0.8, stiffness=1e4, speed=0.1)
-    says = "would rebound at 0.08 m/s: DART gives no rebound of 0.1 m/s or less"
+    says = "would rebound at 0.08 m/s, but DART gives no rebound of 0.1 m/s or less"
     assert says in printed(describe_target(TARGETS["dart"], slow))
     assert says not in printed(describe_target(TARGETS["dart"], PAIR))
 

@@ -69,7 +69,7 @@ def test_a_cell_of_a_grid_in_si_units_is_named_and_opened_again_in_them(tmp_path
     assert "m1 = 2 kg, m2 = 0.3 kg, k1 = 100000 N/m, k2 = 700000 N/m" in shown
     cell = collect_cells(folder, [1])[1]
     assert (cell["at"]["m2/m1"], cell["at"]["m1 in kg"], cell["at"]["k2 in N/m"]) == ("0.15", "2", "700000")
-    (again,) = (line for what, line in cell["commands"] if what.startswith("once more"))
+    (again,) = (line for what, line in cell["commands"] if what.startswith("solve again"))
     options = dict(zip(*[iter(shlex.split(again)[2:])] * 2, strict=True))
     collision, _, _ = parse_collision({name[2:].replace("-", "_"): value for name, value in options.items()})
     assert collision.masses == (2.0, 0.3)
@@ -85,7 +85,7 @@ _ONE = {"stiffness_ratio": [2.0], "mass_ratio": [1.5], "e1": [0.9], "e2": [0.7]}
 _LIMITS = {"stiffness_ratio": [0, 1, math.inf], "mass_ratio": [1.0], "e1": [0.0], "e2": [0.0, 1.0]}
 _PAIR = {"balls": 2, "arrangement": "row", "e": [0.5, 0.9], "stiffness_taper": 1.0}
 _GAPS = {"balls": 3, "arrangement": "cradle", "gap": [0.0, 1e-5], "e": 0.9, "stiffness_taper": 1.0}
-_LIKE, _HELD = ["kelvin-voigt", "mujoco"], "The limits dt -> 0 of MuJoCo are "
+_LIKE, _HELD = ["kelvin-voigt", "mujoco"], "Extrapolated to a time step of zero, MuJoCo differs "
 _NOTHING = "Nothing could be compared."
 
 #: What is run, by which solvers, and what is said of it.
@@ -96,8 +96,16 @@ RUNS = {
     "limits": ({"grid": _LIMITS, "grazing_threshold": 0.0}, fakes.shifted, ""),
     "one contact": ({"chain": _PAIR, "grid": None, "solvers": ["kelvin-voigt"]}, fakes.shifted, ""),
     "the model refuses some": ({"chain": _GAPS, "grid": None, "solvers": _LIKE}, get_solver, _HELD),
-    "agreement": ({"solvers": ["mujoco"]}, fakes.perfect, "MuJoCo ends where the model does: there is "),
-    "agreement beside a failure": ({}, fakes.perfect, "12 of 12 cells (12 unavailable), most often: no "),
+    "agreement": (
+        {"solvers": ["mujoco"]},
+        fakes.perfect,
+        "MuJoCo ends where the model does, so there is no difference ",
+    ),
+    "agreement beside a failure": (
+        {},
+        fakes.perfect,
+        "12 of 12 cells (12 unavailable). The most frequent reason: no ",
+    ),
     "nothing but failures": ({"solvers": ["mujoco", "pybullet"]}, fakes.refusing, _NOTHING),
     "the model fails too": ({"solvers": ["mujoco"]}, fakes.refusing_all, _NOTHING),
 }
@@ -110,7 +118,12 @@ def test_terminal_and_page_show_it(kind, tmp_path, command):
     root = swept(tmp_path / "run", resolve, **changes).root
     shown = " ".join(command(["show", root]).split())
     assert says in shown
-    assert ("one vote" in shown) == (kind == "the model refuses some")  # without a result it is no vote
+    assert ("no independent confirmation" in shown) == (
+        kind == "the model refuses some"
+    )  # a solver without a result confirms nothing
     command(["report", root])
-    page, said = (root / "report.html").read_text(encoding="utf-8"), "in all but the model and Liu-Zhao"
+    page, said = (
+        (root / "report.html").read_text(encoding="utf-8"),
+        "in all solvers except the model and Liu-Zhao",
+    )
     assert (f"Gravity acts {said}-Brogliato." in page) == (kind == "no engine")

@@ -46,7 +46,7 @@ def test_a_comparison_shows_numbers_without_a_result_marked_and_compares_none(pr
     for shown in (str(compared), compared._repr_html_()):
         assert all(each in shown for each in marked)
         assert not any(f"{v:.6f}*" in shown for v in model.velocities)
-        assert "*: what the solver came to, but no result" in shown
+        assert "*: the solver ended with these numbers, but they do not count as a result" in shown
         assert f"mujoco: {status}: too slow" in shown
     assert list(compared.scaled_velocities) == ["state-transition"]
     assert "*" not in str(SolverComparison(problem, {"state-transition": model}))
@@ -60,7 +60,7 @@ def test_a_cell_of_a_run_shows_numbers_without_a_result_marked(status, tmp_path,
     model = solve(PLAIN)
     shown = command(["show", root, "--cell", "0"])
     assert re.search(rf"mujoco +{status} +{model.v1 + 0.01:.6f}\* +{model.v2:.6f}\* +- ", shown)
-    assert "*: what the solver came to, but no result" in shown
+    assert "*: the solver ended with these numbers, but they do not count as a result" in shown
     (found,) = (
         row
         for row in json.loads(command(["show", root, "--cell", "0", "--json"]))
@@ -104,7 +104,7 @@ def test_an_unconverged_run_names_the_settings_that_shorten_its_steps(tmp_path, 
     changes = {"solvers": ["mujoco"], "grid": ONE_CELL}
     monkeypatch.setattr(Withholding, "status", "unconverged")
     monkeypatch.setattr(Withholding, "reason", "halving the step may still change v by 20 % of |v0|")
-    told = "a smaller step_fraction, here 0.02; or more halvings under [convergence], here 1, at most 10"
+    told = "a smaller step_fraction (now 0.02), or more halvings under [convergence] (now 1, at most 10)"
     folder = swept(
         tmp_path / "a", Withholding.resolve, step_fraction=0.02, convergence={"halvings": 1}, **changes
     )
@@ -114,7 +114,7 @@ def test_an_unconverged_run_names_the_settings_that_shorten_its_steps(tmp_path, 
     show_end(console, summary, 1.0, "run")
     assert told in console.file.getvalue()
     folder = swept(tmp_path / "b", Withholding.resolve, convergence={"enabled": False}, **changes)
-    assert describe_unsolved(summarise(folder))[1].endswith("a smaller step_fraction, here 0.001")
+    assert describe_unsolved(summarise(folder))[1].endswith("a smaller step_fraction (now 0.001)")
     folder = swept(tmp_path / "c", Refusing.resolve, **changes)
     assert not any("step_fraction" in each for each in describe_unsolved(summarise(folder)))
 
@@ -125,4 +125,4 @@ def test_a_cell_says_of_which_step_the_d_of_an_unconverged_row_is(tmp_path, comm
     shown = " ".join(command(["show", folder.root, "--cell", "0"]).split())
     assert "ends D = " in shown
     assert "has no D" not in shown
-    assert "A sentence on its causes, where there is one, tells its D at the step of the run." in shown
+    assert "If a sentence names causes of their D, that is the D at the time step of the run." in shown

@@ -196,7 +196,7 @@ def test_another_kind_of_run_is_refused(graph_run, chain_run):
 
 def test_the_terminal_says_how_far_solvers_are_and_who_breaks_symmetry(graph_run):
     said = "\n".join(Markup(str(block)).striptags() for block in summary_blocks(summarise(graph_run)))
-    assert "keep the mirror symmetry of a symmetric scene to rounding, in 18 graphs" in said
+    assert "keep the mirror symmetry of a scene, up to rounding, in 18 symmetric graphs" in said
     assert "MuJoCo breaks the mirror symmetry" in said
     assert "by up to 0.02 |v0|" in said
     console = Console(file=io.StringIO(), width=200)
@@ -213,11 +213,11 @@ def test_the_page_says_what_was_compared_what_came_out_and_why(graph_run):
     for text in (
         "a ball falls between two equal balls at rest (bernoulli)",
         "Does a symmetric scene stay symmetric?",
-        "know no stiffness: over k2/k1 their D changes because the model",
-        "At e = 1 contacts are plain springs, and exact Kelvin-Voigt has the law of the model",
-        "of |v0| is the largest asymmetry of sequential-top",
+        "do not use the stiffness of contacts. Their D changes with k2/k1 only because",
+        "At e = 1 contacts are plain springs, so exact Kelvin-Voigt has the contact law of the model",
+        "|v0| is the largest asymmetry of sequential-top",
         "D by angle in degrees",
-        "in a corner the angle is between the normals".replace("in", "In", 1),
+        "in a corner, the angle is between the normals".replace("in", "In", 1),
     ):
         assert text in page, text
     assert "Causes" not in page

@@ -70,9 +70,9 @@ def test_the_changes_are_those_of_the_tables(runs, tolerance, moved):
 
 def test_the_command_ends_with_3_where_something_moved_and_with_0_where_nothing_did(runs, command):
     a, b = (folder.root for folder in runs)
-    assert command(["compare", a, a, "--tolerance", "0"]).startswith("Nothing moved by more than 0.")
+    assert command(["compare", a, a, "--tolerance", "0"]).startswith("Nothing changed by more than 0.")
     text = command(["compare", a, b], ends=3)
-    assert "8 rows moved by more than 1e-09, or have another status." in text
+    assert "8 rows changed by more than 1e-09, or changed the status." in text
     assert "mujoco is shifted 1 in the first run, shifted 2 in the second." in text
     found = json.loads(command(["compare", a, b, "--json"], ends=3))
     assert (found["moved"], found["worst"][0]["statuses"]) == (8, ["ok", "crashed"])
@@ -90,12 +90,12 @@ def test_a_solver_or_cells_of_one_run_alone_are_said_and_end_with_3(runs, tmp_pa
     a, longer = runs[0].root, {"grid": SMALL["grid"] | {"stiffness_ratio": [0.5, 1, 2, 3]}}
     for changes, solvers, cells, says in (
         ({"solvers": SOLVERS[:-1]}, ["mujoco"], [], "mujoco."),
-        (longer, [], [12, 13, 14, 15], "4 cells, the first 12."),
+        (longer, [], [12, 13, 14, 15], "4 cells, first cell 12."),
     ):
         b = _run(tmp_path / str(len(solvers)), **changes).root
         for pair in ([a, b], [b, a]):
             said = command(["compare", *pair], ends=3)
-            assert f"Not compared, since only one run has them: {says}\n" in said
+            assert f"Not compared, because only one run has it: {says}\n" in said
             found = json.loads(command(["compare", *pair, "--json"], ends=3))
             assert (found["moved"], found["not_compared"], found["cells_not_compared"]) == (0, solvers, cells)
 

@@ -84,7 +84,7 @@ def test_a_number_a_button_and_an_address_open_a_cell(engine_run, page):
 @pytest.mark.parametrize(
     ("run", "words"),
     [
-        ("engine_run", ["How far are they from the model?"]),
+        ("engine_run", ["How far are the solvers from the model?"]),
         ("chain_run", ["N = 2", "N = 3", "N = 4", "unrepresentable", "state-transition", "few chains"]),
     ],
 )

@@ -30,7 +30,7 @@ def test_levels_are_those_of_the_amounts(graded):
         assert (image.columns.tolist(), image.index.tolist()) == ([0.5, 1.0, 2.0], [1.0, 1.5])
         assert image.to_numpy().tolist() == [along] * 2
     ((_, _, caption),) = draw_trust(trust)
-    assert "MuJoCo: the median cell is within 5 % in 66.7 % of the fields" in caption
+    assert "MuJoCo: the median D is within 5 % in 66.7 % of the fields" in caption
 
 
 def test_to_blame_is_the_largest_sum_of_components_in_the_table(graded):
