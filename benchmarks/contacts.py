@@ -22,7 +22,7 @@ from impact_xval.compliant_baselines.paste import paste
 from impact_xval.compliant_baselines.single_contact import (
     TOLERANCE,
     Drops,
-    Pair,
+    SingleImpact,
     bodies_of_contacts,
     find_largest_step,
     find_stiffest,
@@ -43,17 +43,17 @@ def random_masses(rng: np.random.Generator) -> tuple[float, float]:
     return light, math.inf if rng.uniform() < 1 / 3 else light * 10 ** rng.uniform(0, 2)
 
 
-def random_pair(way: tuple[str, str], rng: np.random.Generator) -> Pair:
+def random_pair(way: tuple[str, str], rng: np.random.Generator) -> SingleImpact:
     """Draw a pair for a way to state it; durations are from 0.1 ms to 0.1 s, and damping ratios up to 5."""
     masses, speed, duration = random_masses(rng), 10 ** rng.uniform(-1, 1), 10 ** rng.uniform(-4, -1)
-    reduced = Pair(masses, 1.0, duration=duration).mass
+    reduced = SingleImpact(masses, 1.0, duration=duration).mass
     zeta = 10 ** rng.uniform(-2, 0.7)
-    like = Pair(masses, damping_ratio=zeta, duration=duration, speed=speed)
+    like = SingleImpact(masses, damping_ratio=zeta, duration=duration, speed=speed)
     if way[0] == "solref":
         k, c = like.contact.k / reduced, like.contact.c / reduced
         solimp = (rng.uniform(0.1, 0.99), rng.uniform(0.5, 0.99), like.penetration * 10 ** rng.uniform(-1, 1))
         solref = (-k, -c) if way[1] == "direct" else (2 / c, c / (2 * math.sqrt(k)))
-        return Pair(masses, speed=speed, solref=read_solref(solref, solimp))
+        return SingleImpact(masses, speed=speed, solref=read_solref(solref, solimp))
     numbers = {
         "restitution": like.contact.restitution,
         "damping": like.contact.c,
@@ -68,7 +68,7 @@ def random_pair(way: tuple[str, str], rng: np.random.Generator) -> Pair:
         damper: numbers[damper],
         ("duration" if spring == "step" else spring): numbers[spring] or duration,
     }
-    return Pair(masses, speed=speed, **asked)
+    return SingleImpact(masses, speed=speed, **asked)
 
 
 def leaves(low: float, high: float, value: float) -> float:
@@ -77,7 +77,9 @@ def leaves(low: float, high: float, value: float) -> float:
     return max(low - value, value - high, 0.0) / max(abs(low), abs(high))
 
 
-def judge_pair(engine: str, pair: Pair, drops: Drops, rng: np.random.Generator) -> tuple[list[float], float]:
+def judge_pair(
+    engine: str, pair: SingleImpact, drops: Drops, rng: np.random.Generator
+) -> tuple[list[float], float]:
     """Paste a pair by hand at eight places; return the distances of e from its interval, and the largest error."""
     text = paste(engine, pair.contact, drops.step, pair.solref)
     outside, worst = [], 0.0
@@ -96,7 +98,7 @@ def judge_three(engine: str, rng: np.random.Generator) -> tuple[list[float], flo
     a, b = (10 ** rng.uniform(-1, 1) for _ in range(2))
     masses = (a, b, math.inf if rng.uniform() < 0.5 else 10 ** rng.uniform(-1, 1))
     pairs = [
-        Pair(two, rng.uniform(0.2, 1), duration=10 ** rng.uniform(-2.3, -2), load=load)
+        SingleImpact(two, rng.uniform(0.2, 1), duration=10 ** rng.uniform(-2.3, -2), load=load)
         for two, load in bodies_of_contacts(masses)
     ]
     verified = verify_contacts(solver, pairs, 0.05)

@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.single_contact import Pair, find_largest_step, scenes_of
+from impact_xval.compliant_baselines.single_contact import SingleImpact, find_largest_step, scenes_of
 from tests.compliant_baselines.test_single_contact import measured, requests
 
 RESTITUTIONS = np.arange(2, 11) / 10
@@ -32,7 +32,7 @@ def errors(engine, masses, mapping):
     """Return errors of the restitution, with a row for each contact and a column for each step."""
     found = []
     for e, k in itertools.product(RESTITUTIONS.tolist(), STIFFNESSES.tolist()):
-        pair = Pair(masses, e, stiffness=k)
+        pair = SingleImpact(masses, e, stiffness=k)
         asked = [scenes_of(pair, step * pair.contact.period, [0.0])[0] for step in STEPS]
         runs = engine.run([replace(scene, mapping=mapping) for scene in asked], 10_000_000)
         ends = np.array([run.velocities for run in runs])

@@ -157,7 +157,7 @@ def export_scene(name: str, collision: Collision, settings: Settings) -> tuple[O
     if math.isnan(outcome.v1) or not isinstance(scene, Scene):
         raise SolverError(name, outcome.status, outcome.reason)
     (run,) = engine.run([scene], settings.max_steps)
-    files = {"scene.xml": mjcf([scene])[0]} if name == "mujoco" else {}
+    files = {"scene.xml": mjcf_of_scenes([scene])[0]} if name == "mujoco" else {}
     script = SCRIPT.format(
         engine=name,
         version=engine.version(),
@@ -177,7 +177,7 @@ def export_scene(name: str, collision: Collision, settings: Settings) -> tuple[O
     return outcome, run, files | {"run.py": script}
 
 
-def mjcf(scenes: Iterable[Scene]) -> list[str]:
+def mjcf_of_scenes(scenes: Iterable[Scene]) -> list[str]:
     """Return the MJCF of each scene, as the adapter for MuJoCo runs it; the keyframe ``start`` is the initial state."""
     engine = mujoco.Mujoco()
     with engine.running():

@@ -31,7 +31,7 @@ from impact_xval.compliant_baselines.pasted_drops import (
     drop_in_pybullet,
     drop_on_flat_in_pybullet,
 )
-from impact_xval.compliant_baselines.solref import Motion, contact_of_solref
+from impact_xval.compliant_baselines.solref import ContactMotion, contact_of_solref
 from impact_xval.compliant_baselines.solver import SolverError
 from impact_xval.model.inputs import Legal
 from impact_xval.model.materials import MaterialContact
@@ -100,7 +100,7 @@ SHORTER = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Pair:
+class SingleImpact:
     """Two bodies and the contact asked for between them.
 
     The contact is given by the numbers of `AskedContact`, or by a solref of MuJoCo.
@@ -133,7 +133,7 @@ class Pair:
     #: this speed.
     contact: KelvinVoigtContact = field(init=False)
     #: Restitution, duration and depth of the two bodies alone, without gravity, at a step of zero.
-    motion: Motion = field(init=False)
+    motion: ContactMotion = field(init=False)
 
     def __post_init__(self) -> None:
         _require_legal_masses(self.masses)
@@ -146,7 +146,7 @@ class Pair:
             e = contact.restitution if self.restitution is None else self.restitution
             # The greatest depth is that of an undamped contact times sqrt(e), the decay over half the duration
             # (docs/theory.md, section 7).
-            motion = Motion(e, contact.duration, self.speed * math.sqrt(e) / contact.omega)
+            motion = ContactMotion(e, contact.duration, self.speed * math.sqrt(e) / contact.omega)
         else:
             for name, value in quantities.items():
                 if value is not None:
@@ -160,7 +160,7 @@ class Pair:
     @classmethod
     def of(
         cls, masses: tuple[float, float], asked: AskedContact, speed: float = 1.0, load: float | None = None
-    ) -> Pair:
+    ) -> SingleImpact:
         """Make the pair of two bodies with masses in kg from the numbers that a user has asked for."""
         return cls(
             masses,
@@ -244,7 +244,7 @@ def make_pair(
     speed: float,
     materials: Sequence[str] = (),
     radii: Sequence[float] = (),
-) -> tuple[Pair, MaterialContact | None]:
+) -> tuple[SingleImpact, MaterialContact | None]:
     """Make a pair from numbers, or from two bodies of given materials, whose contact is linearised at the speed.
 
     A number that is not given is None. An explicit restitution overrides the restitution of the materials. A ValueError
@@ -253,13 +253,13 @@ def make_pair(
     if not (materials or radii):
         if masses is None:
             raise ValueError("masses: not given; legal: a value, or materials and radii")
-        return Pair(masses, restitution, stiffness, duration, speed), None
+        return SingleImpact(masses, restitution, stiffness, duration, speed), None
     for name, given in (("masses", masses), ("stiffness", stiffness), ("duration", duration)):
         if given is not None:
             raise ValueError(f"{name}: given beside materials or radii, which decide it; legal: one of both")
     touch = MaterialContact.of(materials, radii)
     e = touch.restitution if restitution is None else restitution
-    return Pair((touch.upper.mass, touch.lower.mass), e, touch.linear(speed), speed=speed), touch
+    return SingleImpact((touch.upper.mass, touch.lower.mass), e, touch.linear(speed), speed=speed), touch
 
 
 #: Numbers that a drop yields, for example restitution and duration in s.
@@ -278,7 +278,7 @@ class Drops(NamedTuple):
     #: Number of drops.
     n: int
 
-    def error(self, pair: Pair) -> float:
+    def error(self, pair: SingleImpact) -> float:
         """Return the greatest relative error of restitution and duration, compared with the contact asked for."""
         right = pair.motion
         ratios = [e / right.restitution for e in self.restitution]
@@ -286,7 +286,7 @@ class Drops(NamedTuple):
         return max(abs(ratio - 1) for ratio in ratios)
 
 
-def drop_at_places(engine: Engine, pair: Pair, step: float, places: Sequence[float]) -> Drops:
+def drop_at_places(engine: Engine, pair: SingleImpact, step: float, places: Sequence[float]) -> Drops:
     """Drop a pair in an engine, once for each place; return the least and greatest results.
 
     A place is the instant of touch within a step, as a fraction of the step.
@@ -295,7 +295,7 @@ def drop_at_places(engine: Engine, pair: Pair, step: float, places: Sequence[flo
 
 
 def measure_drops(
-    engine: Engine, pair: Pair, step: float, places: Sequence[float], kind: int = 0
+    engine: Engine, pair: SingleImpact, step: float, places: Sequence[float], kind: int = 0
 ) -> list[tuple[float, float]]:
     """Drop a pair once for each place; return the restitution and the duration in s of each drop.
 
@@ -317,7 +317,7 @@ def measure_drops(
     return [(restitution, steps * step) for restitution, steps in results]
 
 
-def find_extremes(engine: Engine, pair: Pair, step: float) -> Drops:
+def find_extremes(engine: Engine, pair: SingleImpact, step: float) -> Drops:
     """Drop a pair at all `PLACES` by all functions of `DROP`; return the least and greatest results.
 
     More places are tried near the least and the greatest restitution.
@@ -362,7 +362,7 @@ def _summarise(step: float, results: Sequence[tuple[float, float]]) -> Drops:
     return Drops(step, restitution, duration, len(results))
 
 
-def scenes_of(pair: Pair, step: float, places: Sequence[float]) -> list[Scene]:
+def scenes_of(pair: SingleImpact, step: float, places: Sequence[float]) -> list[Scene]:
     """Return for each place a scene of two balls on a table in which only one contact takes part.
 
     A place is the instant of touch within a step, as a fraction of the step. The scenes are scenes of collisions, so
@@ -387,7 +387,7 @@ def scenes_of(pair: Pair, step: float, places: Sequence[float]) -> list[Scene]:
     ]
 
 
-def _result_of(name: str, pair: Pair, run: Run) -> tuple[float, float]:
+def _result_of(name: str, pair: SingleImpact, run: Run) -> tuple[float, float]:
     """Return the restitution and the duration in s of a finished run."""
     if run.end != RunEnd.APART:
         if run.status == "crashed":
@@ -403,7 +403,7 @@ def _result_of(name: str, pair: Pair, run: Run) -> tuple[float, float]:
     return (lower if pair.fixed else upper - lower) / pair.speed, steps * run.scene.step
 
 
-def find_largest_step(engine: Engine, pair: Pair, tolerance: float = TOLERANCE) -> Drops:
+def find_largest_step(engine: Engine, pair: SingleImpact, tolerance: float = TOLERANCE) -> Drops:
     """Find the largest of `STEPS` at which an engine gives the contact asked for; return its drops at this step.
 
     The next shorter steps must give this contact too. A SolverError says that the engine is missing or refuses the
@@ -432,8 +432,8 @@ def find_largest_step(engine: Engine, pair: Pair, tolerance: float = TOLERANCE) 
 
 
 def find_stiffest(
-    engine: Engine, pair: Pair, step: float, tolerance: float = TOLERANCE
-) -> tuple[Pair, Drops]:
+    engine: Engine, pair: SingleImpact, step: float, tolerance: float = TOLERANCE
+) -> tuple[SingleImpact, Drops]:
     """Find the stiffest contact that an engine computes well at a given step; return it with the results of its drops.
 
     Contacts are tried with increasing durations (`PER_DECADE` of them for a factor of ten), with their stiffnesses
@@ -458,7 +458,7 @@ def find_stiffest(
     """
     _require_available(engine)
 
-    def pair_of(steps: float) -> Pair:
+    def pair_of(steps: float) -> SingleImpact:
         """Return the pair whose contact lasts this number of steps; its stiffness is rounded down to three digits."""
         lasting = replace(pair, stiffness=None, sink=None, duration=steps * step)
         return replace(lasting, duration=None, stiffness=_round_down(lasting.contact.k))
@@ -498,7 +498,7 @@ def _round_down(value: float) -> float:
 class VerifiedContact(NamedTuple):
     """A contact and the results of drops that verify it."""
 
-    pair: Pair
+    pair: SingleImpact
     #: Results of drops at the step that was found or given, over all places of the touch within a step.
     drops: Drops
     #: Result of a drop at a tenth of this step, at one place of the touch.
@@ -506,7 +506,7 @@ class VerifiedContact(NamedTuple):
 
 
 def verify_contacts(
-    engine: Engine, pairs: Sequence[Pair], tolerance: float = TOLERANCE
+    engine: Engine, pairs: Sequence[SingleImpact], tolerance: float = TOLERANCE
 ) -> list[VerifiedContact]:
     """Find the largest step that is good for all pairs; return each pair with the results of drops at this step."""
     found = [find_largest_step(engine, pair, tolerance) for pair in pairs]
@@ -518,13 +518,13 @@ def verify_contacts(
 
 
 def verify_stiffest(
-    engine: Engine, pairs: Sequence[Pair], step: float, tolerance: float = TOLERANCE
+    engine: Engine, pairs: Sequence[SingleImpact], step: float, tolerance: float = TOLERANCE
 ) -> list[VerifiedContact]:
     """Return for each pair the stiffest contact that the engine computes well at a step, with its drops."""
     return [_verified(engine, *find_stiffest(engine, pair, step, tolerance)) for pair in pairs]
 
 
-def _verified(engine: Engine, pair: Pair, drops: Drops) -> VerifiedContact:
+def _verified(engine: Engine, pair: SingleImpact, drops: Drops) -> VerifiedContact:
     """Return a pair with the results of its drops, and with a drop at a tenth of the step."""
     return VerifiedContact(pair, drops, drop_at_places(engine, pair, drops.step / 10, [END]))
 
@@ -536,14 +536,16 @@ def _require_available(engine: Engine) -> None:
         raise SolverError(engine.name, "unavailable", reason)
 
 
-def _good_drops(engine: Engine, pair: Pair, step: float, places: Sequence[float], tolerance: float) -> Drops:
+def _good_drops(
+    engine: Engine, pair: SingleImpact, step: float, places: Sequence[float], tolerance: float
+) -> Drops:
     """Drop a pair at places of a step; return the results, or raise a SolverError if they are outside the tolerance."""
     # Most bad steps already fail at the first place, so that it is tried alone first.
     _check_tolerance(engine, pair, drop_at_places(engine, pair, step, places[:1]), tolerance)
     return _check_tolerance(engine, pair, drop_at_places(engine, pair, step, places), tolerance)
 
 
-def _check_tolerance(engine: Engine, pair: Pair, results: Drops, tolerance: float) -> Drops:
+def _check_tolerance(engine: Engine, pair: SingleImpact, results: Drops, tolerance: float) -> Drops:
     """Return results that are within the tolerance; raise a SolverError if they are not."""
     if (error := results.error(pair)) > tolerance - ROUNDING:
         raise SolverError(

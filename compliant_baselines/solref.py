@@ -41,7 +41,7 @@ LEAST_RESTITUTION = restitution(LARGEST_DAMPING_RATIO)
 ACCURACY = 1e-9
 
 
-class Motion(NamedTuple):
+class ContactMotion(NamedTuple):
     """Restitution, duration and greatest depth of a contact between two bodies alone."""
 
     restitution: float
@@ -90,7 +90,9 @@ def is_linear(pair: MujocoContact) -> bool:
     return pair.solimp[0] == pair.solimp[1]
 
 
-def contact_of_solref(pair: MujocoContact, mass: float, speed: float) -> tuple[KelvinVoigtContact, Motion]:
+def contact_of_solref(
+    pair: MujocoContact, mass: float, speed: float
+) -> tuple[KelvinVoigtContact, ContactMotion]:
     """Return the spring and dashpot that are equivalent to a contact of MuJoCo, and the motion of the contact.
 
     `mass` is the reduced mass in kg, and `speed` the speed of approach in m/s. If the impedance changes with the depth,
@@ -102,7 +104,7 @@ def contact_of_solref(pair: MujocoContact, mass: float, speed: float) -> tuple[K
         contact = KelvinVoigtContact(stiffness * mass, damping * mass, mass)
         e, duration = contact.restitution, contact.duration
         depth = speed * math.sqrt(e) / contact.omega
-        motion = Motion(e, duration, depth)
+        motion = ContactMotion(e, duration, depth)
     else:
         motion = _integrate(pair, stiffness, damping, speed)
         zeta = damping_ratio(min(max(motion.restitution, LEAST_RESTITUTION), 1.0))
@@ -118,7 +120,7 @@ def contact_of_solref(pair: MujocoContact, mass: float, speed: float) -> tuple[K
     return contact, motion
 
 
-def _integrate(pair: MujocoContact, stiffness: float, damping: float, speed: float) -> Motion:
+def _integrate(pair: MujocoContact, stiffness: float, damping: float, speed: float) -> ContactMotion:
     """Integrate the motion of a contact at a speed of approach in m/s; return its restitution, duration and depth."""
     dmax, omega = pair.solimp[1], math.sqrt(stiffness)
     zeta = damping / (2 * omega)
@@ -144,9 +146,9 @@ def _integrate(pair: MujocoContact, stiffness: float, damping: float, speed: flo
         slope, (0.0, longest), [0.0, 1.0], "LSODA", events=(ends, turns), rtol=ACCURACY, atol=ACCURACY * 1e-3
     )
     if not solution.t_events[0].size:
-        return Motion(0.0, longest / omega, float(np.max(solution.y[0])) * speed / omega)
+        return ContactMotion(0.0, longest / omega, float(np.max(solution.y[0])) * speed / omega)
     depth = float(solution.y_events[1][0][0])
-    return Motion(
+    return ContactMotion(
         restitution=-float(solution.y_events[0][0][1]),
         duration=float(solution.t_events[0][0]) / omega,
         depth=depth * speed / omega,

@@ -52,7 +52,7 @@ class DropResult(NamedTuple):
     duration: tuple[float, float]
 
 
-class Drop(NamedTuple):
+class TargetDrop(NamedTuple):
     """Numbers and text that set up a drop."""
 
     text: str
@@ -106,7 +106,7 @@ def drop_target(target: Target, request: ContactRequest, places: Sequence[float]
     results: list[tuple[float, float]] = []
     for place in places:
         try:
-            rates = run(Drop(text, request, place * way, radius, n_steps))
+            rates = run(TargetDrop(text, request, place * way, radius, n_steps))
         except SolverError:
             raise
         except (
@@ -142,14 +142,14 @@ def _take_steps(step: Callable[[], object], rate: Callable[[], float], n: int) -
     return rates
 
 
-def _in_pasted_drops(drop_once: Callable[..., list[tuple[float, int]]]) -> Callable[[Drop], Floats]:
+def _in_pasted_drops(drop_once: Callable[..., list[tuple[float, int]]]) -> Callable[[TargetDrop], Floats]:
     """Return a function for `RUNS` that drops two bodies by a function of `pasted_drops`.
 
     Functions of `pasted_drops` return only restitution and number of steps. So the speeds of separation during the
     contact are made up; only those before and after it are measured.
     """
 
-    def run(drop: Drop) -> Floats:
+    def run(drop: TargetDrop) -> Floats:
         request = drop.request
         ((e, steps),) = drop_once(
             drop.text, request.masses, drop.radius, request.speed, [drop.gap], 10 * drop.n_steps
@@ -161,7 +161,7 @@ def _in_pasted_drops(drop_once: Callable[..., list[tuple[float, int]]]) -> Calla
     return run
 
 
-def _run_bullet(drop: Drop) -> Floats:
+def _run_bullet(drop: TargetDrop) -> Floats:
     request = drop.request
     with pybullet.connected() as p:
         sphere = p.createCollisionShape(p.GEOM_SPHERE, radius=drop.radius)
@@ -179,7 +179,7 @@ def _run_bullet(drop: Drop) -> Floats:
         return _take_steps(p.stepSimulation, rate, drop.n_steps)
 
 
-def _run_drake(drop: Drop) -> Floats:
+def _run_drake(drop: TargetDrop) -> Floats:
     names: Any = import_module("pydrake.all")
     logging.getLogger("drake").setLevel(logging.ERROR)
     request, builder = drop.request, names.DiagramBuilder()
@@ -217,7 +217,7 @@ def _run_drake(drop: Drop) -> Floats:
     return np.asarray(rates[1:])
 
 
-def _run_newton(drop: Drop) -> Floats:
+def _run_newton(drop: TargetDrop) -> Floats:
     newton, warp = import_module("newton"), import_module("warp")
     request = drop.request
     first, _, after = drop.text.partition(AFTER_FINALIZE)
@@ -269,7 +269,7 @@ def _run_newton(drop: Drop) -> Floats:
         return _take_steps(step, rate, drop.n_steps)
 
 
-def _run_lammps(drop: Drop) -> Floats:
+def _run_lammps(drop: TargetDrop) -> Floats:
     request, radius = drop.request, drop.radius
     lammps: Any = open_lammps()
     masses = request.masses[:1] if request.is_fixed else request.masses
@@ -301,7 +301,7 @@ def _run_lammps(drop: Drop) -> Floats:
         lammps.close()
 
 
-def _run_exudyn(drop: Drop) -> Floats:
+def _run_exudyn(drop: TargetDrop) -> Floats:
     exudyn, utilities = import_module("exudyn"), import_module("exudyn.utilities")
     items, request = import_module("exudyn.itemInterface"), drop.request
     system = exudyn.SystemContainer().AddSystem()
@@ -338,7 +338,7 @@ def _run_exudyn(drop: Drop) -> Floats:
     return np.asarray(heights[0] - (heights[1] if len(heights) > 1 else 0.0))
 
 
-def _run_pymunk(drop: Drop) -> Floats:
+def _run_pymunk(drop: TargetDrop) -> Floats:
     pymunk: Any = import_module("pymunk")
     request, radius, space = drop.request, drop.radius, import_module("pymunk").Space()
     ball = pymunk.Body(request.masses[0], math.inf)
@@ -358,7 +358,7 @@ def _run_pymunk(drop: Drop) -> Floats:
     )
 
 
-def _run_dart(drop: Drop) -> Floats:
+def _run_dart(drop: TargetDrop) -> Floats:
     dart: Any = import_module("dartpy")
     request, radius, world = drop.request, drop.radius, import_module("dartpy").simulation.World()
     world.setGravity([0, 0, 0])
@@ -393,7 +393,7 @@ def _run_dart(drop: Drop) -> Floats:
     return _take_steps(world.step, rate, drop.n_steps)
 
 
-def _run_rapier(drop: Drop) -> Floats:
+def _run_rapier(drop: TargetDrop) -> Floats:
     rapier: Any = import_module("rapier3d")
     request, radius, world = drop.request, drop.radius, import_module("rapier3d").PhysicsWorld()
     world.gravity = (0, 0, 0)
@@ -425,7 +425,7 @@ def _run_rapier(drop: Drop) -> Floats:
     return _take_steps(world.step, rate, drop.n_steps)
 
 
-def _run_sapien(drop: Drop) -> Floats:
+def _run_sapien(drop: TargetDrop) -> Floats:
     sapien: Any = import_module("sapien")
     physx, request, radius = sapien.physx, drop.request, drop.radius
     config = physx.get_scene_config()
@@ -473,7 +473,7 @@ def _run_sapien(drop: Drop) -> Floats:
 
 
 #: Functions that run a text, by the name of the target. Each returns the speed of separation in m/s after every step.
-RUNS: dict[str, Callable[[Drop], Floats]] = {
+RUNS: dict[str, Callable[[TargetDrop], Floats]] = {
     "mujoco": _in_pasted_drops(drop_in_mujoco),
     "pybullet": _in_pasted_drops(drop_in_pybullet),
     "drake": _run_drake,

@@ -22,7 +22,7 @@ from impact_xval.compliant_baselines.engines.scene import Floats, radius_of
 from impact_xval.compliant_baselines.mapping import RIGID, drake_side, mujoco_contact, pybullet_side
 from impact_xval.compliant_baselines.pasted_drops import BLOCK, QUIET_STEPS, ROUNDING
 from impact_xval.compliant_baselines.registry import get_solver, law_name_of
-from impact_xval.compliant_baselines.single_contact import PLACES, Pair, extremes_over_places
+from impact_xval.compliant_baselines.single_contact import PLACES, SingleImpact, extremes_over_places
 from impact_xval.compliant_baselines.solver import Settings, SolverError
 from impact_xval.model.collision import Collision
 
@@ -108,7 +108,7 @@ class Strike(NamedTuple):
     n: int
 
 
-def paste_both(engine: str, pairs: Sequence[Pair], step: float) -> str:
+def paste_both(engine: str, pairs: Sequence[SingleImpact], step: float) -> str:
     """Return the text to paste for both contacts of three bodies, with the time step in s.
 
     A SolverError says that the engine cannot take the numbers. A ValueError says that there is no text for this engine.
@@ -131,7 +131,7 @@ def paste_both(engine: str, pairs: Sequence[Pair], step: float) -> str:
     return text
 
 
-def collision_of(masses: Sequence[float], pairs: Sequence[Pair]) -> Collision:
+def collision_of_pairs(masses: Sequence[float], pairs: Sequence[SingleImpact]) -> Collision:
     """Return the collision of A with B and C as an input for solvers, in which up is the direction away from C."""
     balls = [mass for mass in masses if not math.isinf(mass)]
     return Collision(
@@ -144,13 +144,13 @@ def collision_of(masses: Sequence[float], pairs: Sequence[Pair]) -> Collision:
 
 
 def solve_exactly(
-    engine: str, masses: Sequence[float], pairs: Sequence[Pair]
+    engine: str, masses: Sequence[float], pairs: Sequence[SingleImpact]
 ) -> dict[str, list[float] | str]:
     """Return final velocities in m/s by the model and by the exact solver of the engine's law, by the solver's name.
 
     If a solver has no result, the reason stands in place of the velocities.
     """
-    collision = collision_of(masses, pairs)
+    collision = collision_of_pairs(masses, pairs)
     answers: dict[str, list[float] | str] = {}
     for name in (MODEL, law_name_of(engine)):
         if name is None:
@@ -163,7 +163,7 @@ def solve_exactly(
 
 
 def strike(
-    engine: str, masses: Sequence[float], pairs: Sequence[Pair], step: float, *, thorough: bool
+    engine: str, masses: Sequence[float], pairs: Sequence[SingleImpact], step: float, *, thorough: bool
 ) -> Strike:
     """Run the printed text for three bodies; return the least and greatest final velocities.
 

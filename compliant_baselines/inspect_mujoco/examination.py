@@ -38,7 +38,7 @@ from impact_xval.compliant_baselines.inspect_mujoco.traps import (
     Finding,
     Trap,
     find_long_step,
-    format_range,
+    format_extremes,
     gather_findings,
     is_lengthened,
     traps_in_parameters,
@@ -354,10 +354,10 @@ def _trap_of_long_step(examined: list[ExaminedContact], option: MujocoOption, sp
     if long is None:
         return []
     bodies = next(contact.bodies for contact in examined if contact.row is long.row)
-    steps = format_range([long.time / option.timestep])
+    steps = format_extremes([long.time / option.timestep])
     depends = (
         f"{long.what} takes {steps} step{'' if steps == '1' else 's'} in the drops. So e depends on where in a step "
-        f"the bodies touch: {format_range(long.row.restitution_range or ())}"
+        f"the bodies touch: {format_extremes(long.row.restitution_range or ())}"
     )
     step = round_down(long.time / GOOD_STEPS)
     if 0 < bodies.solref[0] < 2 * step and is_lengthened(bodies.solref, option):
@@ -365,7 +365,7 @@ def _trap_of_long_step(examined: list[ExaminedContact], option: MujocoOption, sp
         return [Trap("long-step", f"{depends}. {says}")]
     try:
         row = measure_contact(bodies, option, step, speed)
-        says = f"give {format_range(row.restitution_range or ())}"
+        says = f"give {format_extremes(row.restitution_range or ())}"
     except RuntimeError as error:
         says = f"were {error}"
     return [Trap("long-step", f"{depends}. At a step of {step:g} s drops {says}")]

@@ -232,10 +232,10 @@ def _describe_direct_stiffness(
     springs = [row.stiffness for row in measured if row.stiffness is not None]
     impedances = [d for row in measured for d in row.impedances or ()]
     if springs:
-        gets = f"get {format_range(springs)} N/m in the drops"
+        gets = f"get {format_extremes(springs)} N/m in the drops"
     else:
-        gets = f"get at most {format_range([stiffness * other.scale for other in alike])} N/m"
-    at = f"an impedance of {format_range(impedances)}" if impedances else f"solimp {dmin:g} to {dmax:g}"
+        gets = f"get at most {format_extremes([stiffness * other.scale for other in alike])} N/m"
+    at = f"an impedance of {format_extremes(impedances)}" if impedances else f"solimp {dmin:g} to {dmax:g}"
     return f"the stiffness {stiffness:g} is in 1/s^2. Two bodies alone {gets}, and with {at} a third body changes that"
 
 
@@ -273,7 +273,7 @@ def _least_resolved(row: MeasuredContact, step: float) -> LongStep | None:
 def _format_restitution(damping_ratio: float, measured: Sequence[MeasuredContact]) -> str:
     """Return the measured restitution as a text, or else the restitution by the formula."""
     ends = [e for row in measured for e in row.restitution_range or ()]
-    return format_range(ends) if ends else f"{restitution(damping_ratio):.2g} by the formula"
+    return format_extremes(ends) if ends else f"{restitution(damping_ratio):.2g} by the formula"
 
 
 def format_numbers(numbers: Sequence[float], digits: int = 6) -> str:
@@ -281,7 +281,7 @@ def format_numbers(numbers: Sequence[float], digits: int = 6) -> str:
     return " ".join(f"{number:.{digits}g}" for number in numbers)
 
 
-def format_range(values: Sequence[float]) -> str:
+def format_extremes(values: Sequence[float]) -> str:
     """Return the least and the greatest of values as a text with three digits."""
     low, high = (f"{float(f'{value:.3g}'):g}" for value in (min(values), max(values)))
     return low if low == high else f"{low} to {high}"

@@ -1,8 +1,8 @@
 """Command ``impact-xval contact``: prints the parameters of a contact for a scene of an engine, and tests them.
 
-The options describe contacts of two or three bodies. The command turns them into pairs of bodies (`Pair`). Then bodies
-are dropped in the engine with the printed parameters. The drops find the largest time step, or for a given step the
-stiffest contacts.
+The options describe contacts of two or three bodies. The command turns them into pairs of bodies (`SingleImpact`). Then
+bodies are dropped in the engine with the printed parameters. The drops find the largest time step, or for a given step
+the stiffest contacts.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from impact_xval.experiments.commands.options import (
 from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
-    from impact_xval.compliant_baselines.single_contact import Pair, VerifiedContact
+    from impact_xval.compliant_baselines.single_contact import SingleImpact, VerifiedContact
     from impact_xval.compliant_baselines.three_bodies import Strike
     from impact_xval.experiments.presentation.document import Block
     from impact_xval.model.materials import MaterialContact
@@ -170,7 +170,7 @@ def _needs_no_spring(engine: str, asked: Mapping[str, Numbers]) -> bool:
     return not has_spring and all(target.kind == "restitution" for target in targets_for(engine))
 
 
-def _target_blocks(engine: str, pairs: Sequence[Pair], step: float | None) -> list[Block]:
+def _target_blocks(engine: str, pairs: Sequence[SingleImpact], step: float | None) -> list[Block]:
     """Return the text to paste for all targets of an engine: the ways to write a contact there.
 
     There is one pair for two bodies, and two pairs for three bodies.
@@ -218,7 +218,7 @@ def _body_pair_of_materials(
     asked: Mapping[str, Numbers],
     beside: Mapping[str, object],
     speed: float,
-) -> tuple[Pair, MaterialContact]:
+) -> tuple[SingleImpact, MaterialContact]:
     """Return two bodies of given materials as a pair with a linear contact, and their contact before linearisation."""
     from impact_xval.compliant_baselines.single_contact import make_pair
 
@@ -240,9 +240,9 @@ def _body_pair_of_solref(
     asked: Mapping[str, Numbers],
     step: float | None,
     speed: float,
-) -> Pair:
+) -> SingleImpact:
     """Return two bodies whose contact has given values of MuJoCo's solref and solimp."""
-    from impact_xval.compliant_baselines.single_contact import Pair
+    from impact_xval.compliant_baselines.single_contact import SingleImpact
     from impact_xval.compliant_baselines.solref import read_solref
 
     _refuse_numbers_beside({**asked, "step": step}, "solref")
@@ -250,7 +250,7 @@ def _body_pair_of_solref(
         raise ValueError(f"solref: numbers of MuJoCo beside --engine {engine}; legal: --engine mujoco")
     if masses is None or len(masses) != 2:
         raise ValueError(f"masses: {len(masses or ())} given; legal: two beside solref")
-    return Pair((masses[0], masses[1]), speed=speed, solref=read_solref(solref, solimp))
+    return SingleImpact((masses[0], masses[1]), speed=speed, solref=read_solref(solref, solimp))
 
 
 def _body_pairs_of_numbers(
@@ -259,13 +259,13 @@ def _body_pairs_of_numbers(
     step: float | None,
     tolerance: float,
     speed: float,
-) -> list[Pair]:
+) -> list[SingleImpact]:
     """Return the pairs of bodies whose contacts have the given quantities: one pair, or two pairs for three bodies.
 
     If a time step is given, a contact lasts step / tolerance: the shortest duration that the step could resolve.
     """
     from impact_xval.compliant_baselines.asked_contact import SPRING_NAMES, AskedContact
-    from impact_xval.compliant_baselines.single_contact import Pair, bodies_of_contacts
+    from impact_xval.compliant_baselines.single_contact import SingleImpact, bodies_of_contacts
 
     if masses is None:
         raise ValueError("masses: not given; legal: two or three numbers, or --material and --radius")
@@ -278,10 +278,10 @@ def _body_pairs_of_numbers(
     columns = {name: _numbers_of(name, values, len(contacts)) for name, values in asked.items()}
     if step is not None:
         columns["duration"] = [step / tolerance] * len(contacts)
-    pairs: list[Pair] = []
+    pairs: list[SingleImpact] = []
     for i, (two, load) in enumerate(contacts):
         quantities = {name: numbers[i] for name, numbers in columns.items()}
-        pairs.append(Pair.of(two, AskedContact(**quantities), speed, load))
+        pairs.append(SingleImpact.of(two, AskedContact(**quantities), speed, load))
     return pairs
 
 

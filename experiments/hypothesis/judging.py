@@ -261,7 +261,7 @@ def judge_approach(approach: Approach) -> Verdict:
         return replace(verdict, verdict="refuted")
     line = fit_rate(window)
     verdict = replace(verdict, rate=line.rate, rate_low=line.low, rate_high=line.high)
-    return decide(window, line, verdict)
+    return decide_verdict(window, line, verdict)
 
 
 def _usable_series(approach: Approach, closed_form: Floats, scale: Floats) -> Series:
@@ -332,7 +332,7 @@ def fit_rate(window: Series) -> RateLine:
     return RateLine(-slope, -high_slope, -low_slope, intercept)
 
 
-def decide(window: Series, line: RateLine, verdict: Verdict) -> Verdict:
+def decide_verdict(window: Series, line: RateLine, verdict: Verdict) -> Verdict:
     """Return the verdict on a series that settles and is not refuted.
 
     It is ``supported``, ``undecided``, or ``no limit`` if the series jumps.

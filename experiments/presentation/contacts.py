@@ -17,7 +17,7 @@ from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.mapping import MujocoContact
 from impact_xval.compliant_baselines.paste import paste
 from impact_xval.compliant_baselines.registry import title_of
-from impact_xval.compliant_baselines.single_contact import DROP, TOLERANCE, Pair, VerifiedContact
+from impact_xval.compliant_baselines.single_contact import DROP, TOLERANCE, SingleImpact, VerifiedContact
 from impact_xval.compliant_baselines.solref import is_linear
 from impact_xval.compliant_baselines.three_bodies import MODEL, Strike, paste_both
 from impact_xval.experiments.presentation.document import Block, Table
@@ -87,7 +87,7 @@ def _name_of_contact(i: int) -> str:
     return f"{_BODIES[i]} on {_BODIES[i + 1]}"
 
 
-def _describe_numbers(pair: Pair, prefix: str) -> list[str]:
+def _describe_numbers(pair: SingleImpact, prefix: str) -> list[str]:
     """Return lines with the numbers of a pair's contact, and with its depths."""
     c, lines = pair.contact, []
     if pair.solref is not None:
@@ -104,7 +104,7 @@ def _describe_numbers(pair: Pair, prefix: str) -> list[str]:
     ]
 
 
-def _describe_solref(written: MujocoContact, pair: Pair) -> list[str]:
+def _describe_solref(written: MujocoContact, pair: SingleImpact) -> list[str]:
     """Return warnings about a solref whose numbers can be misread; empty if there are none."""
     lines: list[str] = []
     if not is_linear(written):
@@ -168,7 +168,7 @@ def _drop_blocks(
 def impact_blocks(
     engine: str,
     masses: Sequence[float],
-    pairs: Sequence[Pair],
+    pairs: Sequence[SingleImpact],
     exact: Mapping[str, list[float] | str],
     runs: Sequence[Strike | str],
 ) -> list[Block]:

@@ -32,7 +32,7 @@ LAWS = {
 
 
 class ContactOfTwo(Protocol):
-    """Two bodies and the contact between them, such as `single_contact.Pair`."""
+    """Two bodies and the contact between them, such as `single_contact.SingleImpact`."""
 
     @property
     def masses(self) -> tuple[float, float]:

@@ -7,7 +7,7 @@ import pytest
 
 from impact_xval.compliant_baselines.asked_contact import GRAVITY, AskedContact
 from impact_xval.compliant_baselines.single_contact import (
-    Pair,
+    SingleImpact,
     bodies_of_contacts,
     find_extremes,
     find_largest_step,
@@ -65,7 +65,7 @@ MASS, LOAD, SPEED = 0.4, 0.7, 2.5
     ids=str,
 )
 def test_a_contact_has_what_is_asked_and_what_is_said_of_it(asked):
-    pair = Pair((0.8, 0.8), speed=SPEED, load=LOAD, **asked)
+    pair = SingleImpact((0.8, 0.8), speed=SPEED, load=LOAD, **asked)
     k, c, mass = pair.contact
     assert mass == MASS
     e, duration, depth = integrated(lambda x, u: (k * x + c * u) / MASS, SPEED, pair.motion.duration)
@@ -102,7 +102,7 @@ def test_damping_and_duration_hold_to_rounding_where_they_are_turned_around():
 )
 def test_numbers_of_mujoco_are_read_as_the_engine_reads_them(solref, solimp):
     written = read_solref(solref, solimp)
-    pair = Pair((4.19, math.inf), solref=written, speed=1.5)
+    pair = SingleImpact((4.19, math.inf), solref=written, speed=1.5)
     k, c = (-number for number in written.direct)
     dmin, dmax, width, midpoint, power = (*solimp, *(0.9, 0.95, 1e-3, 0.5, 2.0)[len(solimp) :])
     dmin, dmax = (min(max(d, 1e-4), 0.9999) for d in (dmin, dmax))
@@ -119,7 +119,9 @@ def test_numbers_of_mujoco_are_read_as_the_engine_reads_them(solref, solimp):
 
 
 def test_mujocos_drops_of_its_own_numbers_are_inside_what_is_said():
-    pair = Pair((0.5, math.inf), solref=read_solref((-284244.6, -68.756), (0.998, 0.9999, 0.0002, 0.5, 2)))
+    pair = SingleImpact(
+        (0.5, math.inf), solref=read_solref((-284244.6, -68.756), (0.998, 0.9999, 0.0002, 0.5, 2))
+    )
     found = find_largest_step(installed("mujoco"), pair)
     # The author of the scene measured 0.8200 at a step of 0.2 ms; at force level it would be 0.75.
     assert 0.815 < found.restitution[0] <= pair.motion.restitution <= found.restitution[1] < 0.83
@@ -137,12 +139,12 @@ def test_mujocos_drops_of_its_own_numbers_are_inside_what_is_said():
 def test_the_stiffest_contact_that_a_step_carries(engine, tolerance, asked):
     solver, step = installed(engine), 2e-3
     pair, drops = find_stiffest(
-        solver, Pair((0.45, 3.0), duration=step / tolerance, **asked), step, tolerance
+        solver, SingleImpact((0.45, 3.0), duration=step / tolerance, **asked), step, tolerance
     )
     assert drops.step == step
     assert drops.error(pair) <= tolerance
     # It is about the stiffest: one of 0.7 of its duration is not good.
-    shorter = Pair((0.45, 3.0), duration=0.7 * pair.motion.duration, **asked)
+    shorter = SingleImpact((0.45, 3.0), duration=0.7 * pair.motion.duration, **asked)
     assert find_extremes(solver, shorter, step).error(shorter) > tolerance
     # and its stiffness typed in again is the same contact
     assert float(f"{pair.contact.k:.6g}") == pair.contact.k
@@ -153,7 +155,7 @@ def test_the_stiffest_contact_that_a_step_carries(engine, tolerance, asked):
 def test_three_bodies_go_the_way_of_the_exact_contacts(engine, masses):
     installed(engine)
     pairs = [
-        Pair(two, e, duration=duration, load=load)
+        SingleImpact(two, e, duration=duration, load=load)
         for (two, load), e, duration in zip(bodies_of_contacts(masses), (0.8, 0.6), (0.04, 0.05), strict=True)
     ]
     exact = solve_exactly(engine, masses, pairs)["kelvin-voigt"]
@@ -170,7 +172,7 @@ def test_three_bodies_go_the_way_of_the_exact_contacts(engine, masses):
 def test_the_interval_of_three_bodies_holds_wherever_they_touch():
     masses = (0.45, 3.0, math.inf)
     pairs = [
-        Pair(two, e, duration=0.045, load=load)
+        SingleImpact(two, e, duration=0.045, load=load)
         for (two, load), e in zip(bodies_of_contacts(masses), (0.8, 0.6), strict=True)
     ]
     found = strike("mujoco", masses, pairs, 2e-3, thorough=True)

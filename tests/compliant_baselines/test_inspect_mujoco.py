@@ -16,7 +16,7 @@ from impact_xval.compliant_baselines.inspect_mujoco import (
     read_contacts,
 )
 from impact_xval.compliant_baselines.mapping import KelvinVoigtContact
-from impact_xval.compliant_baselines.paste import mjcf
+from impact_xval.compliant_baselines.paste import mjcf_of_scenes
 from impact_xval.compliant_baselines.restitution import contact_time
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.model.collision import Collision
@@ -286,7 +286,7 @@ def test_our_own_scenes_have_none():
         ({"scenario": "drop"}, set()),
         ({"mapping": "naive"}, {"not-newton-per-metre"}),
     ):
-        (text,) = mjcf([Scene.of(c, Settings(**settings))])
+        (text,) = mjcf_of_scenes([Scene.of(c, Settings(**settings))])
         assert set(found(mujoco.MjModel.from_xml_string(text))) == traps
 
 

@@ -15,7 +15,12 @@ from impact_xval.compliant_baselines.pasted_drops import (
     drop_on_flat_in_pybullet,
     mujoco_scene,
 )
-from impact_xval.compliant_baselines.single_contact import Pair, find_extremes, find_largest_step, scenes_of
+from impact_xval.compliant_baselines.single_contact import (
+    SingleImpact,
+    find_extremes,
+    find_largest_step,
+    scenes_of,
+)
 from impact_xval.experiments.presentation.contacts import round_outward
 from tests.compliant_baselines import hand_scenes
 from tests.compliant_baselines.conftest import installed
@@ -33,7 +38,7 @@ def requests(n, seed=20):
         e = 1.0 if i % 7 == 6 else rng.uniform(0.2, 1.0)
         speed = 10 ** rng.uniform(-1, 1)
         what = {"stiffness": 10 ** rng.uniform(2, 9)} if i % 2 else {"duration": 10 ** rng.uniform(-5, -1)}
-        pairs.append(Pair(masses, e, speed=speed, **what))
+        pairs.append(SingleImpact(masses, e, speed=speed, **what))
     return pairs
 
 
@@ -70,7 +75,7 @@ def far_apart(n, seed=68):
         light, other = (10 ** rng.uniform(-6, 4) for _ in range(2))
         e = (1.0, 0.01, rng.uniform(0.01, 1))[min(i, 2)]
         duration, speed = 10 ** rng.uniform(-4, -1), 10 ** rng.uniform(-2, 1)
-        yield Pair((light, math.inf if i % 3 == 2 else other), e, duration=duration, speed=speed)
+        yield SingleImpact((light, math.inf if i % 3 == 2 else other), e, duration=duration, speed=speed)
 
 
 #: Masses, duration and speed at which MuJoCo's default tolerance let go of a part of the force.
@@ -94,7 +99,7 @@ def assert_eight_drops_are_inside(engine, pair, found):
 
 @pytest.mark.parametrize(("masses", "duration", "speed"), LET_GO)
 def test_light_on_heavy_does_what_is_stated_when_it_is_pasted(masses, duration, speed):
-    pair = Pair(masses, 0.5, duration=duration, speed=speed)
+    pair = SingleImpact(masses, 0.5, duration=duration, speed=speed)
     assert_eight_drops_are_inside("mujoco", pair, find_largest_step(installed("mujoco"), pair))
 
 
@@ -109,7 +114,7 @@ def test_stated_intervals_hold_wherever_in_a_step_bodies_touch(engine, n):
 
 @pytest.mark.parametrize("masses", [(0.2, math.inf), (3.0, 0.2)], ids=["fixed", "free"])
 def test_pybullets_interval_holds_on_a_box_and_on_a_ball(masses):
-    engine, pair = installed("pybullet"), Pair(masses, 0.7, duration=1e-3, speed=0.5)
+    engine, pair = installed("pybullet"), SingleImpact(masses, 0.7, duration=1e-3, speed=0.5)
     found = find_extremes(engine, pair, 4e-6)
     assert_eight_drops_are_inside("pybullet", pair, found)
     # Scenes of the adapter set another breaking threshold, which the engine keeps for the whole process.
@@ -118,7 +123,7 @@ def test_pybullets_interval_holds_on_a_box_and_on_a_ball(masses):
 
 
 def test_what_is_pasted_into_pybullet_is_not_capped_at_100_metres_per_second():
-    pair = Pair((1.0, math.inf), 0.8, duration=1e-2, speed=1000.0)
+    pair = SingleImpact((1.0, math.inf), 0.8, duration=1e-2, speed=1000.0)
     e, _ = measured("pybullet", pair, 2e-5, 0.5)
     assert e == pytest.approx(0.8, rel=0.01)
 
@@ -126,7 +131,7 @@ def test_what_is_pasted_into_pybullet_is_not_capped_at_100_metres_per_second():
 def test_the_printed_text_is_all_that_a_drop_in_mujoco_runs():
     import mujoco
 
-    pair, step = Pair((1e-6, 1e4), 0.5, duration=0.1, speed=0.1), 8e-4
+    pair, step = SingleImpact((1e-6, 1e4), 0.5, duration=0.1, speed=0.1), 8e-4
     text = paste("mujoco", pair.contact, step)
     model = mujoco.MjModel.from_xml_string(mujoco_scene(text, (1e-6, 1e4), 0.1))
     data = mujoco.MjData(model)
@@ -145,7 +150,7 @@ def test_the_printed_text_is_all_that_a_drop_in_mujoco_runs():
 def test_drops_that_share_a_client_are_those_of_clients_of_their_own(drop, masses, monkeypatch):
     """To connect a client takes ten times as long as a drop, and searches make hundreds of drops."""
     installed("pybullet")
-    pair, step = Pair(masses, 0.7, duration=1e-2), 2e-4
+    pair, step = SingleImpact(masses, 0.7, duration=1e-2), 2e-4
     text = paste("pybullet", pair.contact, step)
     gaps = [place * step for place in (1e-8, 0.4, 0.9)]
     alone = [drop(text, masses, 0.1, 1.0, [gap], 1000)[0] for gap in gaps]
@@ -169,7 +174,7 @@ def test_the_step_named_is_about_the_largest(engine):
 
 def test_the_penetration_is_that_of_the_motion_integrated():
     for e in (1.0, 0.7, 0.2, 0.01):
-        pair = Pair((1.0, math.inf), e, stiffness=4.0, speed=3.0)
+        pair = SingleImpact((1.0, math.inf), e, stiffness=4.0, speed=3.0)
         *_, deepest = integrated_contact(pair.contact.zeta)
         assert pair.penetration == pytest.approx(3.0 / 2.0 * deepest, rel=1e-10), e  # omega is 2/s
 
@@ -186,11 +191,11 @@ def test_what_cannot_be_is_refused():
         ({"masses": (1.0,)}, r"masses = \(1.0,\); legal: two"),
     ):
         with pytest.raises(ValueError, match=says):
-            Pair(**({"masses": (1.0, 1.0), "restitution": 0.5, "stiffness": 1.0} | arguments))
+            SingleImpact(**({"masses": (1.0, 1.0), "restitution": 0.5, "stiffness": 1.0} | arguments))
 
 
 def test_no_step_that_does_it_is_said():
-    pair = Pair((1.0, math.inf), 0.01, stiffness=1.0)
+    pair = SingleImpact((1.0, math.inf), 0.01, stiffness=1.0)
     for tolerance, why in ((1e-7, "200000 steps a duration is not known"), (1e-5, "one of them is off by")):
         with pytest.raises(SolverError, match=f"unconverged: no step from .* s to .* s gives .*: .*{why}"):
             find_largest_step(installed("mujoco"), pair, tolerance)

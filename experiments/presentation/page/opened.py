@@ -22,7 +22,7 @@ import pyarrow.parquet as pq
 
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.scene import Scene
-from impact_xval.compliant_baselines.paste import mjcf
+from impact_xval.compliant_baselines.paste import mjcf_of_scenes
 from impact_xval.compliant_baselines.registry import exact_law_names, get_solver, solver_names
 from impact_xval.experiments.config.axes import RATIO_OF, SI_AXES
 from impact_xval.experiments.config.experiment import AXES_OF, Config
@@ -239,5 +239,5 @@ def _mjcf_scenes(config: Config, collisions: Sequence[Collision]) -> list[str | 
     solver, settings = get_solver("mujoco"), settings_of(config)
     assert isinstance(solver, Engine)
     scenes = [solver.scene_or_refusal(collision, settings) for collision in collisions]
-    written = iter(mjcf(scene for scene in scenes if isinstance(scene, Scene)))
+    written = iter(mjcf_of_scenes(scene for scene in scenes if isinstance(scene, Scene)))
     return [next(written) if isinstance(scene, Scene) else None for scene in scenes]

@@ -5,13 +5,13 @@ import math
 import pytest
 
 from impact_xval.compliant_baselines import SolverError
-from impact_xval.compliant_baselines.single_contact import Pair
+from impact_xval.compliant_baselines.single_contact import SingleImpact
 from impact_xval.compliant_baselines.targets import TARGETS, targets_for
 from impact_xval.experiments.presentation import targets as presentation
 from impact_xval.experiments.presentation.document import Table
 from impact_xval.experiments.presentation.targets import describe_target, describe_targets, request_contact
 
-PAIR = Pair((3.0, 0.45), 0.8, stiffness=1e4)
+PAIR = SingleImpact((3.0, 0.45), 0.8, stiffness=1e4)
 
 
 def printed(blocks):
@@ -54,7 +54,7 @@ def test_a_missing_engine_is_named(monkeypatch):
 
 
 def test_a_rebound_that_dart_drops_is_said():
-    slow = Pair((1.0, math.inf), 0.8, stiffness=1e4, speed=0.1)
+    slow = SingleImpact((1.0, math.inf), 0.8, stiffness=1e4, speed=0.1)
     says = "would rebound at 0.08 m/s, but DART gives no rebound of 0.1 m/s or less"
     assert says in printed(describe_target(TARGETS["dart"], slow))
     assert says not in printed(describe_target(TARGETS["dart"], PAIR))
