@@ -154,9 +154,8 @@ def _in_pasted_drops(drop_once: Callable[..., list[tuple[float, int]]]) -> Calla
         ((e, steps),) = drop_once(
             drop.text, request.masses, drop.radius, request.speed, [drop.gap], 10 * drop.n_steps
         )
-        rates = np.full(steps + 2, e * request.speed)
-        rates[:-2] = np.linspace(-request.speed, e * request.speed, steps + 2)[1:-1]
-        return rates
+        ramp = np.linspace(-request.speed, e * request.speed, steps + 1)[1:]
+        return np.append(ramp, ramp[-1])
 
     return run
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from impact_xval.compliant_baselines import SolverError, get_solver
+from impact_xval.compliant_baselines import SolverError, get_solver, target_drops
 from impact_xval.compliant_baselines.target_drops import RUNS, drop_target, missing_distribution
 from impact_xval.compliant_baselines.targets import (
     TARGETS,
@@ -43,6 +43,16 @@ def runs(target):
     if missing is not None:
         pytest.skip(missing)
     return target
+
+
+@pytest.mark.parametrize("steps", [1, 7, 200])
+def test_a_pasted_drop_of_n_steps_with_contact_lasts_n_steps(monkeypatch, steps):
+    """Functions of `pasted_drops` count steps; the duration of a drop is this number times the step."""
+    run = target_drops._in_pasted_drops(lambda *_: [(0.8, steps)])
+    monkeypatch.setitem(RUNS, "mujoco", run)
+    asked = request()
+    duration = steps * asked.step
+    assert drop_target(TARGETS["mujoco"], asked).duration == pytest.approx((duration, duration), rel=1e-12)
 
 
 @pytest.mark.parametrize("masses", [(1.0, math.inf), (0.3, 2.0)], ids=["fixed", "free"])
