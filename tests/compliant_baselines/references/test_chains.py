@@ -118,7 +118,7 @@ def by_force_alone(chain, law, exponent, b, duration):
         return np.concatenate([state[n:], inverse * np.diff([0, *force, 0])[:n]])
 
     start = np.concatenate([np.zeros(n), chain.velocities])
-    done = solve_ivp(motion, (0, duration), start, method="DOP853", rtol=1e-12, atol=1e-14, max_step=0.1)
+    done = solve_ivp(motion, (0, duration), start, method="DOP853", rtol=1e-13, atol=1e-16, max_step=0.1)
     assert done.success
     return done.y[n:, -1]
 
