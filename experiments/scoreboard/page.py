@@ -90,7 +90,8 @@ WORST = (
 
 CRADLE = (
     f"How a {PICTURED} ends at e = 1: velocities of the five balls, over that of the striker before (grey). Exact laws "
-    "first, in black, then engines; laws with the same row cannot be told apart by this collision."
+    "first, in black, then engines in the order of the board; laws with the same row cannot be told apart by this "
+    "collision. Solvers that do not answer it have no row."
 )
 
 
@@ -123,17 +124,24 @@ def write_scoreboard(answers: Frame, root: Path, more: Sequence[Section] = ()) -
 
 
 def draw_cradle(judged: Frame, folder: Path) -> None:
-    """Draw the final velocities of the balls of a cradle, one row per solver."""
+    """Draw the final velocities of the balls of a cradle, one row per solver: exact laws, then engines by group."""
     v = -judged.query("case == @PICTURED and e == 1").set_index("solver").filter(regex=r"^v\d$").dropna()
+    v = v.loc[sorted(v.index, key=_place_in_picture)]
     colors = ["#0b5cad" if is_engine(name) else "#1a1a1a" for name in v.index]
-    with styled_figure(9.5, 0.8 + 0.26 * len(v)) as figure:
+    least = 1.05 * v.to_numpy().min(initial=-0.7)
+    with styled_figure(9.5, 0.8 + 0.23 * len(v)) as figure:
         axes = figure.subplots(1, 5, sharey=True)
         for ball, ax in enumerate(axes, 1):
             ax.barh(list(map(display_engine, v.index)), v[f"v{ball}"], height=0.7, color=colors)
             ax.axvline(1.0 if ball == 1 else 0.0, color="0.6", linewidth=3, zorder=0)
-            ax.set(xlim=(-0.7, 1.1), title=f"ball {ball}", xlabel="v/v0 (-)")
-        axes[0].invert_yaxis()
+            ax.set(xlim=(least, 1.1), title=f"ball {ball}", xlabel="v/v0 (-)")
+        axes[0].set_ylim(len(v) - 0.4, -0.6)
     save_figure(figure, folder, "cradle")
+
+
+def _place_in_picture(solver: str) -> int:
+    """Return a solver's place in the picture of a cradle: 0 for exact laws, then the place of its group."""
+    return 1 + GROUPS.index(group_of(solver)) if is_engine(solver) else 0
 
 
 def display_engine(solver: str) -> str:
