@@ -175,13 +175,18 @@ def find_nearest_laws(judged: Frame) -> Frame:
 
 
 def _rank_laws(judged: Frame) -> Frame:
-    """Return by engine the two laws with the smallest largest D, these D, and how many cases the engine answers."""
+    """Return by engine the two laws with the smallest largest D, these D, and how many cases the engine answers.
+
+    Of laws that only rounding sets apart, the one with the smaller mean D comes first. Laws whose mean D is the same as
+    well keep their order, on every platform.
+    """
     cases = judged.groupby(judged.solver, sort=False).v1.count()
     distances = judged[FROM_LAWS].groupby(judged.solver, sort=False)
     is_answered = distances.count().ge(np.maximum(1, _LEAST_ANSWERED * cases), axis=0)
     largest = distances.max().where(is_answered).to_numpy()  # NaN comes last in the order
-    order = np.argsort(largest, axis=1, kind="stable")
-    laws, ranked = np.array(list(_DISTANCE_COLUMNS), dtype=object)[order], np.sort(largest, axis=1)
+    order = np.lexsort((distances.mean().to_numpy().round(12), largest.round(12)))
+    laws = np.array(list(_DISTANCE_COLUMNS), dtype=object)[order]
+    ranked = np.take_along_axis(largest, order, axis=1)
     columns = {"cases": cases, "law": laws[:, 0], "farthest": ranked[:, 0]}
     return pd.DataFrame(columns | {"next": laws[:, 1], "next_farthest": ranked[:, 1]}, index=cases.index)
 
