@@ -190,14 +190,16 @@ def find_nearest_laws(judged: Frame) -> Frame:
 def _rank_laws(judged: Frame) -> Frame:
     """Return for each engine the two laws from which its largest D over all cases is smallest.
 
-    Columns are the two laws, the engine's largest D from each, and the number of cases that the engine answers.
+    Columns are the two laws, the engine's largest D from each, and the number of cases that the engine answers. If the
+    largest D of two laws differ by rounding only, the law with the smaller mean D comes first.
     """
     cases = judged.groupby(judged.solver, sort=False).v1.count()
     distances = judged[FROM_LAWS].groupby(judged.solver, sort=False)
     is_answered = distances.count().ge(np.maximum(1, _LEAST_ANSWERED * cases), axis=0)
-    largest = distances.max().where(is_answered).to_numpy()  # sorting puts NaN last
-    order = np.argsort(largest, axis=1, kind="stable")
-    laws, ranked = np.array(list(_DISTANCE_COLUMNS), dtype=object)[order], np.sort(largest, axis=1)
+    largest = distances.max().where(is_answered).to_numpy()  # NaN comes last in the order
+    order = np.lexsort((distances.mean().to_numpy().round(12), largest.round(12)))
+    laws = np.array(list(_DISTANCE_COLUMNS), dtype=object)[order]
+    ranked = np.take_along_axis(largest, order, axis=1)
     columns = {"cases": cases, "law": laws[:, 0], "farthest": ranked[:, 0]}
     return pd.DataFrame(columns | {"next": laws[:, 1], "next_farthest": ranked[:, 1]}, index=cases.index)
 

@@ -92,14 +92,14 @@ WORST = (
     f"not tell the two laws apart. A law at more than {EXPLAINED} does not count as the law of the engine. Energy "
     "gained, and energy lost at e = 1, are over the energy before. The momentum error, of cases without a table, is "
     "over the sum of the absolute momenta before. Spread: D between the usual placement and another (spread of: which "
-    "other). Step spread: D by half and by twice the time step. Microseconds: time for a step while balls touch, on "
-    "one machine."
+    "other). Step spread: D by half and by twice the time step. Microseconds: time for a step on one machine, the "
+    "shortest of seven means over 64 steps. Springs touch during all of these steps, rigid bodies in the first."
 )
 
 CRADLE = (
     f"How a {PICTURED} ends at e = 1: velocities of the five balls, over the velocity of the striker before. Grey "
-    "lines: the velocities before. Exact laws come first, in black, then engines. This collision does not tell laws "
-    "with the same row apart."
+    "lines: the velocities before. Exact laws come first, in black, then engines in the order of the board. Solvers that "
+    "do not solve this collision have no row. The collision does not tell laws with the same row apart."
 )
 
 
@@ -135,17 +135,24 @@ def write_scoreboard(answers: Frame, root: Path, more: Sequence[Section] = ()) -
 
 
 def draw_cradle(judged: Frame, folder: Path) -> None:
-    """Draw the final velocities of the five balls of a cradle by every solver into a figure, one row per solver."""
+    """Draw the final velocities of the balls of a cradle into a figure, one row per solver: laws, then engines."""
     v = -judged.query("case == @PICTURED and e == 1").set_index("solver").filter(regex=r"^v\d$").dropna()
+    v = v.loc[sorted(v.index, key=_place_in_picture)]
     colors = ["#0b5cad" if is_engine(name) else "#1a1a1a" for name in v.index]
-    with styled_figure(9.5, 0.8 + 0.26 * len(v)) as figure:
+    least = 1.05 * v.to_numpy().min(initial=-0.7)
+    with styled_figure(9.5, 0.8 + 0.23 * len(v)) as figure:
         axes = figure.subplots(1, 5, sharey=True)
         for ball, ax in enumerate(axes, 1):
             ax.barh(list(map(display_engine, v.index)), v[f"v{ball}"], height=0.7, color=colors)
             ax.axvline(1.0 if ball == 1 else 0.0, color="0.6", linewidth=3, zorder=0)
-            ax.set(xlim=(-0.7, 1.1), title=f"ball {ball}", xlabel="v/v0 (-)")
-        axes[0].invert_yaxis()
+            ax.set(xlim=(least, 1.1), title=f"ball {ball}", xlabel="v/v0 (-)")
+        axes[0].set_ylim(len(v) - 0.4, -0.6)
     save_figure(figure, folder, "cradle")
+
+
+def _place_in_picture(solver: str) -> int:
+    """Return a solver's place in the picture of a cradle: 0 for exact laws, then the place of its group."""
+    return 1 + GROUPS.index(group_of(solver)) if is_engine(solver) else 0
 
 
 def display_engine(solver: str) -> str:
