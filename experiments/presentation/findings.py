@@ -44,8 +44,15 @@ CUTS = ("median", "p95", "max")
 
 D = "velocity_divergence"
 
-#: Largest asymmetry, per abs(v0), that is rounding.
+#: Largest D, and largest distance per abs(v0), that is rounding.
 ROUNDING = 1e-12
+
+#: Largest asymmetry, per abs(v0), with which a solver keeps a symmetry. Engines of single precision round at 1e-7, and
+#: sum up to some 1e-6; a law that takes contacts one after the other breaks a symmetry by a tenth.
+SYMMETRIC = 1e-5
+
+#: Rigid laws that rigid engines were found to follow.
+NAMED_RIGID_LAWS = ("newton-restitution", "plastic-then-restitution", "sequential-top")
 
 #: Most rows of a table along an axis.
 _ROWS = 40
@@ -249,18 +256,25 @@ def describe_asymmetries(summary: Summary) -> Markup:
     groups: dict[bool, list[str]] = {True: [], False: []}
     for name in (REFERENCE, *summary.solvers):
         if name in known:
-            groups[known[name][0] <= ROUNDING].append(name)
+            groups[known[name][0] <= SYMMETRIC].append(name)
     sentences: list[Markup] = []
     if groups[True]:
         count = max(known[name][1] for name in groups[True])
+        largest = max(groups[True], key=lambda name: known[name][0])
+        precision = "to rounding"
+        if known[largest][0] > ROUNDING:
+            precision = fill_sentence(
+                "to {most} |v0| or better", most=Value(known[largest][0], f"{largest} largest asymmetry")
+            )
         names = capitalise_first(join_words(map(display_name, groups[True])))
         verb = "keeps" if len(groups[True]) == 1 else "keep"
         sentences.append(
             fill_sentence(
-                "{names} {verb} the mirror symmetry of a symmetric scene to rounding, in {count} graphs.",
+                "{names} {verb} the mirror symmetry of a symmetric scene {precision}, in {count}.",
                 names=names,
                 verb=verb,
-                count=count,
+                precision=precision,
+                count=f"{count} graph{'s' * (count != 1)}",
             )
         )
     for name in groups[False]:
@@ -268,10 +282,10 @@ def describe_asymmetries(summary: Summary) -> Markup:
         sentences.append(
             fill_sentence(
                 "{solver} breaks the mirror symmetry: velocities differ from those of their mirror image by up to "
-                "{most} |v0|, in {count} symmetric graphs.",
+                "{most} |v0|, in {count}.",
                 solver=capitalise_first(display_name(name)),
                 most=Value(most, f"{name} largest asymmetry"),
-                count=count,
+                count=f"{count} symmetric graph{'s' * (count != 1)}",
             )
         )
     return Markup(" ").join(sentences)
@@ -294,10 +308,16 @@ def describe_why_graphs_differ(summary: Summary) -> list[Markup]:
         )
     elastic, least = (summary.levels["e"].values[i] for i in np.argsort(levels)[[-1, 0]])
     for name in (each for each in names if each not in blind and elastic == 1 and elastic != least):
-        sentence = (
-            "At e = 1 contacts are plain springs, and {solver} has the law of the model: it differs only because "
-            "bodies move while they collide, by D up to {most}."
-        )
+        most = statistic_value(summary, name, "max", axis="e", at=elastic)
+        sentence = "At e = 1 contacts are plain springs, and {solver} has the law of the model: "
+        if most.value <= ROUNDING:
+            sentence += "it ends where the model does."
+        elif is_engine(name):
+            sentence += (
+                "it differs by its step, and because bodies move while they collide, by D up to {most}."
+            )
+        else:
+            sentence += "it differs only because bodies move while they collide, by D up to {most}."
         if law_name_of(name) == "bistiffness":
             sentence += " So it does at any e: at e = {least} D is at most {damped}."
         else:
@@ -306,12 +326,46 @@ def describe_why_graphs_differ(summary: Summary) -> list[Markup]:
             fill_sentence(
                 sentence,
                 solver=display_name(name),
-                most=statistic_value(summary, name, "max", axis="e", at=elastic),
+                most=most,
                 least=number(float(least)),
                 damped=statistic_value(summary, name, "max", axis="e", at=least),
             )
         )
-    return said
+    return [*said, *describe_nearest_rigid_laws(summary)]
+
+
+def describe_nearest_rigid_laws(summary: Summary) -> list[Markup]:
+    """Say for each rigid engine in a run of graphs which of the run's rigid laws it is nearest to."""
+    engines = [name for name in compared_solvers(summary) if is_engine(name) and not knows_stiffness(name)]
+    distances = summary.from_rigid_laws
+    if engines and distances.empty:
+        line = "No rigid law was run: {laws} among the solvers show which law {engines} {follow}."
+        return [
+            fill_sentence(
+                line,
+                laws=join_words(NAMED_RIGID_LAWS),
+                engines=join_words(map(display_name, engines)),
+                follow="follows" if len(engines) == 1 else "follow",
+            )
+        ]
+    sentences: list[Markup] = []
+    for name in engines:
+        of_engine: Frame = distances[distances.solver == name]
+        if of_engine.empty:
+            continue
+        nearest = of_engine.sort_values("max", kind="stable").iloc[0]
+        key = f"{name} from {nearest.law}"
+        sentences.append(
+            fill_sentence(
+                "Of the rigid laws that were run, {law} is nearest to {solver}: velocities differ by {median} |v0| "
+                "(median; at most {most} |v0|).",
+                law=display_name(nearest.law),
+                solver=display_name(name),
+                median=Value(nearest["median"], f"{key} median"),
+                most=Value(nearest["max"], f"{key} max"),
+            )
+        )
+    return sentences
 
 
 def knows_stiffness(name: str) -> bool:
@@ -441,6 +495,7 @@ def summary_blocks(summary: Summary) -> list[Block]:
         places.setdefault(describe_row(summary, row_of_largest_d(summary, name)), []).append(name)
     blocks += [f"D is largest at {place}: {', '.join(names)}." for place, names in places.items()]
     blocks += describe_distances_from_own_laws(summary)
+    blocks += describe_nearest_rigid_laws(summary) if summary.config.kind == "graph" else []
     blocks += [describe_causes(summary, name, 3) for name in summary.ladder.solvers]
     blocks += [said] if (said := describe_asymmetries(summary)) else []
     return [*blocks, *describe_unsolved(summary), describe_counted_cells(summary), LAWS_WITH_LAWS]
