@@ -104,7 +104,7 @@ def _answer_or_read(slot: Slot[None], name: str, folder: Path) -> list[Record]:
     installed = get_solver(name).version()
     identifying = version("impact-xval"), installed, PLANE_SETUPS, list(PLANE_CASES), str(SETTINGS)
     identity = sha256(json.dumps(identifying).encode()).hexdigest()[:12]
-    path = folder / f"{name.replace(':', '-')}-plane-{identity}.json"
+    path = folder / f"plane-{name.replace(':', '-')}-{identity}.json"
     if path.exists():
         return json.loads(path.read_text(encoding="utf-8"))
     rows: list[Record] = []
