@@ -11,16 +11,18 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Sequence
 from itertools import permutations
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.registry import get_solver
 from impact_xval.compliant_baselines.rigid.graphs import GRAPH_LAWS, complementary, solve_rigid_graph
 from impact_xval.compliant_baselines.rigid.laws import TooManyImpactsError
-from impact_xval.compliant_baselines.solver import Convergence, Settings, Solver
+from impact_xval.compliant_baselines.solver import Convergence, Settings
 from impact_xval.model.arrays import Floats
 from impact_xval.model.graph import GraphCollision, GraphCollisionOutcome
 from impact_xval.model.kinetic import kinetic_norm
@@ -29,6 +31,17 @@ from tests.compliant_baselines.plane_graphs import random_graph
 #: Newton's law with restitution of the contacts that approach alone: 0 <= P, u+ + e min(u-, 0) >= 0, complementary. The
 #: law of `rigid.graphs` lets a contact that parts before the impact approach after it, and then has another impact.
 APPROACHING = "newton-of-approaching"
+
+#: Newton's law in the steps of an engine: bodies move for a step, and contacts whose bodies then touch have their
+#: impact.
+IN_STEPS = "newton-in-steps"
+
+#: Plastic-then-restitution, in which a contact has its restitution in the first impact in which it approaches, and none
+#: later. Contacts that have parted are left out of later impacts.
+ONCE = "restitution-once"
+
+#: Steps after which `newton_in_steps` is given up.
+MOST_STEPS = 4000
 
 #: Distance up to which laws count as equally near. The first of them is then named: in most graphs several laws agree.
 NEAR = 1e-4
@@ -59,8 +72,65 @@ def newton_of_approaching(collision: GraphCollision) -> Floats:
     return collision.after(total.tolist())[0]
 
 
-def nearest_law(collision: GraphCollision, outcome: GraphCollisionOutcome) -> tuple[float, str]:
-    """Return the distance to the nearest rigid law, and its name."""
+def newton_in_steps(collision: GraphCollision, step: float, gaps: Floats) -> Floats:
+    """Return the velocities by the law `IN_STEPS`, with steps in s and gaps in m at the start, shape (C,)."""
+    J = jacobian(collision)
+    inertia = np.repeat(collision.masses, len(collision.velocities[0]))
+    W = (J / inertia) @ J.T
+    e = np.array([contact.restitution for contact in collision.contacts])
+    velocities = np.ravel(collision.velocities).astype(float)
+    for _ in range(MOST_STEPS):
+        gaps = gaps + step * (J @ velocities)
+        touching = np.flatnonzero(gaps <= 0)
+        if len(touching):
+            rates = -(J @ velocities)[touching]
+            impulses = complementary(W[np.ix_(touching, touching)], -(1 + e[touching]) * rates)
+            velocities = velocities + J[touching].T @ impulses / inertia
+        if not (-(J @ velocities) > 1e-9 * np.abs(velocities).max()).any():
+            break
+    return velocities
+
+
+def jacobian(collision: GraphCollision) -> Floats:
+    """Return J of a graph without arms, shape (C, N axes): rates of compression are -J v."""
+    rows = np.zeros((len(collision.contacts), len(collision.masses), len(collision.velocities[0])))
+    for row, contact in zip(rows, collision.contacts, strict=True):
+        first, second = contact.bodies
+        row[first - 1] += contact.normal
+        if second is not None:
+            row[second - 1] -= contact.normal
+    return rows.reshape(len(rows), -1)
+
+
+def restitution_once(collision: GraphCollision, order: Sequence[int]) -> Floats:
+    """Return the velocities after impacts by the law `ONCE`; the order has the numbers of all contacts, from 1."""
+    W, rates = collision.delassus, collision.rates
+    e = np.array([contact.restitution for contact in collision.contacts])
+    total, rounding = np.zeros(len(rates)), 1e-7 * np.abs(rates).max()
+    acting, has_approached = np.full(len(rates), True), np.full(len(rates), False)
+    for _ in range(MOST_STEPS):
+        approaching = rates > rounding
+        if not approaching.any():
+            break
+        impulses = np.zeros(len(rates))
+        part = np.ix_(acting, acting)
+        impulses[acting] = complementary(W[part], -rates[acting])
+        for contact in (number - 1 for number in order):
+            if approaching[contact]:
+                back = 0.0 if has_approached[contact] and e[contact] < 1 else e[contact]
+                excess = (1 + back) * rates[contact] - W[contact] @ impulses
+                impulses[contact] = max(impulses[contact] + excess / W[contact, contact], 0.0)
+        has_approached |= approaching
+        total += impulses
+        rates = collision.rates - W @ total
+        acting = rates > rounding
+    return collision.after(total.tolist())[0]
+
+
+def nearest_law(
+    collision: GraphCollision, outcome: GraphCollisionOutcome, in_steps: Floats | None = None
+) -> tuple[float, str]:
+    """Return the distance to the nearest rigid law, and its name; `in_steps` are the velocities by `IN_STEPS`."""
     restitutions = [contact.restitution for contact in collision.contacts]
     orders = [*permutations(range(1, len(restitutions) + 1))]
     found: list[tuple[float, str]] = []
@@ -73,11 +143,16 @@ def nearest_law(collision: GraphCollision, outcome: GraphCollisionOutcome) -> tu
             velocities, _ = collision.after(rigid.impulses.tolist())
             found.append((distance(collision, outcome.velocities, velocities), rigid.law))
     found.insert(1, (distance(collision, outcome.velocities, newton_of_approaching(collision)), APPROACHING))
+    if in_steps is not None:
+        found.append((distance(collision, outcome.velocities, in_steps), IN_STEPS))
+    for order in orders:
+        once = distance(collision, outcome.velocities, restitution_once(collision, order))
+        found.append((once, f"{ONCE} ({', '.join(map(str, order))})"))
     return min(found, key=lambda law: max(law[0], NEAR))
 
 
 def compare_compliant(
-    engine: Solver, graphs: list[GraphCollision], settings: Settings, console: Console
+    engine: Engine, graphs: list[GraphCollision], settings: Settings, console: Console
 ) -> None:
     """Print the number of limits that are within three stated errors of the exact law."""
     outcomes = engine.solve_graphs(graphs, settings)
@@ -104,17 +179,25 @@ def compare_compliant(
     )
 
 
-def compare_rigid(engine: Solver, graphs: list[GraphCollision], settings: Settings, console: Console) -> None:
+def compare_rigid(engine: Engine, graphs: list[GraphCollision], settings: Settings, console: Console) -> None:
     """Print the nearest rigid law of each graph, and the number of graphs for which each law is the nearest."""
     table = Table("graph", "contacts", "status", "nearest law", "distance")
     nearest: dict[str, list[float]] = {}
     without = 0
+    with engine.running():
+        scenes = [engine.plane_scene_or_refusal(graph, settings) for graph in graphs]
+        gaps = [
+            None if isinstance(scene, str) else jacobian(graph) @ np.ravel(engine.world(scene).heights)
+            for graph, scene in zip(graphs, scenes, strict=True)
+        ]
     for number, (graph, outcome) in enumerate(
         zip(graphs, engine.solve_graphs(graphs, settings), strict=True)
     ):
         row = [str(number), str(len(graph.contacts)), outcome.status]
         if np.isfinite(outcome.velocities).all():
-            off, law = nearest_law(graph, outcome)
+            gap = gaps[number]
+            in_steps = None if gap is None else newton_in_steps(graph, outcome.diagnostics["step"], gap)
+            off, law = nearest_law(graph, outcome, in_steps)
             nearest.setdefault(law.partition(" (")[0], []).append(off)
             row += [law, f"{off:.1e}"]
         else:
@@ -141,10 +224,15 @@ def main() -> None:
     parser.add_argument("--graphs", type=int, default=60)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--max-steps", type=int, default=100_000)
+    parser.add_argument("--step-fraction", type=float, default=Settings().step_fraction)
     options = parser.parse_args()
     rng, engine, console = np.random.default_rng(options.seed), get_solver(options.engine), Console(width=118)
+    if not isinstance(engine, Engine):
+        parser.error(f"{options.engine} is no engine")
     graphs = [random_graph(rng) for _ in range(options.graphs)]
-    settings = Settings(convergence=Convergence(), max_steps=options.max_steps)
+    settings = Settings(
+        convergence=Convergence(), max_steps=options.max_steps, step_fraction=options.step_fraction
+    )
     compare = compare_rigid if engine.kind == "rigid" else compare_compliant
     compare(engine, graphs, settings, console)
 

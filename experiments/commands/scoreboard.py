@@ -32,7 +32,8 @@ def scoreboard_command(
 ) -> None:
     """Ask every engine what happens when bodies meet at once.
 
-    Installed engines, with several settings, are compared with every exact law. You get a table and a page. With
+    Installed engines, with several settings, are compared with every exact law, on
+    chains and, where an engine knows planes, on contact graphs in a plane. You get a table and a page. With
     --baseline, the exit code is 3 if an answer changed or a solver is missing. The same command continues a scoreboard
     that was stopped.
 
@@ -47,6 +48,11 @@ def scoreboard_command(
     from impact_xval.experiments.presentation.terminal import make_console, print_blocks, show_progress
     from impact_xval.experiments.scoreboard.judging import list_moved_answers
     from impact_xval.experiments.scoreboard.page import ANSWERS, frame_table, write_scoreboard
+    from impact_xval.experiments.scoreboard.plane import (
+        collect_plane_answers,
+        list_plane_entrants,
+        write_plane,
+    )
     from impact_xval.experiments.scoreboard.playing import collect_answers, list_entrants
     from impact_xval.experiments.scoreboard.releases import compare_releases, write_releases
     from impact_xval.experiments.sweep.pool import available_cores
@@ -63,11 +69,13 @@ def scoreboard_command(
         answers, answers_elsewhere = collect_answers(
             list_entrants(names), root, workers or available_cores(), progress, elsewhere
         )
-    sections = []
+        entrants = list_plane_entrants(list_entrants(names))
+        answers_in_plane = collect_plane_answers(entrants, root, workers or available_cores(), progress)
+    sections = [write_plane(answers_in_plane, root)]
     if requirements:
-        sections = [
+        sections.append(
             write_releases(compare_releases(answers, answers_elsewhere), missing, answers_elsewhere, root)
-        ]
+        )
     print_blocks(console, [*write_scoreboard(answers, root, sections), f"the page is {root / 'report.html'}"])
     for section in sections:
         print_blocks(console, ["", section.title, *section.blocks])

@@ -18,7 +18,7 @@ from impact_xval.compliant_baselines.registry import exact_solver_for
 from impact_xval.compliant_baselines.states import comparable_states
 from impact_xval.experiments.config.cells import ColumnArrays
 from impact_xval.experiments.config.experiment import REFERENCE
-from impact_xval.experiments.config.graphs import GRAPH_AXES, GRAPH_SPECS
+from impact_xval.experiments.config.graphs import GRAPH_AXES, GRAPH_SPECS, Mirror
 from impact_xval.model.arrays import Floats
 from impact_xval.model.collision import Collision
 from impact_xval.model.collisions import Collisions
@@ -486,10 +486,18 @@ def asymmetry(parameters: ColumnArrays, results: SolverResults) -> Floats:
         mirror = GRAPH_SPECS[name].mirror(dict(zip(axes, row, strict=True)))
         if mirror is not None:
             velocities = results.velocities[i].reshape(-1, 2)[: len(mirror.images)]
-            images = velocities[list(mirror.images)]
-            images[:, mirror.coordinate] *= -1
-            found[i] = np.abs(velocities - images).max() / abs(parameters["v0"][i])
+            found[i] = distance_from_mirror_image(velocities, mirror) / abs(parameters["v0"][i])
     return found
+
+
+def distance_from_mirror_image(velocities: Floats, mirror: Mirror) -> float:
+    """Return the largest difference between a velocity and the mirrored velocity of the body's mirror image.
+
+    Velocities in m/s are of shape (N, 2).
+    """
+    images = velocities[list(mirror.images)]
+    images[:, mirror.coordinate] *= -1
+    return float(np.abs(velocities - images).max())
 
 
 def first_difference(a: Sequence[str], b: Sequence[str]) -> int | None:

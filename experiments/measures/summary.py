@@ -22,7 +22,8 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import ArrayLike
 
-from impact_xval.compliant_baselines.registry import exact_solver_for, is_engine, sort_by_law
+from impact_xval.compliant_baselines.registry import exact_solver_for, is_engine, kind_of, sort_by_law
+from impact_xval.compliant_baselines.rigid.laws import LAWS as RIGID_LAWS
 from impact_xval.compliant_baselines.solver import MappingName
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import AXES_OF, REFERENCE, CellKind, Config
@@ -44,7 +45,7 @@ from impact_xval.experiments.measures.ladder import (
     contributions_of,
 )
 from impact_xval.experiments.tables.folder import RunFolder, Tally, statuses_of
-from impact_xval.experiments.tables.frames import AxisValue, Frame, FrameRow
+from impact_xval.experiments.tables.frames import AxisValue, Frame, FrameRow, Record
 from impact_xval.experiments.tables.parquet import (
     read_codes,
     read_column,
@@ -125,6 +126,11 @@ class Summary:
         #: For contact graphs, by solver and including the model: the largest asymmetry of a result in a symmetric
         #: graph, and the number of results in symmetric graphs. Empty for other runs.
         self.asymmetries = largest_asymmetries(cells, config.solvers) if config.kind == "graph" else {}
+        #: Distances D between rigid engines and the rigid laws of the run, one row per engine and law, with the
+        #: columns ``solver, law, n, median, p95, max``. Empty if the cells are no contact graphs.
+        self.from_rigid_laws = (
+            distances_from_rigid_laws(cells, config.solvers) if config.kind == "graph" else pd.DataFrame()
+        )
         #: Number of results that are marked although the model's result of the same cell is not, by solver. Solvers
         #: without such results are missing.
         self.marked_beyond = {name: n for name, n in zip(config.solvers, beyond, strict=True) if n}
@@ -236,6 +242,33 @@ def largest_asymmetries(path: Path, solvers: Sequence[str]) -> dict[str, tuple[f
         if len(known):
             found[name] = float(known.max()), len(known)
     return found
+
+
+def distances_from_rigid_laws(path: Path, solvers: Sequence[str]) -> Frame:
+    """Compute how far each rigid engine is from each rigid law of a run of graphs, over the graphs that both solved.
+
+    A distance is the largest difference of a component of velocity, per abs(v0). Columns: ``solver, law, n, median,
+    p95, max``.
+    """
+    components = [name for name in pq.read_schema(path).names if re.fullmatch(r"v[1-9]\d*[xz]", name)]
+    done = (read_codes(path, "status", RESULT_STATUSES) >= 0) & ~read_where_present(path, "marked")
+    speed = np.where(done, np.abs(read_column(path, "v0")), np.nan)
+    velocities = np.array([read_column(path, name) / speed for name in components])
+    velocities = velocities.reshape(len(components), -1, len(solvers))
+    is_solved = np.asarray(~np.isnan(velocities).all(axis=0))
+    rows: list[Record] = []
+    for place, name in enumerate(solvers):
+        if kind_of(name) != "rigid" or not is_engine(name):
+            continue
+        for place_of_law, law in enumerate(solvers):
+            if law not in RIGID_LAWS:
+                continue
+            both = is_solved[:, place] & is_solved[:, place_of_law]
+            differences = np.abs(velocities[:, both, place] - velocities[:, both, place_of_law])
+            if both.any():
+                distances = pd.Series(np.nanmax(differences, axis=0))
+                rows.append({"solver": name, "law": law, "n": len(distances), **cuts(distances)})
+    return pd.DataFrame(rows, columns=["solver", "law", "n", "median", "p95", "max"])
 
 
 def limit_estimates(

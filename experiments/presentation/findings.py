@@ -48,8 +48,16 @@ CUTS = ("median", "p95", "max")
 #: Name of the measure D in the statistics of a run.
 D = "velocity_divergence"
 
-#: Largest asymmetry, per abs(v0), that rounding alone can make.
+#: Largest D, and largest difference of velocities per abs(v0), that rounding alone can make.
 ROUNDING = 1e-12
+
+#: Largest asymmetry, per abs(v0), with which a solver keeps the symmetry of a scene. The rounding of engines in single
+#: precision is 1e-7, and adds up to some 1e-6. A solver that takes contacts one after the other breaks a symmetry by
+#: about 0.1.
+SYMMETRIC = 1e-5
+
+#: Rigid laws that rigid engines were found to follow.
+NAMED_RIGID_LAWS = ("newton-restitution", "plastic-then-restitution", "sequential-top")
 
 #: Largest number of rows of a table along an axis.
 _ROWS = 40
@@ -279,17 +287,24 @@ def describe_asymmetries(summary: Summary) -> Markup:
     groups: dict[bool, list[str]] = {True: [], False: []}
     for name in (REFERENCE, *summary.solvers):
         if name in known:
-            groups[known[name][0] <= ROUNDING].append(name)
+            groups[known[name][0] <= SYMMETRIC].append(name)
     sentences: list[Markup] = []
     if groups[True]:
         count = int(max(known[name][1] for name in groups[True]))
+        largest = max(groups[True], key=lambda name: known[name][0])
+        precision = "to rounding"
+        if known[largest][0] > ROUNDING:
+            precision = fill_sentence(
+                "to {most} |v0| or better", most=Value(known[largest][0], f"{largest} largest asymmetry")
+            )
         names = capitalise_first(join_words(map(display_name, groups[True])))
         verb = "keeps" if len(groups[True]) == 1 else "keep"
         sentences.append(
             fill_sentence(
-                "{names} {verb} the mirror symmetry of a scene, up to rounding, in {count} symmetric {graphs}.",
+                "{names} {verb} the mirror symmetry of a scene {precision}, in {count} symmetric {graphs}.",
                 names=names,
                 verb=verb,
+                precision=precision,
                 count=count,
                 graphs=count_noun(count, "graphs"),
             )
@@ -327,10 +342,19 @@ def describe_why_graphs_differ(summary: Summary) -> list[Markup]:
         )
     elastic, least = (summary.levels["e"].values[i] for i in np.argsort(levels)[[-1, 0]])
     for name in (each for each in names if each not in blind and elastic == 1 and elastic != least):
-        sentence = (
-            "At e = 1 contacts are plain springs, so {solver} has the contact law of the model. There its D is at most "
-            "{most}, only because in {solver} bodies move during the collision."
-        )
+        most = statistic_value(summary, name, "max", axis="e", at=elastic)
+        sentence = "At e = 1 contacts are plain springs, so {solver} has the contact law of the model. "
+        if most.value <= ROUNDING:
+            sentence += "There its velocities equal those of the model."
+        elif is_engine(name):
+            sentence += (
+                "There its D is at most {most}. D is not 0 because of the time step, and because in {solver} bodies "
+                "move during the collision."
+            )
+        else:
+            sentence += (
+                "There its D is at most {most}, only because in {solver} bodies move during the collision."
+            )
         if law_name_of(name) == "bistiffness":
             sentence += (
                 " {solver} has the contact law of the model at e = {least} too: D is at most {damped}."
@@ -343,12 +367,46 @@ def describe_why_graphs_differ(summary: Summary) -> list[Markup]:
             fill_sentence(
                 sentence,
                 solver=display_name(name),
-                most=statistic_value(summary, name, "max", axis="e", at=elastic),
+                most=most,
                 least=number(float(least)),
                 damped=statistic_value(summary, name, "max", axis="e", at=least),
             )
         )
-    return said
+    return [*said, *describe_nearest_rigid_laws(summary)]
+
+
+def describe_nearest_rigid_laws(summary: Summary) -> list[Markup]:
+    """Say for each rigid engine in a run of graphs which of the run's rigid laws it is nearest to."""
+    engines = [name for name in compared_solvers(summary) if is_engine(name) and not knows_stiffness(name)]
+    distances = summary.from_rigid_laws
+    if engines and distances.empty:
+        line = "No rigid law was run: {laws} among the solvers show which law {engines} {follow}."
+        return [
+            fill_sentence(
+                line,
+                laws=join_words(NAMED_RIGID_LAWS),
+                engines=join_words(map(display_name, engines)),
+                follow="follows" if len(engines) == 1 else "follow",
+            )
+        ]
+    sentences: list[Markup] = []
+    for name in engines:
+        of_engine: Frame = distances[distances.solver == name]
+        if of_engine.empty:
+            continue
+        nearest = of_engine.sort_values("max", kind="stable").iloc[0]
+        key = f"{name} from {nearest.law}"
+        sentences.append(
+            fill_sentence(
+                "Of the rigid laws that were run, {law} is nearest to {solver}: velocities differ by {median} |v0| "
+                "(median; at most {most} |v0|).",
+                law=display_name(nearest.law),
+                solver=display_name(name),
+                median=Value(nearest["median"], f"{key} median"),
+                most=Value(nearest["max"], f"{key} max"),
+            )
+        )
+    return sentences
 
 
 def knows_stiffness(name: str) -> bool:
@@ -495,6 +553,7 @@ def summary_blocks(summary: Summary) -> list[Block]:
     ]
     blocks += describe_distances_from_own_laws(summary)
     engines = summary.ladder.solvers
+    blocks += describe_nearest_rigid_laws(summary) if summary.config.kind == "graph" else []
     blocks += [describe_causes(summary, name, 3, explain=name == engines[0]) for name in engines]
     blocks += [said] if (said := describe_asymmetries(summary)) else []
     return [*blocks, *describe_unsolved(summary), describe_counted_cells(summary), LAWS_WITH_LAWS]

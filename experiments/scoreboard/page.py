@@ -98,8 +98,8 @@ WORST = (
 
 CRADLE = (
     f"How a {PICTURED} ends at e = 1: velocities of the five balls, over the velocity of the striker before. Grey "
-    "lines: the velocities before. Exact laws come first, in black, then engines in the order of the board. Solvers that "
-    "do not solve this collision have no row. The collision does not tell laws with the same row apart."
+    "lines: the velocities before. Exact laws come first, in black, then engines in the order of the board. Solvers "
+    "that do not solve this collision have no row. The collision does not tell laws with the same row apart."
 )
 
 

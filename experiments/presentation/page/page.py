@@ -190,7 +190,7 @@ def _numbers_to_remember(summary: Summary) -> Iterator[tuple[Value | str, str]]:
         name, (most, count) = max(
             summary.asymmetries.items(), key=lambda each: each[1][0], default=("", (0.0, 0))
         )
-        if most > findings.ROUNDING:
+        if most > findings.SYMMETRIC:
             yield (
                 Value(most, f"{name} largest asymmetry"),
                 f"|v0| is the largest asymmetry of {display_name(name)}, in {count} symmetric "
@@ -358,7 +358,7 @@ def _cell_blocks(folder: RunFolder, summary: Summary, packed: str) -> list[Block
         )
         for row in summary.worst.loc[order].to_dict("records")
     ]
-    header = ["solver", unit[:-1], *axes.values(), "D"]
+    header = ["solver", "number" if unit[:-1] in axes else unit[:-1], *axes.values(), "D"]
     worst = Table(header, rows, f"The {unit} in which each solver has its largest D", text=2)
     return [piece, Section("Largest divergences", [worst], folded=True)]
 

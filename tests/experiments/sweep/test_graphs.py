@@ -242,3 +242,22 @@ def test_the_command_of_a_cell_solves_the_same_graph(graph_run):
         assert np.allclose([1e8 * c.stiffness for c in graph.contacts], [c.stiffness for c in unit.contacts])
         of_model = contents["results"][0]["velocities"]
         assert len(of_model) == 2 * len(graph.masses), name
+
+
+def test_a_rigid_engine_is_held_against_the_rigid_laws_of_its_run(tmp_path):
+    def resolve(name):
+        fake = fakes.ShiftedGraphs()
+        fake.name = name
+        return fake if name == "pymunk" else get_solver(name)
+
+    def said(*laws):
+        grid = {"name": "bernoulli", "stiffness_ratio": [1.0], "angle": [40], "e": [1.0]}
+        config = parse_config({"solvers": [*laws, "pymunk"], "graph": grid})
+        root = tmp_path / "-".join(("run", *laws))
+        folder = run_sweep(config, root, isolate=False, resolve=resolve).folder
+        return "\n".join(Markup(str(block)).striptags() for block in summary_blocks(summarise(folder)))
+
+    of_laws = said("sequential-top", "newton-restitution")
+    assert "Of the rigid laws that were run, newton-restitution is nearest to Pymunk" in of_laws
+    assert "velocities differ by 0.01 |v0| (median; at most 0.01 |v0|)" in of_laws
+    assert "No rigid law was run: newton-restitution" in said()

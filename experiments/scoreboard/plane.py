@@ -1,0 +1,189 @@
+"""The scoreboard's second half: engines that know planes, and the exact laws on contact graphs."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Callable, Sequence
+from concurrent.futures import as_completed
+from hashlib import sha256
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from impact_xval.compliant_baselines.engines.engine import Engine
+from impact_xval.compliant_baselines.registry import exact_law_names, get_solver, is_engine
+from impact_xval.experiments.config.errors import InterruptedRunError
+from impact_xval.experiments.measures.divergence import (
+    distance_from_mirror_image,
+    masses_and_starts_of_graphs,
+    norms,
+)
+from impact_xval.experiments.presentation.document import Section, Table
+from impact_xval.experiments.scoreboard.cases import SETTINGS
+from impact_xval.experiments.scoreboard.page import EXPLAINED, display_engine
+from impact_xval.experiments.scoreboard.plane_cases import PLANE_CASES, PLANE_SETUPS, answer_plane_case
+from impact_xval.experiments.sweep.pool import TO_PREPARE, Slot, open_pool
+from impact_xval.experiments.sweep.process import FaultError
+from impact_xval.experiments.tables.folder import new_folder, write_text
+from impact_xval.experiments.tables.frames import Frame, Record
+from impact_xval.experiments.tables.numbers import number
+from impact_xval.experiments.tables.parquet import replacing
+
+#: File of the answers in a plane, in the folder of a scoreboard.
+PLANE_ANSWERS = "plane.parquet"
+
+TITLE = "In a plane"
+
+#: Columns of velocities: x and z of up to seven balls.
+VELOCITIES = [f"v{ball}{axis}" for ball in range(1, 8) for axis in "xz"]
+
+#: Columns of answers, as `collect_plane_answers` describes them.
+PLANE_COLUMNS = ["solver", "version", "case", "e", "status", "reason", *VELOCITIES]
+
+#: Seconds that a solver has for one case.
+_LONGEST = 120.0
+
+#: Share of the cases that an engine answers which a law must answer to be the nearest law of that engine.
+_LEAST_ANSWERED = 0.9
+
+#: Laws whose largest D exceeds the least by no more are nearest too.
+_AS_NEAR = 1e-6
+
+CAPTION = (
+    "By case the largest D of all e from the nearest law: the exact law whose largest D over all cases is the least, "
+    f"of those that answer nine in ten. It is the engine's own where no D exceeds {EXPLAINED}. Bernoulli: a ball falls "
+    "between two others, 30 degrees to either side. Corner: a ball meets two walls whose normals enclose the angle. "
+    "Bridge: a ball falls on two balls that rest on a table. Rack: a cue ball strikes 3 or 6 balls. All stiffnesses "
+    "are equal. A law that takes contacts in an order takes them as they are numbered; an engine may take another "
+    "order. Asymmetry: the largest difference, over |v0|, between a velocity and the mirrored velocity of the body's "
+    "mirror image, of bernoulli, bridge and racks; exact outcomes have none. Springs and dashpots answer no e = 0."
+)
+
+
+def list_plane_entrants(names: Sequence[str]) -> list[str]:
+    """List those of the given solvers that are exact laws, or engines that know planes."""
+    entrants: list[str] = []
+    for name in names:
+        solver = get_solver(name)
+        if isinstance(solver, Engine) and not solver.knows_planes:
+            continue
+        if name in exact_law_names() or isinstance(solver, Engine):
+            entrants.append(name)
+    return entrants
+
+
+def collect_plane_answers(
+    names: Sequence[str], root: Path, workers: int, progress: Callable[..., None]
+) -> pd.DataFrame:
+    """Have solvers answer every case in a plane, each in a process of its own.
+
+    Answers are kept in the folder of the scoreboard. A row an answer: solver, version, case, e, status, reason, and
+    v1x, v1z, v2x, ... in m/s.
+    """
+    folder = root / "answers"
+    if not folder.is_dir():
+        new_folder(root)
+        folder.mkdir()
+    try:
+        with open_pool(None, workers) as pool:
+            futures = [pool.submit(_answer_or_read, name, folder) for name in names]
+            for done, future in enumerate(as_completed(futures), 1):
+                future.result()  # an error ends all at once
+                progress(done * len(PLANE_CASES), len(futures) * len(PLANE_CASES), "")
+    except KeyboardInterrupt:
+        raise InterruptedRunError("interrupted; answers are kept; the same command continues") from None
+    rows = [row for future in futures for row in future.result()]
+    return pd.DataFrame(rows, columns=PLANE_COLUMNS)
+
+
+def _answer_or_read(slot: Slot[None], name: str, folder: Path) -> list[Record]:
+    """Return the answers of a solver from its file, named by versions and cases; without it, from its process."""
+    installed = get_solver(name).version()
+    identifying = version("impact-xval"), installed, PLANE_SETUPS, list(PLANE_CASES), str(SETTINGS)
+    identity = sha256(json.dumps(identifying).encode()).hexdigest()[:12]
+    path = folder / f"plane-{name.replace(':', '-')}-{identity}.json"
+    if path.exists():
+        return json.loads(path.read_text(encoding="utf-8"))
+    rows: list[Record] = []
+    with contextlib.suppress(FaultError):  # then each case says so
+        slot.call(name, answer_plane_case, name, *next(iter(PLANE_CASES)), timeout=TO_PREPARE)
+    for case, e in PLANE_CASES:
+        try:
+            status, reason, velocities = slot.call(name, answer_plane_case, name, case, e, timeout=_LONGEST)
+        except FaultError as fault:
+            status, reason, velocities = fault.status, fault.reason, ()
+        row = {"solver": name, "version": installed, "case": case, "e": e, "status": status, "reason": reason}
+        rows.append(row | dict(zip(VELOCITIES, velocities, strict=False)))
+    write_text(path, json.dumps(rows, indent=1))
+    return rows
+
+
+def judge_plane_answers(answers: Frame) -> Frame:
+    """Add D from each exact law, ``D_LAW``, and ``asymmetry``, NaN where a scene has no mirror, to answers."""
+    velocities = answers[VELOCITIES].to_numpy(float)
+    cases = [PLANE_CASES[case] for case in zip(answers.case, answers.e, strict=True)]
+    masses, starts = masses_and_starts_of_graphs([case.collision for case in cases], len(VELOCITIES))
+    of_case = pd.DataFrame(velocities, index=pd.MultiIndex.from_frame(answers[["solver", "case", "e"]]))
+    judged = answers.copy()
+    for law in exact_law_names():
+        same_case = pd.MultiIndex.from_frame(answers.assign(solver=law)[["solver", "case", "e"]])
+        difference = velocities - of_case.reindex(same_case).to_numpy()
+        # Columns of balls that a case does not have are NaN; so is the first of a case without an answer.
+        known = ~np.isnan(difference[:, 0])
+        judged[f"D_{law}"] = np.where(known, norms(masses, difference, starts), np.nan)
+    judged["asymmetry"] = [
+        np.nan
+        if case.mirror is None
+        else distance_from_mirror_image(row.reshape(-1, 2)[: len(case.mirror.images)], case.mirror)
+        for case, row in zip(cases, velocities, strict=True)
+    ]
+    return judged
+
+
+def plane_table(judged: Frame) -> Table:
+    """Lay out one row per engine: its nearest law, the largest D from it by case, and the largest asymmetry."""
+    rows: list[tuple[str, ...]] = []
+    laws = exact_law_names()
+    for name, own in judged[judged.solver.map(is_engine)].groupby("solver", sort=False):
+        answered = int(own.v1x.notna().sum())
+        count = f"{answered} of {len(own)}"
+        distances = own[[f"D_{law}" for law in laws]]
+        is_candidate = (distances.count() >= max(1, _LEAST_ANSWERED * answered)).to_numpy()
+        if not is_candidate.any():
+            nothing = ["-"] * len(PLANE_SETUPS)
+            rows.append((display_engine(str(name)), own.version.iloc[0], "no answer", *nothing, "-", count))
+            continue
+        largest = distances.max().where(is_candidate)
+        nearest = [str(name) for name in largest.index[largest <= largest.min() + _AS_NEAR]]
+        column, words = nearest[0], ", ".join(name.removeprefix("D_") for name in nearest)
+        by_case = own.groupby("case")[column].max().reindex(list(PLANE_SETUPS))
+        rows.append(
+            (
+                display_engine(str(name)),
+                own.version.iloc[0],
+                words if largest[column] <= EXPLAINED else f"no exact law (nearest: {words})",
+                *(_short(d) for d in by_case),
+                _short(own.asymmetry.max(), 1e-5),
+                count,
+            )
+        )
+    return Table(
+        ("engine", "release", "nearest law", *PLANE_SETUPS, "asymmetry", "answers"), rows, CAPTION, text=3
+    )
+
+
+def _short(value: float, least: float = 1e-4) -> str:
+    """Write a number in two digits, or that it is below the least number of interest."""
+    if np.isnan(value):
+        return "-"
+    return f"< {least:.0e}".replace("e-0", "e-") if value < least else number(value, 2)
+
+
+def write_plane(answers: Frame, root: Path) -> Section:
+    """Write the answers in a plane into the folder of a scoreboard; return the section for its page."""
+    with replacing(root / PLANE_ANSWERS) as temporary:
+        answers.to_parquet(temporary, index=False, compression="zstd")
+    return Section(TITLE, [plane_table(judge_plane_answers(answers))])
