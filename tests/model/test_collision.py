@@ -1,4 +1,4 @@
-"""Illegal input is refused by name, value and legal range, singly and in a batch; limits are legal."""
+"""Illegal input is refused with field, value and legal range, in single collisions and in batches; limits are legal."""
 
 import math
 from itertools import product
@@ -14,7 +14,7 @@ LINE = {"masses": (1, 2, 3), "stiffnesses": (1, 1), "restitutions": (0.9, 1), "v
 
 
 def refuses(says, call, **given):
-    """Whether an error in one line says what is wrong."""
+    """Assert that a call raises a ValueError whose message is one line and matches `says`."""
     with pytest.raises(ValueError, match=says) as caught:
         call(**given)
     assert "\n" not in str(caught.value)
