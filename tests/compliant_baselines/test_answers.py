@@ -1,4 +1,4 @@
-"""What leaves a solver, whatever it does: an outcome for each collision, whose words can be shown."""
+"""Answers of solvers are checked: whatever a solver returns or raises, each collision gets one printable outcome."""
 
 import dataclasses
 import math

@@ -96,6 +96,5 @@ def test_a_cycle_that_repeats_on_a_smaller_scale_ends_at_rest():
     np.testing.assert_allclose(factors, factors[-1], rtol=1e-5)
     assert 0.1 < factors[-1] < 0.9
     assert math.hypot(*integrate(c, LZB, least=1e-3).velocities) < 2e-3
-    assert (
-        solve(c).v1 > 0.01
-    )  # by the default law, which keeps a contact stiff, the cycle ends after a few events
+    # by the default law, which keeps a contact stiff, the cycle ends after a few events
+    assert solve(c).v1 > 0.01

@@ -28,9 +28,8 @@ scale = st.floats(-6, 6).map(lambda x: 10.0**x)
 def test_theorem_5(kappa, mu, e1, e2, stiffness, mass, speed):
     """Scaling both stiffnesses, both masses or v0 changes neither the velocities per |v0| (to 1e-10) nor the states."""
     plain = solve(Collision.from_ratios(kappa, mu, e1, e2))
-    assume(
-        plain.grazing_margin > 1e-9
-    )  # scaling rounds the ratios, and beside a jump rounding decides the outcome
+    # scaling rounds the ratios, and beside a jump rounding decides the outcome
+    assume(plain.grazing_margin > 1e-9)
     scaled = solve(Collision.two_balls(mass, mass * mu, stiffness, stiffness * kappa, e1, e2, -speed))
     assert np.array(scaled.velocities) / speed == pytest.approx(plain.velocities, abs=1e-10, rel=0)
     assert scaled.impulse1 / (mass * speed) == pytest.approx(plain.impulse1, abs=1e-10, rel=0)

@@ -52,10 +52,8 @@ def linear_motion(state, t, mu, k1, k2, c1, c2, g=0.0):
     F1, F2 = np.array([k1, c1 * (k1 > 0), 0, 0, 0]), np.array([0, 0, k2, -c2 * (k2 > 0), 0])
     rows = np.zeros((5, 5))
     rows[0, 1], rows[2, 3] = 1, -1
-    acceleration1, acceleration2 = (
-        F1,
-        (F2 - F1) / mu,
-    )  # accelerations of B1 (m1 = 1, pushed up by contact 1) and of B2
+    # accelerations of B1 (m1 = 1, pushed up by contact 1) and of B2
+    acceleration1, acceleration2 = F1, (F2 - F1) / mu
     rows[1], rows[3] = acceleration2 - acceleration1, acceleration2
     # An active table carries the weight of B2. Relative to B2, gravity then accelerates only B1.
     rows[[1, 3], 4] = (g, 0.0) if k2 else (0.0, -g)
