@@ -1,4 +1,4 @@
-"""The grazing margins of the model agree with an independent computation from the definition (docs/theory.md, 6)."""
+"""Grazing margins agree with an independent computation from the definition in docs/theory.md, section 6."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Chains that others have computed or measured, compared to the precision of their numbers (docs/chains.md, 5)."""
+"""Chains that others have computed or measured, compared to their precision (docs/chains.md, section 5)."""
 
 import itertools
 import json

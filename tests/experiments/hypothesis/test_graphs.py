@@ -1,4 +1,8 @@
-"""Welded contacts of graphs: the welded outcome by other means, and the verdicts that docs/graphs.md states."""
+"""Graphs with welded contacts: welded outcomes compared with other computations, and verdicts with docs/graphs.md.
+
+Two bodies are welded if they move as one body. The hypothesis says that a contact that becomes ever stiffer welds its
+bodies.
+"""
 
 import math
 
@@ -12,7 +16,7 @@ _BY_HAND = {"bridge, 30 degrees": 3, "bridge, 45 degrees": 2}
 
 
 def test_a_ball_welded_to_a_wall_slides_along_it_against_the_other():
-    # On the floor v_z = 0, and the wall at 60 degrees stops v_x = -1 and returns e of it.
+    # On the floor v_z = 0. The wall at 60 degrees stops v_x = -1 and returns e of it.
     assert np.allclose(welded_velocities(corner(60, restitutions=(0.9, 0.9)), 0), [(0.9, 0.0)], atol=1e-14)
 
 

@@ -1,4 +1,4 @@
-"""Folders, files and options of version 0.4 go on being read: `runs_of_0.4` was written by that version."""
+"""Folders, files and options of version 0.4 can still be read. `runs_of_0.4` was written by that version."""
 
 import shutil
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What a cell shows when it is opened, held against the tables, the engine and the commands it names."""
+"""What the page shows of an opened cell, compared with the tables, MuJoCo and the commands it names."""
 
 import json
 import shlex

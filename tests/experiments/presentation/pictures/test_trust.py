@@ -1,4 +1,4 @@
-"""Trust maps of a run whose engine is off by known amounts."""
+"""Trust maps, for a run whose engine is off by known amounts."""
 
 import pandas as pd
 import pytest
@@ -10,7 +10,7 @@ from tests.experiments.conftest import SMALL, swept
 
 
 def trusted(root, **fields):
-    """Run an experiment; its trust, and the ladders of its engine."""
+    """Run an experiment; return its trust maps and the ladders of its engine."""
     folder = swept(root, fakes.shifted if "sample" in fields else fakes.graded, **fields)
     table = pd.read_parquet(folder.root / "ladder.parquet")
     return make_trust_maps(folder, folder.config()), table[table.solver == "mujoco"]
@@ -22,9 +22,12 @@ def graded(tmp_path_factory):
 
 
 def test_levels_are_those_of_the_amounts(graded):
-    """D is the amount itself. Of two cells of a field the median is their mean: 0.3 %, 1.7 % and 25 %."""
+    """D equals the amount by which the engine is off, so that medians are 0.3 %, 1.7 % and 25 %.
+
+    A field holds two cells, and their median is their mean.
+    """
     trust, _ = graded
-    assert set(trust.index.unique("solver")) == {"mujoco"}  # pybullet has no result anywhere
+    assert set(trust.index.unique("solver")) == {"mujoco"}  # pybullet has no result in any cell
     for name, along in (("cells", [2, 2, 2]), ("typical", [0, 1, 3]), ("strict", [0, 1, 3])):
         image = trust.loc["mujoco", name].unstack()
         assert (image.columns.tolist(), image.index.tolist()) == ([0.5, 1.0, 2.0], [1.0, 1.5])
@@ -40,7 +43,7 @@ def test_to_blame_is_the_largest_sum_of_components_in_the_table(graded):
     along = beyond[names].fillna(0).mul(beyond.velocity_divergence, axis=0)
     sums = along.groupby([beyond.mass_ratio, beyond.stiffness_ratio]).sum()
     assert (blamed[sums.index] + "_share").tolist() == sums.idxmax(axis=1).tolist()
-    assert blamed.loc[:, 0.5].isna().all()  # within 1 %
+    assert blamed.loc[:, 0.5].isna().all()  # within 1 %, so nothing is to blame
     assert len(sums) == blamed.notna().sum() == 4
 
 
