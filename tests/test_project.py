@@ -45,7 +45,7 @@ def test_the_readme_has_two_commands_of_one_line_and_continuous_integration_runs
     assert extract
     found = subprocess.run(["bash", "-c", extract[1]], cwd=ROOT, capture_output=True, text=True, check=True)
     assert found.stdout.strip() == _command("test")
-    # the tests that the other command leaves out
+    # the tests that the other command leaves out run nightly
     assert "pytest -m nightly" in (ROOT / ".ci/nightly").read_text(encoding="utf-8")
     assert (ROOT / ".ci/run").stat().st_mode & 0o111
 

@@ -115,7 +115,7 @@ def test_the_default_contact_of_golf_is_what_the_rebuilt_scene_does():
     (group,) = examine_groups(model).groups
     model.opt.gravity[:] = 0
     data = mujoco.MjData(model)
-    data.qvel[0] = -2.0  # which is 1.8 m/s at the club, 0.9 m from the hinge
+    data.qvel[0] = -2.0  # 1.8 m/s at the club, 0.9 m from the hinge
     for _ in range(400):
         mujoco.mj_step(model, data)
     e = (data.qvel[1] + 0.9 * data.qvel[0]) / 1.8

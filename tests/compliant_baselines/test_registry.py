@@ -162,7 +162,7 @@ def test_broken_ones_are_unavailable_with_the_reason_and_break_no_command(site, 
         assert outcome.status == "unavailable"
         assert re.search(rf"broken 1.2 provides '{name}' as {value}, but .*{says}", outcome.reason)
         assert solver.version() == ""
-    printed = command(SOLVE)  # by all solvers, including the broken ones
+    printed = command(SOLVE)  # the command asks all solvers, including the broken ones
     assert all(f"{name}: unavailable: broken 1.2" in printed for name in BROKEN)
     # The list shows no law for them, because they have stated none.
     listed = command("solvers")

@@ -143,7 +143,7 @@ def test_the_printed_text_is_all_that_a_drop_in_mujoco_runs():
     ((e, _),) = drop_in_mujoco(text, (1e-6, 1e4), 0.1, pair.speed, [0.3 * pair.speed * step], 1000)
     assert e == (data.qvel[1] - data.qvel[0]) / pair.speed
     # settings that the text leaves out are the engine's defaults in such a drop
-    bad = text.replace(f'timestep="{step}"', "")  # without its timestep: the default of 0.002 s
+    bad = text.replace(f'timestep="{step}"', "")  # without its timestep the scene has the default of 0.002 s
     assert drop_in_mujoco(bad, (1e-6, 1e4), 0.1, pair.speed, [0.0], 1000)[0][1] < 0.1 / step / 2
 
 

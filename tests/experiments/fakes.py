@@ -101,7 +101,7 @@ class Interrupting(Shifted):
         return super().solve_many(collisions, settings)
 
 
-#: How much faster than the model's ball the B1 of `Graded` is, per abs(v0), by k2/k1 and e1.
+#: Amount by which `Graded` makes B1 faster than the model does, over abs(v0), by k2/k1 and e1.
 GRADES = {0.5: {0.5: 0.002, 0.9: 0.004}, 1.0: {0.5: 0.004, 0.9: 0.03}, 2.0: {0.5: 0.1, 0.9: 0.4}}
 
 

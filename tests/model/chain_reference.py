@@ -141,7 +141,10 @@ class _Run:
         return found
 
     def energy_to_unload(self, j, y):
-        """Return twice the surplus energy of body j and the bodies below, over the least that can unload a contact."""
+        """Return twice the surplus energy of body j and the bodies below.
+
+        The surplus is their energy minus the least energy that can unload one of their contacts.
+        """
         n = len(self.k)
         m, k = 1 / np.array(self.inverse[j:n]), np.array(self.k[j:])
         carried = self.g * np.cumsum(m) / k

@@ -1,7 +1,7 @@
 """Chains of N balls by the model.
 
-Compared are: two balls with the kernel for two balls, and random chains with an independent integration in time. Tested
-are also: conservation laws, invariances, limiting cases, the path, and the collisions that have no outcome.
+Two balls are compared with the kernel made for two balls, and random chains with an independent integration in time.
+The tests also check conservation laws, invariances, limiting cases, the path, and collisions that have no outcome.
 """
 
 from dataclasses import replace
@@ -68,7 +68,10 @@ def test_two_balls_by_the_kernel_of_chains_are_those_by_their_own(count):
 
 
 def test_an_ending_of_one_kernel_is_none_of_the_other():
-    """The endings of the two kernels have different numbers, because records hold plain numbers."""
+    """The endings of the two kernels share no number.
+
+    Records hold endings as plain numbers, and members of two IntEnums with equal numbers are equal.
+    """
     assert {ending.value for ending in PairEnding}.isdisjoint(ending.value for ending in ChainEnding)
 
 
@@ -144,7 +147,7 @@ def test_one_ball_two_pairs_and_a_plastic_chain():
 
 
 def test_a_cradle_of_ever_softer_contacts_is_a_sequence_of_single_impacts():
-    """Velocities approach (0, 0, 0, -1), with an error like the square root of the stiffness ratio or smaller."""
+    """Velocities approach (0, 0, 0, -1), with an error that falls like sqrt(k2/k1) or faster."""
     errors = []
     for ratio in (1e2, 1e4, 1e6):
         outcome = solved(Collision((1,) * 4, tuple(ratio**-i for i in range(3)), (1,) * 3, (-1, 0, 0, 0)))
@@ -175,9 +178,9 @@ def test_no_chain_is_endless():
 
 
 def test_a_chain_that_is_given_up_says_after_how_many_windows():
-    """The stiff contact makes about 1e8 oscillations. It is followed for `max_events` windows.
+    """A contact that makes about 1e8 oscillations is followed for `max_events` windows.
 
-    By default these are a million windows divided by the number of balls in contact, less one: 500,000 here.
+    The reason of the outcome states their number. By default the limit is a million windows divided by the number of contacts less one, here 500,000.
     """
     chain = Collision((1,) * 3, (1e16, 1, 1), (1,) * 3, (-1, 0, 0), table=True)
     for given, windows in ((20, 20), (None, 500_000)):

@@ -1,7 +1,7 @@
 """The search for the first event in state S1 misses none: close pairs of events, ties and tangencies.
 
-Compared are the events with densely sampled motion (brute force) and with states built backwards from a known event.
-The certificates and the steps of the search are tested alone, too.
+The events are compared with densely sampled motion (brute force), and with the known event of states that are built
+backwards from it. The certificates and the steps of the search are tested alone, too.
 """
 
 import math

@@ -36,7 +36,10 @@ def compare_in_impulse_space(cell, ours, cutoff):
 
 
 def compare(cells, cutoffs, *comparisons):
-    """Assert agreement in cells that are not beside a jump. Count cells beside a jump, and closed forms."""
+    """Assert agreement in all cells that are not beside a jump.
+
+    Return how many cells are beside a jump, and how many others a closed form finished.
+    """
     grazing = limits = 0
     batch = solve_batch(*cells, stiffness_ratio_cutoff=cutoffs[0], states=True)
     for cell, ours in zip(cells.T.tolist(), batch.flat, strict=True):
@@ -96,5 +99,5 @@ def test_a_cycle_that_repeats_on_a_smaller_scale_ends_at_rest():
     np.testing.assert_allclose(factors, factors[-1], rtol=1e-5)
     assert 0.1 < factors[-1] < 0.9
     assert math.hypot(*integrate(c, LZB, least=1e-3).velocities) < 2e-3
-    # by the default law, which keeps a contact stiff, the cycle ends after a few events
+    # by the default law contacts stay stiffer, so that the cycle ends
     assert solve(c).v1 > 0.01

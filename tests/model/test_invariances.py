@@ -1,6 +1,7 @@
 """Invariances of the model for any collision of two balls.
 
-Tested are Theorem 5 (only ratios matter), the energy of elastic collisions, and equations (13)-(15) along the path.
+The tests check Theorem 5 (only ratios matter), the energy of elastic collisions, and equations (13)-(15) along the
+path.
 """
 
 import math

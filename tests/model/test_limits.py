@@ -138,7 +138,7 @@ def test_no_corner_fails(cutoff):
     cells = extreme_cells(20_000, seed=1)
     batch = solve_batch(*cells, stiffness_ratio_cutoff=cutoff, max_events=20_000)
     done = batch.statuses != "unconverged"
-    # Unconverged are only collisions with a contact that is nearly elastic, which needs more events than allowed.
+    # Only collisions with a contact that is nearly elastic are unconverged. They need more events than allowed.
     assert np.all(batch.n_events[~done] > 20_000)
     assert np.all(np.maximum(cells[2], cells[3])[~done] > 0.99)
     assert np.mean(done) > 0.97

@@ -1,4 +1,7 @@
-"""Chains that others have computed or measured, compared to their precision (docs/chains.md, section 5)."""
+"""Chains that others have computed or measured, compared to the precision of their numbers.
+
+docs/chains.md, section 5, names the sources.
+"""
 
 import itertools
 import json

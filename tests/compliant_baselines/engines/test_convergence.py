@@ -1,6 +1,6 @@
 """Compliant engines compared with the exact solution for Kelvin-Voigt contacts, for pairs and chains.
 
-Tested are also naive mappings, and what a drop needs: a lower ball that stays settled and is reported at rest.
+The tests also check naive mappings, and what a drop needs: a lower ball that stays settled and is reported at rest.
 """
 
 import math

@@ -40,11 +40,12 @@ def test_limits_gain_an_order_where_the_runs_show_it():
     for n, orders, power in ((3, 2, 2), (4, 2, 3), (5, 2, 3), (4, 1, 2)):
         coarse, fine = (missed(h, n, orders) for h in (2e-2, 1e-2))
         assert np.log2(coarse / fine) == pytest.approx(power, abs=0.1)
-    # Corrections of both signs are no sign of second order. They come from where within a step the bodies touch.
+    # If the corrections have both signs, the velocity is extrapolated at first order: they come from where within a
+    # step the bodies touch.
     velocities = np.array([0.36, 0.334, 0.3145, 0.3067])
     limit, *_ = extrapolate(np.column_stack([velocities, 0 * velocities]), 0.0, PAIR)
     assert limit[0] == 2 * velocities[-1] - velocities[-2]
-    # The same is true of a velocity that did not change at first and changes now.
+    # A velocity that did not change at first and changes now is extrapolated at first order, too.
     other = 0.1 + np.array([0.0, 0.0, 0.0, 1e-3])
     limit, *_ = extrapolate(
         np.column_stack([0.3 + 0.2 * np.array([16, 4, 1, 0.25]) * 1e-2, other]), 0.0, PAIR
@@ -67,13 +68,15 @@ def test_runs_of_other_states_are_doubted_as_a_whole_and_a_first_flight_as_much_
 
 
 def test_a_limit_of_balls_that_part_is_one_of_balls_that_parted():
-    # v2 - v1 falls by 0.01 with each halving of the step. Extrapolated it is 0.005, so that B2 would still be faster.
+    # v2 - v1 rises by 0.01 with each halving of the step. Extrapolated it is 0.005, so that the balls would approach
+    # each other.
     limit, error, _ = extrapolate(
         np.array([[0.4, 0.375], [0.4, 0.385], [0.4, 0.395]]), 0.0, parting_in_line((1.0, 3.0))
     )
     mean = 0.4 * 0.25 + 0.405 * 0.75  # momentum is kept
     assert limit[0] == limit[1] == pytest.approx(mean)
-    assert error == pytest.approx(0.01)  # the full difference, because differences do not fall with the step
+    # the full difference, because the differences between steps do not fall
+    assert error == pytest.approx(0.01)
     # extrapolated, B2 would move into the table
     limit, error, _ = extrapolate(
         np.array([[0.4, 0.012], [0.4, 0.004], [0.4, 0.0]]), 0.0, parting_in_line((1.0, 3.0))
@@ -302,7 +305,7 @@ def test_a_meeting_that_is_left_brings_velocities_no_further_from_those_that_par
 
 
 def test_a_meeting_too_slow_to_matter_ends_a_collision(engine):
-    """Elastic balls that should end at rest drift together slowly: the collision ends, and its limit is exact.
+    """Elastic balls that should end at rest drift together slowly: the collision ends, and its limit is right.
 
     Their speeds are 1e-8 m/s, or an effect of the step. The velocities are compared with those of single impacts, to
     the stated error.

@@ -86,8 +86,8 @@ def limits_and_errors(solver, collision):
     "collision",
     [
         Collision.two_balls(1, 2, 1, 1, 0.7, 0.7),
-        # The worst pair of many random ones in an earlier version, which ignored the ends of contacts that pull: its
-        # limit was furthest off relative to the stated error.
+        # Of many random pairs, this one had the limit that was furthest off relative to its stated error, in a version
+        # that ignored the ends of contacts that pull.
         Collision.two_balls(
             1, 4.231949517477533, 1, 44.7736303184423, 0.7246450430370259, 0.8106475926887988
         ),

@@ -1,7 +1,7 @@
 """The references for N balls.
 
-Compared are: random chains with an independent integration in time, single contacts with their restitution, long rows
-with an integration without events. Tested are also invariances, gaps, marks and refusals.
+Random chains are compared with an independent integration in time, single contacts with their restitution, and long
+rows with an integration without events. The tests also check invariances, gaps, marks and refusals.
 """
 
 from dataclasses import replace

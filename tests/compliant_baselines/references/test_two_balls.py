@@ -1,7 +1,7 @@
 """Two balls on a table by the references.
 
-Compared are: random pairs with an independent integration (`chain_reference`), closed forms, known numbers. Tested are
-also energy, momentum, paths, and independence of the order of collisions.
+Random pairs are compared with an independent integration (`chain_reference`). Other tests compare with closed forms and
+known numbers, and check energy, momentum, paths, and that the order of collisions does not matter.
 """
 
 import itertools
@@ -170,7 +170,8 @@ def test_a_path_keeps_momentum_gives_back_no_more_energy_than_it_took_and_ends_i
                 cell,
             )  # its contacts may pull
             taken.append(cumulative_trapezoid(rate, impulse))
-            assert g > 0 or taken[-1].min() >= -2e-3, cell  # a settled contact holds energy from the weight
+            # a settled contact holds energy because of the weight
+            assert g > 0 or taken[-1].min() >= -2e-3, cell
         if g == 0:
             lost = 0.5 * (1 - outcome.retained_energy(c))
             assert taken[0][-1] + taken[1][-1] == pytest.approx(lost, abs=2e-3), cell

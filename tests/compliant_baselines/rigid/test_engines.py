@@ -81,8 +81,8 @@ def test_chains_are_those_of_the_law(name, engine):
 
 
 def test_targets_that_are_apart_are_struck_one_after_the_other(name, engine):
-    # The gaps are 1e-3 of the balls' radius of 4 m. Without gaps the striker reverses, as in the test above (Donahue's
-    # two signs).
+    # The gaps are 1e-3 of the balls' radius of 4 m. If the balls touched, the striker would reverse (Donahue's two
+    # signs).
     v = engine.solve(make_chain(-1.0, 0.0, 0.0, gap=4e-3), Settings(step_fraction=1e-3)).velocities
     assert v == pytest.approx([0, 0, -1], abs=3e-5)
 

@@ -1,6 +1,6 @@
 """Rigid laws of contact graphs, compared with the laws of chains and with closed forms.
 
-Tested are also impulses and rates that are not unique.
+Some graphs have impulses and rates that are not unique.
 """
 
 import numpy as np

@@ -73,7 +73,7 @@ def test_frictionless_contacts_are_said_to_be_and_stay_so(tmp_path, command):
     out = command(["inspect", path], ends=3)
     assert "1, frictionless" in out
     assert re.search(r"^1 +as now .* -\S+ +1 +\d", out, re.MULTILINE)  # condim 1 means no friction
-    assert "dashpot" not in out  # no word about a dashpot of friction
+    assert "dashpot" not in out  # the output does not mention a dashpot of friction
 
 
 @pytest.mark.parametrize("reading", ["keep", "newton-metre"])

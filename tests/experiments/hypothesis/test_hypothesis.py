@@ -109,10 +109,10 @@ def remapped(e, mapped, mass):
 
 
 def test_a_dashpot_law_goes_where_its_own_dashpots_lead_and_not_where_it_is_mapped_anew():
-    """A very stiff contact moves by the law Kelvin-Voigt as the welded chain with the original dashpots does, to 1e-5.
+    """By Kelvin-Voigt's law a chain with a very stiff contact moves like the welded chain, to 1e-5.
 
-    With dashpots made anew for the welded masses the chain moves differently, by more than 1e-3. The original dashpots
-    are given to the welded chain by the restitutions that they have for its masses.
+    The welded chain must have the original dashpots. They are given to it by the restitutions that they have for its
+    masses. With dashpots made anew for the welded masses it moves differently, by more than 1e-3.
     """
     for chain, contact in draw_chains(("pile", "middle"), 2, (4, 5), 2):
         anew = weld_contact(chain, contact)
@@ -129,7 +129,7 @@ def test_a_dashpot_law_goes_where_its_own_dashpots_lead_and_not_where_it_is_mapp
 
 
 def predicted(case, solver, mu, e1, e2):
-    """Return the velocities to which a law goes that the hypothesis refutes, or None where no formula is known.
+    """Return the velocities that a law reaches instead of the closed form, or None if no formula is known.
 
     The dashpot of a contact that becomes infinitely stiff is infinite, too, and joins the bodies at first touch.
     """

@@ -53,7 +53,7 @@ SERIES = {
     # An engine that is off by 1e-3 at any contrast and states this error refutes nothing.
     "error of an engine": (lambda x, i: 1e-3 + 0.5 / x, ENGINE | {"error": 1e-3}, "undecided", "own error"),
     "at the closed form": (lambda x, i: 0 * x, {}, "undecided", "own error"),
-    # One class that is refuted refutes the whole.
+    # If one class of points is refuted, the whole case is refuted.
     "one class": (lambda x, i: (0.1 if i % 3 == 0 else 0.0) + 0.1 / x, {}, "refuted", ""),
 }
 
@@ -79,5 +79,6 @@ def test_a_verdict_is_given_where_the_series_carries_one(name):
             assert found.offset.to_numpy() == pytest.approx(abs(offset), rel=0.05)
         case _:
             assert says in whole.reason
-    assert name != "rings, and fades" or whole.rate == pytest.approx(1, abs=0.1)  # the rate of its envelope
+    # the rate of the envelope of the oscillation
+    assert name != "rings, and fades" or whole.rate == pytest.approx(1, abs=0.1)
     assert name != "one class" or [*rows.verdict[[*CLASSES]]] == ["refuted", "supported", "supported"]

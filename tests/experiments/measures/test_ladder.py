@@ -1,7 +1,7 @@
 """The ladder, which splits a divergence into contributions.
 
-Tested are: contributions add up to the divergence, each contribution is the difference it is defined as, and the
-sentences about the ladder are true.
+The tests check that contributions add up to the divergence, that each contribution is the difference it is defined as,
+and that the sentences about the ladder are true.
 """
 
 import itertools
@@ -166,7 +166,7 @@ def test_a_cell_in_which_the_order_matters(limit, last):
     np.testing.assert_allclose(6.5 * low[:3, 0], [1, 1, 0], atol=1e-14)
     np.testing.assert_allclose(6.5 * high[:3, 0], [5, 3, 2], atol=1e-14)
     assert ladder.contributions[ladder.dominant()[0]].name == "frozen_positions"
-    # with positions changed first the largest contribution differs from that with positions changed last
+    # if positions are changed first, they contribute 1, and the law, changed last, contributes 3
     assert not ladder.same_by_every_order()[0]
 
 
@@ -207,7 +207,7 @@ def test_a_missing_outcome_is_a_row_with_a_status_and_a_reason(tmp_path):
 def test_shares_of_a_region_are_of_its_sum_of_d(engine_run):
     """The share of a contribution in a region is a sum over its cells, compared with the tables of the run to 1e-12.
 
-    Summed are the components of the contribution along each cell's velocity difference, divided by the sum of D.
+    The sum is of the contribution's components along each cell's velocity difference. It is divided by the sum of D.
     """
     folder = RunFolder(engine_run)
     found = summarise_ladder(folder, folder.config())

@@ -51,7 +51,7 @@ program = {{
 
 @pytest.fixture
 def uv(tmp_path, monkeypatch):
-    """Put the pretended installer first on the path; return the file that records its calls."""
+    """Put the script that pretends to be uv first on the path; return the file that records its calls."""
     log = tmp_path / "bin" / "calls"
     log.parent.mkdir()
     text = UV.format(python=sys.executable, log=str(log), site=sysconfig.get_paths()["purelib"])

@@ -32,7 +32,8 @@ ROOT = Path(__file__).parents[3]
 def test_a_file_that_cannot_be_written_leaves_no_half_of_it(tmp_path, monkeypatch, fake_run, name):
     """If a file cannot be written, the run ends with one line and leaves no half file.
 
-    After the run is continued, its tables equal those of an undisturbed run to the byte. The file is a part, a table, the manifest at the end, or the report.
+    After the run is continued, its tables equal those of an undisturbed run to the byte. The file is a part, a table,
+    the manifest at the end, or the report.
     """
     replace, root, seen = Path.replace, tmp_path / "a", []
 
@@ -59,7 +60,10 @@ def test_a_file_that_cannot_be_written_leaves_no_half_of_it(tmp_path, monkeypatc
 
 
 def steps(monkeypatch, step):
-    """Call ``step(name, function)`` instead of each function that writes into a run's folder; name says what."""
+    """Call ``step(name, function)`` instead of each function that writes into a run's folder.
+
+    Here ``name`` is the name of what the function writes.
+    """
 
     def watched(owner, attribute, name):
         function = getattr(owner, attribute)

@@ -1,7 +1,8 @@
 """Contact graphs by the model.
 
-Compared are: numbers from independent integrations, chains and pairs written as graphs, random graphs with an
-independent solution. Tested are also invariances, balances and limiting cases.
+Named graphs are compared with numbers of independent integrations, chains and pairs written as graphs with the solvers
+for chains and pairs, and random graphs with an independent solution. The tests also check invariances, balances and
+limiting cases.
 """
 
 from dataclasses import replace

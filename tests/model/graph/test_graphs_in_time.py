@@ -1,7 +1,7 @@
 """Contact graphs by laws in time.
 
-Compared are: frozen bistiffness with the model, graphs with chains and closed forms, random graphs with an independent
-integration. Tested are also balances and symmetries.
+Frozen bistiffness is compared with the model, graphs with chains and closed forms, and random graphs with an
+independent integration. The tests also check balances and symmetries.
 """
 
 from dataclasses import replace
