@@ -19,7 +19,7 @@ def answers(law):
     return {case["name"]: case["outcomes"][law] for case in SET["cases"] if law in case["outcomes"]}
 
 
-def test_the_file_is_what_the_laws_say():
+def test_the_file_holds_the_outcomes_of_the_laws():
     assert len({case["name"] for case in SET["cases"]}) == len(SET["cases"]) == 60
     assert {word for case in SET["cases"] for word in case["known"]} == {"unique", "grazing", "endless"}
     for case, now in zip(SET["cases"], json.loads(json.dumps(made()))["cases"], strict=True):

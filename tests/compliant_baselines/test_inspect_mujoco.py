@@ -117,7 +117,7 @@ def test_a_force_level_contact_is_that_of_the_closed_form(scene, mass, e, k):
         ({"contact": "<pair geom1='up' geom2='low' condim='1' margin='-.01'/>"}, -0.01),
     ],
 )
-def test_a_contact_is_that_of_the_scene(scene, fields, margin):
+def test_a_measured_contact_is_that_of_the_users_scene(scene, fields, margin):
     own = hand_drops(scene, 0.7, margin, step=2e-3, **fields)
     (row,) = measure_model(compiled(scene, **fields), speed=0.7)
     assert row.restitution == pytest.approx(np.mean(own), abs=2e-6)
@@ -128,7 +128,7 @@ def test_a_contact_is_that_of_the_scene(scene, fields, margin):
 @pytest.mark.parametrize("friction", ["1 1 .005", "0.3 0.3 .005"])
 @pytest.mark.parametrize("cone", ["pyramidal", "elliptic"])
 @pytest.mark.parametrize("condim", [1, 3, 6])
-def test_each_reading_does_in_a_scene_what_it_says(condim, cone, friction):
+def test_each_proposed_pair_has_the_restitution_it_states(condim, cone, friction):
     wrong, meant = (
         f'solref="-1e4 -20" condim="{condim}" friction="{friction}"',
         KelvinVoigtContact(1e4, 20.0, 0.5),
@@ -287,7 +287,7 @@ def test_where_no_long_step_is_found_the_restitution_is_within_ten_percent():
             assert measure_model(model)[0].restitution_range == pytest.approx((exact, exact), rel=0.1)
 
 
-def test_our_own_scenes_have_none():
+def test_scenes_of_the_adapter_have_no_unexpected_traps():
     c = Collision.two_balls(m1=1.0, m2=0.5, k1=1e8, k2=1e5, e1=0.5, e2=1.0)
     for settings, traps in (
         ({"scenario": "impact"}, set()),

@@ -237,7 +237,7 @@ def test_the_depth_at_rest_is_that_of_the_points_that_carry(geom, floor, points,
     assert row.penetration == pytest.approx(settle(model, 3.0), rel=0.005)
 
 
-def test_points_are_said_where_they_are_not_one(tmp_path, command):
+def test_the_number_of_points_is_printed_if_it_is_not_one(tmp_path, command):
     path = tmp_path / "scene.xml"
     path.write_text(field_scenes.lying('type="box" size=".5 .4 .3"'))
     assert " 0.000108 (4 points)\n" in command(["inspect", path], ends=3)

@@ -153,7 +153,7 @@ def test_a_plug_in_states_its_kind_and_law(site):
     assert engines_with_ladders(config) == ["gone"]  # a rigid engine and a reference have no ladder
 
 
-def test_broken_ones_are_unavailable_with_the_reason_and_break_no_command(site, command):
+def test_broken_plug_ins_are_unavailable_with_the_reason_and_break_no_command(site, command):
     modules = {value.split(":")[0]: text for value, text, _ in BROKEN.values() if text}
     install(site, "broken", {name: value for name, (value, _, _) in BROKEN.items()}, **modules)
     for name, (value, _, says) in BROKEN.items():
@@ -173,7 +173,7 @@ def test_broken_ones_are_unavailable_with_the_reason_and_break_no_command(site, 
     command("solvers lacks", ends=2)
 
 
-def test_two_distributions_with_one_name_are_told(site):
+def test_two_distributions_that_provide_one_name_are_refused(site):
     _install_toy(site)
     _install_toy(site, "toy-fork", "toy_fork")
     assert "toy-engine 1.2 and toy-fork 1.2 both provide 'toy'" in str(get_solver("toy").unavailable())

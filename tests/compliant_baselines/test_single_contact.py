@@ -185,7 +185,7 @@ def test_the_penetration_is_that_of_the_motion_integrated():
         assert pair.penetration == pytest.approx(3.0 / 2.0 * deepest, rel=1e-10), e
 
 
-def test_what_cannot_be_is_refused():
+def test_impossible_contacts_are_refused():
     for arguments, says in (
         ({"restitution": 1.1}, "restitution = 1.1; legal: from 0.0001 to 1"),
         ({"stiffness": 0.0}, r"stiffness = 0.0; legal: a finite number > 0 \(N/m\)"),
@@ -200,7 +200,7 @@ def test_what_cannot_be_is_refused():
             Pair(**({"masses": (1.0, 1.0), "restitution": 0.5, "stiffness": 1.0} | arguments))
 
 
-def test_no_step_that_does_it_is_said():
+def test_a_contact_that_no_step_gives_is_unconverged():
     pair = Pair((1.0, math.inf), 0.01, stiffness=1.0)
     for tolerance, why in ((1e-7, "200000 steps a duration is not known"), (1e-5, "one of them is off by")):
         with pytest.raises(SolverError, match=f"unconverged: no step from .* s to .* s gives .*: .*{why}"):

@@ -67,7 +67,7 @@ def test_two_balls_by_the_kernel_of_chains_are_those_by_their_own(count):
             assert slow.states.names(i, True) == fast.flat.states.names(i, True)
 
 
-def test_an_ending_of_one_kernel_is_none_of_the_other():
+def test_endings_of_different_kernels_have_different_numbers():
     """The endings of the two kernels share no number.
 
     Records hold endings as plain numbers, and members of two IntEnums with equal numbers are equal.
@@ -180,7 +180,8 @@ def test_no_chain_is_endless():
 def test_a_chain_that_is_given_up_says_after_how_many_windows():
     """A contact that makes about 1e8 oscillations is followed for `max_events` windows.
 
-    The reason of the outcome states their number. By default the limit is a million windows divided by the number of contacts less one, here 500,000.
+    The reason of the outcome states their number. By default the limit is a million windows divided by the number of
+    contacts less one, here 500,000.
     """
     chain = Collision((1,) * 3, (1e16, 1, 1), (1,) * 3, (-1, 0, 0), table=True)
     for given, windows in ((20, 20), (None, 500_000)):

@@ -94,7 +94,7 @@ def test_the_arrays_of_a_batch_are_broadcast_and_an_empty_batch_is_legal():
     assert np.shape(solve_batch([], 1, 1, 1).v1) == (0,)
 
 
-def test_an_outcome_that_is_none_is_refused_where_it_is_made():
+def test_an_illegal_outcome_is_refused_when_it_is_made():
     for fields, says in (
         ({"status": "fine"}, r"status = 'fine'; legal: ok, closed-form, .*crashed"),
         ({"velocities": (0.1, math.nan)}, r"velocities\[2\] = nan; legal with the status 'ok': finite"),

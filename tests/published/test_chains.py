@@ -30,7 +30,7 @@ def by_siconos(name):
 
 
 @pytest.mark.parametrize("name", ["standing", "chains"])
-def test_siconos(name):
+def test_chains_have_the_velocities_of_siconos(name):
     for collision, row in by_siconos(name):
         assert solve(collision, law=LZB).velocities == pytest.approx(
             row["result"], abs=row["bears"], rel=0
@@ -98,7 +98,7 @@ def test_each_further_ball_of_a_cradle_adds_half_the_time_of_the_first_collision
 
 
 @pytest.mark.parametrize(("engine", "within"), [("mujoco", 0.005), ("pybullet", 0.013)])
-def test_so_it_does_by_engines_of_springs(engine, within):
+def test_engines_of_springs_have_the_durations_of_elastic_cradles(engine, within):
     if (reason := get_solver(engine).unavailable()) is not None:
         pytest.skip(reason)
     times = [overall_time(balls, 1.0, engine) for balls in range(2, 9)]
@@ -119,7 +119,7 @@ def test_the_time_of_two_balls_is_that_of_hertz(exponent):
 
 @pytest.mark.parametrize("balls", [3, 8])
 @pytest.mark.parametrize("exponent", OVERALL)
-def test_so_does_an_integration_in_time_by_another_method(balls, exponent):
+def test_an_integration_in_time_has_the_duration_of_an_elastic_cradle(balls, exponent):
     def rates(_, y):
         # force of contact i, between balls i and i + 1
         forces = np.maximum(-np.diff(y[:balls]), 0) ** exponent

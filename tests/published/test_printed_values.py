@@ -42,7 +42,7 @@ def test_supplement_3_2_prints_0_45203_for_an_infinitely_stiff_ball_ball_contact
     assert misprinted == pytest.approx(0.45591, abs=0.5e-5, rel=0)
 
 
-def test_equation_10_of_the_supplement_needs_what_the_impulse_was_worth_when_the_balls_united():
+def test_equation_10_of_the_supplement_lacks_an_offset():
     """Equation (10) of the supplement gives the quoted 0.45203 only with an offset where the balls unite.
 
     The energy E2 is zero at the end of the collision. Parameters are (44) of the paper. As printed, the equation gives

@@ -118,7 +118,7 @@ def test_mujoco_s_profiler_has_no_clock_while_scenes_run():
     assert clock() == had_clock
 
 
-def test_without_an_engine_the_way_out_is_said(monkeypatch):
+def test_a_missing_engine_names_the_command_that_installs_it(monkeypatch):
     for module, name, advice in (
         ("pybullet", "pybullet", "PyBullet is not installed: run pip install 'pybullet>=3.2.7'"),
         ("mujoco.rollout", "mujoco", "pip install 'mujoco>=3.2.7'"),
@@ -143,7 +143,7 @@ def test_an_engine_whose_requirement_is_missing_is_not_said_to_be_missing(tmp_pa
 
 
 @pytest.mark.parametrize(("version", "is_old"), [("3.1.6", True), ("3.2.7", False), ("3.10.0", False)])
-def test_a_version_that_is_too_old_is_said_to_be(version, is_old, monkeypatch):
+def test_an_engine_that_is_too_old_is_unavailable(version, is_old, monkeypatch):
     monkeypatch.setattr(Mujoco, "version", lambda _: version)
     monkeypatch.setattr(engine_module, "import_quietly", lambda _: None)
     said = Mujoco().unavailable()

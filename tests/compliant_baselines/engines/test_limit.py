@@ -53,7 +53,7 @@ def test_limits_gain_an_order_where_the_runs_show_it():
     assert limit[1] == 2 * other[-1] - other[-2]
 
 
-def test_runs_of_other_states_are_doubted_as_a_whole_and_a_first_flight_as_much_as_it_is():
+def test_the_error_of_a_limit_covers_runs_of_other_states_and_a_doubtful_first_flight():
     for doubt, expected in (
         ({}, 0.1 * 0.2 / 4),
         ({"same_states": False}, 0.2 / 4),
@@ -94,7 +94,7 @@ def test_a_rate_that_turns_around_is_not_extrapolated():
     assert abs(limit[0] - left(0.0)) < error
 
 
-def test_a_vibration_that_steps_damp_away_is_as_far_as_its_changes_grow():
+def test_a_vibration_that_steps_damp_has_a_limit_within_its_error():
     for x in (0.3, 0.1, 0.02):  # share of the vibration that is left at the shortest step
         limit, error, _ = extrapolate(sequence(lambda h, x=x: 0.3 + 0.01 * x ** (4 * h)), 0.0, PAIR)
         assert 0.5 * error < 0.31 - limit[0] < error
@@ -289,7 +289,7 @@ def test_a_limit_at_rest_that_the_exact_law_leaves_is_marked():
 
 
 @pytest.mark.parametrize("law", ["sequential-top", "sequential-bottom", "newton-restitution"])
-def test_a_meeting_that_is_left_brings_velocities_no_further_from_those_that_part(law):
+def test_impacts_bring_velocities_no_further_from_the_separated_ones(law):
     rng = np.random.default_rng(5)
     for _ in range(30):
         balls, table = int(rng.integers(2, 6)), bool(rng.integers(2))

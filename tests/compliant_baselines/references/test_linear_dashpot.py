@@ -42,7 +42,7 @@ def test_a_contact_alone_is_half_a_period_of_an_oscillator(e):
         assert outcome.diagnostics["duration"] == pytest.approx(flight + duration, rel=1e-12)
 
 
-def test_it_pulls_before_it_ends_and_its_dashpot_pushes_from_the_first_touch():
+def test_a_linear_dashpot_pushes_from_first_touch_and_pulls_before_it_ends():
     e, k = 0.3, 4.0
     (outcome,) = get_solver(LAW).solve_many(
         [Collision((1,), (k,), (e,), (-1,), table=True)], Settings(record_path=True)
@@ -179,7 +179,7 @@ def test_what_is_refused_names_the_legal_range():
     assert "\n" not in outcome.reason
 
 
-def test_it_keeps_the_contract_though_its_impulses_fall():
+def test_the_linear_dashpot_keeps_the_contract_though_its_impulses_fall():
     assert conformance.problems(get_solver(LAW), LAW) == {}
 
 

@@ -212,7 +212,7 @@ def test_a_path_that_ends_in_a_limit_is_finite():
 
 
 @pytest.mark.parametrize("drop", [False, True], ids=["impact", "drop"])
-def test_elastic_both_references_are_the_same_system(drop):
+def test_elastic_pairs_have_the_same_outcome_by_both_references(drop):
     kappa, mu, _, _ = random_cells(3000, 2)
     number = random_gravity(3000, 2) if drop else 0.0
     mine = BATCHES["bistiffness"](kappa, mu, 1.0, 1.0, number)
@@ -229,7 +229,7 @@ def test_elastic_both_references_are_the_same_system(drop):
     np.testing.assert_array_equal(mine.n_states[calm], other.n_states[calm])
 
 
-def test_in_time_the_pair_is_apart_when_its_velocities_are_equal():
+def test_the_balls_are_apart_when_their_velocities_become_equal():
     """When the velocities become equal, the gap between the balls is that of the limit k2/k1 -> 0, to 2 %.
 
     B1 flies with the constant velocity v11. B2 swings on the table and reaches v2 = v11 at cos(theta) = v11/v21, in

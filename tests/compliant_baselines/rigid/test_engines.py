@@ -127,7 +127,7 @@ def test_impacts_that_fall_into_one_step_are_not_taken_for_known(name, engine):
 
 
 @pytest.mark.smoke
-def test_contract(name, engine, capfd):
+def test_the_solver_keeps_the_contract(name, engine, capfd):
     assert problems(engine, "none") == {}
     with pytest.raises(SolverError, match=r"unrepresentable: gravity = 9\.81 m/s\^2: .*legal: 0"):
         engine.solve(Collision.two_balls(1, 1, 1, 1, 0.5, 0.5), Settings(scenario="drop", gravity=9.81))

@@ -14,7 +14,7 @@ from tests.model.graph.graphs import chain_as_graph, random_graphs
 
 
 @pytest.mark.parametrize("law", GRAPH_LAWS)
-def test_on_a_chain_they_are_the_laws_of_chains(law):
+def test_rigid_laws_of_graphs_are_those_of_chains_on_a_chain(law):
     rng = np.random.default_rng(1)
     for _ in range(20):
         balls = int(rng.integers(2, 6))

@@ -253,7 +253,7 @@ def test_collapses_may_follow_one_another_without_an_end():
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_contract(law):
+def test_the_solver_keeps_the_contract(law):
     solver = get_solver(law)
     with pytest.raises(SolverError, match="unrepresentable: scenario = 'drop'"):
         solver.solve(Collision.two_balls(1, 1, 1, 1, 0.5, 0.5), Settings(scenario="drop"))

@@ -17,7 +17,7 @@ AT_FOUR = [
 NEWTON = [(0.0, 0.2), (-0.2 * math.sqrt(3), -0.6), (0.2 * math.sqrt(3), -0.6)]
 
 
-def test_d_is_that_of_the_outcomes_by_others():
+def test_d_agrees_with_velocities_of_an_independent_program():
     by_hand = math.sqrt(np.square(np.subtract(AT_FOUR, NEWTON)).sum())
     (found,) = distance(model_outcomes([4.0], 1.0), rigid_outcome("Newton", 1.0))
     assert math.isclose(found, by_hand, rel_tol=1e-10)

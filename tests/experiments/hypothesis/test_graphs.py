@@ -56,7 +56,7 @@ def test_a_struck_wall_at_right_angles_to_the_other_returns_e_of_its_rate(e):
     ("name", "contact", "parts"),
     [("bernoulli, 45 degrees", 0, True), ("corner, 120 degrees", 1, False), ("rack of 3", 0, False)],
 )
-def test_a_struck_contact_refutes_it_whether_or_not_the_bodies_part(name, contact, parts):
+def test_a_struck_contact_refutes_the_hypothesis_whether_or_not_the_bodies_part(name, contact, parts):
     found = judge_contact(name, graphs(0.7)[name], contact, 0.7)
     assert found.struck
     assert found.verdict.verdict == "refuted"
@@ -67,7 +67,7 @@ def test_a_struck_contact_refutes_it_whether_or_not_the_bodies_part(name, contac
 @pytest.mark.parametrize(
     ("name", "contact"), [("bernoulli, 30 degrees", 2), ("rack of 3", 1), ("rack of 3", 3)]
 )
-def test_a_contact_at_rest_that_opens_refutes_it(name, contact):
+def test_a_contact_at_rest_that_opens_refutes_the_hypothesis(name, contact):
     found = judge_contact(name, graphs(0.7)[name], contact, 0.7)
     assert not found.struck
     assert found.verdict.verdict == "refuted"

@@ -182,7 +182,7 @@ def test_bad_input_is_one_line_and_writes_nothing(tmp_path, refused, monkeypatch
 
 
 @pytest.mark.nightly
-def test_it_is_continued_to_the_same_tables_and_holds_no_other_test(made, tmp_path, command, refused):
+def test_a_test_of_the_hypothesis_is_continued_to_the_same_tables(made, tmp_path, command, refused):
     again = shutil.copytree(made[0], tmp_path / "again")
     lost, table = sorted((again / "exact" / "parts").iterdir())[:2], (again / "verdicts.csv").read_bytes()
     for path in (*lost, again / "verdicts.csv", again / "exact" / "cells.parquet"):

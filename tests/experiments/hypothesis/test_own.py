@@ -45,7 +45,7 @@ def test_bodies_that_meet_first_keep_energy_that_welding_removes():
         assert law.distances[-1] == pytest.approx(math.sqrt(0.5), rel=0.05)
 
 
-def test_the_command_says_it_for_ratios_and_writes_nothing(tmp_path, command, monkeypatch):
+def test_the_command_judges_a_pair_given_by_ratios_and_writes_nothing(tmp_path, command, monkeypatch):
     monkeypatch.chdir(tmp_path)
     said = command(f"{PAIR} --stiffness-ratio 40")
     assert said.startswith("Contact 2, between ball 2 and the table, is 40 times as stiff as any other;")
@@ -97,7 +97,7 @@ def test_a_wrong_collision_is_one_line(text, says, tmp_path, refused):
     refused(["hypothesis", file], *says)
 
 
-def test_what_does_not_go_together_is_one_line(tmp_path, refused):
+def test_contradictory_options_are_refused_in_one_line(tmp_path, refused):
     refused(f"{PAIR} --stiffness-ratio inf", "contact 2", "legal: a contact more than 1")
     out = ["--out", tmp_path / "a"]
     refused([*PAIR.split(), "--stiffness-ratio", "40", *out], "--out = ", "nothing is written")

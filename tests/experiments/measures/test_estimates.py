@@ -21,7 +21,7 @@ def run(tmp_path, **changes) -> Any:
     return folder, pd.read_parquet(tmp_path / "r/cells.parquet")[1::2]
 
 
-def test_both_results_are_kept(engine_run):
+def test_tables_hold_the_outcome_and_its_limit(engine_run):
     rows: Any = pd.read_parquet(engine_run / "cells.parquet").set_index("cell")
     exact, engine = (rows[rows.solver == name] for name in ("kelvin-voigt", "mujoco"))
     assert rows[rows.solver != "mujoco"][LIMIT_COLUMNS].isna().all(axis=None)

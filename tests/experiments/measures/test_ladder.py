@@ -125,7 +125,7 @@ def test_corners_of_chains_are_those_of_an_integration_in_time(arrangement, ball
 
 
 @pytest.mark.parametrize(("switches", "balls"), [((2, 2, 2), 2), ((2, 2, 1), 5)], ids=["pairs", "chains"])
-def test_closes_for_any_corners_and_outcomes(switches, balls):
+def test_contributions_add_up_to_the_divergence_for_any_corners(switches, balls):
     n, rng = 400, np.random.default_rng(4)
     cube, engine = rng.uniform(-1, 1, (*switches, n, balls)), rng.normal(size=(n, balls))
     limit = np.where(rng.uniform(size=(n, 1)) < 0.5, engine + 1e-3, np.nan)

@@ -105,7 +105,7 @@ RUNS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", RUNS)
-def test_terminal_and_page_show_it(kind, tmp_path, command):
+def test_terminal_and_page_show_small_runs(kind, tmp_path, command):
     changes, resolve, says = RUNS[kind]
     root = swept(tmp_path / "run", resolve, **changes).root
     shown = " ".join(command(["show", root]).split())

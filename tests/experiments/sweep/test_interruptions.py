@@ -211,7 +211,9 @@ def preloaded():
 @pytest.mark.parametrize(
     "name", ["parts", ".lock", "experiment.toml", "versions", "manifest.json", "cells.parquet"]
 )
-def test_so_does_one_that_is_killed_there(tmp_path, preloaded, fake_run, name, after):
+def test_a_run_that_is_killed_at_any_step_goes_on_by_the_same_command(
+    tmp_path, preloaded, fake_run, name, after
+):
     root = tmp_path / "a"
     process = preloaded.Process(target=killed_at, args=(root, name, after))
     process.start()

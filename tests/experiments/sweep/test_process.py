@@ -57,7 +57,7 @@ def worker():
         yield made
 
 
-def test_it_answers_from_one_process_with_its_context_and_says_what_is_raised(worker):
+def test_a_worker_answers_from_one_process_with_its_context_and_says_what_is_raised(worker):
     first = worker.call(pid, timeout=60)
     assert worker.call(echo, 1, "two", timeout=60) == ("a context", (1, "two"))
     with pytest.raises(WorkerError, match=r"in fail\n.*\nLookupError: a bug"):
@@ -103,7 +103,7 @@ def test_another_interpreter_imports_this_project_and_nothing_else_that_is_insta
     assert found == (str(other), impact_xval.__file__, str(other / "kernels"), None)
 
 
-def test_it_does_not_outlive_a_killed_parent_whatever_it_does():
+def test_a_worker_does_not_outlive_a_killed_parent_whatever_it_does():
     script = (
         "from impact_xval.experiments.sweep.process import Worker\n"
         "from tests.experiments.sweep import test_process as w\n"

@@ -68,7 +68,7 @@ def test_a_file_that_may_not_be_written_is_told_by_its_own_name(run, monkeypatch
     assert ".tmp-" not in str(caught.value)
 
 
-def test_so_is_a_table_that_arrow_cannot_write(tmp_path):
+def test_an_error_of_arrow_names_the_table_and_not_its_temporary_file(tmp_path):
     table = table_writer(tmp_path / "no folder" / "a.parquet", pa.schema([("a", pa.int64())]))
     with pytest.raises(FileNotFoundError, match=r"No such file.*a\.parquet") as caught, table:
         raise AssertionError("it was opened")

@@ -94,7 +94,7 @@ def clear(*outcomes):
 
 
 @pytest.mark.parametrize(("collision", "velocities"), AFTER)
-def test_numbers_by_others(collision, velocities):
+def test_named_graphs_have_the_velocities_of_an_independent_program(collision, velocities):
     outcome = solved(collision)
     assert outcome.status == "ok"
     np.testing.assert_allclose(outcome.velocities, velocities, atol=1e-10, rtol=0)
@@ -370,7 +370,7 @@ def test_a_plastic_contact_that_is_pulled_open():
     np.testing.assert_allclose(outcome.velocities, softer.velocities, atol=1e-6)
 
 
-def test_contrasts_of_stiffness_end():
+def test_extreme_stiffness_ratios_have_a_result():
     for contrast in (1e-8, 1e8):
         for collision in (
             bernoulli(stiffness_ratio=contrast, restitution=0.6),
@@ -418,7 +418,7 @@ def test_many_graphs_are_those_one_by_one():
     assert [outcome.status for outcome in many[:3]] == many.statuses[:3].tolist()
 
 
-def test_an_ending_of_one_kernel_is_none_of_another():
+def test_endings_of_different_kernels_have_different_numbers():
     endings = [{ending.value for ending in kind} for kind in (PairEnding, ChainEnding, GraphEnding)]
     assert len(set.union(*endings)) == sum(map(len, endings))
 

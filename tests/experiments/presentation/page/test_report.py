@@ -23,7 +23,7 @@ def page(engine_run):
 
 
 @pytest.mark.smoke
-def test_it_is_within_reach_of_everyone(page):
+def test_the_page_is_accessible_and_fits_every_width(page):
     for width, scheme in ((390, "dark"), (1200, "light")):
         page.set_viewport_size({"width": width, "height": 900})
         page.emulate_media(color_scheme=scheme)

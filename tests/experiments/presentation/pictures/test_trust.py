@@ -21,7 +21,7 @@ def graded(tmp_path_factory):
     return trusted(tmp_path_factory.mktemp("run") / "run")
 
 
-def test_levels_are_those_of_the_amounts(graded):
+def test_levels_of_the_map_follow_the_known_errors(graded):
     """D equals the amount by which the engine is off, so that medians are 0.3 %, 1.7 % and 25 %.
 
     A field holds two cells, and their median is their mean.
@@ -36,7 +36,7 @@ def test_levels_are_those_of_the_amounts(graded):
     assert "MuJoCo: the median cell is within 5 % in 66.7 % of the fields" in caption
 
 
-def test_to_blame_is_the_largest_sum_of_components_in_the_table(graded):
+def test_the_cause_to_blame_has_the_largest_sum_of_components(graded):
     trust, table = graded
     blamed, beyond = trust.loc["mujoco"].blamed, table[table.velocity_divergence > 0.01]
     names = [f"{c.name}_share" for c in CONTRIBUTIONS if f"{c.name}_share" in table]
