@@ -76,7 +76,7 @@ def commands(code):
 
 
 def skip_without(code):
-    asked = code.replace("newton-restitution", "")  # a law, not the engine Newton
+    asked = code.replace("newton-restitution", "")  # newton-restitution is a law and no engine
     missing = [name for name in OPTIONAL if name in asked and get_solver(name).unavailable()]
     if missing:
         pytest.skip(f"not installed: {', '.join(missing)}")

@@ -46,7 +46,7 @@ def test_a_cradle_by_every_solver(run):
 def test_contact_graphs(run):
     corner = [line.split() for line in run("graph_corner.py").splitlines()]
     right_angles = {tuple(row[2:4]) for row in corner if row[0] == "90"}
-    assert right_angles == {("0.70000", "0.27000")}  # at all stiffnesses
+    assert right_angles == {("0.70000", "0.27000")}  # the result is the same for all stiffnesses
     assert len({tuple(row[2:4]) for row in corner}) == 7
     box = [tuple(map(float, line.split())) for line in run("graph_box.py").splitlines()]
     assert all((turning == 0) == (ratio == 1 or inertia == 1) for inertia, ratio, _, turning in box)

@@ -1,7 +1,7 @@
 """Conformance checks for solvers.
 
-Solvers that keep the contract pass. Each of the mutants below breaks the contract in one way, and the check that should
-notice it is named beside the mutant.
+Solvers that keep the contract pass. A mutant is a solver that was changed to break the contract in one way. The check
+that must find it is named beside it.
 """
 
 import dataclasses

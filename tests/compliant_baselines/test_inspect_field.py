@@ -133,7 +133,8 @@ def test_contacts_of_the_same_parameters_are_one_group_whatever_their_masses():
         assert len(group.examined) <= 4
         solrefs = {contact.keep.solref for contact in group.examined}
         first = next(iter(solrefs))
-        assert all(solref == pytest.approx(first, rel=1e-9) for solref in solrefs)  # whatever the masses
+        # the numbers are equal for all masses
+        assert all(solref == pytest.approx(first, rel=1e-9) for solref in solrefs)
 
 
 def test_some_geoms_of_each_kind_stand_for_a_large_scene():

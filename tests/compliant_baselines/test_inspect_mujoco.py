@@ -1,6 +1,7 @@
 """Contacts in MuJoCo scenes: measurements compared with closed forms and with drops in the user's own scene.
 
-For each trap that `inspect` names, the effect that the message states is compared with a simulation.
+A trap is a parameter whose effect users do not expect. For each trap that `inspect` names, the effect that the message
+states is compared with a simulation.
 """
 
 import math
@@ -98,7 +99,7 @@ def test_a_force_level_contact_is_that_of_the_closed_form(scene, mass, e, k):
     assert (row.duration, row.steps) == (pytest.approx(asked.duration, rel=5e-3), pytest.approx(200, abs=1))
     assert row.stiffness == pytest.approx(k, rel=1.2e-2)
     assert row.damping == pytest.approx(asked.c, abs=1.2e-2 * math.sqrt(k * mass))
-    # the weight of the lighter body
+    # the depth under the weight of the lighter body
     assert row.penetration == pytest.approx(0.5 * 9.81 / k * (1 - 1e-4), rel=1e-7)
     assert row.change == ""
 
@@ -415,6 +416,6 @@ def test_losses_of_a_hinge_are_those_along_the_normal():
     <inertial pos="2 0 0" mass="0.3" diaginertia="1e-8 1e-8 1e-8"/></body></worldbody></mujoco>"""
     (bodies,) = read_contacts(mujoco.MjModel.from_xml_string(text))
     hinge, floor = bodies.losses
-    # divided by the lever of 2 m: damping by its square, friction by itself
+    # the lever of 2 m divides the damping by its square and the friction by itself
     assert hinge[:2] == pytest.approx((0.6 / 2**2, 0.8 / 2))
     assert floor[:2] == (0, 0)

@@ -146,7 +146,7 @@ def test_liggghts_modulus_gives_the_stiffness_back():
     text = TARGETS["liggghts-hooke"].text(asked)
     radius, speed, mass = 0.01, 0.4, asked.contact.mass
     modulus = 2 * float(re.search(r"equal 2\.0\*(\S+)/sqrt", text)[1]) / math.sqrt(radius)
-    effective = modulus / 2  # with Poisson's ratio 0
+    effective = modulus / 2  # for Poisson's ratio 0
     # formula of normal_model_hooke.h
     k = 16 / 15 * math.sqrt(radius) * effective
     k *= (15 * mass * speed**2 / (16 * math.sqrt(radius) * effective)) ** 0.2

@@ -41,7 +41,7 @@ EXACT = {
 ENGINES = ("mujoco", "pybullet")
 
 _STATES = {"S1": "1+2", "S2": "2", "S3": "1", "S4": "-"}
-_LONGEST = 40  # most states that are written out
+_LONGEST = 40  # largest number of states that are written out
 _FRACTIONS = np.linspace(0, 1, 11)
 
 

@@ -29,7 +29,7 @@ OPEN, LOADED, SLACK, COMPRESSION, RESTITUTION = "", "loaded", "slack", "compress
 class Answer(NamedTuple):
     velocities: tuple[float, ...]
     states: tuple[tuple[int, ...], ...]
-    limit: bool  # a contact became rigid
+    limit: bool  # True if a contact became rigid
     end: str  # "free"; in a drop also "rest" (lower ball at rest) or "stuck" (both balls at rest)
     duration: float
 

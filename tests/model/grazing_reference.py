@@ -21,8 +21,8 @@ COMPRESSION, RESTITUTION, INACTIVE = "compression", "restitution", "inactive"
 #: grid points per segment.
 FINE, MOST_SEGMENTS, MOST_POINTS = 500, 100, 100_000
 
-#: Turning points that the margin ignores: those that could change less than this share of the impact energy, and those
-#: at which the rate exceeds this share of its amplitude.
+#: The margin ignores a turning point if the point could change less than the first share of the impact energy, or if
+#: the rate there exceeds the second share of its amplitude.
 LEAST_STAKE, LARGEST = 1e-6, 0.05
 
 

@@ -178,10 +178,10 @@ def test_no_chain_is_endless():
 
 
 def test_a_chain_that_is_given_up_says_after_how_many_windows():
-    """A contact that makes about 1e8 oscillations is followed for `max_events` windows.
+    """A contact that makes about 1e8 oscillations is given up after `max_events` windows.
 
-    The reason of the outcome states their number. By default the limit is a million windows divided by the number of
-    contacts less one, here 500,000.
+    A window is the time over which one power series is valid. The reason of the outcome states how many there were. By
+    default the limit is a million divided by the number of contacts less one, here 500,000.
     """
     chain = Collision((1,) * 3, (1e16, 1, 1), (1,) * 3, (-1, 0, 0), table=True)
     for given, windows in ((20, 20), (None, 500_000)):

@@ -144,7 +144,7 @@ def test_events_close_together_or_at_once():
         mu, k1, k2 = random_springs(rng)
         fast = modes_of(mu, k1, k2).omega[1]
         F1 = rng.uniform(1, 2)
-        F2 = F1 * (1 + mu * rng.uniform(0.2, 0.8))  # d1' < 0 < v2'
+        F2 = F1 * (1 + mu * rng.uniform(0.2, 0.8))  # this choice gives d1' < 0 < v2'
         rates = [0.0, 0.0]
         rates[1 - first] = apart if first == 1 else -apart
         start = evolve(mu, k1, k2, (*rates, F1, F2), -0.01 / fast)

@@ -1,7 +1,8 @@
 """Cut-offs of the stiffness ratio.
 
 The default rule is compared with outcomes without a cut-off. The stated effect of a cut-off is compared with the change
-when the cut-off is switched off. A law without jumps has no marks.
+when the cut-off is switched off. Outcomes are marked beside a jump and where a cut-off matters, but never by a law
+without jumps.
 """
 
 import math

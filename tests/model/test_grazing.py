@@ -1,4 +1,7 @@
-"""Grazing margins agree with an independent computation from the definition in docs/theory.md, section 6."""
+"""Grazing margins, which tell how near a jump of the model is, agree with an independent computation.
+
+It follows the definition in docs/theory.md, section 6.
+"""
 
 from __future__ import annotations
 

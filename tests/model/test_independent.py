@@ -18,8 +18,9 @@ from tests.model.oracle import solve_oracle
 #: Cells with a grazing margin below this are not compared: beside a jump, rounding decides the outcome.
 GRAZING = 1e-7
 
-#: Pairs of cut-offs: the model's and that of the integration in impulse space. First the same cut-off for both, then
-#: the exact rule against a cut-off so large that the integration has converged.
+#: Pairs of cut-offs of the stiffness ratio, for the model and for the integration in impulse space. In the first pair
+#: both are equal. In the second the model uses its exact rule, and the integration a cut-off so large that it has
+#: converged.
 CUTOFFS = [(SUPPLEMENT_CUTOFF, SUPPLEMENT_CUTOFF), ("exact", 1e8)]
 
 

@@ -64,7 +64,7 @@ def test_a_limit_of_the_stiffness_ratio_is_reached_at_its_rate():
     """Near a limit, log |v - limit| is a straight line over log k2/k1 with the expected slope; no cut-off is used."""
     to_zero, to_infinity = np.logspace(-11, -5, 13), np.logspace(3.5, 7, 15)
     for ratios, cells, limit, rate, band in (
-        # Contact 2 ends in S2; the balls are united early; the balls are united late.
+        # Three cases: contact 2 ends in S2, the balls are united early, and the balls are united late.
         (to_zero, ((5.0, 0.9, 0.1), (5.0, 0.8, 0.3)), ball_ball_rigid, 1, 0.1),
         (to_zero, ((MU, 0.5, 0.7), (0.5, 0.3, 0.9), (0.5, 0.6, 0.2)), ball_ball_rigid, 1, 0.1),
         (to_zero, ((3.0, 0.5, 0.7), (2.0, 0.8, 0.9)), ball_ball_rigid, 1, 0.1),
@@ -144,7 +144,7 @@ def test_no_corner_fails(cutoff):
     assert np.mean(done) > 0.97
     assert np.all((np.isfinite(batch.v1) & (batch.v1 >= batch.v2) & (batch.v2 >= 0))[done])
     energy = batch.v1**2 + cells[1] * batch.v2**2
-    assert np.all((energy <= 1 + 1e-13 + 1e-15 * batch.n_events)[done])  # every event adds rounding
+    assert np.all((energy <= 1 + 1e-13 + 1e-15 * batch.n_events)[done])  # every event adds a rounding error
     # The energy balance closes to rounding, or, where the cut-off was used, to the energy that the cut-off neglects.
     residual = batch.diagnostics["energy_residual"]
     dropped = np.where((batch.statuses == "closed-form") & (cutoff == 1e5), 1e-4, 1e-10)

@@ -33,7 +33,7 @@ def test_a_root_where_a_bracket_begins(roots):
 
 
 def test_the_zero_a_segment_starts_from_is_not_found_again():
-    for order in (1, 2, 3):  # t^order (t - 1/2)(t - 3/4)
+    for order in (1, 2, 3):  # the polynomial t^order (t - 1/2)(t - 3/4)
         coefficients = np.concatenate([np.zeros(order), [0.375, -1.25, 1.0]])
         assert call(coefficients) == pytest.approx(0.5, abs=1e-14)
         assert call(-coefficients) == 0.0  # a polynomial that falls from its zero at the start fires at once

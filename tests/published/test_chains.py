@@ -91,7 +91,8 @@ def test_each_further_ball_of_a_cradle_adds_half_the_time_of_the_first_collision
     also compared with the table above, to its three decimals.
     """
     times = [overall_time(balls, exponent, law) for balls in range(2, 9)]
-    assert np.divide(times, times[0]) == pytest.approx(OVERALL[exponent], abs=5.1e-4, rel=0)  # three decimals
+    # the table has three decimals
+    assert np.divide(times, times[0]) == pytest.approx(OVERALL[exponent], abs=5.1e-4, rel=0)
     added = [(later - time) / times[0] for time, later in itertools.pairwise(times)]
     # separate collisions, one after the other, would add 1 each
     assert added == pytest.approx([0.5] * 6, abs=0.05, rel=0)

@@ -98,7 +98,7 @@ def test_mujoco_s_complaint_becomes_a_crash_and_leaves_no_trace(tmp_path, monkey
     assert outcome.status == "crashed"
     assert "beyond 1e+10" in outcome.reason
     assert mujoco.get_mju_user_warning() is before
-    assert list(tmp_path.iterdir()) == []  # no MUJOCO_LOG.TXT
+    assert list(tmp_path.iterdir()) == []  # MuJoCo wrote no MUJOCO_LOG.TXT
     assert capfd.readouterr() == ("", "")
 
 
@@ -112,7 +112,7 @@ def test_mujoco_s_profiler_has_no_clock_while_scenes_run():
         mujoco.mj_step(model, data, nstep=1000)
         return data.timer[mujoco.mjtTimer.mjTIMER_STEP].duration > 0
 
-    had_clock = clock()  # 3.2.7 has no clock at all
+    had_clock = clock()  # MuJoCo 3.2.7 has no clock at all
     with installed("mujoco").running():
         assert not clock()
     assert clock() == had_clock

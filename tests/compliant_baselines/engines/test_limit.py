@@ -1,4 +1,4 @@
-"""The limit of engines at a time step of zero: the extrapolation, its error estimate, and both against references."""
+"""The limit of an engine at a time step of zero: its extrapolation and its stated error, compared with references."""
 
 import math
 import re
@@ -73,9 +73,9 @@ def test_a_limit_of_balls_that_part_is_one_of_balls_that_parted():
     limit, error, _ = extrapolate(
         np.array([[0.4, 0.375], [0.4, 0.385], [0.4, 0.395]]), 0.0, parting_in_line((1.0, 3.0))
     )
-    mean = 0.4 * 0.25 + 0.405 * 0.75  # momentum is kept
+    mean = 0.4 * 0.25 + 0.405 * 0.75  # the limit keeps momentum
     assert limit[0] == limit[1] == pytest.approx(mean)
-    # the full difference, because the differences between steps do not fall
+    # the error is the full last difference, because the differences between steps do not fall
     assert error == pytest.approx(0.01)
     # extrapolated, B2 would move into the table
     limit, error, _ = extrapolate(
@@ -135,7 +135,8 @@ def test_estimates_are_honest(engine):
     MuJoCo regularises its contacts. Therefore the part of the error that stems from the step is also compared with the
     exact limit of the regularised contacts.
     """
-    collisions = [  # either contact stiffer, with losses and elastic, and contacts that close again
+    # collisions with either contact stiffer, with losses or elastic, some with contacts that close again
+    collisions = [
         Collision.two_balls(1.0, mass, 1e8, 1e8 * ratio, e1, e2)
         for ratio in (0.01, 0.1, 1.0, 10.0)
         for mass, e1, e2 in ((0.5, 1, 1), (2 / 3**0.5, 0.9, 0.7), (2, 0.5, 0.9), (2 / 3**0.5, 0.7, 0.5))
@@ -193,7 +194,7 @@ def test_velocities_stay_in_flight(engine):
     outcome = engine.solve(two_balls(*PARTING), Settings(scenario="drop", record_path=True))
     path, start = outcome.path, outcome.diagnostics["first_flight"]
     flying = (path.time >= start) & (path.state == 4) & (path.time < path.time[-1])
-    flight = path.time < path.time[flying][0] + 5e-4  # the first flight only, before the balls meet again
+    flight = path.time < path.time[flying][0] + 5e-4  # only the part of the path before the balls meet again
     for v in (path.v1, path.v2):
         assert np.ptp(v[flying & flight]) < 1e-15
     # impulses are those of the contacts; gravity acts until the first flight
@@ -205,7 +206,7 @@ def test_velocities_stay_in_flight(engine):
 def test_no_unmarked_cell_of_the_default_box_jumps():
     cells = random_cells(4000, 11, 0.5, (3, np.log10(2)))
     rng = np.random.default_rng(12)
-    # g/(|v0| omega1) for k1 = 1e8 N/m
+    # g in units of |v0| sqrt(k1/m1), for k1 = 1e8 N/m
     collisions, gravity = Collisions.from_ratios(*cells), np.full(4000, 9.81e-4)
     for name in ("kelvin-voigt", "bistiffness"):
         law = references.law_at(name)
@@ -225,7 +226,7 @@ def test_trying_every_cell_finds_no_other_jump(name, g):
     rng, law = np.random.default_rng(13), references.law_at(name)
     kappa, mu = 10 ** rng.uniform((-3, -1), (3, 1), (1500, 2)).T
     collisions = Collisions.from_ratios(kappa, mu, *rng.uniform(0.1, 1, (2, 1500)))
-    gravity = np.full(1500, g / 1e4)  # g/(|v0| omega1) for k1 = 1e8 N/m
+    gravity = np.full(1500, g / 1e4)  # g in units of |v0| sqrt(k1/m1), for k1 = 1e8 N/m
     exact = law(collisions, gravity)
     screened = find_jumps(law, collisions, exact, gravity)
     tried = find_jumps(law, collisions, exact, gravity, everywhere=True)

@@ -53,7 +53,7 @@ def test_an_integration_in_time_agrees(law, exponent, count, most, frozen):
         chain = with_gaps(rng, chain) if not frozen and rng.integers(2) else chain
         ours = in_time(chain, law, exponent=exponent, frozen=frozen)
         if (ours.grazing_margin or 1) < 1e-3:
-            continue  # beside a jump
+            continue  # collisions beside a jump are not compared
         compared += 1
         b = coefficients_of(chain, law, exponent)
         theirs = integrate(replace(chain, exponent=exponent), law, b, frozen=frozen)

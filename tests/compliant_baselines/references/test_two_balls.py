@@ -168,7 +168,7 @@ def test_a_path_keeps_momentum_gives_back_no_more_energy_than_it_took_and_ends_i
             assert name == "linear-dashpot" or np.all(np.diff(impulse) >= -1e-12), (
                 settings,
                 cell,
-            )  # its contacts may pull
+            )  # contacts of the linear dashpot may pull
             taken.append(cumulative_trapezoid(rate, impulse))
             # a settled contact holds energy because of the weight
             assert g > 0 or taken[-1].min() >= -2e-3, cell

@@ -1,4 +1,4 @@
-"""Rigid engines with one contact, and with chains compared with the exact law that each engine follows."""
+"""Rigid engines: the restitution of one contact, and chains compared with the exact law of each engine."""
 
 import numpy as np
 import pytest

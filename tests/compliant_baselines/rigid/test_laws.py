@@ -69,7 +69,7 @@ def chains(draw):
     try:
         c = Collision(*(tuple(map(float, each)) for each in (masses, [1] * len(e), e, v)), table=table)
     except ValueError:
-        reject()  # no bodies approach
+        reject()  # no bodies approach: skip this example
     return c, masses, e, v
 
 
@@ -134,7 +134,7 @@ def test_newton_creates_energy_where_restitutions_differ():
     # A heavy ball rests on a light one (e1 = 0). The light one falls on the table at 1 m/s (e2 = 1). Newton's law
     # requires u2 = 1 and u1 >= 0.
     c = Collision((10.0, 0.1), (1.0, 1.0), (0.0, 1.0), (0.0, -1.0), table=True)
-    # 101 times the initial energy
+    # the energy is 101 times the initial one
     assert velocities("newton-restitution", c) == pytest.approx([1, 1], abs=1e-13)
     # By Poisson's law compression stops the light ball with 0.1 N s. The same impulse is returned and lifts both balls.
     assert velocities("poisson-restitution", c) == pytest.approx([0.1 / 10.1] * 2, abs=1e-13)

@@ -134,7 +134,7 @@ def test_three_bodies_and_a_step_are_one_answer(command):
     for name, row in (("state-transition", model), ("kelvin-voigt", exact)):
         assert row[:2] == pytest.approx(get_solver(name).solve(collision).velocities, abs=1e-6)
     assert engine[:2] == pytest.approx(exact[:2], abs=2e-3)
-    start = math.sqrt(0.45)  # norm of the initial velocities, for 1 m/s
+    start = math.sqrt(0.45)  # kinetic norm of the initial velocities: A has 1 m/s
     apart = math.sqrt(sum(m * (a - b) ** 2 for m, a, b in zip((0.45, 3.0), exact, model, strict=False)))
     assert exact[2] == pytest.approx(apart / start, abs=1e-3)
 
@@ -145,7 +145,8 @@ def test_negative_numbers_after_solref_are_numbers(command):
         "The engine reads solref -10000 -20 and solimp 0.5 0.5 0.001 0.5 2. For these masses that is:"
     )
     assert "k = 10000 N/m, c = 20 N s/m, damping ratio 0.1, reduced mass 1 kg" in text
-    assert "\ndepth at rest 0.0004905 m, " in text  # with impedance d: (1 - d) g/stiffness
+    # the depth is (1 - d) g/stiffness, with the impedance d = 0.5
+    assert "\ndepth at rest 0.0004905 m, " in text
     assert 'solref="-10000.0 -20.0" solimp="0.5 0.5 0.001 0.5 2.0"' in text
 
 
@@ -191,7 +192,7 @@ def test_an_mjcf_file_and_its_names_as_they_are_written(tmp_path, command):
     path.write_text(SCENE.format(BALL.format(z=2, name='name="ball"', solref="0.05 1")))
     out = command(["inspect", path], ends=3)
     assert re.search(r"^1 +geoms #0 and ball +1 +mixed by solmix +3 +0.035 1 ", out, re.MULTILINE)
-    assert "1      4189 on fixed" in out  # mass for a density of 1000 kg/m^3
+    assert "1      4189 on fixed" in out  # the mass of the ball at a density of 1000 kg/m^3
     assert "mixed-default, group 1: geom ball has solref 0.05 1, and geom #0 has the default 0.02 1. " in out
     assert out.endswith(f"\n{path}: 1 trap found\n")
     path.write_text(SCENE.format(BALL.format(z=2, name='name="ball" priority="1"', solref="0.05 1")))
@@ -209,7 +210,7 @@ def test_an_mjcf_file_and_its_names_as_they_are_written(tmp_path, command):
     assert [row["where"] for row in found["contacts"]] == [names[:2], names[2:]]
     row = found["contacts"][0]
     assert row["masses"] == [pytest.approx(4000 * math.pi / 3), "inf"]
-    # 2 M/(0.02 s), from the default solref
+    # the damping is 2 M/(0.02 s), by the default solref
     assert row["damping"] == pytest.approx(row["masses"][0] * 100, rel=0.1)
     assert "; or for 100 N/m and 1 N s/m: <pair " in row["change"]
     assert row["group"] == 1

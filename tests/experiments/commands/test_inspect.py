@@ -48,10 +48,10 @@ def test_both_readings_are_on_the_screen(tmp_path, command):
 
 
 def test_a_second_solref_of_a_reading_is_another_one_with_its_own_friction(tmp_path, command):
-    """Solrefs of a group differ by the factor of their friction, which is compared to 0.1 %.
+    """Two solrefs for contacts of one group differ only because of their friction, to 0.1 %.
 
-    With a pyramidal cone the numbers for a reading depend on the friction, and contacts of one group may differ in
-    friction.
+    With a pyramidal cone, the solref that keeps a restitution depends on the friction. Contacts of one group may differ
+    in friction.
     """
     path = tmp_path / "scene.xml"
     body = '<body pos="{0} 0 1"><freejoint/><geom name="b{0}" size=".1" mass="{1}" friction="{2}"/></body>'

@@ -199,7 +199,7 @@ def test_identity_ignores_what_does_not_change_results():
     assert identity(chain=CHAINS, figure_chain={"balls": 7}) == chains
     others = [
         {"step_fraction": 1e-2},
-        {"grazing_threshold": 0.5},  # rows are marked by this threshold
+        {"grazing_threshold": 0.5},  # this threshold decides which rows are marked
         {"scenario": "impact"},
         {"grid": {"e1": [0.5]}},
         {"chunk_size": 5},

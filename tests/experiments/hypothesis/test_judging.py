@@ -28,7 +28,7 @@ def planted(departure, contrast=CONTRAST, **how):
     return found, judge_classes(found, ["solver"]).set_index("class")
 
 
-#: Contrasts as in a run of an engine, whose outcomes have an error of their own.
+#: Stiffness contrasts as in a run of an engine, whose outcomes have an error of their own.
 ENGINE = {"decades": 2.0, "contrast": np.logspace(0.5, 3.5, 7)}
 #: For each series: the departure of v1 from the closed form, options of `planted`, the verdict, and a part of its
 #: reason, or the rate, or the offset.
@@ -79,6 +79,6 @@ def test_a_verdict_is_given_where_the_series_carries_one(name):
             assert found.offset.to_numpy() == pytest.approx(abs(offset), rel=0.05)
         case _:
             assert says in whole.reason
-    # the rate of the envelope of the oscillation
+    # this is the rate of the envelope of the oscillation
     assert name != "rings, and fades" or whole.rate == pytest.approx(1, abs=0.1)
     assert name != "one class" or [*rows.verdict[[*CLASSES]]] == ["refuted", "supported", "supported"]

@@ -15,7 +15,7 @@ from tests.experiments.conftest import swept
 LIMIT_COLUMNS = list(names_of(expand_columns(LIMIT, Counts(2, 2))))
 
 
-# typed as Any, because the annotations of data frames are too wide for a check
+# annotated as Any, because the annotations of data frames are too wide for a check
 def run(tmp_path, **changes) -> Any:
     folder = swept(tmp_path / "r", get_solver, solvers=["mujoco"], **changes)
     return folder, pd.read_parquet(tmp_path / "r/cells.parquet")[1::2]

@@ -26,7 +26,7 @@ ONE_CELL = {"stiffness_ratio": [2.0], "mass_ratio": [1.5], "e1": [0.9], "e2": [0
 
 
 class Withholding(fakes.Shifted):
-    """A solver whose numbers are 0.01 m/s off and are no result."""
+    """A solver that gives numbers 0.01 m/s off, with a status that means that they are no result."""
 
     status, reason = "timeout", "not over after 5 steps"
 

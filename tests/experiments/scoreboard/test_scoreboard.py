@@ -87,9 +87,10 @@ def test_rigid_engines_end_elsewhere_where_bodies_do_not_quite_touch():
     pytest.importorskip("pymunk")
     found = {arrangement: v for arrangement, *_, v in cases.answer_case(None, "pymunk", *BASIC)}
     for name in (USUAL, "overlapping by 1e-6", "overlapping by 1e-4", "half the step", "twice the step"):
-        assert found[name] == pytest.approx((1.0, 0.0), abs=1e-12), name  # all contacts at once
+        # as if all contacts collided at once
+        assert found[name] == pytest.approx((1.0, 0.0), abs=1e-12), name
     for name in ("apart by 1e-6", "apart by 1e-4"):
-        # single impacts one after the other
+        # as by single impacts one after the other
         assert found[name] == pytest.approx((7 / 9, 4 / 9), abs=1e-12), name
 
 
@@ -126,7 +127,7 @@ def test_a_baseline_catches_an_answer_that_moved_and_an_engine_that_is_gone(
     more = [answers, answers[answers.solver == "pymunk"].assign(solver="dart")]
     (tmp_path / "more").mkdir()
     pd.concat(more).to_parquet(tmp_path / "more" / "answers.parquet")
-    refused([*board, tmp_path / "more"])  # a folder that holds something else
+    refused([*board, tmp_path / "more"])  # refused, because the folder holds something else
     monkeypatch.setattr(playing, "solver_names", lambda on_request: ["pymunk"])
     every = ["scoreboard", "--workers", "1", "--out", tmp_path / "before", "--baseline"]
     assert "dart: in" in command([*every, tmp_path / "more"], ends=3)

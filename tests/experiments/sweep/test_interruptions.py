@@ -194,7 +194,7 @@ def test_a_session_that_begins_while_a_page_is_drawn_is_not_called_complete(tmp_
 
 
 def run_shard(root, shard):
-    """Run a shard of `SMALL` in this process, up to its tables."""
+    """Run a shard, which is a part of the cells, of `SMALL` in this process, up to its tables."""
     how = {"isolate": False, "resolve": fakes.shifted, "to_be_presented": True}
     return run_sweep(parse_config(SMALL), root, shard=shard, **how)
 

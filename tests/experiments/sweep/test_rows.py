@@ -1,4 +1,4 @@
-"""Rows of a chunk do not depend on how cells are grouped, and a failure in one cell costs only this cell."""
+"""Rows of a chunk of cells do not depend on how cells are grouped, and a failure in one cell costs only this cell."""
 
 from dataclasses import replace
 from types import SimpleNamespace

@@ -32,7 +32,7 @@ def test_the_tables_are_long_and_tidy(fake_run, chain_run):
 
 
 def test_chunks_done_so_far_lie_all_over_the_grid():
-    """At any time the finished chunks are spread over the grid, and no chunk is done twice.
+    """At any time the finished chunks of cells are spread over the grid, and no chunk is done twice.
 
     No gap between finished chunks is more than twice as wide as if they were spread evenly.
     """

@@ -1,4 +1,4 @@
-"""What moved between two runs, compared with the whole tables of the runs, and with runs made to differ."""
+"""The comparison of two runs, checked with the tables of the runs and with runs that were made to differ."""
 
 import dataclasses
 import json
@@ -39,7 +39,7 @@ def runs(tmp_path_factory):
     return _run(root / "a"), _run(root / "b", Upgraded.resolve)
 
 
-# typed as Any, because the annotations of data frames are too wide for a check
+# annotated as Any, because the annotations of data frames are too wide for a check
 def _merged(runs, name) -> Any:
     a, b = (pd.read_parquet(folder.root / name) for folder in runs)
     return a.merge(b, on=["cell", "solver"], suffixes=("_a", "_b"))

@@ -1,4 +1,4 @@
-"""Trust maps, for a run whose engine is off by known amounts."""
+"""Trust maps, which show where an engine is within given errors, for a run whose engine is off by known amounts."""
 
 import pandas as pd
 import pytest
@@ -24,7 +24,7 @@ def graded(tmp_path_factory):
 def test_levels_of_the_map_follow_the_known_errors(graded):
     """D equals the amount by which the engine is off, so that medians are 0.3 %, 1.7 % and 25 %.
 
-    A field holds two cells, and their median is their mean.
+    A field of the map holds two cells. The median of two numbers is their mean.
     """
     trust, _ = graded
     assert set(trust.index.unique("solver")) == {"mujoco"}  # pybullet has no result in any cell
