@@ -1,4 +1,4 @@
-"""A browser for tests of pages: Debian's chromium, without a network, that reports every complaint of a page."""
+"""A browser for tests of pages: Debian's chromium, without a network. Every complaint of a page fails the test."""
 
 import shutil
 from collections.abc import Iterator
@@ -6,15 +6,15 @@ from contextlib import contextmanager
 
 import pytest
 
-#: Milliseconds after which a browser hangs; how fast it is does not matter.
+#: Time limit for the browser in ms. It only catches a browser that hangs.
 HUNG = 300_000
 
 
 @contextmanager
 def opened(address, width=1200, scheme="light", offline=True) -> Iterator:
-    """Open a page; it fails the test if the page has an error, writes a warning or asks for anything else.
+    """Open a page in chromium. The test fails if the page has an error, writes a warning or loads anything else.
 
-    Skips where no chromium is installed. `offline` is False for a page of a server on this machine.
+    The test is skipped where no chromium is installed. `offline` is False for a page of a server on this machine.
     """
     chromium = shutil.which("chromium") or shutil.which("google-chrome")
     if chromium is None:
@@ -41,7 +41,7 @@ def opened(address, width=1200, scheme="light", offline=True) -> Iterator:
 
 
 def violations(page) -> list[str]:
-    """Return what axe-core finds serious or critical in a page: the rule, and the elements."""
+    """List the findings of axe-core in a page that are serious or critical: the rule and the elements."""
     from axe_playwright_python.sync_playwright import Axe
 
     found = Axe().run(page).response["violations"]

@@ -1,4 +1,8 @@
-"""What must hold before any test runs: no stale compiled kernel, and Ctrl-C that reaches the runs that tests start."""
+"""Settings and fixtures of all tests.
+
+Before any test runs, stale compiled kernels are removed, and signals are set so that Ctrl-C reaches the runs that tests
+start.
+"""
 
 import signal
 from collections import Counter
@@ -10,23 +14,25 @@ from hypothesis import HealthCheck, Phase, settings
 
 import impact_xval
 
-# Numba keys its cache by a kernel's own file, not by those it calls: drop what a later edit made stale.
-# The package holds the folders under any layout: in the checkout as links, in an unpacked sdist as they are.
+# Numba's cache notices changes in a kernel's own file but not in the files of functions it calls. Therefore all kernels
+# that are older than the newest source are removed. The package holds the folders as links in a checkout, and as
+# folders in an unpacked sdist.
 folders = [Path(impact_xval.__file__).parent / floor for floor in ("model", "compliant_baselines")]
 newest = max(source.stat().st_mtime for folder in folders for source in folder.rglob("*.py"))
 for cached in (file for folder in folders for file in folder.rglob("*.nb[ic]")):
-    with suppress(FileNotFoundError):  # another test session does the same
+    with suppress(FileNotFoundError):  # another test session may remove the same file
         if cached.stat().st_mtime < newest:
             cached.unlink()
 
-# Begun in the background of a shell, this process ignores Ctrl-C, under nohup SIGHUP, and so would all that it starts.
+# A process that a shell started in the background ignores Ctrl-C, and under nohup also SIGHUP. All processes that it
+# starts would do so, too.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
-# The suite tries the same examples on every machine; nightly draws others (`--hypothesis-profile free`). How fast
-# examples are drawn does not matter. A counterexample is printed as it was drawn: shrinking a slow one took minutes.
+# By default Hypothesis tries the same examples on every machine. Nightly runs draw others (`--hypothesis-profile
+# free`). There is no deadline for examples. Counterexamples are not shrunk, because shrinking a slow one took minutes.
 for profile, fixed in (("fixed", True), ("free", False)):
     settings.register_profile(
         profile,
@@ -40,14 +46,14 @@ settings.load_profile("fixed")
 
 
 def pytest_collection_modifyitems(items):
-    """Files with the most slow tests come first, so that workers side by side end at about the same time."""
+    """Put files with many slow tests first, so that parallel workers end at about the same time."""
     marked = (item.path for item in items for name in ("slow", "nightly") if item.get_closest_marker(name))
     slow = Counter(marked)
     items.sort(key=lambda item: -slow[item.path])
 
 
 def ended(typed):
-    """Exit code of a command, typed as one string or a list of words."""
+    """Run a command, given as one string or as a list of words, and return its exit code."""
     from impact_xval.experiments.commands.cli import main
 
     return main(typed.split() if isinstance(typed, str) else [str(word) for word in typed])
@@ -55,7 +61,7 @@ def ended(typed):
 
 @pytest.fixture
 def command(capsys):
-    """Run a command; what it prints, once it has ended with 0 or as is said."""
+    """Return a function that runs a command, asserts its exit code (0 by default), and returns what it prints."""
 
     def command(words, ends=0):
         capsys.readouterr()
@@ -67,7 +73,10 @@ def command(capsys):
 
 @pytest.fixture
 def refused(capsys):
-    """Require of a command exit code 2, and a single line that holds all that is said, in this order."""
+    """Return a function that asserts that a command is refused.
+
+    The exit code must be 2, and the only output a single line that holds all given texts, in this order.
+    """
 
     def refused(words, *says):
         assert ended(words) == 2, words

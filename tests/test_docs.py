@@ -1,4 +1,4 @@
-"""The pages: their code runs, their commands are legal and print what stands there, and the site builds."""
+"""Pages of the documentation: their code runs, their commands print what is shown, and the site builds."""
 
 import json
 import re
@@ -21,7 +21,7 @@ from tests.browser import opened
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
-#: Blocks of code of a page: the language, what is in it, and the output that follows it at once, if it is shown.
+#: Blocks of code on all pages: page, language, code, and the output that is shown directly below, if any.
 BLOCKS = [
     (page.relative_to(ROOT).as_posix(), *block)
     for page in PAGES
@@ -30,16 +30,16 @@ BLOCKS = [
     )
 ]
 
-#: Pages that show more Python than examples, which have tests of their own.
+#: Pages with Python code other than examples. The examples have tests of their own.
 PYTHON = sorted({page for page, language, code, _ in BLOCKS if language == "python" and "--8<--" not in code})
 
-#: Solvers that not every machine has.
+#: Solvers whose engine may be missing on a machine.
 OPTIONAL = ("dart", "pymunk", "rapier", "sapien", "pybullet", "newton")
 
-#: A number that is no part of a word.
+#: A number that is not a part of a word.
 NUMBER = r"(?<![\w.])-?\d+\.?\d*(?:e[+-]?\d+)?(?![\w.])"
 
-#: A run as small as what the pages read of one allows; they make it with --quick.
+#: A small run instead of the run that the pages make with --quick. It is as small as the commands of the pages allow.
 RUN = """
 solvers = ["bistiffness", "kelvin-voigt", "mujoco"]
 scenario = "impact"
@@ -53,7 +53,7 @@ e2 = [0.5, 0.9]
 
 
 def blocks(language):
-    """Give page, code and shown output of all blocks in a language."""
+    """Return page, code and shown output of all blocks in a language, as parameters of a test."""
     found = [pytest.param(*rest, id=page) for page, each, *rest in BLOCKS if each == language]
     assert found
     return found
@@ -61,7 +61,7 @@ def blocks(language):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Give a folder with the examples and a run where the pages have one."""
+    """Make a folder with the examples, and with a run where the pages have one."""
     folder = tmp_path_factory.mktemp("docs")
     folder.joinpath("examples").symlink_to(ROOT / "examples")
     folder.joinpath("small.toml").write_text(RUN, encoding="utf-8")
@@ -70,13 +70,13 @@ def folder(tmp_path_factory):
 
 
 def commands(code):
-    """Give the words of each of our commands in a block of shell."""
+    """List the words of each `impact-xval` command in a block of shell code."""
     lines = [shlex.split(line, comments=True) for line in code.replace("\\\n", " ").splitlines()]
     return [words[1:] for words in lines if words and words[0].endswith("impact-xval")]
 
 
 def skip_without(code):
-    asked = code.replace("newton-restitution", "")  # a law, not the engine
+    asked = code.replace("newton-restitution", "")  # newton-restitution is a law and no engine
     missing = [name for name in OPTIONAL if name in asked and get_solver(name).unavailable()]
     if missing:
         pytest.skip(f"not installed: {', '.join(missing)}")
@@ -116,7 +116,7 @@ def test_code_runs_and_prints_what_is_shown(page, folder, capsys, monkeypatch):
 
 
 def test_formulas_are_ones_that_the_site_can_show():
-    """Every command of a formula is known to the converter, and no formula ends a cell of a table."""
+    """The converter of the site knows every command in a formula, and no formula ends a cell of a table."""
     from latex2mathml.converter import convert
 
     blocks_of_formulas = [(page, code) for page, language, code, _ in BLOCKS if language == "math"]
@@ -146,7 +146,7 @@ def test_experiments_are_legal(code, shown, tmp_path):
 
 
 def _held(shown, printed):
-    """Require every shown line, its words the same and its numbers within 1 %, or 1e-5."""
+    """Assert that every shown line was printed, with equal words and with numbers within 1 % or 1e-5."""
     lines = [line.split() for line in printed.splitlines()]
     for line in shown.splitlines():
         assert any(_alike(line.split(), words) for words in lines), line
@@ -175,9 +175,8 @@ def test_the_site_builds_without_a_warning(tmp_path):
     assert "<math" in theory
     assert "$`" not in theory
     address = tmp_path.joinpath("theory.html").as_uri()
-    with opened(address, width=1200, offline=False) as page:  # it fetches its own files, which lie beside it
-        assert (
-            page.locator(".md-sidebar--primary").bounding_box()["x"] >= 0
-        )  # the navigation is no hidden drawer
+    # the page loads its own files, which are in the same folder
+    with opened(address, width=1200, offline=False) as page:
+        assert page.locator(".md-sidebar--primary").bounding_box()["x"] >= 0  # the navigation is visible
         fetched = page.evaluate("performance.getEntriesByType('resource').map(entry => entry.name)")
     assert all(name.startswith("file:") for name in fetched), fetched

@@ -1,4 +1,4 @@
-"""Every example runs, and what it prints is so."""
+"""Every example runs, and its printed numbers are right."""
 
 import json
 import re
@@ -46,7 +46,7 @@ def test_a_cradle_by_every_solver(run):
 def test_contact_graphs(run):
     corner = [line.split() for line in run("graph_corner.py").splitlines()]
     right_angles = {tuple(row[2:4]) for row in corner if row[0] == "90"}
-    assert right_angles == {("0.70000", "0.27000")}  # whatever the stiffnesses are
+    assert right_angles == {("0.70000", "0.27000")}  # the result is the same for all stiffnesses
     assert len({tuple(row[2:4]) for row in corner}) == 7
     box = [tuple(map(float, line.split())) for line in run("graph_box.py").splitlines()]
     assert all((turning == 0) == (ratio == 1 or inertia == 1) for inertia, ratio, _, turning in box)
@@ -70,7 +70,7 @@ def test_a_run_is_read_in_three_ways_that_agree(run, tmp_path, monkeypatch):
         medians = [float(text) for text in re.findall(rf"{solver}[ │]+(\d\.\d+)", said)]
         assert len(medians) == 3, said
         assert medians == pytest.approx([medians[0]] * 3, abs=1e-6)
-    for name in ("xarray", "duckdb"):  # not installed: the rest is read
+    for name in ("xarray", "duckdb"):  # if a library is not installed, the rest is still printed
         monkeypatch.setitem(sys.modules, name, None)
     rest = run("read_a_run.py", tmp_path / "run")
     assert said.startswith(rest.partition("\nxarray")[0])

@@ -1,4 +1,4 @@
-"""The set of cases for other projects is what the laws say today, and its checker tells every law from the others."""
+"""The cases for other projects hold what the laws give today, and their checker recognises every law."""
 
 import json
 import subprocess
@@ -19,14 +19,14 @@ def answers(law):
     return {case["name"]: case["outcomes"][law] for case in SET["cases"] if law in case["outcomes"]}
 
 
-def test_the_file_is_what_the_laws_say():
+def test_the_file_holds_the_outcomes_of_the_laws():
     assert len({case["name"] for case in SET["cases"]}) == len(SET["cases"]) == 60
     assert {word for case in SET["cases"] for word in case["known"]} == {"unique", "grazing", "endless"}
     for case, now in zip(SET["cases"], json.loads(json.dumps(made()))["cases"], strict=True):
         assert {**case, "outcomes": 0} == {**now, "outcomes": 0}
         assert case["outcomes"].keys() == now["outcomes"].keys()
         for law, velocities in case["outcomes"].items():
-            # Hunt-Crossley's contacts are integrated; beside a jump rounding counts a thousandfold.
+            # Hunt-Crossley's contacts are integrated numerically. Beside a jump, rounding errors grow a thousandfold.
             assert velocities == pytest.approx(now["outcomes"][law], abs=1e-8), (case["name"], law)
 
 

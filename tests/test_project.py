@@ -1,4 +1,4 @@
-"""The project itself: that the README and the pages say what is so. Style and types are checked by `.ci/run`."""
+"""The project itself: README and pages are true, versions agree. Style and types are checked by `.ci/run`."""
 
 import ast
 import math
@@ -23,7 +23,7 @@ from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.model import Collision
 
 ROOT = Path(__file__).parents[1]
-#: The three folders of code, which the package holds as links in a checkout, and as they are in an unpacked sdist.
+#: The three folders of code. The package holds them as links in a checkout, and as folders in an unpacked sdist.
 FLOORS = [
     Path(impact_xval.__file__).parent / name for name in ("model", "compliant_baselines", "experiments")
 ]
@@ -45,7 +45,8 @@ def test_the_readme_has_two_commands_of_one_line_and_continuous_integration_runs
     assert extract
     found = subprocess.run(["bash", "-c", extract[1]], cwd=ROOT, capture_output=True, text=True, check=True)
     assert found.stdout.strip() == _command("test")
-    assert "pytest -m nightly" in (ROOT / ".ci/nightly").read_text(encoding="utf-8")  # what it leaves out
+    # the tests that the other command leaves out run nightly
+    assert "pytest -m nightly" in (ROOT / ".ci/nightly").read_text(encoding="utf-8")
     assert (ROOT / ".ci/run").stat().st_mode & 0o111
 
 
@@ -73,7 +74,7 @@ def test_checks_before_a_commit_are_those_of_continuous_integration():
 
 
 def test_links_of_the_readme_lead_somewhere():
-    for page in ROOT.glob("*.md"):  # the others are checked as the site is built
+    for page in ROOT.glob("*.md"):  # links on other pages are checked when the site is built
         for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
             assert (page.parent / target).exists(), f"{page.name}: {target}"
 
@@ -82,7 +83,7 @@ def test_sections_that_docstrings_cite_are_there():
     found = []
     for folder in (*FLOORS, ROOT / "tests", ROOT / "benchmarks"):
         for file in folder.rglob("*.py"):
-            # The citation of a page may be wrapped.
+            # a citation may be split between two lines
             text = re.sub(r"\s*\n[ #]*", " ", file.read_text(encoding="utf-8"))
             found += [(file.name, *cited) for cited in re.findall(r"docs/([a-z-]+\.md), section (\d+)", text)]
     assert found

@@ -1,4 +1,4 @@
-"""Waiting for what another process does."""
+"""Functions that wait for other processes."""
 
 import time
 
@@ -6,7 +6,7 @@ import psutil
 
 
 def wait_until(holds, seconds=300.0):
-    """Return once something holds; the limit is for what hangs, and no measure of how fast anything is."""
+    """Return as soon as a condition is true. The time limit only catches processes that hang."""
     until = time.monotonic() + seconds
     while not holds():
         if time.monotonic() > until:
@@ -15,7 +15,7 @@ def wait_until(holds, seconds=300.0):
 
 
 def gone(number):
-    """Whether a process has ended, waited for by its parent or not."""
+    """Return whether a process has ended, even if its parent has not waited for it."""
     try:
         return psutil.Process(number).status() == psutil.STATUS_ZOMBIE
     except psutil.NoSuchProcess:

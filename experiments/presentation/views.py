@@ -53,8 +53,9 @@ def show_summary(console: Console, summary: Summary) -> None:
 def show_end(console: Console, summary: Summary, seconds: float, root: str) -> None:
     """Print the findings of a run, the seconds that it took, and where its files are."""
     print_blocks(console, summary_blocks(summary))
+    # The folder comes last, where a script can take it from.
     print_line(
-        console, f"Finished after {seconds:.0f} s. All files are in {root}. The page to read is report.html."
+        console, f"Finished after {seconds:.0f} s. The page to read is report.html; all files are in {root}"
     )
 
 

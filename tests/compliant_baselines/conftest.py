@@ -4,7 +4,7 @@ from impact_xval.compliant_baselines import get_solver
 
 
 def installed(name):
-    """Give a solver; without its engine the test is skipped."""
+    """Return a solver by name; skip the test if the engine of the solver is not installed."""
     solver = get_solver(name)
     if reason := solver.unavailable():
         pytest.skip(reason)

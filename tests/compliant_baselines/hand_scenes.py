@@ -1,8 +1,8 @@
-"""Scenes as a user writes them, one for each engine: nothing here is taken from the adapters.
+"""Scenes written by hand as a user writes them, one function for each engine. They use nothing of the adapters.
 
-Free bodies, a box for a floor, the engine's defaults everywhere but for the text that `impact-xval contact` says to
-paste. Each function takes a request, that text, a step h and a gap, and gives (restitution, duration): velocities read
-after every step, the duration counted in steps with force.
+A scene has free bodies and a box as a floor. All settings are the engine's defaults except for the text that
+`impact-xval contact` prints for pasting. Each function takes a request, this text, a step h and a gap. It returns
+(restitution, duration). Velocities are read after every step, and the duration counts the steps with force.
 """
 
 import logging
@@ -12,7 +12,7 @@ import numpy as np
 
 
 def measure(relative, step):
-    """Restitution and duration from the relative velocity at the start and after every step."""
+    """Return restitution and duration from the relative velocities at the start and after every step."""
     relative = np.asarray(relative)
     loaded = np.flatnonzero(np.abs(np.diff(relative)) > 1e-12 * abs(relative[0]))
     assert loaded.size
@@ -20,7 +20,7 @@ def measure(relative, step):
 
 
 def _sizes(pair):
-    """Masses, lone ball first; speed; radius; how long to run, in s."""
+    """Return the masses (the lighter one first), the speed, the radius, and the time to run in s."""
     return sorted(pair.masses), pair.speed, max(0.05, 5 * pair.penetration), 2.5 * pair.contact.duration
 
 

@@ -1,4 +1,4 @@
-"""Contact graphs of balls in a plane for tests and benchmarks: drawn at random, and turned, mirrored, renumbered."""
+"""Contact graphs of balls in a plane for tests and benchmarks: drawn at random, rotated, mirrored and renumbered."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from impact_xval.model.graph import BodyContact, GraphCollision
 
 
 def random_graph(rng: np.random.Generator, most_contacts: int = 5, most_walls: int = 2) -> GraphCollision:
-    """Draw a tree of 2 to 4 equal balls that touch, some of them walls, with stiffnesses about 1e8 N/m.
+    """Draw 2 to 4 equal balls that touch in a tree, and up to `most_walls` walls that touch a ball.
 
-    Neither balls nor walls overlap. Speeds are about 1 m/s, restitutions from 0.4 to 1.
+    Neither balls nor walls overlap. Stiffnesses are about 1e8 N/m, speeds about 1 m/s, restitutions from 0.4 to 1.
     """
     while True:
         balls, walls = int(rng.integers(2, 5)), int(rng.integers(0, most_walls + 1))
@@ -44,7 +44,7 @@ def random_graph(rng: np.random.Generator, most_contacts: int = 5, most_walls: i
                     for first, second, normal in contacts
                 ],
             )
-        except ValueError:  # nothing meets
+        except ValueError:  # no bodies approach: draw again
             continue
 
 
@@ -54,7 +54,7 @@ def unit(angle: float) -> np.ndarray:
 
 
 def moved(collision: GraphCollision, move: Callable[[Sequence[float]], Sequence[float]]) -> GraphCollision:
-    """Return a collision whose vectors are those that a rotation or a mirror makes of them."""
+    """Return a collision whose velocities and normals are changed by `move`, a rotation or a mirror."""
     return replace(
         collision,
         velocities=[tuple(move(v)) for v in collision.velocities],
@@ -63,7 +63,10 @@ def moved(collision: GraphCollision, move: Callable[[Sequence[float]], Sequence[
 
 
 def renumbered(collision: GraphCollision, bodies: Sequence[int], contacts: Sequence[int]) -> GraphCollision:
-    """Return a collision whose body i is that of number `bodies[i]`, from 0, and likewise its contacts."""
+    """Return a collision with bodies and contacts in another order.
+
+    Its body i is body `bodies[i]` of the given collision, counted from 0. The order of the contacts changes likewise.
+    """
     numbers = {old + 1: new + 1 for new, old in enumerate(bodies)}
     changed: list[BodyContact] = []
     for i in contacts:
@@ -76,6 +79,6 @@ def renumbered(collision: GraphCollision, bodies: Sequence[int], contacts: Seque
 
 
 def with_stiffness(collision: GraphCollision, factor: float) -> GraphCollision:
-    """Return a collision whose stiffnesses are multiplied."""
+    """Return a collision whose stiffnesses are multiplied by `factor`."""
     contacts = [replace(contact, stiffness=factor * contact.stiffness) for contact in collision.contacts]
     return replace(collision, contacts=contacts)

@@ -1,4 +1,4 @@
-"""Random collisions for the references, and what answers them: one at a time, in bulk, and the dampings they get."""
+"""Random collisions for tests of the references, functions that solve them by a law, and their damping coefficients."""
 
 from dataclasses import replace
 from functools import partial
@@ -10,7 +10,7 @@ from impact_xval.model import Collision, Collisions, GridOutcomes
 
 
 def solve_batch(law, stiffness_ratio, mass_ratio, e1, e2, gravity_number=0.0, **how):
-    """Solve two balls on a table, m1 = 1 kg, k1 = 1 N/m, v0 = -1 m/s, by a law; arrays broadcast."""
+    """Solve two balls on a table by a law, with m1 = 1 kg, k1 = 1 N/m and v0 = -1 m/s. Arrays are broadcast."""
     cells = np.broadcast_arrays(stiffness_ratio, mass_ratio, e1, e2, gravity_number)
     *ratios, number = (np.ravel(np.asarray(each, float)) for each in cells)
     how = {"gravity": number * np.sqrt(1 + 1 / ratios[1]), "states": False} | how
@@ -18,7 +18,7 @@ def solve_batch(law, stiffness_ratio, mass_ratio, e1, e2, gravity_number=0.0, **
     return GridOutcomes(outcomes, cells[0].shape)
 
 
-#: Two balls on a table in bulk, by law.
+#: For each law, the function that solves many pairs on a table.
 BATCHES = {law: partial(solve_batch, law) for law in references.LAWS}
 
 
@@ -28,12 +28,12 @@ def in_time(collision, law="kelvin-voigt", *, exponent=1.0, path=False, **how):
 
 
 def dampings(law, *cells):
-    """c1 and c2, or a1 and a2, of two balls on a table, in units of the collision; arrays of shape (n,)."""
+    """Return c1 and c2 (or Hunt and Crossley's a1 and a2) of pairs in units of the collision, shape (n,) each."""
     return references.dampings(Collisions.from_ratios(*cells), law).T
 
 
 def coefficients_of(collision, law, exponent):
-    """c or a of each contact in SI units."""
+    """Return the damping coefficient of each contact in SI units: c, or a of Hunt and Crossley's law."""
     some = Collisions.of([replace(collision, exponent=exponent)])
     (found,), (speed,) = references.dampings(some, law), some.units[1]
     if law == "hunt-crossley":
@@ -42,13 +42,16 @@ def coefficients_of(collision, law, exponent):
 
 
 def end_of(batch):
-    """How drops ended: free, or B2 at rest on the table, or both balls."""
+    """Return the end of each drop: "free", "rest" (B2 at rest on the table) or "stuck" (both balls at rest)."""
     rested = ~np.isnan(batch.diagnostics.get("rest_speed", np.full(batch.v1.shape, np.nan)))
     return np.where(rested, np.where(batch.v1 == 0, "stuck", "rest"), "free")
 
 
 def random_cells(n, seed, lowest_e=0.3, decades=(2, 1)):
-    """k2/k1 and m2/m1 log-uniform within decades of 1, e uniform in [lowest_e, 1]; arrays of shape (n,)."""
+    """Draw n pairs: k2/k1 and m2/m1 log-uniform within decades of 1, e1 and e2 uniform in [lowest_e, 1].
+
+    The result is four arrays of shape (n,).
+    """
     rng = np.random.default_rng(seed)
     kappa, mu = (10 ** rng.uniform(-each, each, n) for each in decades)
     return kappa, mu, rng.uniform(lowest_e, 1, n), rng.uniform(lowest_e, 1, n)
@@ -63,12 +66,12 @@ def random_collisions(*how, k1=1e8, v0=-1.0, **cells):
 
 
 def random_gravity(n, seed):
-    """Gravity numbers g/(|v0| omega1), log-uniform in [1e-3, 0.3]."""
+    """Draw n gravity numbers g/(|v0| omega1), log-uniform in [1e-3, 0.3]."""
     return 10 ** np.random.default_rng(seed).uniform(-3, -0.5, n)
 
 
 def make_chain(*velocities, e=1.0, masses=None, gap=0.0, table=False):
-    """Balls that are alike but for what is said."""
+    """Return a chain of equal balls and equal contacts with the given velocities."""
     n = len(velocities)
     k, e, gaps = ((value,) * (n - 1 + table) for value in (1.0, e, gap))
     return Collision(masses or (1.0,) * n, k, e, velocities, table, gaps)

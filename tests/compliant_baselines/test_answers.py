@@ -1,4 +1,4 @@
-"""What leaves a solver, whatever it does: an outcome for each collision, whose words can be shown."""
+"""Answers of solvers are checked: whatever a solver returns or raises, each collision gets one printable outcome."""
 
 import dataclasses
 import math
@@ -45,7 +45,7 @@ class Mine(Solver):
         return self.made(collisions)
 
 
-def test_what_goes_wrong_is_a_crashed_outcome_of_each():
+def test_a_solver_that_fails_gives_each_collision_a_crashed_outcome():
     for made, says in (
         (lambda asked: 1 / 0, "ZeroDivisionError: division by zero"),
         (lambda asked: asked[1:], "RuntimeError: 0 outcomes for 1 collisions"),
@@ -88,7 +88,7 @@ def test_collisions_that_go_wrong_spoil_no_other():
         Fussy().solve(cells[1])
 
 
-def test_words_of_a_solver_that_are_hostile_are_escaped():
+def test_hostile_texts_of_a_solver_are_escaped():
     says = "not\n\x1b\u202etoday"
     refused = Mine(lambda asked: [Outcome.failure("mine", c, "unrepresentable", says) for c in asked])
     assert answer(refused, [], Settings()) == []

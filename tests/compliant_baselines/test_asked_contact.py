@@ -1,4 +1,4 @@
-"""Contacts asked for from any side: what follows is held against the motion, integrated in steps."""
+"""Contacts that are requested by any two of their properties, compared with a numerical integration of the motion."""
 
 import math
 
@@ -21,7 +21,7 @@ DIRECT = (-3000.0, -40.0)
 
 
 def drop(force, speed, step):
-    """Drop a unit mass by Heun's method: restitution, duration, greatest depth."""
+    """Follow a unit mass by Heun's method until its contact ends; return restitution, duration and largest depth."""
     depth, rate, time, deepest = 0.0, speed, 0.0, 0.0
     while True:
         first = -force(depth, rate)
@@ -37,7 +37,7 @@ def drop(force, speed, step):
 
 
 def integrated(force, speed, duration):
-    """Restitution, duration and depth, extrapolated from two steps of a method of second order."""
+    """Return restitution, duration and depth, extrapolated to a step of zero from two steps of `drop`."""
     coarse, fine = (np.array(drop(force, speed, duration / n)) for n in (4000, 8000))
     return fine + (fine - coarse) / 3
 
@@ -50,13 +50,13 @@ MASS, LOAD, SPEED = 0.4, 0.7, 2.5
     [
         {"stiffness": 3000.0, "damping": 0.0},
         {"stiffness": 3000.0, "damping": 10.0},
-        {"stiffness": 3000.0, "damping_ratio": 1.0},  # critical
-        {"stiffness": 3000.0, "damping": 100.0},  # zeta = 1.44
+        {"stiffness": 3000.0, "damping_ratio": 1.0},  # critical damping
+        {"stiffness": 3000.0, "damping": 100.0},  # damping ratio 1.44
         {"stiffness": 3000.0, "damping_ratio": 8.0},
         {"duration": 0.01, "restitution": 0.8},
-        {"duration": 0.01, "restitution": 0.05},  # zeta = 1.95
+        {"duration": 0.01, "restitution": 0.05},  # damping ratio 1.95
         {"duration": 0.01, "damping": 30.0},
-        {"duration": 0.01, "damping": 300.0},  # zeta = 2.4
+        {"duration": 0.01, "damping": 300.0},  # damping ratio 2.4
         {"duration": 0.01, "damping_ratio": 0.3},
         {"sink": 1e-3, "restitution": 0.8},
         {"sink": 1e-3, "damping": 200.0},
@@ -94,7 +94,7 @@ def test_damping_and_duration_hold_to_rounding_where_they_are_turned_around():
     ("solref", "solimp"),
     [
         (DIRECT, (0.9, 0.95, 1e-3, 0.5, 2)),
-        (DIRECT, (0.0, 1.0, 0.05, 0.3, 3)),  # clamped as the engine does
+        (DIRECT, (0.0, 1.0, 0.05, 0.3, 3)),  # the engine limits the impedances to [1e-4, 0.9999]
         (DIRECT, (0.9, 0.9)),
         ((0.02, 0.95), ()),
         ((0.02, 3.0), (0.5, 0.99, 0.01, 0.5, 1)),
@@ -123,7 +123,7 @@ def test_mujocos_drops_of_its_own_numbers_are_inside_what_is_said():
         (0.5, math.inf), solref=read_solref((-284244.6, -68.756), (0.998, 0.9999, 0.0002, 0.5, 2))
     )
     found = find_largest_step(installed("mujoco"), pair)
-    # The author of the scene measured 0.8200 at a step of 0.2 ms; at force level it would be 0.75.
+    # The author of the scene measured 0.8200 at a step of 0.2 ms. If solref were in N/m and N s/m, it would be 0.75.
     assert 0.815 < found.restitution[0] <= pair.motion.restitution <= found.restitution[1] < 0.83
 
 
@@ -143,10 +143,10 @@ def test_the_stiffest_contact_that_a_step_carries(engine, tolerance, asked):
     )
     assert drops.step == step
     assert drops.error(pair) <= tolerance
-    # It is about the stiffest: one of 0.7 of its duration is not good.
+    # The contact is about the stiffest: with 0.7 of its duration the error exceeds the tolerance.
     shorter = SingleImpact((0.45, 3.0), duration=0.7 * pair.motion.duration, **asked)
     assert find_extremes(solver, shorter, step).error(shorter) > tolerance
-    # and its stiffness typed in again is the same contact
+    # the stiffness has at most six digits, so that it can be typed in again exactly
     assert float(f"{pair.contact.k:.6g}") == pair.contact.k
 
 
@@ -163,7 +163,8 @@ def test_three_bodies_go_the_way_of_the_exact_contacts(engine, masses):
     for step in (2e-4, 1e-4):
         run = strike(engine, masses, pairs, step, thorough=False)
         errors.append(np.abs(np.array([low for low, _ in run.velocities]) - exact).max())
-    # Both engines are of first order; PyBullet's end of the step costs most.
+    # Both engines have errors of first order in the step. PyBullet's error is mostly that of the contact's end, which
+    # falls on the end of a step.
     assert errors[1] < 0.6 * errors[0] < (3e-3 if engine == "mujoco" else 8e-3)
     momentum = sum(m * v for m, (v, _) in zip(masses, run.velocities, strict=False))
     assert math.isinf(masses[2]) or momentum == pytest.approx(-masses[0], rel=1e-9)

@@ -1,4 +1,8 @@
-"""The conformance checks: what keeps the contract passes, and every way of breaking it is caught by name."""
+"""Conformance checks for solvers.
+
+Solvers that keep the contract pass. A mutant is a solver that was changed to break the contract in one way. The check
+that must find it is named beside it.
+"""
 
 import dataclasses
 
@@ -28,7 +32,7 @@ def test_our_own_solvers_conform_and_have_the_law_the_registry_says(name):
 
 
 class Mutant(ReferenceSolver):
-    """Keeps the contract; each test breaks one thing."""
+    """A solver that keeps the contract. Tests change one of its methods to break it."""
 
     def solve_many(self, collisions, settings):
         return self.change(
@@ -60,7 +64,8 @@ def each(**values):
 
 
 def silent(self, outcomes):
-    return [dataclasses.replace(o, reason="") for o in outcomes]  # which `Outcome` itself refuses
+    # set past the check of `Outcome`, which refuses an empty reason
+    return [dataclasses.replace(o, reason="") for o in outcomes]
 
 
 def remembering(self, outcomes):
@@ -69,7 +74,7 @@ def remembering(self, outcomes):
 
 
 def with_units(self, collisions, settings):
-    # takes stiffness for 1 kg, whatever the masses
+    # multiplies k1 by m1, so that outcomes depend on the unit of mass
     made = [dataclasses.replace(c, stiffnesses=(c.k1 * c.m1, c.k2)) for c in collisions]
     return Mutant.solve_many(self, made, settings)
 

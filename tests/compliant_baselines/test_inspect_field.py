@@ -1,4 +1,4 @@
-"""Scenes from public reports: what `inspect` measures beside the authors' numbers, and what it says of them."""
+"""Scenes from public reports: what `inspect` measures and says, compared with their authors' numbers."""
 
 import mujoco
 import numpy as np
@@ -33,7 +33,8 @@ def test_direct_numbers_do_what_the_author_measured_and_both_readings_are_kept(s
     assert contact.newton_metre.is_kept
     first, second = contact.bodies.solref
     assert (contact.newton_metre.stiffness, contact.newton_metre.damping) == (-first, -second)
-    # By the closed form, the numbers in N/m rebound less here: bodies are lighter than 1 kg.
+    # Read as N/m by the closed form, the numbers would give a lower restitution, because the bodies are lighter than 1
+    # kg.
     assert contact.newton_metre.restitution < low - 0.02
 
 
@@ -114,7 +115,7 @@ def test_the_default_contact_of_golf_is_what_the_rebuilt_scene_does():
     (group,) = examine_groups(model).groups
     model.opt.gravity[:] = 0
     data = mujoco.MjData(model)
-    data.qvel[0] = -2.0  # 1.8 m/s at the club
+    data.qvel[0] = -2.0  # 1.8 m/s at the club, 0.9 m from the hinge
     for _ in range(400):
         mujoco.mj_step(model, data)
     e = (data.qvel[1] + 0.9 * data.qvel[0]) / 1.8
@@ -132,7 +133,8 @@ def test_contacts_of_the_same_parameters_are_one_group_whatever_their_masses():
         assert len(group.examined) <= 4
         solrefs = {contact.keep.solref for contact in group.examined}
         first = next(iter(solrefs))
-        assert all(solref == pytest.approx(first, rel=1e-9) for solref in solrefs)  # in any mass
+        # the numbers are equal for all masses
+        assert all(solref == pytest.approx(first, rel=1e-9) for solref in solrefs)
 
 
 def test_some_geoms_of_each_kind_stand_for_a_large_scene():

@@ -1,4 +1,8 @@
-"""Contacts of MuJoCo scenes as they are measured, beside closed forms and drops by hand; each trap, and its effect."""
+"""Contacts in MuJoCo scenes: measurements compared with closed forms and with drops in the user's own scene.
+
+A trap is a parameter whose effect users do not expect. For each trap that `inspect` names, the effect that the message
+states is compared with a simulation.
+"""
 
 import math
 
@@ -30,7 +34,7 @@ TOLERANCE_LETS_GO = pytest.mark.skipif(
 )
 DISCRETE = pytest.mark.skipif(VERSION < (3, 13), reason="from 3.13 on")
 
-#: A ball of 0.5 kg above a floor, or above a ball of 2 kg.
+#: Templates of scenes: a ball of 0.5 kg above a floor, and above a free ball of 2 kg.
 ON_FLOOR = """<mujoco><option timestep="{step}" gravity="0 0 {g}" {option}><flag {flag}/></option><worldbody>
 <geom name="low" type="plane" size="1 1 1" {lower}/>
 <body name="up" pos="0 0 {height}"><freejoint/><geom name="up" size="0.2" mass="0.5" {upper}/></body>
@@ -49,7 +53,7 @@ def compiled(scene=ON_FLOOR, **fields):
 
 
 def hand_drops(scene, speed, margin=0.0, **fields):
-    """Restitution at each place of the touch, by free bodies in the user's own scene."""
+    """Return restitutions simulated in the user's own scene, for each place within a step at which bodies touch."""
     found = []
     for place in PLACES:
         model = compiled(scene, height=0.2 + margin + place * speed * fields["step"], **fields)
@@ -77,7 +81,7 @@ def test_mujocos_default_ball_that_falls_at_2_80_rebounds_with_0_37():
     (row,) = measure_model(model, speed=2.80)
     low, high = row.restitution_range
     assert low <= max(velocities) / -min(velocities) <= high < low + 0.03
-    assert data.qpos[2] == pytest.approx(0.2 - row.penetration, abs=1e-6)  # it has come to rest meanwhile
+    assert data.qpos[2] == pytest.approx(0.2 - row.penetration, abs=1e-6)  # by then the ball has come to rest
     assert (
         f"(0.02, 1) is a damping ratio, not a restitution: 1 rebounds with {low:.3g} to {high:.3g}."
         in row.change
@@ -95,7 +99,8 @@ def test_a_force_level_contact_is_that_of_the_closed_form(scene, mass, e, k):
     assert (row.duration, row.steps) == (pytest.approx(asked.duration, rel=5e-3), pytest.approx(200, abs=1))
     assert row.stiffness == pytest.approx(k, rel=1.2e-2)
     assert row.damping == pytest.approx(asked.c, abs=1.2e-2 * math.sqrt(k * mass))
-    assert row.penetration == pytest.approx(0.5 * 9.81 / k * (1 - 1e-4), rel=1e-7)  # the lighter's weight
+    # the depth under the weight of the lighter body
+    assert row.penetration == pytest.approx(0.5 * 9.81 / k * (1 - 1e-4), rel=1e-7)
     assert row.change == ""
 
 
@@ -113,24 +118,24 @@ def test_a_force_level_contact_is_that_of_the_closed_form(scene, mass, e, k):
         ({"contact": "<pair geom1='up' geom2='low' condim='1' margin='-.01'/>"}, -0.01),
     ],
 )
-def test_a_contact_is_that_of_the_scene(scene, fields, margin):
+def test_a_measured_contact_is_that_of_the_users_scene(scene, fields, margin):
     own = hand_drops(scene, 0.7, margin, step=2e-3, **fields)
     (row,) = measure_model(compiled(scene, **fields), speed=0.7)
     assert row.restitution == pytest.approx(np.mean(own), abs=2e-6)
     assert row.restitution_range == pytest.approx((min(own), max(own)), abs=2e-6)
-    assert row.penetration is None  # there is no gravity
+    assert row.penetration is None  # without gravity there is no depth at rest
 
 
 @pytest.mark.parametrize("friction", ["1 1 .005", "0.3 0.3 .005"])
 @pytest.mark.parametrize("cone", ["pyramidal", "elliptic"])
 @pytest.mark.parametrize("condim", [1, 3, 6])
-def test_each_reading_does_in_a_scene_what_it_says(condim, cone, friction):
+def test_each_proposed_pair_has_the_restitution_it_states(condim, cone, friction):
     wrong, meant = (
         f'solref="-1e4 -20" condim="{condim}" friction="{friction}"',
         KelvinVoigtContact(1e4, 20.0, 0.5),
     )
     option = f"cone='{cone}'"
-    floor = f'friction="{friction}"'  # of two geoms the larger friction acts
+    floor = f'friction="{friction}"'  # MuJoCo uses the larger friction of the two geoms
     model = compiled(upper=wrong, lower=floor, option=option)
     ((contact,),) = (group.examined for group in examine_groups(model).groups)
     assert contact.row.stiffness < 0.6 * meant.k
@@ -144,7 +149,8 @@ def test_each_reading_does_in_a_scene_what_it_says(condim, cone, friction):
         assert np.mean(hand_drops(ON_FLOOR, 1.0, **fields)) == pytest.approx(reading.restitution, abs=0.005)
         (row,) = measure_model(compiled(**fields))
         assert row.stiffness == pytest.approx(reading.stiffness, rel=0.02)
-        assert row.change == ""  # it is what is written
+        # the measurement agrees with the numbers in the scene, so no change is proposed
+        assert row.change == ""
 
 
 def test_what_cannot_be_measured_is_a_row_with_the_reason():
@@ -165,7 +171,8 @@ def test_contacts_are_those_that_the_filters_let_through():
     <body><freejoint/><geom name="d" size="5" contype="2" conaffinity="4"/></body>
     <body name="e"><freejoint/><geom size="6"/></body></worldbody>
     <contact><exclude body1="e" body2="c"/><pair name="named" geom1="ghost" geom2="d"/></contact></mujoco>"""
-    # Left out: two fixed ones, no match of contype and conaffinity, a body and its parent, and what <exclude> names.
+    # No contact: two fixed geoms, geoms whose contype and conaffinity do not match, a body and its parent, and bodies
+    # that <exclude> names.
     fixed = {f"geoms {floor} and #{geom}" for floor in ("#0", "#1", "ghost") for geom in (3, 4, 5, 6, 8)}
     moving = {f"geoms #{a} and #{b}" for a, b in ((3, 6), (4, 6), (3, 8), (4, 8), (5, 8))}
     found = read_contacts(mujoco.MjModel.from_xml_string(text)).values()
@@ -181,7 +188,8 @@ def test_a_pendulum_counts_with_the_mass_that_strikes():
 
 
 DEFAULT = ".9 .95 .001 .5 2"
-ELASTIC, DURATION = "-1e6 -0", math.pi / 1e3  # solref, and how long its contact lasts
+# solref of an elastic contact, and the duration of that contact in s
+ELASTIC, DURATION = "-1e6 -0", math.pi / 1e3
 OVERRIDE = {"option": f'o_solref="0.02 1" o_solimp="{FORCE_LEVEL}"', "flag": 'override="enable"'}
 
 
@@ -190,7 +198,7 @@ def found(model):
 
 
 def ball_on_plane(solref, solimp=FORCE_LEVEL, floor=None, mass=0.5, step=1e-5, **how):
-    """Scene of a ball above a floor; `floor` is the solref of that, if it is another."""
+    """Compile a scene of a ball above a floor; `floor` is the floor's solref, by default the ball's."""
     ours, theirs = (f'condim="1" solref="{each}" solimp="{solimp}"' for each in (solref, floor or solref))
     scene = ON_FLOOR.replace('mass="0.5"', f'mass="{mass}"')
     return compiled(scene, upper=ours, lower=theirs, step=step, **how)
@@ -233,7 +241,7 @@ def test_direct_numbers_are_not_newton_per_metre():
     light, heavy = (ball_on_plane(ELASTIC, DEFAULT, mass=mass, step=1e-6) for mass in (1.0, 4.0))
     assert "Two bodies alone get at most 4e+06 N/m, and" in found(heavy)["not-newton-per-metre"]
     assert len(found(heavy)) == 1
-    # In N/m a mass four times as large would take twice as long.
+    # If solref were in N/m, a mass four times as large would double the duration.
     assert bounce(heavy)[1] == pytest.approx(bounce(light)[1], rel=1e-6)
     assert bounce(heavy)[1] == pytest.approx(DURATION, rel=0.06)
 
@@ -244,12 +252,13 @@ def test_direct_numbers_of_two_geoms_are_mixed_element_by_element():
     assert "combined to (-1000000.0, -600.0)" in found(model)["mixed-geoms"]
     restitution, duration = bounce(ball_on_plane("-1e6 -600"))
     assert bounce(model) == (pytest.approx(restitution, abs=1e-3), pytest.approx(duration, rel=0.01))
-    assert bounce(model)[0] < 0.6  # either alone: 1, or slow
+    assert bounce(model)[0] < 0.6  # either solref alone gives e = 1 or a slower contact
 
 
 @TOLERANCE_LETS_GO
 def test_the_tolerance_under_cg_loses_a_soft_contact():
-    soft = f'condim="1" solref="-1e-6 -0.000244" solimp="{FORCE_LEVEL}"'  # accelerations of 1e-3 m/s^2
+    # the contact accelerates by about 1e-3 m/s^2 only
+    soft = f'condim="1" solref="-1e-6 -0.000244" solimp="{FORCE_LEVEL}"'
     fields = {"upper": soft, "lower": soft, "step": 30.0}
     options = "", 'solver="CG"', 'solver="CG" tolerance="0"'
     traps = [examine_model(compiled(option=option, **fields))[1] for option in options]
@@ -263,9 +272,9 @@ def test_the_tolerance_under_cg_loses_a_soft_contact():
 def test_a_step_too_long_for_the_stiffest_contact():
     third, half, short = (ball_on_plane(ELASTIC, step=DURATION / steps) for steps in (3, 2, 40))
     assert set(found(third)) == set(found(half)) == {"long-step"}
-    assert measure_model(half)[0].restitution_range[1] > 1.1  # it creates energy
+    assert measure_model(half)[0].restitution_range[1] > 1.1  # so long a step creates energy
     assert found(short) == {}
-    # what a heavy dashpot needs is a shorter step than the spring's
+    # a strong dashpot needs a shorter step than the spring
     assert set(found(ball_on_plane("-1e6 -2e4", step=DURATION / 40))) == {"long-step"}
 
 
@@ -279,7 +288,7 @@ def test_where_no_long_step_is_found_the_restitution_is_within_ten_percent():
             assert measure_model(model)[0].restitution_range == pytest.approx((exact, exact), rel=0.1)
 
 
-def test_our_own_scenes_have_none():
+def test_scenes_of_the_adapter_have_no_unexpected_traps():
     c = Collision.two_balls(m1=1.0, m2=0.5, k1=1e8, k2=1e5, e1=0.5, e2=1.0)
     for settings, traps in (
         ({"scenario": "impact"}, set()),
@@ -290,7 +299,7 @@ def test_our_own_scenes_have_none():
         assert set(found(mujoco.MjModel.from_xml_string(text))) == traps
 
 
-#: A ball of 1e-6 kg above one of 1e4 kg, whose contact is one of 0.1 s.
+#: Template of a scene: a ball of 1e-6 kg above a ball of 1e4 kg. `ZETA_022` is their contact, which lasts 0.1 s.
 LIGHT_ON_HEAVY = ON_BALL.replace('mass="0.5"', 'mass="1e-6"').replace('mass="2"', 'mass="1e4"')
 ZETA_022 = {
     "contact": f'<pair geom1="up" geom2="low" condim="1" solref="-1e3 -13.9" solimp="{FORCE_LEVEL}"/>',
@@ -334,7 +343,7 @@ def test_an_e_above_1_is_a_trap_by_itself():
 
 
 def test_a_proposal_that_does_not_keep_its_promise_is_a_trap():
-    # N/m and N s/m of a contact that gives back 0.74, on a slide that takes half of it
+    # In N/m and N s/m the contact would give e = 0.74, but the slide takes half of that away.
     slide = ON_FLOOR.replace("<freejoint/>", '<joint type="slide" axis="0 0 1" damping="20"/>')
     (row,), traps = examine_model(compiled(slide, upper='solref="-1e4 -15"', step=1e-4))
     assert "gives e =" in row.change
@@ -345,7 +354,10 @@ def test_a_proposal_that_does_not_keep_its_promise_is_a_trap():
 
 
 def joint_drops(model, speed, places):
-    """Restitution of a body on a slide, from the rates before the touch and after the last step with contact force."""
+    """Return restitutions of a body on a slide, for each place within a step at which it touches.
+
+    A restitution is the speed after the last step with contact force over the speed before the touch.
+    """
     found = []
     for place in places:
         data = mujoco.MjData(model)
@@ -380,13 +392,18 @@ def test_damping_and_dry_friction_of_a_joint_are_in_the_measurement(losses):
 
 
 def test_a_joint_that_brakes_harder_than_the_contact_pushes_creates_no_energy():
-    """At the touch the joint alone brakes more than the contact asks for, which begins to push at a small speed."""
+    """A joint that brakes harder than the contact pushes leaves no energy gain, and agrees with drops by hand to 1e-9.
+
+    At first touch the joint alone slows the body more than the contact requires. The contact begins to push only at a
+    small speed.
+    """
     model = mujoco.MjModel.from_xml_string(
         """<mujoco><option gravity="0 0 0"/><worldbody><geom name="low" type="plane" size="5 5 1"/><body pos="0 0 .02">
     <joint type="slide" axis="0 0 1" damping="5"/><geom name="up" size=".02" mass=".385"/></body></worldbody>
     <contact><pair geom1="up" geom2="low" condim="1" solref="1.06 .255"/></contact></mujoco>"""
     )
-    drops = joint_drops(model, 1.0, PLACES[:2])  # two are enough for a contact of so many steps
+    # two places within the step are enough, because the contact takes many steps
+    drops = joint_drops(model, 1.0, PLACES[:2])
     (row,), traps = examine_model(model)
     assert row.restitution_range == pytest.approx((min(drops), max(drops)), abs=1e-9)
     assert max(drops) < 0.2
@@ -399,5 +416,6 @@ def test_losses_of_a_hinge_are_those_along_the_normal():
     <inertial pos="2 0 0" mass="0.3" diaginertia="1e-8 1e-8 1e-8"/></body></worldbody></mujoco>"""
     (bodies,) = read_contacts(mujoco.MjModel.from_xml_string(text))
     hinge, floor = bodies.losses
-    assert hinge[:2] == pytest.approx((0.6 / 2**2, 0.8 / 2))  # by the lever of 2 m
+    # the lever of 2 m divides the damping by its square and the friction by itself
+    assert hinge[:2] == pytest.approx((0.6 / 2**2, 0.8 / 2))
     assert floor[:2] == (0, 0)

@@ -1,4 +1,7 @@
-"""What `inspect` says of public scenes that are overdamped, elastic, averaged or lie flat, beside bare drops."""
+"""What `inspect` says of public scenes, compared with plain drops in the same scenes.
+
+The scenes have overdamped, elastic or averaged contacts, or bodies that lie flat.
+"""
 
 import math
 
@@ -15,7 +18,7 @@ from tests.compliant_baselines import field_scenes
 
 @pytest.fixture(autouse=True)
 def enough_time(monkeypatch):
-    """Measure everything, however slow the machine is."""
+    """Lift the time limit of `inspect`, so that a slow machine measures everything, too."""
     monkeypatch.setattr(examination_module, "MOST_SECONDS", math.inf)
 
 
@@ -28,9 +31,10 @@ def messages(examination):
 
 
 def bare_drops(model, height, speed, *, height_of_other=None, places=PLACES):
-    """Drop the first body of a scene at each place within a step: restitution, steps with force, depth and force.
+    """Drop the first body of a scene, without gravity, for each place within a step at which it touches.
 
-    Without gravity. The body moves down along its first vertical freedom, onto the floor or onto a second free body.
+    Each row of the result holds the restitution, the number of steps with force, the largest depth and the largest
+    force. The body moves down along its first vertical degree of freedom, onto the floor or onto a second free body.
     """
     model.opt.gravity[:] = 0
     vertical = 0 if model.jnt_type[0] == mujoco.mjtJoint.mjJNT_SLIDE else 2
@@ -59,7 +63,7 @@ def bare_drops(model, height, speed, *, height_of_other=None, places=PLACES):
 
 
 def settle(model, seconds):
-    """Greatest depth of the contacts of a scene after some time."""
+    """Return the largest depth of a scene's contacts after some seconds."""
     data = mujoco.MjData(model)
     for _ in range(round(seconds / model.opt.timestep)):
         mujoco.mj_step(model, data)
@@ -80,7 +84,7 @@ def test_a_foot_that_its_joints_brake_does_not_rebound(contact, friction, dampin
     assert row.note.startswith("no rebound: the joints brake the bodies to a standstill in the contact")
     assert row.penetration > 0
     assert not {"tolerance", "long-step", "gains-energy"} & set(messages(examination))
-    # By hand, after 4 s.
+    # a plain simulation agrees: after 4 s the foot is at rest
     model.opt.gravity[:] = 0
     data = mujoco.MjData(model)
     data.qpos[0], data.qvel[0] = -0.48 + 1e-3, -1.0
@@ -113,7 +117,10 @@ def test_an_overdamped_contact_of_a_free_body_has_what_a_bare_drop_gives(ratio):
 
 
 def elastic_motion(speed):
-    """Duration and depth of the cradle's contact by its law, a = 1e8 (d/0.01)^2 r, and conservation of energy."""
+    """Return duration and depth of the cradle's contact from its law a = 1e8 (d/0.01)^2 r, by conservation of energy.
+
+    Here r is the depth and d the impedance, which grows with r.
+    """
 
     def impedance(r):
         x = min(r / 1e-3, 1.0)
@@ -125,7 +132,7 @@ def elastic_motion(speed):
 
     depth = brentq(lambda r: potential(r) - speed**2 / 2, 1e-6, 1e-3, xtol=1e-16)
 
-    def slowness(angle):  # r = depth sin(angle), so that the end has no pole
+    def slowness(angle):  # r = depth sin(angle), which removes the pole at the end
         r = depth * math.sin(angle)
         return depth * math.cos(angle) / math.sqrt(max(speed**2 - 2 * potential(r), 1e-300))
 
@@ -148,7 +155,10 @@ def test_the_cradle_of_mujocos_own_models_is_measured_as_bare_drops_are(on_floor
 
 
 def test_an_impedance_that_grows_is_measured_as_its_law_has_it():
-    """Without friction; a pyramidal cone multiplies the force."""
+    """A contact whose impedance grows has the restitution, duration, depth and stiffness of its law, to 1 %.
+
+    The scene has no friction, because a pyramidal friction cone would multiply the force.
+    """
     for row in measure_model(compiled(field_scenes.replicated_cradle(2e-6, condim=1))):
         duration, depth = elastic_motion(1.0)
         assert row.restitution == pytest.approx(1, abs=1e-3)
@@ -227,7 +237,7 @@ def test_the_depth_at_rest_is_that_of_the_points_that_carry(geom, floor, points,
     assert row.penetration == pytest.approx(settle(model, 3.0), rel=0.005)
 
 
-def test_points_are_said_where_they_are_not_one(tmp_path, command):
+def test_the_number_of_points_is_printed_if_it_is_not_one(tmp_path, command):
     path = tmp_path / "scene.xml"
     path.write_text(field_scenes.lying('type="box" size=".5 .4 .3"'))
     assert " 0.000108 (4 points)\n" in command(["inspect", path], ends=3)

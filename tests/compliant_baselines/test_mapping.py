@@ -13,7 +13,7 @@ from impact_xval.compliant_baselines.mapping import (
 
 
 def integrated_contact(zeta):
-    """Restitution, duration and depth at unit speed and omega of one contact, integrated until its force is zero."""
+    """Integrate a contact of unit speed and omega until its force is zero; return restitution, duration, depth."""
 
     def force(_t, y):
         return y[0] + 2 * zeta * y[1]
@@ -45,12 +45,12 @@ def test_the_damping_ratio_is_the_inverse_of_restitution_to_1e_12():
 
 
 def test_the_inverse_follows_its_series_near_elastic_and_near_plastic():
-    # zeta contact_time(zeta) = pi zeta - 2 zeta^2 + O(zeta^3) = -ln e
+    # zeta contact_time(zeta) = pi zeta - 2 zeta^2 + O(zeta^3) equals -ln e
     for x in (1e-3, 1e-6, 1e-9, 1e-12):
         e = math.exp(math.log1p(-x))
         series = -math.log(e) / math.pi
         assert damping_ratio(e) == pytest.approx(series + 2 * series**2 / math.pi, rel=20 * x**2 + 1e-13), x
-    assert damping_ratio(1e-20) == pytest.approx(0.5e10, rel=1e-12)  # e -> 1/(4 zeta^2) as zeta grows
+    assert damping_ratio(1e-20) == pytest.approx(0.5e10, rel=1e-12)  # e approaches 1/(4 zeta^2) as zeta grows
 
 
 @pytest.mark.parametrize("function", [damping_ratio, textbook_damping_ratio])
@@ -61,7 +61,7 @@ def test_restitution_outside_its_range_is_refused(function):
 
 
 def theory_restitution(zeta):
-    """The formulas of docs/theory.md, section 7, as they are printed."""
+    """Return the restitution by the formulas printed in docs/theory.md, section 7."""
     if zeta == 1:
         return math.exp(-2)
     w = math.sqrt(abs(1 - zeta**2))

@@ -1,4 +1,4 @@
-"""Exported scenes: run by the engine alone they give what the adapter gives."""
+"""Exported scenes, run by the engine without this project, give the velocities of the adapter to 1e-12."""
 
 import re
 import subprocess
@@ -16,7 +16,7 @@ COARSE = {"step_fraction": 5e-3}
 
 
 def run_alone(script):
-    """Run a script where nothing of this project can be found; give its velocities."""
+    """Run a script in a process that cannot import this project; return the velocities that the script prints."""
     assert "compliant_baselines" not in script.read_text(encoding="utf-8")
     guard = (
         "import sys, runpy\n"

@@ -1,4 +1,4 @@
-"""The one module that authors of solvers import from."""
+"""`impact_xval.plugins`, the only module that authors of solvers import from."""
 
 import pytest
 

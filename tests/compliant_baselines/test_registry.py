@@ -27,7 +27,7 @@ def test_an_unknown_name_is_told_the_known_ones_in_the_order_of_the_tables():
         get_solver("bullet")
 
 
-#: Compliant engines whose damping goes with the speed at which each contact begins.
+#: Compliant engines whose damping depends on the speed at which a contact begins.
 LAWS_OF_THEIR_OWN = ("exudyn:impact-model-1", "exudyn:impact-model-2")
 
 
@@ -37,7 +37,8 @@ def test_kinds_and_laws_are_those_of_the_classes_and_laws_are_exact_solvers():
         assert (solver.name, solver.kind, solver.law) == (name, kind, law)
         assert registry.is_engine(name) == isinstance(solver, Engine)
         assert registry.description_of(name)
-        # A rigid engine, which is asked for a restitution, not for a law; one as it ships; or one that no law here has.
+        # Without a law are: rigid engines, which take a restitution; engines with their shipped parameters; engines
+        # whose law no reference here solves.
         if law is None:
             assert kind == "rigid" or registry.has_fixed_mapping(name) or name in LAWS_OF_THEIR_OWN
             continue
@@ -66,7 +67,7 @@ SOLVE = "solve --stiffness-ratio 1 --mass-ratio 1 --e1 0.9 --e2 0.7"
 
 @pytest.fixture
 def site(tmp_path, monkeypatch):
-    """A folder of installed distributions; what is imported from it is forgotten afterwards."""
+    """Return a folder for distributions that Python can import; modules imported from it are dropped after the test."""
     before = set(sys.modules)
     monkeypatch.syspath_prepend(tmp_path)
     yield tmp_path
@@ -83,10 +84,11 @@ def test_an_installed_engine_is_found_and_used(site, command):
     _install_toy(site)
     assert "toy" in solver_names()
     assert origins()["toy"] == "toy-engine 1.2"
-    assert "toy_engine" not in sys.modules  # nothing is imported before it is asked for
+    assert "toy_engine" not in sys.modules  # a plug-in is not imported before it is used
     toy = get_solver("toy")
     assert (toy.name, toy.version(), toy.unavailable()) == ("toy", "1.0", None)
-    # Contact 1 to -0.05 and -0.95 m/s, contact 2 to 0.665; contact 1 to 0.62925 and -0.01425, contact 2 to 0.009975.
+    # Single impacts by hand: contact 1 gives -0.05 and -0.95 m/s, contact 2 gives 0.665; then contact 1 gives 0.62925
+    # and -0.01425, contact 2 gives 0.009975.
     assert toy.solve(CELL).velocities == pytest.approx((0.62925, 0.009975), abs=1e-14)
     (graph,) = toy.solve_graphs([corner()], Settings())
     assert (graph.status, graph.reason) == (
@@ -95,9 +97,10 @@ def test_an_installed_engine_is_found_and_used(site, command):
     )
     with pytest.raises(SolverError, match=r"toy: unrepresentable: gravity = 9.81 m/s\^2"):
         toy.solve(CELL, Settings(scenario="drop"))
-    ours, _ = json.loads(command(f"{SOLVE} --scenario impact --solver toy --json"))  # and the model
+    # the second outcome is the model's
+    ours, _ = json.loads(command(f"{SOLVE} --scenario impact --solver toy --json"))
     assert ours["v1"] == pytest.approx(0.62925, abs=1e-14)
-    assert registry.description_of("toy").startswith("The adapter: what the engine is")
+    assert registry.description_of("toy").startswith("Adapter of the toy engine")
 
 
 def test_the_examples_of_the_documentation_conform(site, command):
@@ -147,10 +150,10 @@ def test_a_plug_in_states_its_kind_and_law(site):
         assert (registry.kind_of(name), registry.law_name_of(name)) == ("compliant", "kelvin-voigt")
     assert one_solver_per_law(["toy", "gone", "kelvin-voigt"]) == ["toy", "kelvin-voigt"]
     config = parse_config({"solvers": ["toy", "gone", "kelvin-voigt"]})
-    assert engines_with_ladders(config) == ["gone"]  # the others have no ladder
+    assert engines_with_ladders(config) == ["gone"]  # a rigid engine and a reference have no ladder
 
 
-def test_broken_ones_are_unavailable_with_the_reason_and_break_no_command(site, command):
+def test_broken_plug_ins_are_unavailable_with_the_reason_and_break_no_command(site, command):
     modules = {value.split(":")[0]: text for value, text, _ in BROKEN.values() if text}
     install(site, "broken", {name: value for name, (value, _, _) in BROKEN.items()}, **modules)
     for name, (value, _, says) in BROKEN.items():
@@ -159,9 +162,9 @@ def test_broken_ones_are_unavailable_with_the_reason_and_break_no_command(site, 
         assert outcome.status == "unavailable"
         assert re.search(rf"broken 1.2 provides '{name}' as {value}, but .*{says}", outcome.reason)
         assert solver.version() == ""
-    printed = command(SOLVE)  # every solver, these included
+    printed = command(SOLVE)  # the command asks all solvers, including the broken ones
     assert all(f"{name}: unavailable: broken 1.2" in printed for name in BROKEN)
-    # No law is listed that they have not stated.
+    # The list shows no law for them, because they have stated none.
     listed = command("solvers")
     for name in BROKEN:
         assert not re.search(rf"kelvin-voigt +{name} ", printed), printed
@@ -170,7 +173,7 @@ def test_broken_ones_are_unavailable_with_the_reason_and_break_no_command(site, 
     command("solvers lacks", ends=2)
 
 
-def test_two_distributions_with_one_name_are_told(site):
+def test_two_distributions_that_provide_one_name_are_refused(site):
     _install_toy(site)
     _install_toy(site, "toy-fork", "toy_fork")
     assert "toy-engine 1.2 and toy-fork 1.2 both provide 'toy'" in str(get_solver("toy").unavailable())

@@ -1,4 +1,4 @@
-"""One contact as a tool of its own: what is printed, pasted into a scene written by hand, is what was asked for."""
+"""The contact command: its printed text, pasted into a scene written by hand, gives the contact that was requested."""
 
 import math
 
@@ -28,7 +28,10 @@ from tests.compliant_baselines.test_mapping import integrated_contact
 
 
 def requests(n, seed=20):
-    """Requests over masses, one in three with a fixed body; e; stiffness and, every other time, duration."""
+    """Draw n requests for a contact: masses, restitution, speed, and alternately a duration or a stiffness.
+
+    Every third request has a fixed body.
+    """
     rng = np.random.default_rng(seed)
     pairs = []
     for i in range(n):
@@ -43,7 +46,7 @@ def requests(n, seed=20):
 
 
 def measured(engine, pair, step, place):
-    """Restitution and duration in a scene written by hand, from a few steps and a share of one before touch."""
+    """Return restitution and duration in a scene written by hand; `place` sets where within a step the bodies touch."""
     text = paste(engine, pair.contact, step)
     return getattr(hand_scenes, engine)(pair, text, step, float(3 + place) * pair.speed * step)
 
@@ -69,7 +72,7 @@ def test_pasted_into_a_scene_written_by_hand(engine, n):
 
 
 def far_apart(n, seed=68):
-    """Requests with masses from 1e-6 to 1e4 kg, one in three with a fixed body, and e from 0.01 to 1."""
+    """Yield n requests with masses from 1e-6 to 1e4 kg and e from 0.01 to 1; every third has a fixed body."""
     rng = np.random.default_rng(seed)
     for i in range(n):
         light, other = (10 ** rng.uniform(-6, 4) for _ in range(2))
@@ -78,7 +81,8 @@ def far_apart(n, seed=68):
         yield SingleImpact((light, math.inf if i % 3 == 2 else other), e, duration=duration, speed=speed)
 
 
-#: Masses, duration and speed at which MuJoCo's default tolerance let go of a part of the force.
+#: Masses in kg, duration in s and speed in m/s of contacts for which MuJoCo's default tolerance dropped part of the
+#: force.
 LET_GO = [
     ((1e-6, 1e4), 0.1, 0.1),
     ((1e-6, 1e4), 0.01, 1.0),
@@ -89,7 +93,10 @@ LET_GO = [
 
 
 def assert_eight_drops_are_inside(engine, pair, found):
-    """Paste into a scene written by hand; the touch falls on eight places in a step, and just after its start."""
+    """Assert that drops in a scene written by hand are within the stated interval of e, and their durations within 1 %.
+
+    The bodies touch at eight places within a step, and just after its start.
+    """
     low, high = map(float, round_outward(*found.restitution).split(" to "))
     for place in (*np.arange(8) / 8, 1e-5):
         e, duration = measured(engine, pair, found.step, place)
@@ -140,15 +147,18 @@ def test_the_printed_text_is_all_that_a_drop_in_mujoco_runs():
         mujoco.mj_step(model, data)
     ((e, _),) = drop_in_mujoco(text, (1e-6, 1e4), 0.1, pair.speed, [0.3 * pair.speed * step], 1000)
     assert e == (data.qvel[1] - data.qvel[0]) / pair.speed
-    # and what it leaves at the engine's defaults is at the defaults there
-    bad = text.replace(f'timestep="{step}"', "")  # 0.002 s
+    # settings that the text leaves out are the engine's defaults in such a drop
+    bad = text.replace(f'timestep="{step}"', "")  # without its timestep the scene has the default of 0.002 s
     assert drop_in_mujoco(bad, (1e-6, 1e4), 0.1, pair.speed, [0.0], 1000)[0][1] < 0.1 / step / 2
 
 
 @pytest.mark.parametrize("drop", [drop_in_pybullet, drop_on_flat_in_pybullet])
 @pytest.mark.parametrize("masses", [(0.2, 3.0), (2.0, math.inf)])
 def test_drops_that_share_a_client_are_those_of_clients_of_their_own(drop, masses, monkeypatch):
-    """To connect a client takes ten times as long as a drop, and searches make hundreds of drops."""
+    """Drops that share one PyBullet client give exactly what drops in separate clients give.
+
+    Sharing matters because connecting a client takes ten times as long as a drop, and a search makes hundreds of drops.
+    """
     installed("pybullet")
     pair, step = SingleImpact(masses, 0.7, duration=1e-2), 2e-4
     text = paste("pybullet", pair.contact, step)
@@ -176,10 +186,11 @@ def test_the_penetration_is_that_of_the_motion_integrated():
     for e in (1.0, 0.7, 0.2, 0.01):
         pair = SingleImpact((1.0, math.inf), e, stiffness=4.0, speed=3.0)
         *_, deepest = integrated_contact(pair.contact.zeta)
-        assert pair.penetration == pytest.approx(3.0 / 2.0 * deepest, rel=1e-10), e  # omega is 2/s
+        # omega = sqrt(k/m) is 2/s
+        assert pair.penetration == pytest.approx(3.0 / 2.0 * deepest, rel=1e-10), e
 
 
-def test_what_cannot_be_is_refused():
+def test_impossible_contacts_are_refused():
     for arguments, says in (
         ({"restitution": 1.1}, "restitution = 1.1; legal: from 0.0001 to 1"),
         ({"stiffness": 0.0}, r"stiffness = 0.0; legal: a finite number > 0 \(N/m\)"),
@@ -194,7 +205,7 @@ def test_what_cannot_be_is_refused():
             SingleImpact(**({"masses": (1.0, 1.0), "restitution": 0.5, "stiffness": 1.0} | arguments))
 
 
-def test_no_step_that_does_it_is_said():
+def test_a_contact_that_no_step_gives_is_unconverged():
     pair = SingleImpact((1.0, math.inf), 0.01, stiffness=1.0)
     for tolerance, why in ((1e-7, "200000 steps a duration is not known"), (1e-5, "one of them is off by")):
         with pytest.raises(SolverError, match=f"unconverged: no step from .* s to .* s gives .*: .*{why}"):

@@ -1,4 +1,4 @@
-"""One filter for the states of all solvers: its rules on runs made by hand, and that it treats all alike."""
+"""The filter for states of all solvers: its rules on sequences made by hand, and its use on paths of solvers."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from impact_xval.model import Collision
 from impact_xval.model.path import Paths
 from tests.compliant_baselines.reference_cells import random_collisions
 
-#: S1 to S4 as sets of contacts.
+#: The states S1 to S4 as bit sets of active contacts, from index 1.
 SETS = np.array([-1, 0b11, 0b10, 0b01, 0])
 
 
@@ -20,23 +20,23 @@ def runs(pairs, unit=1):
 
 
 RULES = [
-    # until a contact first carries force it counts as if it did
+    # rule 1: a contact counts as active until it first carries force
     ([(4, 2), (3, 9), (1, 50), (2, 40), (4, 1)], "S1 S2 S4"),
     ([(2, 9), (1, 50), (3, 40), (4, 1)], "S1 S3 S4"),
-    # a short run joins the run before it
+    # rule 2: a state that is too short is joined to the state before it
     ([(1, 50), (3, 2), (1, 30), (2, 40), (4, 1)], "S1 S2 S4"),
     ([(1, 50), (3, 3), (1, 30), (2, 40), (4, 1)], "S1 S3 S1 S2 S4"),
-    # chatter of short runs is one run
+    # several short states in a row are joined to one
     ([(1, 50), (3, 1), (1, 1), (3, 2), (1, 2), (2, 40), (4, 1)], "S1 S2 S4"),
-    # runs that rule 1 makes equal are long together
+    # short states that rule 1 makes equal count with their total length
     ([(4, 1), (3, 1), (1, 1), (2, 40), (4, 1)], "S1 S2 S4"),
-    # free flight on the way
+    # a free flight between contacts is kept
     ([(1, 50), (2, 40), (4, 10), (3, 30), (4, 1)], "S1 S2 S4 S3 S4"),
-    # B2 keeps resting on the table: the end is S4 all the same
+    # B2 stays on the table: the sequence still ends with S4
     ([(1, 50), (2, 40)], "S1 S2 S4"),
-    # no second contact ever
+    # contact 2 alone is never active
     ([(3, 50), (4, 1)], "S1 S3 S4"),
-    # broken in the first step
+    # the run broke off in its first step, so that the sequence is empty
     ([], "S1 S4"),
 ]
 
@@ -48,7 +48,7 @@ def test_the_rules_hold_in_steps_and_in_time():
                 unit,
                 pairs,
             )
-    # nothing is merged if no time is too short
+    # nothing is joined if no state is too short
     raw = runs([(1, 5), (3, 1), (1, 1), (2, 1), (4, 1)])
     assert merge_runs(raw, 0, 0b11).names(True) == ("S1", "S3", "S1", "S2", "S4")
 
@@ -67,7 +67,10 @@ def test_the_states_of_an_engine_are_those_it_is_compared_by(engine):
 
 
 def test_the_states_of_an_engine_do_not_depend_on_its_step():
-    """S2 lasts for 5e-4 of a period: five steps of the shortest of these, and none of the longest."""
+    """A state that is too short in the exact solution is dropped from the engine's states at every step, too.
+
+    S2 lasts 5e-4 of a period here: five of the shortest steps, and none of the longest.
+    """
     c = Collision.two_balls(1.0, 0.5, 1e8, 1e8 * 10**1.5, 0.9, 0.5)
     exact = get_solver("kelvin-voigt").solve(c, Settings(record_path=True))
     assert exact.states == ("S1", "S2", "S4")

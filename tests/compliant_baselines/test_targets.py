@@ -1,4 +1,4 @@
-"""What is written for each engine does what is asked, in every engine that is installed."""
+"""The text that is written for each engine gives the requested contact, in every engine that is installed."""
 
 import math
 import re
@@ -20,9 +20,10 @@ from impact_xval.experiments.commands.contact import ENGINES
 
 PAGE = Path(__file__).parents[2] / "docs" / "contacts-in-engines.md"
 FAST = ("mujoco", "pybullet", "bullet", "pymunk", "dart", "rapier")
-#: Allowed error of e at 200 steps in a contact. Backward Euler takes away 2 %. In Newton a dashpot that acts in
-#: compression misses up to 1.6 %, by where within a step the bodies touch. VBD does both. Kamino pushes an overlap
-#: apart at 0.01 of its depth a step (`constraints.gamma`), here up to 0.01 of the speed, so up to 2 % of 0.5.
+#: Allowed relative error of e with 200 steps per contact. Backward Euler loses 2 %. In Newton, a dashpot that is active
+#: in compression is off by up to 1.6 %, depending on where within a step the bodies touch. VBD has both errors. Kamino
+#: pushes overlapping bodies apart by 0.01 of their depth per step (`constraints.gamma`). Here this is up to 0.01 of the
+#: speed, so up to 2 % of e = 0.5.
 ERRORS = {
     "pybullet": 0.025,
     "drake": 0.025,
@@ -94,7 +95,7 @@ def test_every_target_writes_its_numbers_and_says_where_they_are_read(target):
 
 
 def law_of_motion(law, k, c, mass):
-    """Restitution and duration of a contact by numbers, from its force alone."""
+    """Return restitution and duration of a contact by integrating its force law."""
 
     def force(depth, rate):
         if law == "compression":
@@ -136,7 +137,7 @@ def test_damping_and_duration_of_a_law_are_those_of_its_motion(law):
 
 
 def test_an_e_for_a_contact_that_may_pull_rebounds_faster_where_it_may_not():
-    # As LAMMPS 22Jul2025 with coeff_restitution and limit_damping gave at 1000 steps in a contact.
+    # The values are those of LAMMPS 22Jul2025 with coeff_restitution and limit_damping at 1000 steps per contact.
     for e, given in ((0.5, 0.5503), (0.8, 0.8082)):
         asked = request(e)
         found, _ = law_of_motion("pushes", asked.contact.k, asked.pulling_damping, asked.contact.mass)
@@ -155,8 +156,8 @@ def test_liggghts_modulus_gives_the_stiffness_back():
     text = TARGETS["liggghts-hooke"].text(asked)
     radius, speed, mass = 0.01, 0.4, asked.contact.mass
     modulus = 2 * float(re.search(r"equal 2\.0\*(\S+)/sqrt", text)[1]) / math.sqrt(radius)
-    effective = modulus / 2  # Poisson's ratio 0
-    # normal_model_hooke.h
+    effective = modulus / 2  # for Poisson's ratio 0
+    # formula of normal_model_hooke.h
     k = 16 / 15 * math.sqrt(radius) * effective
     k *= (15 * mass * speed**2 / (16 * math.sqrt(radius) * effective)) ** 0.2
     assert k == pytest.approx(asked.contact.k, rel=1e-10)
@@ -192,7 +193,7 @@ def test_pybullets_text_holds_wherever_in_a_step_a_ball_meets_a_plane():
     target = runs(TARGETS["bullet"])
     asked = request(0.8, steps=30)
     assert drop_target(target, asked).restitution == pytest.approx((0.8, 0.8), rel=1e-6)
-    # As shipped, with the threshold of contacts ahead of touch alone at its default, the gap slows the rebound.
+    # If only the breaking threshold has the engine's default, the engine slows the ball across the gap ahead of touch.
     text = re.sub(r"contactBreakingThreshold=\S+,", "contactBreakingThreshold=0.02,", target.text(asked))
     changed = type(target)(**{**vars(target), "write": lambda _: text})
     low, high = drop_target(changed, asked).restitution

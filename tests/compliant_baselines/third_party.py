@@ -1,15 +1,15 @@
-"""Distributions that others might install, made in a folder: with solvers, good and bad."""
+"""Distributions for tests that pretend to be installed by others: folders with solvers, correct or broken."""
 
 from pathlib import Path
 
 _EXAMPLES = Path(__file__).parents[2] / "examples"
 
-#: The examples of the documentation: an adapter of an engine, and a solver of one collision at a time.
+#: Source of the examples of the documentation: an adapter of an engine, and a solver of single collisions.
 TOY, ANVIL = (_EXAMPLES.joinpath(name).read_text(encoding="utf-8") for name in ("toy_engine.py", "anvil.py"))
 
 
 def install(folder: Path, name: str, points: dict[str, str], **modules: str) -> None:
-    """Lay a distribution down as pip would: metadata with entry points, and its modules."""
+    """Write a distribution into a folder as pip would: its metadata with entry points, and its modules."""
     info = folder / f"{name.replace('-', '_')}-1.2.dist-info"
     info.mkdir(parents=True, exist_ok=True)
     info.joinpath("METADATA").write_text(

@@ -25,7 +25,7 @@ CHAINS = {
     "figure_chain": {"balls": 4, "e": 0.8},
 }
 
-#: Text that a page, a table and LaTeX are to show as it is.
+#: Text with HTML and scripts that pages, tables and LaTeX must show unchanged.
 HOSTILE = "</script><script>document.title = 'taken'</script><img src=x onerror=\"document.title='taken'\">"
 
 
@@ -34,13 +34,16 @@ def tables_of(root):
 
 
 def swept(root, resolve=fakes.shifted, **changes):
-    """Run `SMALL`, or what is changed of it (None leaves a key out), in this process."""
+    """Run `SMALL` with some keys changed in this process, and return its folder; None removes a key."""
     data = {key: value for key, value in (SMALL | changes).items() if value is not None}
     return run_sweep(parse_config(data), root, isolate=False, resolve=resolve).folder
 
 
 def resumed(root, config=None, present=None, **how):
-    """Continue a run in this process, of `SMALL` with `fakes.shifted` unless told otherwise; what it said."""
+    """Continue a run in this process and return the lines that it reported.
+
+    By default the run is `SMALL`, solved by `fakes.shifted`.
+    """
     said, config = [], config or parse_config(SMALL)
     how = {"resolve": fakes.shifted, "progress": lambda done, total, line: said.append(line)} | how
     result = run_sweep(config, root, isolate=False, to_be_presented=present is not None, **how)
@@ -51,7 +54,7 @@ def resumed(root, config=None, present=None, **how):
 
 @pytest.fixture(scope="session")
 def engine_run(tmp_path_factory):
-    """A small run of a real engine and two exact laws, with its page; no test changes it."""
+    """Folder of a small run of MuJoCo and two exact laws, with its page. Tests must not change it."""
     root = tmp_path_factory.mktemp("engines") / "a run"
     solvers = ["kelvin-voigt", "bistiffness", "mujoco"]
     settings = {"solvers": solvers, "scenario": "drop", "v0": -2.0, "name": HOSTILE}
@@ -61,7 +64,7 @@ def engine_run(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def chain_run(tmp_path_factory):
-    """A small run of chains, half of which no engine represents, with its page; no test changes it."""
+    """Folder of a small run of chains, with its page. Engines refuse half of the chains. Tests must not change it."""
     root = tmp_path_factory.mktemp("chains") / "run"
     result = run_sweep(parse_config(CHAINS), root, isolate=False, to_be_presented=True)
     present_once(result, present_run, isolate=False)
@@ -70,11 +73,11 @@ def chain_run(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def fake_run(tmp_path_factory):
-    """A small run of an engine that is 0.01 m/s off and of one that is not installed; no test changes it."""
+    """A small run of an engine that is 0.01 m/s off and of a missing engine. Tests must not change it."""
     return swept(tmp_path_factory.mktemp("fakes") / "run")
 
 
 @pytest.fixture
 def run(fake_run, tmp_path):
-    """A copy of the folder of that run, to be altered."""
+    """A copy of the folder of `fake_run`, which a test may change."""
     return Path(shutil.copytree(fake_run.root, tmp_path / "run"))

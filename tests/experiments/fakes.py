@@ -1,4 +1,7 @@
-"""Solvers that misbehave on purpose, in every way a solver and its process can; worker processes find them here."""
+"""Solvers that misbehave on purpose, in every way a solver and its process can.
+
+They are in a module of their own, because worker processes must be able to import them.
+"""
 
 import ctypes
 import dataclasses
@@ -14,13 +17,16 @@ from impact_xval.model.graph import GraphCollisionOutcome, solve_graph_collision
 
 
 class Shifted(Solver):
-    """The model's answer, 0.01 m/s faster: of two balls on a table B1, of other chains every ball."""
+    """The model's answer with balls that are 0.01 m/s faster.
+
+    Of two balls on a table only B1 is faster, of other chains every ball.
+    """
 
     name = "mujoco"
 
     @classmethod
     def resolve(cls, name):
-        """Return this one in its place, PyBullet as not installed, and every other solver as it is."""
+        """Return this solver for its own name, a missing engine for PyBullet, and the real solver for other names."""
         return cls() if name == cls.name else Missing() if name == "pybullet" else get_solver(name)
 
     def version(self):
@@ -48,7 +54,7 @@ class ShiftedGraphs(Shifted):
 
 
 class Perfect(Shifted):
-    """The model's answer, to the bit, also in the limit dt -> 0."""
+    """The model's answer, identical to the bit, also in the limit of a time step of zero."""
 
     def moved(self, collision, settings):
         o = solve(collision, path=settings.record_path)
@@ -75,7 +81,7 @@ class Missing(Shifted):
 
 
 class Crashing(Shifted):
-    """Raises where e1 = 0.5, and with it for every batch that holds such a cell."""
+    """Raises an exception for every batch that holds a cell with e1 = 0.5."""
 
     def solve_many(self, collisions, settings):
         if any(c.e1 == 0.5 for c in collisions):
@@ -84,7 +90,10 @@ class Crashing(Shifted):
 
 
 class Interrupting(Shifted):
-    """Behaves as if Ctrl-C were pressed in the middle chunk of a small run, which is the last one done."""
+    """Raises KeyboardInterrupt, as Ctrl-C does, for a cell in the middle chunk of a small run.
+
+    This chunk is solved last.
+    """
 
     def solve_many(self, collisions, settings):
         if any(c.k2 == c.k1 and c.e1 == 0.5 for c in collisions):
@@ -92,7 +101,7 @@ class Interrupting(Shifted):
         return super().solve_many(collisions, settings)
 
 
-#: By k2/k1 and e1 how much faster than the model's B1 of `Graded` is, per abs(v0).
+#: Amount by which `Graded` makes B1 faster than the model does, over abs(v0), by k2/k1 and e1.
 GRADES = {0.5: {0.5: 0.002, 0.9: 0.004}, 1.0: {0.5: 0.004, 0.9: 0.03}, 2.0: {0.5: 0.1, 0.9: 0.4}}
 
 
@@ -109,7 +118,7 @@ def refusing_all(name):
     return solver
 
 
-#: Values of e1 that make a cell fatal, by what happens.
+#: Values of e1 for which `Faulty` crashes, hangs, leaves, raises or returns too few outcomes.
 SEGFAULT, HANG, LEAVE, RAISE, SHORT = 0.901, 0.902, 0.903, 0.904, 0.905
 
 
@@ -132,7 +141,7 @@ class FaultyModel(Faulty):
 
 
 class SlowToStart(Shifted):
-    """Takes five seconds to answer the first time, as one does whose kernels are to be compiled."""
+    """Takes five seconds for its first answer, as a solver does whose kernels must be compiled."""
 
     started = False
 
@@ -144,7 +153,7 @@ class SlowToStart(Shifted):
 
 
 class Slow(Shifted):
-    """Takes its time for each collision, so that a run can be ended in the middle."""
+    """Takes 0.05 s for each collision, so that a test can end a run in the middle."""
 
     def solve_many(self, collisions, settings):
         time.sleep(0.05 * len(collisions))

@@ -1,12 +1,17 @@
-"""The one module of the golden values that knows the names of the project: plain values in, plain values out.
+"""The only module of the golden values that uses names of the project: plain values in, plain values out.
 
-A collision is a dictionary as `inputs/*.jsonl` hold it, all numbers in SI units, ball 1 first, up positive:
+A collision is a dictionary, as `inputs/*.jsonl` hold it. All numbers are in SI units, ball 1 comes first, and up is
+positive. The keys are:
 
-* masses, velocities, one a ball; stiffnesses, restitutions, gaps (none: closed), one a contact; table; exponent;
-* gravity: 0, or g of a drop on a lower ball that has settled; cutoff: "exact", a number or "inf";
-* kernel: "pair" for two balls on a table by the solver made for them, "chain" for N balls.
+* masses, velocities: one per ball
+* stiffnesses, restitutions, gaps (empty: all contacts closed): one per contact
+* table: whether the last contact is with a table
+* exponent: of the contact force
+* gravity: 0, or g of a drop on a lower ball that has settled
+* cutoff: "exact", a number or "inf"
+* kernel: "pair" for two balls on a table by the solver made for them, "chain" for N balls
 
-States are sets of acting contacts, "1+2 2 -", for two balls and for N.
+States are sets of active contacts, such as "1+2 2 -", for two balls and for N.
 """
 
 import hashlib
@@ -26,8 +31,9 @@ from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.model import Collision, Collisions
 
 _OF_N = ("state-transition", "liu-zhao-brogliato", "bistiffness", "kelvin-voigt", "kelvin-voigt-textbook")
-_FROZEN = ("bistiffness-frozen", "kelvin-voigt-frozen")  # the corners of the ladder
-#: The exact solvers by kernel; the oracle is a test of the model, not a solver of its own.
+# laws in time with frozen positions, which the ladder uses
+_FROZEN = ("bistiffness-frozen", "kelvin-voigt-frozen")
+#: Exact solvers by kernel.
 EXACT = {
     "pair": (*_OF_N, "kelvin-voigt-anchored", "hunt-crossley", *_FROZEN),
     "chain": (*_OF_N, "hunt-crossley", *_FROZEN),
@@ -35,19 +41,19 @@ EXACT = {
 ENGINES = ("mujoco", "pybullet")
 
 _STATES = {"S1": "1+2", "S2": "2", "S3": "1", "S4": "-"}
-_LONGEST = 40  # states that are written out
+_LONGEST = 40  # largest number of states that are written out
 _FRACTIONS = np.linspace(0, 1, 11)
 
 
 def solve(problem, solver, *, path=False):
-    """Outcome of a collision by a solver, in plain values; with its path in `path`, if asked for."""
+    """Return the outcome of a collision by a solver, in plain values; with its sampled path if `path` is true."""
     names = ("masses", "stiffnesses", "restitutions", "velocities", "table", "gaps", "exponent")
     given = (problem[name] for name in names)
     collision = Collision(*(tuple(map(float, x)) if isinstance(x, list) else x for x in given))
     if solver not in _FROZEN:
         outcome = get_solver(solver).solve_many([collision], _settings(problem, path))[0]
     elif any(problem["gaps"]):
-        return {"status": "unrepresentable"}  # it raises
+        return {"status": "unrepresentable"}  # this solver would raise an exception
     else:
         how = {"frozen": True, "gravity": problem["gravity"], "paths": path}
         (outcome,) = references.solve_by_law(
@@ -68,7 +74,8 @@ def solve(problem, solver, *, path=False):
         or ("jump" if outcome.marked else ""),
         "diagnostics": numbers,
     }
-    if solver in _FROZEN and problem["kernel"] == "pair":  # golden values hold the last states, and less
+    # golden values hold only the last states and the duration
+    if solver in _FROZEN and problem["kernel"] == "pair":
         found |= {"states": f"{_written(states[-32:])} of {len(states)}", "margin": None, "mark": ""}
         found["diagnostics"] = {"duration": numbers["duration"]}
     return found | {"path": _sampled(outcome.path)} if path else found
@@ -86,7 +93,7 @@ def _settings(problem, path):
 
 
 def _written(states):
-    """Write a sequence of states; of a long one the first, the number and a digest of all."""
+    """Write a sequence of states as text; a long sequence by its first states, their number and a digest of all."""
     text = " ".join(states)
     if len(states) <= _LONGEST:
         return text
@@ -95,7 +102,7 @@ def _written(states):
 
 
 def plain(value):
-    """Write infinity and NaN, which strict JSON has no numbers for, as text."""
+    """Return a value as JSON can hold it: infinity and NaN, which strict JSON has no numbers for, as text."""
     if value is None or isinstance(value, str):
         return value
     number = value.item() if isinstance(value, np.generic) else value
@@ -103,10 +110,10 @@ def plain(value):
 
 
 def _sampled(path):
-    """Sample a path whose rows are its solver's choice.
+    """Return samples of a path that do not depend on how many points its solver recorded.
 
-    Exact: its ends and the first rows of its states, as many as are written out. Interpolated: impulses at eleven
-    fractions of its duration.
+    The samples are the rows at both ends, the first row of each state (at most as many as states are written out), and
+    impulses interpolated at eleven fractions of the duration.
     """
     time, impulses = path.time, path.impulses
     first = np.append(True, (path.active[1:] != path.active[:-1]).any(axis=1))
@@ -122,7 +129,7 @@ def _sampled(path):
 
 
 def tables(spec, folder):
-    """Tables of a run, by name: of each its columns and its rows, in plain values."""
+    """Run an experiment and return its tables by name, each as columns of plain values."""
     spec = dict(spec)
     config = {name: spec.pop(name) for name in ("solvers", "step_fraction", "m1", "k1", "v0")}
     if "cells" in spec:
@@ -137,14 +144,14 @@ def tables(spec, folder):
     names = ("cells", "divergence", "ladder")
     found = {name: _columns(pq.read_table(run.root / f"{name}.parquet").to_pydict()) for name in names}
     summary = summarise(run)
-    # Statistics of a single row are in the table of divergence.
+    # Statistics of a single row only repeat the divergence table.
     statistics = summary.statistics[summary.statistics.n > 1]
     more = {"summary": statistics, "statuses": summary.statuses.reset_index()}
     return found | {name: _columns(frame.to_dict("list")) for name, frame in more.items()}
 
 
 def hypothesis(spec, folder):
-    """Tables of a test of the hypothesis by exact solvers, those that `spec` names."""
+    """Test the hypothesis by the exact solvers, and return the tables that `spec` names, each as columns of text."""
     config = HypothesisConfig(**{name: value for name, value in spec.items() if name != "tables"})
     for _, solve in prepare_runs(config, folder):
         solve(workers=1, isolate=False)
@@ -158,7 +165,7 @@ def _columns(data):
 
 
 def _field(value):
-    """Write a value as text, as a CSV file holds it; numbers to their last digit."""
+    """Return a value as text, as a CSV file holds it, with all digits of a number."""
     if value is None:
         return ""
     value = value.item() if isinstance(value, np.generic) else value

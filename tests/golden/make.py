@@ -1,6 +1,6 @@
-"""``python -m tests.golden.make [NAME ...]``: compute golden values again, all or some, and write where they come from.
+"""``python -m tests.golden.make [NAME ...]``: compute all or the named golden values again, and record their origin.
 
-It refuses to run on sources that are not committed. What it writes is committed by itself, with the reason.
+It refuses to run if sources are not committed. Commit what it writes separately, with the reason for the change.
 """
 
 import json
@@ -23,7 +23,7 @@ def git(*arguments):
 
 
 def rows(name):
-    """Solve collisions: by every exact solver, with a path each by its own solver, or by the engines."""
+    """Yield golden rows: outcomes by all exact solvers, or one path per collision, or outcomes by the engines."""
     for problem in values.read(f"inputs/{name}.jsonl"):
         if name == "paths":
             path = adapter.solve(problem, problem["solver"], path=True)["path"]
@@ -36,7 +36,7 @@ def rows(name):
 
 
 def make(name):
-    """Write outcomes as plain values, one a line, in strict JSON; tables of runs as CSV files."""
+    """Write the golden values of a name: outcomes as strict JSON, one per line, or tables of runs as CSV files."""
     if name not in ("tables", "hypothesis"):
         lines = (json.dumps(row, allow_nan=False) + "\n" for row in rows(name))
         (VALUES / f"{name}.jsonl").write_text("".join(lines))

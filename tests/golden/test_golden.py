@@ -1,4 +1,4 @@
-"""Outcomes and paths of collisions, tables of runs and of the hypothesis, against golden values."""
+"""Outcomes, paths, tables of runs and tables of the hypothesis, compared with golden values."""
 
 import pytest
 

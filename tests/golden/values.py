@@ -1,9 +1,12 @@
-"""How far golden values may move, and what moved further.
+"""Compare golden values with new ones: tolerances, and messages for values that moved further.
 
-Velocities are taken per largest speed before, impulses per that speed and the masses above their contact. A golden
-outcome holds `moves`, the largest move of each number under eight random changes of the inputs by 2^-52, and
-`unsteady`, the words that changed under these, or sixteen changes by 2^-48: where two contacts end at once in exact
-numbers, rounding names the states.
+Velocities are divided by the largest initial speed. Impulses are divided by that speed times the mass above their
+contact. A golden outcome holds two measures of how sensitive it is:
+
+* `moves`: the largest change of each number under eight random changes of the inputs by 2^-52
+* `unsteady`: the words that changed under these, or under sixteen changes by 2^-48
+
+Words can change because rounding decides the states where two contacts would end at exactly the same time.
 """
 
 import json
@@ -17,28 +20,30 @@ import pandas as pd
 from tests.golden import adapter
 
 HERE = Path(__file__).parent
-#: By name of golden values the command and the commit that made them.
+#: The command and the commit that made the golden values, by name of the values.
 PROVENANCE = HERE / "values" / "provenance.json"
-#: Numbers of changes of the inputs.
+#: Number of random changes of the inputs by 2^-52, and of those by 2^-48.
 CHANGES, MORE_CHANGES = 8, 16
-#: Moves above which only the status is compared, and below which states are.
+#: If velocities move more than the first value under changes of the inputs, only the status is compared. If they move
+#: less than the second, states are compared, too.
 STATUS_ONLY, STATES = 1e-8, 1e-10
-#: Least tolerances of velocities: linear contacts, and contacts that are integrated.
+#: Smallest tolerance of velocities for linear contacts, and for contacts whose motion is integrated numerically.
 LINEAR, INTEGRATED = 1e-12, 1e-9
-#: Relative tolerances of other numbers.
+#: Relative tolerances of the margin and of diagnostics, by name.
 RELATIVE = {"margin": 1e-6, "duration": 1e-10, "first_flight": 1e-10, "gravity_number": 1e-12}
-#: Tolerances by a part of the name of a number, absolute and relative; the first that fits counts.
+#: Absolute and relative tolerance by a part of a number's name. The first part that fits counts.
 COMMON = {"n_steps": (1.0, 0.0), **dict.fromkeys(("error", "regularisation", "order"), (1e-9, 1e-3))}
 COMMON |= {"limit": (1e-8, 0.0)}
-#: Of numbers of tables where nothing else is said, those of engines 1e-9.
+#: Tolerance of numbers in tables for which nothing else is given. For those of engines it is 1e-9.
 EXACT = 1e-10
-#: Of outcomes of engines, and of tables, on every machine; durations of engines differ by a step.
+#: Tolerances for outcomes of engines and for tables, on every machine. Durations by engines may differ by a step.
 ENGINES = COMMON | {"duration": (0.0, 2e-3), "step": (0.0, 1e-12), "gravity_number": (0.0, 1e-12)}
 ENGINES |= {"energy": (1e-12, 0.0)}
 TABLES = {"curve_distance": (3e-9, 0.0), "grazing_margin": (0.0, 1e-6)} | COMMON
-#: A rate is the median slope of a few distances that begin at three times the error of the solver, so that rounding
-#: decides its digits: compiled for the generic processor instead of the host's, the same code gives rates up to 3.4e-4
-#: apart (1.97509 and 1.97543). The rates in question, 1, 1.5 and 2, are far apart, and verdicts are compared as words.
+#: A rate is the median slope through a few distances, the smallest of which are three times the error of the solver.
+#: Rounding therefore decides its digits: compiled for the generic processor instead of the host's, the same code gives
+#: rates up to 3.4e-4 apart (1.97509 and 1.97543). The possible rates 1, 1.5 and 2 are far apart, and verdicts are
+#: compared as words.
 TABLES |= {"share": (1e-6, 0.0), "rate": (1e-3, 0.0)}
 WORDS = ("status", "states", "events", "mark")
 
@@ -56,7 +61,7 @@ def provenance():
 
 
 def flat(problem, found):
-    """Numbers of an outcome by name, each in a unit in which rounding is about 1e-16."""
+    """Return the numbers of an outcome by name, each in a unit in which rounding is about 1e-16."""
     if "velocities" not in found:
         return {}
     speed = max(map(abs, problem["velocities"]))
@@ -69,9 +74,9 @@ def flat(problem, found):
 
 
 def changed(problem, rng, size):
-    """Change masses, stiffnesses, restitutions, gaps and gravity, up or down, and all velocities alike.
+    """Change each mass, stiffness, restitution, gap and gravity up or down by `size`, and all velocities by one factor.
 
-    Velocities of balls that move together are equal by intent, and stay so.
+    One factor for all velocities keeps balls together that are meant to move together.
     """
 
     def nudged(numbers):
@@ -128,7 +133,7 @@ def exact_misses(problem, golden, found):
 
 
 def engine_misses(problem, golden, found):
-    """Say which words of an engine's outcome differ, and which numbers are further away than `ENGINES` allows."""
+    """List the words of an engine's outcome that differ, and the numbers that differ by more than `ENGINES` allows."""
     misses = word_misses(golden, found, WORDS)
 
     def allowed(name, x):
@@ -152,7 +157,7 @@ def word_misses(golden, found, names):
 
 
 def number_misses(problem, golden, found, allowed):
-    """Say which numbers of an outcome are further away than they may be: `allowed`, of name and golden number."""
+    """List the numbers of an outcome that moved too far; `allowed` gives the tolerance by name and golden number."""
     where, misses = f"{golden['input']}, {golden['solver']}", []
     expected, there = flat(problem, golden), flat(problem, found)
     for name in {**expected, **there}:
@@ -162,7 +167,7 @@ def number_misses(problem, golden, found, allowed):
 
 
 def miss(where, name, expected, found, tolerance):
-    """Say that a number is further away than it may be; NaN equals NaN."""
+    """Return a list with a message if a number is too far from the expected one, else an empty list; NaN equals NaN."""
     same = expected == found or (math.isnan(expected) and math.isnan(found))
     if same or abs(found - expected) <= tolerance:
         return []
@@ -187,9 +192,9 @@ def path_misses(problem, golden, found):
     return misses
 
 
-#: Columns that tell a row.
+#: Columns that identify a row of a table.
 KEYS = ("cell", "case", "solver", "class", "measure")
-#: Columns of words for a reader, of which only is compared whether there are any.
+#: Columns with texts for readers. Only whether a text is present is compared.
 PROSE = ("reason", "marked", "sentence", "without_result")
 
 
@@ -212,7 +217,7 @@ def table_misses(where, found):
 
 
 def field_misses(where, name, golden, found):
-    """Compare a field of a row with the golden one: numbers, or words."""
+    """Compare a field of a row with the golden field, as numbers or as words, and list what differs."""
     try:
         x, y = float(golden[name]), float(found)
     except ValueError:

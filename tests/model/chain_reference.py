@@ -1,9 +1,14 @@
-"""An independent solution of chains by any law: plain event-driven integration in time with scipy.
+"""Independent integration of chains in time, for any law: event-driven, by scipy.
 
-Shares nothing with the package but the parameters. The unknowns are velocities of balls and deformations of contacts,
-each from its contact's present surface: of a contact that a hundred ends of compression made 1e9 times as stiff, a
-height above the first touch would keep no digit of the force. The integrator is DOP853, events are found by sign
-changes on its dense output, between steps too short to hold two.
+The model and the references of laws are compared with `integrate`. The integration uses nothing of the package but the
+parameters of a chain.
+
+The unknowns are the velocities of the balls and the deformations of the contacts. A deformation is measured from the
+present surface of its contact, not from the first touch. A contact that restitution has made 1e9 times as stiff is
+deformed so little that a height above the first touch would hold no digit of its force.
+
+The integrator is DOP853. Events are sign changes on its dense output. The steps are so short that two sign changes of
+one function within a step are unlikely.
 """
 
 import math
@@ -12,9 +17,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.integrate import solve_ivp
 
-#: A contact that is stiffer than its neighbours by this factor, and pressed by them, is taken for rigid.
+#: A contact is treated as rigid if it is stiffer than its loaded neighbours by this factor.
 RIGID = 1e11
-#: Rates and energies this little above zero are zero, by rounding.
+#: Rates and energies up to this value count as zero, because rounding alone can produce them.
 ZERO = 1e-14
 
 JME, LZB = "jia-mason-erdmann", "liu-zhao-brogliato"
@@ -24,15 +29,16 @@ OPEN, LOADED, SLACK, COMPRESSION, RESTITUTION = "", "loaded", "slack", "compress
 class Answer(NamedTuple):
     velocities: tuple[float, ...]
     states: tuple[tuple[int, ...], ...]
-    limit: bool  # whether a contact became rigid
-    end: str  # "free", or in a drop "rest" of the lower ball or "stuck"
+    limit: bool  # True if a contact became rigid
+    end: str  # "free"; in a drop also "rest" (lower ball at rest) or "stuck" (both balls at rest)
     duration: float
 
 
 class _Run:
-    """A chain under way: bodies (groups of balls, the table as one of infinite mass) and contacts between them.
+    """A chain during its integration: bodies and the contacts between them.
 
-    Where positions are frozen a contact without force begins anew, from no depth, where its bodies approach.
+    A body is a ball, a group of united balls, or the table, which has infinite mass. With frozen positions, a contact
+    that has no force starts again from zero depth as soon as its bodies approach.
     """
 
     def __init__(self, chain, law, b, gravity, frozen):
@@ -45,7 +51,7 @@ class _Run:
         self.e = list(chain.restitutions)
         self.b = list(b if self.dashpots else [0.0] * len(self.k))
         self.delta = [-gap for gap in chain.gaps]
-        if gravity:  # the lower ball has settled
+        if gravity:  # at the start of a drop the lower ball rests on the table, at its equilibrium depth
             self.delta[-1] = chain.masses[-1] * gravity / self.k[-1]
         self.number = list(range(1, len(self.k) + 1))
         self.body = list(range(len(chain.masses)))
@@ -64,7 +70,7 @@ class _Run:
         return self.phase[i] not in (OPEN, SLACK)
 
     def force(self, i):
-        """Of a spring; dashpots are never asked."""
+        """Return the force of a contact's spring; 0 if the contact is inactive or does not exist. Only for springs."""
         inside = 0 <= i < len(self.k) and self.acts(i)
         return self.k[i] * max(self.delta[i], 0.0) ** self.p if inside else 0.0
 
@@ -91,13 +97,13 @@ class _Run:
         return f
 
     def pushes(self, i, depth, rate):
-        """A number of the sign of a dashpot's force."""
+        """Return a number that has the same sign as the force of a contact's spring and dashpot."""
         if self.law == "hunt-crossley":
             return 1 + self.b[i] * rate
         return self.k[i] * max(depth, 0.0) ** (0.5 * (self.p + 1)) + self.b[i] * rate if self.b[i] else depth
 
     def ends(self, i):
-        """What ends the phase of a contact: functions of depth and rate that fall through zero, the phase after."""
+        """List functions of depth and rate that fall through zero at the end of a phase, with the next phase."""
         spent, pushes = (lambda d, w: d, OPEN), lambda d, w: self.pushes(i, d, w)
         ends = {
             OPEN: [(lambda d, w: -w if self.frozen else -d, self.begins)],
@@ -113,10 +119,10 @@ class _Run:
         return ends[self.phase[i]]
 
     def watched(self):
-        """Functions of time and y that fall through zero, each with the contact and the phase that it changes to."""
+        """List the functions of time and state that fall through zero at an event, with contact and next phase."""
         n, found = len(self.k), []
         for i, phase in enumerate(self.phase):
-            # A contact that its neighbours have hardly loaded yet has a rate and a force of either sign, by rounding.
+            # A contact that its neighbours have hardly loaded has a rate and a force whose signs are those of rounding.
             unloaded = 1e-14 * self.largest(i) if phase in (LOADED, COMPRESSION) else -math.inf
             for f, after in self.ends(i):
 
@@ -125,7 +131,7 @@ class _Run:
 
                 found.append((event, i, after))
         if self.g and not self.acts(0) and self.acts(n - 1) and self.rate(0) < -1e-13:
-            # The table lifts the lower ball: the rate at which the balls part only falls.
+            # The table lifts the lower ball, so the rate at which the balls separate can only fall.
             found.append((lambda _, y: y[0] - y[1], 0, "level"))
         for j in range(0 if all(map(self.acts, range(n))) else 1, n) if self.g else ():
             if self.energy_to_unload(j, np.array([*self.v, *self.delta])) > ZERO:
@@ -135,7 +141,10 @@ class _Run:
         return found
 
     def energy_to_unload(self, j, y):
-        """Twice the energy of bodies j and below beyond the least that can unload a contact of theirs."""
+        """Return twice the surplus energy of body j and the bodies below.
+
+        The surplus is their energy minus the least energy that can unload one of their contacts.
+        """
         n = len(self.k)
         m, k = 1 / np.array(self.inverse[j:n]), np.array(self.k[j:])
         carried = self.g * np.cumsum(m) / k
@@ -156,7 +165,7 @@ class _Run:
         return ""
 
     def frequency(self):
-        """Highest frequency of the contacts that push, or may soon."""
+        """Return 1.5 times the highest angular frequency of the contacts that are not open."""
         squares = (
             (self.inverse[i] + self.inverse[i + 1]) * self.stiffness(i, max(self.delta[i], self.largest(i)))
             for i in range(len(self.k))
@@ -165,12 +174,12 @@ class _Run:
         return 1.5 * math.sqrt(max(squares, default=0.0))
 
     def largest(self, i):
-        """Deformation that all the energy of a relative motion at unit speed would give, roughly."""
+        """Estimate the deformation of a contact that takes up all the energy of a relative motion at unit speed."""
         inverse = self.inverse[i] + self.inverse[i + 1]
         return ((self.p + 1) / (2 * inverse * self.k[i])) ** (1 / (self.p + 1))
 
     def apply(self, i, after):
-        """Apply the law; whether the bodies were united."""
+        """Change a contact to its next phase by the law, and return whether its bodies were united."""
         e, p, before = self.e[i], self.p, self.phase[i]
         if after == "level" or (after in (COMPRESSION, RESTITUTION) and (before or self.frozen)):
             self.v[i] = self.v[i + 1] = self.mean(i)
@@ -221,9 +230,10 @@ class _Run:
 def integrate(
     chain, law=JME, b=(), *, gravity=0.0, frozen=False, resolution=0.1, rtol=1e-12, most=5000, least=0.0
 ):
-    """Follow a chain whose rates are about 1 to its end, or until all are below `least`.
+    """Follow a chain whose speeds are about 1 to its end, or until all speeds and depths are below `least`.
 
-    `b` holds c or a of each contact, in SI units. Gravity is for two balls on a table, in units m1 = k1 = |v0| = 1.
+    `b` holds the damping parameter of each contact in SI units: c of a linear dashpot, or a of Hunt and Crossley's.
+    Gravity is only for two balls on a table, in units in which m1 = k1 = |v0| = 1.
     """
     run = _Run(chain, law, b, gravity, frozen)
     states, limit = [run.acting()], False
@@ -234,7 +244,7 @@ def integrate(
             return Answer(tuple(run.v[b] for b in run.body), tuple(ended), limit, end, run.t)
         n = len(run.k)
         if run.g and not any(map(run.acts, range(n))) and max(run.delta) <= ZERO:
-            run.g = 0.0  # the first flight: from here on the bodies no longer fall
+            run.g = 0.0  # the first flight: from now on gravity is off
         watched, fastest = run.watched(), run.frequency()
         step = resolution / fastest if fastest else 0.3 if run.g else 1.0
         done = solve_ivp(

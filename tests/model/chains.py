@@ -1,4 +1,4 @@
-"""One chain, or many, by the model, and the agreement of an outcome with the integration in time."""
+"""Helpers for chains: solve a chain by the model, and compare an outcome with the integration in time."""
 
 from contextlib import suppress
 from dataclasses import replace
@@ -17,10 +17,15 @@ def solved(chain, *, exponent=1.0, **how):
 
 
 def assert_integrated(ours, chain, law=JME, bound=1e-9):
-    """The integration looks at signs, and can miss pairs of events: it is repeated in short steps before it counts."""
+    """Assert that an outcome has the velocities (to `bound`), the status and the states of an integration in time.
+
+    The integration finds events by sign changes and can miss two that are close together. If it disagrees, it is
+    repeated with shorter steps, up to twice.
+    """
     theirs = None
     for resolution in (0.1, 0.05, 0.02):
-        with suppress(AssertionError):  # it can also meet a pair again and again
+        # the integration may find the same two events again and again, until it gives up
+        with suppress(AssertionError):
             theirs = integrate(chain, law, resolution=resolution, most=500)
             if np.abs(np.subtract(ours.velocities, theirs.velocities)).max() <= bound:
                 break

@@ -6,13 +6,13 @@ from impact_xval.experiments.sweep.chunk import warm
 
 
 def from_python(part):
-    """Return a part of a kernel, which only kernels call, as a kernel of its own."""
+    """Compile a function that only kernels can call, so that a test can call it from Python."""
     return njit(lambda *numbers: part(*numbers))
 
 
 @pytest.fixture(scope="session", autouse=True)
 def compiled_kernels():
-    """Compile what solvers and runs need before the first test, once for all workers: `warm` locks."""
+    """Compile all kernels that the tests need before the first test. A lock lets one worker process compile for all."""
     for kind in ("pair", "chain", "graph"):
         for name in ("state-transition", "kelvin-voigt", "mujoco", "pybullet"):
             warm(None, get_solver, name, kind)

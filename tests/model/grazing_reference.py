@@ -1,7 +1,8 @@
-"""Grazing margin of balls with linear contacts by its definition (docs/theory.md, section 6), by plain means.
+"""Grazing margins of balls with linear contacts, computed from the definition in docs/theory.md, section 6.
 
-The motion between two events is a sum of the eigenvectors of the stiffness matrix, by numpy. Events and turning points
-are sign changes on a fine grid, closed in on by bisection. No solver of the package is used.
+This is the independent reference for the margins that the model states. It uses no solver of the package. Between two
+events the motion is a sum over the eigenvectors of the stiffness matrix, computed by numpy. Events and turning points
+are sign changes on a fine grid, refined by bisection.
 """
 
 from __future__ import annotations
@@ -16,15 +17,17 @@ from impact_xval.model.arrays import Floats
 
 COMPRESSION, RESTITUTION, INACTIVE = "compression", "restitution", "inactive"
 
-#: Points of the grid in a period of the fast mode, and most segments and points of a collision that is followed.
+#: Points of the time grid per period of the fastest mode; largest number of segments per collision; largest number of
+#: grid points per segment.
 FINE, MOST_SEGMENTS, MOST_POINTS = 500, 100, 100_000
 
-#: What does not count: the share of the energy of impact, and of the amplitude.
+#: The margin ignores a turning point if the point could change less than the first share of the impact energy, or if
+#: the rate there exceeds the second share of its amplitude.
 LEAST_STAKE, LARGEST = 1e-6, 0.05
 
 
 def sign_change(f: Callable[[Any], Any], low: float, high: float) -> float:
-    """Bisect to where a function that is positive at `low` is not any more."""
+    """Find by bisection where a function that is positive at `low` stops being positive."""
     for _ in range(80):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if f(middle) > 0 else (low, middle)
@@ -32,7 +35,7 @@ def sign_change(f: Callable[[Any], Any], low: float, high: float) -> float:
 
 
 class Segment:
-    """Motion of all balls with one set of acting contacts, from velocities and forces at its start."""
+    """Motion of all balls while the same contacts are active, from the velocities and forces at the start."""
 
     def __init__(
         self, masses: Floats, rates: Floats, k: list[float], acting: list[int], v: Floats, F: Floats
@@ -41,7 +44,8 @@ class Segment:
         root = 1 / np.sqrt(masses)
         squares, vectors = np.linalg.eigh(stiffness * np.outer(root, root))
         self.omega = np.sqrt(np.maximum(squares, 0))
-        self.omega[self.omega < 1e-10 * self.omega.max()] = 1e-10 * self.omega.max()  # free bodies, nearly
+        # a free motion of the bodies has no frequency; a very low one avoids a division by zero
+        self.omega[self.omega < 1e-10 * self.omega.max()] = 1e-10 * self.omega.max()
         self.modes = root[:, None] * vectors
         self.a = vectors.T @ (v / root)
         pushes = rates[acting].T @ F[acting]
@@ -49,35 +53,35 @@ class Segment:
         self.k, self.F, self.shapes = k, F, rates @ self.modes
 
     def rate(self, i: int, t: Any) -> Any:
-        """Compression rate of a contact."""
+        """Return the compression rate of contact i at the times t."""
         angle = np.multiply.outer(t, self.omega)
         return (self.a * np.cos(angle) + self.b * np.sin(angle)) @ self.shapes[i]
 
     def slope(self, i: int, t: Any) -> Any:
-        """Derivative of the compression rate."""
+        """Return the time derivative of the compression rate of contact i at the times t."""
         angle = np.multiply.outer(t, self.omega)
         return (self.omega * (self.b * np.cos(angle) - self.a * np.sin(angle))) @ self.shapes[i]
 
     def force(self, i: int, t: Any) -> Any:
-        """Force of a contact: its stiffness times the integral of its rate."""
+        """Return the force of contact i at the times t: its stiffness times the integral of its compression rate."""
         angle = np.multiply.outer(t, self.omega)
         done = (self.a * np.sin(angle) + 2 * self.b * np.sin(0.5 * angle) ** 2) / self.omega
         return self.F[i] + self.k[i] * (done @ self.shapes[i])
 
     def amplitude(self, i: int) -> float:
-        """Sum of the amplitudes of the sinusoids of a rate."""
+        """Return the sum of the amplitudes of all sinusoids in the compression rate of contact i."""
         return float(np.abs(self.shapes[i]) @ np.hypot(self.a, self.b))
 
     def velocities(self, t: float) -> Floats:
-        """Velocities of all balls."""
+        """Return the velocities of all balls at time t."""
         return self.modes @ (self.a * np.cos(self.omega * t) + self.b * np.sin(self.omega * t))
 
 
 def reference(collision: Collision) -> tuple[float, Floats]:
-    """Grazing margin and final velocities; NaN of a collision that is too long."""
+    """Return the grazing margin and the final velocities of a collision, or NaN if the collision is too long."""
     masses, v, k = np.array(collision.masses), np.array(collision.velocities), list(collision.stiffnesses)
     e, contacts, balls = collision.restitutions, len(k), len(masses)
-    # Rates of compression by the velocities of the balls: of each contact, v_{i+1} - v_i.
+    # Row i turns the velocities of the balls into the compression rate of contact i, which is v_{i+1} - v_i.
     rates = np.eye(contacts, balls, 1) - np.eye(contacts, balls)
     relative = v if collision.table else v - masses @ v / masses.sum()
     energy = 0.5 * masses @ relative**2
@@ -93,7 +97,8 @@ def reference(collision: Collision) -> tuple[float, Floats]:
         while not events and start < MOST_POINTS * step:
             grid = start + step * np.arange(501)
             for name, i, f in watched:
-                below = np.flatnonzero(f(grid[1:]) < 0)  # a rate may be zero at the start
+                # the first point of the grid is left out: a rate may be zero at the start
+                below = np.flatnonzero(f(grid[1:]) < 0)
                 if below.size:
                     low = max(grid[below[0]], 1e-7 * step)
                     events.append((sign_change(f, low, grid[below[0] + 1]), name, i))
@@ -115,7 +120,7 @@ def reference(collision: Collision) -> tuple[float, Floats]:
 
 
 def functions_until_events(here: Segment, phases: list[str]) -> list[tuple[str, int, Callable[[Any], Any]]]:
-    """List the functions of time that are positive until an event, each with its name and contact."""
+    """List the functions of time that stay positive until an event happens, each with its name and its contact."""
     watched: list[tuple[str, int, Callable[[Any], Any]]] = []
     for i in range(len(phases)):
         sign = 1.0 if phases[i] == COMPRESSION else -1.0
@@ -126,7 +131,10 @@ def functions_until_events(here: Segment, phases: list[str]) -> list[tuple[str, 
 
 
 def nearest_turn(here: Segment, i: int, end: float, loss: float) -> float:
-    """Return the smallest rate of a contact where it turns before `end`, relative to its amplitude."""
+    """Return the smallest absolute rate at a contact's turning points before `end`, relative to the rate's amplitude.
+
+    Turning points without a stake are ignored (`LEAST_STAKE`, `LARGEST`). The result is infinite if none is left.
+    """
     nearest, grid = np.inf, np.linspace(0, end, 1000 + int(100 * end * here.omega.max()))
     slopes = here.slope(i, grid)
     for at in np.flatnonzero(slopes[:-1] * slopes[1:] < 0):

@@ -1,22 +1,26 @@
-"""The oracle: equations (13)-(15) integrated numerically in impulse space.
+"""Independent solution of two balls on a table: equations (13)-(15), integrated numerically in impulse space.
 
-It shares nothing with the model but `Collision`: no closed-form motion, no time, no certified search.
-The equations are, while both contacts act,
+The model is compared with it. Of the model it uses only `Collision` and a constant: no closed-form motion, no time, no
+certified search for events. While both contacts are active, the equations are
 
     (13) dE1/dI1 = v2 - v1      (14) dE2/dI2 = -v2      (15) dI2/dI1 = sqrt(k2 E2/(k1 E1))
 
-with (11) v1 = v0 + I1/m1 and (12) v2 = (I2 - I1)/m2. In S2 and S3 the same hold for the contact that acts.
+with (11) v1 = v0 + I1/m1 and (12) v2 = (I2 - I1)/m2. In states S2 and S3 these equations are used for the one active
+contact.
 
-(15) is 0/0 at first touch and infinite where E1 = 0, so the impulses and x_i = sqrt(E_i) are functions of the arc
-length s of the impulse curve,
+Equation (15) is 0/0 at first touch and infinite where E1 = 0. Therefore the impulses I_i and the roots of the energies
+x_i = sqrt(E_i) are written as functions of the arc length s of the impulse curve:
 
     dI_i/ds = sqrt(k_i) x_i/N      dx_i/ds = sqrt(k_i) r_i/(2 N)      N = sqrt(k1 E1 + k2 E2 + c^2)
 
-with the compression rates r1 = v2 - v1 and r2 = -v2; c keeps the parameter regular where both energies vanish. What is
-watched is linear in the unknowns, a polynomial on each step of DOP853's dense output: either its coefficients tell that
-it has no root in the step, or all its roots are computed, and the step is repeated to the first.
+The compression rates are r1 = v2 - v1 and r2 = -v2. The constant c keeps the equations regular where both energies
+vanish.
 
-Units: m1 = 1, k1 = 1, v0 = -1 (Theorem 5); impulses per m1 |v0|, energies per m1 v0^2.
+Events are zeros of linear functions of the unknowns. On each step of DOP853's dense output such a function is a
+polynomial. Either its coefficients prove that it has no root in the step, or all its roots are computed and the
+integration is repeated up to the first one.
+
+Units: m1 = 1, k1 = 1, v0 = -1 (Theorem 5). Impulses are in units of m1 |v0|, energies in units of m1 v0^2.
 """
 
 import math
@@ -31,28 +35,31 @@ from impact_xval.model import SUPPLEMENT_CUTOFF
 
 INACTIVE, COMPRESSION, RESTITUTION = range(3)
 
-#: States by (contact 1 acts, contact 2 acts).
+#: State of a pair, by whether contact 1 and contact 2 are active.
 STATES = {(True, True): "S1", (False, True): "S2", (True, False): "S3", (False, False): "S4"}
 
-#: The constant c of the parametrisation over the largest force of a two-ball impact, sqrt(M).
+#: The constant c of the equations in arc length, as a share of the largest contact force of an impact of two balls,
+#: sqrt(M).
 SOFTENING = 0.05
 
-#: Length in s of the start, in which no compression ends: part of the radian of the fastest vibration. Nothing is
-#: watched there, for at first touch the second compression rate is zero.
+#: Length in s of the first stretch of the curve, as a part of the radian of the fastest vibration. No compression ends
+#: there. Events are not searched there, because the second compression rate is zero at first touch.
 START = 0.1
 
-#: Tolerances of impulses and of sqrt(E_i).
+#: Relative and absolute tolerance of the integration, for impulses and for sqrt(E_i).
 RTOL, ATOL = 1e-12, 1e-15
 
-#: Segments shorter than this in s are two events at once: the state between them is not recorded.
+#: If a segment is shorter than this in s, its two events count as simultaneous, and the state between them is not
+#: recorded.
 TIE = 1e-13
 
-#: Fractions of a step at which a polynomial is sampled, the ends among them; the values there to its coefficients.
+#: Fractions of a step at which a polynomial is sampled (both ends included), and the matrix that turns the sampled
+#: values into coefficients.
 NODES = 0.5 * (1 + chebyshev.chebpts2(8))
 TO_POWERS = np.linalg.inv(np.vander(NODES, increasing=True))
 
-#: Rounding of a root: imaginary parts below this are taken for zero (a double root splits into a complex pair), and so
-#: is a root this little before the step.
+#: Rounding of a root. An imaginary part below this value counts as zero, because a double root splits into a complex
+#: pair. A root that lies before the step by less than this counts as a root in the step.
 REAL = 1e-9
 
 
@@ -65,11 +72,12 @@ class Answer(NamedTuple):
 
 
 def solve_oracle(c, *, stiffness_ratio_cutoff=SUPPLEMENT_CUTOFF):
-    """Integrate one collision in impulse space: finite, positive k2/k1 within the cut-off; e1, e2 > 0.
+    """Integrate one collision in impulse space. It needs finite, positive k2/k1 within the cut-off, and e1, e2 > 0.
 
-    In S1, once the running k2/k1 exceeds the cut-off or falls below its inverse, the supplement's closed form (3.4)
-    finishes the collision, as it is printed: status `closed-form`. `model.solve` first lets a stiff contact that still
-    holds energy part its bodies, which for e below about 0.03 shows at the order of 1/stiffness_ratio_cutoff.
+    When the running k2/k1 in S1 exceeds the cut-off or falls below its inverse, the closed form printed in the
+    supplement (3.4) finishes the collision, and the status is `closed-form`. Here `model.solve` differs: it first lets
+    a stiff contact that still holds energy separate its bodies. For e below about 0.03 this changes the outcome by the
+    order of 1/stiffness_ratio_cutoff.
     """
     run, most = _Run(c.stiffness_ratio, c.mass_ratio, (c.e1, c.e2)), stiffness_ratio_cutoff
     while run.state != "S4" and (run.state != "S1" or 1 / most <= run.k[1] / run.k[0] <= most):
@@ -81,12 +89,12 @@ def solve_oracle(c, *, stiffness_ratio_cutoff=SUPPLEMENT_CUTOFF):
 
 
 class _Run:
-    """One collision under way: y = (I1, I2, x1, x2) at arc length s, phases, running stiffnesses."""
+    """A collision during its integration: y = (I1, I2, x1, x2) at an arc length s, phases and stiffnesses."""
 
     def __init__(self, kappa, mu, e):
         self.mu, self.e, self.k = mu, e, [1.0, kappa]
         self.phase, self.g = [COMPRESSION, COMPRESSION], [1.0, math.sqrt(kappa)]
-        # r1 = 1 - I1/M + I2/m2 and r2 = (I1 - I2)/m2 as linear forms in y: (11), (12)
+        # The compression rates r1 = 1 - I1/M + I2/m2 and r2 = (I1 - I2)/m2, by (11) and (12), as linear functions of y.
         self.rates = np.array([[-(1 + 1 / mu), 1 / mu, 0, 0], [1 / mu, -1 / mu, 0, 0]])
         self.c2 = SOFTENING**2 * mu / (1 + mu)
         self.visited, self.n_events = [], 0
@@ -97,21 +105,22 @@ class _Run:
         return STATES[self.phase[0] != INACTIVE, self.phase[1] != INACTIVE]
 
     def velocities(self):
-        """v1 and v2 by (11), (12)."""
+        """Return the velocities v1 and v2 by (11) and (12)."""
         I1, I2 = self.y[:2].tolist()
         return I1 - 1, (I2 - I1) / self.mu
 
     def closed_form(self):
-        """Finish by the supplement's 3.4 (with 3.3, state S1), from the state at hand: final velocities."""
+        """Return the final velocities by the supplement's 3.4 (with 3.3), from the present state S1."""
         v1, v2 = self.velocities()
-        # The soft contact works alone: against one body of mass m1 + m2, or against B1 above B2 at rest.
+        # Only the soft contact changes the motion: either the united balls, of mass m1 + m2, on the table, or B1 on a
+        # B2 at rest.
         soft, mass, momentum = (1, 1 + self.mu, v1 + self.mu * v2) if self.k[1] < self.k[0] else (0, 1.0, v1)
         v = math.sqrt(2 * self.y[2 + soft] ** 2 / mass + (momentum / mass) ** 2)
         v *= self.e[soft] if self.phase[soft] == COMPRESSION else 1
         return v, soft * v
 
     def slope(self, _, y):
-        """dy/ds; a contact that does not act keeps I_i and x_i."""
+        """Return dy/ds, the derivative of the unknowns. An inactive contact keeps its I_i and x_i."""
         (I1, I2, x1, x2), (g1, g2) = y.tolist(), self.g
         f1, f2, v2 = g1 * x1, g2 * x2, (I2 - I1) / self.mu
         n = 1 / math.sqrt(f1 * f1 + f2 * f2 + self.c2)
@@ -136,7 +145,7 @@ class _Run:
         end = start + root * h
         if root > 0:
             y = self.reach(start, y, end)
-        # Newton's step along s takes what the dense output left over.
+        # One step of Newton's method along s removes the error of the dense output.
         dy = np.array(self.slope(end, y))
         fall, left = forms[which] @ dy, forms[which] @ y + offsets[which]
         if abs(left) < -1e-3 * h * fall:
@@ -148,7 +157,10 @@ class _Run:
         self.apply(*events[which])
 
     def watched(self):
-        """What is positive until its event: the contact and its phase after that, a linear form in y and a constant."""
+        """Yield for each possible event its contact, the phase after it, and a function that is positive until then.
+
+        The function is linear in y. It is given by its coefficients and a constant.
+        """
         for i, phase in enumerate(self.phase):
             sign, after = (1.0, RESTITUTION) if phase == COMPRESSION else (-1.0, COMPRESSION)
             yield (i, after), sign * self.rates[i], sign * (1.0 - i)
@@ -156,7 +168,7 @@ class _Run:
                 yield (i, INACTIVE), np.eye(4)[2 + i], 0.0
 
     def apply(self, i, after):
-        """Apply the impact law: as compression ends, E_i <- e_i^2 E_i and k_i <- k_i/e_i^2; k_i stays from then on."""
+        """Apply the impact law: an end of compression turns E_i into e_i^2 E_i and k_i into k_i/e_i^2 for good."""
         self.phase[i] = after
         if after == RESTITUTION:
             self.y[2 + i] *= self.e[i]
@@ -167,10 +179,10 @@ class _Run:
 
 
 def first_fall(values, fresh):
-    """First root, as a fraction of the step, at which a polynomial falls through zero; infinite if there is none.
+    """Return where a polynomial first falls through zero, as a fraction of the step; infinity if nowhere.
 
-    `values` are those of the polynomial at `NODES`; `fresh` says that this is the first step after an event: whatever
-    triggered that one starts at zero and rises.
+    `values` are the values of the polynomial at `NODES`. `fresh` means that the step is the first after an event. Then
+    the function that triggered the event starts at zero and rises, and this zero does not count.
     """
     powers = TO_POWERS @ values
     if powers[0] + np.minimum(powers[1:], 0).sum() > 0:
@@ -178,7 +190,7 @@ def first_fall(values, fresh):
     polynomial = Polynomial(powers)
     slope = polynomial.deriv()
     if values[0] < 0 and (not fresh or slope(0.0) < 0):
-        return 0.0  # by rounding its root fell into the step before, or ties with the event that was there
+        return 0.0  # rounding put the root into the step before, or it coincides with the event at the start
     roots = polynomial.roots()
     real = roots.real[(np.abs(roots.imag) < REAL) & (roots.real > -REAL) & (roots.real <= 1)]
     return min((max(u, 0.0) for u in real.tolist() if slope(u) < 0), default=math.inf)

@@ -1,4 +1,8 @@
-"""Chains of N balls: two balls, an integration in time, invariances, limits, the path, what has no outcome."""
+"""Chains of N balls by the model.
+
+Two balls are compared with the kernel made for two balls, and random chains with an independent integration in time.
+The tests also check conservation laws, invariances, limiting cases, the path, and collisions that have no outcome.
+"""
 
 from dataclasses import replace
 from itertools import product
@@ -21,7 +25,7 @@ GRAZING = 1e-5
 
 
 def random_chain(rng, balls=None, table=None, least=0.5):
-    """Draw a row, a pile or a stack of 2 to 10 balls."""
+    """Draw a random row, pile or stack of 2 to 10 balls, with restitutions of at least `least`."""
     n = int(rng.integers(2, 11)) if balls is None else balls
     table = bool(rng.integers(2)) if table is None else table
     contacts = n - 1 + table
@@ -48,7 +52,8 @@ def apart(one, other):
 @pytest.mark.parametrize("count", [1000, pytest.param(10_000, marks=pytest.mark.nightly)])
 def test_two_balls_by_the_kernel_of_chains_are_those_by_their_own(count):
     cells = np.array(random_cells(count, count))
-    cells[2:, :60] = np.repeat([(0, 0.7), (0.7, 0), (0, 0)], 20, axis=0).T  # plastic contacts
+    # plastic contacts: e1 = 0, e2 = 0, or both
+    cells[2:, :60] = np.repeat([(0, 0.7), (0.7, 0), (0, 0)], 20, axis=0).T
     nothing = np.zeros((count, 2))
     for law, code in LAWS.items():
         fast = solve_batch(*cells, law=law, states=True)
@@ -62,8 +67,11 @@ def test_two_balls_by_the_kernel_of_chains_are_those_by_their_own(count):
             assert slow.states.names(i, True) == fast.flat.states.names(i, True)
 
 
-def test_an_ending_of_one_kernel_is_none_of_the_other():
-    """Both are written into records as plain numbers, and IntEnums of one number are equal."""
+def test_endings_of_different_kernels_have_different_numbers():
+    """The endings of the two kernels share no number.
+
+    Records hold endings as plain numbers, and members of two IntEnums with equal numbers are equal.
+    """
     assert {ending.value for ending in PairEnding}.isdisjoint(ending.value for ending in ChainEnding)
 
 
@@ -107,7 +115,7 @@ def test_momentum_energy_and_the_order_of_balls(exponent, law):
 
 @pytest.mark.parametrize(("exponent", "count", "bound"), [(1.0, 30, 1e-11), (1.5, 6, 1e-9)])
 def test_theorem_5(exponent, count, bound):
-    """Only ratios of masses and stiffnesses matter, and velocities scale."""
+    """Outcomes depend only on ratios of masses and of stiffnesses, and velocities scale with the velocity of impact."""
     for chain in random_chains(6, count):
         scales = {"masses": 3, "stiffnesses": 700, "velocities": 0.01}
         scaled = {name: tuple(s * x for x in getattr(chain, name)) for name, s in scales.items()}
@@ -139,7 +147,7 @@ def test_one_ball_two_pairs_and_a_plastic_chain():
 
 
 def test_a_cradle_of_ever_softer_contacts_is_a_sequence_of_single_impacts():
-    """The error vanishes with the square root of the ratio of neighbouring stiffnesses or faster."""
+    """Velocities approach (0, 0, 0, -1), with an error that falls like sqrt(k2/k1) or faster."""
     errors = []
     for ratio in (1e2, 1e4, 1e6):
         outcome = solved(Collision((1,) * 4, tuple(ratio**-i for i in range(3)), (1,) * 3, (-1, 0, 0, 0)))
@@ -170,7 +178,11 @@ def test_no_chain_is_endless():
 
 
 def test_a_chain_that_is_given_up_says_after_how_many_windows():
-    """The fast contact of 1e8 oscillations is followed to `max_events`, or to a million over the contacts less one."""
+    """A contact that makes about 1e8 oscillations is given up after `max_events` windows.
+
+    A window is the time over which one power series is valid. The reason of the outcome states how many there were. By
+    default the limit is a million divided by the number of contacts less one, here 500,000.
+    """
     chain = Collision((1,) * 3, (1e16, 1, 1), (1,) * 3, (-1, 0, 0), table=True)
     for given, windows in ((20, 20), (None, 500_000)):
         outcome = solved(chain, max_events=given)
@@ -198,7 +210,7 @@ def test_ratios_beyond_double_precision_are_refused_by_name(exponent):
 
 
 def test_what_ends_with_more_energy_than_it_had_is_no_outcome():
-    # Elastic; by double precision they end with 1.54, 1.009 and 1.001 times the energy.
+    # These chains are elastic. Double precision lets them end with 1.54, 1.009 and 1.001 times their energy.
     three = Collision((1e19, 1e-8, 1e-26), (1e14, 0.1, 1e-9), (1,) * 3, (-1, 0, 0), table=True)
     four = Collision(
         (1e19, 1e-10, 1e-11, 1e-26), (1e5, 1e7, 1e-21, 1e-9), (1,) * 4, (-1, 0, 0, 0), table=True
@@ -211,7 +223,10 @@ def test_what_ends_with_more_energy_than_it_had_is_no_outcome():
 
 
 def test_a_jump_has_a_margin_that_vanishes():
-    """Between two chains of either side of a jump, found by bisection of one stiffness."""
+    """On both sides of a jump of the outcome, the grazing margin is below 1e-9 and the outcome is marked.
+
+    The jump is found by bisection of one stiffness.
+    """
 
     def at(k):
         return solved(Collision((1,) * 3, (1, 1, k), (0.9,) * 3, (-1,) * 3, table=True))
@@ -231,7 +246,8 @@ def test_a_path_ends_in_the_outcome_and_its_forces_are_the_rates_of_its_impulses
     outcome = solved(chain, exponent=exponent, path=True)
     path = outcome.path
     assert (*path.velocities[0], *path.velocities[-1]) == (*chain.velocities, *outcome.velocities)
-    rounding = 1e-9 if exponent == 1 else 1e-6  # of the quintics between the ends of a step
+    # error of the quintic interpolation between the ends of a step
+    rounding = 1e-9 if exponent == 1 else 1e-6
     assert path.forces.min() > -rounding
     assert np.all(np.abs(path.forces[~path.active]) < rounding)
     grown = trapezoid(path.forces, path.time, axis=0)

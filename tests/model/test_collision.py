@@ -1,4 +1,4 @@
-"""Illegal input is refused by name, value and legal range, singly and in a batch; limits are legal."""
+"""Illegal input is refused with field, value and legal range, in single collisions and in batches; limits are legal."""
 
 import math
 from itertools import product
@@ -14,7 +14,7 @@ LINE = {"masses": (1, 2, 3), "stiffnesses": (1, 1), "restitutions": (0.9, 1), "v
 
 
 def refuses(says, call, **given):
-    """Whether an error in one line says what is wrong."""
+    """Assert that a call raises a ValueError whose message is one line and matches `says`."""
     with pytest.raises(ValueError, match=says) as caught:
         call(**given)
     assert "\n" not in str(caught.value)
@@ -94,7 +94,7 @@ def test_the_arrays_of_a_batch_are_broadcast_and_an_empty_batch_is_legal():
     assert np.shape(solve_batch([], 1, 1, 1).v1) == (0,)
 
 
-def test_an_outcome_that_is_none_is_refused_where_it_is_made():
+def test_an_illegal_outcome_is_refused_when_it_is_made():
     for fields, says in (
         ({"status": "fine"}, r"status = 'fine'; legal: ok, closed-form, .*crashed"),
         ({"velocities": (0.1, math.nan)}, r"velocities\[2\] = nan; legal with the status 'ok': finite"),

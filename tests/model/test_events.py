@@ -1,4 +1,8 @@
-"""The first event in S1 is never missed: close pairs, ties, tangencies, against brute force; and the search's means."""
+"""The search for the first event in state S1 misses none: close pairs of events, ties and tangencies.
+
+The events are compared with densely sampled motion (brute force), and with the known event of states that are built
+backwards from it. The certificates and the steps of the search are tested alone, too.
+"""
 
 import math
 from itertools import product
@@ -18,16 +22,17 @@ first_event, amplitudes, modes_of, positive_between, step_to_root = map(from_pyt
 
 
 def evolve(mu, k1, k2, state, times):
-    """States (4, n) at equally spaced times, or (4,) at one, which may be negative: the equations of motion themselves.
+    """Return the states at equally spaced times, shape (4, n), or at one time, shape (4,), by the matrix exponential.
 
-    d1' = F2/mu - (1 + 1/mu) F1, v2' = (F2 - F1)/mu, F1' = k1 d1, F2' = -k2 v2.
+    Times may be negative. The equations of motion are d1' = F2/mu - (1 + 1/mu) F1, v2' = (F2 - F1)/mu, F1' = k1 d1 and
+    F2' = -k2 v2, where d1 is the compression rate of contact 1 and F1, F2 are forces.
     """
     matrix = np.array([[0, 0, -(1 + 1 / mu), 1 / mu], [0, 0, -1 / mu, 1 / mu], [k1, 0, 0, 0], [0, -k2, 0, 0]])
     return np.moveaxis(expm(matrix * np.asarray(times)[..., None, None]) @ state, -1, 0)
 
 
 def search(mu, k1, k2, state, phases=(COMPRESSING, COMPRESSING)):
-    """`first_event` of a state, phases given; the signs of the watched rates; the amplitude of d1."""
+    """Search the first event after a state; return it, the signs of the watched rates, and the amplitude of d1."""
     modes, (d1, v2, F1, F2) = modes_of(mu, k1, k2), map(float, state)
     a, b = amplitudes(d1, v2, F1 / k1, F2 / k2, modes)
     segment = events.Segment(
@@ -35,7 +40,7 @@ def search(mu, k1, k2, state, phases=(COMPRESSING, COMPRESSING)):
         modes=modes,
         signs=(1.0 if phases[0] == COMPRESSING else -1.0, -1.0 if phases[1] == COMPRESSING else 1.0),
         watches_force=(phases[0] == RESTORING, phases[1] == RESTORING),
-        losses=(1.0, 1.0),  # plastic contacts: every near miss counts
+        losses=(1.0, 1.0),  # restitutions of zero: every near miss counts for the grazing margin
         a=a,
         b=b,
     )
@@ -48,13 +53,14 @@ def random_springs(rng):
 
 
 def test_the_certificate_never_lies():
-    """Wherever it says positive, four hundred samples of f are."""
+    """Wherever `positive_between` certifies a function as positive, all of 400 samples of the function are positive."""
     rng = np.random.default_rng(4)
     certified = 0
     for _ in range(3000):
         omega, size, phase = rng.uniform(0.1, 3, 2), rng.normal(size=2), rng.uniform(0, 2 * math.pi, 2)
         h = rng.uniform(0, 4) / omega.max()
-        n = np.arange(3)[:, None, None]  # each derivative turns a sinusoid by a quarter
+        # each derivative shifts the phase of a sinusoid by a quarter of a period
+        n = np.arange(3)[:, None, None]
         angles = np.linspace(0, h, 400)[:, None] * omega + phase
         f = (size * omega**n * np.cos(angles + 0.5 * math.pi * n)).sum(axis=2)
         start, end = (roots.Jet(*f[:, i].tolist()) for i in (0, -1))
@@ -65,7 +71,10 @@ def test_the_certificate_never_lies():
 
 
 def test_a_step_to_a_root_is_of_order_seven_at_least():
-    """A step from h beside a root of two sinusoids misses it by h^7 or less, for a few of them must reach rounding."""
+    """A step to a root of two sinusoids, from a distance h, misses the root by an error that falls faster than h^7.
+
+    With so high an order a few steps reach the precision of doubles.
+    """
     h = np.array([0.2, 0.15, 0.1])
     for size, omega, phase in (((1, 0.4), (0.8, 2), (0.3, 1)), ((1, -0.3), (1, 3), (0.3, 0.2))):
         size, omega, phase = map(np.array, (size, omega, phase))
@@ -78,7 +87,7 @@ def test_a_step_to_a_root_is_of_order_seven_at_least():
 
 @pytest.mark.slow
 def test_first_event_against_brute_force():
-    """No watched function is negative before the event, and the one that fires is zero there."""
+    """No watched function is below zero before the event, and the one that fires is zero there, to 1e-13."""
     rng = np.random.default_rng(5)
     for _ in range(60):
         mu, k1, k2 = random_springs(rng)
@@ -100,16 +109,17 @@ def test_first_event_against_brute_force():
 
 
 def test_a_near_tangency_is_seen():
-    """A compression rate that turns around at `depth` after a while: below zero its first root fires, above none.
+    """A compression rate that nearly touches zero fires if it dips below zero, or else gives a grazing margin.
 
-    Built backwards: the state at the turning point (d1 = depth, d1' = 0 < d1''), followed back in time.
+    The rate turns around at the value `depth`. The start is built backwards: from the turning point, where d1 = depth
+    and d1' = 0 < d1'', the equations of motion are followed back in time.
     """
     depths = [1e-4, 1e-6, 1e-8, 1e-10, 1e-12, -1e-12, -1e-10, -1e-8, -1e-4]
     for seed, depth in product(range(8), depths):
         rng = np.random.default_rng(seed)
         mu, k1, k2 = random_springs(rng)
         F1, v2 = rng.uniform(0.5, 2), -rng.uniform(0.5, 2)
-        bottom = (depth, v2, F1, F1 * (1 + mu))  # d1' = F2/mu - F1/M = 0
+        bottom = (depth, v2, F1, F1 * (1 + mu))  # at the turning point d1' = F2/mu - F1/M = 0
         lead = 0.8 / modes_of(mu, k1, k2).omega[1]
         start = evolve(mu, k1, k2, bottom, -lead)
         assert start[0] > 0 > start[1]
@@ -117,7 +127,7 @@ def test_a_near_tangency_is_seen():
         if depth < 0:
             curvature = -k2 * v2 / mu - k1 * depth * (1 + 1 / mu)
             assert fired[0], (seed, depth)
-            before = lead - time  # depth + curvature before^2/2 = 0
+            before = lead - time  # the parabola depth + curvature before^2/2 = 0
             assert before == pytest.approx(math.sqrt(-2 * depth / curvature), rel=0.2), (seed, depth)
         else:
             assert time > lead, (seed, depth)
@@ -125,16 +135,16 @@ def test_a_near_tangency_is_seen():
 
 
 def test_events_close_together_or_at_once():
-    """Both compressions end `apart` of each other: the earlier fires alone; at once, both do.
+    """Two compressions end at nearly the same time: the earlier end fires alone, and both fire if they end at once.
 
-    Built backwards from the state in which one rate is zero and the other has `apart` to go.
+    The start is built backwards, from the state in which one rate is zero and the other is `apart` away from zero.
     """
     for seed, apart, first in product(range(8), (0.0, 1e-3, 1e-6, 1e-9, 1e-12), (0, 1)):
         rng = np.random.default_rng(seed)
         mu, k1, k2 = random_springs(rng)
         fast = modes_of(mu, k1, k2).omega[1]
         F1 = rng.uniform(1, 2)
-        F2 = F1 * (1 + mu * rng.uniform(0.2, 0.8))  # d1' < 0 < v2'
+        F2 = F1 * (1 + mu * rng.uniform(0.2, 0.8))  # this choice gives d1' < 0 < v2'
         rates = [0.0, 0.0]
         rates[1 - first] = apart if first == 1 else -apart
         start = evolve(mu, k1, k2, (*rates, F1, F2), -0.01 / fast)
@@ -143,7 +153,7 @@ def test_events_close_together_or_at_once():
         assert time == pytest.approx(0.01 / fast, rel=1e-9), case
         assert fired[2:] == (False, False), case
         if apart == 0:
-            # The start is rounded, so one may fire alone; the other one is then as good as zero.
+            # The start is rounded, so one end may fire alone. The other rate is then zero to rounding.
             assert any(fired), case
             assert np.abs(at_event[:2]).max() < 1e-14 * np.abs(start).max() * (1 + math.sqrt(1 / mu)), case
         else:

@@ -1,4 +1,9 @@
-"""The default rule against the outcome without a cut-off; what a cut-off changes is stated and marked; what jumps."""
+"""Cut-offs of the stiffness ratio.
+
+The default rule is compared with outcomes without a cut-off. The stated effect of a cut-off is compared with the change
+when the cut-off is switched off. Outcomes are marked beside a jump and where a cut-off matters, but never by a law
+without jumps.
+"""
 
 import math
 
@@ -13,12 +18,14 @@ from tests.compliant_baselines.reference_cells import random_cells
 from tests.model.chain_reference import LZB, integrate
 from tests.model.oracle import solve_oracle
 
-#: The supplement's cut-off changes the outcome of this cell by 0.19: a ringing ball-ball contact takes v2 through zero
-#: once more, and the ball-table contact loses energy once more. The value is that of two integrations.
+#: k2/k1, m2/m1, e1 and e2 of a cell whose outcome the supplement's cut-off changes by 0.19. The ringing contact between
+#: the balls takes v2 through zero once more, so that the contact with the table loses energy once more. `VALUE` is v1 =
+#: v2 in m/s, by two independent integrations.
 CELL = 0.0015084387939204636, 0.52750555599096, 0.8331581428053493, 0.5341764334383219
 VALUE = 0.21817817381416
 
-#: Of e the least, of k2/k1 and m2/m1 the decades: the box of docs/errata.md, a wide one and that of the default run.
+#: Ranges of random cells: smallest e, then the decades of k2/k1 and of m2/m1 on either side of 1. "errata" is the range
+#: of docs/errata.md, "default" that of the default run.
 BOXES = {"errata": (0.3, (2, 1)), "wide": (0.05, (6, 2)), "default": (0.5, (3, math.log10(2)))}
 
 
@@ -55,7 +62,7 @@ def test_a_ringing_contact_that_ends_another_compression_is_followed():
 
 
 def test_a_cutoff_whose_effect_is_not_known_marks_the_outcome():
-    # 1e10 vibrations of an elastic contact are more than are followed.
+    # An elastic contact would vibrate 1e10 times here. That is more than the solver follows, so the effect is unknown.
     outcome = solve(Collision.from_ratios(1e-20, 1.3, 1.0, 0.7), stiffness_ratio_cutoff=1e5, max_events=1_000)
     assert (outcome.status, outcome.mark) == ("closed-form", CUTOFF)
 
@@ -91,7 +98,7 @@ def test_a_law_without_jumps_is_marked_for_none():
     assert np.isinf(there.grazing_margin).all()
     assert not there.marked.any()
     assert np.array_equal(here.marks == GRAZING, here.grazing_margin < GRAZING_THRESHOLD)
-    # next to where it would be marked, nothing moves
+    # a change of k2/k1 by 1e-5 beside a jump of the other law changes v1 by less than 1e-3
     some = [x[near] for x in cells]
     moved = solve_batch(some[0] * (1 + 1e-5), *some[1:], law=LZB)
     assert np.abs(moved.v1 - there.v1[near]).max() < 1e-3

@@ -1,4 +1,7 @@
-"""The grazing margin is what docs/theory.md, section 6, defines."""
+"""Grazing margins, which tell how near a jump of the model is, agree with an independent computation.
+
+It follows the definition in docs/theory.md, section 6.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ import pytest
 from impact_xval.model import Collision, Collisions, solve_batch, solve_many
 from tests.model.grazing_reference import reference
 
-#: A turning point that a parabola through the ends of its window misplaces.
+#: k2/k1, m2/m1, e1 and e2 of a cell in which a parabola through the ends of a time window misplaces the turning point.
 MISPLACED = (2.2728238145196316, 1.443937280507818, 0.8149456721039552, 0.4998124312877872)
 
 
@@ -22,7 +25,7 @@ def test_margin_is_exact_where_a_parabola_misplaces_the_turning_point():
 
 
 def test_margin_is_the_defined_one_in_random_cells():
-    # Where a closed form finishes the collision, its ringing is not followed.
+    # Collisions that a closed form finishes are left out: the reference would follow their ringing, the model does not.
     rng = np.random.default_rng(5)
     n = 2000
     cells = np.array([10 ** rng.uniform(-2, 2, n), 10 ** rng.uniform(-1, 1, n), *rng.uniform(0.3, 1, (2, n))])

@@ -1,4 +1,8 @@
-"""Theorem 5, energy, and the order of the final velocities, for any collision."""
+"""Invariances of the model for any collision of two balls.
+
+The tests check Theorem 5 (only ratios matter), the energy of elastic collisions, and equations (13)-(15) along the
+path.
+"""
 
 import math
 
@@ -23,9 +27,10 @@ scale = st.floats(-6, 6).map(lambda x: 10.0**x)
 @settings(max_examples=300)
 @given(ratios, masses, restitution, restitution, scale, scale, scale)
 def test_theorem_5(kappa, mu, e1, e2, stiffness, mass, speed):
-    """Outcome per |v0| and states do not change when both stiffnesses, both masses or v0 are scaled."""
+    """Scaling both stiffnesses, both masses or v0 changes neither the velocities per |v0| (to 1e-10) nor the states."""
     plain = solve(Collision.from_ratios(kappa, mu, e1, e2))
-    assume(plain.grazing_margin > 1e-9)  # the scaled ratios differ by rounding, which decides beside a jump
+    # scaling rounds the ratios, and beside a jump rounding decides the outcome
+    assume(plain.grazing_margin > 1e-9)
     scaled = solve(Collision.two_balls(mass, mass * mu, stiffness, stiffness * kappa, e1, e2, -speed))
     assert np.array(scaled.velocities) / speed == pytest.approx(plain.velocities, abs=1e-10, rel=0)
     assert scaled.impulse1 / (mass * speed) == pytest.approx(plain.impulse1, abs=1e-10, rel=0)
@@ -41,15 +46,16 @@ def test_elastic_collisions_keep_their_energy(kappa, mu):
 
 
 def path_of(kappa, mu, e1, e2, points):
-    """Rows of a path in the kernel's units, as arrays, and stiffnesses in them; where smooth pieces begin; its end.
+    """Follow a collision; return its path in the kernel's units, where its smooth pieces begin, and how it ended.
 
-    An active contact ends compression where its rate ceases to be positive, and is stiffer by 1/e^2 from there on.
+    The path is returned as arrays: states, times, velocities, forces and stiffnesses. An active contact ends
+    compression where its rate stops being positive. From there on its stiffness is 1/e^2 times as large.
     """
     cells = PairRatios(*(np.array([x], dtype=float) for x in (kappa, mu, e1, e2)))
     options = PairOptions(cutoff=math.inf, max_events=10_000, stiffens=True, points=points)
     result, log = follow_with_paths(cells, options)
     state, time, v1, v2, forces = log.state, log.time, log.v1, log.v2, (log.F1, log.F2)
-    middle = np.append(np.diff(time), 1.0) > 0  # not the last point of a piece
+    middle = np.append(np.diff(time), 1.0) > 0  # False at the last point of a smooth piece
     begins = np.flatnonzero(np.append(True, ~middle[:-1]))
     stiffness = np.empty((2, state.size))
     for i, (rate, e) in enumerate(((v2 - v1, e1), (-v2, e2))):
@@ -69,9 +75,11 @@ def path_of(kappa, mu, e1, e2, points):
 @given(ratios, masses, st.floats(0.05, 1), st.floats(0.05, 1), st.sampled_from([1, 2, 4]))
 @example(100.0, 0.016603333911881832, 0.4, 0.96, 2)
 def test_equations_13_to_15_hold_along_the_path_at_second_order_in_its_spacing(kappa, mu, e1, e2, finer):
-    """dE1 = (v2 - v1) dI1, dE2 = -v2 dI2 and F_i = dI_i/dt = sqrt(2 k_i E_i) inside every piece; (11), (12) too.
+    """Equations (11) to (15) are true along a path, up to the error of the trapezoidal rule.
 
-    The error of a trapezoid of a sinusoid at 48 points per half period is 4e-4 of it.
+    Inside every smooth piece dE1 = (v2 - v1) dI1, dE2 = -v2 dI2 and F_i = dI_i/dt = sqrt(2 k_i E_i). The relative error
+    of the trapezoidal rule is 4e-4 for a sinusoid with 48 points per half period, and falls with the square of the
+    spacing.
     """
     state, time, (v1, v2), forces, stiffness, begins, end = path_of(kappa, mu, e1, e2, finer * POINTS)
     impulses = np.array([1 + v1, 1 + v1 + mu * v2])
@@ -85,5 +93,5 @@ def test_equations_13_to_15_hold_along_the_path_at_second_order_in_its_spacing(k
         assert gained == pytest.approx(means[0] * steps, rel=error, abs=least * (1 + mu))
         assert np.diff(energy)[inside] == pytest.approx(means[1] * gained, rel=error, abs=least)
     assert np.all(steps >= 0)
-    # Where stiffness runs away, a closed form gives what follows.
+    # A path may end with forces only where the stiffness ratio runs away and a closed form finishes the collision.
     assert end == PairEnding.PRECISION or not forces[:, -1].any()

@@ -1,4 +1,4 @@
-"""Materials and the contacts made of them, against numbers and formulas that others have printed."""
+"""Materials and the contacts made of them, compared with numbers and formulas printed in the literature."""
 
 import math
 
@@ -12,7 +12,11 @@ STEEL, GLASS, RUBBER, PING_PONG = (MATERIALS[name] for name in ("steel", "glass"
 
 
 def test_the_two_steel_spheres_of_hertz():
-    """Of 25 mm radius, meeting at 10 mm/s: 0.38 ms, 0.13 mm, 2.47 kg (Hertz, J. reine angew. Math. 92:156, 1882)."""
+    """Contact time, compression and force are those that Hertz printed.
+
+    For spheres of 25 mm radius that meet at 10 mm/s he gives 0.38 ms, 0.13 mm and 2.47 kg (J. reine angew. Math.
+    92:156, 1882).
+    """
     touch = MaterialContact(Body(STEEL, 0.025), Body(STEEL, 0.025))
     compression = touch.compression(0.01)
     assert touch.duration(0.01) == pytest.approx(0.00038, abs=0.5e-5)
@@ -21,7 +25,7 @@ def test_the_two_steel_spheres_of_hertz():
 
 
 def test_the_duration_is_that_of_a_textbook():
-    """Johnson, Contact Mechanics, section 11.4: T = 2.87 (m^2/(R E*^2 v))^(1/5)."""
+    """The contact time is T = 2.87 (m^2/(R E*^2 v))^(1/5) (Johnson, Contact Mechanics, section 11.4), to 0.2 %."""
     touch = MaterialContact(Body(RUBBER, 0.01), Body(GLASS))
     soft = sum((1 - m.poisson**2) / m.young for m in (RUBBER, GLASS))
     assert touch.duration(0.3) == pytest.approx(
@@ -51,7 +55,7 @@ def test_linearising_changes_where_several_contacts_take_an_impact():
 def test_a_hollow_ball_is_a_linear_contact_and_the_body_that_yields_decides_the_restitution():
     ball = Body(PING_PONG, 0.02)
     touch = MaterialContact(ball, Body(STEEL))
-    assert ball.mass == pytest.approx(2.7e-3, rel=1e-3)  # the law of the game
+    assert ball.mass == pytest.approx(2.7e-3, rel=1e-3)  # the rules of table tennis ask for 2.7 g
     assert touch.linear(0.5) == pytest.approx(touch.stiffness)
     assert MaterialContact(ball, ball).stiffness == pytest.approx(touch.stiffness / 2)
     assert MaterialContact(Body(RUBBER, 0.02), Body(STEEL)).restitution == pytest.approx(0.9, abs=1e-4)

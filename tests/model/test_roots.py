@@ -1,4 +1,4 @@
-"""The certified first root against all roots of the polynomial."""
+"""The certified first root of a polynomial is compared with all of its roots, from numpy."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ def call(coefficients, sign=1.0, start=None, limit=1.0):
 
 
 def test_a_close_pair_of_roots_is_not_stepped_over():
-    # (t - a)^2 - h^2, positive at both ends of the unit interval
+    # (t - a)^2 - h^2 is positive at both ends of the unit interval
     a = 0.637
     for half_gap in (1e-2, 1e-4, 1e-6):
         assert call([a * a - half_gap**2, -2 * a, 1.0]) == pytest.approx(a - half_gap, abs=1e-9)
@@ -24,17 +24,20 @@ def test_a_close_pair_of_roots_is_not_stepped_over():
 
 @pytest.mark.parametrize("roots", [(0.25, 0.4), (-0.1, 0.125, 0.2), (-0.1, 0.5, 0.8)])
 def test_a_root_where_a_bracket_begins(roots):
-    """To rounding: the root of the parabola, and Newton's steps, then leave the bracket, next to other roots."""
+    """A root at the point where a bracketing interval begins is found to rounding, next to other roots.
+
+    From such a start the root of the parabola and Newton's steps leave the bracket.
+    """
     coefficients = np.polynomial.polynomial.polyfromroots(roots)
     assert call(coefficients * np.sign(coefficients[0])) == pytest.approx(roots[-2], abs=1e-14)
 
 
 def test_the_zero_a_segment_starts_from_is_not_found_again():
-    for order in (1, 2, 3):  # t^order (t - 1/2)(t - 3/4)
+    for order in (1, 2, 3):  # the polynomial t^order (t - 1/2)(t - 3/4)
         coefficients = np.concatenate([np.zeros(order), [0.375, -1.25, 1.0]])
         assert call(coefficients) == pytest.approx(0.5, abs=1e-14)
-        assert call(-coefficients) == 0.0  # one that leaves its zero downwards fires at once
-    # a marked start overrides the rounding in the row
+        assert call(-coefficients) == 0.0  # a polynomial that falls from its zero at the start fires at once
+    # a value that is given for the start replaces the rounded first coefficient
     assert call([-1e-18, 1.0, -2.0], start=0.0) == pytest.approx(0.5, abs=1e-14)
     assert call([0.0, 0.0, 0.0]) == np.inf
 

@@ -1,4 +1,8 @@
-"""Power series of the motion against the matrix exponential, their remainder, and which drops have settled."""
+"""Power series of the motion in time, and the rule for drops that have settled.
+
+The series are compared with the matrix exponential and with a numerical integration, and their remainder with the power
+of the step that it should have.
+"""
 
 import numpy as np
 import pytest
@@ -23,7 +27,7 @@ settled = from_python(drop.settles)
 
 
 def make_chain(state, mu, k1, k2, c1, c2, g=0.0, law=Law.KELVIN_VOIGT):
-    """Two balls on a table in a state (p1, d1, q2, v2), m1 = 1; a contact without a stiffness does not act."""
+    """Make two balls on a table in the state (p1, d1, q2, v2), m1 = 1. A stiffness of 0 means an inactive contact."""
     stiffnesses = np.array([k1 or 1.0, k2 or 1.0])
     rates, dampings = np.array([1.0, 0.0]), np.array([c1, c2])
     c = new_chain(2, 1.0, law, False)
@@ -34,7 +38,7 @@ def make_chain(state, mu, k1, k2, c1, c2, g=0.0, law=Law.KELVIN_VOIGT):
 
 
 def moved(c, h, x=1.0, degree=ORDER):
-    """(p1, d1, q2, v2) at a part x of a time h, by the first terms of the series."""
+    """Return (p1, d1, q2, v2) at the fraction x of the time h, by the terms of the series up to `degree`."""
     work = new_workspace(2)
     expand(c, 2, h, work)
     w, delta = (
@@ -44,19 +48,23 @@ def moved(c, h, x=1.0, degree=ORDER):
 
 
 def linear_motion(state, t, mu, k1, k2, c1, c2, g=0.0):
-    """(p1, d1, q2, v2) after a time t: springs and dashpots that also pull, by the matrix exponential."""
+    """Return (p1, d1, q2, v2) after a time t by the matrix exponential; springs and dashpots may also pull here."""
     F1, F2 = np.array([k1, c1 * (k1 > 0), 0, 0, 0]), np.array([0, 0, k2, -c2 * (k2 > 0), 0])
     rows = np.zeros((5, 5))
     rows[0, 1], rows[2, 3] = 1, -1
-    acceleration1, acceleration2 = F1, (F2 - F1) / mu  # of B1 (m1 = 1, pushed up by contact 1) and of B2
+    # accelerations of B1 (m1 = 1, pushed up by contact 1) and of B2
+    acceleration1, acceleration2 = F1, (F2 - F1) / mu
     rows[1], rows[3] = acceleration2 - acceleration1, acceleration2
-    # A table that acts holds the weight of B2, so that B1 alone falls.
+    # An active table carries the weight of B2. Relative to B2, gravity then accelerates only B1.
     rows[[1, 3], 4] = (g, 0.0) if k2 else (0.0, -g)
     return (expm(rows * t) @ [*state, 1])[:4]
 
 
 def product_motion(state, h, mu, k1, k2, a1, a2, g):
-    """Integrate the product law numerically: F_i = k_i p_i (1 + a_i p_i'), contact 2 without what carries m2 g."""
+    """Integrate the law in which spring and dashpot multiply: F_i = k_i p_i (1 + a_i p_i').
+
+    Contact 2 is written without the part of its force that carries m2 g.
+    """
 
     def right(_t, y):
         p1, d1, q2, v2 = y
@@ -93,7 +101,7 @@ def test_the_remainder_falls_with_the_power_of_the_step_after_its_degree(law):
     exact = [MOTIONS[law](STATE, h, *CHAIN) for h in steps]
     for degree in (3, 4, 6):
         errors = [np.abs(moved(c, h, degree=degree) - y).max() for h, y in zip(steps, exact, strict=True)]
-        assert errors[-1] > 1e-12  # else the fit would be one of rounding
+        assert errors[-1] > 1e-12  # otherwise the fit would measure rounding
         slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
         assert slope == pytest.approx(degree + 1, abs=0.1)
 
@@ -112,7 +120,10 @@ G = 0.3
 
 
 def largest(away, mu, k, c1, c2):
-    """Largest force beyond the weight, over that weight, of both contacts along 1500 short steps from equilibrium."""
+    """Return the largest force of both contacts beyond the weight they carry, over that weight.
+
+    The motion is followed for 1500 short steps from the equilibrium, disturbed by `away`.
+    """
     chain, dt, states = (mu, 1.0, k, c1, c2), 0.05 / np.sqrt(max(1, k, 1 / mu)), [away]
     step = np.transpose([linear_motion(unit, dt, *chain) for unit in np.eye(4)])
     for _ in range(1500):
@@ -126,7 +137,7 @@ def test_a_settled_chain_never_lets_go_and_one_that_does_is_not_settled():
     for m2, k, c1, c2 in zip(mu, kappa, *dampings("kelvin-voigt", kappa, mu, e1, e2), strict=True):
         x1, x2, v1, v2 = rng.normal(size=4)
         away = np.array([x2 - x1, v2 - v1, -x2, v2])
-        away /= largest(away, m2, k, c1, c2)  # the largest force just unloads its contact
+        away /= largest(away, m2, k, c1, c2)  # scaled so that the largest force just unloads its contact
 
         def settles(scale, away=away, chain=(m2, 1.0, k, c1, c2, G)):
             balls = make_chain(np.array([G, 0, G / chain[2], 0]) + scale * away, *chain)
@@ -138,8 +149,9 @@ def test_a_settled_chain_never_lets_go_and_one_that_does_is_not_settled():
 
 
 def test_chains_that_ring_for_ever_are_stuck_at_once():
-    # e2 = 1 on a soft table: of the slow motion next to nothing reaches the damped contact. Two million segments did
-    # not end these, cells of the default grid at k1 = 1e6 and 1e5 N/m.
+    # With e2 = 1 and a soft table, the slow motion hardly reaches the damped contact. Without the rule that detects
+    # settled balls, these cells did not end within two million segments. They are cells of the default grid with k1 =
+    # 1e6 and 1e5 N/m.
     for ratio, mass, e1, k1 in ((1e-3, 2.0, 0.5, 1e6), (10**-2.5, 2.0, 0.5, 1e6), (1e-2, 2.0, 0.5, 1e5)):
         c = Collision.two_balls(1.0, mass, k1, ratio * k1, e1, 1.0, -1.0)
         outcome = get_solver("kelvin-voigt").solve(c, Settings(scenario="drop"))

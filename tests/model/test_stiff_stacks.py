@@ -1,8 +1,8 @@
-"""Rounding makes no events: stacks with one very stiff contact, tall stacks, and bodies that arrive while others ring.
+"""Rounding causes no events in stacks with one very stiff contact, in tall stacks, and where others hit ringing bodies.
 
-`stiff_stacks.jsonl` and the velocities after gaps are outcomes of an event-driven integration in 113 bits (__float128;
-a power series of order 46 in time, roots by bisection) that shares nothing with the kernel. A relative change of 1e-15
-of their inputs moves none of them by more than 1e-13.
+Bodies ring if they vibrate against each other. `stiff_stacks.jsonl` and the velocities after gaps come from an
+independent event-driven integration in 113 bits (__float128; a power series of order 46 in time, roots by bisection),
+which uses nothing of the kernel. A relative change of its inputs by 1e-15 changes no outcome by more than 1e-13.
 """
 
 import json

@@ -1,4 +1,7 @@
-"""Chains that others have computed or measured, with the precision their numbers bear (docs/chains.md, section 5)."""
+"""Chains that others have computed or measured, compared to the precision of their numbers.
+
+docs/chains.md, section 5, names the sources.
+"""
 
 import itertools
 import json
@@ -20,14 +23,14 @@ SICONOS = json.loads(Path(__file__).with_name("siconos_chains.json").read_text(e
 
 
 def by_siconos(name):
-    """Give chains, and what stands beside each; their law is that of Liu, Zhao and Brogliato."""
+    """Yield the chains of a data set computed by Siconos, each with its row; the law is Liu, Zhao and Brogliato's."""
     fields = ("masses", "stiffnesses", "restitutions", "velocities", "table")
     for row in SICONOS[name]:
         yield Collision(*(row[field] for field in fields), exponent=row["exponent"]), row
 
 
 @pytest.mark.parametrize("name", ["standing", "chains"])
-def test_siconos(name):
+def test_chains_have_the_velocities_of_siconos(name):
     for collision, row in by_siconos(name):
         assert solve(collision, law=LZB).velocities == pytest.approx(
             row["result"], abs=row["bears"], rel=0
@@ -45,14 +48,14 @@ def test_where_no_compression_is_repeated_the_two_laws_are_one():
 @pytest.mark.parametrize(
     ("balls", "struck", "velocities", "bears"),
     [
-        # DOP853 in time, each figure good to 1e-8.
+        # An integration in time (DOP853), accurate to 1e-8.
         (3, 1, (0.07095235, -0.07640304, -0.99454931), 1e-8),
         (5, 1, (0.07108502, 0.03027376, 0.01446363, -0.12704499, -0.98877742), 1e-8),
-        # Alciatore, three billiard balls, technical proof B.29, per the striker's speed, to the digits printed.
+        # Alciatore, three billiard balls, technical proof B.29, divided by the striker's speed, to the printed digits.
         (3, 1, (0.071, -0.076, -0.995), 6e-4),
-        # Two balls that strike three: the first two of the far side, to the digits printed.
+        # Two balls that strike three: velocities of the two balls at the far end, to the printed digits.
         (5, 2, (np.nan, np.nan, np.nan, -0.80, -1.14), 1e-2),
-        # MonodisperseChainOfBalls.ref of siconos-tutorials, commit b6c9bfd: good to 5e-4.
+        # MonodisperseChainOfBalls.ref of siconos-tutorials, commit b6c9bfd, accurate to 5e-4.
         (10, 1, (0.0710593, *(8 * [np.nan]), -0.9859561), 5e-4),
     ],
 )
@@ -61,7 +64,8 @@ def test_elastic_hertz_chains(balls, struck, velocities, bears):
     assert np.nanmax(np.abs(np.subtract(outcome.velocities, velocities))) < bears
 
 
-#: By exponent p the overall collision times of cradles of 2 to 8 balls, one of which strikes, over that of two balls.
+#: Duration of the collision of elastic cradles of 2 to 8 balls, of which one strikes, divided by the duration for two
+#: balls; by exponent p of the contact force.
 OVERALL = {
     1.5: (1, 1.530, 2.036, 2.533, 3.025, 3.516, 4.005),
     1.0: (1, 1.543, 2.057, 2.558, 3.051, 3.539, 4.023),
@@ -69,7 +73,7 @@ OVERALL = {
 
 
 def overall_time(balls, exponent, solver="bistiffness"):
-    """Time in s from the first touch to the last of an elastic cradle, m = k = 1, one ball striking at 1 m/s."""
+    """Return the time in s from the first touch to the last of an elastic cradle with m = k = 1, struck at 1 m/s."""
     collision = replace(make_chain(-1, *(balls - 1) * [0]), exponent=exponent)
     (outcome,) = get_solver(solver).solve_many([collision], Settings(scenario="impact"))
     assert outcome.status == "ok"
@@ -81,15 +85,21 @@ def overall_time(balls, exponent, solver="bistiffness"):
 )
 @pytest.mark.parametrize("exponent", OVERALL)
 def test_each_further_ball_of_a_cradle_adds_half_the_time_of_the_first_collision(exponent, law):
-    """As measured in a laboratory: Lovett, Moulding and Anketell-Jones, Eur. J. Phys. 9, 323 (1988), abstract."""
+    """Each ball beyond the second adds half the duration for two balls, to 0.05.
+
+    This was measured by Lovett, Moulding and Anketell-Jones, Eur. J. Phys. 9, 323 (1988), abstract. The durations are
+    also compared with the table above, to its three decimals.
+    """
     times = [overall_time(balls, exponent, law) for balls in range(2, 9)]
-    assert np.divide(times, times[0]) == pytest.approx(OVERALL[exponent], abs=5.1e-4, rel=0)  # three decimals
+    # the table has three decimals
+    assert np.divide(times, times[0]) == pytest.approx(OVERALL[exponent], abs=5.1e-4, rel=0)
     added = [(later - time) / times[0] for time, later in itertools.pairwise(times)]
-    assert added == pytest.approx([0.5] * 6, abs=0.05, rel=0)  # single collisions one after the other: 1 each
+    # separate collisions, one after the other, would add 1 each
+    assert added == pytest.approx([0.5] * 6, abs=0.05, rel=0)
 
 
 @pytest.mark.parametrize(("engine", "within"), [("mujoco", 0.005), ("pybullet", 0.013)])
-def test_so_it_does_by_engines_of_springs(engine, within):
+def test_engines_of_springs_have_the_durations_of_elastic_cradles(engine, within):
     if (reason := get_solver(engine).unavailable()) is not None:
         pytest.skip(reason)
     times = [overall_time(balls, 1.0, engine) for balls in range(2, 9)]
@@ -98,7 +108,10 @@ def test_so_it_does_by_engines_of_springs(engine, within):
 
 @pytest.mark.parametrize("exponent", OVERALL)
 def test_the_time_of_two_balls_is_that_of_hertz(exponent):
-    """Closed form of a force k d^p (Hertz 1881 for p = 1.5): 2 d/u times the integral of (1 - x^(p+1))^(-1/2)."""
+    """The contact time of two balls is the closed form for a force k d^p (Hertz 1881 for p = 1.5), to 1e-9.
+
+    The closed form is 2 d/u times the integral of (1 - x^(p+1))^(-1/2), with the largest depth d and the speed u.
+    """
     reduced, q = 0.5, 1 / (exponent + 1)
     deepest = (reduced / (2 * q)) ** q
     expected = 2 * deepest * math.sqrt(math.pi) * math.gamma(1 + q) / math.gamma(0.5 + q)
@@ -107,16 +120,17 @@ def test_the_time_of_two_balls_is_that_of_hertz(exponent):
 
 @pytest.mark.parametrize("balls", [3, 8])
 @pytest.mark.parametrize("exponent", OVERALL)
-def test_so_does_an_integration_in_time_by_another_method(balls, exponent):
+def test_an_integration_in_time_has_the_duration_of_an_elastic_cradle(balls, exponent):
     def rates(_, y):
-        forces = np.maximum(-np.diff(y[:balls]), 0) ** exponent  # of contact i, between balls i and i + 1
+        # force of contact i, between balls i and i + 1
+        forces = np.maximum(-np.diff(y[:balls]), 0) ** exponent
         return np.concatenate([y[balls:], -np.diff(forces, prepend=0, append=0)])
 
     def opening(contact):
         def depth(_, y):
             return y[contact] - y[contact + 1]
 
-        depth.__dict__["direction"] = -1  # as `solve_ivp` wants it
+        depth.__dict__["direction"] = -1  # the attribute that `solve_ivp` reads
         return depth
 
     events = [opening(contact) for contact in range(balls - 1)]

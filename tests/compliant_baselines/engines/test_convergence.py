@@ -1,4 +1,7 @@
-"""Engines against the exact Kelvin-Voigt contacts, of two balls and of N; naive mappings, and what a drop asks."""
+"""Compliant engines compared with the exact solution for Kelvin-Voigt contacts, for pairs and chains.
+
+The tests also check naive mappings, and what a drop needs: a lower ball that stays settled and is reported at rest.
+"""
 
 import math
 from dataclasses import replace
@@ -20,7 +23,7 @@ from impact_xval.model import Collision
 from tests.compliant_baselines.reference_cells import two_balls
 
 MU = 2 / 3**0.5
-# k2/k1, e1, e2: one contact stiffer and the other, elastic and not
+# k2/k1, e1 and e2: equal stiffnesses, either contact stiffer, elastic contacts and others
 CELLS = [(1.0, 0.9, 0.7), (40.0, 0.9, 0.7), (1 / 40, 0.9, 0.7), (100.0, 0.5, 0.5), (0.3, 1.0, 0.6)]
 FRACTIONS = np.array([0.01, 0.005, 0.0025, 0.00125])
 
@@ -48,8 +51,8 @@ def test_first_order_convergence_to_kelvin_voigt(engine):
 
 
 def test_elastic_cells_converge_at_second_order_in_mujoco():
-    # Its semi-implicit Euler is symplectic: without damping the error is soon below that of the impedance. A contact
-    # ends somewhere within a step: the error swings inside an envelope of second order.
+    # MuJoCo's semi-implicit Euler is symplectic. Without damping its error soon falls below the error of the impedance.
+    # The end of a contact falls anywhere within a step, so that the error varies below an envelope of second order.
     fractions = np.array([0.04, 0.03, 0.02, 0.015, 0.01, 0.007, 0.005])
     for ratio in (1.0, 40.0, 1 / 40):
         c, engine = two_balls(ratio, MU, 1.0, 1.0), get_solver("mujoco")
@@ -59,13 +62,13 @@ def test_elastic_cells_converge_at_second_order_in_mujoco():
 
 @pytest.mark.parametrize("ratio", [0.5, 2.0, 10.0])
 def test_drop_follows_kelvin_voigt_with_gravity(engine, ratio):
-    # k1 = 1e4 N/m: gravity matters (g/(|v0| omega1) = 0.07)
+    # with k1 = 1e4 N/m gravity matters: g/(|v0| omega1) = 0.07
     c = two_balls(ratio, MU, 0.9, 0.7, k1=1e4)
     error = []
     for fraction in FRACTIONS:
         got = engine.solve(c, Settings(scenario="drop", gravity=9.81, step_fraction=float(fraction)))
         ref = reference(c, scenario="drop", gravity=9.81)
-        # An engine's last step goes on beyond the end, and gravity with it.
+        # An engine's last step goes on after the end of the collision, and gravity acts during the rest of this step.
         late = 9.81 * (got.diagnostics["duration"] - ref.diagnostics["duration"])
         error.append(np.hypot(got.v1 + late - ref.v1, got.v2 + late - ref.v2))
     assert slope(FRACTIONS, error) == pytest.approx(1, abs=0.1)
@@ -78,8 +81,8 @@ def test_b2_stays_settled_until_it_is_hit(engine):
         scene = replace(scene, heights=(2000 * abs(c.v0) * scene.step, 0.0))
         (run,) = engine.run([scene], max_steps=1000, record_path=True)
         assert len(run.points) > 900
-        assert run.raw_states.state.tolist() == [0b10]  # carried by the table, every step
-        # an elastic B2 out of balance by x would swing at omega2 x for ever
+        assert run.raw_states.state.tolist() == [0b10]  # at every step the table alone carries B2
+        # an elastic B2 at a distance x from its equilibrium depth would swing for ever, with the speed omega2 x
         assert np.abs(run.points[:, 2]).max() < 1e-10 * 9.81 * (c.m2 / c.k2) ** 0.5, ratio
         assert run.heights[1] == pytest.approx(-c.m2 * 9.81 / c.k2, rel=2e-4), ratio
 
@@ -89,10 +92,10 @@ def test_b2_at_rest_on_the_table_is_reported_at_rest(engine):
     o = engine.solve(c, Settings(scenario="drop"))
     assert o.v2 == 0
     assert abs(o.diagnostics["rest_speed"]) <= 9.81 / (c.k2 / c.m2) ** 0.5
-    # B2 is as good as the table, and B1 alone works against the dashpot mapped for the pair's 2/3 kg.
+    # B2 is nearly a part of the table. B1 then acts on the dashpot that was made for the pair's reduced mass of 2/3 kg.
     zeta = damping_ratio(0.5) * (2 / 3) ** 0.5
     assert o.v1 == pytest.approx(restitution(zeta), abs=0.02)
-    # what is reported is one momentum balance
+    # velocities and impulses satisfy one momentum balance
     fallen = 9.81 * o.diagnostics["duration"]
     assert o.impulse2 == pytest.approx(c.m1 * (o.v1 + 1 + fallen) + c.m2 * fallen, rel=1e-12)
 
@@ -101,7 +104,7 @@ def test_balls_that_never_part_end_at_rest(engine):
     c = Collision.two_balls(m1=1.0, m2=1.0, k1=10.0, k2=10.0, e1=0.3, e2=0.3)
     o = engine.solve(c, Settings(scenario="drop"))
     assert (o.v1, o.v2) == (0, 0)
-    # between them the contacts carried the balls' weight and took B1's momentum
+    # the contacts carried the balls' weight and took B1's momentum
     weight = (c.m1 + c.m2) * 9.81 * o.diagnostics["duration"]
     assert o.impulse2 == pytest.approx(weight + c.m1, rel=1e-12)
 
@@ -113,7 +116,8 @@ def test_what_the_naive_mapping_of_pybullet_is():
         zeta1, zeta2 = (textbook_damping_ratio(e) for e in (c.e1, c.e2))
         c1 = 2 * zeta1 * math.sqrt(c.k1 * c.m1 * c.m2 / (c.m1 + c.m2))
         c2 = 2 * zeta2 * math.sqrt(c.k2 * c.m2)
-        # both balls carry (k1, c1), the table (k2, c2): stiffness in series, damping added
+        # Both balls have (k1, c1) and the table has (k2, c2). PyBullet puts two stiffnesses in series and adds the
+        # dampings.
         series = 1 / (1 / c.k1 + 1 / c.k2)
         both = (
             KelvinVoigtContact(c.k1 / 2, 2 * c1, c.m1 * c.m2 / (c.m1 + c.m2)),
@@ -126,7 +130,7 @@ def test_what_the_naive_mapping_of_pybullet_is():
             o = get_solver("pybullet-naive").solve(c, Settings(step_fraction=fraction))
             errors.append(math.hypot(o.v1 - expected.v1, o.v2 - expected.v2))
         assert errors[-1] < 2e-3
-        assert errors[0] / errors[2] == pytest.approx(4, rel=0.2)  # first order in the step
+        assert errors[0] / errors[2] == pytest.approx(4, rel=0.2)  # the error is of first order in the step
 
 
 CHAIN = Collision((1, 1, 1), (1, 1), (1, 0.9), (-1, 0, 0))
@@ -156,7 +160,7 @@ def test_a_chain_has_the_limit_of_kelvin_voigt(engine, chain):
 
 
 def test_gaps_and_speeds_beyond_a_hundred(engine):
-    """Balls that are apart meet one after the other; PyBullet's multibodies are capped at 100 m/s by default."""
+    """Separate balls meet one after the other, at any speed; by default PyBullet limits multibodies to 100 m/s."""
     chain = Collision((1, 1, 1), (1e4, 1e4), (1, 0.8), (-500, 0, 0), gaps=(0, 40.0))
     exact = get_solver("kelvin-voigt").solve(chain)
     outcome = engine.solve(chain, SETTINGS)
@@ -174,17 +178,18 @@ def test_a_path_ends_with_the_outcome_and_its_forces_are_those_of_kelvin_voigt(e
         path, step = outcome.path, outcome.diagnostics["step"]
         assert path.velocities[-1] == pytest.approx(outcome.velocities, abs=0)
         assert path.active[0].all()
-        once = np.append(True, np.diff(path.time) > 0)  # a border between states is given twice
+        once = np.append(True, np.diff(path.time) > 0)  # a path holds each border between states twice
         time, forces = path.time[once], path.forces[once]
         assert len(time) == outcome.diagnostics["n_steps"] + 1
         assert np.diff(time) @ forces[1:] == pytest.approx(outcome.impulses, rel=1e-12)
-        # Means, so that they are those of the middle of a step. The reference has a few points a segment: its
-        # velocities between them are those of the cubic through velocities and forces.
+        # A force of the path is a mean over a step, so it is compared with the force in the middle of the step. The
+        # reference has a few points per segment. Between them its force is the slope of the cubic through impulses and
+        # forces.
         middle = 0.5 * (time[1:] + time[:-1])
         theirs = CubicHermiteSpline(exact.time, exact.impulses, exact.forces).derivative()(middle)
-        # In the first step MuJoCo has no contacts yet: balls that only just touch have no depth.
+        # In MuJoCo's first step there are no contacts yet, because balls that only just touch have no depth.
         off = np.abs(forces[2:] - theirs[1:])
         assert off.max() < 1.5 * step
-        # When in its last step a contact opens is chance, and no matter of order.
+        # The largest errors are left out: where within its last step a contact opens is chance and has no order.
         errors.append(np.quantile(off, 0.95))
     assert slope([4, 2, 1], errors) == pytest.approx(1, abs=0.05)

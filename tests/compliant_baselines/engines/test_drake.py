@@ -1,4 +1,8 @@
-"""Drake: as Kelvin-Voigt engine in discrete time, as elastic and Hunt-Crossley oracle in continuous time; N balls."""
+"""Drake's adapters for pairs and chains.
+
+In discrete time Drake is compared with PyBullet and Kelvin-Voigt contacts, in continuous time with elastic and
+Hunt-Crossley contacts.
+"""
 
 import importlib.util
 import math
@@ -33,7 +37,8 @@ def test_discrete_drake_and_pybullet_solve_the_same_equations(scenario):
         c = two_balls(*cell, k1=1e6)
         ours, theirs = get_solver("drake").solve(c, settings), bullet.solve(c, settings)
         apart.append(gap(ours, theirs))
-    # Eight digits where Drake's solver converges beyond its relative tolerance of 1e-6, that otherwise.
+    # Velocities agree to eight digits where Drake's solver converges further than its relative tolerance of 1e-6, and
+    # elsewhere to this tolerance.
     assert np.median(apart) < 2e-8
     assert max(apart) < 5e-6
 
@@ -56,7 +61,7 @@ def test_a_drop_differs_by_what_gravity_does_between_two_samples():
         settings = Settings(scenario="drop", step_fraction=fraction)
         drake, exact = (get_solver(n).solve(c, settings) for n in ("drake-hunt-crossley", "kelvin-voigt"))
         errors.append(gap(drake, exact))
-        # A collision is over after the first interval without force: two intervals late at most, both balls.
+        # A collision ends after the first interval without force. Both balls are then up to two intervals late.
         assert errors[-1] <= 2**0.5 * 2 * 9.81 * drake.diagnostics["step"]
     assert errors[-1] < errors[0]
 
@@ -72,7 +77,10 @@ def test_the_naive_mapping_is_that_of_two_balls_in_discrete_time():
 
 @pytest.mark.parametrize("chain", [FOUR, replace(DROP, velocities=(-1, 0, -3, 0))], ids=["chain", "drop"])
 def test_four_balls_in_continuous_time_are_those_of_hunt_crossley(chain):
-    """The coefficient goes with the largest rate of compression at first touch, here 1 and 3 m/s."""
+    """Four balls in continuous time move as by the exact Hunt-Crossley law, to 2e-9 of the largest speed.
+
+    The damping coefficient depends on the largest rate of compression at first touch, here 1 m/s and 3 m/s.
+    """
     exact = get_solver("hunt-crossley").solve(chain)
     outcome = get_solver("drake-hunt-crossley").solve(chain, Settings(step_fraction=5e-3))
     assert outcome.velocities == pytest.approx(exact.velocities, abs=2e-9 * max(np.abs(chain.velocities)))
@@ -87,7 +95,7 @@ def test_a_step_too_short_is_refused_and_not_run():
     assert (run.status, run.n_steps) == ("crashed", 0)
     assert "impulses below 1e-06 of the momentum" in run.problem()
     assert get_solver("drake-hunt-crossley").refusal(scene) is None
-    # impulses are neglected beside the momentum of all bodies, not of those that meet
+    # impulses are neglected relative to the momentum of all bodies, not of the bodies that meet
     drifting = Scene.of(Collision((1, 1), (1e4,), (1,), (-1001, -1000)), Settings())
     assert "impulses below 1e-06" in get_solver("drake").refusal(drifting)
     assert get_solver("drake").refusal(replace(drifting, velocities=(-1.0, 0.0))) is None
@@ -95,7 +103,7 @@ def test_a_step_too_short_is_refused_and_not_run():
 
 @pytest.mark.parametrize("name", ["drake:lagged", "drake:similar"])
 def test_the_contacts_that_drake_ships_approach_hunt_and_crossleys_as_the_step_shrinks(name):
-    """Backward Euler has errors of the first order: half the step, half the error."""
+    """The error of Drake's own contacts halves with the step, because backward Euler is of first order."""
     exact = get_solver("hunt-crossley")
     for cell in CELLS:
         c = two_balls(*cell, k1=1e6)

@@ -1,4 +1,4 @@
-"""What holds of every engine adapter."""
+"""Properties that all engine adapters share."""
 
 import math
 import sys
@@ -80,7 +80,7 @@ def test_running_out_of_steps_is_a_timeout(engine):
 
 
 def test_a_step_too_long_for_the_damping_is_no_answer():
-    # An explicit dashpot is unstable above c h/M = 2; at zeta = 5 and a tenth of a period that is 6.
+    # An explicit dashpot is unstable if c h/M exceeds 2. With zeta = 5 and a step of a tenth of a period it is 6.
     (outcome,) = get_solver("mujoco").solve_many([cell(e1=0.01, e2=0.01)], Settings(step_fraction=0.1))
     assert outcome.status in ("unconverged", "crashed", "timeout")
     assert outcome.reason
@@ -98,7 +98,7 @@ def test_mujoco_s_complaint_becomes_a_crash_and_leaves_no_trace(tmp_path, monkey
     assert outcome.status == "crashed"
     assert "beyond 1e+10" in outcome.reason
     assert mujoco.get_mju_user_warning() is before
-    assert list(tmp_path.iterdir()) == []  # no MUJOCO_LOG.TXT
+    assert list(tmp_path.iterdir()) == []  # MuJoCo wrote no MUJOCO_LOG.TXT
     assert capfd.readouterr() == ("", "")
 
 
@@ -112,13 +112,13 @@ def test_mujoco_s_profiler_has_no_clock_while_scenes_run():
         mujoco.mj_step(model, data, nstep=1000)
         return data.timer[mujoco.mjtTimer.mjTIMER_STEP].duration > 0
 
-    had_clock = clock()  # 3.2.7 sets none
+    had_clock = clock()  # MuJoCo 3.2.7 has no clock at all
     with installed("mujoco").running():
         assert not clock()
     assert clock() == had_clock
 
 
-def test_without_an_engine_the_way_out_is_said(monkeypatch):
+def test_a_missing_engine_names_the_command_that_installs_it(monkeypatch):
     for module, name, advice in (
         ("pybullet", "pybullet", "PyBullet is not installed: run pip install 'pybullet>=3.2.7'"),
         ("mujoco.rollout", "mujoco", "pip install 'mujoco>=3.2.7'"),
@@ -143,7 +143,7 @@ def test_an_engine_whose_requirement_is_missing_is_not_said_to_be_missing(tmp_pa
 
 
 @pytest.mark.parametrize(("version", "is_old"), [("3.1.6", True), ("3.2.7", False), ("3.10.0", False)])
-def test_a_version_that_is_too_old_is_said_to_be(version, is_old, monkeypatch):
+def test_an_engine_that_is_too_old_is_unavailable(version, is_old, monkeypatch):
     monkeypatch.setattr(Mujoco, "version", lambda _: version)
     monkeypatch.setattr(engine_module, "import_quietly", lambda _: None)
     said = Mujoco().unavailable()
@@ -160,7 +160,7 @@ def test_a_path_has_the_states_of_its_outcome_and_not_too_many_points(engine, sc
     o = engine.solve(c, settings)
     path = o.path
     assert stepping.PATH_POINTS / 2.1 < len(path.time) <= stepping.PATH_POINTS + 4 * len(o.states) + 100
-    # the states of the path are those of the outcome, each border given once for each side
+    # the path has the states of the outcome, and holds each border between states twice
     change = np.flatnonzero(np.diff(path.state))
     walked = tuple(f"S{s}" for s in path.state[np.append(change, -1)])
     assert (walked if walked[-1] == "S4" else (*walked, "S4")) == o.states
@@ -169,7 +169,7 @@ def test_a_path_has_the_states_of_its_outcome_and_not_too_many_points(engine, sc
 
 def test_plastic_balls_in_a_drop_on_a_rigid_table_are_at_rest_after_a_step():
     class Falling(ToyEngine):
-        refusal = Engine.refusal  # that of the example is of drops
+        refusal = Engine.refusal  # the example's own refusal concerns drops only
 
     for scenario in ("impact", "drop"):
         outcome = Falling().solve(cell(e1=0.0, e2=0.0), Settings(scenario=scenario))
@@ -180,7 +180,7 @@ def test_plastic_balls_in_a_drop_on_a_rigid_table_are_at_rest_after_a_step():
 def test_pybullet_client_is_given_back():
     p = pytest.importorskip("pybullet")
     solver = get_solver("pybullet")
-    taken = p.connect(p.DIRECT)  # somebody else's client is left alone
+    taken = p.connect(p.DIRECT)  # a client of somebody else, which the solver must leave alone
     try:
         p.setGravity(0, 0, -3, physicsClientId=taken)
         beside = solver.solve(cell(), COARSE)
@@ -200,7 +200,8 @@ def test_an_engine_says_where_it_uses_other_numbers_than_were_asked_for(engine):
         assert outcome.effective["stiffness"] == pytest.approx(collision.stiffnesses, rel=1e-9)
         assert outcome.effective["step"] == (outcome.diagnostics["step"],)
     naive = get_solver(f"{engine.name}-naive").solve(pair, COARSE)
-    # MuJoCo reads N/m as 1/s^2: k M (0.9/0.95)^2. In PyBullet two balls of k are k/2 in series.
+    # MuJoCo's naive mapping takes N/m for 1/s^2, which gives k M (0.9/0.95)^2. PyBullet puts the stiffnesses of two
+    # balls in series, which gives k/2.
     alone = 1e8 * 0.5 * ((0.9 / 0.95) ** 2 if engine.name == "mujoco" else 1)
     assert naive.effective["stiffness"][0] == pytest.approx(alone, rel=1e-9)
     assert f"stiffness 1 is {alone:.6g}, 1e+08 was asked for" in naive.differences
@@ -217,7 +218,7 @@ SCENES = [
     ("impact", 1e8, 1e-3),
     ("impact", 1e8, 1e-2),
     ("drop", 1e8, 1e-3),
-    ("drop", 1e5, 2e-3),  # gravity matters: B2 comes to rest, balls stick
+    ("drop", 1e5, 2e-3),  # gravity matters here: B2 comes to rest, and balls may end at rest together
     ("drop", 1e3, 5e-3),
 ]
 

@@ -1,4 +1,6 @@
-"""Dashpots in compression only: the exact law against an integration that watches nothing; Newton against the law."""
+"""Dashpots that act in compression only.
+
+The exact law is compared with an integration without events, and the engine Newton with the exact law."""
 
 import math
 import subprocess
@@ -18,14 +20,17 @@ from tests.model.test_chains import random_chain
 
 LAW = "compression-dashpot"
 
-#: Solvers of Newton that have this law.
+#: Solvers of the engine Newton that have this law.
 COMPLIANT = ("newton", "newton:featherstone")
 
 installed = pytest.mark.skipif(not version_of("newton"), reason="newton is not installed")
 
 
 def dashpots(chain, exponent):
-    """c of each contact: a damped oscillation turns at exp(-zeta t), sin(w t) = w, of the depth without damping."""
+    """Return c of each contact, found from the depth at which a damped oscillation with this restitution turns around.
+
+    An oscillation with the damping ratio z turns at exp(-z t) of the depth without damping, where sin(w t) = w.
+    """
     inverse = 1 / np.array([*chain.masses, *([np.inf] if chain.table else [])])
     ratios = [
         brentq(lambda z, e=e: np.exp(-z * np.arccos(z) / np.sqrt(1 - z * z)) - e, 0, 0.999)
@@ -74,7 +79,7 @@ def test_newton_ends_as_the_exact_law(name, scenario, collision, velocities, tol
 def test_newton_conforms_without_a_word_of_warp_and_refuses_what_it_has_no_digits_for(name):
     command = [sys.executable, "-m", "impact_xval", "solvers", name]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
-    # What a busy machine adds is of the clock, not of Warp.
+    # A busy machine may print that something takes long. This message is not Warp's.
     assert [line for line in done.stderr.splitlines() if "has taken" not in line] == []
     assert [line.split()[0] for line in done.stdout.splitlines()] == ["passed"] * len(checks(LAW))
     (outcome,) = get_solver(name).solve_many([Collision.two_balls(1, 2, 1, 1e9, 1, 1)], Settings())
@@ -83,12 +88,15 @@ def test_newton_conforms_without_a_word_of_warp_and_refuses_what_it_has_no_digit
 
 @installed
 def test_newton_as_it_ships_damps_compression_by_its_own_numbers():
-    """Of k = 2,500 N/m and c = 100 N s/m in compression alone: e = exp(-phi zeta/sqrt(1 - zeta^2)), cos phi = zeta."""
+    """Newton's default contact has k = 2,500 N/m and c = 100 N s/m in compression only, whatever contact is requested.
+
+    Its restitution is e = exp(-phi zeta/sqrt(1 - zeta^2)) with cos phi = zeta. The velocity is compared to 1 %.
+    """
     for mass, zeta in ((4.0, 0.5), (16.0, 0.25)):
         phi = math.acos(zeta)
         e = math.exp(-phi * zeta / math.sqrt(1 - zeta**2))
         found = get_solver("newton:default").solve(Collision((mass,), (1e6,), (0.9,), (-1.0,), table=True))
-        assert found.velocities[0] == pytest.approx(e, abs=0.01)  # at a step of 1/600 s
+        assert found.velocities[0] == pytest.approx(e, abs=0.01)  # with a step of 1/600 s
         assert found.effective["stiffness"] == (2500.0,)
 
 
@@ -102,7 +110,7 @@ def test_without_newton_its_solvers_say_how_to_get_it(name, monkeypatch):
 
 @installed
 def test_featherstone_takes_masses_and_contacts_of_each_scene():
-    """It keeps masses of its own: a scene must not have those of the scene before."""
+    """Featherstone stores masses itself. Each scene must get its own masses and not those of the scene before."""
     solver = get_solver("newton:featherstone")
     for masses, e, speed in (((1.0, 3.0), 0.5, 1.0), ((5.0, 1.0), 0.8, 10.0), ((1.0, 3.0), 0.5, 0.1)):
         v1, v2 = solver.solve(make_chain(-speed, 0.0, e=e, masses=masses)).velocities
@@ -138,6 +146,6 @@ def test_xpbd_conforms_and_refuses_drops_and_other_mappings():
 
 @installed
 def test_xpbd_loses_momentum_where_a_ball_touches_two():
-    """A ball with two contacts gets the mean of their impulses, a ball with one contact gets all of it."""
+    """XPBD loses momentum: a ball with two contacts gets the mean of their impulses, other balls get all of theirs."""
     v = get_solver("newton:xpbd").solve(make_chain(-1.0, 0.0, 0.0)).velocities
-    assert v == pytest.approx((0.5, -0.5, -0.5), abs=1e-5)  # a momentum of -0.5 kg m/s, not -1
+    assert v == pytest.approx((0.5, -0.5, -0.5), abs=1e-5)  # total momentum is -0.5 kg m/s instead of -1

@@ -1,4 +1,4 @@
-"""Engines as people run them: longer steps, parameters as documented, nothing set at all."""
+"""Engines as people use them: with longer steps, with documented parameters, or with default settings only."""
 
 import subprocess
 import sys
@@ -12,7 +12,7 @@ from impact_xval.compliant_baselines.solver import Convergence, Settings, Solver
 from impact_xval.model.collision import Collision
 from tests.compliant_baselines.conftest import installed
 
-#: Gaps of a ten-thousandth of the radius of 6.25 cm.
+#: Two balls on a table with gaps of a ten-thousandth of the balls' radius of 6.25 cm.
 APART = Collision((1.0, 2.0), (1e8, 1e8), (0.9, 0.9), (-1.0, 0.0), table=True, gaps=(6.25e-6, 6.25e-6))
 BASIC = Collision.two_balls(1.0, 2.0, 1e6, 1e6, 0.9, 0.7)
 
@@ -26,7 +26,7 @@ def test_a_step_of_practice_is_the_calibrated_engine_at_that_step_and_has_no_lim
 
 
 def by_hand(solrefs: list[str], option: str) -> tuple[float, float]:
-    """Where `BASIC` ends in a scene that a user of MuJoCo writes: geoms that meet, no <pair>."""
+    """Return the final velocities of `BASIC` in a scene that a user of MuJoCo would write, without a <pair>."""
     mujoco = pytest.importorskip("mujoco")
     model = mujoco.MjModel.from_xml_string(f"""<mujoco><option gravity="0 0 0" {option}/>
     <default><joint type="slide" axis="0 0 1"/></default><worldbody>
@@ -57,7 +57,7 @@ def test_mujoco_as_documented_is_a_scene_with_time_constant_and_damping_ratio():
     c = Collision.two_balls(1.0, 2.0, 1e6, 3e6, e, e)
     zeta, masses = damping_ratio(e), (2 / 3, 2.0)
     ball, table = (1 / (zeta * (k / m) ** 0.5) for k, m in zip(c.stiffnesses, masses, strict=True))
-    # One solref for a pair of geoms: that of the geom with the higher priority.
+    # A pair of geoms uses one solref, here of the geom with the higher priority.
     solrefs = [f'solref="{ball!r} {zeta!r}" priority="1"', "", f'solref="{table!r} {zeta!r}" priority="2"']
     found = get_solver("mujoco:documented").solve(c)
     step = f'timestep="{found.diagnostics["step"]!r}" tolerance="0"'
@@ -71,7 +71,7 @@ def test_pybullet_as_it_ships_heeds_nothing_that_ran_before():
     code = "from impact_xval import Collision, get_solver; "
     code += f"print(get_solver('pybullet:default').solve({APART!r}).velocities)"
     alone = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    get_solver("pybullet").solve(BASIC)  # sets a threshold of the whole process
+    get_solver("pybullet").solve(BASIC)  # this run sets a threshold for the whole process
     assert repr(get_solver("pybullet:default").solve(APART).velocities) == alone.stdout.strip()
     assert alone.stderr == ""
 
@@ -89,7 +89,7 @@ def test_pybullet_as_it_ships_rebounds_above_its_threshold_only():
 
 @pytest.mark.parametrize(
     ("name", "below", "above", "step"),
-    # DART gives no rebound of 0.1 m/s or less: 0.4 times 0.25 m/s.
+    # DART gives no rebound of 0.1 m/s or less, which is 0.4 times 0.25 m/s.
     [("dart", 0.24, 0.26, 1e-3), ("rapier", None, 1e-2, 1 / 60), ("sapien", 1.99, 2.01, 1e-2)],
 )
 def test_a_rigid_engine_as_it_ships_rebounds_above_its_threshold_only(name, below, above, step):

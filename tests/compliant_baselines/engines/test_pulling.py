@@ -1,4 +1,4 @@
-"""Engines whose contacts may pull: a small one here, LAMMPS and Exudyn, against the exact law."""
+"""Engines whose contacts may pull, compared with the exact law: a small engine in this file, LAMMPS and Exudyn."""
 
 import math
 from dataclasses import replace
@@ -18,12 +18,12 @@ from tests.compliant_baselines.conftest import installed
 
 LAW = "linear-dashpot"
 
-#: The lower contact is so soft that its force changes by next to nothing in a step as it begins to pull.
+#: The lower contact is so soft that its force hardly changes within a step when it begins to pull.
 SOFT = Collision.two_balls(1, 5, 1, 0.01, 0.8, 0.4)
 
 
 class PullingWorld(World):
-    """Springs and dashpots that act while bodies overlap, by steps of velocity Verlet."""
+    """Balls with springs and dashpots that act while bodies overlap, advanced by velocity Verlet."""
 
     pulls, first_step_share = True, 0.5
 
@@ -86,8 +86,8 @@ def limits_and_errors(solver, collision):
     "collision",
     [
         Collision.two_balls(1, 2, 1, 1, 0.7, 0.7),
-        # Of many drawn pairs the one whose limit was furthest off, in stated errors, while the end of a contact that
-        # pulls did not count.
+        # Of many random pairs, this one had the limit that was furthest off relative to its stated error, in a version
+        # that ignored the ends of contacts that pull.
         Collision.two_balls(
             1, 4.231949517477533, 1, 44.7736303184423, 0.7246450430370259, 0.8106475926887988
         ),
@@ -102,7 +102,8 @@ def test_limits_of_contacts_that_pull_agree_with_the_exact_law(collision):
 
 
 def test_a_contact_goes_on_where_its_force_goes_through_zero():
-    # The run would end there otherwise: no contact carries force in that step, and the bodies part.
+    # At the step where the force passes zero no contact carries force, and the bodies separate. The run must not end
+    # there.
     for fraction in (1e-3, 5e-4, 2.5e-4):
         exact, outcome = (
             solver.solve_many([SOFT], Settings(step_fraction=fraction))[0]

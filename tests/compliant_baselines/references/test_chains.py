@@ -1,4 +1,8 @@
-"""The references for N balls: two balls, an independent integration, invariances, gaps, and what is refused."""
+"""The references for N balls.
+
+Random chains are compared with an independent integration in time, single contacts with their restitution, and long
+rows with an integration without events. The tests also check invariances, gaps, marks and refusals.
+"""
 
 from dataclasses import replace
 from itertools import product
@@ -49,7 +53,7 @@ def test_an_integration_in_time_agrees(law, exponent, count, most, frozen):
         chain = with_gaps(rng, chain) if not frozen and rng.integers(2) else chain
         ours = in_time(chain, law, exponent=exponent, frozen=frozen)
         if (ours.grazing_margin or 1) < 1e-3:
-            continue  # beside a jump
+            continue  # collisions beside a jump are not compared
         compared += 1
         b = coefficients_of(chain, law, exponent)
         theirs = integrate(replace(chain, exponent=exponent), law, b, frozen=frozen)
@@ -85,8 +89,12 @@ def test_a_pair_alone_has_its_restitution_at_any_speed():
 
 
 def test_gaps_make_another_collision():
-    """Of steel a hundred-thousandth of a diameter does; gaps as long as a collision is deep make single impacts."""
-    mass, stiffness, diameter = 0.0638, 1.2165e10, 0.025  # Hertz contacts of steel balls of this diameter
+    """Small gaps change the outcome, and large gaps turn the collision into single impacts.
+
+    For steel balls a gap of a hundred-thousandth of the diameter is enough. Gaps of the depth of a contact or more make
+    single impacts.
+    """
+    mass, stiffness, diameter = 0.0638, 1.2165e10, 0.025  # Hertz contacts of steel balls with this diameter
     velocities = []
     for gap in (0, 1e-5 * diameter, 1e-2 * diameter):
         chain = Collision((mass,) * 5, (stiffness,) * 4, (1,) * 4, (-1, 0, 0, 0, 0), gaps=(gap,) * 4)
@@ -99,12 +107,12 @@ def test_gaps_make_another_collision():
         for n in range(2, 8)
         for gap in (0.1, 10.0, 1e3)
     ]
-    # What rounding leaves elastic bodies of motion is no collapse.
+    # The slow motion that rounding leaves to elastic bodies must not be taken for a collapse.
     assert {o.status for o in outcomes} == {"ok"}
 
 
 def by_force_alone(chain, law, exponent, b, duration):
-    """Final velocities, of forces that follow from positions and rates without memory: no event is watched."""
+    """Return final velocities by integrating forces that depend on positions and rates only, without events."""
     n, table = len(chain.masses), [0.0] if chain.table else []
     inverse, k = 1 / np.array(chain.masses), np.array(chain.stiffnesses)
 
@@ -124,7 +132,7 @@ def by_force_alone(chain, law, exponent, b, duration):
 
 
 def test_a_row_of_hertz_contacts_ends_as_in_time_without_events():
-    # The last contacts wait for a wave whose load far ahead of it underflows.
+    # The last contacts wait for the wave. Far ahead of the wave their load is so small that it underflows.
     for law, balls, e in (
         ("kelvin-voigt", 18, 0.8),
         ("kelvin-voigt", 30, 0.99),
@@ -143,10 +151,10 @@ def test_a_row_of_hertz_contacts_ends_as_in_time_without_events():
 
 @pytest.mark.parametrize("law", COLUMN_LAWS)
 def test_long_rows_end_at_every_exponent(law):
-    # The higher the exponent, the faster a load grows from nothing: cubics through the ends of a step are wrong by far.
+    # With a higher exponent a load grows faster from nothing. Cubics through the ends of a step are then far off.
     for exponent, (balls, e) in product((1.5, 2, 3), ((24, 0.95), (18, 0.05))):
         if law == "bistiffness":
-            e = 1.0  # no contact becomes rigid
+            e = 1.0  # with e = 1 no contact becomes rigid
         outcome = in_time(
             make_chain(-1, -1, *(balls - 2) * [0], e=e), law, exponent=exponent, max_steps=20_000
         )
@@ -162,7 +170,7 @@ def test_ratios_beyond_double_precision_end_with_a_status():
     for law in COLUMN_LAWS:
         outcome = in_time(far, law, exponent=1.5, max_steps=1000)
         if law == "bistiffness":
-            # The last ball is one body with that before it, that a wall strikes.
+            # the last ball and the ball before it move as one body, and ball 1 strikes them like a wall
             assert outcome.status == "closed-form"
             assert outcome.velocities == pytest.approx((-1, -1.9, -1.9), abs=1e-12)
         else:
@@ -195,7 +203,8 @@ def test_a_solver_refuses_by_name_what_it_cannot_represent():
             get_solver(solver).solve(replace(make_chain(-1, 0, 0), exponent=exponent), settings)
 
 
-#: All of 8 balls fall together, elastic: 585 events. By Taylor series in 40 and in 60 digits, which agree in these ten.
+#: Eight elastic balls that fall together, with 585 events. `TRUTH` holds the velocities by Taylor series in 40 and in
+#: 60 digits, which agree in all digits given here.
 STACK = Collision(
     tuple(0.5**i for i in range(8)), tuple(3.0**i for i in range(8)), (1.0,) * 8, (-1.0,) * 8, table=True
 )
@@ -206,7 +215,8 @@ def test_what_rounding_decides_is_marked():
     for solver in ("bistiffness", "kelvin-voigt", "mujoco"):
         (outcome,) = get_solver(solver).solve_many([STACK], Settings(step_fraction=0.05))
         assert outcome.status == "ok", outcome.reason
-        assert np.abs(np.subtract(outcome.velocities, TRUTH)).max() > 0.1  # which is why
+        # so large an error is the reason for the mark
+        assert np.abs(np.subtract(outcome.velocities, TRUTH)).max() > 0.1
         assert outcome.mark.startswith("a change of 1e-06 in masses and stiffnesses moves the exact outcome")
 
 

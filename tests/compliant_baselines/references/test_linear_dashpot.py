@@ -1,8 +1,9 @@
-"""The contact that may pull: its closed form, and chains and drops by forces that follow from positions and rates.
+"""The linear dashpot, whose contact may pull.
 
-`linear_dashpots.jsonl` holds outcomes of chains with many events in 113 bits (__float128): power series of order 34 in
-time between events, which are found by the signs of functions and slopes, then by bisection. The program shares nothing
-with the kernel.
+Single contacts are compared with the closed form, chains and drops with an integration of forces that depend on
+positions and rates only. `linear_dashpots.jsonl` holds outcomes of chains with many events, computed in 113 bits
+(__float128) by an independent program. Between events it uses power series of order 34 in time. It finds events by the
+signs of functions and slopes, and then by bisection.
 """
 
 import json
@@ -26,7 +27,7 @@ RESTITUTIONS = 1e-6, 0.02, 0.3, 0.7, 0.999, 1.0
 @pytest.mark.parametrize("e", RESTITUTIONS)
 def test_a_contact_alone_is_half_a_period_of_an_oscillator(e):
     mass, k, speed = 6 / 5, 1e3, 1.3
-    # delta = v/w exp(-zeta omega t) sin(w t) up to its next zero, w = omega sqrt(1 - zeta^2)
+    # delta = v/w exp(-zeta omega t) sin(w t) until it is zero again, where w = omega sqrt(1 - zeta^2)
     duration = math.hypot(math.pi, math.log(e)) / math.sqrt(k / mass)
     for collision in (
         Collision((2, 3), (k,), (e,), (-speed, 0)),
@@ -41,7 +42,7 @@ def test_a_contact_alone_is_half_a_period_of_an_oscillator(e):
         assert outcome.diagnostics["duration"] == pytest.approx(flight + duration, rel=1e-12)
 
 
-def test_it_pulls_before_it_ends_and_its_dashpot_pushes_from_the_first_touch():
+def test_a_linear_dashpot_pushes_from_first_touch_and_pulls_before_it_ends():
     e, k = 0.3, 4.0
     (outcome,) = get_solver(LAW).solve_many(
         [Collision((1,), (k,), (e,), (-1,), table=True)], Settings(record_path=True)
@@ -50,17 +51,18 @@ def test_it_pulls_before_it_ends_and_its_dashpot_pushes_from_the_first_touch():
     force = outcome.path.forces[:, 0]
     acting = outcome.path.active[:, 0]
     assert force[0] == pytest.approx(c, rel=1e-12)
-    assert force[acting].min() == pytest.approx(-c * e, rel=0.2)  # -c e at the end; the log samples before it
+    # the force is -c e at the end; the path's last sample is a little earlier
+    assert force[acting].min() == pytest.approx(-c * e, rel=0.2)
     assert force.min() < -0.5 * c * e
     assert not acting[-1]
     assert force[-1] == 0
 
 
 class Bodies:
-    """Balls as positions and velocities. A contact has its force while its bodies overlap.
+    """Balls with positions and velocities. A contact has a force as long as its bodies overlap.
 
-    The instants at which an overlap begins or ends are events of the integrator. With gravity the lowest ball has
-    settled, until the first instant without any overlap.
+    The start and the end of an overlap are events of the integrator. With gravity the lowest ball is settled at first.
+    Gravity ends at the first time without any overlap.
     """
 
     def __init__(self, chain, gravity):
@@ -88,17 +90,17 @@ class Bodies:
         return np.concatenate([y[self.balls :], np.diff(above_and_below) / self.m - self.g])
 
     def crossing(self, i):
-        """A function of time that falls through zero where the overlap of contact i begins or ends."""
+        """Return a function of time and state that falls through zero when the overlap of contact i begins or ends."""
         sign = 1 if self.overlaps[i] else -1
 
         def depth(_, y):
             return sign * self.depths(y)[i] + 1e-15
 
-        depth.__dict__.update(terminal=True, direction=-1)  # as `solve_ivp` wants it
+        depth.__dict__.update(terminal=True, direction=-1)  # the attributes that `solve_ivp` reads
         return depth
 
     def move(self, until):
-        """Move to a time; return the velocities then, and the largest energy that was gained on the way."""
+        """Integrate to the time `until`; return the velocities then, and the largest gain of energy in a step."""
         gained = 0.0
         while self.now < until:
             if not self.overlaps.any() and self.depths(self.y).max() <= 1e-12:
@@ -177,7 +179,7 @@ def test_what_is_refused_names_the_legal_range():
     assert "\n" not in outcome.reason
 
 
-def test_it_keeps_the_contract_though_its_impulses_fall():
+def test_the_linear_dashpot_keeps_the_contract_though_its_impulses_fall():
     assert conformance.problems(get_solver(LAW), LAW) == {}
 
 

@@ -1,8 +1,8 @@
-"""Contacts of power laws where steps are put to the test: nearly elastic, far apart, or stiffened without end.
+"""Contacts with power laws that are hard for step control: nearly elastic, far apart, or ever stiffer.
 
-`power_laws.jsonl` holds outcomes of an event-driven integration in 113 bits (__float128; a power series of order 26 in
-time, truncated at 1e-26, roots by bisection) that shares nothing with the kernel but the dampings it is given. It makes
-one body of two where a contact between them is pressed, rings, and has become 1e22 times as stiff at the same force.
+`power_laws.jsonl` holds outcomes of an independent event-driven integration in 113 bits (__float128; a power series of
+order 26 in time, truncated at 1e-26, roots by bisection). It takes from the kernel only the damping coefficients. It
+unites two bodies if the contact between them is pressed, rings, and has become 1e22 times as stiff at the same force.
 """
 
 import json
@@ -22,7 +22,7 @@ FIELDS = "masses", "stiffnesses", "restitutions", "velocities", "table", "gaps",
 
 
 def cells(kind, law):
-    """Collisions of one kind (`nearly-elastic`, `stiffened`) and law, and their velocities in 113 bits."""
+    """Return collisions of a kind ("nearly-elastic" or "stiffened") and law, and final velocities in 113 bits."""
     rows = [row for row in ROWS if (row["kind"], row["law"]) == (kind, law)]
     return [Collision(**{name: row[name] for name in FIELDS}) for row in rows], [row["end"] for row in rows]
 
@@ -39,9 +39,9 @@ def test_nearly_elastic_contacts_far_apart_are_as_exact_as_they_say(law):
     assert np.mean(stated < 1e-7) >= 0.95
 
 
-#: The force of a weak dashpot ends next to depth 0, beyond which what is watched of it hardly changes any more.
+#: With weak dashpots a force ends almost at depth 0, where the function that is watched for this event is nearly flat.
 WEAK = Collision((1, 0.1, 0.01), (1, 0.01, 1e-4), (0.999999,) * 3, (-1, 0, 0), table=True, exponent=1.5)
-#: In 113 bits.
+#: Final velocities of `WEAK`, integrated in 113 bits.
 WEAK_END = 0.955343613579812, 0.926115013146612, 0.392059285080179
 
 

@@ -1,4 +1,8 @@
-"""Two balls by the references: an integration (`chain_reference`), closed forms, known numbers, invariances."""
+"""Two balls on a table by the references.
+
+Random pairs are compared with an independent integration (`chain_reference`). Other tests compare with closed forms and
+known numbers, and check energy, momentum, paths, and that the order of collisions does not matter.
+"""
 
 import itertools
 import math
@@ -15,18 +19,21 @@ from tests.compliant_baselines.reference_cells import BATCHES, dampings, end_of,
 from tests.compliant_baselines.test_mapping import theory_restitution
 from tests.model.chain_reference import integrate
 
-#: Segments beyond which a cell is left to the other tests: the integration would take minutes.
+#: Pairs with more steps than this are not compared, because the integration would take minutes.
 LONGEST = 1500
 MU = 2 / math.sqrt(3)
 LAWS = [("kelvin-voigt", 12), ("hunt-crossley", 8), ("linear-dashpot", 8), ("bistiffness", 6)]
 MANY = [("kelvin-voigt", 500), ("hunt-crossley", 500), ("linear-dashpot", 500), ("bistiffness", 12)]
-#: Law, number of cells, their seed, and whether positions are frozen.
+#: Law, number of pairs, seed, and whether positions are frozen.
 RANDOM = [(*law, seed, frozen) for law in LAWS for seed, frozen in ((7, False), (34, True))]
 RANDOM += [pytest.param(*law, 20240, False, marks=pytest.mark.nightly) for law in MANY]
 
 
 def compare(law, cells, number, frozen=False):
-    """Assert agreement; the number of cells left out, and of those in which contacts carried force again."""
+    """Assert that pairs agree with the integration in velocities, end and duration.
+
+    Return how many pairs were left out, and in how many of the others contacts carried force again.
+    """
     g = number * np.sqrt(1 + 1 / cells[1])
     left_out = again = 0
     batch = BATCHES[law](*cells, number, frozen=frozen)
@@ -37,8 +44,8 @@ def compare(law, cells, number, frozen=False):
             left_out += 1
             continue
         chain = Collision.from_ratios(*cell)
-        # The integration can step over a pair of events where a force grazes zero. What remains at steps 25 times
-        # shorter is a difference.
+        # At a coarse resolution the integration can miss two events where a force grazes zero. A real difference
+        # remains with steps 25 times shorter.
         for resolution in (0.15,) if frozen else (0.15, 0.006):
             answer = integrate(chain, law, dashpots[i], gravity=g[i], frozen=frozen, resolution=resolution)
             off = np.abs(np.subtract(answer.velocities, (batch.v1[i], batch.v2[i]))).max()
@@ -46,13 +53,14 @@ def compare(law, cells, number, frozen=False):
                 break
         assert off < 1e-9, i
         again += len(answer.states) > 3
-        if answer.limit:  # bodies that became one have an end by a closed form
+        if answer.limit:  # if bodies became one, a closed form gives the end
             continue
         assert answer.end == end_of(batch)[i]
-        if answer.end == "stuck" and not frozen:  # certain before the energy has fallen so far
+        # the reference knows this end before the energy has fallen so far
+        if answer.end == "stuck" and not frozen:
             assert batch.diagnostics["duration"][i] < answer.duration + 1e-7
         else:
-            # Of a flight of thousands of time units the integration's own end moves by 3e-11 of it from resolution to
+            # After a flight of thousands of time units, the integration's own duration changes by 3e-11 with the
             # resolution.
             assert answer.duration == pytest.approx(batch.diagnostics["duration"][i], rel=5e-11, abs=1e-7)
     return left_out, again
@@ -87,7 +95,7 @@ def test_known_numbers():
 def test_hunt_crossley_is_its_first_term_as_restitution_goes_to_one():
     loss = 10.0 ** np.arange(-9, -2)
     a = hunt_crossley_coefficients(1 - loss)
-    # A = 3 (1 - e)/2 + O((1 - e)^2)
+    # to first order a = 3 (1 - e)/2
     np.testing.assert_allclose(a / (1.5 * loss), 1 + loss, atol=1e-6, rtol=0.5e-1 * loss.max())
     assert hunt_crossley_coefficients(np.array([1.0]))[0] == 0
 
@@ -95,12 +103,13 @@ def test_hunt_crossley_is_its_first_term_as_restitution_goes_to_one():
 def test_a_pair_alone_that_may_not_pull_has_another_restitution_by_the_damping_of_textbooks():
     zeta = -math.log(0.6) / math.hypot(math.pi, math.log(0.6))
     expected = theory_restitution(zeta)
-    # B2 a million times as heavy stays where it is: contact 1 alone
+    # A B2 that is a million million times as heavy stays at rest, so that only contact 1 matters.
     assert BATCHES["kelvin-voigt-textbook"](1.0, 1e12, 0.6, 1.0).v1 == pytest.approx(expected, abs=1e-6)
 
 
 def test_anchored_is_exact_where_the_lower_ball_is_pressed_on_the_table():
-    # A light B2 on a hard support: B1 against the table. Half the mass ratio off for the pair's own mass.
+    # With a light B2 on a hard support B1 acts on the table directly. The damping made for the pair's reduced mass is
+    # wrong then.
     assert BATCHES["kelvin-voigt-anchored"](1e5, 1.0, 0.6, 0.6).v1 == pytest.approx(0.6, abs=0.01)
     assert BATCHES["kelvin-voigt"](1e5, 1.0, 0.6, 0.6).v1 > 0.68
 
@@ -117,7 +126,7 @@ SCENARIOS = [Settings(), Settings(scenario="drop", gravity=0.05), Settings(scena
 
 @pytest.mark.parametrize("name", BATCHES)
 def test_order_and_company_change_no_bit(name):
-    """600 cells are two shares, followed side by side."""
+    """Results are bitwise the same alone, in any order and among others; 600 cells are solved as two blocks."""
     collisions = [Collision.from_ratios(*cell) for cell in np.transpose(random_cells(600, 22)).tolist()]
     collisions[3] = Collision((1.0, 0.5, 2.0), (1.0, 4.0), (0.9, 0.8), (-1.0, 0.0, 0.0))
     collisions[7] = Collision((1.0, 2.0), (1.0, 3.0), (0.9, 0.8), (-1.0, 0.3), table=True)
@@ -133,7 +142,7 @@ def test_order_and_company_change_no_bit(name):
 @pytest.mark.parametrize("name", BATCHES)
 def test_energy_never_grows_and_the_balls_part(name, frozen):
     kappa, mu, e1, e2 = random_cells(20_000, 8, lowest_e=0.02)
-    e1[:5000] = e2[:5000] = 1  # elastic ones keep their energy
+    e1[:5000] = e2[:5000] = 1  # elastic collisions keep their energy
     batch = BATCHES[name](kappa, mu, e1, e2, frozen=frozen)
     energy = batch.v1**2 + mu * batch.v2**2
     assert set(batch.statuses) <= {"ok", "closed-form"}
@@ -150,17 +159,19 @@ def test_a_path_keeps_momentum_gives_back_no_more_energy_than_it_took_and_ends_i
         c = Collision.from_ratios(*cell)
         outcome = get_solver(name).solve(c, Settings(settings.scenario, settings.gravity, record_path=True))
         path, g = outcome.path, settings.gravity if settings.scenario == "drop" else 0.0
-        falls = outcome.diagnostics.get("first_flight", np.inf)  # the bodies fall until then
+        falls = outcome.diagnostics.get("first_flight", np.inf)  # gravity acts until the first flight
         momentum = path.impulse1 - c.m1 * (path.v1 - c.v0 + g * np.minimum(path.time, falls))
         assert np.abs(momentum).max() < 1e-12, (settings, cell)
-        taken = []  # by each contact of the energy of its bodies; in a short piece the rate is nearly a line
+        # energy that each contact took from its bodies; within a short piece its rate is nearly a straight line
+        taken = []
         for rate, impulse in ((path.v2 - path.v1, path.impulse1), (-path.v2, path.impulse2)):
             assert name == "linear-dashpot" or np.all(np.diff(impulse) >= -1e-12), (
                 settings,
                 cell,
-            )  # it may pull
+            )  # contacts of the linear dashpot may pull
             taken.append(cumulative_trapezoid(rate, impulse))
-            assert g > 0 or taken[-1].min() >= -2e-3, cell  # a settled one holds the weight's energy
+            # a settled contact holds energy because of the weight
+            assert g > 0 or taken[-1].min() >= -2e-3, cell
         if g == 0:
             lost = 0.5 * (1 - outcome.retained_energy(c))
             assert taken[0][-1] + taken[1][-1] == pytest.approx(lost, abs=2e-3), cell
@@ -190,7 +201,7 @@ def test_gravity_goes_away_at_first_order():
 
 
 def test_a_path_that_ends_in_a_limit_is_finite():
-    # Stiffness of unloading k1/e1^2: a polynomial over the limit's duration would leave double precision.
+    # The stiffness of unloading is k1/e1^2. A polynomial over the whole duration of the closed form would overflow.
     for e1 in (1e-17, 1e-70):
         collision = Collision.from_ratios(1.0, 0.2859933150104282, e1, 1.0)
         outcome = get_solver("bistiffness").solve(collision, Settings(record_path=True))
@@ -201,16 +212,16 @@ def test_a_path_that_ends_in_a_limit_is_finite():
 
 
 @pytest.mark.parametrize("drop", [False, True], ids=["impact", "drop"])
-def test_elastic_both_references_are_the_same_system(drop):
+def test_elastic_pairs_have_the_same_outcome_by_both_references(drop):
     kappa, mu, _, _ = random_cells(3000, 2)
     number = random_gravity(3000, 2) if drop else 0.0
     mine = BATCHES["bistiffness"](kappa, mu, 1.0, 1.0, number)
     other = BATCHES["kelvin-voigt"](kappa, mu, 1.0, 1.0, number)
-    # An elastic B1 that B2 does not throw off never comes to rest: neither reference ends.
+    # If an elastic B1 is not thrown off by B2, it never comes to rest, and neither reference ends.
     ended = (mine.statuses == "ok") & (other.statuses == "ok")
     np.testing.assert_array_equal(mine.statuses == "timeout", other.statuses == "timeout")
     assert np.count_nonzero(ended) > 2900
-    # Long drops amplify rounding by their many contacts.
+    # A long drop has many contacts, which amplify rounding errors.
     calm = ended & (mine.diagnostics["n_steps"] < 60)
     for name in ("v1", "v2"):
         atol = 1e-11 if drop else 1e-12  # the fall of a ball that hardly leaves the other amplifies rounding
@@ -218,8 +229,12 @@ def test_elastic_both_references_are_the_same_system(drop):
     np.testing.assert_array_equal(mine.n_states[calm], other.n_states[calm])
 
 
-def test_in_time_the_pair_is_apart_when_its_velocities_are_equal():
-    """B1 flies with v11, B2 swings on the table: v2 = v11 at cos(theta) = v11/v21 (k2/k1 -> 0), m2 = k2 = 1."""
+def test_the_balls_are_apart_when_their_velocities_become_equal():
+    """When the velocities become equal, the gap between the balls is that of the limit k2/k1 -> 0, to 2 %.
+
+    B1 flies with the constant velocity v11. B2 swings on the table and reaches v2 = v11 at cos(theta) = v11/v21, in
+    units of m2 = k2 = 1.
+    """
     mu, e1, x = 0.5, 0.9, 1e5
     v11, v21 = (e1 * mu - 1) / (1 + mu), -(1 + e1) / (1 + mu)
     theta = math.acos(v11 / v21)

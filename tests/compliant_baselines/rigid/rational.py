@@ -1,7 +1,7 @@
-"""Rigid impacts in rational numbers: every set of contacts is tried, matrices are dense, no code is that of the laws.
+"""Rigid impacts in rational numbers, as an independent reference for the rigid laws.
 
-Inputs are `Fraction`s, in arrays of objects: masses, restitutions e, and relative velocities u, negative while bodies
-approach.
+Every set of contacts is tried, matrices are dense, and no code of the laws is used. Inputs are `Fraction`s in arrays of
+objects: masses, restitutions e, and relative velocities u, which are negative while bodies approach.
 """
 
 from decimal import MAX_EMAX, MIN_EMIN, Context, Decimal, localcontext
@@ -12,7 +12,7 @@ import numpy as np
 
 
 def solved(a, b):
-    """Eliminate without pivoting: principal parts of a positive definite matrix have none that is zero."""
+    """Solve a linear system by elimination without pivoting, which a positive definite matrix does not need."""
     rows = np.column_stack([a, b])
     for i in range(len(rows)):
         rows[i] /= rows[i, i]
@@ -26,7 +26,7 @@ class Balls:
     def __init__(self, masses, e, v, table):
         self.m, self.e, self.v = (np.array(x, object) for x in (masses, e, v))
         n = len(masses)
-        # Row i of H: u_i = v_i - v_{i+1}, the last one on a table v_N.
+        # Row i of H gives u_i = v_i - v_{i+1}; on a table the last row gives v_N.
         self.h = (np.eye(n, dtype=int) - np.eye(n, k=1, dtype=int)).astype(object)[: n - 1 + table]
         self.g = self.h / self.m @ self.h.T
 
@@ -41,7 +41,7 @@ class Balls:
         self.v += impulse * self.h[i] / self.m
 
     def complementary(self, q):
-        """Solve 0 <= P, q + G P >= 0, complementary, by trying every set of contacts that push."""
+        """Find impulses P with P >= 0, q + G P >= 0 and P (q + G P) = 0, by trying every set of contacts that push."""
         n, found = len(q), []
         for some in (list(some) for size in range(n + 1) for some in combinations(range(n), size)):
             impulse = np.full(n, Fraction(0))
@@ -49,7 +49,8 @@ class Balls:
                 impulse[some] = solved(self.g[np.ix_(some, some)], -q[some])
             if min(impulse) >= 0 and min(q + self.g @ impulse) >= 0:
                 found.append(impulse)
-        assert all((each == found[0]).all() for each in found)  # G is positive definite: one solution
+        # G is positive definite, so that there is only one solution
+        assert all((each == found[0]).all() for each in found)
         return found[0]
 
     def newton(self):
@@ -61,17 +62,20 @@ class Balls:
         self.push(self.complementary(self.u))
 
     def first(self):
-        """Resolve the topmost of the contacts that approach, one after the other."""
+        """Resolve single impacts, always of the topmost contact that approaches, until no contact approaches."""
         self.last(place=0)
 
     def last(self, place=-1):
-        """The lowest, or that of a place among them."""
+        """Resolve single impacts, by default of the lowest contact that approaches, until no contact approaches."""
         while min(self.u) < 0:
             i = np.flatnonzero(self.u < 0)[place]
             self.push_one(i, -(1 + self.e[i]) * self.u[i] / self.g[i, i])
 
     def plastic(self):
-        """Stop, then push contacts apart one by one: those between balls by turns, then the one at the table."""
+        """Apply a plastic impact, then separate the contacts one by one by their restitution.
+
+        Contacts between balls come first, the odd ones before the even ones, and the contact with the table last.
+        """
         order = sorted(range(len(self.u)), key=lambda i: (i == len(self.m) - 1, i % 2, i))
         restitutions = self.e
         while min(self.u) < 0:
@@ -86,11 +90,11 @@ class Balls:
 
 
 def single_impacts(c, most=20_000):
-    """Follow balls that are apart by single impacts, in decimals of 80 digits and with any exponent.
+    """Follow separate balls by single impacts, in decimals of 80 digits and with any exponent.
 
-    Return the velocities at the end; None where contacts close together, where more follows on infinitely many impacts,
-    and after so many impacts. Infinitely many are known by their speeds: 1e-20 of the largest after 300 impacts, while
-    all contacts without one of these 300 part a thousand million times as fast.
+    Return the velocities at the end. Return None if contacts close at the same time, if other impacts follow after
+    infinitely many, or if `most` impacts are not enough. A sequence counts as infinite after 300 impacts whose contacts
+    are slower than 1e-20 of the largest initial speed, while all other contacts separate 1e9 times as fast.
     """
     with localcontext(Context(prec=80, Emax=MAX_EMAX, Emin=MIN_EMIN)):
         m, e, v, gaps = ([Decimal(x) for x in xs] for xs in (c.masses, c.restitutions, c.velocities, c.gaps))

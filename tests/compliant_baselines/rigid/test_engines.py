@@ -1,4 +1,4 @@
-"""Rigid engines on one contact, and against the exact law that each follows."""
+"""Rigid engines: the restitution of one contact, and chains compared with the exact law of each engine."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,8 @@ from tests.compliant_baselines.reference_cells import make_chain
 
 NEWTON, PLASTIC = "newton-restitution", "plastic-then-restitution"
 
-#: The law that an engine follows; D from it of chains of up to five balls, and e on one contact, to these accuracies.
+#: For each engine: the law it follows, the largest D of its chains of up to five balls from this law, and the largest
+#: error of e for one contact.
 ENGINES = {
     "pymunk": (NEWTON, 1e-11, 1e-15),
     "dart": (NEWTON, 2e-3, 2.1e-5),
@@ -51,7 +52,7 @@ def test_one_contact_returns_its_restitution(name, engine, e, fraction):
 
 def test_thresholds_are_where_the_adapter_says(name, engine, monkeypatch):
     if name != "dart":
-        # It has none: 1e-3 m/s above.
+        # an engine without a threshold
         assert engine.solve(make_chain(-1.0, 0.0)).effective.get("threshold", (0.0,)) == (0.0,)
         return
     monkeypatch.setattr(type(engine), "refusal", lambda self, scene: None)
@@ -68,26 +69,28 @@ def test_chains_are_those_of_the_law(name, engine):
         balls, table = int(rng.integers(2, 6)), bool(rng.integers(2))
         contacts = balls - 1 + table
         rates = np.where(rng.random(contacts) < 0.5, 0.0, rng.uniform(1, 20, contacts))
-        rates[0] = 10.0  # the others rest or approach as well
+        rates[0] = 10.0  # the other contacts are at rest or approach, too
         v = tuple((-np.cumsum([*([] if table else [0.0]), *rates])[::-1]).tolist())
         m, e = np.exp(rng.uniform(-1.2, 1.2, balls)), rng.uniform(0.3, 1.0, contacts)
         c = Collision(tuple(m.tolist()), (1.0,) * contacts, tuple(e.tolist()), v, table)
         (o,) = engine.solve_many([c], Settings())
-        assert o.status in ("ok", "unconverged"), o.reason  # by Newton's law energy may be gained
+        # unconverged, because Newton's law can gain energy
+        assert o.status in ("ok", "unconverged"), o.reason
         off = o.velocities - follow_impacts(c, law).v
         assert m @ off**2 <= near**2 * (m @ np.square(v)), c
 
 
 def test_targets_that_are_apart_are_struck_one_after_the_other(name, engine):
-    # By 1e-3 radii of 4 m; where they touch the striker reverses, as in the chains above (Donahue's two signs).
+    # The gaps are 1e-3 of the balls' radius of 4 m. If the balls touched, the striker would reverse (Donahue's two
+    # signs).
     v = engine.solve(make_chain(-1.0, 0.0, 0.0, gap=4e-3), Settings(step_fraction=1e-3)).velocities
     assert v == pytest.approx([0, 0, -1], abs=3e-5)
 
 
 @pytest.mark.parametrize("e", [1.0, 0.7])
 def test_impacts_across_gaps_are_whole_at_any_step(name, engine, e):
-    """Two balls and a wall: an impulse is all in its first step, wherever within it a contact is met."""
-    wall = make_chain(-20.0, 0.0, e=e, gap=30.0, table=True)  # so fast that DART drops no restitution
+    """A ball strikes a ball in front of a wall: an impulse acts in a single step, wherever in the step bodies meet."""
+    wall = make_chain(-20.0, 0.0, e=e, gap=30.0, table=True)  # fast enough that DART keeps the restitution
     exact = follow_impacts(wall, "sequential-top").v
     assert e < 1 or exact.tolist() == [20, 0]
     outcome = engine.solve(wall, Settings(convergence=Convergence()))
@@ -98,7 +101,8 @@ def test_impacts_across_gaps_are_whole_at_any_step(name, engine, e):
 
 
 def test_restitution_that_is_dropped_in_a_later_impact_is_an_error_of_the_limit(name, engine):
-    # The light ball rebounds at 0.5 m/s from the heavy one, which would rebound at 0.07 m/s from the table.
+    # The light ball rebounds at 0.5 m/s from the heavy one. The heavy one would rebound at 0.07 m/s from the table,
+    # which DART takes for too slow.
     wall = make_chain(-1.0, 0.0, e=0.5, masses=(1.0, 10.0), gap=0.3, table=True)
     outcome = engine.solve_many([wall], Settings(convergence=Convergence()))[0]
     limit = [outcome.diagnostics[f"v{i}_limit"] for i in (1, 2)]
@@ -111,7 +115,8 @@ def test_restitution_that_is_dropped_in_a_later_impact_is_an_error_of_the_limit(
 
 
 def test_impacts_that_fall_into_one_step_are_not_taken_for_known(name, engine):
-    # The middle ball is struck from both sides, within a thousandth of a step: one after the other is not at once.
+    # The middle ball is struck from both sides within a thousandth of a step. Two impacts one after the other have
+    # another outcome than two at once.
     c = Collision((1, 2, 1), (1, 1), (0.5, 0.5), (-1, 0, 1), gaps=(3.0, 3.0 + 1e-6))
     (outcome,) = engine.solve_many([c], Settings(convergence=Convergence(halvings=1)))
     limit = [outcome.diagnostics[f"v{i}_limit"] for i in (1, 2, 3)]
@@ -122,7 +127,7 @@ def test_impacts_that_fall_into_one_step_are_not_taken_for_known(name, engine):
 
 
 @pytest.mark.smoke
-def test_contract(name, engine, capfd):
+def test_the_solver_keeps_the_contract(name, engine, capfd):
     assert problems(engine, "none") == {}
     with pytest.raises(SolverError, match=r"unrepresentable: gravity = 9\.81 m/s\^2: .*legal: 0"):
         engine.solve(Collision.two_balls(1, 1, 1, 1, 0.5, 0.5), Settings(scenario="drop", gravity=9.81))
@@ -132,6 +137,6 @@ def test_contract(name, engine, capfd):
 def test_numbers_beyond_single_precision_are_refused_or_told(name, engine):
     with pytest.raises(SolverError, match="unrepresentable: masses, velocities or a step beyond 1e"):
         engine.solve(make_chain(-1.0, 0.0, masses=(1e-40, 1.0)))
-    if name == "rapier":  # it stops bodies of a size of some km without a word
+    if name == "rapier":  # Rapier stops bodies of a size of some km without a message
         with pytest.raises(SolverError, match=r"crashed: .*quarantine"):
             engine.solve(make_chain(-1e6, 0.0, table=True))

@@ -1,4 +1,7 @@
-"""Rigid laws of contact graphs: those of chains on the matrices of chains, closed forms, splits that are not unique."""
+"""Rigid laws of contact graphs, compared with the laws of chains and with closed forms.
+
+Some graphs have impulses and rates that are not unique.
+"""
 
 import numpy as np
 import pytest
@@ -11,7 +14,7 @@ from tests.model.graph.graphs import chain_as_graph, random_graphs
 
 
 @pytest.mark.parametrize("law", GRAPH_LAWS)
-def test_on_a_chain_they_are_the_laws_of_chains(law):
+def test_rigid_laws_of_graphs_are_those_of_chains_on_a_chain(law):
     rng = np.random.default_rng(1)
     for _ in range(20):
         balls = int(rng.integers(2, 6))
@@ -22,7 +25,7 @@ def test_on_a_chain_they_are_the_laws_of_chains(law):
         )
         name = "sequential-top" if law == "sequential" else law
         line, graph = follow_impacts(chain, name), chain_as_graph(chain)
-        # The sweep of chains: odd contacts between balls, even ones, the table.
+        # The order in which the law sweeps a chain: odd contacts between balls, even ones, then the table.
         order = (
             [*range(1, balls, 2), *range(2, balls, 2), balls] if law == "plastic-then-restitution" else None
         )
@@ -32,7 +35,7 @@ def test_on_a_chain_they_are_the_laws_of_chains(law):
 
 
 def test_a_symmetric_scene_and_an_order():
-    """One ball on two at 30 degrees, e = 1: Newton's law keeps the symmetry, a sequence of single impacts does not."""
+    """One ball strikes two at 30 degrees with e = 1: Newton's law keeps the symmetry, single impacts do not."""
     scene = bernoulli()
     both = solve_rigid_graph("newton-restitution", scene.delassus, [1, 1, 1], scene.rates)
     velocities, _ = scene.after(both.impulses)
@@ -41,7 +44,7 @@ def test_a_symmetric_scene_and_an_order():
     second = solve_rigid_graph("sequential", scene.delassus, [1, 1, 1], scene.rates, order=(2, 1, 3))
     assert first.law == "sequential (1, 2, 3)"
     assert first.rates[0] != pytest.approx(second.rates[0], abs=0.01)
-    # Mirror images of each other.
+    # the two orders give mirror images of each other
     np.testing.assert_allclose(
         scene.after(first.impulses)[0][0] * (-1, 1), scene.after(second.impulses)[0][0], atol=1e-12
     )
@@ -55,14 +58,14 @@ def test_a_diagonal_matrix_means_single_impacts(law):
 
 
 def test_splits_that_are_not_unique():
-    """Three contacts of one direction of motion each, of which one is enough."""
+    """Three contacts share one direction of motion, so that their impulses are not unique."""
     W, w = np.ones((3, 3)), np.ones(3)
     newton = solve_rigid_graph("newton-restitution", W, [0.5] * 3, w)
     np.testing.assert_allclose(newton.rates, -0.5, atol=1e-12)
     assert newton.impulse_spread == pytest.approx(1.0)
     assert newton.rate_spread == 0
     poisson = solve_rigid_graph("poisson-restitution", W, [0.2, 0.5, 0.8], w)
-    # All of the compression may go through any of the contacts: the rate comes back with the e of that contact.
+    # Any contact can take the whole compression. The rate after it then has the restitution of this contact.
     assert poisson.rate_spread == pytest.approx(0.8 - 0.2)
     with pytest.raises(ValueError, match="restitutions: unequal ones with a singular W"):
         solve_rigid_graph("newton-restitution", W, [0.2, 0.5, 0.8], w)
@@ -75,7 +78,7 @@ def test_no_contact_approaches_afterwards_and_equal_e_makes_no_energy():
             outcome = solve_rigid_graph(law, W, np.full(len(w), 0.7), w)
             assert outcome.rates.max() <= 1e-9
             assert outcome.impulses.min() >= -1e-12
-            assert outcome.impulses @ (w + outcome.rates) >= -1e-9  # twice the energy that is lost
+            assert outcome.impulses @ (w + outcome.rates) >= -1e-9  # twice the lost energy
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,7 @@
-"""Rigid laws against closed forms, against rational arithmetic that tries every set of contacts, and invariances."""
+"""Rigid laws compared with closed forms and with rational arithmetic that tries every set of contacts.
+
+The tests also check invariances and sequences of infinitely many impacts.
+"""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -30,7 +33,7 @@ def velocities(law, collision):
 def test_one_contact_returns_its_restitution(law, e):
     v = velocities(law, make_chain(-1.0, 0.5, e=e, masses=(1.0, 3.0)))
     mean = (-1.0 + 1.5) / 4
-    # Textbook: v = mean -+ e m_other/(m1 + m2) (v1 - v2).
+    # Textbook formula: v1 and v2 are the mean velocity -+ e m_other/(m1 + m2) (v1 - v2).
     assert v == pytest.approx([mean + e * 0.75 * 1.5, mean - e * 0.25 * 1.5], abs=1e-15)
     assert velocities(law, make_chain(-2.0, e=e, table=True)) == pytest.approx([2 * e], abs=1e-15)
 
@@ -40,15 +43,15 @@ def test_one_contact_returns_its_restitution(law, e):
 def test_newtons_cradle(law, gap):
     v = velocities(law, make_chain(-1.0, 0.0, 0.0, 0.0, 0.0, gap=gap))
     if law == PLASTIC and not gap:
-        # 3/5 N s of the plastic impact are kept at the second contact: 2 P1 - 1 - 3/5 = 1, P1 = 13/10. Ball 2 then has
-        # 1/2 m/s more than the three below it, and so from ball to ball.
+        # The plastic impact transmits 3/5 N s at the second contact, which are kept. So 2 P1 - 1 - 3/5 = 1 and P1 =
+        # 13/10. Then ball 2 is faster than the three below it by 1/2 m/s, and the same happens from ball to ball.
         assert v == pytest.approx([3 / 10, -3 / 40, -17 / 60, -49 / 120, -8 / 15], abs=1e-15)
     elif law in AT_ONCE and not gap:
-        # The reflection of -1 at the mean of -1/5.
+        # the velocity -1 is reflected at the mean velocity -1/5
         assert v == pytest.approx([3 / 5] + [-2 / 5] * 4, abs=1e-15)
     else:
         assert v == pytest.approx([0, 0, 0, 0, -1], abs=1e-15)
-    # Two fall, two leave, where contacts are apart or impacts are single.
+    # If contacts are apart or impacts are single, two balls that strike make two balls leave.
     two = velocities(law, make_chain(-1.0, -1.0, 0.0, 0.0, 0.0, gap=gap))
     if gap or law in SINGLE:
         assert two == pytest.approx([0, 0, 0, -1, -1], abs=1e-15)
@@ -66,7 +69,7 @@ def chains(draw):
     try:
         c = Collision(*(tuple(map(float, each)) for each in (masses, [1] * len(e), e, v)), table=table)
     except ValueError:
-        reject()  # nothing meets
+        reject()  # no bodies approach: skip this example
     return c, masses, e, v
 
 
@@ -81,7 +84,7 @@ def test_laws_in_rational_numbers_that_try_every_set_of_contacts(drawn):
         ("sequential-top", Balls.first, 1e-12),
         ("sequential-bottom", Balls.last, 1e-12),
     ):
-        single = law in SINGLE  # which may have no end unless e = 1
+        single = law in SINGLE  # single impacts may go on without end unless e = 1
         if single and len(masses) > 3:
             continue
         exact = Balls(masses, [Fraction(1)] * len(e) if single else e, v, c.table)
@@ -99,12 +102,12 @@ def test_invariances(drawn):
     for law in LAWS:
         try:
             after = follow_impacts(c, law, most=5_000).v
-        except TooManyImpactsError:  # heavy balls that come to rest on light ones, impact by impact
+        except TooManyImpactsError:  # heavy balls may come to rest on light ones only after very many impacts
             assert law in SINGLE
             continue
         between = -np.diff([*after, 0.0] if c.table else after)
         assert (between >= 0).all(), law
-        assert m @ after**2 <= m @ before**2 * (1 + 1e-12), law  # e is one for all
+        assert m @ after**2 <= m @ before**2 * (1 + 1e-12), law  # all contacts have the same e
         elastic = replace(c, restitutions=(1.0,) * len(e))
         if law in SINGLE:
             assert m @ velocities(law, elastic) ** 2 == pytest.approx(m @ before**2, rel=1e-11), law
@@ -112,7 +115,7 @@ def test_invariances(drawn):
             assert m @ after == pytest.approx(m @ before, abs=1e-12), law
             moved = replace(c, velocities=tuple(before + 0.75))
             assert velocities(law, moved) == pytest.approx(after + 0.75, abs=1e-12), law
-            if law == PLASTIC:  # it sweeps from the top
+            if law == PLASTIC:  # this law sweeps from the top and is not symmetric
                 continue
             other = {"sequential-top": "sequential-bottom", "sequential-bottom": "sequential-top"}
             mirrored = velocities(other.get(law, law), c.reversed())
@@ -122,25 +125,28 @@ def test_invariances(drawn):
 @pytest.mark.parametrize("restitutions", [(0.5, 0.0, 0.0, 0.0), (0.5,) * 4])
 @pytest.mark.parametrize("law", [law for law in LAWS if law != "generalised-reflection"])
 def test_balls_end_apart_to_the_bit(law, restitutions):
-    # By `sequential-top`, rounding used to leave v1 - v2 = -1.9e-16.
+    # Rounding in `sequential-top` once left v1 - v2 = -1.9e-16 here.
     c = Collision((1.5, 5.0, 14 / 3, 1.5), (1.0,) * 4, restitutions, (-2.0, -0.5, 0.0, -1.0), table=True)
     assert (np.diff([*velocities(law, c), 0.0]) <= 0).all()
 
 
 def test_newton_creates_energy_where_restitutions_differ():
-    # A heavy ball rests on a light one (e1 = 0), which falls on the table (e2 = 1) at 1 m/s: u2 has to be 1, u1 >= 0.
+    # A heavy ball rests on a light one (e1 = 0). The light one falls on the table at 1 m/s (e2 = 1). Newton's law
+    # requires u2 = 1 and u1 >= 0.
     c = Collision((10.0, 0.1), (1.0, 1.0), (0.0, 1.0), (0.0, -1.0), table=True)
-    assert velocities("newton-restitution", c) == pytest.approx([1, 1], abs=1e-13)  # 101 times the energy
-    # Poisson: compression stops the light ball with 0.1 N s, as much comes back, and lifts both.
+    # the energy is 101 times the initial one
+    assert velocities("newton-restitution", c) == pytest.approx([1, 1], abs=1e-13)
+    # By Poisson's law compression stops the light ball with 0.1 N s. The same impulse is returned and lifts both balls.
     assert velocities("poisson-restitution", c) == pytest.approx([0.1 / 10.1] * 2, abs=1e-13)
 
 
 def test_infinitely_many_impacts_end_at_their_limit():
     solve = get_solver("sequential-top").solve
-    # Two balls that collapse on the table.
+    # two balls that collapse on the table
     o = solve(Collision.two_balls(1.0, 1.0, 1.0, 1.0, 0.1, 0.1))
     assert (o.status, o.velocities, o.impulse1) == ("closed-form", (0.0, 0.0), pytest.approx(1, abs=1e-14))
-    # Three balls in flight, e < 7 - 4 sqrt(3) (McNamara and Young, 1992): collapse in a finite time, momentum kept.
+    # Three balls in flight with e < 7 - 4 sqrt(3) (McNamara and Young, 1992) collapse in a finite time and keep
+    # momentum.
     for e, status in ((0.05, "closed-form"), (0.09, "ok")):
         o = solve(Collision((1.0,) * 3, (1.0,) * 2, (e, e), (-1.0, 0.0, 1.0), gaps=(1.0, 1.3)))
         assert (o.status, sum(o.velocities)) == (status, pytest.approx(0, abs=1e-14)), e
@@ -148,12 +154,12 @@ def test_infinitely_many_impacts_end_at_their_limit():
 
 @pytest.mark.parametrize("law", LAWS)
 def test_a_gap_that_shrinks_without_end_is_a_collapse_and_no_touch(law):
-    # 10,232 impacts in decimals of 700 digits; the last gaps are 1e-600.
+    # In decimals of 700 digits there are 10,232 impacts, and the last gaps are 1e-600.
     c = Collision((1.0, 0.01, 1.0), (1.0, 1.0), (0.15, 0.15), (-1.0, 0.0, 0.0), gaps=(1.0, 0.001))
     o = get_solver(law).solve(c)
     assert (o.status, o.velocities) == ("closed-form", pytest.approx([-1 / 2.01] * 3, abs=1e-15))
-    # Ball 2 meets ball 1 after 1 s, and ball 3 after it has moved 1 mm at 1.15/1.01 m/s; no later than it arrives there
-    # at the velocity of the three.
+    # Ball 1 meets ball 2 after 1 s. Ball 2 meets ball 3 when it has moved 1 mm at 1.15/1.01 m/s. The collapse ends
+    # before ball 2 would arrive there at the common final velocity.
     assert 1 + 0.001 / 1.15 * 1.01 < o.diagnostics["duration"] < 1 + 0.001 * 2.01
 
 
@@ -166,8 +172,8 @@ def test_bodies_touch_where_their_gap_is_zero_and_no_sooner(law):
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("sign", [-1, 1])
 def test_three_balls_collapse_up_to_the_restitution_of_theory(law, sign):
-    # McNamara and Young (1992), for balls of any mass: infinitely many impacts where
-    # m1 m3/((m1 + m2)(m2 + m3)) (1 + e)^2 >= 4 e.
+    # McNamara and Young (1992), for balls of any masses: there are infinitely many impacts if m1 m3/((m1 + m2)(m2 +
+    # m3)) (1 + e)^2 >= 4 e.
     for masses in ((1.0, 1.0, 1.0), (2.0, 0.3, 5.0), (50.0, 0.1, 8.0)):
         m1, m2, m3 = masses
         q = m1 * m3 / ((m1 + m2) * (m2 + m3))
@@ -177,13 +183,14 @@ def test_three_balls_collapse_up_to_the_restitution_of_theory(law, sign):
         assert o.status == ("closed-form" if sign < 0 else "ok"), masses
         assert np.dot(masses, o.velocities) == pytest.approx(m3 - m1, abs=1e-12)
         mean = (m3 - m1) / sum(masses)
-        # A finite sequence leaves what impacts by the dozen leave of a speed: e^n.
+        # a finite sequence of dozens of impacts leaves about e^n of a speed
         assert o.velocities == pytest.approx([mean] * 3, abs=1e-9), masses
 
 
 @pytest.mark.parametrize("law", AT_ONCE)
 def test_bodies_that_have_collapsed_are_struck_as_one_that_touches(law):
-    # Balls 2 to 4 collapse at 1/3 m/s downwards. Ball 1 comes later: u = (-1 + 1/3, 0, 0), an impact of 1 kg and 3 kg.
+    # Balls 2 to 4 collapse and move down at 1/3 m/s. Ball 1 arrives later, with u = (-1 + 1/3, 0, 0): an impact of 1 kg
+    # on 3 kg.
     c = Collision((1.0,) * 4, (1.0,) * 3, (0.05,) * 3, (-1.0, -1.0, 0.0, 0.0), gaps=(30.0, 1.0, 0.3))
     o = get_solver(law).solve(c)
     mean, u = -1 / 2, 2 / 3
@@ -215,7 +222,8 @@ def test_balls_with_gaps_against_single_impacts_in_decimals_of_eighty_digits():
 
 
 def test_balls_that_fall_together_leave_after_one_impact():
-    # All contacts but the table's are at rest, and stay so or open: nothing approaches after the first impact.
+    # Only the contact with the table approaches. The others are at rest and stay so or open, so that nothing approaches
+    # after the first impact.
     rng = np.random.default_rng(6)
     for case in range(60):
         n = int(rng.integers(2, 5))
@@ -234,7 +242,8 @@ def test_balls_that_fall_together_leave_after_one_impact():
 
 
 def test_collapses_may_follow_one_another_without_an_end():
-    # Whatever balls 2 to 4 meet, they collapse on the table before ball 1 has its turn, which then bounces off 5 kg.
+    # Whenever balls 2 to 4 meet, they collapse on the table before the contact of ball 1 is next. Ball 1 then bounces
+    # off ball 2 of 5 kg.
     c = Collision(
         (1.5, 5.0, 14 / 3, 1.5), (1.0,) * 4, (0.5, 0.0, 0.0, 0.0), (-2.0, -0.5, 0.0, -1.0), table=True
     )
@@ -244,7 +253,7 @@ def test_collapses_may_follow_one_another_without_an_end():
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_contract(law):
+def test_the_solver_keeps_the_contract(law):
     solver = get_solver(law)
     with pytest.raises(SolverError, match="unrepresentable: scenario = 'drop'"):
         solver.solve(Collision.two_balls(1, 1, 1, 1, 0.5, 0.5), Settings(scenario="drop"))

@@ -1,4 +1,4 @@
-"""Rigid laws beside the model over the stiffness ratio, as docs/graphs.md, section 9, states it."""
+"""Rigid laws compared with the model at various stiffness ratios, as stated in docs/graphs.md, section 9."""
 
 import math
 
@@ -7,7 +7,8 @@ import pytest
 
 from benchmarks.graph_laws import RATIOS, RIGID_LAWS, distance, least_error, model_outcomes, rigid_outcome
 
-#: Outcome at k2/k1 = 4, e = 1, of another program (closed forms between events), and Newton's law by hand.
+#: Velocities at k2/k1 = 4 and e = 1 by an independent program (closed forms between events), and by Newton's law by
+#: hand.
 AT_FOUR = [
     (-0.12505621385901, 0.17606397047155),
     (-0.27697231803848, -0.47973012713277),
@@ -16,7 +17,7 @@ AT_FOUR = [
 NEWTON = [(0.0, 0.2), (-0.2 * math.sqrt(3), -0.6), (0.2 * math.sqrt(3), -0.6)]
 
 
-def test_d_is_that_of_the_outcomes_by_others():
+def test_d_agrees_with_velocities_of_an_independent_program():
     by_hand = math.sqrt(np.square(np.subtract(AT_FOUR, NEWTON)).sum())
     (found,) = distance(model_outcomes([4.0], 1.0), rigid_outcome("Newton", 1.0))
     assert math.isclose(found, by_hand, rel_tol=1e-10)

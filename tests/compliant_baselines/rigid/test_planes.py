@@ -1,4 +1,7 @@
-"""Engines on contact graphs: balls in a plane, against exact laws and against the same scene seen otherwise."""
+"""Engines on contact graphs of balls in a plane.
+
+Outcomes are compared with exact laws, and with the same scene rotated, mirrored or renumbered.
+"""
 
 import math
 from dataclasses import replace
@@ -19,7 +22,7 @@ from tests.compliant_baselines.plane_graphs import moved, random_graph, renumber
 
 COMPLIANT = ["mujoco", "pybullet", "drake"]
 
-#: The law that a rigid engine follows on graphs, and its distance from it in m/s.
+#: For each rigid engine: the law it follows on graphs, and the largest difference of a velocity from the law in m/s.
 RIGID = {
     "pymunk": ("newton-restitution", 1e-6),
     "dart": ("newton-restitution", 1e-4),
@@ -28,7 +31,8 @@ RIGID = {
 }
 ALL = [*COMPLIANT, *RIGID]
 
-#: Velocities after Bernoulli's problem by closed forms between events (model/graph), e = 1, at k2/k1 = 1 and 4.
+#: Velocities after Bernoulli's problem with e = 1, at k2/k1 = 1 and 4, by an independent program with closed forms
+#: between events.
 BERNOULLI = {
     1: ((0.0, 0.2), (-0.3464101615137753, -0.6), (0.3464101615137753, -0.6)),
     4: (
@@ -78,7 +82,7 @@ def test_rigid_engines_follow_their_law_on_named_graphs(name):
         for order in permutations(range(1, len(restitutions) + 1)):
             rigid = solve_rigid_graph(law, graph.delassus, restitutions, graph.rates, order=order)
             off.append(np.abs(velocities - graph.after(rigid.impulses.tolist())[0]).max())
-            if law == "newton-restitution":  # which has no order
+            if law == "newton-restitution":  # Newton's law does not depend on the order
                 break
         assert min(off) < distance, graph
 
@@ -125,7 +129,8 @@ def test_turned_and_mirrored_scenes_have_turned_and_mirrored_outcomes(name):
     expected = np.array(solve(engine, graph).velocities)
     cosine, sine = math.cos(0.7), math.sin(0.7)
     matrices = [np.array([[cosine, -sine], [sine, cosine]]), np.diag([-1.0, 1.0])]
-    if name == "rapier":  # it solves contacts in an order of its own, and breaks the symmetry of the scene
+    # Rapier solves contacts in an order of its own, which breaks the symmetry of the scene
+    if name == "rapier":
         del matrices[1]
     for matrix in matrices:
         turned = moved(graph, lambda v, matrix=matrix: (matrix @ v).tolist())
@@ -208,6 +213,6 @@ def test_velocities_that_part_are_the_nearest_ones():
         v, J, m = rng.normal(size=len(scene.velocities)), scene.arrangement.jacobian, scene.inertia
         nearest = project_to_parting(v, scene)
         assert (J @ nearest).min() > -1e-12
-        for _ in range(20):  # any velocities that part are further away
+        for _ in range(20):  # any other velocities that separate the bodies are further away
             other = project_to_parting(nearest + 0.1 * rng.normal(size=len(v)), scene)
             assert m @ (other - v) ** 2 >= m @ (nearest - v) ** 2 * (1 - 1e-12)

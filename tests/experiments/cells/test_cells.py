@@ -1,4 +1,4 @@
-"""One cell by several solvers: what `compare` gives, what a notebook shows of it, and the explorer in a browser."""
+"""One cell solved by several solvers: the comparison, its view in a notebook, and the explorer in a browser."""
 
 import json
 import re
@@ -56,7 +56,8 @@ def test_hostile_names_and_reasons_stay_text_and_without_a_path_there_is_no_pict
     assert not {"script", "strong", "img"} & {*re.findall(r"<([a-z]+)", shown)}
     assert re.search(rf">{re.escape(escape(HOSTILE))}</t[dh]>", shown)
     assert HOSTILE in str(compared)
-    assert "mujoco-naive: damping 1 is " in str(compare(PLAIN, ["mujoco-naive"]))  # not what was asked for
+    # an engine that used other parameters than requested says so
+    assert "mujoco-naive: damping 1 is " in str(compare(PLAIN, ["mujoco-naive"]))
     with pytest.raises(ValueError, match="no solver has a path to draw"):
         compared.plot()
 
@@ -81,7 +82,7 @@ def test_d_between_every_two_solvers_is_what_a_hand_computation_gives():
     heavy = Collision.two_balls(m1=1.0, m2=3.0, k1=1e8, k2=1e8, e1=0.9, e2=0.7, v0=-2.0)
     lost = {"drake": Outcome.failure("drake", heavy, "unavailable", "not here")}
     compared = SolverComparison(heavy, outcomes | lost)
-    # sqrt((0.25^2 + 3 0.25^2)/(1 2^2)) = 0.25, and twice as much
+    # sqrt((0.25^2 + 3 0.25^2)/(1 2^2)) = 0.25, and twice this between PyBullet and the model
     expected = {("mujoco", "pybullet"): 0.25, ("mujoco", "state-transition"): 0.25}
     assert compared.between == expected | {("pybullet", "state-transition"): 0.5}
     lines = [line.split() for line in str(compared).partition("D between every two solvers")[2].splitlines()]
@@ -94,7 +95,7 @@ def test_d_between_every_two_solvers_is_what_a_hand_computation_gives():
     assert known["pybullet"] == {"mujoco": 0.25, "state-transition": 0.5}
     assert known["drake"] == {}
     two = SolverComparison(heavy, {name: outcomes[name] for name in ("mujoco", "state-transition")})
-    assert "D between" not in str(two)  # the table has it
+    assert "D between" not in str(two)  # with two solvers, the table of divergences holds the only D
 
 
 def test_what_is_illegal_is_named():
@@ -111,7 +112,7 @@ def cells():
 
 @contextmanager
 def served():
-    """Serve the explorer at a free port; gives the process, interrupted in the end, and the port."""
+    """Start the explorer at a free port; yield its process, which is interrupted at the end, and the port."""
     process = subprocess.Popen([*COMMAND, "0"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         found = re.match(r"http://127.0.0.1:(\d+)/ ", line := process.stdout.readline())
@@ -123,7 +124,7 @@ def served():
 
 
 def wait_for(page, what):
-    """Wait until what is shown is of the address, and an expression of JavaScript holds."""
+    """Wait until the page shows the cell of its address and a JavaScript expression is true."""
     page.wait_for_function(f"`?${{document.documentElement.dataset.shown}}` === location.search && ({what})")
 
 
@@ -176,7 +177,8 @@ def test_the_page_fits_a_move_is_solved_the_button_adds_engines_and_the_address_
         for width, scheme in ((390, "dark"), (1200, "light")):
             page.set_viewport_size({"width": width, "height": 900})
             page.emulate_media(color_scheme=scheme)
-            page.wait_for_function(f"document.documentElement.scrollWidth <= {width}")  # charts follow it
+            # charts become as narrow as the window
+            page.wait_for_function(f"document.documentElement.scrollWidth <= {width}")
             assert violations(page) == []
         page.fill("#stiffness_ratio", "3")
         wait_for(page, "location.search.includes('ratio=3&')")

@@ -1,4 +1,4 @@
-"""One collision and runs, as they are asked for: what is printed, what is written, and what runs say first."""
+"""The commands that solve one collision and run an experiment: what they print and write."""
 
 import json
 import math
@@ -26,7 +26,8 @@ CELL = ["--stiffness-ratio", "40", "--mass-ratio", str(2 / math.sqrt(3)), "--e1"
 
 
 def _json(command, *arguments):
-    return json.loads(command(["solve", *arguments, "--json"]), parse_constant=pytest.fail)  # strict JSON
+    # strict JSON has no NaN and no infinity
+    return json.loads(command(["solve", *arguments, "--json"]), parse_constant=pytest.fail)
 
 
 def test_solve_json_keeps_the_contract(command):
@@ -41,7 +42,7 @@ def test_solve_json_keeps_the_contract(command):
     assert found["impulses"] == [*outcome.impulses]
 
 
-#: A drop after which B2 is at rest on the table, at some speed.
+#: Options for a drop after which B2 is at rest on the table, at some speeds.
 SOFT = ["--stiffness-ratio", "0.1", "--mass-ratio", "0.5", "--e1", "0.9", "--e2", "0.5", "--k1", "1e4"]
 
 
@@ -51,7 +52,10 @@ SOFT = ["--stiffness-ratio", "0.1", "--mass-ratio", "0.5", "--e1", "0.9", "--e2"
     ids=["impact", "drop"],
 )
 def test_no_number_of_the_list_depends_on_the_speed(command, cell, faster):
-    """g in proportion to |v0| keeps the gravity number of a drop; times do not depend on the speed anyway."""
+    """Velocities per |v0| and diagnostics do not depend on v0, in an impact and in a drop.
+
+    In the drop g is scaled by the same factor as |v0|, which keeps the gravity number. Times do not depend on v0.
+    """
     names = ["mujoco", "kelvin-voigt", "bistiffness", "state-transition"]
     asked = [word for name in names for word in ("--solver", name)]
     slow, quick = _json(command, *cell, *asked), _json(command, *cell, *asked, *faster)

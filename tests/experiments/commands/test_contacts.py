@@ -1,4 +1,7 @@
-"""The commands `contact`, `inspect` and `scene`: contacts asked for or found in a file, and scenes of a run's cells."""
+"""The commands `contact`, `inspect` and `scene`.
+
+Their contacts are requested by numbers or read from a file, and scenes are exported from the cells of a run.
+"""
 
 import json
 import math
@@ -20,7 +23,7 @@ from tests.compliant_baselines.test_paste import ENGINES, run_alone
 
 
 def _shown(text):
-    """By quantity what was asked, and the least and greatest that drops gave."""
+    """Return for restitution and duration the requested value and the least and greatest value in drops."""
     rows = re.findall(r"^(restitution|duration) +(\S+)(?: s)? +(\S+) to (\S+)", text, re.MULTILINE)
     return {name: [float(number) for number in numbers] for name, *numbers in rows}
 
@@ -32,7 +35,8 @@ def test_what_was_asked_what_to_paste_and_what_came_back(command):
     assert text.startswith(
         "k = 1e+06 N/m, c = 141.121 N s/m, damping ratio 0.1222, reduced mass 0.333333 kg\n"
     )
-    assert float(re.search(r'solref="(\S+) ', text)[1]) == pytest.approx(-3e6)  # -k/M, M = 1/3 kg
+    # solref is -k/M, with M = 1/3 kg
+    assert float(re.search(r'solref="(\S+) ', text)[1]) == pytest.approx(-3e6)
     for asked, low, high in drops.values():
         assert 0.99 * asked <= low <= high <= 1.01 * asked
     assert drops["restitution"][0] == 0.7
@@ -50,7 +54,7 @@ def test_what_is_said_of_the_restitutions_of_two_bodies_is_what_the_engine_does(
     pair = Collision((1.0, 1.0), (1e4,), (0.9,), (-1.0, 0.0), table=False)
     v1, v2 = solver.solve(pair, Settings(partner_restitution=0.9)).velocities
     gives = float(re.search(r"0.9 on both bodies gives (\S+)\.", describe_restitution_product([engine]))[1])
-    # They meet with 1 m/s; DART softens its constraints by some 1e-5. The mean would be 0.9.
+    # The balls meet with 1 m/s. DART softens its constraints by about 1e-5. A mean instead of a product would give 0.9.
     assert v1 - v2 == pytest.approx(gives, abs=1e-3)
 
 
@@ -84,7 +88,7 @@ def test_a_material_and_a_radius_are_a_contact(command):
 
 
 def test_a_spring_and_a_dashpot_in_newton_and_metre(command):
-    # The URDF of several reports: 3000 N/m and 100 N s/m, here on 0.2 kg: zeta = 2.04.
+    # 3000 N/m and 100 N s/m are in the URDF of several reports. With 0.2 kg the damping ratio is 2.04.
     text = command("contact --engine mujoco --masses 0.2 inf --stiffness 3000 --damping 100")
     assert "k = 3000 N/m, c = 100 N s/m, damping ratio 2.041, reduced mass 0.2 kg" in text
     assert "\ndepth at rest 0.000654 m, under the weight of 0.2 kg at 9.81 m/s^2" in text
@@ -110,7 +114,7 @@ def test_three_bodies_and_a_step_are_one_answer(command):
         [-float(k) / float(m) for _, k, m in numbers]
     )
     assert 'timestep="0.002"' in text
-    assert "under the weight of 3.45 kg" in text  # B on the floor carries A too
+    assert "under the weight of 3.45 kg" in text  # ball B presses the floor with the weight of A, too
     for contact, e in (("A on B", 0.8), ("B on C", 0.6)):
         low, high = re.search(rf"^restitution, {contact} +{e} +(\S+) to (\S+) ", text, re.MULTILINE).groups()
         assert 0.95 * e <= float(low) <= float(high) <= 1.05 * e
@@ -130,7 +134,7 @@ def test_three_bodies_and_a_step_are_one_answer(command):
     for name, row in (("state-transition", model), ("kelvin-voigt", exact)):
         assert row[:2] == pytest.approx(get_solver(name).solve(collision).velocities, abs=1e-6)
     assert engine[:2] == pytest.approx(exact[:2], abs=2e-3)
-    start = math.sqrt(0.45)  # of velocities per 1 m/s
+    start = math.sqrt(0.45)  # kinetic norm of the initial velocities: A has 1 m/s
     apart = math.sqrt(sum(m * (a - b) ** 2 for m, a, b in zip((0.45, 3.0), exact, model, strict=False)))
     assert exact[2] == pytest.approx(apart / start, abs=1e-3)
 
@@ -141,7 +145,8 @@ def test_negative_numbers_after_solref_are_numbers(command):
         "The engine reads solref -10000 -20 and solimp 0.5 0.5 0.001 0.5 2. For these masses they mean:"
     )
     assert "k = 10000 N/m, c = 20 N s/m, damping ratio 0.1, reduced mass 1 kg" in text
-    assert "\ndepth at rest 0.0004905 m, " in text  # (1 - d) g/stiffness
+    # the depth is (1 - d) g/stiffness, with the impedance d = 0.5
+    assert "\ndepth at rest 0.0004905 m, " in text
     assert 'solref="-10000.0 -20.0" solimp="0.5 0.5 0.001 0.5 2.0"' in text
 
 
@@ -187,7 +192,7 @@ def test_an_mjcf_file_and_its_names_as_they_are_written(tmp_path, command):
     path.write_text(SCENE.format(BALL.format(z=2, name='name="ball"', solref="0.05 1")))
     out = command(["inspect", path], ends=3)
     assert re.search(r"^1 +geoms #0 and ball +1 +mixed by solmix +3 +0.035 1 ", out, re.MULTILINE)
-    assert "1      4189 on fixed" in out  # of the density 1000 kg/m^3
+    assert "1      4189 on fixed" in out  # the mass of the ball at a density of 1000 kg/m^3
     assert "mixed-default, group 1: geom ball has solref 0.05 1, and geom #0 has the default 0.02 1. " in out
     assert out.endswith(f"\n{path}: 1 trap found\n")
     path.write_text(SCENE.format(BALL.format(z=2, name='name="ball" priority="1"', solref="0.05 1")))
@@ -195,7 +200,7 @@ def test_an_mjcf_file_and_its_names_as_they_are_written(tmp_path, command):
     balls = [BALL.format(z=z, name=name * (z == 2), solref="-100 1") for z in (2, 5)]
     path.write_text(SCENE.format("".join(balls)))
     out = command(["inspect", path], ends=3)
-    # contacts of the same parameters are one line, and JSON names all of them
+    # contacts with equal parameters share a line, and JSON names all of them
     assert re.search(r"^1 +geoms #0 and b\\u202e\\x9bll +2 ", out, re.MULTILINE)
     assert "mixed-signs, groups 1, 2: in group 1 solref (-100, 1) has two signs" in out
     found = json.loads(command(["inspect", path, "--json"], ends=3))
@@ -205,7 +210,8 @@ def test_an_mjcf_file_and_its_names_as_they_are_written(tmp_path, command):
     assert [row["where"] for row in found["contacts"]] == [names[:2], names[2:]]
     row = found["contacts"][0]
     assert row["masses"] == [pytest.approx(4000 * math.pi / 3), "inf"]
-    assert row["damping"] == pytest.approx(row["masses"][0] * 100, rel=0.1)  # 2 M/(0.02 s): the default
+    # the damping is 2 M/(0.02 s), by the default solref
+    assert row["damping"] == pytest.approx(row["masses"][0] * 100, rel=0.1)
     assert "; or for 100 N/m and 1 N s/m: <pair " in row["change"]
     assert row["group"] == 1
     assert f" {row['newton_metre']['solref'][0]:.6g} " in out
@@ -242,7 +248,7 @@ def test_a_cell_of_a_run_gives_what_its_table_holds(tmp_path, command, refused):
     said = command([*cell.split(), tmp_path / "typed"])
     v1, v2 = run_alone(tmp_path / "typed" / "mujoco" / "run.py")
     assert f"mujoco: v1 = {v1!r} m/s, v2 = {v2!r} m/s" in said
-    # what cannot be exported is said, and nothing is written
+    # a cell that cannot be exported is refused with a reason, and nothing is written
     for arguments, says in (
         (["1"], "unrepresentable: e2 = 0: no finite damping"),
         (["4"], "N = 4; legal: a whole number from 0 to 3"),

@@ -1,4 +1,4 @@
-"""``impact-xval solve --graph``: what is printed of a contact graph, and its picture."""
+"""The command `impact-xval solve --graph`: the table of a contact graph, and its picture."""
 
 import json
 
@@ -93,7 +93,7 @@ def test_a_picture_has_a_caption(tmp_path, capsys, suffix, first, options):
     assert file.read_bytes().startswith(first)
     if suffix == "svg":
         text = file.read_text(encoding="utf-8")
-        assert text.count("Box, stiffness ratio 3, by solver.") >= 1  # matplotlib keeps texts as comments
+        assert text.count("Box, stiffness ratio 3, by solver.") >= 1  # matplotlib writes texts as comments
         assert "m/s" in text
         assert "rad/s" in text
 

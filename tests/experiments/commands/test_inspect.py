@@ -1,4 +1,4 @@
-"""The command `inspect`: one screen a scene, a scene that is written, and bad input."""
+"""The command `inspect`: a scene fits on a screen, the scene that `--fix` writes, and bad input."""
 
 import re
 
@@ -48,7 +48,11 @@ def test_both_readings_are_on_the_screen(tmp_path, command):
 
 
 def test_a_second_solref_of_a_reading_is_another_one_with_its_own_friction(tmp_path, command):
-    """With a pyramidal cone the numbers depend on the friction, and contacts of a group may differ in it."""
+    """Two solrefs for contacts of one group differ only because of their friction, to 0.1 %.
+
+    With a pyramidal cone, the solref that keeps a restitution depends on the friction. Contacts of one group may differ
+    in friction.
+    """
     path = tmp_path / "scene.xml"
     body = '<body pos="{0} 0 1"><freejoint/><geom name="b{0}" size=".1" mass="{1}" friction="{2}"/></body>'
     path.write_text(
@@ -58,7 +62,7 @@ def test_a_second_solref_of_a_reading_is_another_one_with_its_own_friction(tmp_p
     lines = [line for line in command(["inspect", path], ends=3).splitlines() if "  as now" in line]
     found = [re.search(r"(-\d+\S*) -\S+ +3 +(\S+) ", line).groups() for line in lines]
     assert {friction for _, friction in found} == {"1", "1.2"}
-    # The force along the normal is multiplied by (condim - 1)/(mu^2 (1 + mu^2)).
+    # The cone multiplies the force along the normal by (condim - 1)/(mu^2 (1 + mu^2)).
     scaled = [float(solref) / (float(mu) ** 2 * (1 + float(mu) ** 2)) for solref, mu in found]
     assert scaled[0] == pytest.approx(scaled[1], rel=1e-3)
 
@@ -68,8 +72,8 @@ def test_frictionless_contacts_are_said_to_be_and_stay_so(tmp_path, command):
     path.write_text(field_scenes.cradle("-20000 -15", 1e-3))
     out = command(["inspect", path], ends=3)
     assert "1, frictionless" in out
-    assert re.search(r"^1 +as now .* -\S+ +1 +\d", out, re.MULTILINE)  # condim 1, no friction
-    assert "dashpot" not in out  # of friction
+    assert re.search(r"^1 +as now .* -\S+ +1 +\d", out, re.MULTILINE)  # condim 1 means no friction
+    assert "dashpot" not in out  # the output does not mention a dashpot of friction
 
 
 @pytest.mark.parametrize("reading", ["keep", "newton-metre"])
@@ -95,7 +99,7 @@ def test_a_written_scene_does_what_was_meant(reading, tmp_path, command):
     assert out.endswith("all measured contacts behave as meant\n")
     model = mujoco.MjModel.from_xml_path(str(folder / "fixed.xml"))
     assert (model.npair, model.ngeom, model.pair("own").dim[0]) == (3, 3, 1)
-    # dropped by hand: the ball without a name
+    # the ball without a name, dropped in a plain simulation
     model.opt.gravity[:] = 0
     data = mujoco.MjData(model)
     data.qpos[2], data.qvel[2] = 0.1, -1.0
@@ -106,9 +110,10 @@ def test_a_written_scene_does_what_was_meant(reading, tmp_path, command):
 
 
 def test_a_written_pair_touches_where_its_geoms_do_and_not_by_the_scenes_default_for_pairs(tmp_path, command):
-    """A pair that says nothing of margin, gap and friction's solref has those of the scene's default for pairs."""
+    """A written pair has the margin, gap and solreffriction of its geoms, not of the default for pairs."""
     scene, fixed = tmp_path / "scene.xml", tmp_path / "fixed.xml"
-    adhesion = 'adhesion="20"' if hasattr(mujoco.MjContact, "adhesion") else ""  # from 3.11 on
+    # MuJoCo has adhesion from 3.11 on
+    adhesion = 'adhesion="20"' if hasattr(mujoco.MjContact, "adhesion") else ""
     scene.write_text(
         '<mujoco><default><pair margin=".003" gap=".002" solreffriction="-100 -10"/>'
         f'<geom solref="-5000 -10" {adhesion}/></default><worldbody><geom type="plane" size="9 9 1"/>'
@@ -138,7 +143,8 @@ def test_a_box_on_a_face_is_said_to_be_four_times_as_stiff_and_is(tmp_path, comm
     assert says in command(["inspect", scene], ends=3)
     assert says in command(["inspect", scene, "--fix", fixed, "--keep"])
     model = mujoco.MjModel.from_xml_path(str(fixed))
-    point = KelvinVoigtContact(*(-4 * model.pair_solref[0]), 4)  # solref is k and c over the mass of 4 kg
+    # solref is k and c divided by the mass of 4 kg
+    point = KelvinVoigtContact(*(-4 * model.pair_solref[0]), 4)
     model.opt.gravity[:] = 0
     data = mujoco.MjData(model)
     data.qvel[2] = -1.0

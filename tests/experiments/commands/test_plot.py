@@ -1,4 +1,4 @@
-"""``impact-xval solve --plot``: the suffix says what is written; in slow motion every picture is there."""
+"""The command `impact-xval solve --plot`: the file's suffix decides what is written, and films show every solver."""
 
 import base64
 import json
@@ -47,7 +47,8 @@ def test_a_film_moves_as_long_as_it_says(tmp_path, capsys):
         assert picture.info["duration"] * RATE == 1000
         first = np.asarray(picture.convert("RGB"), int)
         picture.seek(FRAMES // 2)
-        assert np.abs(np.asarray(picture.convert("RGB"), int) - first).max() > 100  # something moves
+        # a picture in the middle differs from the first one
+        assert np.abs(np.asarray(picture.convert("RGB"), int) - first).max() > 100
 
 
 def test_a_page_needs_nothing_else_and_says_what_the_clock_is(tmp_path, command):
@@ -69,7 +70,7 @@ CHAIN = ChainSetup(arrangement="row", balls=2)
 
 
 def _of(chain, names, **others):
-    """Make the motion of a chain of which all solvers that are named have the path of the model."""
+    """Make a film of a chain in which all named solvers move as the model does."""
     problem = chain.collision()
     outcome = solve(problem, path=True)
     return SlowMotion.of(
@@ -85,8 +86,8 @@ def test_all_solvers_that_were_asked_for_move_side_by_side_and_those_left_out_ar
     lost = Outcome.failure("drake", problem, "unavailable", "not here")
     motion = _of(CHAIN, [*SIX, "dart", "state-transition"], drake=lost)
     assert list(motion.histories) == ["state-transition", *SIX]
-    assert motion.left_out == {"dart": "6 at most", "drake": "unavailable"}
-    assert "Not shown: DART (6 at most) and Drake (unavailable)." in motion.caption()
+    assert motion.left_out == {"dart": "at most 6 solvers are shown", "drake": "unavailable"}
+    assert "Not shown: DART (at most 6 solvers are shown) and Drake (unavailable)." in motion.caption()
     assert "Rapier" in motion.title()
     assert "Not shown" not in _of(CHAIN, ["state-transition", *SIX]).caption()
 
@@ -101,15 +102,18 @@ def test_a_solver_moves_where_the_model_has_no_positions():
 
 @pytest.mark.parametrize("arrangement", ["cradle", "stack"])
 def test_a_cradle_lies_and_a_stack_stands(arrangement):
-    """Balls 1 and 3 of the first solver are grey, beside one another or above one another."""
+    """The balls of a cradle are drawn beside one another, the balls of a stack above one another.
+
+    The picture is searched for the grey of balls 1 and 3 of the first solver.
+    """
     motion = _of(ChainSetup(arrangement=arrangement, balls=3), ["state-transition", "bistiffness"])
     picture = next(draw_frames(motion))
     high, wide, _ = picture.shape
     stands = arrangement == "stack"
-    # The scene of the first solver: the forces of its contacts, with a grey grid, are below or to the right.
+    # the scene of the first solver; the forces of its contacts, which have a grey grid, are below or to the right of it
     scene = picture[: int(0.7 * high), : wide // 2] if stands else picture[: high // 2, : int(0.6 * wide)]
     down, across = np.nonzero(np.abs(scene.astype(int) - 0xB0).max(axis=-1) <= 1)
-    # Beside the two balls single pixels, at the rims of letters, are of this grey.
+    # percentiles, because single pixels at the rims of letters have this grey, too
     of_balls = [np.ptp(np.percentile(each, [5, 95])) for each in (down, across)]
     assert of_balls[0] > 2 * of_balls[1] if stands else of_balls[1] > 2 * of_balls[0]
 

@@ -1,4 +1,4 @@
-"""What is typed wrongly, and how help is reached: one line that names the command and the option."""
+"""Typing errors get one line that names the command and the option, and help is reached by two words."""
 
 import pytest
 import typer
@@ -14,7 +14,7 @@ PLOT = "legal: a file that ends in .png, .svg, .pdf, .gif, .html"
 ASK = "contact --engine mujoco --masses 1.0 0.5 --restitution 0.7"
 OF_TWO = "contact --engine mujoco --masses 1 1"
 STEEL = "contact --engine mujoco --material steel"
-#: What is typed, of options twice the last one counts, and what the line holds.
+#: The typed words, and parts of the message. If an option is given twice, the last one counts.
 WRONG = [
     ("run --no-such-option", "No such option: --no-such-option. Try 'impact-xval run --help'."),
     ("contact --masses 1 1", "Missing option '--engine'. Try 'impact-xval contact --help'."),

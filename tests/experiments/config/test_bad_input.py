@@ -1,4 +1,4 @@
-"""Configurations, lists of cells and folders that are wrong: one line that names field, value, range, and no file."""
+"""Wrong configurations, lists of cells and folders: one line names field, value and legal range; no file is written."""
 
 import json
 
@@ -7,7 +7,7 @@ import pytest
 from impact_xval.experiments.tables.folder import FORMAT
 
 BELOW_ONE = "from 0 to 1"
-#: A configuration's text and what the line holds.
+#: Text of a configuration, and parts of the message.
 CONFIGS = [
     ("[grid]\nstiffness_ratio = [1, -1]", ["grid.stiffness_ratio", "-1", "0 to inf"]),
     ("[grid]\ne2 = ['half']", ["grid.e2", "half", "not a number", BELOW_ONE]),

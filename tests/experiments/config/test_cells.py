@@ -1,4 +1,4 @@
-"""Cells of an experiment: which there are, in which order, and by what two experiments differ."""
+"""Cells of an experiment: their number and order, how they are written, and when two experiments are the same."""
 
 import math
 
@@ -60,7 +60,7 @@ def test_a_grid_in_si_units_holds_them_to_the_last_bit_and_ratios_follow():
     assert block["stiffness_ratio"][::3].tolist() == [0, 2, math.inf, 0, 0.02, math.inf]
     assert block["mass_ratio"][:3].tolist() == [0.2, 2.0, 20.0]
     assert cells[4] == Collision.two_balls(m1=0.5, m2=1.0, k1=1e4, k2=2e4, e1=0.9, e2=0.9, v0=-2.0)
-    # As gravity has it: g over |v0| sqrt(k1 (1/m1 + 1/m2)).
+    # the gravity number is g over |v0| sqrt(k1 (1/m1 + 1/m2))
     numbers = config.gravity_number(block["m2"], block["m1"], block["k1"])
     assert numbers[[1, 10]] == pytest.approx([9.81 / (2 * math.sqrt(3e4)), 9.81 / (2 * math.sqrt(3e6))])
 
@@ -72,7 +72,8 @@ def test_masses_and_stiffnesses_may_vary_beside_ratios():
     cells = experiment_cells(config)
     assert [cells[i].masses for i in (0, 1)] == [(0.1, 0.2), (7.0, 14.0)]
     assert cells[1].stiffnesses == (1e5, 3e5)
-    assert collision_of(config, config.figure_cell).masses[0] == 0.1  # not of a scale that is not in the grid
+    # the grid's m1 is used and not the default scale, which is not in the grid
+    assert collision_of(config, config.figure_cell).masses[0] == 0.1
 
 
 def test_an_experiment_in_si_units_is_written_and_read_back(tmp_path):
@@ -111,7 +112,7 @@ def test_chains_are_an_arrangement_after_the_other_with_e_fastest():
     ],
 )
 def test_an_arrangement_is_the_chain_written_by_hand(given, velocities, gaps):
-    """Every contact has the gap, except the one that is struck."""
+    """An arrangement gives the chain written by hand, with gaps at all contacts except the one that is struck."""
     data = dict(zip(("arrangement", "balls", "strike"), given, strict=False))
     n, contacts, table = len(velocities), len(gaps), given[0] in ("pile", "stack")
     by_hand = Collision((1,) * n, (1,) * contacts, (0.9,) * contacts, velocities, table=table, gaps=gaps)
@@ -133,9 +134,9 @@ def test_samples_fill_the_box_follow_their_seed_and_begin_as_shorter_ones():
     low, high = cells.min(axis=0), cells.max(axis=0)
     assert np.all(low >= [0.1, 0.5, 0.9, 0])
     assert np.all(high <= [10, 2, 0.9, 1])
-    # Evenly in the logarithm: half of the stiffness ratios lie below 1, not below the middle of [0.1, 10].
+    # The points are even in the logarithm: half of the stiffness ratios are below 1, not below the middle of [0.1, 10].
     assert np.mean(cells[:, 0] < 1) == pytest.approx(0.5, abs=0.07)
-    # They are spread better than independent points: their centred discrepancy is several times smaller.
+    # The points are spread better than independent ones: their centred discrepancy is less than a fifth.
     unit = np.column_stack([np.log10(cells[:, 0]) / 2 + 0.5, (cells[:, 1] - 0.5) / 1.5, cells[:, 3]])
     independent = np.random.default_rng(1).random(unit.shape)
     assert qmc.discrepancy(np.clip(unit, 0, 1)) < qmc.discrepancy(independent) / 5
@@ -198,7 +199,7 @@ def test_identity_ignores_what_does_not_change_results():
     assert identity(chain=CHAINS, figure_chain={"balls": 7}) == chains
     others = [
         {"step_fraction": 1e-2},
-        {"grazing_threshold": 0.5},  # rows are marked by it
+        {"grazing_threshold": 0.5},  # this threshold decides which rows are marked
         {"scenario": "impact"},
         {"grid": {"e1": [0.5]}},
         {"chunk_size": 5},

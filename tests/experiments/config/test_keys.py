@@ -1,4 +1,4 @@
-"""Every key of an experiment has a meaning, and the page of the site finds it."""
+"""Every key of an experiment has a meaning and a default, which the documentation lists."""
 
 from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.config.keys import MEANINGS, experiment_keys

@@ -1,4 +1,8 @@
-"""Welded contacts of graphs: the welded outcome by other means, and the verdicts that docs/graphs.md states."""
+"""Graphs with welded contacts: welded outcomes compared with other computations, and verdicts with docs/graphs.md.
+
+Two bodies are welded if they move as one body. The hypothesis says that a contact that becomes ever stiffer welds its
+bodies.
+"""
 
 import math
 
@@ -12,7 +16,7 @@ _BY_HAND = {"bridge, 30 degrees": 3, "bridge, 45 degrees": 2}
 
 
 def test_a_ball_welded_to_a_wall_slides_along_it_against_the_other():
-    # On the floor v_z = 0, and the wall at 60 degrees stops v_x = -1 and returns e of it.
+    # On the floor v_z = 0. The wall at 60 degrees stops v_x = -1 and returns e of it.
     assert np.allclose(welded_velocities(corner(60, restitutions=(0.9, 0.9)), 0), [(0.9, 0.0)], atol=1e-14)
 
 
@@ -52,7 +56,7 @@ def test_a_struck_wall_at_right_angles_to_the_other_returns_e_of_its_rate(e):
     ("name", "contact", "parts"),
     [("bernoulli, 45 degrees", 0, True), ("corner, 120 degrees", 1, False), ("rack of 3", 0, False)],
 )
-def test_a_struck_contact_refutes_it_whether_or_not_the_bodies_part(name, contact, parts):
+def test_a_struck_contact_refutes_the_hypothesis_whether_or_not_the_bodies_part(name, contact, parts):
     found = judge_contact(name, graphs(0.7)[name], contact, 0.7)
     assert found.struck
     assert found.verdict.verdict == "refuted"
@@ -63,7 +67,7 @@ def test_a_struck_contact_refutes_it_whether_or_not_the_bodies_part(name, contac
 @pytest.mark.parametrize(
     ("name", "contact"), [("bernoulli, 30 degrees", 2), ("rack of 3", 1), ("rack of 3", 3)]
 )
-def test_a_contact_at_rest_that_opens_refutes_it(name, contact):
+def test_a_contact_at_rest_that_opens_refutes_the_hypothesis(name, contact):
     found = judge_contact(name, graphs(0.7)[name], contact, 0.7)
     assert not found.struck
     assert found.verdict.verdict == "refuted"

@@ -1,4 +1,4 @@
-"""The hypothesis put to the test: where laws go, by closed forms and by the docs, and what the command shows of it."""
+"""Tests of the hypothesis: where each law goes, compared with closed forms and the docs, and the command's output."""
 
 import contextlib
 import dataclasses
@@ -35,7 +35,8 @@ from tests.model.test_limits import ball_ball_rigid
 
 ROOT = Path(__file__).parents[3]
 GOLDEN = f"{ROOT}/tests/golden/values/hypothesis-full-{{}}.csv"
-#: The tables of the docs, by limit and by solver, and the solvers of the first.
+#: Rows of the tables in docs/hypothesis.md, by limiting case or by solver. `SOLVERS` are the columns of the first
+#: table.
 TABLES = dict(re.findall(r"^\| `(\S+)` \| (.*) \|$", (ROOT / "docs/hypothesis.md").read_text("utf-8"), re.M))
 SOLVERS = ["state-transition", "bistiffness", "kelvin-voigt", "kelvin-voigt-anchored"]
 SOLVERS += ["kelvin-voigt-textbook", "hunt-crossley"]
@@ -44,7 +45,7 @@ REDRAWN = [pytest.param(f"seed = {seed}", marks=pytest.mark.nightly) for seed in
 
 @pytest.fixture(scope="module", params=["points = 6", *REDRAWN])
 def made(request, tmp_path_factory):
-    """Test the hypothesis by the solvers of the docs; gives its folder, and what the command prints."""
+    """Test the hypothesis with the solvers of the docs; return its folder and the text that the command printed."""
     root, said = tmp_path_factory.mktemp("hypothesis"), io.StringIO()
     chains = "[chains]\npoints = 3\nballs = [4, 4]"
     (root / "h.toml").write_text(f"solvers = {SOLVERS}\n{request.param}\n{chains}")
@@ -68,7 +69,7 @@ def test_every_name_that_heads_a_column_or_a_row_is_defined_on_the_page(made):
 
 
 def test_the_tables_of_the_docs_are_those_of_the_built_in_test():
-    """The golden values, which are held against a run of it."""
+    """The tables of docs/hypothesis.md are those of the golden values, which another test compares with a run."""
     rows = {}
     for row in wholes(GOLDEN.format("limits")).query("solver in @SOLVERS").itertuples():
         n = getattr(row, f"n_{row.verdict}", row.n_undecided)
@@ -100,12 +101,19 @@ def test_points_are_of_their_regime_and_closed_forms_are_those_of_the_supplement
 
 
 def remapped(e, mapped, mass):
-    """Restitution against a mass of a dashpot mapped with another (Schwager, Poeschel, Granular Matter 9:465, 2007)."""
+    """Return the restitution of a dashpot that was made for the reduced mass `mapped` but acts on another mass.
+
+    Formula of Schwager and Poeschel, Granular Matter 9:465, 2007.
+    """
     return restitution(damping_ratio(e) * math.sqrt(mapped / mass))
 
 
 def test_a_dashpot_law_goes_where_its_own_dashpots_lead_and_not_where_it_is_mapped_anew():
-    """The welded chain is given the dashpots as they were, by the restitutions with which they are mapped to it."""
+    """By Kelvin-Voigt's law a chain with a very stiff contact moves like the welded chain, to 1e-5.
+
+    The welded chain must have the original dashpots. They are given to it by the restitutions that they have for its
+    masses. With dashpots made anew for the welded masses it moves differently, by more than 1e-3.
+    """
     for chain, contact in draw_chains(("pile", "middle"), 2, (4, 5), 2):
         anew = weld_contact(chain, contact)
         over = (1 / np.array((*one.masses, math.inf)) for one in (chain, anew))
@@ -121,9 +129,13 @@ def test_a_dashpot_law_goes_where_its_own_dashpots_lead_and_not_where_it_is_mapp
 
 
 def predicted(case, solver, mu, e1, e2):
-    """Where a refuted law goes instead, or None: an infinite dashpot, of its law, joins its bodies at first touch."""
+    """Return the velocities that a law reaches instead of the closed form, or None if no formula is known.
+
+    The dashpot of a contact that becomes infinitely stiff is infinite, too, and joins the bodies at first touch.
+    """
     match case, solver:
-        case "zero-late", "bistiffness" | "kelvin-voigt":  # three single impacts: balls, table, balls
+        # three single impacts: between the balls, with the table, between the balls
+        case "zero-late", "bistiffness" | "kelvin-voigt":
             v = np.array([-1.0, 0.0])
             for _ in range(2):
                 impulse = mu / (1 + mu) * (1 + e1) * (v[1] - v[0])
@@ -132,7 +144,7 @@ def predicted(case, solver, mu, e1, e2):
             return tuple(v)
         case "infinity" | "plastic-ball-table", "kelvin-voigt":  # B1 meets a wall
             return remapped(e1, mu / (1 + mu), 1.0), 0.0
-        case "plastic-ball-ball", "kelvin-voigt":  # one body meets the table
+        case "plastic-ball-ball", "kelvin-voigt":  # both balls as one body meet the table
             return (remapped(e2, mu, 1 + mu) / (1 + mu),) * 2
 
 
@@ -149,7 +161,8 @@ def test_verdicts_and_that_refuted_limits_are_those_predicted_without_a_simulati
     assert len(tried) == 5
 
 
-#: A mistake, and what its one line holds; those of any configuration are tested with it.
+#: A wrong line of a configuration, and parts of the message. Mistakes that any configuration can have are tested
+#: elsewhere.
 BAD = {
     "contrast = [1e5, 10]": ("contrast = [100000.0, 10.0]", " lo < hi"),
     "plastic_contrast = [0, 10]": ("plastic_contrast", " 1 < lo < hi <= 1e16"),
@@ -169,7 +182,7 @@ def test_bad_input_is_one_line_and_writes_nothing(tmp_path, refused, monkeypatch
 
 
 @pytest.mark.nightly
-def test_it_is_continued_to_the_same_tables_and_holds_no_other_test(made, tmp_path, command, refused):
+def test_a_test_of_the_hypothesis_is_continued_to_the_same_tables(made, tmp_path, command, refused):
     again = shutil.copytree(made[0], tmp_path / "again")
     lost, table = sorted((again / "exact" / "parts").iterdir())[:2], (again / "verdicts.csv").read_bytes()
     for path in (*lost, again / "verdicts.csv", again / "exact" / "cells.parquet"):
@@ -194,7 +207,7 @@ def test_the_page_and_the_command_show_the_verdicts_of_the_tables(made):
             verdict = f"{row.verdict} {getattr(row, f'n_{row.verdict}', row.n_undecided)}/{row.points}"
             assert cell.startswith(f"{verdict} {close}<br>{more.get(row.verdict, '')}")
             assert verdict in said
-    assert "they move,<br>it parts again" in shown["the pair is one by"][2]
+    assert "they move,<br>the pair parts again" in shown["the pair is one by"][2]
     assert said.count(LAWS_WITH_LAWS) == page.count(LAWS_WITH_LAWS) == 1
 
 

@@ -1,4 +1,7 @@
-"""The procedure tells planted solvers apart: one that converges, one that goes elsewhere, one that does neither."""
+"""The procedure that judges the hypothesis, tried on made-up series of outcomes with known answers.
+
+Some of the series converge, some go to another limit, and some have no limit.
+"""
 
 import numpy as np
 import pandas as pd
@@ -13,7 +16,7 @@ CLASSES = ("both lossy", "only e1 = 1", "e1 = e2 = 1")
 
 
 def planted(departure, contrast=CONTRAST, **how):
-    """Judge a solver at 12 points, whose v1 is off the closed form by `departure(contrast, index of the point)`."""
+    """Judge a made-up solver at 12 points; its v1 differs from the closed form by `departure(contrast, point)`."""
     usual = {"error": 1e-13, "decades": 4.0, "used": True, "grazing": False, "status": "ok", "reason": ""}
     series = []
     for i, off in enumerate(departure(contrast, i) for i in range(12)):
@@ -25,31 +28,32 @@ def planted(departure, contrast=CONTRAST, **how):
     return found, judge_classes(found, ["solver"]).set_index("class")
 
 
-#: What an engine is judged by: two decades, and an error of its own.
+#: Stiffness contrasts as in a run of an engine, whose outcomes have an error of their own.
 ENGINE = {"decades": 2.0, "contrast": np.logspace(0.5, 3.5, 7)}
-#: Departure from the closed form, how it is judged, the verdict, and what its reason says, or the rate or the offset.
+#: For each series: the departure of v1 from the closed form, options of `planted`, the verdict, and a part of its
+#: reason, or the rate, or the offset.
 SERIES = {
     **{f"r {r}": (lambda x, i, r=r: (2 + i / 10) / x**r, {}, "supported", r) for r in (0.25, 0.5, 1.0, 2.0)},
     **{f"{at} off": (lambda x, i, at=at: at + 0.2 / x, {}, "refuted", at) for at in (0.3, 1e-2, 1e-4, -1e-6)},
     "oscillates, far off": (lambda x, i: 0.2 + 1e-3 * np.sin(5 * np.log(x)), {}, "refuted", 0.2),
     "slow, elsewhere": (lambda x, i: 0.05 + 0.4 * x**-0.25 + 0.3 * x**-0.5, {}, "refuted", 0.05),
-    # Off by 1e-12 where the last distance is 1e-9: nothing in the data can tell.
+    # Off by 1e-12 while the last distance is 1e-9: the data cannot show this.
     "beyond the resolution": (lambda x, i: 1e-12 + 0.1 / x, {}, "supported", ""),
     "rings, and fades": (lambda x, i: 0.3 * np.sin(np.sqrt(x) * (1 + 0.1 * i)) / x, {}, "supported", ""),
     "oscillates": (lambda x, i: 0.1 * np.sin(3 * np.log(x)), {}, "no limit", "does not settle"),
-    # As the model where it has no limit: a few outcomes elsewhere, at any contrast.
+    # As the model does where it has no limit: a few outcomes are somewhere else, at any contrast.
     "jumps": (lambda x, i: np.where(default_rng(i).random(57) < 0.15, -0.2, 0.1 / x), {}, "no limit", ""),
     "drifts": (lambda x, i: 0.5 * x**-0.05, {}, "undecided", ""),
-    # What no finite range of contrasts can exclude; docs/hypothesis.md names it under what is not shown.
+    # No finite range of contrasts can exclude this. The page docs/hypothesis.md says that it is not shown.
     "drifts slower than any power": (lambda x, i: 0.5 / np.log(x), {}, "refuted", ""),
     "short": (lambda x, i: 1 / x, {"contrast": np.logspace(1, 4, 25)}, "undecided", "a rate needs 4: extend"),
     "gaps": (lambda x, i: 1 / x, {"used": np.isin(CONTRAST, CONTRAST[::18])}, "undecided", "are missing"),
     "engine": (lambda x, i: 1 / x, ENGINE | {"error": 1e-4}, "supported", ""),
     "engine elsewhere": (lambda x, i: 0.3 + 1 / x, ENGINE | {"error": 1e-4}, "refuted", ""),
-    # An engine that is 1e-3 off whatever the contrast, and says so, refutes nothing.
+    # An engine that is off by 1e-3 at any contrast and states this error refutes nothing.
     "error of an engine": (lambda x, i: 1e-3 + 0.5 / x, ENGINE | {"error": 1e-3}, "undecided", "own error"),
     "at the closed form": (lambda x, i: 0 * x, {}, "undecided", "own error"),
-    # One class refuted refutes the whole.
+    # If one class of points is refuted, the whole case is refuted.
     "one class": (lambda x, i: (0.1 if i % 3 == 0 else 0.0) + 0.1 / x, {}, "refuted", ""),
 }
 
@@ -65,7 +69,7 @@ def test_a_verdict_is_given_where_the_series_carries_one(name):
         case "supported", float(rate):
             assert whole.rate == pytest.approx(rate, abs=1e-6)
             assert whole.rate_low - 1e-6 <= rate <= whole.rate_high + 1e-6
-            # The median of D is 2.55 x^-r, and contrasts are an eighth of a decade apart.
+            # The median of D is 2.55 x^-r, and neighbouring contrasts are an eighth of a decade apart.
             least = max(51.0, CONTRAST[0] ** rate)
             assert 0.99 * least <= whole.close_from**rate < 1.01 * least * 10 ** (rate / 8)
         case "refuted", float(offset):
@@ -75,5 +79,6 @@ def test_a_verdict_is_given_where_the_series_carries_one(name):
             assert found.offset.to_numpy() == pytest.approx(abs(offset), rel=0.05)
         case _:
             assert says in whole.reason
-    assert name != "rings, and fades" or whole.rate == pytest.approx(1, abs=0.1)  # that of its envelope
+    # this is the rate of the envelope of the oscillation
+    assert name != "rings, and fades" or whole.rate == pytest.approx(1, abs=0.1)
     assert name != "one class" or [*rows.verdict[[*CLASSES]]] == ["refuted", "supported", "supported"]

@@ -1,4 +1,4 @@
-"""The hypothesis for one collision of one's own: by hand computations, and by what the command says."""
+"""The hypothesis for a single collision of a user, compared with computations by hand; the output of the command."""
 
 import math
 
@@ -17,7 +17,7 @@ def _laws(own):
 
 
 def test_a_stiff_table_is_joined_by_the_model_and_d_is_that_of_a_hand_computation():
-    """Welded to the table, ball 1 rebounds with e1 |v0|, and the lower ball rests."""
+    """With a stiff table D is that of a computation by hand: the welded pair ends with v = (e1 |v0|, 0)."""
     collision = Collision.two_balls(m1=1.0, m2=2.0, k1=1e6, k2=1e9, e1=0.8, e2=0.6, v0=-3.0)
     own = judge_own_pair(collision)
     assert (own.contact, own.contrast, own.meets, own.bodies) == (1, 1e3, False, "ball 2 and the table")
@@ -31,20 +31,21 @@ def test_a_stiff_table_is_joined_by_the_model_and_d_is_that_of_a_hand_computatio
 
 
 def test_bodies_that_meet_first_keep_energy_that_welding_removes():
-    """Infinitely stiff elastic balls rebound from one another before the table acts: they are not one body.
+    """Infinitely stiff elastic balls rebound from each other before the table acts: they are not one body.
 
-    Of equal masses ball 1 stops, ball 2 goes on, is thrown back elastically, and they exchange velocities again: then v
-    = (1, 0). Welded, both go back with half the momentum: v = (1/2, 1/2), D = sqrt(1/4 + 1/4).
+    With equal masses ball 1 stops, ball 2 is thrown back by the table, and the balls exchange velocities again: v = (1,
+    0). The welded pair goes back with half the momentum each: v = (1/2, 1/2). So D = sqrt(1/4 + 1/4), which is compared
+    to 5 %.
     """
     own = judge_own_pair(Collision.two_balls(m1=1.0, m2=1.0, k1=1e9, k2=1e6, e1=1.0, e2=1.0, v0=-1.0))
     assert (own.contact, own.contrast, own.meets, own.bodies) == (0, 1e3, True, "ball 1 and ball 2")
-    for solver in ("bistiffness", "kelvin-voigt"):  # springs alone, where e = 1
+    for solver in ("bistiffness", "kelvin-voigt"):  # with e = 1 both laws are springs only
         law = _laws(own)[solver]
         assert (law.as_one, law.verdict) == ("no", "refuted")
         assert law.distances[-1] == pytest.approx(math.sqrt(0.5), rel=0.05)
 
 
-def test_the_command_says_it_for_ratios_and_writes_nothing(tmp_path, command, monkeypatch):
+def test_the_command_judges_a_pair_given_by_ratios_and_writes_nothing(tmp_path, command, monkeypatch):
     monkeypatch.chdir(tmp_path)
     said = command(f"{PAIR} --stiffness-ratio 40")
     assert said.startswith("Contact 2, between ball 2 and the table, is 40 times as stiff as any other;")
@@ -96,11 +97,11 @@ def test_a_wrong_collision_is_one_line(text, says, tmp_path, refused):
     refused(["hypothesis", file], *says)
 
 
-def test_what_does_not_go_together_is_one_line(tmp_path, refused):
+def test_contradictory_options_are_refused_in_one_line(tmp_path, refused):
     refused(f"{PAIR} --stiffness-ratio inf", "contact 2", "legal: a contact more than 1")
     out = ["--out", tmp_path / "a"]
-    refused([*PAIR.split(), "--stiffness-ratio", "40", *out], "--out = ", "nothing is written")
-    refused(f"{PAIR} --stiffness-ratio 40 --workers 2", "--workers = 2", "nothing is written")
+    refused([*PAIR.split(), "--stiffness-ratio", "40", *out], "--out = ", "no file is written")
+    refused(f"{PAIR} --stiffness-ratio 40 --workers 2", "--workers = 2", "no file is written")
     refused(f"{PAIR}", "--stiffness-ratio missing")
     file = tmp_path / "h.toml"
     file.write_text("points = 6")

@@ -32,11 +32,11 @@ def test_measures_by_hand():
     assert found["dv1"] == pytest.approx(-1 / 5)
     assert found["dv2"] == pytest.approx(0.5 / 5)
     assert found["largest_dv"] == pytest.approx(1 / 5)
-    # m1 dv1^2 + m2 dv2^2 = 2 + 2 = 4 J per m1 v0^2 = 50 J
+    # m1 dv1^2 + m2 dv2^2 = 2 + 2 = 4 J, divided by m1 v0^2 = 50 J
     assert found["velocity_divergence"] == pytest.approx(math.sqrt(4 / 50))
     assert found["dimpulse1"] == pytest.approx(-2 / 10)
     assert found["dimpulse2"] == pytest.approx(2 / 10)
-    # before: m1 v0^2 = 50; after: 2*9 + 8/4 = 20 and 2*4 + 8*1 = 16
+    # twice the energy is m1 v0^2 = 50 before, and 2*9 + 8/4 = 20 and 2*4 + 8*1 = 16 after the collision
     assert found["dretained_energy"] == pytest.approx(16 / 50 - 20 / 50)
     assert found["states_equal"] is False
     assert found["states_differ_at"] == 2
@@ -89,9 +89,9 @@ def test_hausdorff_by_hand():
         ([(0, 0), (1, 0)], [(0, 1), (1, 1)], 1),
         ([(0, 0), (1, 0)], [(0, 0), (0.5, 0), (1, 0)], 0),
         ([(0, 0), (1, 0)], [(0, 0), (1, 0), (3, 0)], 2),
-        # The farthest point of the chord from the corner's two legs is its middle, between the vertices.
+        # the point of the chord farthest from the corner's two legs is its middle, between vertices
         ([(0, 0), (2, 2)], [(0, 0), (2, 0), (2, 2)], math.sqrt(2)),
-        # From the chord's middle to the legs it is 1; only the corner itself is farther.
+        # The middle of the chord is at a distance of 1 from the legs. Only the corner itself is farther away.
         ([(-1, 0), (1, 0)], [(-1, 0), (-1, 1), (1, 1), (1, 0)], 1),
         ([(0, 0), (0, 0), (1, 0)], [(0, 0), (1, 0), (1, 0)], 0),
     ):
@@ -107,7 +107,7 @@ def _dense(points, spacing):
 
 
 def _brute(a, b, spacing):
-    """Distance of densely sampled points: within `spacing` of the truth."""
+    """Return the Hausdorff distance of densely sampled curves, which is exact to within `spacing`."""
     first, second = _dense(a, spacing), _dense(b, spacing)
     return max(cKDTree(second).query(first)[0].max(), cKDTree(first).query(second)[0].max())
 

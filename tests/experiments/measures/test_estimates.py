@@ -1,4 +1,4 @@
-"""The limit dt -> 0 in the tables of a run."""
+"""The limit for a time step of zero in the tables of a run."""
 
 import math
 from typing import Any
@@ -15,17 +15,18 @@ from tests.experiments.conftest import swept
 LIMIT_COLUMNS = list(names_of(expand_columns(LIMIT, Counts(2, 2))))
 
 
-def run(tmp_path, **changes) -> Any:  # with a data frame; its annotations are too wide to check code against
+# annotated as Any, because the annotations of data frames are too wide for a check
+def run(tmp_path, **changes) -> Any:
     folder = swept(tmp_path / "r", get_solver, solvers=["mujoco"], **changes)
     return folder, pd.read_parquet(tmp_path / "r/cells.parquet")[1::2]
 
 
-def test_both_results_are_kept(engine_run):
+def test_tables_hold_the_outcome_and_its_limit(engine_run):
     rows: Any = pd.read_parquet(engine_run / "cells.parquet").set_index("cell")
     exact, engine = (rows[rows.solver == name] for name in ("kelvin-voigt", "mujoco"))
     assert rows[rows.solver != "mujoco"][LIMIT_COLUMNS].isna().all(axis=None)
     assert set(engine.status) == {"ok"}
-    for ball in ("v1", "v2"):  # per |v0|, while v1 and v2 are in m/s
+    for ball in ("v1", "v2"):  # limits are per |v0|, while v1 and v2 are in m/s
         limit = engine[f"{ball}_limit"]
         assert ((limit - exact[ball] / 2).abs() <= 3 * engine.limit_error).all()
         assert (limit - engine[ball] / 2).abs().max() < 3e-3

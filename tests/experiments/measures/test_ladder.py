@@ -1,4 +1,8 @@
-"""The ladder: it closes, each contribution is the difference it says, and what is said of it is so."""
+"""The ladder, which splits a divergence into contributions.
+
+The tests check that contributions add up to the divergence, that each contribution is the difference it is defined as,
+and that the sentences about the ladder are true.
+"""
 
 import itertools
 import math
@@ -41,7 +45,11 @@ def corners(model, cells, gravity_number):
 
 
 def cube_of(c, gravity, law):
-    """The eight corners of a collision at 1 m/s, shape (2, 2, 2, 2); laws with frozen positions have no solver."""
+    """Return the velocities of a collision at 1 m/s for all eight settings of three switches, shape (2, 2, 2, 2).
+
+    The switches are positions (frozen or free), law (energetic or the engine's) and gravity (off or on). Laws with
+    frozen positions have no solver, so they are called as functions.
+    """
     cell = c.stiffness_ratio, c.mass_ratio, c.e1, c.e2
     number = gravity / math.sqrt(c.k1 * (1 / c.m1 + 1 / c.m2))
     scenarios = Settings(), Settings(scenario="drop", gravity=gravity) if gravity else Settings()
@@ -57,7 +65,7 @@ def cube_of(c, gravity, law):
 
 
 def shapley(cube, cause):
-    """The textbook's sum over sets of the other causes, with weights |S|! (2 - |S|)!/3!."""
+    """Return the Shapley value of a cause: a sum over sets S of the other causes, with weights |S|! (2 - |S|)!/3!."""
     value = 0.0
     without, with_it = np.moveaxis(cube, cause, 0)
     for others in itertools.product((0, 1), repeat=2):
@@ -117,7 +125,7 @@ def test_corners_of_chains_are_those_of_an_integration_in_time(arrangement, ball
 
 
 @pytest.mark.parametrize(("switches", "balls"), [((2, 2, 2), 2), ((2, 2, 1), 5)], ids=["pairs", "chains"])
-def test_closes_for_any_corners_and_outcomes(switches, balls):
+def test_contributions_add_up_to_the_divergence_for_any_corners(switches, balls):
     n, rng = 400, np.random.default_rng(4)
     cube, engine = rng.uniform(-1, 1, (*switches, n, balls)), rng.normal(size=(n, balls))
     limit = np.where(rng.uniform(size=(n, 1)) < 0.5, engine + 1e-3, np.nan)
@@ -128,7 +136,8 @@ def test_closes_for_any_corners_and_outcomes(switches, balls):
     np.testing.assert_allclose(np.nansum(ladder.orders, axis=1), [ladder.divergence] * 6, rtol=1e-12)
     there = ~np.isnan(ladder.along)
     longest = ladder.norms * (1 + 1e-12) + 1e-15
-    assert np.all(np.abs(ladder.along) <= longest, where=there)  # no longer than its vector
+    # the component along the difference is no longer than the contribution's vector
+    assert np.all(np.abs(ladder.along) <= longest, where=there)
     low, high = ladder.ranges
     assert np.all((low <= ladder.shares + 1e-12) & (ladder.shares <= high + 1e-12), where=there)
 
@@ -139,8 +148,9 @@ def test_closes_for_any_corners_and_outcomes(switches, balls):
     ids=["joined", "split"],
 )
 def test_a_cell_in_which_the_order_matters(limit, last):
-    # By hand, along v1 alone: positions move v1 by 1, or by 3 once the law is changed; gravity by 2 with free positions
-    # only; the law by 1, or by 3 with free positions. The engine is 0.5 beyond, and its limit, where there is one, 0.3.
+    # A cube by hand, along v1 only. Free positions change v1 by 1, and by 3 once the law is changed. Gravity changes it
+    # by 2 with free positions only. The law changes it by 1, and by 3 with free positions. The engine is 0.5 beyond
+    # this, and its limit, if there is one, 0.3.
     def v1(positions, law, gravity):
         return positions + law + 2 * positions * law + 2 * positions * gravity
 
@@ -149,14 +159,15 @@ def test_a_cell_in_which_the_order_matters(limit, last):
     engine, at_limit = (cube[1, 1, 1] + np.array([x, 0.0]) for x in (0.5, limit))
     nothing = np.array([""])
     ladder = split(np.ones((1, 2)), Corners(cube, nothing, nothing), at_limit, engine)
-    # 2 positions law is shared by positions and law, 2 positions gravity by positions and gravity
+    # The term 2 positions law is shared by positions and law, the term 2 positions gravity by positions and gravity.
     np.testing.assert_allclose(ladder.vectors[:, 0, 0], [1 + 1 + 1, 1 + 1, 1, *last], atol=1e-15)
     assert ladder.divergence[0] == 6.5
     low, high = ladder.ranges
     np.testing.assert_allclose(6.5 * low[:3, 0], [1, 1, 0], atol=1e-14)
     np.testing.assert_allclose(6.5 * high[:3, 0], [5, 3, 2], atol=1e-14)
     assert ladder.contributions[ladder.dominant()[0]].name == "frozen_positions"
-    assert not ladder.same_by_every_order()[0]  # positions first: 1 to 3 of the law, last
+    # if positions are changed first, they contribute 1, and the law, changed last, contributes 3
+    assert not ladder.same_by_every_order()[0]
 
 
 def test_only_the_last_contribution_depends_on_the_step_and_it_goes_away_with_it(tmp_path):
@@ -171,7 +182,8 @@ def test_only_the_last_contribution_depends_on_the_step_and_it_goes_away_with_it
     norms = np.array([t.discretisation_norm.to_numpy() for t in found])
     slopes = -np.diff(np.log2(norms), axis=0)
     assert np.all((slopes > 0.75) & (slopes < 1.25)), slopes
-    # the limit dt -> 0 is one, within what its estimates state of both velocities, whatever step it was sought from
+    # The limit for a step of zero is the same for all steps from which it was extrapolated, within the stated errors of
+    # both velocities.
     mapping = np.array([t.mapping_norm.to_numpy() for t in found])
     stated = np.sqrt(1 + MU) * np.array([t.limit_error.to_numpy() for t in found])
     assert np.all(np.abs(np.diff(mapping, axis=0)) <= stated[:-1] + stated[1:])
@@ -183,7 +195,7 @@ def test_a_missing_outcome_is_a_row_with_a_status_and_a_reason(tmp_path):
     folder = swept(tmp_path / "a", fakes.crashing, grid=grid)
     table = pd.read_parquet(folder.root / "ladder.parquet").set_index(["solver", "e1"]).sort_index()
     assert table.loc["mujoco"].status.tolist() == ["unrepresentable", "crashed", "ok"]
-    # the fake answers, no reference does
+    # the fake engine answers, but no reference does
     assert table.loc["mujoco"].reason[0.0] == "bistiffness: unrepresentable"
     assert set(table.loc["pybullet"].status) == {"unavailable"}
     failed = table[table.status != "ok"]
@@ -193,7 +205,10 @@ def test_a_missing_outcome_is_a_row_with_a_status_and_a_reason(tmp_path):
 
 
 def test_shares_of_a_region_are_of_its_sum_of_d(engine_run):
-    """A share is the sum of components along each cell's difference, here from the vectors and what was measured."""
+    """The share of a contribution in a region is a sum over its cells, compared with the tables of the run to 1e-12.
+
+    The sum is of the contribution's components along each cell's velocity difference. It is divided by the sum of D.
+    """
     folder = RunFolder(engine_run)
     found = summarise_ladder(folder, folder.config())
     table, measured = (pd.read_parquet(engine_run / f"{name}.parquet") for name in ("ladder", "divergence"))
@@ -216,8 +231,8 @@ def test_shares_of_a_region_are_of_its_sum_of_d(engine_run):
 
 
 def test_a_cell_is_marked_where_a_corner_of_its_ladder_jumps():
-    # Model and kelvin-voigt stay where they are; with frozen positions and gravity bistiffness moves by 0.1 within
-    # 1e-3 in k2/k1, and gravity's share with it from 4 to 75 %.
+    # The model and kelvin-voigt do not move here. With frozen positions and gravity, bistiffness moves by 0.1 when
+    # k2/k1 changes by 1e-3. The share of gravity then changes from 4 to 75 %.
     cell = 0.0367233421504446, 0.6889490525763244, 0.5694414020068647, 0.7990332863355147
     cells = [np.array([x, y]) for x, y in zip(cell, (1.0, 1.0, 0.8, 0.8), strict=True)]
     number = 9.81 / np.sqrt(1e8 * (1 + 1 / cells[1]))

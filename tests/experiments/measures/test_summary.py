@@ -1,4 +1,4 @@
-"""Statistics of a run are those of its tables."""
+"""Statistics of a run, compared with the tables of the run."""
 
 import numpy as np
 import pandas as pd
@@ -15,7 +15,7 @@ from tests.experiments.conftest import swept
 
 
 def test_the_worst_cells_are_those_of_the_table(engine_run):
-    """Statistics are held by the golden tables."""
+    """The worst cells in the summary are those with the largest D in the table of divergences."""
     table, worst = pd.read_parquet(engine_run / "divergence.parquet"), summarise(RunFolder(engine_run)).worst
     regular = table[(table.solver == "mujoco") & table.marked.isna()].velocity_divergence
     found = worst[worst.solver == "mujoco"].velocity_divergence
@@ -34,7 +34,7 @@ def test_marked_beyond_the_model_are_results_whose_model_is_not_marked(tmp_path)
     cells = table.to_pandas()
     engine = cells.solver == "mujoco"
     ok, crashed = (cells.cell[engine & (cells.status == status)].tolist() for status in ("ok", "crashed"))
-    both = cells.cell.isin([ok[0], crashed[0]])  # in which the model is marked, and all with it
+    both = cells.cell.isin([ok[0], crashed[0]])  # cells in which the model is marked, and with it all solvers
     cells["marked"] = np.where(both | (engine & cells.cell.isin([*ok[1:4], crashed[1]])), "a jump", None)
     pq.write_table(pa.Table.from_pandas(cells, table.schema), path)
     summary = summarise(run)

@@ -1,4 +1,4 @@
-"""What docs/ladder.md, and docs/chains.md, section 9, print of runs, held against the runs that they print it of."""
+"""Numbers printed in docs/ladder.md and docs/chains.md, section 9, compared with the runs that they are from."""
 
 import re
 import tomllib
@@ -22,16 +22,17 @@ ROWS = {
     "the model's own impact law in real time, exact (`bistiffness`)": "bistiffness",
 }
 ENGINES = ("MuJoCo", "PyBullet")
-#: By how much D, and a share, may differ with another version of an engine; beyond it the page has to be printed again.
+#: How much D or a share may change with another version of an engine. If it changes more, the page must be printed
+#: anew.
 NEW_VERSION = 0.01
 BANDS = {"k2/k1 < 0.1": 0.0, "0.1 to 10": 0.1, "k2/k1 > 10": 10.0}
 RUNGS = ("frozen_positions", "dissipation_law", "gravity", "mapping", "discretisation")
 
 
 def as_printed(cell, more=0.0):
-    """Read numbers, each with the half unit of its last digit by which it may be off, and more."""
+    """Return the numbers in a printed cell, each with a tolerance of half a unit of its last digit, plus `more`."""
     scale = 0.01 if "%" in cell else 1.0
-    # 51 % of a unit: a value that lies on a border may round either way.
+    # 51 % of a unit, because a value on a border may be rounded either way
     return [
         pytest.approx(float(text) * scale, abs=0.51 * scale * 10.0 ** -len(text.partition(".")[2]) + more)
         for text in re.findall(r"-?\d+\.?\d*", cell)
@@ -64,7 +65,7 @@ def test_medians_and_shares_of_the_default_run(tmp_path):
 
 
 def test_medians_of_chains(tmp_path):
-    """Of the references, which are exact; without engines the run takes seconds."""
+    """The printed medians are those of the exact references, to the last digit. Engines are left out to save time."""
     file = tomllib.loads(CHAINS.partition("<!-- experiment -->\n```toml\n")[2].partition("```")[0])
     run_sweep(
         parse_config(file | {"solvers": ["bistiffness", "kelvin-voigt"]}), tmp_path / "a", isolate=False

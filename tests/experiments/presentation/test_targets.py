@@ -1,4 +1,4 @@
-"""A contact for an engine, as it is printed: text, what is read, and what drops gave."""
+"""A contact for an engine as it is printed: its text, its sources, and the restitution in drops."""
 
 import math
 
@@ -23,7 +23,7 @@ def test_the_request_is_of_the_pair_at_a_round_step():
     assert request.masses == (0.45, 3.0)
     assert request.restitution == 0.8
     assert request.contact == PAIR.contact
-    assert request.step == 9e-5  # of 0.0188 s
+    assert request.step == 9e-5  # the contact lasts 0.0188 s
     assert request_contact(PAIR, 2e-3).step == 2e-3
     for steps, value in ((1e-3, 1e-3), (0.2, 0.2), (1.99e-5, 1e-5), (9.99, 9.0)):
         assert presentation._round_down(steps) == value

@@ -1,4 +1,4 @@
-"""What is seen on a terminal and in a log: work that goes on, the end of a run, a chain of it, small runs."""
+"""Output on a terminal and in a log: progress, the end of a run, single cells and chains, and small runs."""
 
 import io
 import math
@@ -80,7 +80,7 @@ def test_a_command_for_two_balls_refuses_a_run_of_chains(chain_run, refused):
     refused(["scene", chain_run, "0"], "chains of N balls; legal: ")
 
 
-#: Runs with little in them, each a result.
+#: Parts of configurations of small runs.
 _ONE = {"stiffness_ratio": [2.0], "mass_ratio": [1.5], "e1": [0.9], "e2": [0.7]}
 _LIMITS = {"stiffness_ratio": [0, 1, math.inf], "mass_ratio": [1.0], "e1": [0.0], "e2": [0.0, 1.0]}
 _PAIR = {"balls": 2, "arrangement": "row", "e": [0.5, 0.9], "stiffness_taper": 1.0}
@@ -88,7 +88,7 @@ _GAPS = {"balls": 3, "arrangement": "cradle", "gap": [0.0, 1e-5], "e": 0.9, "sti
 _LIKE, _HELD = ["kelvin-voigt", "mujoco"], "Extrapolated to a time step of zero, MuJoCo differs "
 _NOTHING = "Nothing could be compared."
 
-#: What is run, by which solvers, and what is said of it.
+#: Configuration, solvers, and a part of the output.
 RUNS = {
     "one cell": ({"grid": _ONE, "solvers": ["mujoco"]}, fakes.shifted, ""),
     "the model alone": ({"grid": _ONE, "solvers": ["state-transition"]}, fakes.shifted, _NOTHING),
@@ -113,14 +113,13 @@ RUNS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", RUNS)
-def test_terminal_and_page_show_it(kind, tmp_path, command):
+def test_terminal_and_page_show_small_runs(kind, tmp_path, command):
     changes, resolve, says = RUNS[kind]
     root = swept(tmp_path / "run", resolve, **changes).root
     shown = " ".join(command(["show", root]).split())
     assert says in shown
-    assert ("no independent confirmation" in shown) == (
-        kind == "the model refuses some"
-    )  # a solver without a result confirms nothing
+    # A solver without a result confirms nothing.
+    assert ("no independent confirmation" in shown) == (kind == "the model refuses some")
     command(["report", root])
     page, said = (
         (root / "report.html").read_text(encoding="utf-8"),

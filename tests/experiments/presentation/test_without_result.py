@@ -1,4 +1,4 @@
-"""Rows without a result whose solver came to numbers: shown and marked wherever a collision or a cell is shown."""
+"""Rows whose solver has numbers but no result: the numbers are shown with a mark wherever a collision is shown."""
 
 import dataclasses
 import io
@@ -26,7 +26,7 @@ ONE_CELL = {"stiffness_ratio": [2.0], "mass_ratio": [1.5], "e1": [0.9], "e2": [0
 
 
 class Withholding(fakes.Shifted):
-    """Numbers that are 0.01 m/s off, and no result."""
+    """A solver that gives numbers 0.01 m/s off, with a status that means that they are no result."""
 
     status, reason = "timeout", "not over after 5 steps"
 
@@ -92,7 +92,7 @@ def test_a_limit_that_is_not_known_is_told_in_words(tmp_path, command):
 
 
 class Refusing(Withholding):
-    """A limit that no shorter step makes known."""
+    """A solver whose limit stays unknown even with shorter steps."""
 
     status, reason = (
         "unconverged",

@@ -1,4 +1,4 @@
-"""Versions of engines side by side: what is installed for each, what moved between them, and what cannot be had."""
+"""The scoreboard with several versions of an engine: environments, changes between versions, and missing versions."""
 
 import re
 import sys
@@ -21,8 +21,9 @@ from impact_xval.experiments.scoreboard.environments import (
 )
 from impact_xval.experiments.scoreboard.releases import compare_releases, describe_releases, release_table
 
-#: Stands for uv: an environment sees what is installed here, and states the version that is asked for. Pymunk 7.8 dies
-#: where it is to work, Pymunk 7.9 iterates once, whatever is set; no 99 exists.
+#: A script that pretends to be the installer uv. An environment that it makes sees the packages of this machine, but
+#: states the requested version. Its Pymunk 7.8 dies as soon as it should work, its Pymunk 7.9 always iterates once, and
+#: no version 99 exists.
 UV = """#!{python}
 import pathlib, sys, venv
 folder = pathlib.Path({log!r}).parent
@@ -50,7 +51,7 @@ program = {{
 
 @pytest.fixture
 def uv(tmp_path, monkeypatch):
-    """Put the installer that stands for uv first on the path; the file of what it is called with."""
+    """Put the script that pretends to be uv first on the path; return the file that records its calls."""
     log = tmp_path / "bin" / "calls"
     log.parent.mkdir()
     text = UV.format(python=sys.executable, log=str(log), site=sysconfig.get_paths()["purelib"])
@@ -62,7 +63,7 @@ def uv(tmp_path, monkeypatch):
 
 
 def answers_of(version, v, solver="mujoco", **other):
-    """Answers of a version to two cases, the first of which ends with `v`."""
+    """Return answers of an engine's version to two cases. The first case ends with the velocities `v`."""
     cases = {"cradle 1 on 2": v, "stack of 3": (0.1, 0.2, 0.3)}
     row = {"solver": solver, "version": version, "microseconds": 1.0, "e": 0.9, "arrangement": USUAL}
     row |= {"status": "ok", "reason": ""} | other
@@ -146,7 +147,7 @@ def test_what_is_no_requirement_of_an_engine_is_refused_in_a_line(refused, uv):
     ):
         refused(["scoreboard", "--with", "pymunk==7", "--with", text], *said)
     refused(["scoreboard", "--solver", "dart", "--with", "pymunk==7"], "no --solver", "legal: pymunk")
-    assert not uv.exists()  # nothing was installed
+    assert not uv.exists()  # the installer was not called
     assert read_requirement("PyMunk[dev]>=7,<8").name == "pymunk"
 
 
@@ -204,7 +205,8 @@ def test_an_environment_that_was_not_finished_is_made_anew(uv):
     made = make_environment(Requirement("pymunk==7.5"))
     assert (made.distribution, made.version) == ("pymunk", "7.5")
     make_environment(Requirement("pymunk==7.5"))
-    assert len(uv.read_text().splitlines()) == 2  # made once: an environment, and what is in it
+    # two calls: one made the environment, one installed the packages
+    assert len(uv.read_text().splitlines()) == 2
     (made.python.parents[1] / "environment.json").unlink()
     make_environment(Requirement("pymunk==7.5"))
     assert len(uv.read_text().splitlines()) == 4
@@ -231,7 +233,8 @@ def test_versions_are_asked_in_their_environments_and_one_that_dies_costs_its_ro
 
     monkeypatch.setattr(playing, "CASES", {("pile, k2/k1 = 1", 1.0): None})
     monkeypatch.setattr(playing, "exact_law_names", lambda: ("newton-restitution", "poisson-restitution"))
-    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")  # an environment has no kernels yet; one case needs none
+    # an environment has no compiled kernels yet, and one case does not need them
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
     asked = [word for version in ("7.9", "7.7", "99", "7.8") for word in ("--with", f"pymunk=={version}")]
     words = ["scoreboard", "--solver", "pymunk", "--workers", "1", "--out", str(tmp_path / "out"), *asked]
     assert main(words) == 2
@@ -250,12 +253,12 @@ def test_versions_are_asked_in_their_environments_and_one_that_dies_costs_its_ro
     for cells in (("7.8", "no answer: its process died: exit code 7"), ("7.9 *", "5 of 7")):
         assert "".join(f"<td>{cell}</td>" for cell in ("Pymunk", *cells)) in page
     assert "not installed: No solution found" in page
-    # The same command again goes on from what is there.
+    # The same command continues with the answers that exist.
     (tmp_path / "out" / "report.html").unlink()
     calls = len(uv.read_text().splitlines())
     assert main(words) == 2
     assert (tmp_path / "out" / "report.html").exists()
-    assert len(uv.read_text().splitlines()) == calls + 2  # the one that failed is tried again
+    assert len(uv.read_text().splitlines()) == calls + 2  # the installation that failed is tried again
 
 
 @pytest.mark.nightly
@@ -268,4 +271,5 @@ def test_pip_installs_two_versions_that_are_asked(tmp_path, monkeypatch, command
     pair = rows[(rows.case == "pile, k2/k1 = 1") & (rows.e == 0.9) & (rows.arrangement == USUAL)]
     assert [*pair.version] == ["3.3.7", "4.0.0"]
     assert np.ptp(pair[["v1", "v2"]].to_numpy(), axis=0) == pytest.approx((0.0, 0.0), abs=1e-6)
-    assert not list(Path(tmp_path / "cache").rglob("pandas"))  # what is not imported is not installed
+    # packages that are not imported are not installed
+    assert not list(Path(tmp_path / "cache").rglob("pandas"))

@@ -1,4 +1,4 @@
-"""The scoreboard: what is asked, what is made of answers, and what a new version of an engine cannot hide."""
+"""The scoreboard: how engines are asked, how answers are judged, and how an answer that moved is found."""
 
 import contextlib
 import json
@@ -45,7 +45,7 @@ def of_laws(case, names=("newton-restitution", "sequential-top", "poisson-restit
 
 
 def test_distances_energy_and_spread_are_those_of_their_definitions():
-    # m = (1, 2), v0 = (-1, 0): Newton ends at (1, 0), single impacts at (7/9, 4/9).
+    # With m = (1, 2) and v0 = (-1, 0), Newton's law ends at (1, 0) and single impacts at (7/9, 4/9).
     rows = [
         *of_laws(BASIC),
         answer("engine", BASIC, (1.0, 0.1)),
@@ -60,7 +60,7 @@ def test_distances_energy_and_spread_are_those_of_their_definitions():
     assert (found.spread_of, found.energy_gained) == ("apart by 1e-6", pytest.approx(0.02, rel=1e-12))
     assert found.step_spread == pytest.approx(np.sqrt(2 * 0.1**2), rel=1e-12)
     assert np.isnan(found.momentum_error)
-    # Momentum is that of a line without a table.
+    # momentum is checked only for chains without a table
     found = judge_answers(pd.DataFrame([answer("engine", ("cradle 1 on 2", 0.5), (-0.1, -0.2, -0.6))])).iloc[
         0
     ]
@@ -98,15 +98,18 @@ def test_rigid_engines_end_elsewhere_where_bodies_do_not_quite_touch():
     pytest.importorskip("pymunk")
     found = {arrangement: v for arrangement, *_, v in cases.answer_case(None, "pymunk", *BASIC)}
     for name in (USUAL, "overlapping by 1e-6", "overlapping by 1e-4", "half the step", "twice the step"):
-        assert found[name] == pytest.approx((1.0, 0.0), abs=1e-12), name  # at once
+        # as if all contacts collided at once
+        assert found[name] == pytest.approx((1.0, 0.0), abs=1e-12), name
     for name in ("apart by 1e-6", "apart by 1e-4"):
-        assert found[name] == pytest.approx((7 / 9, 4 / 9), abs=1e-12), name  # one by one
+        # as by single impacts one after the other
+        assert found[name] == pytest.approx((7 / 9, 4 / 9), abs=1e-12), name
 
 
 def test_gaps_are_those_that_are_said_and_a_mirrored_line_is_numbered_as_the_others():
     engine, case = get_solver("mujoco"), ("cradle 2 on 3", 0.9)
     scenes = arrange_scenes(engine, CASES[case])
-    usual, radius = scenes[USUAL], 2.0**-11  # four depths, sqrt(m/k) |v0| and less: the next power of two
+    # the power of two above four depths; a depth is at most sqrt(m/k) |v0|
+    usual, radius = scenes[USUAL], 2.0**-11
     for name, gap in (("apart by 1e-4", 1e-4), ("overlapping by 1e-6", -1e-6)):
         change = np.diff(scenes[name].heights) - np.diff(usual.heights)
         assert change == pytest.approx([-gap * radius] * 4, rel=1e-9)
@@ -125,20 +128,20 @@ def test_a_baseline_catches_an_answer_that_moved_and_an_engine_that_is_gone(
     command([*board, tmp_path / "before"])
     again = [*board, tmp_path / "same", "--baseline", tmp_path / "before"]
     assert "no answer differs" in command(again)
-    # What another adapter of the same version would have answered, kept for the command to go on from.
+    # Change a kept answer, as another adapter of the same version would answer. The command continues from it.
     (kept,) = (tmp_path / "same" / "answers").glob("pymunk-*.json")
     first, *others = json.loads(kept.read_text())
     kept.write_text(json.dumps([first | {"v1": first["v1"] + 1e-5}, *others]))
     assert re.search(r"\b1 answers? differ from those in", command(again, ends=3))
-    # and an engine that is gone
+    # an engine that the baseline has and this run does not
     answers = pd.read_parquet(tmp_path / "before" / "answers.parquet")
     more = [answers, answers[answers.solver == "pymunk"].assign(solver="dart")]
     (tmp_path / "more").mkdir()
     pd.concat(more).to_parquet(tmp_path / "more" / "answers.parquet")
-    refused([*board, tmp_path / "more"])  # the folder of something else
+    refused([*board, tmp_path / "more"])  # refused, because the folder holds something else
     monkeypatch.setattr(playing, "solver_names", lambda on_request: ["pymunk"])
     every = ["scoreboard", "--workers", "1", "--out", tmp_path / "before", "--baseline"]
-    assert "dart: in" in command([*every, tmp_path / "more"], ends=3)
+    assert "dart: is in" in command([*every, tmp_path / "more"], ends=3)
 
 
 def test_what_moved_is_a_status_an_answer_or_a_velocity():

@@ -1,4 +1,4 @@
-"""A real Dask cluster of two worker processes on loopback: the same bytes, whatever happens to its workers."""
+"""Runs on a real Dask cluster of two worker processes: tables are the same, whatever happens to a worker."""
 
 import psutil
 import pytest
@@ -13,7 +13,10 @@ from tests.waiting import wait_until
 
 @pytest.mark.nightly
 def test_neither_an_interrupt_nor_a_worker_that_dies_changes_a_byte(tmp_path):
-    """The interrupted run leaves no process on the cluster; that which goes on loses a worker of it."""
+    """The tables equal those of an undisturbed run to the byte, after an interruption and the death of a worker.
+
+    The interrupted run leaves no process on the cluster. The run that continues it loses a worker.
+    """
     distributed = pytest.importorskip("distributed")
     cells = {"sample": {"n": 80, "seed": 1}, "chunk_size": 3}
     config = parse_config({"solvers": ["kelvin-voigt", "mujoco"], "step_fraction": 0.01} | cells)

@@ -1,4 +1,4 @@
-"""A solver that crashes, hangs or answers nonsense costs its cells, and nothing else."""
+"""A solver that crashes, hangs or gives nonsense costs only its own cells."""
 
 import contextlib
 import pickle
@@ -22,7 +22,7 @@ from tests.compliant_baselines.third_party import install
 from tests.experiments import fakes
 from tests.experiments.conftest import tables_of
 
-#: By e1 the status and the reason of a cell where a solver lives up to 3 s.
+#: Expected status and reason of a cell by its e1, with a limit of 3 s per cell.
 SAID = {
     fakes.SEGFAULT: ("crashed", "its process died: SIGSEGV"),
     fakes.HANG: ("timeout", "no answer within 3 s; its process was ended"),
@@ -51,7 +51,10 @@ def _failed(rows):
 
 @pytest.mark.nightly
 def test_every_failure_of_a_plug_in_is_found_named_and_costs_its_cell(tmp_path, monkeypatch):
-    """Of a distribution that runs, and of one that cannot be imported; ours goes on in its own process."""
+    """Each failure of two broken plug-ins is a row with a reason, and an exact solver still has all its rows.
+
+    One plug-in fails in cells, the other cannot be imported. The exact solver runs in a process of its own.
+    """
     text = "from tests.experiments.fakes import Faulty\nclass Bad(Faulty):\n    name, law = 'bad', None\n"
     install(tmp_path / "site", "bad-dist", {"bad": "bad_solver:Bad"}, bad_solver=text)
     install(tmp_path / "site", "lost-dist", {"lost": "no_such_module:Solver"})
@@ -64,9 +67,9 @@ def test_every_failure_of_a_plug_in_is_found_named_and_costs_its_cell(tmp_path, 
     assert failed == {(cell, "bad"): SAID[each] for cell, each in enumerate(e1) if each != 0.9}
     assert {status for status, _ in lost} == {"unavailable"}
     assert "no_such_module" in lost.pop()[1]
-    # The crash is found by halving and tried once more, the hang is not.
+    # The cell that crashes is found by halving and tried once more. The cell that hangs is not tried again.
     assert folder.manifest()["sessions"][0]["processes_lost"] == 4
-    monkeypatch.undo()  # what is kept is read where neither is installed
+    monkeypatch.undo()  # the tables must be readable where neither plug-in is installed
     assert summarise(folder).solvers == ["kelvin-voigt", "bad", "lost"]
 
 
@@ -87,12 +90,12 @@ def test_processes_that_are_killed_cost_nothing_but_time(tmp_path):
     killed = []
 
     def kill(done, total, line):
-        if done and not killed:  # a second death might be of the same cell alone, which would be lost
+        if done and not killed:  # if the process died twice for the same single cell, the cell would be lost
             killed.extend(psutil.Process().children())
             for child in killed:
                 child.kill()
 
-    # Each new process is made ready first: else the five seconds of that were beyond the limit of a cell.
+    # Each new process is made ready first. Otherwise its five seconds would exceed the time limit of a cell.
     run_sweep(config, tmp_path / "a", workers=2, resolve=fakes.slow_to_start, progress=kill)
     assert killed
     whole = run_sweep(config, tmp_path / "b", isolate=False, resolve=fakes.shifted).folder
@@ -100,7 +103,11 @@ def test_processes_that_are_killed_cost_nothing_but_time(tmp_path):
 
 
 def test_what_a_solver_needs_at_its_first_call_has_no_limit(tmp_path):
-    """Nor do kernels, which numba compiles for every kind of array anew: none is left after the warm-up."""
+    """The first answer of a solver may take any time, and no kernel is compiled after the warm-up.
+
+    Numba compiles a kernel for every kind of array anew. The signatures of the kernels are compared before and after
+    cells.
+    """
     config = _config(tmp_path, [0.9] * 12, solvers=["kelvin-voigt", "mujoco"])
     run_sweep(config, tmp_path / "a", workers=1, resolve=fakes.slow_to_start)
     assert _failed(_rows(tmp_path / "a")) == {}
@@ -110,7 +117,10 @@ def test_what_a_solver_needs_at_its_first_call_has_no_limit(tmp_path):
 
 
 def _compiled(experiment):
-    """In a process of its own: signatures of kernels after the warm-up, and after cells by several at once."""
+    """Return the signatures of compiled kernels after the warm-up, and after solving blocks of several kinds.
+
+    This function runs in a process of its own.
+    """
     kernels, names = (collide_all, follow_chains, distances, scan), experiment.config.solvers
     for name in names:
         warm(None, experiment.resolve, name, "pair")

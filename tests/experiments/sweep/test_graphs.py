@@ -1,4 +1,4 @@
-"""Runs of contact graphs by name: cells, rows, tables, what a terminal and the page say, and continuing a run."""
+"""Runs of named contact graphs: cells, rows, tables, output on terminal and page, and the continuation of a run."""
 
 import io
 import math
@@ -43,7 +43,7 @@ SCALES = {"m1": 2.0, "k1": 1e6, "v0": -3.0}
 
 @pytest.fixture(scope="module")
 def graph_run(tmp_path_factory):
-    """A small run of graphs with an engine that is 0.01 m/s off, with its page; no test changes it."""
+    """A small run of graphs, with its page and an engine that is 0.01 m/s off. Tests must not change it."""
     root = tmp_path_factory.mktemp("graphs") / "run"
     result = run_sweep(
         parse_config(GRAPHS), root, isolate=False, to_be_presented=True, resolve=fakes.shifted_graphs

@@ -1,4 +1,4 @@
-"""What can end a run from outside: one line, exit code 1 or 2, and earlier parts intact."""
+"""Runs that are ended from outside print one line, exit with code 1 or 2, and keep their finished parts."""
 
 import contextlib
 import errno
@@ -30,7 +30,11 @@ ROOT = Path(__file__).parents[3]
 
 @pytest.mark.parametrize("name", ["000001-", "cells.parquet", "ladder.csv", "manifest.json", "report.html"])
 def test_a_file_that_cannot_be_written_leaves_no_half_of_it(tmp_path, monkeypatch, fake_run, name):
-    """A part, a table, the manifest at the end, the report: a line, and the run continues to the same bytes."""
+    """If a file cannot be written, the run ends with one line and leaves no half file.
+
+    After the run is continued, its tables equal those of an undisturbed run to the byte. The file is a part, a table,
+    the manifest at the end, or the report.
+    """
     replace, root, seen = Path.replace, tmp_path / "a", []
 
     def full(path, target):
@@ -56,7 +60,10 @@ def test_a_file_that_cannot_be_written_leaves_no_half_of_it(tmp_path, monkeypatc
 
 
 def steps(monkeypatch, step):
-    """Have a run's steps in its folder called as ``step(name, function)``, by the name of what each makes."""
+    """Call ``step(name, function)`` instead of each function that writes into a run's folder.
+
+    Here ``name`` is the name of what the function writes.
+    """
 
     def watched(owner, attribute, name):
         function = getattr(owner, attribute)
@@ -76,14 +83,15 @@ def steps(monkeypatch, step):
 
 
 def ended_at(monkeypatch, root, name, after, end):
-    """Run `swept` into a folder, and have it ended before or after the first step of a name."""
+    """Run `swept` into a folder, and call `end` before or after the first step of the given name."""
     seen = []
 
     def step(here, function):
         first = here == name and here not in seen
         seen.append(here)
         if here == "versions":
-            (root / "solvers.log").touch()  # as by the processes that are asked, of which there are none here
+            # the processes that report versions write this file; in this test there are none
+            (root / "solvers.log").touch()
         if first and not after:
             end()
         done = function()
@@ -104,7 +112,7 @@ def killed_at(root, name, after):
         ended_at(monkeypatch, root, name, after, lambda: os.kill(os.getpid(), signal.SIGKILL))
 
 
-#: The steps of the folder of a run, in their order, by what each makes.
+#: The steps that write into the folder of a run, in order, by what each writes.
 STEPS = ["parts", ".lock", "experiment.toml", "versions", ".lock-tables", "manifest.json", "000000"]
 STEPS += ["curves.parquet", "divergence.parquet", "cells.parquet", "divergence.csv"]
 
@@ -186,14 +194,14 @@ def test_a_session_that_begins_while_a_page_is_drawn_is_not_called_complete(tmp_
 
 
 def run_shard(root, shard):
-    """Run a shard of `SMALL` in this process, up to its tables."""
+    """Run a shard, which is a part of the cells, of `SMALL` in this process, up to its tables."""
     how = {"isolate": False, "resolve": fakes.shifted, "to_be_presented": True}
     return run_sweep(parse_config(SMALL), root, shard=shard, **how)
 
 
 @pytest.fixture(scope="module")
 def preloaded():
-    """Processes that start with the modules there already; importing them takes seconds."""
+    """A context for processes that start with all modules imported, which otherwise takes seconds."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([__name__])
     return context
@@ -203,7 +211,9 @@ def preloaded():
 @pytest.mark.parametrize(
     "name", ["parts", ".lock", "experiment.toml", "versions", "manifest.json", "cells.parquet"]
 )
-def test_so_does_one_that_is_killed_there(tmp_path, preloaded, fake_run, name, after):
+def test_a_run_that_is_killed_at_any_step_goes_on_by_the_same_command(
+    tmp_path, preloaded, fake_run, name, after
+):
     root = tmp_path / "a"
     process = preloaded.Process(target=killed_at, args=(root, name, after))
     process.start()
@@ -219,7 +229,7 @@ def test_a_test_of_the_hypothesis_whose_folder_was_just_made_goes_on(tmp_path):
     new_folder(tmp_path)
 
 
-#: The command line, with another command in the place of all that there are.
+#: A program that runs the command line with a test's `main` instead of all commands.
 STAND_IN = """
 import atexit, os, signal, sys, time, types
 from impact_xval.__main__ import ENDS, entry
@@ -231,7 +241,7 @@ def kill(*numbers):
 sys.modules["impact_xval.experiments.commands.cli"] = types.SimpleNamespace(main=main)
 sys.exit(entry())
 """
-#: Commands that are sent signals where it matters.
+#: Versions of `main` that receive signals at awkward times.
 HIT = {
     "two signals at once": """
 def main():
@@ -285,7 +295,7 @@ def test_a_signal_is_one_line_and_no_traceback_wherever_it_comes(tmp_path, name)
     assert done.stdout == ("all ended\n" if name == "again while it ends" else "")
 
 
-#: What is deleted last, once Python has put the handlers of the system back.
+#: An object that Python deletes last, after it has restored the signal handlers of the system.
 LAST = """
 class Deleted:
     def __init__(self):
@@ -311,7 +321,7 @@ def test_an_error_that_no_signal_has_caused_is_shown(tmp_path):
 
 
 def said_by(folder, command):
-    """Run a command as a module, which Python ends otherwise than a script."""
+    """Run a program with the given `main` as a module. Python ends a module differently from a script."""
     (folder / "stand_in.py").write_text(STAND_IN.format(command))
     words, env = [sys.executable, "-m", "stand_in"], os.environ | {"PYTHONPATH": str(ROOT)}
     return subprocess.run(
@@ -323,7 +333,7 @@ def _parts(root):
     return list((root / "parts").glob("0*"))
 
 
-#: The command, with an engine that hangs where e1 = 0.902.
+#: The command line, with an engine that hangs where e1 = 0.902.
 HANGING = (
     "import functools, sys\n"
     "from impact_xval.experiments.sweep import run as sweep; from tests.experiments import fakes\n"
@@ -349,7 +359,11 @@ stiffness_ratio = [0.5, 1.0, 2.0]
     ids=lambda end: end.name,
 )
 def test_a_signal_while_a_solver_hangs_keeps_what_is_done_and_says_how_to_go_on(tmp_path, end):
-    """As sent by a scheduler of jobs or a closed terminal; sent twice, to all of a group and to the run alone."""
+    """A signal keeps the finished parts, and the message says how to continue, although a solver hangs.
+
+    A scheduler of jobs or a closed terminal sends such signals. Here the signal is sent twice: to all processes of the
+    group, and to the run alone.
+    """
     (tmp_path / "c.toml").write_text(CONFIG % [0.9, fakes.HANG])
     root = tmp_path / "a"
     command = [sys.executable, "-c", HANGING, "run", tmp_path / "c.toml", "--out", root, "--workers", "2"]
@@ -369,14 +383,17 @@ def test_a_signal_while_a_solver_hangs_keeps_what_is_done_and_says_how_to_go_on(
 
 
 def run_slowly(config, root):
-    os.setsid()  # to be killed with all that it starts
+    os.setsid()  # a session of its own, so that a test can kill the run with all its processes
     run_sweep(load_config(config), root, workers=2, resolve=fakes.slow)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kills", [2, pytest.param(5, marks=pytest.mark.nightly)])
 def test_kills_change_no_byte(tmp_path, kills, preloaded):
-    """SIGKILL to the run and all that it started, each time one more part is there, wherever that finds it."""
+    """A run that is killed several times and then continued has the tables of an undisturbed run, to the byte.
+
+    SIGKILL goes to the run and all its processes, each time that one more part is finished.
+    """
     (tmp_path / "c.toml").write_text(CONFIG % [0.7, 0.9])
     config, root = load_config(tmp_path / "c.toml"), tmp_path / "cut"
     left_alone = run_sweep(config, tmp_path / "whole", isolate=False, resolve=fakes.slow)
@@ -384,7 +401,7 @@ def test_kills_change_no_byte(tmp_path, kills, preloaded):
         process = preloaded.Process(target=run_slowly, args=(tmp_path / "c.toml", root))
         process.start()
         wait_until(lambda: not process.is_alive() or len(_parts(root)) >= parts)  # noqa: B023
-        with contextlib.suppress(ProcessLookupError):  # it is done already
+        with contextlib.suppress(ProcessLookupError):  # the run may have ended already
             os.killpg(process.pid, signal.SIGKILL)
         process.join()
         assert len(_parts(root)) >= parts

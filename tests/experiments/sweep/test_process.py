@@ -1,4 +1,4 @@
-"""A process of its own: what it answers, and what becomes of its deaths."""
+"""A worker process: its answers, and how its death is handled."""
 
 import contextlib
 import json
@@ -28,7 +28,7 @@ def pid(context):
 
 
 def made_ready(context, pids, dies):
-    """Note the process, which is killed the first time, or says each time that it has compiled."""
+    """Record the process. With `dies` kill the first one, otherwise return True, as after compiling kernels."""
     with pids.open("a") as file:
         print(os.getpid(), file=file)
     if dies and len(pids.read_text().split()) == 1:
@@ -46,7 +46,7 @@ def fail(context):
 
 
 def orphan(context):
-    """Kill who waits for the answer, and go on: no end of a pipe is noticed."""
+    """Kill the process that waits for the answer, and continue, so that no closed pipe is noticed."""
     os.kill(os.getppid(), signal.SIGKILL)
     time.sleep(600)
 
@@ -57,7 +57,7 @@ def worker():
         yield made
 
 
-def test_it_answers_from_one_process_with_its_context_and_says_what_is_raised(worker):
+def test_a_worker_answers_from_one_process_with_its_context_and_says_what_is_raised(worker):
     first = worker.call(pid, timeout=60)
     assert worker.call(echo, 1, "two", timeout=60) == ("a context", (1, "two"))
     with pytest.raises(WorkerError, match=r"in fail\n.*\nLookupError: a bug"):
@@ -98,12 +98,12 @@ def test_another_interpreter_imports_this_project_and_nothing_else_that_is_insta
         "__import__('os').environ['NUMBA_CACHE_DIR'], __import__('importlib.util').util.find_spec('numpy'))"
     )
     with contextlib.closing(Worker(facts, python=tmp_path / "other" / "bin" / "python")) as worker:
-        found = worker.call(eval, timeout=60)  # of its context
+        found = worker.call(eval, timeout=60)  # `eval` evaluates the worker's context
     other = tmp_path / "other"
     assert found == (str(other), impact_xval.__file__, str(other / "kernels"), None)
 
 
-def test_it_does_not_outlive_a_killed_parent_whatever_it_does():
+def test_a_worker_does_not_outlive_a_killed_parent_whatever_it_does():
     script = (
         "from impact_xval.experiments.sweep.process import Worker\n"
         "from tests.experiments.sweep import test_process as w\n"
@@ -117,7 +117,10 @@ def test_it_does_not_outlive_a_killed_parent_whatever_it_does():
 
 @pytest.mark.nightly
 def test_the_process_that_compiles_and_those_that_read_say_the_same_to_the_last_bit(tmp_path, monkeypatch):
-    """A margin of this cell by bistiffness ended in another digit in the process that had just compiled."""
+    """The process that compiles kernels and a process that reads them from the cache give identical results.
+
+    For this cell the margin by bistiffness once differed in a digit in the process that had just compiled.
+    """
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     cell = Collision.two_balls(1.0, 0.441388, 1.0, 5.623413251903491e-06, 0.694292, 0.312025, -1.0)
     first, again = (json.dumps(compare(cell, ["bistiffness"]).objects()) for _ in range(2))

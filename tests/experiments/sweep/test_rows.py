@@ -1,4 +1,4 @@
-"""Rows of a chunk: whole or in parts, as arrays or one by one, and what fails in one cell costs that cell."""
+"""Rows of a chunk of cells do not depend on how cells are grouped, and a failure in one cell costs only this cell."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -66,7 +66,7 @@ def test_arrays_say_what_outcomes_say_one_by_one():
 
 
 class _Nonsense(fakes.Shifted):
-    """Its paths are of nonsensical lengths where e1 is above 0.9."""
+    """A solver whose path has arrays of different lengths where e1 is above 0.9."""
 
     def moved(self, collision, settings):
         outcome = super().moved(collision, settings)

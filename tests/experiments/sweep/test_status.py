@@ -1,4 +1,4 @@
-"""What `impact-xval show` says of a run: while it runs, after it was stopped, and when it is complete."""
+"""What `impact-xval show` says of a run while it runs, after it was stopped, and when it is complete."""
 
 import functools
 import json
@@ -41,7 +41,11 @@ def test_status_while_it_runs_and_after(tmp_path, command, refused):
 def test_a_stopped_run_counts_what_is_damaged_and_its_command_to_continue_can_be_pasted(
     tmp_path, command, monkeypatch
 ):
-    """As it stands, without the file of the configuration, from a folder whose name a shell would take apart."""
+    """A stopped run counts its damaged part, and the printed command continues it when it is pasted.
+
+    The command has no file of the configuration. The folder's name has spaces, quotes and other characters of the
+    shell.
+    """
     root = tmp_path / "my *runs* _a_ & 'b' | $c"
     with pytest.raises(InterruptedRunError):
         run_sweep(parse_config(SMALL), root, isolate=False, resolve=fakes.interrupting)

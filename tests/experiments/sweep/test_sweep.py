@@ -1,4 +1,4 @@
-"""Runs: independence of workers, resumption, and solvers that fail."""
+"""Runs: tables do not depend on the workers, runs can be resumed, and damaged parts are computed again."""
 
 import itertools
 
@@ -32,7 +32,10 @@ def test_the_tables_are_long_and_tidy(fake_run, chain_run):
 
 
 def test_chunks_done_so_far_lie_all_over_the_grid():
-    """None is done twice, and no gap between those done is twice as wide as if they lay evenly."""
+    """At any time the finished chunks of cells are spread over the grid, and no chunk is done twice.
+
+    No gap between finished chunks is more than twice as wide as if they were spread evenly.
+    """
     for count in (0, 1, 2, 3, 39, 97, 1025):
         order = list(van_der_corput(count))
         assert sorted(order) == list(range(count))

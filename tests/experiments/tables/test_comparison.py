@@ -1,4 +1,4 @@
-"""What moved between two runs: against the tables themselves, read whole, and between runs that were made to differ."""
+"""The comparison of two runs, checked with the tables of the runs and with runs that were made to differ."""
 
 import dataclasses
 import json
@@ -13,12 +13,12 @@ from tests.experiments import fakes
 from tests.experiments.conftest import SMALL, swept
 
 SOLVERS = ["state-transition", "bistiffness", "mujoco"]
-#: Change of v1 per |v0| by stiffness ratio.
+#: Change of v1 per |v0| in the second run, by stiffness ratio.
 FASTER = {1.0: 1e-6, 2.0: 3e-12}
 
 
 class Upgraded(fakes.Crashing):
-    """Another version: a few velocities are others, and it crashes where e1 = 0.5."""
+    """Another version of the engine. It changes a few velocities, and raises an exception for cells with e1 = 0.5."""
 
     def version(self):
         return "shifted 2"
@@ -39,7 +39,8 @@ def runs(tmp_path_factory):
     return _run(root / "a"), _run(root / "b", Upgraded.resolve)
 
 
-def _merged(runs, name) -> Any:  # a data frame; its annotations are too wide to check code against
+# annotated as Any, because the annotations of data frames are too wide for a check
+def _merged(runs, name) -> Any:
     a, b = (pd.read_parquet(folder.root / name) for folder in runs)
     return a.merge(b, on=["cell", "solver"], suffixes=("_a", "_b"))
 
@@ -60,7 +61,7 @@ def test_the_changes_are_those_of_the_tables(runs, tolerance, moved):
         change = (d.velocity_divergence_a - d.velocity_divergence_b).abs().max()
         assert each.divergence == (0 if name == "state-transition" else change)
     assert mujoco.velocity == pytest.approx(1e-6, rel=1e-6)
-    # The worst: those of another status, then the largest changes.
+    # The worst rows are listed first: rows with another status, then the largest changes.
     ends = [(row.status_b, row.velocity == np.inf) for row in found.worst]
     assert ends == ([("crashed", True)] * 6 + [("ok", False)] * 4)[:moved]
     worst = cells[cells.solver == "mujoco"].set_index("cell").loc[[row.cell for row in found.worst]]

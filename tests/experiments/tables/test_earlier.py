@@ -1,4 +1,4 @@
-"""Folders, files and options of version 0.4 go on being read: `runs_of_0.4` was written by that version."""
+"""Folders, files and options of version 0.4 can still be read. `runs_of_0.4` was written by that version."""
 
 import shutil
 from pathlib import Path
@@ -51,7 +51,7 @@ def test_tables_have_the_columns_and_the_words_of_today(old_run):
         assert set(cells.arrangement) == {"cradle", "pile", "row"}
 
 
-def test_show_and_compare_read_it_and_change_nothing(old_run, command):
+def test_show_and_compare_read_a_run_of_0_4_and_change_nothing(old_run, command):
     before = tables_of(old_run)
     assert STATUSES["limit"] in command(["show", old_run])
     cell = command(["show", old_run, "--cell", "1"])
@@ -60,14 +60,14 @@ def test_show_and_compare_read_it_and_change_nothing(old_run, command):
     assert tables_of(old_run) == before
 
 
-def test_its_report_is_written_anew(old_run, command):
+def test_the_report_of_a_run_of_0_4_is_written_anew(old_run, command):
     command(["report", old_run])
     page = (old_run / "report.html").read_text(encoding="utf-8")
     assert ("arrangement" if old_run.name == "chains" else "k2/k1") in page
     assert (old_run / "summary.csv").exists()
 
 
-def test_it_is_not_continued(old_run, refused):
+def test_a_run_of_0_4_is_not_continued(old_run, refused):
     refused(["run", "--out", old_run], "a run of version 0.4, which is not continued; legal: a new folder")
 
 

@@ -1,4 +1,4 @@
-"""Folders of runs: one writer each, nothing lost that is damaged, and one line for what is no run."""
+"""Folders of runs: only one run writes, damage loses nothing else, and other folders are refused with one line."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""Files and folders of the user's that cannot be used: one line that says which and why, before any work."""
+"""Files and folders of a user that cannot be used are refused with one line, before any work is done."""
 
 import errno
 import os
@@ -14,7 +14,7 @@ CELL = "solve --stiffness-ratio 1 --mass-ratio 1 --e1 0.9 --e2 0.7 --solver kelv
 
 @pytest.fixture
 def read_only(monkeypatch):
-    """Have a folder be one of another user, which permissions do not make it for root."""
+    """Return a function that makes a folder count as not writable. Permissions alone do not stop root."""
     access, folders = os.access, []
 
     def asked(path, mode):
@@ -53,7 +53,7 @@ def test_a_new_folder_that_is_read_only(tmp_path, read_only, refused):
 
 @pytest.mark.parametrize("code", [errno.EACCES, errno.EPERM, errno.EROFS], ids=errno.errorcode.get)
 def test_a_file_that_may_not_be_written_is_told_by_its_own_name(run, monkeypatch, refused, code):
-    """As where the folder of figures alone is read-only."""
+    """An error names the file that the user knows and not its temporary file, as with a read-only folder of figures."""
     opened = Path.open
 
     def open_path(path, *arguments, **how):
@@ -68,7 +68,7 @@ def test_a_file_that_may_not_be_written_is_told_by_its_own_name(run, monkeypatch
     assert ".tmp-" not in str(caught.value)
 
 
-def test_so_is_a_table_that_arrow_cannot_write(tmp_path):
+def test_an_error_of_arrow_names_the_table_and_not_its_temporary_file(tmp_path):
     table = table_writer(tmp_path / "no folder" / "a.parquet", pa.schema([("a", pa.int64())]))
     with pytest.raises(FileNotFoundError, match=r"No such file.*a\.parquet") as caught, table:
         raise AssertionError("it was opened")

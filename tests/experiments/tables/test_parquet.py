@@ -1,4 +1,4 @@
-"""Tables are written whole or not at all, in row groups of whole cells."""
+"""Tables are written whole or not at all, and a cell is never split between row groups."""
 
 import numpy as np
 import pyarrow as pa

@@ -1,4 +1,4 @@
-"""Random graphs, and chains laid as graphs."""
+"""Helpers that make random contact graphs, and chains written as graphs."""
 
 import numpy as np
 
@@ -6,9 +6,10 @@ from impact_xval.model.graph.collision import BodyContact, GraphCollision
 
 
 def random_graph(rng, *, least=0.5, singular=False, fixed=True):
-    """Draw bodies in a plane, up to 8, and contacts, up to 12; `singular` has more contacts than directions of motion.
+    """Draw a graph of up to 8 bodies in a plane with up to 12 contacts.
 
-    Some motion opens all contacts, as it does where bodies have come together. Without one, bodies would be jammed.
+    With `singular` there are more contacts than directions of motion, so that the Delassus matrix W is singular. The
+    normals are drawn so that some motion opens all contacts at once. Without such a motion the bodies would be jammed.
     """
     while True:
         bodies = int(rng.integers(1 if fixed else 2, 5) if singular else rng.integers(2, 9))
@@ -33,12 +34,12 @@ def random_graph(rng, *, least=0.5, singular=False, fixed=True):
                 inertias=tuple(10 ** rng.uniform(-1, 0, bodies)) if turns else (),
                 angular_velocities=tuple(rng.normal(size=bodies) * moving) if turns else (),
             )
-        except ValueError:  # nothing meets
+        except ValueError:  # no bodies approach: draw again
             continue
 
 
 def _random_contact(rng, opening, turns, least, fixed):
-    """Draw a contact that opens under given velocities."""
+    """Draw a contact that the given velocities and spins open."""
     velocities, spins = opening
     bodies = len(spins)
     first, second = (int(body) for body in rng.integers(bodies, size=2))
@@ -63,13 +64,13 @@ def _random_contact(rng, opening, turns, least, fixed):
 
 
 def random_graphs(seed, count, **given):
-    """Draw graphs, a quarter of them with a singular W."""
+    """Draw `count` graphs, every fourth of them with a singular Delassus matrix W."""
     rng = np.random.default_rng(seed)
     return [random_graph(rng, singular=i % 4 == 3, **given) for i in range(count)]
 
 
 def chain_as_graph(chain, angle=0.7):
-    """Lay a chain along a line in the plane: ball 1 is its upper end."""
+    """Return a chain as a graph: its balls on a line in the plane, tilted by `angle`, with ball 1 at the upper end."""
     up = np.array([np.sin(angle), np.cos(angle)])
     balls = len(chain.masses)
     contacts = [

@@ -1,8 +1,9 @@
-"""An independent solution of contact graphs: modes between events, events by signs on a grid.
+"""Independent solution of contact graphs by the model: normal modes between events, events by sign changes on a grid.
 
-Shares nothing with the package but the parameters: the motion is that of the eigenvectors of A = sqrt(K) W sqrt(K), and
-no event is certified. A pair of events within a step of the grid is missed; then a finer grid gives another answer.
-e = 0 and contacts that become rigid are beyond it.
+It uses nothing of the package but the parameters. Between events the motion is a sum over the eigenvectors of
+A = sqrt(K) W sqrt(K), where K holds the stiffnesses and W is the Delassus matrix. No event is certified: two events
+within one step of the grid are missed, and then a finer grid gives another answer. Contacts with e = 0 and contacts
+that become rigid cannot be solved.
 """
 
 from typing import NamedTuple
@@ -12,10 +13,10 @@ from scipy.optimize import brentq
 
 INACTIVE, COMPRESSION, RESTITUTION = range(3)
 
-#: Rates and forces below this share of the largest are 0 where only their sign matters.
+#: Rates and forces below this share of the largest one count as 0 where only their sign matters.
 ZERO = 1e-12
 
-#: Radians of the fastest mode between two points of the grid, and points in one sweep.
+#: Step of the time grid in radians of the fastest mode, and number of grid points that are evaluated at once.
 RESOLUTION, POINTS = 0.02, 4000
 
 
@@ -26,7 +27,7 @@ class Answer(NamedTuple):
 
 
 class _Modes:
-    """Motion of a set of active contacts from a state: forces, rates and impulses at any time."""
+    """Motion with a fixed set of active contacts: forces, rates and impulses at any time after a given state."""
 
     def __init__(self, W, k, active, F, w):
         self.W, self.active, self.w = W[:, active], active, w
@@ -36,7 +37,7 @@ class _Modes:
         self.z, self.u = self.Q.T @ (F[active] / self.root), self.Q.T @ (self.root * w[active])
 
     def impulse(self, t):
-        """Impulses of the active contacts since the start, shape (..., A)."""
+        """Return the impulses of the A active contacts since the start, shape (..., A)."""
         t = np.asarray(t)[..., None]
         oscillates = self.omega > 0
         omega = np.where(oscillates, self.omega, 1.0)
@@ -45,7 +46,7 @@ class _Modes:
         return np.where(oscillates, swing, self.z * t) @ self.Q.T * self.root
 
     def at(self, t):
-        """Forces of the active contacts, shape (..., A), and rates of all, shape (..., C)."""
+        """Return the forces of the active contacts, shape (..., A), and the rates of all contacts, shape (..., C)."""
         t = np.asarray(t)[..., None]
         oscillates = self.omega > 0
         omega = np.where(oscillates, self.omega, 1.0)
@@ -72,7 +73,11 @@ def integrate(W, k, e, w, *, resolution=RESOLUTION, most=2000):
 
 
 def _start(W, k, w, F, phase, scale):
-    """Contacts without force are active if the first derivative of their rate that is not 0 is positive."""
+    """Activate contacts without force whose bodies approach or are about to.
+
+    If the rate of compression is 0, its first derivative that is not 0 decides: the contact is active if it is
+    positive.
+    """
     idle = (F == 0) & (phase != RESTITUTION)
     phase[idle] = INACTIVE
     undecided = idle & (np.abs(w) <= ZERO * scale)
@@ -81,7 +86,7 @@ def _start(W, k, w, F, phase, scale):
     force, rate, unit = F.copy(), w.copy(), 1 / np.sqrt((np.diagonal(W) * k).max())
     for _ in range(2 * len(k) + 2):
         active = phase != INACTIVE
-        # One derivative further, times the unit of time.
+        # Take the next derivative, multiplied by the unit of time.
         terms = unit * W * force
         force, rate = np.where(active, unit * k * rate, 0.0), -terms.sum(axis=1)
         rate[np.abs(rate) <= 1e-11 * np.abs(terms).sum(axis=1)] = 0.0
@@ -91,7 +96,7 @@ def _start(W, k, w, F, phase, scale):
 
 
 def _first_event(modes, phase, active, resolution, scale):
-    """Time of the first event, its contact, and whether its force is what is zero."""
+    """Return the time of the first event, its contact, and whether the force (not the rate) passes zero there."""
     restoring = np.flatnonzero(phase[active] == RESTITUTION)
     signs = np.where(phase == COMPRESSION, 1.0, -1.0)
 
@@ -119,7 +124,7 @@ def _first_event(modes, phase, active, resolution, scale):
         for which in np.flatnonzero(values[i + 1] < 0):
             left = times[i] - step
             if values[i, which] <= ZERO and left == 0.0:
-                ends.append((0.0, which))  # it is zero from the start, and falls
+                ends.append((0.0, which))  # the function is zero at the start and falls
             else:
                 root = brentq(
                     lambda t, which=which: watched(t)[which], left, times[i], xtol=1e-300, rtol=1e-15

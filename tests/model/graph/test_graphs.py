@@ -1,4 +1,9 @@
-"""Contact graphs: numbers by others, chains and pairs laid as graphs, an independent solution, invariances, limits."""
+"""Contact graphs by the model.
+
+Named graphs are compared with numbers of independent integrations, chains and pairs written as graphs with the solvers
+for chains and pairs, and random graphs with an independent solution. The tests also check invariances, balances and
+limiting cases.
+"""
 
 from dataclasses import replace
 
@@ -19,11 +24,11 @@ from tests.model.test_chains import random_chain, random_chains
 
 nightly = pytest.mark.nightly
 
-#: Grazing margin below which rounding may decide an outcome.
+#: Outcomes with a grazing margin below this are not compared, because rounding may decide them.
 GRAZING = 1e-9
 
-#: Velocities (x, z) of all bodies, by closed forms between events in double precision, events by bracketing; a second
-#: integration (DOP853) agrees to 1e-11.
+#: Velocities (x, z) of all bodies after the collision, from an independent program: closed forms between events in
+#: double precision, events found by bracketing. A second integration (DOP853) agrees to 1e-11.
 AFTER = [
     (bernoulli(), [(0, 0.2), (-0.3464101615137753, -0.6), (0.3464101615137753, -0.6)]),
     (
@@ -73,7 +78,7 @@ def solved(collision, **given):
 
 
 def numbers(collision):
-    """W, k, e and w of a collision."""
+    """Return the Delassus matrix W, stiffnesses k, restitutions e and rates of compression w of a collision."""
     contacts = collision.contacts
     return (
         collision.delassus,
@@ -84,12 +89,12 @@ def numbers(collision):
 
 
 def clear(*outcomes):
-    """Whether no outcome is so near a jump that rounding may decide it."""
+    """Return whether all outcomes are so far from a jump that rounding cannot decide them."""
     return all(outcome.grazing_margin > GRAZING for outcome in outcomes)
 
 
 @pytest.mark.parametrize(("collision", "velocities"), AFTER)
-def test_numbers_by_others(collision, velocities):
+def test_named_graphs_have_the_velocities_of_an_independent_program(collision, velocities):
     outcome = solved(collision)
     assert outcome.status == "ok"
     np.testing.assert_allclose(outcome.velocities, velocities, atol=1e-10, rtol=0)
@@ -104,7 +109,11 @@ def test_a_box_turns_by_its_stiffnesses():
 
 
 def test_a_box_on_four_corners_is_the_box_on_two():
-    """In space W of the four corners is singular; each pair of them has the stiffness of one corner in the plane."""
+    """A box on four corners in space moves like the box on two corners in the plane, to 1e-12.
+
+    The Delassus matrix of the four corners is singular. Each pair of corners has the stiffness of one corner in the
+    plane.
+    """
     corners = [
         BodyContact((1, None), (0.0, 0.0, 1.0), k / 2, 0.8, ((x, y, -0.5), (0.0, 0.0, 0.0)))
         for x, k in ((1.0, 1.0), (-1.0, 3.0))
@@ -120,7 +129,10 @@ def test_a_box_on_four_corners_is_the_box_on_two():
 
 @nightly
 def test_a_close_pair_of_events_is_found():
-    """Between two points of a coarse grid a compression ends and begins again; a fine grid sees it."""
+    """The kernel finds a compression that ends and begins again between two points of a coarse grid.
+
+    The independent solution misses the two events on the coarse grid. On a fine grid it agrees to 1e-10.
+    """
     collision = random_graphs(200, 56, least=0.3)[55]
     W, k, e, w = numbers(collision)
     k[-1] *= 0.54054289725
@@ -133,7 +145,7 @@ def test_a_close_pair_of_events_is_found():
 
 
 def test_contacts_that_touch_and_never_act():
-    assert solved(bernoulli()).states == ("1+2", "-")  # both end together, but for rounding
+    assert solved(bernoulli()).states == ("1+2", "-")  # without rounding, both would end at once
     assert solved(bernoulli()).impulses[2] == 0
     assert solved(rack()).states[0] == "1+2+3"
     assert solved(rack()).impulses[3] == 0
@@ -141,7 +153,8 @@ def test_contacts_that_touch_and_never_act():
 
 def test_events_have_words_and_times():
     outcome = solve_graph([[1.0]], [4.0], [0.5], [2.0])
-    compression, restitution = 0.25 * np.pi, 0.125 * np.pi  # quarters of the periods at k and at k/e^2
+    # a quarter of the period with stiffness k, and with stiffness k/e^2
+    compression, restitution = 0.25 * np.pi, 0.125 * np.pi
     kinds = [(event.kind, event.contact, event.active) for event in outcome.events]
     assert kinds == [("start", 0, (1,)), ("end of compression", 1, (1,)), ("end of restitution", 1, ())]
     times = [event.time for event in outcome.events]
@@ -195,7 +208,7 @@ def test_random_graphs_are_those_of_modes_on_a_grid(seed, count):
         if ours.status != "ok" or ours.grazing_margin < 1e-6:
             left_out += 1
             continue
-        for resolution in (0.02, 0.004):  # the grid may miss a pair of events
+        for resolution in (0.02, 0.004):  # a coarse grid may miss two events that are close together
             theirs = integrate(*numbers(collision), resolution=resolution)
             if np.abs(ours.impulses - theirs.impulses).max() < 1e-10:
                 break
@@ -206,7 +219,11 @@ def test_random_graphs_are_those_of_modes_on_a_grid(seed, count):
 
 @pytest.mark.parametrize(("seed", "count"), [(51, 30), pytest.param(52, 500, marks=nightly)])
 def test_invariances(seed, count):
-    """Rotation, mirror, renumbering, Theorem 5; the balances of energy and momentum; at most 2 % are given up."""
+    """Outcomes do not change with rotation, mirroring, renumbering and scaling (Theorem 5), to 1e-10.
+
+    Energy and momentum are balanced to 1e-12. At most 2 % of the collisions have no result, and at most 2 % are so near
+    a jump that they are not compared.
+    """
     rng, given_up, jumps = np.random.default_rng(seed), 0, 0
     for index in range(count):
         collision = random_graph(rng, singular=index % 4 == 3, fixed=index % 8 < 6)
@@ -261,7 +278,7 @@ def energy(collision, outcome=None):
 
 
 def moved(collision, matrix, sign):
-    """A collision after a linear map of the plane; `sign` is -1 for a mirror, which reverses turning."""
+    """Return a collision after a linear map of the plane; `sign` is -1 for a mirror, which reverses rotations."""
 
     def image(vectors):
         return [tuple(matrix @ np.array(vector)) for vector in vectors]
@@ -315,7 +332,10 @@ def test_a_diagonal_delassus_matrix_means_single_impacts():
 
 @pytest.mark.parametrize(("seed", "count"), [(71, 10), pytest.param(72, 100, marks=nightly)])
 def test_a_plastic_contact_is_the_limit_of_small_restitution(seed, count):
-    """Some rigid contacts are pulled open later: W has entries of both signs."""
+    """As e -> 0, velocities approach those for e = 0 in proportion to e.
+
+    Rigid contacts (e = 0) can be pulled open later here, because W has entries of both signs.
+    """
     rng = np.random.default_rng(seed)
     for index, collision in enumerate(random_graphs(seed, count)):
         contacts = collision.contacts
@@ -337,7 +357,11 @@ def test_a_plastic_contact_is_the_limit_of_small_restitution(seed, count):
 
 
 def test_a_plastic_contact_that_is_pulled_open():
-    """A body between a floor and a wall with an acute corner: pressing the wall opens the floor, which sticks first."""
+    """A contact with e = 0 that others pull open again has the outcome of e = 1e-7, to 1e-6.
+
+    A body lies in an acute corner between floor and wall. Its contact with the floor sticks first. Later the force of
+    the wall lifts it off the floor.
+    """
     corner_of_both = corner(40, restitutions=(0.0, 1.0), stiffness_ratio=1e-4, velocity=(-1.0, -1.0))
     outcome = solved(corner_of_both)
     assert outcome.status == "closed-form"
@@ -346,7 +370,7 @@ def test_a_plastic_contact_that_is_pulled_open():
     np.testing.assert_allclose(outcome.velocities, softer.velocities, atol=1e-6)
 
 
-def test_contrasts_of_stiffness_end():
+def test_extreme_stiffness_ratios_have_a_result():
     for contrast in (1e-8, 1e8):
         for collision in (
             bernoulli(stiffness_ratio=contrast, restitution=0.6),
@@ -356,7 +380,7 @@ def test_contrasts_of_stiffness_end():
 
 
 def test_jammed_bodies_are_given_up():
-    """A ball between two fixed walls that face each other never leaves."""
+    """A ball between two fixed walls that face each other ends as `unconverged`, without velocities."""
     walls = [BodyContact((1, None), (0.0, 1.0), 1.0, 1.0), BodyContact((1, None), (0.0, -1.0), 2.0, 1.0)]
     outcome = solve_graph_collision(GraphCollision([1.0], [(0.0, -1.0)], walls), max_windows=1000)
     assert outcome.status == "unconverged"
@@ -385,7 +409,7 @@ def test_many_graphs_are_those_one_by_one():
     for i in rng.permutation(len(same))[:5]:
         one = solve_graph(*(field[i] for field in fields))
         same_one = many[int(i)]
-        # Residuals are rounding, which may differ where arrays are added up in another order.
+        # Residuals are rounding errors, which depend on the order in which arrays are added up.
         assert replace(one, diagnostics={}) == replace(same_one, diagnostics={})
         assert one.diagnostics == pytest.approx(same_one.diagnostics, abs=1e-14)
     without = solve_graphs(*fields, events=False)
@@ -394,7 +418,7 @@ def test_many_graphs_are_those_one_by_one():
     assert [outcome.status for outcome in many[:3]] == many.statuses[:3].tolist()
 
 
-def test_an_ending_of_one_kernel_is_none_of_another():
+def test_endings_of_different_kernels_have_different_numbers():
     endings = [{ending.value for ending in kind} for kind in (PairEnding, ChainEnding, GraphEnding)]
     assert len(set.union(*endings)) == sum(map(len, endings))
 

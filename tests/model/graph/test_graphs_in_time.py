@@ -1,4 +1,8 @@
-"""Contact graphs under laws in time: the model, chains, closed forms, an independent integration, and invariances."""
+"""Contact graphs by laws in time.
+
+Frozen bistiffness is compared with the model, graphs with chains and closed forms, and random graphs with an
+independent integration. The tests also check balances and symmetries.
+"""
 
 from dataclasses import replace
 
@@ -29,13 +33,14 @@ from tests.model.test_chains import random_chain
 
 nightly = pytest.mark.nightly
 
-#: Laws that graphs have; under all but the textbook's a single contact has its e.
+#: Laws that can solve graphs. By `EXACT_LAWS` a single contact has exactly its restitution e, by the textbook's damping
+#: only approximately.
 EXACT_LAWS = ("kelvin-voigt", "compression-dashpot", "linear-dashpot", "bistiffness")
 GRAPH_LAWS = (*EXACT_LAWS, "kelvin-voigt-textbook")
 
 
 def numbers(collision):
-    """W, k, e and w of a collision."""
+    """Return the Delassus matrix W, stiffnesses k, restitutions e and rates of compression w of a collision."""
     contacts = collision.contacts
     return (
         collision.delassus,
@@ -88,7 +93,8 @@ def test_a_chain_laid_as_a_graph_is_the_chain(law, seed, count):
             continue
         assert graph.status == line.status
         up = np.array(collision.contacts[0].normal)
-        # A last bit of a mass moves an outcome of so many impacts on one contact, each of which stiffens it, by 1e-11.
+        # More than 200 steps mean many impacts on one contact, each of which stiffens it. Then a change in the last
+        # digit of a mass changes the outcome by 1e-11.
         rounding = 1e-10 if law == "bistiffness" and graph.diagnostics["n_steps"] > 200 else 1e-11
         np.testing.assert_allclose(graph.velocities @ up, line.velocities, atol=rounding, rtol=0)
     assert left_out <= 0.02 * count
@@ -157,7 +163,11 @@ def test_random_graphs_are_those_of_an_integrator(law, seed, count):
 
 
 def test_a_slack_contact_that_has_flown_pushes_no_sooner_than_its_force_is_zero():
-    """All bodies fly while contact 4 overlaps without force; then contact 2 returns, and presses it a little."""
+    """A contact that was slack during a flight carries force again only when its law gives a positive force.
+
+    All bodies fly while contact 4 overlaps without force. Then contact 2 closes again and presses contact 4 a little.
+    The velocities are compared with an independent integration, to 1e-9.
+    """
     collision = random_graphs(92, 12)[11]
     W, k, e, w = numbers(collision)
     b = graph_dampings(W[None], k[None], e[None], "kelvin-voigt")[0]
@@ -167,11 +177,12 @@ def test_a_slack_contact_that_has_flown_pushes_no_sooner_than_its_force_is_zero(
 
 
 def test_a_contact_that_others_open_carries_no_force():
-    """At 30 degrees the two lower balls touch, and are pushed apart from the start."""
+    """Ball 2 is moved by contact 1 alone, because the two lower balls are pushed apart from the start."""
     for law in GRAPH_LAWS:
         outcome = solved(bernoulli(stiffness_ratio=4, restitution=0.5), law)
         pushed = np.array(outcome.velocities)[1]
-        np.testing.assert_allclose(pushed[1] / pushed[0], np.sqrt(3), rtol=1e-12)  # along contact 1 alone
+        # the direction of the normal of contact 1
+        np.testing.assert_allclose(pushed[1] / pushed[0], np.sqrt(3), rtol=1e-12)
 
 
 def test_theorem_5_scales_outcomes():
@@ -244,7 +255,7 @@ def test_laws_that_are_no_series_are_refused():
 
 
 def test_numbers_of_phases_and_endings():
-    """Functions of both kernels of graphs read phases; an ending of one kernel is none of another."""
+    """Both kernels of graphs use the same numbers for phases; endings of different kernels have different numbers."""
     for phase in (GraphPhase.INACTIVE, GraphPhase.COMPRESSION, GraphPhase.RESTITUTION):
         assert Phase[phase.name] == phase
     others = {ending.value for kind in (PairEnding, ChainEnding, GraphEnding) for ending in kind}

@@ -1,4 +1,4 @@
-"""Illegal graphs: one line that names the field, the value and what is legal."""
+"""Illegal graphs are refused with one line that names the field, the value and what is legal."""
 
 import numpy as np
 import pytest
@@ -167,7 +167,7 @@ def test_masses_too_far_apart_have_no_result():
 
 
 def test_rounding_is_not_refused():
-    """Two balls that touch but for rounding, and a normal that is a unit vector but for rounding."""
+    """Rounding errors are accepted: balls overlap by 1e-12, and a normal is longer than 1 by 1e-10."""
     assert len(touching_balls([(0, 0), (0, 1 - 1e-12)], [0.5, 0.5])) == 1
     assert len(touching_balls([(0, 0), (0, 1 + 1e-6)], [0.5, 0.5])) == 0
     collision = collide(contact(normal=(0.6, 0.8000000001)))

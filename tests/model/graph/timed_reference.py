@@ -1,7 +1,7 @@
-"""An independent solution of contact graphs under laws in time: DOP853 of scipy, events by signs on its dense output.
+"""Independent solution of contact graphs by laws in time: DOP853 of scipy, events by sign changes on its dense output.
 
-Shares nothing with the package but the parameters. Steps are short beside the fastest period, so that no pair of events
-is missed but by bad luck. Contacts that become rigid are beyond it.
+It uses nothing of the package but the parameters. Its steps are short compared with the fastest period, so that it
+hardly ever misses two events that are close together. Contacts that become rigid cannot be solved.
 """
 
 from typing import NamedTuple
@@ -13,7 +13,7 @@ OPEN, LOADED, COMPRESSION, RESTITUTION, SLACK = range(5)
 BISTIFFNESS, KELVIN_VOIGT = "bistiffness", "kelvin-voigt"
 COMPRESSION_DASHPOT, LINEAR_DASHPOT = "compression-dashpot", "linear-dashpot"
 
-#: Rates below this share of the largest are 0 where only their sign matters.
+#: Rates below this share of the largest one count as 0 where only their sign matters.
 ZERO = 1e-12
 
 
@@ -39,9 +39,10 @@ class _Run:
         self.phase[self.w > ZERO * self.scale] = self.first
 
     def decide(self):
-        """A contact at rest without depth is active if the first derivative of its rate that is not 0 is positive.
+        """Activate contacts at rest without depth that are about to be compressed; return the undecided ones.
 
-        Contacts that nothing presses or opens stay undecided; they are returned.
+        The first derivative of the rate of compression that is not 0 decides: a contact is active if it is positive. A
+        contact that nothing presses or opens stays undecided.
         """
         undecided = (self.phase == OPEN) & (self.delta == 0) & (np.abs(self.w) <= ZERO * self.scale)
         self.w[undecided] = 0.0
@@ -61,7 +62,7 @@ class _Run:
         return np.where(active, self.k * delta, 0.0) + np.where(damped, self.b * w, 0.0)
 
     def watched(self, undecided):
-        """Functions of (delta, w), each with the direction in which it passes zero, its contact and the next phase."""
+        """Yield functions of (delta, w) that pass zero at an event, with direction, contact and next phase."""
         for i, phase in enumerate(self.phase):
             if undecided[i]:
                 continue
@@ -84,7 +85,7 @@ class _Run:
                 yield force, -1, i, SLACK if self.b[i] else OPEN
 
     def follow(self, step):
-        """Move to the first event, and apply it."""
+        """Integrate to the first event, and apply the event."""
         n, functions = len(self.k), list(self.watched(self.decide()))
         moving = np.sqrt(np.linalg.eigvalsh(self.W)[-1] * self.k.max())
         moving += np.linalg.eigvalsh(self.W)[-1] * self.b.max()

@@ -1,4 +1,4 @@
-"""What a cell shows when it is opened, held against the tables, the engine and the commands it names."""
+"""What the page shows of an opened cell, compared with the tables, MuJoCo and the commands it names."""
 
 import json
 import shlex
@@ -23,7 +23,7 @@ def cells(engine_run):
     return collect_cells(RunFolder(engine_run), CELLS)
 
 
-def test_it_shows_the_tables(engine_run, cells):
+def test_an_opened_cell_shows_the_tables(engine_run, cells):
     table = pd.read_parquet(engine_run / "cells.parquet").set_index(["cell", "solver"])
     d = pd.read_parquet(engine_run / "divergence.parquet").set_index(["cell", "solver"]).velocity_divergence
     ladder = pd.read_parquet(engine_run / "ladder.parquet").set_index("cell")
@@ -59,7 +59,7 @@ def test_curves_end_where_the_tables_do_and_the_scene_is_one(cells):
     ("run", "cell", "count"),
     [("engine_run", 7, 4), pytest.param("chain_run", 0, 3, marks=pytest.mark.nightly)],
 )
-def test_its_commands_can_be_pasted(run, cell, count, request, monkeypatch, command):
+def test_commands_of_an_opened_cell_can_be_pasted(run, cell, count, request, monkeypatch, command):
     root = request.getfixturevalue(run)
     opened = collect_cells(RunFolder(root), [cell])[cell]
     *others, solve, film = commands = [shlex.split(line)[1:] for _, line in opened["commands"]]

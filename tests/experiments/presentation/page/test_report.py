@@ -1,4 +1,4 @@
-"""The page of a run in a browser: it asks for nothing, complains of nothing, and what is to move moves."""
+"""The page of a run in a browser: it loads nothing, has no errors, and its controls work."""
 
 import html
 import json
@@ -16,14 +16,14 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def page(engine_run):
-    """The page of the run in one browser; that it asked for nothing and had no error is held when it is closed."""
+    """The page of a run in a browser. When it is closed, `opened` asserts that it loaded nothing and had no error."""
     with opened((engine_run / "report.html").as_uri()) as page:
         page.wait_for_selector("html[data-ready]", state="attached")
         yield page
 
 
 @pytest.mark.smoke
-def test_it_is_within_reach_of_everyone(page):
+def test_the_page_is_accessible_and_fits_every_width(page):
     for width, scheme in ((390, "dark"), (1200, "light")):
         page.set_viewport_size({"width": width, "height": 900})
         page.emulate_media(color_scheme=scheme)
@@ -46,7 +46,7 @@ def test_a_tile_opens_its_cell(page):
     tiles = page.locator("#map canvas").first
     tiles.scroll_into_view_if_needed()
     box = tiles.bounding_box()
-    # Bokeh 3.3 waits for a second click before it takes the first: titles are noted whenever they come.
+    # Bokeh 3.3 waits for a second click before it handles the first one, so titles are recorded whenever they appear.
     page.evaluate(
         """() => {
         const title = document.querySelector("#cell-title");
@@ -59,7 +59,7 @@ def test_a_tile_opens_its_cell(page):
         for above in (0.15, 0.35, 0.5):
             page.mouse.click(box["x"] + across * box["width"], box["y"] + above * box["height"])
     page.wait_for_function("window.titles.size > 3", timeout=HUNG)
-    page.reload()  # no click may still come in the tests below
+    page.reload()  # no delayed click may reach the tests below
     page.wait_for_selector("html[data-ready]", state="attached")
 
 
@@ -102,7 +102,7 @@ def test_without_scripts_the_words_and_pictures_are_there(run, words, request):
 
 @pytest.mark.parametrize(("run", "least"), [("engine_run", 30), ("chain_run", 15)])
 def test_every_number_in_a_sentence_is_a_value_of_the_tables(run, least, request):
-    """Each is read back by the key that the page shows of it."""
+    """Every number in a sentence of the page equals the value in the tables that its key names."""
     root = request.getfixturevalue(run)
     page = (root / "report.html").read_text(encoding="utf-8")
     found = re.findall(r'<data value="([^"]+)" title="([^"]+)">([^<]+)</data>', page)
@@ -116,7 +116,7 @@ def test_every_number_in_a_sentence_is_a_value_of_the_tables(run, least, request
 
 
 def of_tables(root, key):
-    """Compute what a key of the page names from the tables of a run."""
+    """Return the number that a key of the page names, computed from the tables of the run."""
     solver, *words = key.split(" ")
     cells = pd.read_parquet(root / "cells.parquet")
     cells = cells[cells.status.isin(["ok", "closed-form"])]
@@ -141,7 +141,7 @@ def of_tables(root, key):
         return len(ladders) if words[-1] == "n" else ladders.velocity_divergence.mean()
     measure, statistic, *where = words
     axis, _, at = where[0].partition("=") if where else ("all", "", "")
-    if measure.startswith("share_") and "balls" in ladders:  # of chains summary.csv holds none
+    if measure.startswith("share_") and "balls" in ladders:  # summary.csv has no ladders of chains
         rows = ladders[ladders[axis].astype(str) == at] if at else ladders
         return np.average(rows[f"{measure.removeprefix('share_')}_share"], weights=rows.velocity_divergence)
     rows = pd.read_csv(root / "summary.csv").query("cells == 'regular'")

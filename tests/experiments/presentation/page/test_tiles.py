@@ -1,4 +1,4 @@
-"""The map of a run whose tiles open: what its colours are, and which cell a tile opens."""
+"""The map of a run with tiles: which colours they have, and which cell a tile opens."""
 
 import pandas as pd
 import pytest
@@ -10,7 +10,7 @@ from tests.experiments.conftest import swept
 
 
 def tiles(root, **config):
-    """Run an experiment of exact solvers, if one is given; the tiles and the table of what is there."""
+    """Return the tiles of a run and its table of divergences; with a configuration, run it with exact solvers first."""
     if config:
         swept(root, solvers=["kelvin-voigt", "bistiffness"], chunk_size=None, **config)
     folder = finished_run(root)
@@ -43,7 +43,7 @@ def test_scattered_cells_share_tiles_of_bins(tmp_path):
     assert len(found.places) <= TILES < table.cell.nunique() == 2400
     assert not found.places.duplicated(["across", "above"]).any()
     worst = table.loc[table[table.marked.isna()].velocity_divergence.idxmax()]
-    (tile,) = found.places[found.places.cell == worst.cell].itertuples()  # it opens
+    (tile,) = found.places[found.places.cell == worst.cell].itertuples()  # the tile that opens the worst cell
     assert float(tile.column) == pytest.approx(worst.stiffness_ratio, rel=0.6)
 
 

@@ -1,4 +1,4 @@
-"""Curves that are drawn, and a collision over time, against printed numbers, formulas, an oracle and springs."""
+"""Curves and histories of collisions, compared with printed numbers, formulas, an independent solution and springs."""
 
 import json
 import math
@@ -18,7 +18,7 @@ from impact_xval.model import Collision, Outcome, solve
 from tests.model.oracle import solve_oracle
 
 M2 = 2 / math.sqrt(3)
-#: Final velocities of panel 1b; tests/published/test_printed_values.py has where these and others are from.
+#: Final velocities in panel 1b. The origin of such numbers is in tests/published/test_printed_values.py.
 EXACT_1B = (0.88981120733190, 0.00016910787873)
 
 
@@ -32,18 +32,21 @@ def panels():
 
 
 def drawn(ax, label):
-    """Points of the lines of one label, one after the other."""
+    """Return the points of all lines with a label, one line after the other."""
     points = np.concatenate([line.get_xydata() for line in ax.lines if line.get_label() == label])
     return points[np.isfinite(points).all(axis=1)]
 
 
 def impulses(v1, v2, m2=M2):
-    """Balances of momentum of B1 and of both balls, per m1 abs(v0)."""
+    """Return the impulses of both contacts, per m1 abs(v0), from the momentum of B1 and of both balls."""
     return 1 + v1, 1 + v1 + m2 * v2
 
 
 def test_2a_turns_where_the_supplement_says(panels):
-    """Horizontally to (1 + e1) m2/(1 + m2), vertically by e1 m2, then along l1 to the velocity 0.45203."""
+    """Curve 2a goes horizontally to (1 + e1) m2/(1 + m2), vertically by e1 m2, then along l1 to the velocity 0.45203.
+
+    The corners are compared with the supplement's values, the end to 2e-5.
+    """
     turn = 1.9 * M2 / (1 + M2)
     horizontal, vertical = drawn(panels["2a"], "S1"), drawn(panels["2a"], "S2")
     assert np.abs(vertical[:, 0] - turn).max() < 1e-12
@@ -70,7 +73,7 @@ def test_curves_without_printed_velocities_end_where_the_oracle_does(panels):
         end = impulses(outcome.v1, outcome.v2, cell[1])
         assert drawn(panels[name], "exact end")[0] == pytest.approx(end, abs=1e-6)
         assert not any(line.get_label() == "printed" for line in panels[name].lines)
-    i1, i2 = drawn(panels["3a"], "S1")[-1]  # along l1
+    i1, i2 = drawn(panels["3a"], "S1")[-1]  # the curve ends on the line l1
     assert -1 + (1 + 1 / M2) * i1 - i2 / M2 == pytest.approx(0, abs=1e-12)
 
 
@@ -99,7 +102,7 @@ def test_curves_of_one_collision_end_at_the_printed_numbers_whatever_the_units()
 
 
 def test_curves_of_chains_are_those_of_the_chain_of_the_figures(chain_run):
-    """The impulse of the first contact is what ball 1 loses, per m1 |v0|."""
+    """In the curves of a run the impulse of contact 1 is the momentum that ball 1 loses, to 2 %, per m1 |v0|."""
     curves = {row["solver"]: row for row in pq.read_table(chain_run / "curves.parquet").to_pylist()}
     for name in ("state-transition", "kelvin-voigt", "mujoco"):
         row = curves[name]
@@ -118,7 +121,10 @@ def of(name, **settings):
 
 @pytest.mark.parametrize("name", ["kelvin-voigt", "mujoco"])
 def test_without_damping_a_force_is_that_of_a_spring_of_its_compression(name):
-    """In units of k1 and abs(v0) sqrt(m1/k1): force 1 is compression 1, force 2 is k2/k1 times compression 2."""
+    """Without damping each force is that of a spring: force 1 is compression 1, force 2 is k2/k1 compression 2.
+
+    Forces and compressions are in units in which k1 is 1, with the length abs(v0) sqrt(m1/k1).
+    """
     _, history = of(name)
     between = 0.5 * (history.compressions[1:] + history.compressions[:-1])
     springs = np.maximum(between, 0) * [1, 3]

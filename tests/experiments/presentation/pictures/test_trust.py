@@ -1,4 +1,4 @@
-"""Trust maps of a run whose engine is off by known amounts."""
+"""Trust maps, which show where an engine is within given errors, for a run whose engine is off by known amounts."""
 
 import pandas as pd
 import pytest
@@ -10,7 +10,7 @@ from tests.experiments.conftest import SMALL, swept
 
 
 def trusted(root, **fields):
-    """Run an experiment; its trust, and the ladders of its engine."""
+    """Run an experiment; return its trust maps and the ladders of its engine."""
     folder = swept(root, fakes.shifted if "sample" in fields else fakes.graded, **fields)
     table = pd.read_parquet(folder.root / "ladder.parquet")
     return make_trust_maps(folder, folder.config()), table[table.solver == "mujoco"]
@@ -21,10 +21,13 @@ def graded(tmp_path_factory):
     return trusted(tmp_path_factory.mktemp("run") / "run")
 
 
-def test_levels_are_those_of_the_amounts(graded):
-    """D is the amount itself. Of two cells of a field the median is their mean: 0.3 %, 1.7 % and 25 %."""
+def test_levels_of_the_map_follow_the_known_errors(graded):
+    """D equals the amount by which the engine is off, so that medians are 0.3 %, 1.7 % and 25 %.
+
+    A field of the map holds two cells. The median of two numbers is their mean.
+    """
     trust, _ = graded
-    assert set(trust.index.unique("solver")) == {"mujoco"}  # pybullet has no result anywhere
+    assert set(trust.index.unique("solver")) == {"mujoco"}  # pybullet has no result in any cell
     for name, along in (("cells", [2, 2, 2]), ("typical", [0, 1, 3]), ("strict", [0, 1, 3])):
         image = trust.loc["mujoco", name].unstack()
         assert (image.columns.tolist(), image.index.tolist()) == ([0.5, 1.0, 2.0], [1.0, 1.5])
@@ -33,14 +36,14 @@ def test_levels_are_those_of_the_amounts(graded):
     assert "MuJoCo: the median D is within 5 % in 66.7 % of the fields" in caption
 
 
-def test_to_blame_is_the_largest_sum_of_components_in_the_table(graded):
+def test_the_cause_to_blame_has_the_largest_sum_of_components(graded):
     trust, table = graded
     blamed, beyond = trust.loc["mujoco"].blamed, table[table.velocity_divergence > 0.01]
     names = [f"{c.name}_share" for c in CONTRIBUTIONS if f"{c.name}_share" in table]
     along = beyond[names].fillna(0).mul(beyond.velocity_divergence, axis=0)
     sums = along.groupby([beyond.mass_ratio, beyond.stiffness_ratio]).sum()
     assert (blamed[sums.index] + "_share").tolist() == sums.idxmax(axis=1).tolist()
-    assert blamed.loc[:, 0.5].isna().all()  # within 1 %
+    assert blamed.loc[:, 0.5].isna().all()  # within 1 %, so nothing is to blame
     assert len(sums) == blamed.notna().sum() == 4
 
 
