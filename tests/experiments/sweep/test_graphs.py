@@ -196,7 +196,7 @@ def test_another_kind_of_run_is_refused(graph_run, chain_run):
 
 def test_the_terminal_says_how_far_solvers_are_and_who_breaks_symmetry(graph_run):
     said = "\n".join(Markup(str(block)).striptags() for block in summary_blocks(summarise(graph_run)))
-    assert "keep the mirror symmetry of a scene, up to rounding, in 18 symmetric graphs" in said
+    assert "keep the mirror symmetry of a scene to rounding, in 18 symmetric graphs" in said
     assert "MuJoCo breaks the mirror symmetry" in said
     assert "by up to 0.02 |v0|" in said
     console = Console(file=io.StringIO(), width=200)
