@@ -364,10 +364,10 @@ class Config(Strict):
             return ""
         table = self.chain or self.graph or self.grid
         axes = (
-            f"{name} {len(values)}" + ("" if name in table.model_fields_set else " (default)")
+            f"{len(values)} of {name}" + ("" if name in table.model_fields_set else " (default)")
             for name, values in table.varied().items()
         )
-        return f"{table.count()} {NOUN_OF[self.kind]}: {', '.join(axes)}"
+        return f"{table.count()} {NOUN_OF[self.kind]}; values on each axis: {', '.join(axes)}"
 
     def _as_written(self) -> dict[str, object]:
         """Return the values of all keys that apply to this experiment, as a TOML file has them."""

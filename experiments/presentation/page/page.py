@@ -69,8 +69,8 @@ _HYPOTHESIS = Markup(
 #: Sentences about the contact laws that most runs have, by the name of the solver.
 _LAWS = {
     "kelvin-voigt": (
-        "Exact Kelvin-Voigt is the exact solution for contacts that are springs with dashpots, the contact law that "
-        "most engines are set to."
+        "Exact Kelvin-Voigt is the exact solution for contacts that are springs with dashpots, the law of contacts in "
+        "MuJoCo, PyBullet and Drake as set up here."
     ),
     "bistiffness": (
         "Exact bistiffness is the exact solution for contacts whose springs are stiffer during restitution than during "
@@ -91,7 +91,10 @@ GLOSSARY = (
         "exact bistiffness",
         "springs that are stiffer in restitution than in compression: the model's restitution, with bodies that move",
     ),
-    ("exact Kelvin-Voigt", "springs with dashpots, the contact law that most engines are set to"),
+    (
+        "exact Kelvin-Voigt",
+        "springs with dashpots, the law of contacts in MuJoCo, PyBullet and Drake as set up here",
+    ),
     ("frozen positions", "the model's assumption that bodies do not move during the collision"),
     (
         "dissipation law",
@@ -416,7 +419,7 @@ def _accuracy_section(summary: Summary) -> Section:
     said = [
         "Nothing is random, so a repeated run gives the same numbers. An engine simulates every collision with several "
         "time steps. The results are extrapolated to a time step of zero (the limit dt -> 0), with an estimate of the "
-        "error.",
+        "error. All other sections show D at the time step of the run.",
         *(f"{each}." for each in findings.describe_unsolved(summary)),
         *(
             [

@@ -149,11 +149,14 @@ def test_a_run_says_how_many_cells_there_are_and_which_axes_took_defaults(tmp_pa
 
     monkeypatch.setattr(sweep, "run_sweep", begun)
     for text, says in (
-        (GRID, "36 cells: stiffness_ratio 3, mass_ratio 1, e1 4 (default), e2 3"),
+        (
+            GRID,
+            "36 cells; values on each axis: 3 of stiffness_ratio, 1 of mass_ratio, 4 of e1 (default), 3 of e2",
+        ),
         (
             "[chain]\narrangement = ['pile']\nballs = [2, 3]\ne = 0.9\n",
-            "6 chains: arrangement 1, balls 2, exponent 1 (default), mass_taper 1 (default), "
-            "stiffness_taper 3 (default), gap 1 (default), e 1",
+            "6 chains; values on each axis: 1 of arrangement, 2 of balls, 1 of exponent (default), "
+            "1 of mass_taper (default), 3 of stiffness_taper (default), 1 of gap (default), 1 of e",
         ),
     ):
         (tmp_path / "my.toml").write_text(text)
