@@ -117,7 +117,8 @@ class MujocoContact(NamedTuple):
         stiffness = -self.direct[0]
         if dmin == dmax:
             return (1 - dmin) * acceleration / stiffness
-        # `high` is twice the depth at which the ball would rest if d were the smallest impedance at every depth.
+        # Suppose that the impedance had its smallest value at every depth. `high` is twice the depth at which the ball
+        # would then rest.
         least = min(dmin, dmax)
         low, high = 0.0, 2 * (1 - least) * acceleration / (stiffness * (least / dmax) ** 2)
         while low < (r := 0.5 * (low + high)) < high:
@@ -173,9 +174,9 @@ class Side(NamedTuple):
         return Side(stiffness, self.dissipation + partner.dissipation)
 
 
-#: Parameters of a rigid and undamped side. They leave the parameters of the opposite side unchanged: 1/(1/k + 1/1e30) =
-#: k in double precision. PyBullet gives the stiffness of 1e30 N/m to a body without numbers (BT_LARGE_FLOAT in
-#: btScalar.h).
+#: Parameters of a rigid and undamped body. In a contact with it the other body's parameters are those of the contact:
+#: 1/(1/k + 1/1e30) = k in double precision. PyBullet uses the same stiffness of 1e30 N/m for a body whose contact
+#: stiffness is not set (BT_LARGE_FLOAT in btScalar.h).
 RIGID = Side(1e30, 0.0)
 
 

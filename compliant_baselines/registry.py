@@ -397,7 +397,7 @@ def has_fixed_mapping(name: str) -> bool:
 
 
 def title_of(name: str) -> str:
-    """Return the name of a solver for pages and figures; the name itself for a plug-in."""
+    """Return the title of a solver, for pages and figures. The title of a plug-in is its registered name."""
     return _SPECS[name].title if name in _SPECS else name
 
 

@@ -142,7 +142,7 @@ def damping_ratios(e: Floats) -> Floats:
 
 
 def textbook_damping_ratios(e: Floats) -> Floats:
-    """Return the damping ratios -ln e/sqrt(pi^2 + ln^2 e) that give contacts that may pull the restitutions e.
+    """Return the damping ratios -ln e/sqrt(pi^2 + ln^2 e), with which contacts that may pull have the restitutions e.
 
     `e` has any shape, with numbers in (0, 1].
     """

@@ -172,7 +172,8 @@ class Solver(ABC):
         Returns
         -------
         Sequence[Outcome]
-            One outcome for every collision, in order; failures are outcomes with a status (rule 2).
+            One outcome for every collision, in order. A collision without a result has an outcome whose status gives
+            the reason.
         """
 
     def solve_graphs(
@@ -192,7 +193,8 @@ class Solver(ABC):
         Returns
         -------
         Sequence[GraphCollisionOutcome]
-            One outcome for every graph, in order; failures are outcomes with a status (rule 2).
+            One outcome for every graph, in order. A graph without a result has an outcome whose status gives the
+            reason.
         """
         reason = f"{self.name} solves balls in a line alone, no contact graphs"
         return [
@@ -231,7 +233,7 @@ class OneByOne(Solver):
 
     @abstractmethod
     def solve_one(self, collision: Collision, settings: Settings) -> Outcome:
-        """Solve one collision; a failure is an outcome with a status (rule 2)."""
+        """Solve one collision. If there is no result, the outcome's status gives the reason."""
 
     def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
         """Solve every collision; return the outcomes in order."""

@@ -211,7 +211,7 @@ def strike_in_mujoco(
 
 
 def _strike_once_in_mujoco(model: Any, gap: float, speed: float, most_steps: int) -> tuple[float, ...]:
-    """Run a compiled scene once, with A at a gap in m from B; return the final velocities in m/s."""
+    """Run a compiled scene once, with the given gap in m between A and B, and return the final velocities in m/s."""
     mujoco: Any = import_module("mujoco")
     data = mujoco.MjData(model)
     data.qpos[-1], data.qvel[-1] = gap, -speed

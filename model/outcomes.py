@@ -100,7 +100,7 @@ class Outcomes(Sequence[Outcome]):
 
     @property
     def reasons(self) -> NDArray[np.object_]:
-        """Sentences on statuses, as in `Outcome`."""
+        """Sentence that explains the status, for each outcome; empty if there is nothing to explain."""
         return np.array(self.reason_texts, dtype=object)[self.reason]
 
     @property
@@ -259,7 +259,7 @@ class GridOutcomes:
 
     @property
     def reasons(self) -> NDArray[np.object_]:
-        """Sentences on statuses, as in `Outcome`."""
+        """Sentence that explains the status, for each outcome; empty if there is nothing to explain."""
         return self.flat.reasons.reshape(self.shape)
 
     @property

@@ -321,7 +321,11 @@ def _times_unit(values: Floats, unit: Floats) -> Floats:
 
 
 def _pair_endings(cells: PairRatios, ending: NDArray[np.int64], options: PairOptions) -> list[Ending]:
-    """Return all ways in which collisions of two balls may have ended whose ending is not `PairEnding.FINISHED`."""
+    """Return the possible endings of collisions of two balls in which the kernel's ending is not `PairEnding.FINISHED`.
+
+    Each `Ending` has a condition for each collision, a status and a sentence. A collision gets the first one whose
+    condition is true.
+    """
     kappa, e1, e2 = cells.kappa, cells.e1, cells.e2
     cutoff = options.cutoff
     is_exact = cutoff == EXACT

@@ -44,8 +44,9 @@ from impact_xval.compliant_baselines.restitution import hunt_crossley_coefficien
 #: Relative tolerance of Drake's contact solver (SapSolverParameters). It cannot be set from Python.
 SAP_TOLERANCE = 1e-6
 
-#: Phase angle omega t of a contact at which its impulse per step must have reached the tolerance. Half the square of
-#: this angle is the fraction of the velocity that is lost before.
+#: Largest phase angle omega t, counted from the touch, until which the engine may neglect the impulses of a contact. It
+#: neglects impulses per step below the tolerance. Half the square of the angle is the fraction of the velocity change
+#: that is then missing.
 LATEST_START = 0.02
 
 #: Error over |v0| that the integrator may make in each step. The error of final velocities is 4 times as large.
@@ -304,7 +305,7 @@ class DrakeWorld(World):
         return joints
 
     def _material(self, side: Side) -> DrakeProperties:
-        """Make frictionless contact properties with the parameters of a side."""
+        """Make frictionless contact properties with the parameters of one of the two bodies of a contact."""
         geometry, frictionless = _module("geometry"), _module("multibody.plant").CoulombFriction(0.0, 0.0)
         properties = geometry.ProximityProperties()
         dissipation = {} if self._dashpots else {"dissipation": side.dissipation}
@@ -345,7 +346,7 @@ def _module(name: str) -> ModuleType:
 
 
 def _read_side(properties: DrakeProperties) -> Side:
-    """Read the parameters of a side back from the engine; a relaxation time that is not set becomes 0."""
+    """Read one body's parameters in a contact back from the engine. A relaxation time that is not set becomes 0."""
     names = "point_contact_stiffness", "relaxation_time"
     return Side(*(properties.GetPropertyOrDefault("material", name, 0.0) for name in names))
 

@@ -308,7 +308,10 @@ class Engine(Solver):
         law: str,
         settings: Settings,
     ) -> None:
-        """Add marks to the list of outcomes, by the exact law that the engine was asked for; failures get no marks."""
+        """Add marks to the outcomes in the list, by the exact law that the engine was asked for.
+
+        A mark is a sentence that warns of an outcome near a jump of this law. Failures get no marks.
+        """
         has_numbers = [i for i, outcome in enumerate(outcomes) if np.isfinite(outcome.velocities).all()]
         g = settings.gravity if settings.scenario == "drop" else 0.0
         solve = law_at(law, max_steps=settings.max_steps)

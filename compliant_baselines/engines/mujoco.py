@@ -64,9 +64,9 @@ JOINTS = {1: {"": "0 0 1"}, 2: {"x": "1 0 0", "z": "0 0 1"}}
 
 
 def mjcf(arrangement: Arrangement) -> str:
-    """Return an MJCF file with balls of 1 kg and a radius of 1 m; `MujocoWorld` replaces these numbers.
+    """Return an MJCF file with balls of 1 kg and a radius of 1 m; `MujocoWorld` replaces these values.
 
-    Pairs have the numbers of the contacts as names. The first plane is the table, which exists even if nothing touches
+    The name of a pair is the number of its contact. The first plane is the table, which exists even if nothing touches
     it. Each further contact with a fixed body has its own plane.
     """
     names = [f"B{i}" for i in range(1, len(arrangement.centres) + 1)]
@@ -362,7 +362,7 @@ class MappedScene(NamedTuple):
 
 
 def map_scene(scene: Scene) -> MappedScene:
-    """Map the contacts of a scene to MuJoCo's parameters; return them with bounds on depth and acceleration."""
+    """Return MuJoCo's parameters for the contacts of a scene, and bounds on depth and acceleration."""
     impedance = scene.regularisation * MUJOCO_IMPEDANCE
     if scene.mapping == "shipped":
         pairs = [MujocoContact(MUJOCO_DEFAULT_SOLREF, MUJOCO_DEFAULT_SOLIMP)] * len(scene.stiffnesses)

@@ -4,24 +4,24 @@
 m_i (dv_i + g h), where g h takes the effect of gravity out. The contact forces that an engine reports are never used.
 
 **A contact carries force** in a step if its impulse is larger than the rounding of the momenta, `World.rounding` times
-their sum. A pulling impulse is taken for rounding, unless contacts of the engine may pull (`World.pulls`). A contact
-that may pull, once begun, also counts as carrying force until its gap opens.
+their sum. A pulling impulse is taken for rounding, unless contacts of the engine may pull (`World.pulls`). Contacts of
+some engines may pull. Such a contact is taken to carry force from its first impulse until its gap opens.
 
 **Without gravity** the collision is over at the end of the first step in which no contact carries force and no bodies
 approach. A flight that lasts longer than the remaining steps is given up.
 
-**In a drop** gravity is switched off for good when the first flight begins. This is the end of the first step in which
-no contact carries force and after which both gaps are open. A drop is also over when balls have settled, so that their
-energy about equilibrium cannot unload the contacts that are closed. Either only B2 has settled on the table, while B1
-is clear of it and rises, or both balls have settled. The velocities of settled balls are reported as 0. The diagnostic
-`rest_speed` is the velocity that B2 still had. docs/theory.md, section 8, gives the reasons. The exact solvers follow
-the same rules.
+**In a drop** gravity is switched off for good when the first flight begins: at the end of the first step in which no
+contact carries force, and after which both gaps are open. From then on the rule without gravity applies. A drop is over
+earlier if balls settle. Balls have settled if their energy about equilibrium is too small to unload the contacts that
+are closed. Either only B2 has settled on the table, while B1 is clear of it and rises, or both balls have settled. The
+velocities of settled balls are reported as 0. The diagnostic `rest_speed` is the velocity that B2 still had.
+docs/theory.md, section 8, gives the reasons. The exact solvers follow the same rules.
 
 **A flight that is given up** may end with a further meeting, which changes little if bodies approach slowly. Proof: let
 p be any velocities at which all bodies part, and |.| the kinetic norm. Contacts that only push, with impulses P_i >= 0,
 change v to v' = v + sum_i P_i n_i, where n_i . p >= 0. They create no energy, so |v' - p|^2 = |v'|^2 - 2 v' . p + |p|^2
 <= |v - p|^2. So the final velocities are no further from p than the velocities in flight. If the velocities in flight
-are within `SLOWEST_MEETING` of the nearest such p, the collision counts as over, and p is reported.
+are within `SLOWEST_MEETING` of the nearest such p, the collision is taken to be over, and p is reported.
 """
 
 from __future__ import annotations
@@ -54,9 +54,10 @@ PATH_POINTS = 2000
 #: Springs and dashpots create no energy; explicit steps of 1/1000 of a period create at most 1e-4 of it.
 ENERGY_GAIN_ALLOWED = 0.01
 
-#: Largest change of a velocity by a meeting that is still to come, over the speed at the start, with which a collision
-#: counts as over. It is a tenth of the default tolerance of a limit. Elastic balls that should come to rest against one
-#: another still approach slowly: at about 1e-8 by MuJoCo's impedance, and at up to 1e-4 because PyBullet's steps damp.
+#: Largest change of a velocity by a meeting that is still to come, over the speed at the start. If the change is at
+#: most this large, the collision is taken to be over. The number is a tenth of the default tolerance of a limit.
+#: Elastic balls that should come to rest against one another still approach slowly: at about 1e-8 by MuJoCo's
+#: impedance, and at up to 1e-4 because PyBullet's steps damp.
 SLOWEST_MEETING = 1e-4
 
 #: Number of steps in a window. The steps of a window are taken first and then read together.

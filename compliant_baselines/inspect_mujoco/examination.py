@@ -60,7 +60,10 @@ NEGLIGIBLE = 1.5e-3
 
 
 class ExaminedContact(NamedTuple):
-    """Measurement of contacts with equal parameters and bodies, and the contacts that a user may have meant."""
+    """Measurement of contacts with equal parameters and bodies.
+
+    The record also holds the readings of the parameters: which contact a user may have meant by them.
+    """
 
     bodies: Bodies
     row: MeasuredContact

@@ -259,7 +259,10 @@ def _point_to_assets(root: ElementTree.Element, folder: Path) -> None:
 
 
 def _measure_written(model: Any, to_write: Sequence[ContactToWrite], speed: float) -> list[WrittenContact]:
-    """Measure the written contacts that differ most in each group of contacts of the original scene."""
+    """Choose contacts from each group of the original scene, and measure them in the new scene.
+
+    The contacts of a group have equal parameters. Those that differ most in their bodies are chosen (`choose_members`).
+    """
     selected = {geom for one in to_write for geom in one.contact.geoms}
     now = {contact.geoms: contact.bodies for contact in find_contacts(model, selected)}
     by_bodies = {one.contact.bodies: one for one in reversed(to_write)}

@@ -44,7 +44,8 @@ SHIPPED_RADIUS = 2.0**-4
 #: place, in double and in single precision.
 DOUBLE, SINGLE = 2.0**-46, 2.0**-17
 
-#: Factor on the radii of balls in a plane, in double precision. Overlaps are as long as in a line.
+#: Factor by which the radii of balls are larger in a scene in a plane than in a line, in double precision. Overlaps are
+#: as long as in a line.
 PLANE_WIDER = 2.0**20
 
 #: Limit on masses, velocities and steps: they must be below this number and above its inverse. Single precision can
@@ -155,10 +156,10 @@ class RigidWorld(World):
 
 
 class RigidEngine(Engine):
-    """Base class of rigid engines: contacts have restitutions, and stiffnesses only decide the length of a step."""
+    """Base class of rigid engines: contacts have restitutions. Stiffnesses only determine the length of a step."""
 
     kind, law = "rigid", None
-    #: Factor on radii in a plane; it is `PLANE_WIDER` for engines in double precision.
+    #: Factor by which radii are larger in a scene in a plane; it is `PLANE_WIDER` for engines in double precision.
     plane_wider: float = 1.0
 
     def radius(self, scene: Scene) -> float:

@@ -263,7 +263,7 @@ class Problem:
 
 
 def closed_forms(records: Records) -> list[Ending]:
-    """Return the endings of chains for which closed forms were used, one for each combination of closed forms."""
+    """Return one ending for each combination of closed forms with which a chain may have been solved."""
     endings: list[Ending] = []
     for plastic, runaway, collapse in product((False, True), repeat=3):
         parts = [(plastic, PLASTIC_REASON), (runaway, RUNAWAY_REASON), (collapse, COLLAPSE_REASON)]

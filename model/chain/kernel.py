@@ -144,7 +144,8 @@ def follow_series(c, n, next_step, work):
 def follow_step(c, n, first_step, tolerance, work):
     """Follow a chain under a power law through a window up to its first event, and return the window.
 
-    The window is one step of integration, which is repeated up to the event.
+    The window is one step of integration. If an event lies inside the step, the step is computed again with a shorter
+    length, so that it ends at the event.
     """
     h, next_step = advance(c, n, first_step, tolerance, work)
     contact, watched = -1, 0

@@ -84,7 +84,7 @@ def amplitude(c, matrices, i, x, h):
         highest = max(highest, A[mode, mode])
     total = 0.0
     for mode in range(c.size):
-        is_new = A[mode, mode] > c.size * EPSILON * highest  # a mode of frequency 0 is not in the motion
+        is_new = A[mode, mode] > c.size * EPSILON * highest  # a mode of frequency 0 does not oscillate
         for before in range(mode):
             is_new &= abs(A[before, before] - A[mode, mode]) > SAME * highest
         if is_new:
@@ -94,9 +94,10 @@ def amplitude(c, matrices, i, x, h):
 
 @kernel_helper
 def amplitude_of_frequency(c, matrices, i, mode, distance, x, h):
-    """Return sqrt(k_i) times the amplitude that all modes with the frequency of `mode` have in the rate of contact i.
+    """Return the amplitude of one sinusoid in the rate of contact i, times sqrt(k_i).
 
-    Eigenvalues that differ by at most `distance` belong to one frequency.
+    The sinusoid has the frequency of `mode`. It is the sum of all modes with this frequency. Eigenvalues that differ by
+    at most `distance` belong to one frequency.
     """
     A, vectors = matrices.A, matrices.vectors
     by_rate, by_slope = 0.0, 0.0

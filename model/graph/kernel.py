@@ -88,7 +88,7 @@ def energy_left(c, W):
 
 @kernel_helper
 def end_held(c, W):
-    """Deactivate the active contacts that rigid contacts keep at rest, and return their strain energy, which is lost.
+    """Deactivate the active contacts that rigid contacts keep at rest. Return their strain energy, which is lost.
 
     The rate of such a contact is 0 and stays 0, so its bodies are jammed: all forces are in balance for ever.
     """

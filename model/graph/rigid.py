@@ -45,7 +45,7 @@ MOST_EXCHANGES = 8
 def eliminate(c, matrices):
     """Eliminate the contacts whose phase is RIGID from the Delassus matrix.
 
-    Written are the reduced matrix `W` and the rows `pivots`, from which the forces of these contacts follow.
+    The function writes the reduced matrix `W`, and the rows `pivots`, from which the forces of these contacts follow.
     """
     full, W, pivots = matrices.full, matrices.W, matrices.pivots
     for i in range(c.size):
@@ -78,7 +78,8 @@ def eliminate(c, matrices):
 def leading_sign(coefficients, scale):
     """Return the sign of the first coefficient that is more than rounding; 0 if all of them are rounding.
 
-    Coefficients up to `ROUNDING` times `scale` count as rounding, and are set to 0 up to the first larger coefficient.
+    A coefficient is taken for rounding if its magnitude is at most `ROUNDING` times `scale`. All coefficients before
+    the first larger one are set to 0.
     """
     for order in range(ORDER + 1):
         if abs(coefficients[order]) > ROUNDING * scale:

@@ -267,7 +267,7 @@ def _endings(
 ) -> list[Ending]:
     """Return all ways in which a graph may have ended, each with the graphs that ended so, a status and a sentence.
 
-    The first ending that is true of a graph counts. So the endings without a result come first.
+    A graph gets the first ending whose condition is true for it. So the endings without a result come first.
     """
     ending = results["ending"]
     failures = [
@@ -303,7 +303,7 @@ def _endings(
 
 
 def _closed_forms(results: Records) -> list[Ending]:
-    """Return the endings of graphs for which closed forms were used, one for each combination of closed forms."""
+    """Return one ending for each combination of closed forms with which a graph may have been solved."""
     parts = {"plastic": PLASTIC_REASON, "runaway": RUNAWAY_REASON, "collapse": COLLAPSE_REASON}
     endings: list[Ending] = []
     for bits in range(7, 0, -1):

@@ -53,7 +53,7 @@ GRAPH_CONTACT = np.dtype(
         ("phase", "i8"),  # one of `GraphPhase`
         ("is_rigid", "?"),  # whether the contact has become rigid; its phase is then RIGID or INACTIVE
         ("reach", "f8"),  # largest `oscillation` so far of this contact and its neighbours
-        ("undecided", "?"),  # whether the contact is at rest without force, so that the start rule decides
+        ("undecided", "?"),  # at rest without force: the start rule may make the contact active
         ("has_pivot", "?"),  # whether `graph.rigid.eliminate` has eliminated the contact from W
         ("total", "f8"),  # intermediate result: a sum in `graph.motion.expand`, or the value of `oscillation`
         (

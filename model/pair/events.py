@@ -90,7 +90,7 @@ class Four(NamedTuple):
 
 
 class Segment(NamedTuple):
-    """A segment of S1, a time without events, whose end is searched."""
+    """A segment of the state S1: a time without events, in which both contacts are active. Its end is searched for."""
 
     #: Mass ratio m2/m1.
     mu: float

@@ -18,13 +18,13 @@ from impact_xval.model.compiled import force_inlined, kernel_helper
 from impact_xval.model.pair.motion import modal_coordinates
 from impact_xval.model.pair.roots import EPSILON, Jet, positive_between, root_before
 
-#: A turning point counts if an end of compression at this time would lose at least this share of the energy of impact.
-#: If the loss is smaller, the outcome hardly depends on whether compression ends.
+#: Share of the energy of impact. A turning point of a rate of compression is ignored if an end of compression at this
+#: time would lose less than this share. The outcome then hardly depends on whether compression ends there.
 STAKE = 1e-6
 
-#: A turning point counts if the rate is at most this share of its amplitude. An outcome without such a turning point
-#: has an infinite margin. The number must not exceed `pair.roots.ENVELOPE_RESERVE`. Outcomes are marked by a far
-#: smaller threshold, `model.inputs.GRAZING_THRESHOLD`.
+#: Share of the amplitude of a rate of compression. A turning point at which the rate is larger is ignored. An outcome
+#: whose turning points are all ignored has an infinite margin. The number must not exceed
+#: `pair.roots.ENVELOPE_RESERVE`. Outcomes are marked by a far smaller threshold, `model.inputs.GRAZING_THRESHOLD`.
 NEAR = 0.05
 
 #: Shortest part of a window that is still halved in the search for pairs of turning points, in radians of the fast

@@ -1,4 +1,6 @@
-"""The state of a graph under a law in real time during a collision, its energies, and scratch space of the kernel.
+"""The state of a graph during a collision whose contact law is integrated over time.
+
+The module also has the energies of contacts, and the scratch space of the kernel.
 
 Needs `chain.laws`, whose functions read the fields of a contact by name. Used by `in_time.following`, which allocates
 the records, and by `in_time.kernel`.
@@ -45,7 +47,7 @@ TIMED_CONTACT = np.dtype(
         ("is_rigid", "?"),  # whether the contact has become rigid; its phase is then INACTIVE
         ("eliminated", "i8"),  # field of record n: number of the contact that became rigid after n others
         ("force_is_zero", "?"),  # whether an event at the present time has made the force zero
-        ("undecided", "?"),  # whether the contact is at rest without depth, so that the start rule decides
+        ("undecided", "?"),  # at rest without depth: the start rule may make the contact active
         (
             "total",
             "f8",
