@@ -36,7 +36,7 @@ _ORDINARY = (
     Collision.two_balls(m1=1.0, m2=2.0, k1=1e6, k2=2e5, e1=1.0, e2=1.0),
 )
 
-#: A drop on a table that is so soft that the weight of the balls decides the outcome.
+#: A drop on a table that is so soft that the outcome depends on the weight of the balls.
 _DROPPED = Collision.two_balls(m1=1.0, m2=1.0, k1=2e3, k2=1e3, e1=0.9, e2=0.7)
 
 #: Two contact graphs that every solver must solve or refuse: a ball in a corner, and a box that lands flat.
@@ -267,7 +267,7 @@ def checks(law: str | None = KELVIN_VOIGT) -> tuple[Check, ...]:
 
 
 def problem_of(check: Check, solver: Solver) -> str:
-    """Run a check; return the message of the failure or of the solver's exception, or ``""`` if the check passed."""
+    """Run a check, and return the message of the failure or of the solver's exception; ``""`` if the check passed."""
     try:
         check(solver)
     except NonConformingError as error:
@@ -278,6 +278,6 @@ def problem_of(check: Check, solver: Solver) -> str:
 
 
 def problems(solver: Solver, law: str | None = KELVIN_VOIGT) -> dict[str, str]:
-    """Run all checks of a solver; return the messages of the checks that failed, by the name of the check."""
+    """Run all checks of a solver, and return the messages of the failed checks by their names."""
     messages = {check.__name__: problem_of(check, solver) for check in checks(law)}
     return {name: message for name, message in messages.items() if message}

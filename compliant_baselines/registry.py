@@ -7,8 +7,8 @@ of a plug-in is loaded to find out its kind and law.
 
 A plug-in that cannot be loaded is replaced by an `Unloadable`, a solver whose outcomes all have the status
 ``unavailable`` and the reason. A name that no installed distribution provides, for example in a table from another
-machine, is also replaced by an `Unloadable`. It counts as a compliant engine that is asked for `KELVIN_VOIGT`. If a
-plug-in has the name of a solver of this project, the plug-in is ignored.
+machine, is also replaced by an `Unloadable`. The registry treats it as a compliant engine that is asked for
+`KELVIN_VOIGT`. If a plug-in has the name of a solver of this project, the plug-in is ignored.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ STEPS = (0.01, 0.03, 0.1)
 _MUJOCO, _PYBULLET = "engines.mujoco:Mujoco", "engines.pybullet:Pybullet"
 _PYBULLET_RESTITUTION = "rigid.bullet:PybulletRestitution"
 
-#: Settings of an engine that keeps all its defaults. Its step is fixed, so that no limit dt -> 0 is computed.
+#: Settings of an engine that keeps all its defaults. Its step is fixed, so no limit dt -> 0 is computed.
 _AS_IT_SHIPS: Mapping[str, object] = MappingProxyType({"mapping": "shipped", "convergence": None})
 
 
@@ -549,7 +549,7 @@ def _distribution_of(point: EntryPoint) -> str:
 
 
 def _load(name: str, points: Sequence[EntryPoint]) -> Solver:
-    """Load and construct a plug-in; return an `Unloadable` with the reason if this fails."""
+    """Load a plug-in, construct its solver and return it. If this fails, return an `Unloadable` with the reason."""
     if len(points) > 1:
         distributions = " and ".join(map(_distribution_of, points))
         return Unloadable(name, f"{distributions} both provide {name!r}: uninstall one of them")

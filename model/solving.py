@@ -122,7 +122,7 @@ def solve_many(
         Number of events after which a collision of two balls on a table is given up. For all other collisions it is the
         number of windows, in each of which one event is searched. The default takes about a second.
     grazing_threshold : float
-        Grazing margin below which an outcome is marked.
+        Grazing margin below which an outcome gets a mark, a sentence that warns that it is near a jump.
     states, paths : bool
         Whether outcomes have states, and whether they have paths.
 
@@ -175,7 +175,7 @@ def _pair_options(law: str, cutoff: float, max_events: int | None) -> PairOption
 
 
 def _with_marks(outcomes: Outcomes, law: Law, grazing_threshold: float) -> Outcomes:
-    """Return the outcomes with marks: where the grazing margin is small, or where a cut-off has changed the outcome."""
+    """Return the outcomes with marks where the grazing margin is small or a cut-off has changed the outcome."""
     margin = outcomes.grazing_margin
     if law != Law.STATE_TRANSITION:  # the other law has no jumps: a restart gives back the lost energy
         margin = np.where(outcomes.has_result, np.inf, np.nan)
@@ -225,7 +225,7 @@ def _solve_pairs(collisions: Collisions, options: PairOptions, *, states: bool, 
 
 
 def _cells_of(c: Collisions) -> PairRatios:
-    """Return the ratios that decide collisions of two balls. The kernel is compiled for contiguous arrays of them."""
+    """Return the ratios on which collisions of two balls depend, as the contiguous arrays that the kernel needs."""
     return PairRatios(
         np.array(c.stiffness_ratio),
         np.array(c.mass_ratio),

@@ -101,9 +101,9 @@ class Limit:
     regularisation: float
     #: Step in s of the run with the shortest step.
     step: float
-    #: True if in the run at the shortest step gravity ended in a first flight.
+    #: True if gravity ended in a first flight in the run with the shortest step.
     has_first_flight: bool
-    #: True if in the run at the shortest step B2 settled on the table.
+    #: True if B2 settled on the table in the run with the shortest step.
     b2_settled: bool
 
     @property

@@ -257,7 +257,7 @@ class DrakeWorld(World):
         self._simulator.Initialize()
 
     def _add_bodies(self, plant: DrakePlant, graph: DrakeSceneGraph) -> list[DrakeJoint]:
-        """Add planes and balls and finish the plant; return the joints, ordered by ball and then by axis."""
+        """Add planes and balls, finish the plant, and return the joints, ordered by ball and then by axis."""
         geometry, tree, transforms = _module("geometry"), _module("multibody.tree"), _module("math")
         identity, arrangement = transforms.RigidTransform(), self._scene.arrangement
         sphere, inertia = geometry.Sphere(self.radius), tree.UnitInertia.SolidSphere(self.radius)
@@ -317,7 +317,7 @@ class DrakeWorld(World):
         return properties
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
-        """Take n steps in C++; return the recorded velocities in m/s and heights in m."""
+        """Take n steps in C++, and return the recorded velocities in m/s and heights in m."""
         if self._refused:
             raise RuntimeError(self._refused)
         coordinates, step = len(self.places), self._scene.step
@@ -354,10 +354,10 @@ def _read_side(properties: DrakeProperties) -> Side:
 def _too_short(scene: Scene) -> str | None:
     """Return a sentence if the step is so short that the engine neglects a contact; else None.
 
-    The engine compares residuals with the momentum of all bodies, both divided by sqrt(mass). The impulse M u of two
-    bodies of reduced mass M that meet at the speed u counts as sqrt(M) u, and is compared with sqrt(sum m v^2). In a
-    step of length h at the time t after touch the impulse is k v t h. It reaches the tolerance at a phase omega t,
-    which must be small.
+    The engine compares residuals with the momentum of all bodies, both divided by sqrt(mass). For two bodies of reduced
+    mass M that meet at the speed u it compares sqrt(M) u, the impulse M u over sqrt(M), with sqrt(sum m v^2). In a step
+    of length h at the time t after touch the impulse is k v t h. It reaches the tolerance at a phase omega t. This
+    phase must be at most `LATEST_START`.
     """
     momentum = math.sqrt(sum(m * v * v for m, v in zip(scene.inertia, scene.velocities, strict=True)))
     slowest = min(c.omega * math.sqrt(c.mass) for c in scene.contacts) * scene.speed / momentum

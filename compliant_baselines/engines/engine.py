@@ -34,7 +34,7 @@ from impact_xval.model.outcome import Outcome
 if TYPE_CHECKING:
     from impact_xval.model.graph.collision import GraphCollision
 
-#: Reason why a scene is refused if its numbers leave double precision.
+#: Reason why a scene is refused if its parameters are outside the range of double precision.
 BEYOND = (
     "periods, penetrations or energies beyond double precision; scale stiffnesses, masses or v0 (Theorem 5)"
 )
@@ -162,7 +162,7 @@ class Engine(Solver):
         yield
 
     def run(self, scenes: Sequence[Scene], max_steps: int, record_path: bool = False) -> list[Run]:
-        """Run every scene until its collision is over or `max_steps` steps are taken; return the runs in order."""
+        """Run every scene until its collision is over or `max_steps` steps are taken. Return the runs in order."""
         with self.running():
             return [self.follow(scene, max_steps, record_path) for scene in scenes]
 
@@ -326,7 +326,10 @@ class Engine(Solver):
                     outcomes[i] = replace(outcomes[i], mark=mark)
 
     def _solve_with_limit(self, collision: Collision, settings: Settings) -> tuple[Outcome, Limit | None]:
-        """Solve one collision; return its outcome, and its limit dt -> 0 if that is asked for and known."""
+        """Solve one collision, and return its outcome and its limit dt -> 0.
+
+        In place of the limit None is returned if the limit is unknown or was not asked for.
+        """
         scene = self.scene_or_refusal(collision, settings)
         if isinstance(scene, str):
             return Outcome.failure(self.name, collision, "unrepresentable", scene), None
@@ -345,7 +348,7 @@ class Engine(Solver):
 
 
 def _end_of(limit: Limit | None) -> DropEnd | None:
-    """Return how the drop ended in the run at the shortest step of a limit; None if there is no limit."""
+    """Return how the drop ended in the run with the shortest time step of a limit; None if there is no limit."""
     return None if limit is None else DropEnd(limit.has_first_flight, limit.b2_settled)
 
 

@@ -48,7 +48,7 @@ NOT_STARTED = -1
 SAFE_ENERGY = 16.0
 
 
-#: Numbers of a scene that compiled functions need, in SI units; an array of one record.
+#: Parameters of a scene that compiled functions need, in SI units; an array of one record.
 #:
 #: * ``contacts``: number of contacts, N with a table, N - 1 without
 #: * ``step``: length of a step in s
@@ -56,7 +56,7 @@ SAFE_ENERGY = 16.0
 #: * ``pulls``: 1 if contacts may pull, else 0
 #: * ``gravity``: gravity in m/s^2; 0 without gravity, and in a drop from the first flight on
 #:
-#: The following numbers are only for drops, and otherwise 0:
+#: The following fields are only for drops, and otherwise 0:
 #:
 #: * ``k1``, ``k2``: stiffness in N/m of the contact between the balls and of the support of B2
 #: * ``depth_of_b2``: depth in m at which B2 alone rests in the table
@@ -80,7 +80,7 @@ SCENE_NUMBERS = np.dtype(
     )
 )
 
-#: A contact with the numbers that the engine uses: stiffness in N/m, damping in N s/m, and the reduced mass in kg.
+#: Parameters of a contact as the engine uses them: stiffness in N/m, damping in N s/m, and the reduced mass in kg.
 CONTACT_LAW = np.dtype((np.record, [("stiffness", "f8"), ("damping", "f8"), ("mass", "f8")]))
 
 

@@ -144,7 +144,7 @@ class LammpsWorld(World):
         self._simulation.numpy.extract_atom("x")[: self._atoms, 2] = self.places + heights
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
-        """Take n steps; return the velocities in m/s and heights in m that the engine has written into its file."""
+        """Take n steps, and return the velocities in m/s and heights in m that the engine has written into its file."""
         self._run_commands(f"run {n} pre {'no' if self._has_forces else 'yes'} post no")
         self._has_forces = True
         with self._dump.open("rb") as file:

@@ -1,7 +1,7 @@
 """MuJoCo: balls on joints along which they slide; docs/mapping.md, section 2, gives the reason for each setting.
 
 `mujoco.rollout` takes many steps in C++ and records each of them; all versions from 3.2.7 on have it. A model is
-compiled once for each arrangement of balls. The numbers of each collision are then written into the model's arrays.
+compiled once for each arrangement of balls. The parameters of each collision are then written into the model's arrays.
 """
 
 from __future__ import annotations
@@ -169,7 +169,7 @@ class MjData(Protocol):
 
 
 class _Compiled:
-    """A compiled model of an arrangement of balls, into which the numbers of a scene are written later.
+    """A compiled model of an arrangement of balls. The parameters of a scene are written into it later.
 
     Attributes
     ----------
@@ -321,7 +321,7 @@ class MujocoWorld(World):
         self.effective = _read_back(model, contacts, compiled.bodies)
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
-        """Take n steps in C++; return the recorded velocities in m/s and heights in m."""
+        """Take n steps in C++, and return the recorded velocities in m/s and heights in m."""
         heights, velocities = take_steps(self.model, self._data, n)
         return velocities, heights
 
@@ -334,7 +334,7 @@ class MujocoWorld(World):
 def _read_back(
     model: MjModel, contacts: list[int], bodies: Sequence[tuple[int, int]]
 ) -> dict[str, tuple[float, ...]]:
-    """Return the numbers that the engine uses for each contact of two bodies alone, as in `World.effective`."""
+    """Return the parameters that the engine uses for each contact of two bodies alone, as in `World.effective`."""
     # The reduced masses that the engine uses. The inverse weight of body 0, which does not move, is 0.
     masses = 1 / model.body_invweight0[np.array(bodies), 0].sum(axis=1)
     solref, solimp = model.pair_solref[contacts], model.pair_solimp[contacts]

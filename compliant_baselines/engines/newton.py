@@ -214,7 +214,7 @@ class RecordedScene:
             q[:, 2], qd[:, 2] = heights / self._length, velocities / self._speed
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
-        """Replay the recorded steps; return velocities in m/s and heights in m after the first n of them."""
+        """Replay the recorded steps, and return velocities in m/s and heights in m after the first n of them."""
         import_module("warp").capture_launch(self._recording.graph)
         velocities = self._recording.twists.numpy()[:n, :, 2].astype(float)
         heights = self._recording.poses.numpy()[:n, :, 2].astype(float)

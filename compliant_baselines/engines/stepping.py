@@ -86,10 +86,10 @@ class FirstFlight(NamedTuple):
 
 
 class FlightLead(NamedTuple):
-    """The event that came nearest to deciding whether the first flight of a drop begins."""
+    """The closing of a gap that came nearest to starting or preventing the first flight of a drop."""
 
-    #: Time in s between the event and the beginning of the flight: positive if the flight began, negative if it did
-    #: not, and infinite if there was no such event.
+    #: Time in s between the event and the beginning of the flight. It is positive if the flight began, negative if the
+    #: event prevented it, and infinite if there was no event of this kind.
     time: float
     #: The contact whose gap closed in this event, counted from 0.
     contact: int
@@ -119,7 +119,8 @@ class Run:
     n_steps
         Number of steps taken.
     end
-        State of the run; still `RunEnd.GOING` if all `max_steps` are taken.
+        State of the run. It is `RunEnd.GOING` while the run goes on, and also if `max_steps` steps were taken without
+        an end.
     failure
         The error message of an engine that failed.
     start
@@ -161,10 +162,11 @@ class Run:
         self._stride, self._n_points = 1, 0
 
     def feed(self, v: Floats, x: Floats) -> bool:
-        """Go through the next steps until the collision is over; return True if a first flight begins.
+        """Follow the collision through the next steps of the engine. Return True if a first flight begins.
 
-        v and x are the velocities in m/s and heights in m after each step, shape (n, N). When a first flight begins,
-        the engine has to continue without gravity from the velocities and heights of this run.
+        v and x are the velocities in m/s and heights in m after each step, shape (n, N). Steps after the end of the
+        collision are ignored. When a first flight begins, the engine has to continue without gravity from the
+        velocities and heights of this run.
         """
         active = np.empty(len(v), np.int64)
         steps_left = self.max_steps - self.n_steps - len(v)
@@ -265,11 +267,11 @@ class Run:
 
     @property
     def starts(self) -> float:
-        """Changes of relative velocities in m/s in the first steps of contacts whose bodies met at a speed, summed.
+        """Sum of the changes of relative velocities in m/s in the first time steps of contacts.
 
-        Bodies meet at an arbitrary instant within a step. This sum bounds how much these instants change the outcome.
-        The last step of a contact that pulls until its bodies part is included. Each change is scaled to a whole step
-        (`World.first_step_share`).
+        Only contacts are added whose bodies met at a speed. Bodies meet at an arbitrary instant within a step. This sum
+        bounds how much these instants change the outcome. The last step of a contact that pulls until its bodies part
+        is included. Each change is scaled to a whole step (`World.first_step_share`).
         """
         return float(self._memory["starts"][0]) / self._first_step_share
 
@@ -284,7 +286,7 @@ class Run:
 
     @property
     def flight_lead(self) -> FlightLead:
-        """The event that came nearest to deciding whether the first flight begins."""
+        """The closing of a gap that came nearest to starting or preventing the first flight."""
         return FlightLead(
             float(self._memory["lead"][0]) * self.scene.step, int(self._memory["lead_contact"][0])
         )
@@ -326,8 +328,8 @@ class Run:
     def status(self) -> Status:
         """``ok`` if the collision is over; ``crashed`` if the engine failed; else ``timeout``.
 
-        All statuses are listed in `model.status`. `experiments.measures.divergence` (`has_numbers`) lists those with
-        which a run that is not over keeps its numbers.
+        All statuses are listed in `model.status`. `experiments.measures.divergence` (`has_numbers`) lists the statuses
+        of runs that are not over but still have velocities.
         """
         if self.over:
             return "ok"
@@ -403,9 +405,9 @@ class Run:
         return (kinetic(self.velocities) + fallen - before - held) / before
 
     def too_much_energy(self) -> str:
-        """Return the reason why a result with too much energy is not converged.
+        """Return a sentence for a run that ended with too much energy, because its step is too long.
 
-        ``""`` if it has not gained too much.
+        The sentence is empty if the gain of energy is at most `ENERGY_GAIN_ALLOWED`.
         """
         if (gain := self.energy_gain()) <= ENERGY_GAIN_ALLOWED:
             return ""
@@ -436,7 +438,10 @@ def _bits(contacts: int) -> NDArray[np.int64]:
 
 
 def _scene_numbers(scene: Scene, world: World) -> NDArray[np.void]:
-    """Return the numbers of a scene as a record for compiled functions; the world knows how deep a settled B2 is."""
+    """Return the parameters of a scene as a record of `SCENE_NUMBERS` for compiled functions.
+
+    The world gives the depth at which B2 rests in the table.
+    """
     numbers = np.zeros(1, SCENE_NUMBERS)
     numbers["contacts"] = len(scene.stiffnesses)
     numbers["step"] = scene.step
@@ -461,7 +466,7 @@ def _scene_numbers(scene: Scene, world: World) -> NDArray[np.void]:
 
 
 def _contact_law(scene: Scene, world: World) -> NDArray[np.void]:
-    """Return a record of `CONTACT_LAW` for each contact, with the numbers that the engine uses (`World.effective`)."""
+    """Return a record of `CONTACT_LAW` for each contact, with the parameters that the engine uses."""
     law = np.zeros(len(scene.stiffnesses), CONTACT_LAW)
     law["stiffness"] = world.effective["stiffness"]
     law["damping"] = world.effective["damping"]
@@ -470,7 +475,7 @@ def _contact_law(scene: Scene, world: World) -> NDArray[np.void]:
 
 
 def _new_memory(scene: Scene) -> NDArray[np.void]:
-    """Return the memory of `scan` before the first step; all gaps count as closed then."""
+    """Return the memory of `scan` before the first step, in which all gaps are noted as closed."""
     memory = np.zeros(1, MEMORY)
     memory["lead"] = np.inf
     memory["flight_phase"] = FlightPhase.BEFORE

@@ -20,8 +20,8 @@ is 0. The laws:
   GRROperator.cpp). The law has one e for all contacts.
 * **plastic-then-restitution**: the compression C of all touching contacts; then one sweep over the contacts that
   approached before. The sweep changes each impulse so that u+ + e u- = 0, or to 0 if it would pull: first the odd
-  contacts between balls, then the even ones, then the table. In later impacts at the same instant e = 0 unless e = 1,
-  because a contact that still touches is at rest. This is the law of Rapier's program (is_bouncy in its
+  contacts between balls, then the even ones, then the table. In later impacts at the same instant every e below 1 is
+  replaced by 0, because a contact that still touches is at rest. This is the law of Rapier's program (is_bouncy in its
   contact_pair.rs). Compression comes before restitution as in Catto's soft step (box2d.org/posts/2024/02/solver2d), and
   the sweep follows the colours of its contact graph. We know no paper on this law.
 

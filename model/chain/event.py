@@ -96,7 +96,7 @@ def write_force_series(contact, scratch):
 def first_zero(contact, scratch, watched, sign, h, latest):
     """Return the place x = t/h of the first zero of a watched function of a contact, if it is before `latest`.
 
-    `sign` is the sign that the function has before its zero. Returned is infinity if there is no zero, 0 if the
+    `sign` is the sign that the function has before its zero. The result is infinite if there is no zero, 0 if the
     function leaves this sign at once, and -1 if the search was given up.
     """
     is_series = has_series(contact)

@@ -48,7 +48,9 @@ from impact_xval.model.pair.law import Phase
 
 
 class Law(IntEnum):
-    """Law of all contacts of a chain. The code relies on the order: laws with a dashpot have the larger numbers.
+    """Law of all contacts of a chain.
+
+    The code relies on the order of the values: laws with a dashpot have larger values than laws without.
 
     Most of the code that depends on the law is in this module: `WATCHED`, `damping`, `force`, `force_indicator` and the
     functions that apply events. `chain.series` and `chain.event` treat `HUNT_CROSSLEY` separately, because its force is

@@ -17,7 +17,7 @@ class ChainEnding(IntEnum):
     """How the kernel's computation of a chain ended.
 
     `following.Problem.outcomes` translates the endings without a result into a status and a sentence. Its callers do
-    this for `UNFINISHED`. The numbers differ from all numbers of `pair.record.PairEnding`. So an ending of one kernel
+    this for `UNFINISHED`. The values differ from all values of `pair.record.PairEnding`. So an ending of one kernel
     cannot be taken for an ending of the other.
     """
 

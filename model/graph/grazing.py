@@ -1,10 +1,10 @@
 """The grazing margin of a graph: how near the collision is to a jump of its outcome.
 
-The outcome jumps where the rate of compression w_i of an active contact touches zero without crossing it. Therefore
-all turning points of these rates, w_i' = 0, are found. At each turning point abs(w_i) is divided by the sum of the
+The outcome jumps where the rate of compression w_i of an active contact touches zero without crossing it. Therefore all
+turning points of these rates, w_i' = 0, are found. At each turning point abs(w_i) is divided by the sum of the
 amplitudes of the sinusoids of which w_i then consists. The margin is the smallest quotient (docs/theory.md, section 6).
-A turning point counts if its quotient is below `NEAR`, and if an end of compression at this time would lose more than
-the share `STAKE` of the energy of impact.
+A turning point is ignored if its quotient is above `NEAR`, or if an end of compression at this time would lose less
+than the share `STAKE` of the energy of impact.
 
 **Amplitudes.** With u_i = sqrt(k_i) w_i the motion is u'' = -A u (`graph.motion`). Let p be a unit eigenvector of A,
 and lambda its eigenvalue. This mode adds to w_i a sinusoid of the amplitude
@@ -31,7 +31,7 @@ from impact_xval.model.pair.grazing import NEAR, STAKE
 #: Largest number of sweeps of Jacobi's method over the matrix; about six sweeps are enough.
 MOST_SWEEPS = 40
 
-#: Largest difference between two eigenvalues that count as equal, as a share of the largest eigenvalue.
+#: Largest difference between two eigenvalues that are taken as equal, as a share of the largest eigenvalue.
 SAME = 1e-9
 
 

@@ -35,10 +35,10 @@ from impact_xval.model.graph.state import (
     strain_energy,
 )
 
-#: If the contacts have less than this share of the energy of impact left, they all count as at rest.
+#: If the contacts have less than this share of the energy of impact left, they are all taken to be at rest.
 COLLAPSED = 1e-30
 
-#: Largest gain of kinetic energy that counts as rounding, as a share of the energy of impact. The model's law never
+#: Largest gain of kinetic energy that is taken for rounding, as a share of the energy of impact. The model's law never
 #: makes energy.
 GAIN = 1e-9
 
@@ -106,7 +106,7 @@ def end_held(c, W):
 def bring_to_rest(c):
     """Deactivate all active contacts, and set their rates to 0.
 
-    Returned are their strain energy, which is lost, and whether a contact among them has a restitution below 1.
+    The function returns their strain energy, which is lost, and whether a contact among them has a restitution below 1.
     """
     dropped, is_lossy = 0.0, False
     for i in range(c.size):
@@ -190,8 +190,8 @@ def log_active(log, row, time, logged, active):
 def collide(c, matrices, energy, most_windows, log, first_row, result):
     """Follow a graph from first touch to the end of its collision.
 
-    Returned are the strain energy that was lost in contacts, and the number of the next row of the log. All fields of
-    `result`, a record of `graph.record.GRAPH_RESULT`, are filled in except `energy_residual`.
+    The function returns the strain energy that was lost in contacts, and the number of the next row of the log. All
+    fields of `result`, a record of `graph.record.GRAPH_RESULT`, are filled in except `energy_residual`.
     """
     ending, events, windows = GraphEnding.UNFINISHED, 0, 0
     margin, loss, time = inf, 0.0, 0.0

@@ -23,12 +23,12 @@ from impact_xval.model.arrays import Records, zero_records
 from impact_xval.model.chain.series import ORDER
 from impact_xval.model.compiled import kernel_helper
 
-#: Energy of a contact that counts as rounding, as a share of the largest energy of it and its neighbours. It is the
-#: square of 2^-48: a rate is a sum over many contacts, so its relative rounding is larger than 2^-53.
+#: Largest energy of a contact that is taken for rounding, as a share of the largest energy of it and its neighbours. It
+#: is the square of 2^-48: a rate is a sum over many contacts, so its relative rounding is larger than 2^-53.
 ROUNDING_ENERGY = 2.0**-96
 
-#: Energies below this share of the energy of impact count as zero. In a long row of balls the forces far ahead of the
-#: wave are so small that they underflow.
+#: Energies below this share of the energy of impact are taken as zero. In a long row of balls the forces far ahead of
+#: the wave are so small that they underflow.
 UNDERFLOW = 1e-150
 
 

@@ -94,9 +94,10 @@ def jet_of(c, omega, q, r):
 def nearest_turn(c, force, least_square, t, h, omega, a, b):
     """Return the smallest magnitude of a rate at its turning points in (t, t + h); infinity without turning points.
 
-    The rate is the sum of c_j q_j over both modes j, and the force of the contact is the sum of force_j r_j. A turning
-    point counts if the square of the force exceeds `least_square`. No turning point is missed. The window is searched
-    in parts: inside each part it is proven that the slope has no zero, and a part may end at a zero of the slope.
+    The rate is the sum of c_j q_j over both modes j, and the force of the contact is the sum of force_j r_j. Turning
+    points are ignored if the square of the force is at most `least_square`. No other turning point is missed. The
+    window is searched in parts: inside each part it is proven that the slope has no zero, and a part may end at a zero
+    of the slope.
     """
     w0, w1 = omega
     # The slope is the sum of g_j r_j. r_j starts at b_j. Its derivative is -omega_j q_j, and -q_j starts at -a_j.

@@ -64,7 +64,7 @@ class TimedGraphOutcomes:
 
     @property
     def has_result(self) -> Booleans:
-        """True for each graph whose numbers are a result; shape (n,)."""
+        """True for each graph whose impulses and rates are a result; shape (n,)."""
         return IS_RESULT[self.status]
 
     def status_of(self, i: int) -> Status:

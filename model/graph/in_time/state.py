@@ -150,7 +150,7 @@ def energy_left(c, W):
 def bring_to_rest(c):
     """Make all contacts inactive that are active or whose bodies approach, and set their rates to 0.
 
-    Returned are their strain energy, which is lost, and whether a contact among them has a restitution below 1.
+    The function returns their strain energy, which is lost, and whether a contact among them has a restitution below 1.
     """
     dropped, is_lossy = 0.0, False
     for i in range(c.size):
