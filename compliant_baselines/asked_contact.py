@@ -1,4 +1,4 @@
-"""Spring and dashpot of a contact from the two numbers that a user gives: one for the damping, one for the spring.
+"""Spring and dashpot of a contact from two quantities that a user gives: one for the damping, and one for the spring.
 
 The formulas are those of docs/theory.md, section 7. M is the reduced mass of the two bodies, k the stiffness, c the
 damping, omega = sqrt(k/M), and zeta = c/(2 M omega) the damping ratio. A contact of two bodies alone has the duration T
@@ -141,7 +141,7 @@ class AskedContact:
 
 
 def _pick_one(given: dict[str, float | None], group: Sequence[Legal], names: str) -> None:
-    """Raise a ValueError unless exactly one number of a group of quantities is given."""
+    """Raise a ValueError if not exactly one quantity of a group is given."""
     present = [legal.name for legal in group if given[legal.name] is not None]
     if not present:
         raise ValueError(f"{names}: none given; legal: one of them, which decides the others")

@@ -53,7 +53,7 @@ _BOX = GraphCollision(
 )
 
 #: Error of velocities in m/s, by scenario, below which a solver passes even if its error does not shrink with the step.
-#: The error of a drop changes its sign at some step, so that a small error may grow when the step is shortened.
+#: The error of a drop changes its sign at some step length. So a small error may grow when the step is shortened.
 _NEAR = {"impact": 1e-3, "drop": 5e-3}
 
 #: Laws whose contacts may pull. Along a path their impulses may decrease.
@@ -70,8 +70,8 @@ _COARSE = Settings(step_fraction=5e-3)
 #: Time steps, as fractions of the shorter contact period, at which the error of a solver is measured.
 _FRACTIONS = (4e-3, 1e-3)
 
-#: Number of steps after which a collision is given up. If a solver has no gravity, the balls of a drop never come back
-#: to each other, and the collision never ends.
+#: Largest number of steps of a collision. A collision that needs more is given up. If a solver has no gravity, the
+#: balls of a drop never come back to each other, and the collision never ends.
 _MAX_STEPS = 200_000
 
 

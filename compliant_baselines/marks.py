@@ -2,11 +2,11 @@
 
 A small change of the collision changes such an outcome a lot.
 
-**Two balls on a table** (docs/theory.md, section 8). An outcome is marked if a relative change of one parameter, up or
-down, moves a velocity over abs(v0) by more than `JUMPS` allows. Over the default ranges of parameters, outcomes that
+**Two balls on a table** (docs/theory.md, section 8). An outcome gets a mark if a relative change of one parameter, up
+or down, moves a velocity over abs(v0) by more than `JUMPS` allows. Over the default ranges of parameters, outcomes that
 are far from a jump move by less than three times the change (`benchmarks/limits.py jumps`). A limit dt -> 0 of an
-engine is also marked if its run with the shortest time step ends otherwise than the exact law says: if only one of the
-two has a first flight that ends gravity, or only one has B2 at rest on the table.
+engine also gets a mark if its run with the shortest time step and the exact law end differently: if only one of the two
+has a first flight that ends gravity, or only one has B2 at rest on the table.
 
 **N balls** have hundreds of events. Each event amplifies earlier differences, until the last digits of the inputs
 determine the outcome. Two exact solvers of one law then differ as much as the solvers of two laws. Where forces are
@@ -63,8 +63,8 @@ CHANGES = tuple(Change(i, sign * size) for i in range(len(PARAMETERS)) for size 
 #: Relative change of masses and stiffnesses for collisions of N balls.
 CHANGE_OF_MANY = 1e-6
 
-#: Change of a velocity, over the largest speed before the collision, from which an outcome of N balls is marked. It is
-#: a hundred times the change of the parameters.
+#: Change of a velocity, over the largest speed before the collision, from which an outcome of N balls gets a mark. It
+#: is a hundred times the change of the parameters.
 MOVE_OF_MANY = 1e-4
 
 #: Number of random patterns of changes that are tried for N balls. Each pattern is also tried with all signs reversed.
@@ -129,8 +129,8 @@ class DropEnd(NamedTuple):
     b2_settled: bool
 
 
-#: Sentences of a mark that say how the drop of an engine ends otherwise than the drop under the exact law. The braces
-#: stand for the names of the engine and the law.
+#: Sentences of a mark, for a drop that ends differently in an engine and by the exact law. The braces stand for the
+#: names of the engine and the law.
 _DIFFERENT_FLIGHT = "gravity ends in a first flight of {}, and {} has none"
 _DIFFERENT_REST = "by {} the lower ball comes to rest on the table, and by {} it leaves"
 
@@ -334,7 +334,7 @@ def _solve_changed(
 
 
 def _margin(outcomes: Outcomes) -> Floats:
-    """Return grazing margins; infinity under laws that have no margin."""
+    """Return grazing margins; infinite for laws that have no margin."""
     return np.where(np.isnan(outcomes.grazing_margin), np.inf, outcomes.grazing_margin)
 
 

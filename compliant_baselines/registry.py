@@ -59,7 +59,7 @@ _AS_IT_SHIPS: Mapping[str, object] = MappingProxyType({"mapping": "shipped", "co
 
 
 def _reference(name: str, title: str, description: str) -> SolverSpec:
-    """Return the spec of an exact solver of a law in time; the solver has the name of its law."""
+    """Return the spec of an exact solver of a contact law over time; the solver has the name of its law."""
     return SolverSpec(name, "references:ReferenceSolver", name, title, description, "reference")
 
 
@@ -87,7 +87,7 @@ def _rigid_as_it_ships(name: str, factory: str, title: str, description: str) ->
 
 
 def _at_step(name: str, factory: str, engine: str, step: float) -> SolverSpec:
-    """Return the spec of an engine at a step that users choose in practice; no limit dt -> 0 is computed."""
+    """Return the spec of an engine with a step length that users choose in practice, without a limit dt -> 0."""
     return SolverSpec(
         f"{name}:step-{step:g}",
         factory,
@@ -414,8 +414,8 @@ def description_of(name: str) -> str:
 def group_by_law(names: Iterable[str]) -> dict[str, list[str]]:
     """Group solvers by the law that they obey or are asked for; the exact solver of a law comes first in its group.
 
-    A solver without a law is a group of its own. Solvers of one group solve the same equations, so that their agreement
-    does not confirm them independently.
+    A solver without a law is a group of its own. Solvers of one group solve the same equations. So their agreement does
+    not confirm them independently.
     """
     groups: dict[str, list[str]] = {}
     for name in names:

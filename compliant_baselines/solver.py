@@ -70,7 +70,7 @@ class Convergence:
 
     #: Largest error of a velocity, over abs(v0), with which the limit is accepted.
     tolerance: float = 1e-3
-    #: Largest number of times that the step asked for is halved.
+    #: Largest number of times that the length of the requested time step is halved.
     halvings: int = 4
 
     def __post_init__(self) -> None:
@@ -121,7 +121,7 @@ class Settings:
     #: Accuracy of the limit dt -> 0 that engines compute from runs at several steps; None: no limit is computed.
     convergence: Convergence | None = None
     #: Only for rigid engines that multiply the restitutions of two bodies: the restitution of the lower body of a
-    #: contact, from 0 to 1. The upper body has the restitution e of the contact, so that by default the product is e.
+    #: contact, from 0 to 1. The upper body has the restitution e of the contact. So by default the product is e.
     partner_restitution: float = 1.0
 
     def __post_init__(self) -> None:

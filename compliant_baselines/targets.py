@@ -137,7 +137,7 @@ class Target:
         return "restitution" if self.law == "rigid" else "compliant"
 
     def duration(self, request: ContactRequest) -> float | None:
-        """Return the exact duration in s of the contact under the target's law.
+        """Return the exact duration in s of the contact by the target's law.
 
         None if the law is "depth" or "rigid".
         """

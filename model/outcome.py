@@ -95,7 +95,7 @@ class Outcome:
 
     @property
     def marked(self) -> bool:
-        """Whether the outcome is marked, because it is very near a jump or a cut-off."""
+        """Whether the outcome has a mark, because it is very near a jump or a cut-off."""
         return bool(self.mark)
 
     v1 = property(lambda self: self.velocities[0], doc="Velocity of ball 1, in m/s.")

@@ -119,8 +119,9 @@ def solve_many(
         supplement, section 3.4, uses `SUPPLEMENT_CUTOFF`. Infinity means no cut-off. With ``exact`` the closed form
         finishes the collision as soon as it changes the outcome by less than `pair.limits.BOUND`.
     max_events : int, optional
-        Number of events after which a collision of two balls on a table is given up. For all other collisions it is the
-        number of windows, in each of which one event is searched. The default takes about a second.
+        Largest number of events of a collision of two balls on a table. A collision that needs more is given up. For
+        all other collisions it is the largest number of windows, in each of which one event is searched for. The
+        default takes about a second.
     grazing_threshold : float
         Grazing margin below which an outcome gets a mark, a sentence that warns that it is near a jump.
     states, paths : bool
@@ -197,7 +198,7 @@ def no_positions(collisions: Collisions) -> str:
 def _solve_chains(
     collisions: Collisions, law: Law, max_windows: int, *, states: bool, paths: bool
 ) -> Outcomes:
-    """Solve collisions of N balls by the kernel of chains, under the model's assumption of constant positions."""
+    """Solve collisions of N balls by the kernel of chains, with the model's assumption of constant positions."""
     no_damping, no_gravity = np.zeros_like(collisions.stiffnesses), np.zeros(len(collisions))
     problem = Problem(collisions, law, no_damping, True, no_gravity, max_windows=max_windows)
     result = problem.follow(states=states)

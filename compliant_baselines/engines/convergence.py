@@ -78,13 +78,13 @@ PATIENCE = 8
 #: of corrections and a quarter.
 ALIKE = 2.0
 
-#: Words for the reason of an unknown limit that shorter steps do not make known.
+#: Part of the reason of an unknown limit, if shorter steps would not help.
 NO_HELP = "halving the step does not help"
 
 #: A run of a scene in a line or in a plane.
 AnyRun = TypeVar("AnyRun", Run, PlaneRun)
 
-#: Function that runs a scene, up to a given number of steps.
+#: Function that runs a scene for at most a given number of time steps.
 Follow = Callable[[Scene, int], AnyRun]
 
 
@@ -118,7 +118,7 @@ class Limit:
 
     @property
     def quality(self) -> dict[str, float]:
-        """Accuracy of this limit, under the names in `Outcome.diagnostics`; unknown numbers are left out."""
+        """Accuracy of this limit, under the names in `Outcome.diagnostics`; unknown values are left out."""
         numbers = {
             "limit_error": self.error,
             "regularisation": self.regularisation,
@@ -274,14 +274,14 @@ class _Regularisation:
         return before / ALIKE <= now <= before * ALIKE
 
     def is_enough(self, limit: Limit | None) -> bool:
-        """Return True if a limit has the accuracy asked for, or if shorter steps cannot improve it."""
+        """Return True if a limit has the requested accuracy, or if shorter steps cannot improve it."""
         if limit is None or not self.moves:
             return False
         return limit.error <= self.tolerance or self.stays()
 
 
 def _flight_doubt(before: AnyRun, last: AnyRun) -> float:
-    """Return a bound in m/s on the change by gravity if it is in doubt whether the first flight happens.
+    """Return a bound in m/s on how much gravity changes velocities if it is in doubt whether the first flight happens.
 
     The lead of a flight is the time by which a gap closes after the flight has begun, or before it would have begun. It
     is extrapolated to a step of zero as velocities are. The flight is in doubt if the lead changes its sign on the way,
@@ -299,12 +299,12 @@ def _flight_doubt(before: AnyRun, last: AnyRun) -> float:
 
 
 def _touch_doubt(runs: Sequence[AnyRun]) -> float:
-    """Return a bound in m/s on the change by the instants at which bodies touch, and by a meeting yet to come.
+    """Return a bound in m/s on how much velocities change by the instants of touch, and by a meeting yet to come.
 
     A dashpot misses a part of its first step, and the impulse of this step shrinks with the step. A rigid contact gives
-    its whole impulse in its first step, whatever the step's length, so that nothing is missing. There are three
-    exceptions. Neighbouring contacts may begin in the same step, and their impulses then depend on one another. The
-    engine may solve contacts only to its `World.accuracy`. Or it gives slow contacts no restitution.
+    its whole impulse in its first step, whatever the step's length. So nothing is missing. There are three exceptions.
+    Neighbouring contacts may begin in the same step, and their impulses then depend on one another. The engine may
+    solve contacts only to its `World.accuracy`. Or it gives slow contacts no restitution.
 
     In a plane normals turn, and impulses turn with them. The change is at most the angle times the speed.
     """
@@ -314,7 +314,7 @@ def _touch_doubt(runs: Sequence[AnyRun]) -> float:
 
 
 def _start_doubt(runs: Sequence[AnyRun], meeting_left: float) -> float:
-    """Return a bound in m/s on the change by the first steps of contacts; it is at least `meeting_left`.
+    """Return a bound in m/s on how much the first time steps of contacts change velocities; at least `meeting_left`.
 
     `meeting_left` is the bound in m/s on the change by a meeting that is still to come.
     """
@@ -327,7 +327,7 @@ def _start_doubt(runs: Sequence[AnyRun], meeting_left: float) -> float:
 
 
 def _limit_of(runs: Sequence[AnyRun], regularisation: Sequence[float]) -> Limit | None:
-    """Return the limit of runs, given from the longest step to the shortest; None for fewer than three runs.
+    """Return the limit of runs, given from the longest step to the shortest; None if there are fewer than three.
 
     `regularisation` are the measured changes of velocities in m/s by the engine's regularisation.
     """
@@ -377,8 +377,8 @@ def estimate_limit(
     convergence
         Accuracy that is asked of the limit.
     max_steps
-        Largest number of steps of the run at h and of runs at longer steps. A run at a step h/n may take n times this
-        number. It may also take at most n `PATIENCE` times the steps of the run at h.
+        Largest number of time steps of the run at h and of runs at longer steps. A run at the step h/n may take n times
+        this number. It may also take at most n `PATIENCE` times the number of time steps of the run at h.
 
     Returns
     -------

@@ -135,7 +135,7 @@ class DrakeSceneGraph(Protocol):
     """The methods of a `SceneGraph` that the adapter calls."""
 
     def collision_filter_manager(self) -> DrakeFilterManager:
-        """Return the object that decides which shapes can meet."""
+        """Return the object that is told which shapes can meet."""
         ...
 
     def model_inspector(self) -> DrakeInspector:

@@ -79,7 +79,7 @@ def version_of(distribution: str) -> str:
 
 
 def _comparable(version: str) -> tuple[int, ...]:
-    """Return the numbers of a version before any suffix, for example (3, 2, 7) for ``3.2.7.post1``."""
+    """Return the parts of a version that are numbers, before any suffix; for example (3, 2, 7) for ``3.2.7.post1``."""
     return tuple(map(int, re.findall(r"\d+", re.split(r"[^\d.]", version)[0])))
 
 
@@ -93,7 +93,7 @@ class Engine(Solver):
     * `timeout`: the collision is not over after `max_steps` steps; `Run.problem` says how far it came
     * `crashed`: a number is not finite, or the engine has raised an error
     * `unconverged`: the collision is over, but it has gained energy, or its limit dt -> 0 is not known to the tolerance
-      asked for. The outcome keeps its numbers.
+      asked for. The outcome keeps its velocities and impulses.
     """
 
     #: Name of the engine as its makers spell it.
@@ -410,9 +410,9 @@ def _by_body(coordinates: Sequence[float], axes: int) -> tuple[tuple[float, ...]
 
 
 def _diagnostics_of(run: Run) -> dict[str, float]:
-    """Return the numbers of a run that become the diagnostics of its outcome.
+    """Return the diagnostics of a run's outcome: further numbers by name.
 
-    If a new number is in m/s, it must also be listed in `experiments.measures.divergence` (`_VELOCITY`), so that it is
+    If a new diagnostic is in m/s, it must also be listed in `experiments.measures.divergence` (`_VELOCITY`). It is then
     shown as a fraction of abs(v0).
     """
     c = run.scene

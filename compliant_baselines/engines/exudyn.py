@@ -121,7 +121,7 @@ class ExudynSystem(Protocol):
         ...
 
     def SolveDynamic(self, settings: ExudynSettings, *, updateInitialValues: bool, showHints: bool) -> bool:
-        """Take the steps in `settings`; return True if the solver succeeded."""
+        """Take the steps in `settings`, and return True if the solver succeeded."""
         ...
 
 

@@ -192,7 +192,7 @@ class _Compiled:
         planes = max(1, sum(touch.second is None for touch in arrangement.touches))
         self.planes, self.balls = slice(0, planes), slice(planes, planes + len(arrangement.centres))
         self.plane_points = np.array(self.model.geom_pos[self.planes])
-        # The engine's numbers of the two bodies of each contact; body 0 does not move.
+        # The engine's indices of the two bodies of each contact; body 0 does not move.
         self.bodies = [
             (touch.first + 1, 0 if touch.second is None else touch.second + 1)
             for touch in arrangement.touches
@@ -217,7 +217,7 @@ def take_steps(model: MjModel, data: MjData, n: int) -> tuple[Floats, Floats]:
     """Take n steps of bodies on sliding joints, from the state in `data`; the steps are recorded in C++.
 
     The function returns positions in m and velocities in m/s after each step, shape (n, bodies) each. A RuntimeError
-    says that numbers became too large for the engine.
+    says that velocities or positions became too large for the engine.
     """
     mujoco = import_module("mujoco")
     full = mujoco.mjtState.mjSTATE_FULLPHYSICS.value

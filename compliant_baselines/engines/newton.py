@@ -5,8 +5,9 @@ of the two shapes (the engine's kernels_contact.py). This is the law `compressio
 compression only. Both solvers compute the force by the same function. SemiImplicit then moves bodies, and Featherstone
 moves joints; here the joint of a ball lets it move freely. The solver XPBD is in `rigid.newton`.
 
-**Bodies.** A ball has two spheres, as in `drake`. The sphere for its lower side is above the ball's origin, and the
-sphere for its upper side below. So all contacts are at height 0, and a penetration is no difference of large heights.
+**Bodies.** A ball has two spheres, as in `drake`. The sphere for contacts below the ball has its centre above the
+ball's origin, and the sphere for contacts above the ball has its centre below. So all contacts are at height 0, and a
+penetration is no difference of large heights.
 
 **Default settings.** In the solver `newton:default` every contact has the stiffness and damping that a shape gets if a
 user sets none. Its step is the step of the engine's examples, a tenth of 1/60 s.
@@ -245,7 +246,7 @@ class NewtonWorld(World):
         self._recorded.start(np.array(scene.velocities), self.heights, scene.gravity)
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
-        """Take up to as many steps as a recording has; steps beyond n are not read."""
+        """Replay all steps of the recording, and return the velocities and heights after the first n of them."""
         return self._recorded.advance(n)
 
     def weightless(self, velocities: Floats, heights: Floats) -> None:

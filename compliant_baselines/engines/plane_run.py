@@ -101,7 +101,7 @@ class PlaneRun:
     scene
         The scene.
     max_steps
-        Number of steps after which the run is given up.
+        Largest number of steps. A run that is not over then is given up.
     n_steps
         Number of steps taken.
     end

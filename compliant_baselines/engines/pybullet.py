@@ -11,9 +11,9 @@ Balls without a link are bodies in maximal coordinates, whose steps take 60 % of
 broadphase that tries every pair of bodies saves another seventh.
 
 **Steps.** A call from Python that takes a step and two calls that read velocities take longer than the step itself.
-While nothing can happen (`engines.event_free_steps`), one call takes up to `STRIDE` steps, and the results are the same
-to the bit. Heights after single steps are not read, but computed as the engine does: x += h v with the new v, exact to
-the last bit or two.
+While nothing can happen (`engines.event_free_steps`), one call takes at most `STRIDE` steps, and the results are the
+same to the bit. Heights after single steps are not read, but computed as the engine does: x += h v with the new v,
+exact to the last bit or two.
 """
 
 from __future__ import annotations
@@ -244,7 +244,7 @@ class PybulletWorld(World):
         for contact_parts, contact_sides in zip(parts, sides, strict=True):
             for part, side in zip(contact_parts, contact_sides, strict=True):
                 p.changeDynamics(*part, contactStiffness=side.stiffness, contactDamping=side.dissipation)
-        # In this step the bodies are apart, so that the engine forgets its contact points and the impulses of earlier
+        # In this step the bodies are apart. The engine then forgets its contact points and the impulses of earlier
         # steps.
         p.setGravity(0, 0, 0)
         self._place(10 * self.places, np.zeros(self.places.size))
@@ -309,7 +309,7 @@ class PybulletWorld(World):
     def _make_planes(self, scene: Scene, radius: float, coordinates: Mapping[str, object]) -> dict[int, int]:
         """Make a plane for each contact with a fixed body, and return the engine's index of the plane by contact.
 
-        If there is no such contact, a plane is made that nothing touches.
+        If no contact has a fixed body, a plane is made that nothing touches.
         """
         p, arrangement = self._p, scene.arrangement
         planes: dict[int, int] = {}
@@ -404,6 +404,6 @@ def _radius(scene: Scene, contacts: Sequence[Side]) -> float:
 
 
 def _sides(scene: Scene) -> list[ContactSides]:
-    """Return the parameters of both sides of every contact."""
+    """Return the parameters of both bodies of every contact."""
     contacts = [pybullet_side(contact) for contact in scene.contacts]
     return sides_of_contacts(contacts, scene.mapping, one_side_per_body=not _has_links(scene))

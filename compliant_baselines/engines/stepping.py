@@ -4,7 +4,7 @@
 m_i (dv_i + g h), where g h takes the effect of gravity out. The contact forces that an engine reports are never used.
 
 **A contact carries force** in a step if its impulse is larger than the rounding of the momenta, `World.rounding` times
-their sum. A pulling impulse is taken for rounding, unless contacts of the engine may pull (`World.pulls`). Contacts of
+their sum. In engines whose contacts only push, a pulling impulse is taken for rounding (`World.pulls`). Contacts of
 some engines may pull. Such a contact is taken to carry force from its first impulse until its gap opens.
 
 **Without gravity** the collision is over at the end of the first step in which no contact carries force and no bodies
@@ -115,7 +115,7 @@ class Run:
     scene
         The scene.
     max_steps
-        Number of steps after which the run is given up.
+        Largest number of steps. A run that is not over then is given up.
     n_steps
         Number of steps taken.
     end

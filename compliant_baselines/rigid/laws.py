@@ -66,7 +66,7 @@ TINY = 1e-14
 
 
 class TooManyImpactsError(RuntimeError):
-    """Error of a collision that was given up; the message states the number of impacts."""
+    """Error of a collision that is not over after the largest number of impacts; the message states this number."""
 
 
 class PathPoint(NamedTuple):
@@ -236,7 +236,7 @@ class Line:
         return np.where(closed, 0.0, u - np.diff(change))
 
     def fly(self) -> bool:
-        """Move freely until the next contact closes; return False if no contact will close."""
+        """Move freely until the next contact closes. Return False if no contact will close."""
         u, closing = self.u, ~self.touching & (self.u < 0)
         times = np.divide(self.gaps, -u, out=np.full(u.size, np.inf), where=closing)
         times[(u > -self.tiny) & (times > self.horizon)] = np.inf
@@ -306,7 +306,7 @@ def apply_lowest(line: Line) -> None:
 
 
 #: Functions that apply the impact of several touching contacts, by the name of the law. A contact that touches alone
-#: rebounds in the same way under every law (`follow_impacts`). For a law with other single impacts, change
+#: rebounds in the same way by every law (`follow_impacts`). For a law with other single impacts, change
 #: `follow_impacts` too. CONTRIBUTING.md lists what else a new law needs.
 LAWS: dict[str, Callable[[Line], None]] = {
     "newton-restitution": apply_newton,

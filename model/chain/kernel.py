@@ -55,8 +55,8 @@ COLLAPSED = 1e-30
 MOST_WORK = 1_000_000
 
 #: Largest relative gain of kinetic energy that is taken for rounding; no law makes energy. In 20,000 chains, whose
-#: masses and stiffnesses differed by factors up to 1e12, the largest gain was 1.2e-11 for p = 1.5, and 3e-14 for p = 1
-#: and 3.
+#: masses and stiffnesses differed by factors of at most 1e12, the largest gain was 1.2e-11 for p = 1.5, and 3e-14 for p
+#: = 1 and 3.
 GAIN = 1e-9
 
 #: The numbers 0 and 1, to be passed as arguments. For a literal 0 or 1 Numba would compile the called function once
@@ -218,7 +218,7 @@ def apply_event(c, n, i, watched, energy, result):
 
 @kernel_helper
 def unite_resting(c, n, energy, result):
-    """Unite the bodies of contacts for which `rests_rigidly` is true, and return the number of remaining contacts."""
+    """Unite the bodies of each contact that `rests_rigidly`, and return the number of remaining contacts."""
     for i in range(n - 1, -1, -1):
         if rests_rigidly(c, n, i, energy):
             n = unite(c, n, i)
@@ -228,7 +228,7 @@ def unite_resting(c, n, energy, result):
 
 @kernel_helper
 def end_gravity(c, n):
-    """Switch gravity off, and count the deformation at the table from the surface instead of from equilibrium."""
+    """Switch gravity off, and measure the deformation at the table from the surface instead of from equilibrium."""
     last = c[n - 1]
     last.delta += equilibrium_depth(last)
     last.g = 0.0

@@ -99,7 +99,7 @@ def is_active(contact):
 
 @kernel_helper
 def has_dashpot(contact):
-    """Return whether a contact has a dashpot, so that its force depends on the rate of compression."""
+    """Return whether a contact has a dashpot: its force then depends on the rate of compression."""
     return contact.law >= Law.KELVIN_VOIGT
 
 
@@ -191,7 +191,7 @@ def end_compression(contact):
 def restart_compression(contact):
     """Put a contact in restitution back into compression; its stiffness stays the same.
 
-    Under the law of Liu, Zhao and Brogliato the stiffness becomes the original stiffness again.
+    In the law of Liu, Zhao and Brogliato the stiffness becomes the original stiffness again.
     """
     contact.phase = Phase.COMPRESSION
     if contact.law == Law.LIU_ZHAO_BROGLIATO:

@@ -40,7 +40,7 @@ MOST_REFINEMENTS = 60
 REFINEMENTS, LONGEST = 8, 0.05
 
 #: Changes of the time of an event, as shares of the step. At `CONVERGED` Newton's iteration stops. A last change of at
-#: most `RESOLVED` counts as rounding.
+#: most `RESOLVED` is taken for rounding.
 CONVERGED, RESOLVED = 1e-15, 1e-6
 
 

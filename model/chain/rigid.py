@@ -75,10 +75,13 @@ def ringing_ends(c, n, i):
 
 @kernel_helper
 def rests_rigidly(c, n, i, energy):
-    """Return whether contact i, at rest without force under a power law, would be rigid under its neighbours' load.
+    """Return whether contact i, at rest without force, would be rigid if its neighbours pressed it.
 
-    The energy of the contact under this load is less than rounding. So `chain.state.still_rounding` brings the contact
-    to rest after every step, and the steps never show how it oscillates. That is why it is tested here.
+    The function is used for power laws, whose motion is integrated in steps.
+
+    With the load of its neighbours the energy of the contact is less than rounding. So `chain.state.still_rounding`
+    brings the contact to rest after every step, and the steps never show how it oscillates. That is why it is tested
+    here.
     """
     contact = c[i]
     is_pristine = contact.phase == Phase.COMPRESSION and contact.w == 0 and contact.delta == 0

@@ -16,7 +16,7 @@ How a graph is solved:
   jump of its outcome.
 - `kernel`: the compiled loop over events. `state`: the record of a contact, and its energies. `record`: types that the
   kernel shares with Python.
-- `in_time`: the same graphs under laws whose contacts have a depth, such as a spring with a dashpot.
+- `in_time`: the same graphs for contact laws over time, whose contacts have a depth, such as a spring with a dashpot.
 
 This package takes four things from `model.chain`: power series (`chain.series`), the certified first root of a
 polynomial (`chain.roots`), the turning points of a rate (`chain.grazing`), and the shares of energy below which a

@@ -257,7 +257,7 @@ def follow_graphs(c, matrices, graphs, most_windows, log, ends):
     graphs : Graphs
         The graphs, scaled so that all values are about 1.
     most_windows : int
-        Number of windows after which a graph is given up.
+        Largest number of windows of a graph. A graph that needs more is given up.
     log : recarray of `graph.record.EVENT`
         Events of all graphs, one graph after another. Events beyond the size of the log are dropped, but are counted
         in `n_rows` of the results.

@@ -59,7 +59,7 @@ class GraphOutcome:
     impulses : tuple of float, one per contact
         Total impulses along the normals, in N s; NaN if there is no result, for which `status` gives the reason. If the
         Delassus matrix is singular, the final velocities alone would allow different impulses. The stiffnesses then
-        decide which impulses the model gives.
+        determine which impulses the model gives.
     rates : tuple of float, one per contact
         Rates of compression when the collision is over, in m/s: zero or negative.
     states : tuple of str

@@ -91,8 +91,8 @@ def solve_graph(
         Rates of compression w = -J v at first touch, in m/s; positive where bodies approach. At least one rate is
         positive. The vector of rates has to lie in the range of W.
     max_windows : int, optional
-        Number of windows, the times over which a power series is used, after which a graph is given up. The default
-        takes about a second.
+        Largest number of windows of a graph; a window is a time over which one power series is used. A graph that needs
+        more is given up. The default takes about a second.
     grazing_threshold : float
         Grazing margin below which the outcome gets a mark, a sentence that warns that it is near a jump.
 
@@ -127,7 +127,8 @@ def solve_graph_collision(
     ----------
     collision : GraphCollision
     max_windows : int, optional
-        Number of windows of time after which the collision is given up; the default takes about a second.
+        Largest number of windows of time of the collision. A collision that needs more is given up. The default takes
+        about a second.
     grazing_threshold : float
         Grazing margin below which the outcome gets a mark, a sentence that warns that it is near a jump.
 
@@ -179,7 +180,7 @@ def solve_graphs(
         Stiffnesses in N/m, coefficients of restitution, and rates of compression at first touch in m/s. `solve_graph`
         states their legal ranges.
     max_windows : int, optional
-        Number of windows after which a graph is given up; the default takes about a second.
+        Largest number of windows of a graph. A graph that needs more is given up. The default takes about a second.
     grazing_threshold : float
         Grazing margin below which an outcome gets a mark, a sentence that warns that it is near a jump.
     events : bool

@@ -66,7 +66,7 @@ SHORTEST_WINDOW = 1e-9
 #: at every sixth window (`clear_until`).
 ENVELOPE_RATIO = 6.0
 
-#: Number of windows after which a collision is given up, after half a second.
+#: Largest number of windows of a collision; they take half a second. A collision that needs more is given up.
 MOST_WINDOWS = 5_000_000
 
 

@@ -61,7 +61,7 @@ class PairOptions(NamedTuple):
     #: A contact is treated as rigid if its running stiffness exceeds this number times the stiffness of the other
     #: contact. `pair.limits.EXACT` means that there is no cut-off.
     cutoff: float
-    #: Number of events after which a collision is given up.
+    #: Largest number of events. A collision that needs more is given up.
     max_events: int
     #: Whether a repeated compression begins with the stiffness to which ends of compression have raised it. If not, it
     #: begins with the original stiffness (`pair.law`).

@@ -99,7 +99,8 @@ def solve_timed_graphs(
     frozen : bool
         Whether gaps are ignored, as in the model: a contact that has opened returns as soon as its bodies approach.
     max_windows : int, optional
-        Number of windows after which a graph is given up. It can only lower the default, which takes about a second.
+        Largest number of windows of a graph. A graph that needs more is given up. The argument can only lower the
+        default, which takes about a second.
 
     Returns
     -------

@@ -116,7 +116,7 @@ def may_still_act(contact):
 
 @kernel_helper
 def still_rounding(c, W, energy):
-    """Set rates, depths and forces of contacts under bistiffness to 0 where they are only rounding.
+    """Set rates, depths and forces of bistiffness contacts to 0 where they are only rounding.
 
     Contacts in restitution and rigid contacts keep their values. In a symmetric graph the exact rate of a contact may
     be 0 at all times. Without this function the rounding of such a rate would end compressions, and each end would make
