@@ -5,9 +5,9 @@ moves along the bisector, and `rack` with 3 and 6 balls. Each scene is solved wi
 The asymmetry of an answer is the largest difference between a velocity and the mirrored velocity of the body's mirror
 image, over |v0|.
 
-Each scene is also solved with its bodies in other orders, and with its contacts in other orders. One order is reversed,
-and one begins with the second number and ends with the first. The script prints the largest change of a velocity in all
-scenes, over |v0|: once for orders of bodies, and once for orders of contacts.
+Each scene is also solved with its bodies in other orders, and with its contacts in other orders. There are two other
+orders: the reversed order, and the order that begins with the second number and ends with the first. The script prints
+the largest change of a velocity in all scenes, over |v0|: once for orders of bodies, and once for orders of contacts.
 """
 
 from __future__ import annotations

@@ -247,14 +247,15 @@ def solve_graphs_by_law(
     frozen
         True for frozen positions, as in the model.
     max_steps
-        Largest number of windows of series. A collision that needs more is given up. A collision is given up after
-        about a second in any case.
+        Largest number of windows of series. A collision that needs more is given up. Whatever the number is, a
+        collision is given up after about a second.
 
     Returns
     -------
     list of GraphCollisionOutcome
         One outcome for each collision, in order, exact to rounding. The status is ``closed-form`` where bistiffness
-        contacts became rigid or came to rest together. ``duration`` is in s, ``n_steps`` counts windows.
+        contacts became rigid or came to rest together. The diagnostic ``duration`` is in s, and ``n_steps`` is the
+        number of windows.
     """
     # Compiled graphs in time take 0.1 s to import, which collisions of chains would pay for nothing.
     from impact_xval.model.graph.in_time.following import solve_timed_graphs

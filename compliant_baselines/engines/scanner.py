@@ -25,7 +25,7 @@ MOST_CONTACTS = 60
 
 
 class RunEnd(IntEnum):
-    """State of a run after its last step: it goes on, is over, or is given up."""
+    """State of a run after its last step: it goes on, is over, or was ended before it is over."""
 
     #: The collision goes on.
     GOING = 0

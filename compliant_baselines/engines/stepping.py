@@ -17,11 +17,12 @@ are closed. Either only B2 has settled on the table, while B1 is clear of it and
 velocities of settled balls are reported as 0. The diagnostic `rest_speed` is the velocity that B2 still had.
 docs/theory.md, section 8, gives the reasons. The exact solvers follow the same rules.
 
-**A flight that is given up** may end with a further meeting, which changes little if bodies approach slowly. Proof: let
-p be any velocities at which all bodies part, and |.| the kinetic norm. Contacts that only push, with impulses P_i >= 0,
-change v to v' = v + sum_i P_i n_i, where n_i . p >= 0. They create no energy, so |v' - p|^2 = |v'|^2 - 2 v' . p + |p|^2
-<= |v - p|^2. So the final velocities are no further from p than the velocities in flight. If the velocities in flight
-are within `SLOWEST_MEETING` of the nearest such p, the collision is taken to be over, and p is reported.
+**A flight that is given up**, because it lasts longer than the remaining steps, may end with a further meeting. This
+meeting changes little if bodies approach slowly. Proof: let p be any velocities at which all bodies part, and |.| the
+kinetic norm. Contacts that only push, with impulses P_i >= 0, change v to v' = v + sum_i P_i n_i, where n_i . p >= 0.
+They create no energy, so |v' - p|^2 = |v'|^2 - 2 v' . p + |p|^2 <= |v - p|^2. So the final velocities are no further
+from p than the velocities in flight. If the velocities in flight are within `SLOWEST_MEETING` of the nearest such p,
+the collision is taken to be over, and p is reported.
 """
 
 from __future__ import annotations

@@ -167,7 +167,7 @@ def examine_groups(
     model, speed
         The scene, and the speed in m/s at which bodies meet.
     every
-        True to measure every combination of parameters and bodies, up to `MOST_ROWS`. False to measure only the
+        True to measure every combination of parameters and bodies, but at most `MOST_ROWS`. False to measure only the
         contacts of a group that differ most.
     geom
         Name of a geom, or its number after a "#": only contacts of this geom are examined.

@@ -1,10 +1,10 @@
-"""Writes a MuJoCo scene in which contacts behave as a user may have meant their parameters, and measures it.
+"""Write a MuJoCo scene in which contacts behave as a user may have meant their parameters, and measure it.
 
-The parameters are a solref of two negative numbers, -stiffness and -damping; they are called direct numbers below.
-MuJoCo itself writes the compiled scene as one file (`mj_saveLastXML`), with includes and frames resolved and with six
-digits. Then each contact with direct numbers gets a <pair> in this file. The time step becomes the longest one at which
-all these contacts are good. The tolerance becomes 0 if the scene's tolerance changes a contact. Geoms of such a pair
-that have no name get one.
+The parameters are a solref in the direct format, (-stiffness, -damping). They are called direct numbers below. MuJoCo
+itself writes the compiled scene as one file (`mj_saveLastXML`), with includes and frames resolved and with six digits.
+Then each contact with direct numbers gets a <pair> in this file. The time step becomes the longest one at which all
+these contacts are good. The tolerance becomes 0 if the scene's tolerance changes a contact. Geoms of such a pair that
+have no name get one.
 """
 
 from __future__ import annotations

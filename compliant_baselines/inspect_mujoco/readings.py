@@ -145,8 +145,9 @@ def read_direct_numbers(
 ) -> tuple[Reading | None, Reading | None]:
     """Return both readings of a solref (-stiffness, -damping): the present behaviour, and N/m and N s/m.
 
-    The present behaviour is `kept`. Both readings are None if the solref is positive, or if the contact already has the
-    stiffness and damping of the solref in N/m and N s/m.
+    The present behaviour is `kept`. Both readings are None if the solref is a time constant and a damping ratio, or if
+    the contact already has the stiffness and damping of the solref in N/m and N s/m. The first reading is also None if
+    the bodies do not leave the contact.
     """
     if bodies.solref[0] >= 0:
         return None, None
@@ -165,7 +166,7 @@ def read_direct_numbers(
 def meaning_in_newton_metre(
     bodies: Bodies, option: MujocoOption, impedances: tuple[float, float] | None
 ) -> KelvinVoigtContact:
-    """Return the contact that a direct solref means if its numbers are read in N/m and N s/m.
+    """Return the contact that a solref (-stiffness, -damping) means if its numbers are read in N/m and N s/m.
 
     If the impedance is small and constant, the engine's numbers are forces: N/m and N s/m over the mass. Then they are
     multiplied by the mass and by the factor of the friction cone. `impedances` are the measured impedances, which show

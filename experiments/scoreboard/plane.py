@@ -1,8 +1,8 @@
 """The part of the scoreboard for collisions of balls in a plane, which are contact graphs.
 
 `collect_plane_answers` asks engines and exact laws for the outcome of each case in `plane_cases`. `judge_plane_answers`
-compares the answers of engines with those of the exact laws. `write_plane` writes the answers into a file, and the
-section for the page. Needs pandas. The cases are answered in worker processes.
+compares the answers of engines with those of the exact laws. `write_plane` writes the answers into a file, and returns
+the section about them for the page. Needs pandas. Each solver answers the cases in a process of its own.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """The collisions in a plane for the scoreboard, and the function with which a solver answers one of them.
 
-Used by `plane`, and imported in the process of each solver. It needs no pandas, because some of these processes have
-none.
+Used by `plane`, and imported in the process of each solver. It needs no pandas.
 """
 
 from __future__ import annotations

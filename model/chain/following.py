@@ -102,7 +102,7 @@ class Problem:
 
     @property
     def most_windows(self) -> int:
-        """Number of windows after which the kernel gives up: `max_windows`, or less if there are many contacts."""
+        """Largest number of windows that the kernel follows: `max_windows`, or less if there are many contacts."""
         other_contacts = self.collisions.stiffnesses.shape[1] - 1
         return min(self.max_windows, -(-MOST_WORK // other_contacts)) if other_contacts else self.max_windows
 

@@ -77,7 +77,10 @@ class Action(IntEnum):
 
 
 class Window(NamedTuple):
-    """Window that was followed to its first event, or to its end without an event."""
+    """Window that was followed to its first event, or to its end without an event.
+
+    A window is a time over which polynomials give the motion: one power series, or one step of integration.
+    """
 
     #: Length of the window in time.
     h: float

@@ -106,8 +106,8 @@ def error_of_step(c, n, h, work):
 
     The error of a deformation is divided by a length: the deformation at which the contact would hold all the energy of
     impact. For an active contact the length is computed with its running stiffness. For an inactive contact it is
-    computed with the original stiffness. Such a contact may have become far stiffer, and the rounding of its gap would
-    count as an error in units of the shorter length.
+    computed with the original stiffness. An inactive contact may have become far stiffer. In units of the shorter
+    length the rounding of its gap would then appear as an error.
     """
     fifth, third = 0.0, 0.0
     for i in range(n):

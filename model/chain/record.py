@@ -71,7 +71,7 @@ class ChainOptions(NamedTuple):
 
     #: Largest error of a step of integration, for laws whose motion is integrated in steps.
     tolerance: float
-    #: Number of windows after which a chain is given up; `kernel.MOST_WORK` is a further limit.
+    #: Largest number of windows of a chain; a chain that needs more is given up. `kernel.MOST_WORK` is a further limit.
     max_windows: int
 
 

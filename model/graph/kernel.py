@@ -47,7 +47,7 @@ GAIN = 1e-9
 def begin(c, matrices, graphs, graph):
     """Set all contacts of a graph to their state at first touch.
 
-    No contact is active yet. The start rule of the first window decides which contacts become active (`graph.law`).
+    No contact is active yet. The start rule (`graph.law`) makes contacts active at the beginning of the first window.
     """
     for i in range(c.size):
         contact = c[i]

@@ -22,9 +22,10 @@ from impact_xval.model.pair.roots import EPSILON, Jet, positive_between, root_be
 #: time would lose less than this share. The outcome then hardly depends on whether compression ends there.
 STAKE = 1e-6
 
-#: Share of the amplitude of a rate of compression. A turning point at which the rate is larger is ignored. An outcome
-#: whose turning points are all ignored has an infinite margin. The number must not exceed
-#: `pair.roots.ENVELOPE_RESERVE`. Outcomes are marked by a far smaller threshold, `model.inputs.GRAZING_THRESHOLD`.
+#: Share of the amplitude of a rate of compression. A turning point is ignored if the rate is larger there than this
+#: share. An outcome whose turning points are all ignored has an infinite margin. The number must not exceed
+#: `pair.roots.ENVELOPE_RESERVE`. The threshold for marks, the sentences that warn of outcomes, is far smaller:
+#: `model.inputs.GRAZING_THRESHOLD`.
 NEAR = 0.05
 
 #: Shortest part of a window that is still halved in the search for pairs of turning points, in radians of the fast

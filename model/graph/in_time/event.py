@@ -22,7 +22,10 @@ from impact_xval.model.pair.law import Phase
 
 
 class TimedEvent(NamedTuple):
-    """First event of a window, or no event."""
+    """First event of a window, or no event.
+
+    A window is a time over which one power series gives the motion.
+    """
 
     #: Number of the contact, from 0; -1 if the window has no event.
     contact: int

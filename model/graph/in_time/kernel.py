@@ -37,7 +37,7 @@ from impact_xval.model.pair.law import Phase
 def begin(c, matrices, graphs, dampings, graph):
     """Set all contacts of a graph to their state at first touch.
 
-    No contact is active yet. The start rule of the first window decides which contacts become active (`in_time.law`).
+    No contact is active yet. The start rule (`in_time.law`) makes contacts active at the beginning of the first window.
     """
     for i in range(c.size):
         contact = c[i]
