@@ -1,11 +1,13 @@
-"""How far engines break the symmetry of symmetric impacts: ``python -m benchmarks.graph_symmetry NAME ...``.
+"""Measure how far engines break the symmetry of symmetric impacts: ``python -m benchmarks.graph_symmetry NAME ...``.
 
 The scenes are `bernoulli` and `bridge` at 30, 45 and 60 degrees, `corner` at 60, 90 and 120 degrees with a ball that
-moves along the bisector, and `rack` of 3 and 6, each at e = 1, 0.7 and 0.5. The asymmetry of an answer is the largest
-difference between a velocity and the mirrored velocity of the body's mirror image, over |v0|.
+moves along the bisector, and `rack` with 3 and 6 balls. Each scene is solved with the restitutions e = 1, 0.7 and 0.5.
+The asymmetry of an answer is the largest difference between a velocity and the mirrored velocity of the body's mirror
+image, over |v0|.
 
-Each scene is also asked with its bodies, its contacts, or both in other orders: reversed, and from the second number
-on. Printed is the largest change of a velocity, over |v0|, for bodies and for contacts, in all scenes.
+Each scene is also solved with its bodies in other orders, and with its contacts in other orders. There are two other
+orders: the reversed order, and the order that begins with the second number and ends with the first. The script prints
+the largest change of a velocity in all scenes, over |v0|: once for orders of bodies, and once for orders of contacts.
 """
 
 from __future__ import annotations
@@ -29,35 +31,35 @@ from tests.compliant_baselines.plane_graphs import renumbered, with_stiffness
 
 RESTITUTIONS = (1.0, 0.7, 0.5)
 
-#: Stiffness of the contacts in N/m, so that balls move little while they collide.
+#: Stiffness of the contacts in N/m. It is so large that balls move little while they collide.
 STIFFNESS = 1e8
 
 
 class SymmetricScene(NamedTuple):
-    """A symmetric collision at 1 m/s, and its mirror."""
+    """A symmetric collision at 1 m/s, and its axis of symmetry."""
 
     name: str
     collision: GraphCollision
-    #: Unit vector (x, z) along the mirror.
+    #: Unit vector (x, z) along the axis of symmetry.
     along: tuple[float, float]
-    #: The number of each body's mirror image, from 0.
+    #: For each body the number of its mirror image, counted from 0.
     images: Sequence[int]
 
 
 class Symmetry(NamedTuple):
-    """What an engine made of the symmetric scenes, over |v0|; NaN without an answer."""
+    """Measurements of one solver in all symmetric scenes. Differences of velocities are divided by |v0|."""
 
-    #: Largest asymmetry by name of the graph.
+    #: Largest asymmetry for each name of a graph. Graphs without an answer are missing.
     asymmetries: dict[str, float]
-    #: Largest change of a velocity by other orders of bodies, and of contacts.
+    #: Largest change of a velocity if the bodies are in other orders, and if the contacts are.
     by_bodies: float
     by_contacts: float
-    #: Scenes without an answer.
+    #: Number of scenes without an answer.
     refused: int
 
 
 def symmetric_scenes() -> list[SymmetricScene]:
-    """Return the scenes of the module's description."""
+    """Return all scenes that the module's docstring lists, with all restitutions."""
     scenes: list[SymmetricScene] = []
     for e in RESTITUTIONS:
         for name in ("bernoulli", "bridge", "rack"):
@@ -88,7 +90,7 @@ def symmetric_scenes() -> list[SymmetricScene]:
 
 
 def asymmetry(scene: SymmetricScene, velocities: Floats) -> float:
-    """Return the largest difference between a velocity and the mirrored velocity of the body's mirror image."""
+    """Return the largest difference in m/s between a velocity and the mirrored velocity of the body's mirror image."""
     along = np.array(scene.along)
     images = velocities[list(scene.images)]
     mirrored = 2 * np.outer(images @ along, along) - images
@@ -96,14 +98,18 @@ def asymmetry(scene: SymmetricScene, velocities: Floats) -> float:
 
 
 def other_orders(count: int) -> list[list[int]]:
-    """Return orders of numbers from 0 other than the ascending one: reversed, and from the second number on."""
+    """Return the orders of `count` numbers in which a scene is solved again.
+
+    They are the reversed order, and the ascending order that begins with the second number and ends with the first.
+    Orders that are equal to the ascending order or to each other are left out.
+    """
     numbers = list(range(count))
     orders = [numbers[::-1], [*numbers[1:], *numbers[:1]]]
     return [order for place, order in enumerate(orders) if order != numbers and order not in orders[:place]]
 
 
 def measure_symmetry(solver: Solver, scenes: Sequence[SymmetricScene], settings: Settings) -> Symmetry:
-    """Ask a solver for all scenes, in all orders."""
+    """Let a solver answer all scenes in all orders, and return the largest asymmetries and changes of velocities."""
 
     def velocities_of(collisions: Sequence[GraphCollision]) -> list[Floats]:
         return [np.array(outcome.velocities, float) for outcome in solver.solve_graphs(collisions, settings)]
@@ -133,7 +139,7 @@ def measure_symmetry(solver: Solver, scenes: Sequence[SymmetricScene], settings:
 
 
 def main() -> None:
-    """Print a row for each solver that the command line names."""
+    """Print a table with one row for each solver that the command line names."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

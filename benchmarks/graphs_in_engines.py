@@ -1,10 +1,13 @@
 """Compare engines on contact graphs with exact laws: ``python -m benchmarks.graphs_in_engines --engine NAME``.
 
-The graphs are random trees of balls in a plane, some at walls. For an engine of springs and dashpots the script counts
-the limits dt -> 0 that are within three stated errors of the exact motion under its law. For a rigid engine it prints
-the nearest rigid law for each graph, and its distance: the kinetic norm of the difference of velocities, over the
-kinetic norm of the velocities at first touch. Laws that depend on an order of contacts are tried in all orders, and
-named with the nearest order.
+The graphs are random trees of balls in a plane; some of the balls touch walls. For an engine with springs and dashpots
+the script prints how many of its limits dt -> 0 are right. A limit is right if it differs from the exact motion of the
+engine's law by at most three times the error that is stated with the limit.
+
+For a rigid engine the script prints the nearest rigid law for each graph, and the distance of the engine's answer from
+this law. The distance is the kinetic norm of the difference of velocities, over the kinetic norm of the velocities at
+first touch. Some laws depend on the order in which contacts are treated. They are tried in all orders, and the nearest
+order is printed with their name.
 """
 
 from __future__ import annotations
@@ -28,22 +31,25 @@ from impact_xval.model.graph import GraphCollision, GraphCollisionOutcome
 from impact_xval.model.kinetic import kinetic_norm
 from tests.compliant_baselines.plane_graphs import random_graph
 
-#: Newton's law with restitution of the contacts that approach alone: 0 <= P, u+ + e min(u-, 0) >= 0, complementary. The
-#: law of `rigid.graphs` lets a contact that parts before the impact approach after it, and then has another impact.
+#: Newton's law in which only contacts that approach have a restitution. Let P be the impulse of a contact, and u- and
+#: u+ its velocity of separation before and after the impact. Then P >= 0 and u+ + e min(u-, 0) >= 0, and one of the two
+#: is 0. The law of `rigid.graphs` differs: a contact that parts before the impact may approach after it, and then has
+#: another impact.
 APPROACHING = "newton-of-approaching"
 
-#: Newton's law in the steps of an engine: bodies move for a step, and contacts whose bodies then touch have their
-#: impact.
+#: Newton's law, applied in the steps of an engine: bodies move for one step, and then all contacts whose bodies touch
+#: have an impact together.
 IN_STEPS = "newton-in-steps"
 
-#: Plastic-then-restitution, in which a contact has its restitution in the first impact in which it approaches, and none
-#: later. Contacts that have parted are left out of later impacts.
+#: Variant of the law plastic-then-restitution. A contact has its restitution only in the first impact in which it
+#: approaches. Later impacts leave out the contacts that have parted.
 ONCE = "restitution-once"
 
-#: Steps after which `newton_in_steps` is given up.
+#: Largest number of steps of `newton_in_steps`, and largest number of impacts of `restitution_once`.
 MOST_STEPS = 4000
 
-#: Distance up to which laws count as equally near. The first of them is then named: in most graphs several laws agree.
+#: Laws at a distance of at most this number are taken as equally near. The first of them is then named, because in most
+#: graphs several laws agree.
 NEAR = 1e-4
 
 #: A law explains an engine's answer if their distance is at most this number.
@@ -61,7 +67,10 @@ def distance(collision: GraphCollision, velocities: object, others: object) -> f
 
 
 def newton_of_approaching(collision: GraphCollision) -> Floats:
-    """Return the velocities after impacts by the law `APPROACHING`, until no contact approaches."""
+    """Return the final velocities in m/s by the law `APPROACHING`.
+
+    Impacts are applied one after another until no contact approaches.
+    """
     W, rates = collision.delassus, collision.rates
     e = np.array([contact.restitution for contact in collision.contacts])
     total, rounding = np.zeros(len(rates)), 1e-12 * np.abs(rates).max()
@@ -73,7 +82,10 @@ def newton_of_approaching(collision: GraphCollision) -> Floats:
 
 
 def newton_in_steps(collision: GraphCollision, step: float, gaps: Floats) -> Floats:
-    """Return the velocities by the law `IN_STEPS`, with steps in s and gaps in m at the start, shape (C,)."""
+    """Return the final velocities in m/s by the law `IN_STEPS`.
+
+    `step` is the length of a step in s, and `gaps` are the gaps of contacts at the start in m, shape (C,).
+    """
     J = jacobian(collision)
     inertia = np.repeat(collision.masses, len(collision.velocities[0]))
     W = (J / inertia) @ J.T
@@ -92,7 +104,10 @@ def newton_in_steps(collision: GraphCollision, step: float, gaps: Floats) -> Flo
 
 
 def jacobian(collision: GraphCollision) -> Floats:
-    """Return J of a graph without arms, shape (C, N axes): rates of compression are -J v."""
+    """Return the matrix J of shape (C, N axes) with which the rates of compression of contacts are -J v.
+
+    The graph must have no lever arms: its bodies do not turn.
+    """
     rows = np.zeros((len(collision.contacts), len(collision.masses), len(collision.velocities[0])))
     for row, contact in zip(rows, collision.contacts, strict=True):
         first, second = contact.bodies
@@ -103,7 +118,10 @@ def jacobian(collision: GraphCollision) -> Floats:
 
 
 def restitution_once(collision: GraphCollision, order: Sequence[int]) -> Floats:
-    """Return the velocities after impacts by the law `ONCE`; the order has the numbers of all contacts, from 1."""
+    """Return the final velocities in m/s by the law `ONCE`.
+
+    `order` has the numbers of all contacts, counted from 1, in the order in which they get their restitution.
+    """
     W, rates = collision.delassus, collision.rates
     e = np.array([contact.restitution for contact in collision.contacts])
     total, rounding = np.zeros(len(rates)), 1e-7 * np.abs(rates).max()
@@ -130,7 +148,10 @@ def restitution_once(collision: GraphCollision, order: Sequence[int]) -> Floats:
 def nearest_law(
     collision: GraphCollision, outcome: GraphCollisionOutcome, in_steps: Floats | None = None
 ) -> tuple[float, str]:
-    """Return the distance to the nearest rigid law, and its name; `in_steps` are the velocities by `IN_STEPS`."""
+    """Return the distance from an engine's outcome to the nearest rigid law, and the name of this law.
+
+    `in_steps` are the final velocities by the law `IN_STEPS`. If they are None, this law is not tried.
+    """
     restitutions = [contact.restitution for contact in collision.contacts]
     orders = [*permutations(range(1, len(restitutions) + 1))]
     found: list[tuple[float, str]] = []
@@ -154,7 +175,10 @@ def nearest_law(
 def compare_compliant(
     engine: Engine, graphs: list[GraphCollision], settings: Settings, console: Console
 ) -> None:
-    """Print the number of limits that are within three stated errors of the exact law."""
+    """Print the limits of an engine with springs and dashpots, and how many of them are right.
+
+    A limit is right if it is within three stated errors of the exact law.
+    """
     outcomes = engine.solve_graphs(graphs, settings)
     exact = get_solver(engine.law or "kelvin-voigt").solve_graphs(graphs, settings)
     table = Table("graph", "contacts", "status", "off, m/s", "stated error", "off/error", "at the step, m/s")
@@ -180,7 +204,7 @@ def compare_compliant(
 
 
 def compare_rigid(engine: Engine, graphs: list[GraphCollision], settings: Settings, console: Console) -> None:
-    """Print the nearest rigid law of each graph, and the number of graphs for which each law is the nearest."""
+    """Print the rigid law nearest to the engine's answer to each graph, and how often each law is the nearest."""
     table = Table("graph", "contacts", "status", "nearest law", "distance")
     nearest: dict[str, list[float]] = {}
     without = 0
@@ -218,7 +242,7 @@ def compare_rigid(engine: Engine, graphs: list[GraphCollision], settings: Settin
 
 
 def main() -> None:
-    """Run the comparison that the command line asks for."""
+    """Compare the engine that the command line names with exact laws."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--engine", required=True)
     parser.add_argument("--graphs", type=int, default=60)

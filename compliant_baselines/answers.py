@@ -26,7 +26,7 @@ LONGEST = 1000
 
 
 def answer(solver: Solver, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
-    """Solve collisions by any solver; return one outcome for each collision, in order.
+    """Solve collisions by any solver, and return one outcome for each collision, in order.
 
     Solvers of this project return `Outcomes`. If a solver raises an exception or returns a wrong number of outcomes,
     the collision that causes this gets the status ``crashed``. The other collisions get their outcomes.
@@ -63,7 +63,7 @@ def _answer_batch(solver: Solver, collisions: Sequence[Collision], settings: Set
 def answer_graphs(
     solver: Solver, collisions: Sequence[GraphCollision], settings: Settings
 ) -> list[GraphCollisionOutcome]:
-    """Solve contact graphs by any solver; return one outcome for each graph, in order.
+    """Solve contact graphs by any solver, and return one outcome for each graph, in order.
 
     If a solver raises an exception or returns a wrong number of outcomes, the graph that causes this gets the status
     ``crashed``. The other graphs get their outcomes.

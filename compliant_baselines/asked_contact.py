@@ -1,4 +1,4 @@
-"""Spring and dashpot of a contact from the two numbers that a user gives: one for the damping, one for the spring.
+"""Spring and dashpot of a contact from two quantities that a user gives: one for the damping, and one for the spring.
 
 The formulas are those of docs/theory.md, section 7. M is the reduced mass of the two bodies, k the stiffness, c the
 damping, omega = sqrt(k/M), and zeta = c/(2 M omega) the damping ratio. A contact of two bodies alone has the duration T
@@ -41,25 +41,25 @@ STIFFNESS = Legal("stiffness", _LEAST, _LARGEST, "a finite number > 0 (N/m)")
 DURATION = Legal("duration", _LEAST, _LARGEST, "a finite number > 0 (s)")
 SINK = Legal("sink", _LEAST, _LARGEST, "a finite number > 0 (m)")
 
-#: Quantities that can decide the damping, and quantities that can decide the spring. A user gives one of the first
-#: group and one of the second.
+#: Quantities from which the damping follows, and quantities from which the spring follows. A user gives one of the
+#: first group and one of the second.
 DAMPERS = (RESTITUTION, DAMPING, DAMPING_RATIO)
 SPRINGS = (STIFFNESS, DURATION, SINK)
 
-#: The quantities that decide a spring or a damping, as texts for messages. A time step also decides a spring: the
-#: stiffest contact that an engine computes well at this step is searched for.
+#: The quantities that a user can give for the spring and for the damping, as texts for messages. A spring also follows
+#: from a time step: it is the stiffest contact that an engine computes well with this step.
 SPRING_NAMES = "stiffness, duration, step or sink"
 DAMPER_NAMES = "restitution, damping or damping_ratio"
 
 
 @dataclass(frozen=True, slots=True)
 class AskedContact:
-    """The numbers that a user gives for a contact: one decides the damping, one the spring, and all others are None.
+    """The quantities that a user gives for a contact: one for the damping, and one for the spring. All others are None.
 
     Raises
     ------
     ValueError
-        If numbers are missing, contradictory or illegal; the message names the field, the value and the legal range.
+        If quantities are missing, contradictory or illegal. The message names the field, the value and the legal range.
     """
 
     #: Coefficient of restitution, from 1e-4 to 1. A restitution of 0 would need an infinite damping.
@@ -85,7 +85,7 @@ class AskedContact:
                 raise ValueError(f"{legal.name} = {value!r}; legal: {legal.text}")
 
     def contact(self, mass: float, load: float) -> KelvinVoigtContact:
-        """Return the contact with the damping and the spring that the numbers decide.
+        """Return the contact with the damping and the spring that follow from the given quantities.
 
         Parameters
         ----------
@@ -141,7 +141,7 @@ class AskedContact:
 
 
 def _pick_one(given: dict[str, float | None], group: Sequence[Legal], names: str) -> None:
-    """Raise a ValueError unless exactly one number of a group of quantities is given."""
+    """Raise a ValueError if not exactly one quantity of a group is given."""
     present = [legal.name for legal in group if given[legal.name] is not None]
     if not present:
         raise ValueError(f"{names}: none given; legal: one of them, which decides the others")
@@ -167,8 +167,8 @@ def stiffness_from_duration(duration: float, zeta: float, mass: float) -> float:
 def stiffness_from_damping_and_duration(damping: float, duration: float, mass: float) -> float:
     """Return the stiffness in N/m that gives a contact its duration in s, for a damping in N s/m and a mass in kg.
 
-    `mass` is the reduced mass. Damping, duration and mass decide the restitution without the stiffness; the module's
-    docstring has the formula. A ValueError says that the restitution would be below 1e-4.
+    `mass` is the reduced mass. The restitution follows from damping, duration and mass without the stiffness; the
+    module's docstring has the formula. A ValueError says that the restitution would be below 1e-4.
     """
     loss = damping * duration / (2 * mass)
     largest = LARGEST_DAMPING_RATIO * contact_time(LARGEST_DAMPING_RATIO)

@@ -36,7 +36,7 @@ _ORDINARY = (
     Collision.two_balls(m1=1.0, m2=2.0, k1=1e6, k2=2e5, e1=1.0, e2=1.0),
 )
 
-#: A drop on a table that is so soft that the weight of the balls decides the outcome.
+#: A drop on a table that is so soft that the outcome depends on the weight of the balls.
 _DROPPED = Collision.two_balls(m1=1.0, m2=1.0, k1=2e3, k2=1e3, e1=0.9, e2=0.7)
 
 #: Two contact graphs that every solver must solve or refuse: a ball in a corner, and a box that lands flat.
@@ -53,7 +53,7 @@ _BOX = GraphCollision(
 )
 
 #: Error of velocities in m/s, by scenario, below which a solver passes even if its error does not shrink with the step.
-#: The error of a drop changes its sign at some step, so that a small error may grow when the step is shortened.
+#: The error of a drop changes its sign at some step length. So a small error may grow when the step is shortened.
 _NEAR = {"impact": 1e-3, "drop": 5e-3}
 
 #: Laws whose contacts may pull. Along a path their impulses may decrease.
@@ -70,8 +70,8 @@ _COARSE = Settings(step_fraction=5e-3)
 #: Time steps, as fractions of the shorter contact period, at which the error of a solver is measured.
 _FRACTIONS = (4e-3, 1e-3)
 
-#: Number of steps after which a collision is given up. If a solver has no gravity, the balls of a drop never come back
-#: to each other, and the collision never ends.
+#: Largest number of steps of a collision. A collision that needs more is given up. If a solver has no gravity, the
+#: balls of a drop never come back to each other, and the collision never ends.
 _MAX_STEPS = 200_000
 
 
@@ -267,7 +267,7 @@ def checks(law: str | None = KELVIN_VOIGT) -> tuple[Check, ...]:
 
 
 def problem_of(check: Check, solver: Solver) -> str:
-    """Run a check; return the message of the failure or of the solver's exception, or ``""`` if the check passed."""
+    """Run a check, and return the message of the failure or of the solver's exception; ``""`` if the check passed."""
     try:
         check(solver)
     except NonConformingError as error:
@@ -278,6 +278,6 @@ def problem_of(check: Check, solver: Solver) -> str:
 
 
 def problems(solver: Solver, law: str | None = KELVIN_VOIGT) -> dict[str, str]:
-    """Run all checks of a solver; return the messages of the checks that failed, by the name of the check."""
+    """Run all checks of a solver, and return the messages of the failed checks by their names."""
     messages = {check.__name__: problem_of(check, solver) for check in checks(law)}
     return {name: message for name, message in messages.items() if message}

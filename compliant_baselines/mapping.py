@@ -117,7 +117,8 @@ class MujocoContact(NamedTuple):
         stiffness = -self.direct[0]
         if dmin == dmax:
             return (1 - dmin) * acceleration / stiffness
-        # `high` is twice the depth at which the ball would rest if d were the smallest impedance at every depth.
+        # Suppose that the impedance had its smallest value at every depth. `high` is twice the depth at which the ball
+        # would then rest.
         least = min(dmin, dmax)
         low, high = 0.0, 2 * (1 - least) * acceleration / (stiffness * (least / dmax) ** 2)
         while low < (r := 0.5 * (low + high)) < high:
@@ -157,7 +158,7 @@ def mujoco_contact(
 
 
 class Side(NamedTuple):
-    """The parameters of a body, or of one of its sides, in an engine that combines the parameters of two bodies."""
+    """Parameters of one of the two bodies of a contact, in an engine that combines the parameters of both bodies."""
 
     #: Stiffness in N/m: `contactStiffness` in PyBullet, "point_contact_stiffness" in Drake.
     stiffness: float
@@ -165,42 +166,44 @@ class Side(NamedTuple):
     dissipation: float
 
     def against(self, partner: Side) -> Side:
-        """Return the parameters of the contact between two sides: stiffnesses in series, dissipations added.
+        """Return the parameters of the contact of a body with a second body: stiffnesses in series, dissipations added.
 
-        Both engines combine sides in this way; PyBullet's source is btManifoldResult.cpp.
+        Both engines combine the parameters of two bodies in this way; PyBullet's source is btManifoldResult.cpp.
         """
         stiffness = 1 / (1 / self.stiffness + 1 / partner.stiffness)
         return Side(stiffness, self.dissipation + partner.dissipation)
 
 
-#: Parameters of a rigid and undamped side. They leave the parameters of the opposite side unchanged: 1/(1/k + 1/1e30) =
-#: k in double precision. PyBullet gives the stiffness of 1e30 N/m to a body without numbers (BT_LARGE_FLOAT in
-#: btScalar.h).
+#: Parameters of a rigid and undamped body. In a contact with it the other body's parameters are those of the contact:
+#: 1/(1/k + 1/1e30) = k in double precision. PyBullet uses the same stiffness of 1e30 N/m for a body whose contact
+#: stiffness is not set (BT_LARGE_FLOAT in btScalar.h).
 RIGID = Side(1e30, 0.0)
 
 
 class ContactSides(NamedTuple):
-    """The parameters of the two sides that meet in a contact."""
+    """The parameters of both bodies of a contact."""
 
-    #: Side of the first body; in a line it is the lower side of the ball above.
+    #: Parameters of the first body. In a line it is the upper body, which touches with its lower side.
     first: Side
-    #: Side of the second body; in a line it is the upper side of the body below.
+    #: Parameters of the second body. In a line it is the lower body, which touches with its upper side.
     second: Side
 
 
 def sides_of_contacts(
     contacts: Sequence[Side], mapping: MappingName, *, one_side_per_body: bool = False
 ) -> list[ContactSides]:
-    """Return the two sides of each contact; `contacts` are the parameters that each contact shall have.
+    """Return the parameters of both bodies for each contact.
 
-    The first body's side has the parameters of the contact, and the second body's side is rigid and undamped.
+    `contacts` are the parameters that each contact shall have.
 
-    In some engines a body has the same parameters on all its sides (`one_side_per_body`). There two balls on a table
+    The first body gets the parameters of the contact, and the second body is rigid and undamped in this contact.
+
+    In some engines a body has the same parameters in all its contacts (`one_side_per_body`). There two balls on a table
     are the only possible scene: the upper ball has the parameters of contact 1, the table has those of contact 2, and
     the lower ball is rigid.
 
-    In the naive mapping every body has the same parameters on all its sides. Both balls have the parameters of contact
-    1.
+    In the naive mapping every body has the same parameters in all its contacts. Both balls have the parameters of
+    contact 1.
     """
     if not one_side_per_body and mapping != "naive":
         return [ContactSides(side, RIGID) for side in contacts]
@@ -210,7 +213,7 @@ def sides_of_contacts(
 
 
 def combine_sides(contacts: Sequence[ContactSides]) -> list[Side]:
-    """Return the parameters of each contact, combined from its two sides."""
+    """Return the parameters of each contact, combined from the parameters of its two bodies."""
     return [first.against(second) for first, second in contacts]
 
 

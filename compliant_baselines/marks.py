@@ -1,20 +1,23 @@
-"""Marks of outcomes near a jump of their exact law: a small change of the collision changes such an outcome a lot.
+"""Marks: sentences that warn of outcomes near a jump of their exact law.
 
-**Two balls on a table** (docs/theory.md, section 8). An outcome is marked if a relative change of one parameter, up or
-down, moves a velocity over abs(v0) by more than `JUMPS` allows. Over the default ranges of parameters, outcomes that
+A small change of the collision changes such an outcome a lot.
+
+**Two balls on a table** (docs/theory.md, section 8). An outcome gets a mark if a relative change of one parameter, up
+or down, moves a velocity over abs(v0) by more than `JUMPS` allows. Over the default ranges of parameters, outcomes that
 are far from a jump move by less than three times the change (`benchmarks/limits.py jumps`). A limit dt -> 0 of an
-engine is also marked if its run at the shortest step ends otherwise than the exact law says: if only one of the two has
-a first flight that ends gravity, or only one has B2 at rest on the table.
+engine also gets a mark if its run with the shortest time step and the exact law end differently: if only one of the two
+has a first flight that ends gravity, or only one has B2 at rest on the table.
 
 **N balls** have hundreds of events. Each event amplifies earlier differences, until the last digits of the inputs
-decide the outcome. Two exact solvers of one law then differ as much as the solvers of two laws. Where forces are
+determine the outcome. Two exact solvers of one law then differ as much as the solvers of two laws. Where forces are
 linear, masses and stiffnesses are changed by a millionth. Velocities are not changed, because balls that fall or strike
 together have equal velocities on purpose. Where forces are not linear, the mark depends on the error that the exact
 solver states.
 
 `JUMPS` defines a jump of two balls on a table; docs/theory.md repeats it. `CHANGE_OF_MANY` and `MOVE_OF_MANY` define a
-jump of N balls. All other thresholds only decide which collisions are examined. Tests are in tests/compliant_baselines:
-`engines/test_limit.py`, and `references/test_chains.py` for N balls. Golden values contain the marks of exact solvers.
+jump of N balls. All other thresholds only select the collisions that are examined. Tests are in
+tests/compliant_baselines: `engines/test_limit.py`, and `references/test_chains.py` for N balls. Golden values contain
+the marks of exact solvers.
 """
 
 from __future__ import annotations
@@ -36,8 +39,9 @@ Bools = NDArray[np.bool_]
 #: gravity in m/s^2, shape (n,).
 Law = Callable[[Collisions, Floats], Outcomes]
 
-#: Relative changes of a parameter that are tried, each with the change of a velocity over abs(v0) from which it counts
-#: as a jump. An engine's shortest step acts like a change of a restitution by more than a thousandth.
+#: Relative changes of a parameter that are tried. Each has the change of a velocity over abs(v0) above which the
+#: outcome is taken to jump. The shortest time step of an engine acts like a change of a restitution by more than a
+#: thousandth.
 JUMPS = {1e-3: 0.01, 4e-3: 0.02}
 
 #: Names of the parameters that are changed, as they appear in marks.
@@ -59,8 +63,8 @@ CHANGES = tuple(Change(i, sign * size) for i in range(len(PARAMETERS)) for size 
 #: Relative change of masses and stiffnesses for collisions of N balls.
 CHANGE_OF_MANY = 1e-6
 
-#: Change of a velocity, over the largest speed before the collision, from which an outcome of N balls is marked. It is
-#: a hundred times the change of the parameters.
+#: Change of a velocity, over the largest speed before the collision, from which an outcome of N balls gets a mark. It
+#: is a hundred times the change of the parameters.
 MOVE_OF_MANY = 1e-4
 
 #: Number of random patterns of changes that are tried for N balls. Each pattern is also tried with all signs reversed.
@@ -76,7 +80,7 @@ _PATTERNS = np.array([(1, 1, 1, 1, 1), (1, -1, 1, -1, 1), (1, 1, -1, -1, -1), (1
 _SCREENS = max(JUMPS) * np.stack([_PATTERNS, -_PATTERNS], axis=1).reshape(-1, 5)
 _FIRST_SCREENS, _OTHER_SCREENS = _SCREENS[:2], _SCREENS[2:]
 
-# The thresholds below only save time. With them no mark must get lost; `benchmarks/limits.py screens` counts lost
+# The thresholds below only save time. They must not let any mark get lost; `benchmarks/limits.py screens` counts lost
 # marks.
 
 #: Grazing margin of a bistiffness collision below which the first pattern of changes is tried. Among 28 000 collisions
@@ -86,22 +90,23 @@ GRAZING = 0.2
 #: Grazing margin of a bistiffness collision below which all patterns of changes are tried.
 NEAR_GRAZING = 0.03
 
-#: Restitution from which a bistiffness collision is examined whatever its grazing margin is. The margin does not count
-#: ends of compression at which hardly any energy is lost, but a change of e makes them lose energy.
+#: Restitution from which a bistiffness collision is examined whatever its grazing margin is. The margin ignores ends of
+#: compression at which hardly any energy is lost, but a change of e makes them lose energy.
 ELASTIC = 0.999
 
-#: Number of events from which a collision under a law with dashpots is examined. Without gravity its outcome has no
-#: jumps and is steep only where contacts return. If contacts only close and open once, there are two events.
+#: For laws with dashpots: number of events from which a collision is examined. Without gravity its outcome has no jumps
+#: and is steep only where contacts return. If contacts only close and open once, there are two events.
 FEW_EVENTS = 3
 
-#: Number of events from which all single changes are tried at once for a collision under a law with dashpots.
+#: For laws with dashpots: number of events from which all single changes of a collision are tried at once.
 MANY_EVENTS = 20
 
 #: Mass ratio m2/m1 below which a collision is examined whatever its number of events is. Such a light lower ball can
 #: take up any speed.
 LIGHT = 0.05
 
-#: Change of a velocity by gravity, over abs(v0), from which the instant at which gravity ends can decide the outcome.
+#: Change of a velocity by gravity, over abs(v0). From this change on, the outcome can depend on the instant at which
+#: gravity ends.
 FALLEN = 0.02
 
 #: Change of a velocity, over abs(v0), when all parameters are changed at once. From this change on, single changes are
@@ -124,8 +129,8 @@ class DropEnd(NamedTuple):
     b2_settled: bool
 
 
-#: Sentences of a mark that say how the drop of an engine ends otherwise than the drop under the exact law. The braces
-#: stand for the names of the engine and the law.
+#: Sentences of a mark, for a drop that ends differently in an engine and by the exact law. The braces stand for the
+#: names of the engine and the law.
 _DIFFERENT_FLIGHT = "gravity ends in a first flight of {}, and {} has none"
 _DIFFERENT_REST = "by {} the lower ball comes to rest on the table, and by {} it leaves"
 
@@ -134,11 +139,11 @@ _DIFFERENT_REST = "by {} the lower ball comes to rest on the table, and by {} it
 class Screening:
     """Which collisions of an array are examined for jumps, and how; masks of shape (n,)."""
 
-    #: Collisions for which the first pattern of changes and its opposite are tried.
+    #: True for collisions on which the first pattern of changes and its opposite are tried.
     first_pair: Bools
-    #: Collisions for which the other patterns are tried too, if the first one moves the outcome little.
+    #: True for collisions on which the other patterns are tried too, if the first one moves the outcome little.
     all_patterns: Bools
-    #: Collisions for which every parameter is changed alone, without trying patterns first.
+    #: True for collisions in which every parameter is changed alone, without trying patterns first.
     full: Bools
 
 
@@ -174,8 +179,8 @@ def marks_of(
     gravity
         Gravity in m/s^2, shape (n,).
     engine_ends
-        For each of the n collisions, how the drop ended in the engine's run at its shortest step; None where this is
-        not known. Empty if there are no such runs.
+        For each of the n collisions, how the drop ended in the engine's run with the shortest time step; None where
+        this is not known. Empty if there are no such runs.
     """
     marks = np.full(len(collisions), "", dtype=object)
     if not len(collisions):
@@ -204,9 +209,9 @@ def _drop_end_of(exact: Outcomes, i: int) -> DropEnd:
 
 
 def _compare_ends(name: str, exact: DropEnd, engine: DropEnd) -> str:
-    """Return a sentence that says how the drops under a law and in an engine end differently.
+    """Return a sentence on how the drop by the exact law and the drop in an engine end differently.
 
-    ``""`` if they end alike.
+    The sentence is empty if both end in the same way.
     """
     exact_first, engine_first = (f"exact {name}", "the engine"), ("the engine", f"exact {name}")
     if exact.has_first_flight != engine.has_first_flight:
@@ -223,11 +228,11 @@ def find_jumps(
 
     Parameters are changed one by one only where a jump may be near, unless `everywhere` is true. To find these
     collisions, their outcomes are examined first (`_plan_screening`), then all parameters are changed at once
-    (`_SCREENS`). With the thresholds of both stages no mark must get lost; `benchmarks/limits.py screens` counts lost
-    marks.
+    (`_SCREENS`). The thresholds of both stages must not let any mark get lost. `benchmarks/limits.py screens` counts
+    lost marks.
     """
-    # A collision that was given up is not tried again: it may have taken a second, and every change would take another
-    # one.
+    # A collision without a result after the largest number of steps is not tried again. It may have taken a second, and
+    # every change would take another second.
     has_result = exact.has_result
     plan = _plan_screening(collisions, exact, gravity)
     full = has_result & (plan.full | everywhere)
@@ -265,7 +270,7 @@ def _plan_screening(collisions: Collisions, exact: Outcomes, gravity: Floats) ->
     has_dashpots = np.isinf(margin)
     elastic = ~has_dashpots & (collisions.restitutions.max(axis=1) > ELASTIC)
     returns = has_dashpots & (exact.n_events >= FEW_EVENTS)
-    # Under a law with dashpots a ball can come to rest at any instant, even next to the instant at which the other ball
+    # If the law has dashpots, a ball can come to rest at any instant, even next to the instant at which the other ball
     # comes down again.
     rests_any_time = gravity_matters & b2_rests
     return Screening(
@@ -307,7 +312,7 @@ def _solve_changed(
     rows: NDArray[np.intp],
     changes: Floats,
 ) -> tuple[Outcomes, Floats]:
-    """Solve rows with changed parameters; return the outcomes and the largest change of a velocity over abs(v0).
+    """Solve rows with changed parameters. Return the outcomes, and the largest changes of a velocity over abs(v0).
 
     `changes` are m sets of relative changes, shape (m, 5). The outcomes contain all rows with the first set, then all
     rows with the second set, and so on. The largest changes have the shape (m, rows). The gravity number stays the
@@ -329,7 +334,7 @@ def _solve_changed(
 
 
 def _margin(outcomes: Outcomes) -> Floats:
-    """Return grazing margins; infinity under laws that have no margin."""
+    """Return grazing margins; infinite for laws that have no margin."""
     return np.where(np.isnan(outcomes.grazing_margin), np.inf, outcomes.grazing_margin)
 
 

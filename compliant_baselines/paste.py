@@ -1,9 +1,9 @@
 """Text to paste for a contact, and files with which an engine runs a whole scene without this package.
 
-The text contains the numbers of a contact, and the settings without which the engine would change these numbers; the
-modules of the adapters give the reasons. For MuJoCo a scene is written as the adapter's MJCF file with the numbers of
-the compiled model. For PyBullet the calls of the adapter are recorded. The script that runs a scene takes as many steps
-as the adapter did, and compares its outcome with the adapter's.
+The text contains the parameters of a contact, and the settings without which the engine would change these parameters;
+the modules of the adapters give the reasons. For MuJoCo a scene is written as the adapter's MJCF file with the
+parameters of the compiled model. For PyBullet the calls of the adapter are recorded. The script that runs a scene takes
+as many steps as the adapter did, and compares its outcome with the adapter's.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ def paste(engine: str, contact: KelvinVoigtContact, step: float, written: Mujoco
     Raises
     ------
     SolverError
-        If the engine cannot take the numbers.
+        If the engine cannot take the parameters.
     ValueError
         If the engine is not one of `ENGINES`.
     """
@@ -146,7 +146,7 @@ def paste(engine: str, contact: KelvinVoigtContact, step: float, written: Mujoco
 
 
 def export_scene(name: str, collision: Collision, settings: Settings) -> tuple[Outcome, Run, dict[str, str]]:
-    """Run a collision in MuJoCo or PyBullet; return its outcome, its run, and the files of its scene by their names.
+    """Run a collision in MuJoCo or PyBullet. Return its outcome, its run, and the files of its scene by their names.
 
     A SolverError says why the engine does not take the collision.
     """
@@ -185,7 +185,7 @@ def mjcf_of_scenes(scenes: Iterable[Scene]) -> list[str]:
 
 
 def _mjcf(scene: Scene, world: mujoco.MujocoWorld) -> str:
-    """Return the MJCF of a scene, with the numbers of the model that the adapter has compiled."""
+    """Return the MJCF of a scene, with the parameters of the model that the adapter has compiled."""
     model = world.model
     root = ElementTree.fromstring(mujoco.mjcf(scene.arrangement))
 
@@ -200,7 +200,7 @@ def _mjcf(scene: Scene, world: mujoco.MujocoWorld) -> str:
         assert geom is not None
         body.set("pos", text_of(model.body_pos[i]))
         # The adapter sets masses and sizes only after the model is compiled, and leaves the inertias of the template.
-        # The bodies slide and do not turn, so that their inertia has no effect. This element keeps the compiler from
+        # The bodies slide and do not turn, so their inertia has no effect. This element keeps the compiler from
         # computing the inertia of a small ball, which it would refuse.
         inertial = {"pos": "0 0 0", "mass": text_of(model.body_mass[i]), "diaginertia": "1 1 1"}
         body.insert(0, ElementTree.Element("inertial", inertial))
@@ -216,7 +216,7 @@ def _mjcf(scene: Scene, world: mujoco.MujocoWorld) -> str:
 
 
 def _pybullet(scene: Scene) -> dict[str, str]:
-    """Record the calls with which the adapter sets up a scene in PyBullet; return them as parts of the script."""
+    """Record the calls with which the adapter sets up a scene in PyBullet, and return them as parts of the script."""
     with pybullet.connected() as client:
         recorder = _Recorder(client.number)
         world = pybullet.PybulletWorld(recorder, scene, {})
@@ -271,7 +271,7 @@ def _name_number(value: int, name: str) -> int:
 
 
 def _literal(value: Any) -> str:
-    """Return an argument of a call as Python source; numbers become floats, except integers."""
+    """Return an argument of a call as Python source. All numbers that are not integers become floats."""
     if isinstance(value, tuple | list):
         return f"[{', '.join(map(_literal, value))}]"
     return repr(value if isinstance(value, bool | int | str) else float(value))

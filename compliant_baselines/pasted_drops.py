@@ -57,7 +57,7 @@ Advance = Callable[[int], Floats]
 
 
 def mujoco_scene(text: str, masses: Sequence[float], radius: float) -> str:
-    """Return an MJCF file with the pasted text and two spheres that touch; A lies on the side of positive x.
+    """Return an MJCF file with the pasted text and two spheres that touch. A has the larger x.
 
     `masses` are the masses of A and B in kg. B is fixed if its mass is infinite.
     """
@@ -70,7 +70,10 @@ def mujoco_scene(text: str, masses: Sequence[float], radius: float) -> str:
 def drop_in_mujoco(
     text: str, masses: Sequence[float], radius: float, speed: float, gaps: Sequence[float], most_steps: int
 ) -> list[tuple[float, int]]:
-    """Drop A on B in MuJoCo once for each gap in m; return each drop's restitution and number of steps with contact."""
+    """Drop A on B in MuJoCo once for each gap in m.
+
+    Return the restitution and the number of time steps with contact of each drop.
+    """
     mujoco: Any = import_module("mujoco")
     with TemporaryDirectory() as folder, Mujoco().running():
         path = Path(folder, "scene.xml")
@@ -96,9 +99,9 @@ def drop_in_mujoco(
 def drop_in_pybullet(
     text: str, masses: Sequence[float], radius: float, speed: float, gaps: Sequence[float], most_steps: int
 ) -> list[tuple[float, int]]:
-    """Drop A on B in PyBullet once for each gap in m; return each drop's restitution and number of steps with contact.
+    """Drop A on B in PyBullet once for each gap in m.
 
-    Both bodies are spheres.
+    Both bodies are spheres. Return the restitution and the number of time steps with contact of each drop.
     """
     return _drop_each(text, masses, radius, speed, gaps, most_steps, flat=False)
 
@@ -106,10 +109,13 @@ def drop_in_pybullet(
 def drop_on_flat_in_pybullet(
     text: str, masses: Sequence[float], radius: float, speed: float, gaps: Sequence[float], most_steps: int
 ) -> list[tuple[float, int]]:
-    """Drop A on a flat side of B in PyBullet: on a plane if B is fixed, else on a box.
+    """Drop A on a flat surface of B in PyBullet once for each gap in m: on a plane if B is fixed, else on a box.
 
-    PyBullet makes the contact of a sphere with a flat side already at a distance of `contactBreakingThreshold`, but the
-    contact of two spheres only when they touch. So the first step with force may be another one than with two spheres.
+    Return the restitution and the number of time steps with contact of each drop.
+
+    PyBullet makes the contact of a sphere with a flat surface already at a distance of `contactBreakingThreshold`, but
+    the contact of two spheres only when they touch. So the first step with force may be another one than with two
+    spheres.
     """
     return _drop_each(text, masses, radius, speed, gaps, most_steps, flat=True)
 
@@ -169,7 +175,7 @@ def _drop_once(
 def _follow(
     name: str, advance: Advance, drops: int, speed: float, most_steps: int
 ) -> list[tuple[float, int]]:
-    """Take steps of all drops until all are over; return each drop's restitution and number of steps with contact."""
+    """Take steps of all drops until all are over. Return each drop's restitution and number of steps with contact."""
     before = np.full((drops, 1), -speed)
     first, last = np.full(drops, -1), np.full(drops, -1)
     for start in range(0, most_steps, BLOCK):

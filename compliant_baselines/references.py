@@ -1,4 +1,6 @@
-"""Exact solvers: the laws of `model.chain` in time, with positions, and the model itself (docs/theory.md, section 7).
+"""Exact solvers: of contact laws that are integrated over time, with positions, and of the model itself.
+
+The laws are those of `model.chain`, and docs/theory.md, section 7, explains them.
 
 k is the stiffness of a contact, c its damping, delta its depth, p the exponent of its spring, M the reduced mass of its
 bodies.
@@ -26,7 +28,7 @@ first touch. A is the same for every p (`restitution`).
 its whole strain energy. This includes the energy of the compression by the weight, because the permanent indentation
 belongs to the contact, whatever presses it.
 
-Contact graphs are solved under the laws with linear contacts (`model.graph.in_time`). As in chains, c_i follows from
+Contact graphs are solved only by the laws with linear contacts (`model.graph.in_time`). As in chains, c_i follows from
 e_i and the reduced mass of the contact, which is 1/W_ii with the Delassus matrix W.
 """
 
@@ -65,7 +67,7 @@ if TYPE_CHECKING:
     from impact_xval.model.graph.collision import GraphCollision
     from impact_xval.model.graph.in_time.following import TimedGraphOutcomes
 
-#: Laws by their names, as the numbers by which compiled code selects them.
+#: For each law by its name: the value by which compiled code selects it.
 LAWS = {
     "bistiffness": Law.STATE_TRANSITION,
     "kelvin-voigt": Law.KELVIN_VOIGT,
@@ -76,7 +78,7 @@ LAWS = {
     "linear-dashpot": Law.LINEAR_DASHPOT,
 }
 
-#: Laws whose damping ratio is the textbook's, which is that of a contact that may pull.
+#: Laws whose damping ratio is the textbook's, which belongs to a contact that may pull.
 _TEXTBOOK = ("kelvin-voigt-textbook", "linear-dashpot")
 
 #: Factor on `TOLERANCE` in a second run. The difference between the two runs estimates the error of the first run.
@@ -102,7 +104,7 @@ def solve_by_law(
     paths: bool = False,
     max_steps: int = MAX_WINDOWS,
 ) -> Outcomes:
-    """Solve collisions by a law in time, without marks.
+    """Solve collisions by a contact law that is integrated over time. The outcomes get no marks.
 
     Parameters
     ----------
@@ -119,8 +121,8 @@ def solve_by_law(
     states, paths
         True if the outcomes shall contain state sequences, or paths.
     max_steps
-        Number of windows of series after which a collision is given up. A window is the time over which a series is
-        valid.
+        Largest number of windows of series. A collision that needs more is given up. A window is the time over which a
+        series is valid.
 
     Returns
     -------
@@ -232,7 +234,7 @@ _NOT_ON_GRAPHS = {
 def solve_graphs_by_law(
     collisions: Sequence[GraphCollision], law: str, *, frozen: bool = False, max_steps: int = MAX_WINDOWS
 ) -> list[GraphCollisionOutcome]:
-    """Solve contact graphs by a law in time.
+    """Solve contact graphs by a contact law that is integrated over time.
 
     All contacts touch at the start, and normals stay constant (`model.graph.in_time.law` states the law).
 
@@ -245,14 +247,15 @@ def solve_graphs_by_law(
     frozen
         True for frozen positions, as in the model.
     max_steps
-        Number of windows of series after which a collision is given up. A collision is given up after about a second in
-        any case.
+        Largest number of windows of series. A collision that needs more is given up. Whatever the number is, a
+        collision is given up after about a second.
 
     Returns
     -------
     list of GraphCollisionOutcome
         One outcome for each collision, in order, exact to rounding. The status is ``closed-form`` where bistiffness
-        contacts became rigid or came to rest together. ``duration`` is in s, ``n_steps`` counts windows.
+        contacts became rigid or came to rest together. The diagnostic ``duration`` is in s, and ``n_steps`` is the
+        number of windows.
     """
     # Compiled graphs in time take 0.1 s to import, which collisions of chains would pay for nothing.
     from impact_xval.model.graph.in_time.following import solve_timed_graphs
@@ -348,7 +351,7 @@ class ExactSolver(Solver):
         return version("impact-xval")
 
     def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
-        """Solve every collision; return the outcomes in order."""
+        """Solve every collision, and return the outcomes in order."""
         return solve_in_groups(collisions, lambda group: self.solve_group(group, settings))
 
     @abstractmethod
@@ -357,7 +360,7 @@ class ExactSolver(Solver):
 
 
 class ReferenceSolver(ExactSolver):
-    """Solver of a law in time; its name is the name of the law.
+    """Solver of a contact law that is integrated over time. Its name is the name of the law.
 
     It ignores the settings `step_fraction`, `shortest_state` and `mapping`.
     """
@@ -365,7 +368,7 @@ class ReferenceSolver(ExactSolver):
     kind = "reference"
 
     def solve_group(self, collisions: Collisions, settings: Settings) -> Outcomes:
-        """Solve collisions that have the same layout, and mark outcomes next to a jump."""
+        """Solve collisions that have the same layout, and add marks to outcomes next to a jump."""
         if not collisions.falls_on_resting.all():
             reason = ""
             if self.name == "kelvin-voigt-anchored":
@@ -399,7 +402,7 @@ class StateTransitionSolver(ExactSolver):
     """The state-transition model as a solver.
 
     Of the settings it reads the cut-off of stiffness ratios, the threshold of marks, and whether paths are recorded.
-    The model has no gravity and no step, so that the scenarios `impact` and `drop` have the same outcome.
+    The model has no gravity and no time step. So the scenarios `impact` and `drop` have the same outcome.
 
     Under the name liu-zhao-brogliato this class solves the law of Liu, Zhao and Brogliato (Proc. R. Soc. A 464:3193,
     2008) on the same diagram of states. This law also has bistiffness, energetic restitution and frozen positions. It

@@ -7,8 +7,8 @@ of a plug-in is loaded to find out its kind and law.
 
 A plug-in that cannot be loaded is replaced by an `Unloadable`, a solver whose outcomes all have the status
 ``unavailable`` and the reason. A name that no installed distribution provides, for example in a table from another
-machine, is also replaced by an `Unloadable`. It counts as a compliant engine that is asked for `KELVIN_VOIGT`. If a
-plug-in has the name of a solver of this project, the plug-in is ignored.
+machine, is also replaced by an `Unloadable`. The registry treats it as a compliant engine that is asked for
+`KELVIN_VOIGT`. If a plug-in has the name of a solver of this project, the plug-in is ignored.
 """
 
 from __future__ import annotations
@@ -54,12 +54,12 @@ STEPS = (0.01, 0.03, 0.1)
 _MUJOCO, _PYBULLET = "engines.mujoco:Mujoco", "engines.pybullet:Pybullet"
 _PYBULLET_RESTITUTION = "rigid.bullet:PybulletRestitution"
 
-#: Settings of an engine that keeps all its defaults. Its step is fixed, so that no limit dt -> 0 is computed.
+#: Settings of an engine that keeps all its defaults. Its step is fixed, so no limit dt -> 0 is computed.
 _AS_IT_SHIPS: Mapping[str, object] = MappingProxyType({"mapping": "shipped", "convergence": None})
 
 
 def _reference(name: str, title: str, description: str) -> SolverSpec:
-    """Return the spec of an exact solver of a law in time; the solver has the name of its law."""
+    """Return the spec of an exact solver of a contact law over time; the solver has the name of its law."""
     return SolverSpec(name, "references:ReferenceSolver", name, title, description, "reference")
 
 
@@ -87,7 +87,7 @@ def _rigid_as_it_ships(name: str, factory: str, title: str, description: str) ->
 
 
 def _at_step(name: str, factory: str, engine: str, step: float) -> SolverSpec:
-    """Return the spec of an engine at a step that users choose in practice; no limit dt -> 0 is computed."""
+    """Return the spec of an engine with a step length that users choose in practice, without a limit dt -> 0."""
     return SolverSpec(
         f"{name}:step-{step:g}",
         factory,
@@ -397,7 +397,7 @@ def has_fixed_mapping(name: str) -> bool:
 
 
 def title_of(name: str) -> str:
-    """Return the name of a solver for pages and figures; the name itself for a plug-in."""
+    """Return the title of a solver, for pages and figures. The title of a plug-in is its registered name."""
     return _SPECS[name].title if name in _SPECS else name
 
 
@@ -414,8 +414,8 @@ def description_of(name: str) -> str:
 def group_by_law(names: Iterable[str]) -> dict[str, list[str]]:
     """Group solvers by the law that they obey or are asked for; the exact solver of a law comes first in its group.
 
-    A solver without a law is a group of its own. Solvers of one group solve the same equations, so that their agreement
-    does not confirm them independently.
+    A solver without a law is a group of its own. Solvers of one group solve the same equations. So their agreement does
+    not confirm them independently.
     """
     groups: dict[str, list[str]] = {}
     for name in names:
@@ -549,7 +549,7 @@ def _distribution_of(point: EntryPoint) -> str:
 
 
 def _load(name: str, points: Sequence[EntryPoint]) -> Solver:
-    """Load and construct a plug-in; return an `Unloadable` with the reason if this fails."""
+    """Load a plug-in, construct its solver and return it. If this fails, return an `Unloadable` with the reason."""
     if len(points) > 1:
         distributions = " and ".join(map(_distribution_of, points))
         return Unloadable(name, f"{distributions} both provide {name!r}: uninstall one of them")

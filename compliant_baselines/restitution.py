@@ -116,7 +116,7 @@ def _hunt_crossley(e: float) -> float:
     if not 0 < e < 1:
         return 0.0 if e == 1 else np.nan
     # Divided by A^2, equation (*) reads (1 - e^2)/2 + A (t(A) + e^3 t(-e A)) = 0 with t = `_tail`. In this form no
-    # digits are lost as e goes to 1. The left side decreases with A, so that bisection finds its zero.
+    # digits are lost as e goes to 1. The left side decreases with A, so bisection finds its zero.
     low, high = 0.0, 1 / e
     for _ in range(100):
         A = 0.5 * (low + high)
@@ -131,7 +131,7 @@ def _hunt_crossley(e: float) -> float:
 
 @strict_float
 def damping_ratios(e: Floats) -> Floats:
-    """Return the damping ratios that give contacts that only push the restitutions e, shape (n,).
+    """Return the damping ratios, shape (n,), with which contacts that only push have the restitutions e.
 
     The result is NaN for e outside (0, 1].
     """
@@ -142,7 +142,7 @@ def damping_ratios(e: Floats) -> Floats:
 
 
 def textbook_damping_ratios(e: Floats) -> Floats:
-    """Return the damping ratios -ln e/sqrt(pi^2 + ln^2 e) that give contacts that may pull the restitutions e.
+    """Return the damping ratios -ln e/sqrt(pi^2 + ln^2 e), with which contacts that may pull have the restitutions e.
 
     `e` has any shape, with numbers in (0, 1].
     """

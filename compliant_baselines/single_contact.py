@@ -2,11 +2,11 @@
 
 Restitution and duration of a Kelvin-Voigt contact do not depend on the speed. In an engine both depend on the step, and
 on the instant within a step at which the bodies touch. The restitution depends on them because the first force comes
-late, and the duration because a user counts it in whole steps. A step is good if both errors are within the tolerance
+late, and the duration because a user measures it in whole steps. A step is good if both errors are within the tolerance
 wherever within a step the bodies touch. In addition, the next shorter steps that are tried must be good.
 
 MuJoCo and PyBullet run only the printed text (`pasted_drops`). Drake runs the scenes of its adapter, which have the
-same numbers as the text.
+same parameters as the text.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ TOLERANCE = 0.01
 ROUNDING = 1e-9
 
 #: Distance of the first instant of touch that is tried from the start of a step, as a fraction of the step. Exactly at
-#: the start, rounding decides whether the bodies touch in this step or in the one before.
+#: the start, it depends on rounding whether the bodies touch in this step or in the one before.
 END = 1e-8
 
 #: Instants of touch that are tried, as fractions of a step, called places below: just after the start of the step, just
@@ -103,7 +103,7 @@ SHORTER = 4
 class SingleImpact:
     """Two bodies and the contact asked for between them.
 
-    The contact is given by the numbers of `AskedContact`, or by a solref of MuJoCo.
+    The contact is given by the quantities of `AskedContact`, or by a solref of MuJoCo.
 
     Raises
     ------
@@ -118,14 +118,15 @@ class SingleImpact:
     stiffness: float | None = None
     #: Time in s from the first touch to the end of the force.
     duration: float | None = None
-    #: Speed of approach in m/s. It decides how deep the bodies go, and so whether an engine can take the contact.
+    #: Speed of approach in m/s. The depth of the contact depends on it, and so does whether an engine can take the
+    #: contact.
     speed: float = 1.0
     #: Damping in N s/m.
     damping: float | None = None
     damping_ratio: float | None = None
     #: Depth in m at which the contact carries `load` at rest.
     sink: float | None = None
-    #: A solref and solimp of MuJoCo, given in place of all numbers for spring and damping.
+    #: A solref and solimp of MuJoCo, given in place of all quantities for spring and damping.
     solref: MujocoContact | None = None
     #: Mass in kg whose weight the contact carries at rest; None: the mass of the lighter body.
     load: float | None = None
@@ -161,7 +162,7 @@ class SingleImpact:
     def of(
         cls, masses: tuple[float, float], asked: AskedContact, speed: float = 1.0, load: float | None = None
     ) -> SingleImpact:
-        """Make the pair of two bodies with masses in kg from the numbers that a user has asked for."""
+        """Make the pair of two bodies with masses in kg from the quantities that a user has asked for."""
         return cls(
             masses,
             asked.restitution,
@@ -245,7 +246,9 @@ def make_pair(
     materials: Sequence[str] = (),
     radii: Sequence[float] = (),
 ) -> tuple[SingleImpact, MaterialContact | None]:
-    """Make a pair from numbers, or from two bodies of given materials, whose contact is linearised at the speed.
+    """Make a pair from given quantities, or from two bodies of given materials.
+
+    The contact of given materials is linearised at the speed of approach.
 
     A number that is not given is None. An explicit restitution overrides the restitution of the materials. A ValueError
     names the argument, the value and the legal range.
@@ -287,7 +290,7 @@ class Drops(NamedTuple):
 
 
 def drop_at_places(engine: Engine, pair: SingleImpact, step: float, places: Sequence[float]) -> Drops:
-    """Drop a pair in an engine, once for each place; return the least and greatest results.
+    """Drop a pair in an engine, once for each place, and return the least and greatest results.
 
     A place is the instant of touch within a step, as a fraction of the step.
     """
@@ -297,7 +300,7 @@ def drop_at_places(engine: Engine, pair: SingleImpact, step: float, places: Sequ
 def measure_drops(
     engine: Engine, pair: SingleImpact, step: float, places: Sequence[float], kind: int = 0
 ) -> list[tuple[float, float]]:
-    """Drop a pair once for each place; return the restitution and the duration in s of each drop.
+    """Drop a pair once for each place, and return the restitution and the duration in s of each drop.
 
     A place is the instant of touch within a step, as a fraction of the step. `kind` is the position of a function in
     `DROP`. A SolverError says that the engine refuses the contact, or how a drop failed.
@@ -318,7 +321,7 @@ def measure_drops(
 
 
 def find_extremes(engine: Engine, pair: SingleImpact, step: float) -> Drops:
-    """Drop a pair at all `PLACES` by all functions of `DROP`; return the least and greatest results.
+    """Drop a pair at all `PLACES` by all functions of `DROP`, and return the least and greatest results.
 
     More places are tried near the least and the greatest restitution.
     """
@@ -332,11 +335,11 @@ def find_extremes(engine: Engine, pair: SingleImpact, step: float) -> Drops:
 def extremes_over_places(
     measure: Callable[[Sequence[float]], Sequence[Numbers]], components: Sequence[int]
 ) -> list[Numbers]:
-    """Measure at all `PLACES`, then at more places near the extremes; return all measurements.
+    """Measure at all `PLACES` and at more places near the extremes, and return all measurements.
 
-    A place is the instant of touch within a step, as a fraction of the step. `measure` returns one tuple of numbers for
-    each place. `components` are the positions in this tuple of the numbers whose least and greatest values are searched
-    for.
+    A place is the instant of touch within a step, as a fraction of the step. `measure` returns one tuple of measured
+    values for each place. `components` are positions in this tuple. For these components the least and greatest values
+    are searched for.
     """
     results = dict(zip(PLACES, measure(PLACES), strict=True))
     for _ in range(HALVINGS):
@@ -404,13 +407,13 @@ def _result_of(name: str, pair: SingleImpact, run: Run) -> tuple[float, float]:
 
 
 def find_largest_step(engine: Engine, pair: SingleImpact, tolerance: float = TOLERANCE) -> Drops:
-    """Find the largest of `STEPS` at which an engine gives the contact asked for; return its drops at this step.
+    """Find the largest of `STEPS` at which an engine gives the contact asked for, and return its drops at this step.
 
     The next shorter steps must give this contact too. A SolverError says that the engine is missing or refuses the
     contact, or that no step is good.
     """
     _require_available(engine)
-    # The number of steps in a contact is off by up to one. So a step that is longer than the tolerance times the
+    # The number of steps in a contact is off by at most one. So a step that is longer than the tolerance times the
     # duration could be good only by luck.
     longest, shortest = pair.motion.duration * tolerance, pair.motion.duration / MOST_STEPS
     why = f"even with {MOST_STEPS} steps a duration is not known to this tolerance"
@@ -434,7 +437,7 @@ def find_largest_step(engine: Engine, pair: SingleImpact, tolerance: float = TOL
 def find_stiffest(
     engine: Engine, pair: SingleImpact, step: float, tolerance: float = TOLERANCE
 ) -> tuple[SingleImpact, Drops]:
-    """Find the stiffest contact that an engine computes well at a given step; return it with the results of its drops.
+    """Find the stiffest contact that an engine computes well at a given step, and return it with its drops.
 
     Contacts are tried with increasing durations (`PER_DECADE` of them for a factor of ten), with their stiffnesses
     rounded to three digits. The result is the first contact that is good at the given step and at the shorter steps
@@ -445,7 +448,7 @@ def find_stiffest(
     engine
         The engine.
     pair
-        Two bodies and the number that decides their damping. The spring of this pair is ignored.
+        Two bodies and the quantity that gives their damping. The spring of this pair is ignored.
     step
         Time step in s.
     tolerance
@@ -508,7 +511,7 @@ class VerifiedContact(NamedTuple):
 def verify_contacts(
     engine: Engine, pairs: Sequence[SingleImpact], tolerance: float = TOLERANCE
 ) -> list[VerifiedContact]:
-    """Find the largest step that is good for all pairs; return each pair with the results of drops at this step."""
+    """Find the largest step that is good for all pairs. Return each pair with the results of drops at this step."""
     found = [find_largest_step(engine, pair, tolerance) for pair in pairs]
     step = min(drops.step for drops in found)
     return [
@@ -539,8 +542,8 @@ def _require_available(engine: Engine) -> None:
 def _good_drops(
     engine: Engine, pair: SingleImpact, step: float, places: Sequence[float], tolerance: float
 ) -> Drops:
-    """Drop a pair at places of a step; return the results, or raise a SolverError if they are outside the tolerance."""
-    # Most bad steps already fail at the first place, so that it is tried alone first.
+    """Drop a pair at places of a step. Return the results, or raise a SolverError if they exceed the tolerance."""
+    # Most bad steps already fail at the first place. So this place is tried alone first.
     _check_tolerance(engine, pair, drop_at_places(engine, pair, step, places[:1]), tolerance)
     return _check_tolerance(engine, pair, drop_at_places(engine, pair, step, places), tolerance)
 

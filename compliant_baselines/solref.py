@@ -34,7 +34,7 @@ integrate: Any = import_module("scipy.integrate")  # the package states no types
 #: Largest impedance (mjMAXIMP) and smallest width in m (mjMINVAL) that MuJoCo accepts.
 LARGEST_IMPEDANCE, LEAST_WIDTH = 0.9999, 1e-15
 
-#: Smallest restitution of a solref for which an equivalent spring and dashpot are computed.
+#: Smallest restitution of a solref that is replaced by an equivalent spring and dashpot.
 LEAST_RESTITUTION = restitution(LARGEST_DAMPING_RATIO)
 
 #: Relative error that is allowed for the integration of a contact.
@@ -54,8 +54,8 @@ class ContactMotion(NamedTuple):
 def read_solref(solref: Sequence[float], solimp: Sequence[float] = ()) -> MujocoContact:
     """Return the parameters that MuJoCo uses for a solref and a solimp that a user has written.
 
-    Missing numbers of solimp get the engine's defaults; numbers outside the engine's limits are replaced by the limits.
-    A ValueError names the field, the value and the legal range.
+    Missing numbers of solimp are set to the engine's defaults. Numbers outside the engine's limits are replaced by the
+    limits. A ValueError names the field, the value and the legal range.
     """
     written = " ".join(f"{value:g}" for value in solref)
     if len(solref) != 2 or not all(map(math.isfinite, solref)):
@@ -86,7 +86,7 @@ def read_solref(solref: Sequence[float], solimp: Sequence[float] = ()) -> Mujoco
 
 
 def is_linear(pair: MujocoContact) -> bool:
-    """Return True if the impedance is the same at every depth, so that the contact is a linear spring and dashpot."""
+    """Return True if the impedance is the same at every depth. The contact is then a linear spring and dashpot."""
     return pair.solimp[0] == pair.solimp[1]
 
 
@@ -121,7 +121,7 @@ def contact_of_solref(
 
 
 def _integrate(pair: MujocoContact, stiffness: float, damping: float, speed: float) -> ContactMotion:
-    """Integrate the motion of a contact at a speed of approach in m/s; return its restitution, duration and depth."""
+    """Integrate the motion of a contact at a speed of approach in m/s. Return restitution, duration and depth."""
     dmax, omega = pair.solimp[1], math.sqrt(stiffness)
     zeta = damping / (2 * omega)
 

@@ -68,9 +68,9 @@ class Convergence:
         If a value is illegal; the message names the field, the value and the legal range.
     """
 
-    #: Largest error of a velocity, over abs(v0), at which the limit counts as known.
+    #: Largest error of a velocity, over abs(v0), with which the limit is accepted.
     tolerance: float = 1e-3
-    #: Largest number of times that the step asked for is halved.
+    #: Largest number of times that the length of the requested time step is halved.
     halvings: int = 4
 
     def __post_init__(self) -> None:
@@ -101,26 +101,27 @@ class Settings:
     #: Time step over the period 2 pi sqrt(M_i/k_i) of the faster contact; in (0, 0.2]. The default of `shortest_state`
     #: is two and a half of the default steps.
     step_fraction: float = 1e-3
-    #: Number of steps after which a collision that is not over is given up (status ``timeout``).
+    #: Largest number of steps. A collision that is not over then has the status ``timeout``.
     max_steps: int = 2_000_000
     #: Name of the mapping from the stiffness and restitution of a contact to the engine's own parameters (`mapping`).
     mapping: MappingName = "calibrated"
-    #: Shortest time for which a state counts, over the shorter contact period; in [0, 0.1]. A state that lasts less is
-    #: merged with the state before it (`states`).
+    #: Shortest duration with which a state is kept, over the shorter contact period; in [0, 0.1]. A state that lasts
+    #: less is merged with the state before it (`states`).
     shortest_state: float = SHORTEST_STATE
     #: True if outcomes shall contain the path: times, velocities and impulses during the collision.
     record_path: bool = False
     #: Only for the state-transition model: the stiffness ratio from which the stiffer contact is taken for rigid, or
     #: "exact" (`model.solve`).
     stiffness_ratio_cutoff: Cutoff = "exact"
-    #: Only for the state-transition model: the grazing margin, from 0 to 1, below which an outcome is marked.
+    #: Only for the state-transition model: the grazing margin, from 0 to 1, below which an outcome gets a mark.
     grazing_threshold: float = GRAZING_THRESHOLD
-    #: True if references and engines shall mark outcomes next to a jump of their exact law (`marks`).
+    #: True if references and engines shall add a sentence of warning, a mark, to outcomes next to a jump of their exact
+    #: law (`marks`).
     mark: bool = True
     #: Accuracy of the limit dt -> 0 that engines compute from runs at several steps; None: no limit is computed.
     convergence: Convergence | None = None
     #: Only for rigid engines that multiply the restitutions of two bodies: the restitution of the lower body of a
-    #: contact, from 0 to 1. The upper body has the restitution e of the contact, so that by default the product is e.
+    #: contact, from 0 to 1. The upper body has the restitution e of the contact. So by default the product is e.
     partner_restitution: float = 1.0
 
     def __post_init__(self) -> None:
@@ -160,7 +161,7 @@ class Solver(ABC):
 
     @abstractmethod
     def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
-        """Solve collisions of any numbers of balls.
+        """Solve many collisions, which may have different numbers of balls.
 
         Parameters
         ----------
@@ -172,7 +173,8 @@ class Solver(ABC):
         Returns
         -------
         Sequence[Outcome]
-            One outcome for every collision, in order; failures are outcomes with a status (rule 2).
+            One outcome for every collision, in order. A collision without a result has an outcome whose status gives
+            the reason.
         """
 
     def solve_graphs(
@@ -192,7 +194,8 @@ class Solver(ABC):
         Returns
         -------
         Sequence[GraphCollisionOutcome]
-            One outcome for every graph, in order; failures are outcomes with a status (rule 2).
+            One outcome for every graph, in order. A graph without a result has an outcome whose status gives the
+            reason.
         """
         reason = f"{self.name} solves balls in a line alone, no contact graphs"
         return [
@@ -231,10 +234,10 @@ class OneByOne(Solver):
 
     @abstractmethod
     def solve_one(self, collision: Collision, settings: Settings) -> Outcome:
-        """Solve one collision; a failure is an outcome with a status (rule 2)."""
+        """Solve one collision. If there is no result, the outcome's status gives the reason."""
 
     def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
-        """Solve every collision; return the outcomes in order."""
+        """Solve every collision, and return the outcomes in order."""
         return [self.solve_one(collision, settings) for collision in collisions]
 
 
@@ -242,7 +245,7 @@ _Answer = TypeVar("_Answer")
 
 
 def group_by_layout(collisions: Sequence[Collision]) -> list[tuple[NDArray[np.intp], Collisions]]:
-    """Group collisions that can be solved together as arrays; return the positions and the collisions of each group.
+    """Group collisions that can be solved together as arrays. Return the positions and the collisions of each group.
 
     The collisions of a group have the same layout: the same number of balls and the same exponent. They also agree in
     whether there is a table, whether there are gaps, and whether all balls below the first are at rest.
@@ -261,7 +264,7 @@ def group_by_layout(collisions: Sequence[Collision]) -> list[tuple[NDArray[np.in
 def solve_in_groups(
     collisions: Sequence[Collision], solve: Callable[[Collisions], Sequence[_Answer]]
 ) -> Sequence[_Answer]:
-    """Solve collisions group by group (`group_by_layout`); return the answers in the order of the collisions."""
+    """Solve collisions group by group (`group_by_layout`), and return the answers in the order of the collisions."""
     groups = group_by_layout(collisions)
     if len(groups) == 1:
         return solve(groups[0][1])

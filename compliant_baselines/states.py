@@ -5,7 +5,8 @@ contacts, S2 only ball-table, S3 only ball-ball, and S4 none. An engine shows a 
 step. An exact solver shows every state, however short it is. So before paths are compared, the states of every solver
 are filtered by the same three rules:
 
-1. A contact that is closed at the start counts as active from the start on, not only from its first force on. In the
+1. A contact that is closed at the start is taken to be active from the start on, not only from its first force on. In
+  the
    model all contacts are active from the start, without any force yet. In an engine a contact carries visible force
    only after its penetration has grown.
 2. A state that lasts less than a given time is replaced by the state before it. Equal neighbours then become one state.
@@ -14,9 +15,9 @@ are filtered by the same three rules:
    table by its weight. The empty set can also occur earlier: all contacts are open, but some will close again.
 
 **The time** of rule 2 is a fraction of the shorter contact period (`engines.scene.periods`), whatever the step is. The
-default fraction, `SHORTEST_STATE`, is two and a half of the default steps. So a state of three steps counts, a state of
-two steps does not, and rounding decides nothing. If the step is longer than the time of rule 2, an engine misses states
-that count, and no filter can detect this.
+default fraction, `SHORTEST_STATE`, is two and a half of the default steps. So a state of three steps is kept, and a
+state of two steps is not; rounding does not matter. If the step is longer than the time of rule 2, an engine misses
+states that would be kept, and no filter can detect this.
 
 **Closed forms.** If a contact is rigid, the time of rule 2 is 0, and no state is replaced. A segment that takes no time
 in a closed form is treated as a short state. A segment that never ends is treated as a long state, and so is every
@@ -36,11 +37,11 @@ from impact_xval.model.states import States, name_of_set
 #: Times, either as numbers of steps or in seconds.
 Times = NDArray[np.int64 | np.float64]
 
-#: Default of the shortest time for which a state counts, as a fraction of the shorter contact period.
+#: Default of the shortest duration with which a state is kept, as a fraction of the shorter contact period.
 SHORTEST_STATE = 2.5e-3
 
-#: Fraction by which the duration of a state may be below the shortest time that counts. It covers rounding where this
-#: time is a whole number of steps.
+#: Fraction by which the duration of a state may be below the shortest duration with which a state is kept. It covers
+#: rounding where this shortest duration is a whole number of steps.
 _ROUNDING = 1e-9
 
 #: Sets of contacts of two balls on a table, as bits: both contacts, and each contact alone.
@@ -101,8 +102,8 @@ class ManyRuns(NamedTuple):
 def merge_runs(raw: Runs, shortest: float, closed: int) -> Runs:
     """Return the states that remain under rules 1 and 2 of the module's docstring.
 
-    A state counts if it lasts at least for the time `shortest`, in the unit of the runs. `closed` are the contacts that
-    are closed at the start, as bits.
+    A state is kept if it lasts at least for the time `shortest`, in the unit of the runs. `closed` are the contacts
+    that are closed at the start, as bits.
     """
     sequence = np.zeros(len(raw.start), np.intp)
     merged = merge_many(
@@ -114,8 +115,8 @@ def merge_runs(raw: Runs, shortest: float, closed: int) -> Runs:
 def merge_many(raw: ManyRuns, ends: Times, shortest: NDArray[np.float64], closed: int) -> ManyRuns:
     """Return the states of many sequences that remain under rules 1 and 2 of the module's docstring.
 
-    For each sequence, `ends` is the time at which its last state ends, and `shortest` is the time for which a state
-    must last to count; both have shape (n,). `closed` are the contacts that are closed at the start, as bits.
+    For each sequence, `ends` is the time at which its last state ends, and `shortest` is the shortest duration with
+    which a state is kept; both have shape (n,). `closed` are the contacts that are closed at the start, as bits.
     """
     # States without duration are dropped, and equal neighbours are joined. So the result does not depend on the way in
     # which a path is stored.
@@ -157,7 +158,7 @@ def _count_closed_contacts(runs: ManyRuns, sequences: int, closed: int) -> ManyR
 def comparable_states(paths: Paths, shortest: NDArray[np.float64]) -> list[str]:
     """Return the filtered state sequences of paths of two balls on a table, as texts that can be compared.
 
-    A state counts if it lasts at least for the time `shortest` in s, shape (n,). Without a path the text is empty.
+    A state is kept if it lasts at least for the time `shortest` in s, shape (n,). Without a path the text is empty.
     """
     states, n_points = paths.active @ _EACH_CONTACT, np.diff(paths.offsets)
     path = np.repeat(np.arange(len(paths)), n_points)

@@ -83,7 +83,7 @@ def missing_distribution(target: Target) -> str | None:
 
 
 def drop_target(target: Target, request: ContactRequest, places: Sequence[float] = PLACES) -> DropResult:
-    """Drop two bodies set up by the text of a target, once for each of `places`; return the least and greatest results.
+    """Drop two bodies set up by the text of a target, once for each of `places`. Return the least and greatest results.
 
     A place is the instant of touch within a step, as a fraction of the step.
 
@@ -134,7 +134,7 @@ def _measure(target: Target, request: ContactRequest, rates: Floats) -> tuple[fl
 
 
 def _take_steps(step: Callable[[], object], rate: Callable[[], float], n: int) -> Floats:
-    """Take n steps; return the value of `rate` after each step."""
+    """Take n steps, and return the value of `rate` after each step."""
     rates = np.empty(n)
     for i in range(n):
         step()

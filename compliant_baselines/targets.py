@@ -33,7 +33,7 @@ from impact_xval.compliant_baselines.restitution import (
 )
 from impact_xval.compliant_baselines.solver import SolverError
 
-#: Kind of numbers that a target takes: a stiffness and a damping ("compliant"), or a coefficient of restitution
+#: Kind of parameters that a target takes: a stiffness and a damping ("compliant"), or a coefficient of restitution
 #: ("restitution"). In an engine with a coefficient of restitution a contact is over in one step.
 Kind = Literal["compliant", "restitution"]
 
@@ -113,17 +113,18 @@ class Target:
     law: Law
     #: Function that writes the text to paste for a contact.
     write: Callable[[ContactRequest], str]
-    #: Phrase for pages: which numbers the engine reads.
+    #: Phrase for pages: which parameters the engine reads.
     reads: str
-    #: Phrase for pages: how the engine combines the numbers of two bodies.
+    #: Phrase for pages: how the engine combines the parameters of two bodies.
     combines: str
     #: Phrase for pages: the speed below which bodies do not rebound.
     threshold: str
-    #: For each number of the text, one line that names the documentation or source file in which the engine reads it.
+    #: For each parameter in the text, one line that names its documentation, or the source file in which the engine
+    #: reads it.
     sources: tuple[str, ...]
-    #: Sentences for pages, on other settings that decide the rebound and on numbers that the engine changes.
+    #: Sentences for pages, on other settings that change the rebound, and on parameters that the engine changes.
     notes: tuple[str, ...] = ()
-    #: Speed of rebound in m/s up to which the engine suppresses a rebound, whatever the text says.
+    #: Largest speed of rebound in m/s at which the engine suppresses a rebound, whatever the text says.
     dropped_rebound: float = 0.0
     #: Name of the solver whose adapter runs this contact; None if there is none.
     adapter: str | None = None
@@ -132,11 +133,11 @@ class Target:
 
     @property
     def kind(self) -> Kind:
-        """Kind of numbers that the target takes: "compliant" or "restitution"."""
+        """Kind of parameters that the target takes: "compliant" or "restitution"."""
         return "restitution" if self.law == "rigid" else "compliant"
 
     def duration(self, request: ContactRequest) -> float | None:
-        """Return the exact duration in s of the contact under the target's law.
+        """Return the exact duration in s of the contact by the target's law.
 
         None if the law is "depth" or "rigid".
         """
@@ -163,7 +164,7 @@ class Target:
         Raises
         ------
         SolverError
-            If the engine cannot take the numbers.
+            If the engine cannot take the parameters.
         """
         text = self.write(request)
         if _NO_NUMBER.search(text):
@@ -187,7 +188,7 @@ def _newton(
 ) -> Callable[[ContactRequest], str]:
     """Return the function that writes a text for one of Newton's solvers.
 
-    `config` returns the numbers of the shapes' configuration for a contact. `solver` is Python source that makes the
+    `config` returns the parameters of the shapes' configuration for a contact. `solver` is Python source that makes the
     solver. `before_finalize` is Python source that runs once bodies and shapes are added.
     """
 
@@ -308,7 +309,10 @@ def _liggghts_hooke(request: ContactRequest) -> str:
 
 
 def _exudyn(numbers: Callable[[ContactRequest], str]) -> Callable[[ContactRequest], str]:
-    """Return the function that writes a text for Exudyn; `numbers` returns the arguments of the contact object."""
+    """Return the function that writes a text for Exudyn.
+
+    `numbers` is a function that returns the arguments of the contact object as a text.
+    """
 
     def write(request: ContactRequest) -> str:
         return (

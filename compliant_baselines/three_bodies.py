@@ -89,7 +89,7 @@ BODY = """\
       <inertial pos="0 0 0" mass="{mass!r}" diaginertia="1 1 1"/><geom name="{name}" size="{radius!r}"/></body>"""
 FIXED_BODY = '    <geom name="{name}" size="{radius!r}" pos="{x!r} 0 0"/>'
 
-#: Length of a run in durations of the longer contact after which the run is given up.
+#: Longest run, in durations of the longer contact. A run that is not over then is given up.
 LONGEST_RUN = 100
 
 #: Function that takes n more steps. It returns the velocities in m/s along x after each step, shape (n, bodies that
@@ -111,7 +111,8 @@ class Strike(NamedTuple):
 def paste_both(engine: str, pairs: Sequence[SingleImpact], step: float) -> str:
     """Return the text to paste for both contacts of three bodies, with the time step in s.
 
-    A SolverError says that the engine cannot take the numbers. A ValueError says that there is no text for this engine.
+    A SolverError says that the engine cannot take the parameters. A ValueError says that there is no text for this
+    engine.
     """
     if engine not in TEXTS:
         raise ValueError(f"engine = {engine!r}; legal: {', '.join(TEXTS)}")
@@ -165,7 +166,7 @@ def solve_exactly(
 def strike(
     engine: str, masses: Sequence[float], pairs: Sequence[SingleImpact], step: float, *, thorough: bool
 ) -> Strike:
-    """Run the printed text for three bodies; return the least and greatest final velocities.
+    """Run the printed text for three bodies, and return the least and greatest final velocities.
 
     With `thorough`, A touches B at all `PLACES` within a step, else only just after the start of a step. A SolverError
     says how a run failed.
@@ -192,7 +193,7 @@ def strike(
 def strike_in_mujoco(
     text: str, masses: Sequence[float], radius: float, speed: float, gaps: Sequence[float], most_steps: int
 ) -> list[tuple[float, ...]]:
-    """Let A strike B and C in MuJoCo once for each gap in m; return the final velocities in m/s of each run."""
+    """Let A strike B and C in MuJoCo once for each gap in m, and return the final velocities in m/s of each run."""
     mujoco: Any = import_module("mujoco")
     bodies = [
         (FIXED_BODY if math.isinf(mass) else BODY).format(
@@ -211,7 +212,7 @@ def strike_in_mujoco(
 
 
 def _strike_once_in_mujoco(model: Any, gap: float, speed: float, most_steps: int) -> tuple[float, ...]:
-    """Run a compiled scene once, with A at a gap in m from B; return the final velocities in m/s."""
+    """Run a compiled scene once, with the given gap in m between A and B, and return the final velocities in m/s."""
     mujoco: Any = import_module("mujoco")
     data = mujoco.MjData(model)
     data.qpos[-1], data.qvel[-1] = gap, -speed
@@ -229,7 +230,7 @@ def _strike_once_in_mujoco(model: Any, gap: float, speed: float, most_steps: int
 def strike_in_pybullet(
     text: str, masses: Sequence[float], radius: float, speed: float, gaps: Sequence[float], most_steps: int
 ) -> list[tuple[float, ...]]:
-    """Let A strike B and C in PyBullet once for each gap in m; return the final velocities in m/s of each run.
+    """Let A strike B and C in PyBullet once for each gap in m, and return the final velocities in m/s of each run.
 
     C is a plane if it is fixed.
     """
@@ -247,7 +248,7 @@ def _strike_once_in_pybullet(
     gap: float,
     most_steps: int,
 ) -> tuple[float, ...]:
-    """Empty the engine's world, and run the text once in it; return the final velocities in m/s."""
+    """Empty the engine's world, run the text once in it, and return the final velocities in m/s."""
     mass_a, mass_b, mass_c = masses
     fixed = math.isinf(mass_c)
     p.resetSimulation()
@@ -281,9 +282,9 @@ STRIKES = {"mujoco": strike_in_mujoco, "pybullet": strike_in_pybullet}
 def _follow(
     name: str, advance: Advance, start: Sequence[float], fixed: bool, most_steps: int
 ) -> tuple[float, ...]:
-    """Take steps until the collision is over; return the final velocities in m/s.
+    """Take steps until the collision is over, and return the final velocities in m/s.
 
-    It is over when no force has acted for `QUIET_STEPS` steps and no bodies approach.
+    The collision is over when no force has acted for `QUIET_STEPS` steps and no bodies approach.
     """
     before, last = np.array([start]), -1
     for first in range(0, most_steps, BLOCK):

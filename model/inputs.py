@@ -1,4 +1,4 @@
-"""Legal values of a collision's parameters, of the ratios that decide it (Theorem 5), and of the cut-off.
+"""Legal values of a collision's parameters, of the ratios on which it depends (Theorem 5), and of the cut-off.
 
 `Legal` is a legal range with its text for messages, and the constants are the ranges of all parameters. `checked_array`
 checks arrays, and `legal_cutoff` checks a cut-off.
@@ -15,8 +15,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-#: Grazing margin below which a result is marked as near a jump of the outcome. `benchmarks/grazing.py` measures how
-#: well this number separates collisions that jump from collisions that do not.
+#: Grazing margin below which a result gets a mark, a sentence that warns that it is near a jump of the outcome.
+#: `benchmarks/grazing.py` measures how well this number separates collisions that jump from collisions that do not.
 GRAZING_THRESHOLD = 5e-5
 
 
@@ -48,7 +48,7 @@ V0 = Legal("v0", -_LARGEST, -_LEAST, "a finite number < 0 (m/s, up is positive)"
 STIFFNESS_RATIO = Legal("stiffness_ratio", 0.0, math.inf, "from 0 to inf (k2/k1)")
 MASS_RATIO = Legal("mass_ratio", _LEAST, _LARGEST, "a finite number > 0 (m2/m1)")
 
-#: Legal ranges of the parameters of two balls on a table, and of the ratios that decide their outcome (Theorem 5).
+#: Legal ranges of the parameters of two balls on a table, and of the ratios on which their outcome depends (Theorem 5).
 TWO_BALLS = (
     *(Legal(name, _LEAST, _LARGEST, "a finite number > 0 (kg)") for name in ("m1", "m2")),
     *(Legal(name, 0.0, math.inf, "from 0 to inf (N/m)") for name in ("k1", "k2")),

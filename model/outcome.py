@@ -42,8 +42,8 @@ class Outcome:
         compression at a turning point, divided by the amplitude of this rate. It is infinite if no quotient is below
         `pair.grazing.NEAR`, and None if it was not computed.
     mark : str
-        One sentence if the outcome is marked, else empty. An outcome is marked if it is very near a jump or a cut-off,
-        so that tiny changes of the input would change the numbers. Statistics leave marked outcomes out.
+        One sentence that warns of the outcome, or empty. An outcome gets a mark if it is very near a jump or a cut-off:
+        a tiny change of the input would change the velocities. Statistics leave marked outcomes out.
     n_events : int
         Number of events.
     diagnostics : mapping of str to float
@@ -95,7 +95,7 @@ class Outcome:
 
     @property
     def marked(self) -> bool:
-        """Whether the outcome is marked, because it is very near a jump or a cut-off."""
+        """Whether the outcome has a mark, because it is very near a jump or a cut-off."""
         return bool(self.mark)
 
     v1 = property(lambda self: self.velocities[0], doc="Velocity of ball 1, in m/s.")

@@ -100,22 +100,22 @@ class Outcomes(Sequence[Outcome]):
 
     @property
     def reasons(self) -> NDArray[np.object_]:
-        """Sentences on statuses, as in `Outcome`."""
+        """Sentence that explains the status, for each outcome; empty if there is nothing to explain."""
         return np.array(self.reason_texts, dtype=object)[self.reason]
 
     @property
     def marked(self) -> Booleans:
-        """True where an outcome is marked; `marks` say why."""
+        """True where an outcome has a mark, a sentence in `marks` that warns of it."""
         return self.mark > 0
 
     @property
     def marks(self) -> NDArray[np.object_]:
-        """Sentences that mark outcomes, as in `Outcome`; empty for outcomes that are not marked."""
+        """Sentence that warns of an outcome near a jump or a cut-off, for each outcome; else empty."""
         return np.array(self.mark_texts, dtype=object)[self.mark]
 
     @property
     def has_result(self) -> Booleans:
-        """True where the numbers of an outcome are a result."""
+        """True where the velocities and impulses of an outcome are a result."""
         return IS_RESULT[self.status]
 
     @classmethod
@@ -136,8 +136,8 @@ class Outcomes(Sequence[Outcome]):
     ) -> Outcomes:
         """Build outcomes without marks from final velocities in m/s and from the ways in which collisions may end.
 
-        For each collision the first ending whose condition is true counts. `fallen` is the speed in m/s that gravity
-        has added to free balls.
+        A collision gets the first ending whose condition is true for it. `fallen` is the speed in m/s that gravity has
+        added to free balls.
         """
         n = len(collisions)
         status, reason = first_endings(endings, n)
@@ -259,22 +259,22 @@ class GridOutcomes:
 
     @property
     def reasons(self) -> NDArray[np.object_]:
-        """Sentences on statuses, as in `Outcome`."""
+        """Sentence that explains the status, for each outcome; empty if there is nothing to explain."""
         return self.flat.reasons.reshape(self.shape)
 
     @property
     def has_result(self) -> Booleans:
-        """True where the numbers of an outcome are a result."""
+        """True where the velocities and impulses of an outcome are a result."""
         return self.flat.has_result.reshape(self.shape)
 
     @property
     def marked(self) -> Booleans:
-        """True where an outcome is marked; `marks` say why."""
+        """True where an outcome has a mark, a sentence in `marks` that warns of it."""
         return self.flat.marked.reshape(self.shape)
 
     @property
     def marks(self) -> NDArray[np.object_]:
-        """Sentences that mark outcomes, as in `Outcome`; empty for outcomes that are not marked."""
+        """Sentence that warns of an outcome near a jump or a cut-off, for each outcome; else empty."""
         return self.flat.marks.reshape(self.shape)
 
     @property

@@ -119,10 +119,11 @@ def solve_many(
         supplement, section 3.4, uses `SUPPLEMENT_CUTOFF`. Infinity means no cut-off. With ``exact`` the closed form
         finishes the collision as soon as it changes the outcome by less than `pair.limits.BOUND`.
     max_events : int, optional
-        Number of events after which a collision of two balls on a table is given up. For all other collisions it is the
-        number of windows, in each of which one event is searched. The default takes about a second.
+        Largest number of events of a collision of two balls on a table. A collision that needs more is given up. For
+        all other collisions it is the largest number of windows, in each of which one event is searched for. The
+        default takes about a second.
     grazing_threshold : float
-        Grazing margin below which an outcome is marked.
+        Grazing margin below which an outcome gets a mark, a sentence that warns that it is near a jump.
     states, paths : bool
         Whether outcomes have states, and whether they have paths.
 
@@ -175,7 +176,7 @@ def _pair_options(law: str, cutoff: float, max_events: int | None) -> PairOption
 
 
 def _with_marks(outcomes: Outcomes, law: Law, grazing_threshold: float) -> Outcomes:
-    """Return the outcomes with marks: where the grazing margin is small, or where a cut-off has changed the outcome."""
+    """Return the outcomes with marks where the grazing margin is small or a cut-off has changed the outcome."""
     margin = outcomes.grazing_margin
     if law != Law.STATE_TRANSITION:  # the other law has no jumps: a restart gives back the lost energy
         margin = np.where(outcomes.has_result, np.inf, np.nan)
@@ -197,7 +198,7 @@ def no_positions(collisions: Collisions) -> str:
 def _solve_chains(
     collisions: Collisions, law: Law, max_windows: int, *, states: bool, paths: bool
 ) -> Outcomes:
-    """Solve collisions of N balls by the kernel of chains, under the model's assumption of constant positions."""
+    """Solve collisions of N balls by the kernel of chains, with the model's assumption of constant positions."""
     no_damping, no_gravity = np.zeros_like(collisions.stiffnesses), np.zeros(len(collisions))
     problem = Problem(collisions, law, no_damping, True, no_gravity, max_windows=max_windows)
     result = problem.follow(states=states)
@@ -225,7 +226,7 @@ def _solve_pairs(collisions: Collisions, options: PairOptions, *, states: bool, 
 
 
 def _cells_of(c: Collisions) -> PairRatios:
-    """Return the ratios that decide collisions of two balls. The kernel is compiled for contiguous arrays of them."""
+    """Return the ratios on which collisions of two balls depend, as the contiguous arrays that the kernel needs."""
     return PairRatios(
         np.array(c.stiffness_ratio),
         np.array(c.mass_ratio),
@@ -321,7 +322,11 @@ def _times_unit(values: Floats, unit: Floats) -> Floats:
 
 
 def _pair_endings(cells: PairRatios, ending: NDArray[np.int64], options: PairOptions) -> list[Ending]:
-    """Return all ways in which collisions of two balls may have ended whose ending is not `PairEnding.FINISHED`."""
+    """Return the possible endings of collisions of two balls in which the kernel's ending is not `PairEnding.FINISHED`.
+
+    Each `Ending` has a condition for each collision, a status and a sentence. A collision gets the first one whose
+    condition is true.
+    """
     kappa, e1, e2 = cells.kappa, cells.e1, cells.e2
     cutoff = options.cutoff
     is_exact = cutoff == EXACT

@@ -1,7 +1,7 @@
-"""The status of an outcome, and the endings that decide it.
+"""The status of an outcome, and the endings from which it follows.
 
 `STATUSES` are all statuses, and `RESULT_STATUSES` are the statuses of outcomes with a result. `Ending` is a way in
-which collisions may end. `first_endings` returns the ending that counts for each collision.
+which collisions may end. `first_endings` returns for each collision the first ending whose condition is true.
 
 Used by `Outcome`, `Outcomes` and solvers.
 """
@@ -39,8 +39,8 @@ class Ending(NamedTuple):
 def first_endings(endings: Sequence[Ending], n: int) -> tuple[NDArray[np.uint8], NDArray[np.int32]]:
     """Return the status and the reason of n collisions, as indices into `STATUSES` and into `reason_texts_of(endings)`.
 
-    For each collision the first ending whose condition is true counts. If no condition is true, the status is ``ok``
-    and the reason is empty.
+    A collision gets the status and the reason of the first ending whose condition is true for it. If no condition is
+    true, the status is ``ok`` and the reason is empty.
     """
     reason = np.zeros(n, np.int32)
     for index in range(len(endings), 0, -1):

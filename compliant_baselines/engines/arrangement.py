@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 #: Largest error, in radii, of the distance between the centres of two balls that touch. It allows for rounded normals.
 FITTING = 1e-9
 
-#: Overlap in radii of touching bodies in a plane at the start. It is larger than the rounding of positions, so that the
-#: engine finds each touching contact in its first step.
+#: Overlap at the start, in radii, of bodies that touch, in a scene in a plane. It is larger than the rounding of
+#: positions, so that the engine finds each touching contact in its first step.
 ROUNDING_OVERLAP = 2.0**-48
 
 

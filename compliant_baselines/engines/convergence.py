@@ -1,13 +1,14 @@
-"""The limit of an engine's velocities as its step goes to zero, and the error of this limit.
+"""The limit of an engine's velocities as the length of its time steps goes to zero, and the error of this limit.
 
-docs/convergence.md says at which steps an engine runs in addition to the user's step h, how velocities are
-extrapolated, and which terms the error has. Balls that part for good have v1 >= v2 >= 0. If an extrapolated limit does
-not satisfy this, the balls meet once more as the step goes to zero. The limit is then replaced by the nearest
-velocities that satisfy it, which are those after a plastic meeting.
+docs/convergence.md says at which step lengths an engine runs in addition to the user's step length h, how velocities
+are extrapolated, and which terms the error has. In this module "step" without further words is the length of the time
+steps of a run. Balls that part for good have v1 >= v2 >= 0. If an extrapolated limit does not satisfy this, the balls
+meet once more as the step goes to zero. The limit is then replaced by the nearest velocities that satisfy it, which are
+those after a plastic meeting.
 
-Some engines soften contacts by a regularisation, which changes velocities at every step. If this change exceeds the
-tolerance at the step 4h, it is measured again at the shortest step. Unless the two measurements agree, the step is
-halved further.
+Some engines soften contacts by a regularisation, which changes velocities however short the step is. The change is
+measured at the longest step, 4h. If it exceeds the tolerance there, it is measured again at the shortest step so far.
+If the two measurements differ, the step is halved further.
 """
 
 from __future__ import annotations
@@ -25,14 +26,14 @@ from impact_xval.compliant_baselines.engines.stepping import Run, project_to_sep
 from impact_xval.compliant_baselines.solver import Convergence
 from impact_xval.compliant_baselines.states import SHORTEST_STATE
 
-#: Smallest fraction of the last change of velocities that counts as an error of the limit. Three changes can agree by
-#: accident, so that the extrapolated limits seem not to differ.
+#: Factor on the last change of velocities. The product is the least error that is stated for a limit of first order.
+#: Three changes can agree by accident, and the extrapolated limits then seem not to differ.
 DOUBT = 0.1
 
-#: Factor on the change of the limit by the second order, when this change counts as an error. The change is a third of
-#: the last correction. Four runs show the ratio of a quarter, which second order has, only once, and this can be
-#: chance. Measured on PyBullet's limits in 1,400 random cells at steps of 0.01 of the period: six limits are wrong by
-#: more than three stated errors, as many as without a second order.
+#: Factor on the change of the limit when a second order is extrapolated. The product is stated as an error of the
+#: limit. The change is a third of the last correction. Four runs show the ratio of a quarter, which second order has,
+#: only once, and this can be chance. Measured on PyBullet's limits in 1,400 random cells at steps of 0.01 of the
+#: period: six limits are wrong by more than three stated errors, as many as without a second order.
 CHANGE = 2.0
 
 #: Longest step, over the shorter contact period, of four runs that can show a second order. At a step of 0.1 all four
@@ -44,14 +45,14 @@ RESOLVED = 1 / 16
 #: convergence.
 SMALL = 0.1
 
-#: Fraction of the velocity changes in the first steps of contacts that counts as an error of the limit. The limit is
-#: twice the run at the shortest step minus the run before it, and each of the two runs may contain any part of these
-#: changes.
+#: Factor on the velocity changes in the first time step of each contact. The product is stated as an error of the
+#: limit. The limit is twice the velocity at the shortest step minus the velocity at twice this step. Each of these two
+#: velocities may contain any part of the changes, from nothing to all.
 CHANCE = 0.5
 
-#: Relative difference of the velocity changes in the first steps of contacts up to which three runs count as equal.
-#: Equal changes show that impulses do not depend on the step: rigid engines in single precision differ by 1e-6. With a
-#: dashpot, the impulse of a first step is halved with the step.
+#: Largest relative difference of the velocity changes in the first time steps of contacts at which three runs are taken
+#: as equal. Equal changes show that impulses do not depend on the step: rigid engines in single precision differ by
+#: 1e-6. With a dashpot, the impulse in a first time step is halved when the step is halved.
 WHOLE = 0.01
 
 #: Factor by which extrapolation enlarges errors. If each of the last two runs Vn and V(n-1) is wrong by at most x, then
@@ -63,27 +64,27 @@ MEETINGS = 3.0
 #: vector, which is not a linear function of the step where it is smallest.
 STRAIGHT = 1 / 3
 
-#: Largest multiple of the last change of a rate that counts as error if changes grow from run to run. If steps damp a
-#: vibration so that x of it is left at h, then x^2 is left at 2h and x^4 at 4h. For a small x the distance to the
-#: limit, over the last change, is about the factor by which the changes grow. This factor is bounded here, because the
-#: change before the last may be zero.
+#: Largest factor on the last change of a rate, whose product with this change is stated as error if changes grow from
+#: run to run. If time steps of length h damp a vibration to the fraction x, then x^2 is left at 2h and x^4 at 4h. For a
+#: small x the distance to the limit, over the last change, is about the factor by which the changes grow. This factor
+#: is bounded here, because the change before the last may be zero.
 GROWTH = 100.0
 
-#: Largest number of steps of a run at a shorter step, over the number to be expected from the run at h. Balls that meet
-#: soon at one step may meet after millions of steps at another step.
+#: Largest number of time steps of a run at a shorter step, over the number to be expected from the run at h. Balls that
+#: meet soon at one step length may meet after millions of time steps at another step length.
 PATIENCE = 8
 
-#: Factor within which two numbers count as equal: two measurements of a regularisation, or a ratio of corrections and a
-#: quarter.
+#: Factor within which two numbers are taken as equal. The numbers are two measurements of a regularisation, or a ratio
+#: of corrections and a quarter.
 ALIKE = 2.0
 
-#: Words for the reason of an unknown limit that shorter steps do not make known.
+#: Part of the reason of an unknown limit, if shorter steps would not help.
 NO_HELP = "halving the step does not help"
 
 #: A run of a scene in a line or in a plane.
 AnyRun = TypeVar("AnyRun", Run, PlaneRun)
 
-#: Function that runs a scene, up to a given number of steps.
+#: Function that runs a scene for at most a given number of time steps.
 Follow = Callable[[Scene, int], AnyRun]
 
 
@@ -100,9 +101,9 @@ class Limit:
     regularisation: float
     #: Step in s of the run with the shortest step.
     step: float
-    #: True if in the run at the shortest step gravity ended in a first flight.
+    #: True if gravity ended in a first flight in the run with the shortest step.
     has_first_flight: bool
-    #: True if in the run at the shortest step B2 settled on the table.
+    #: True if B2 settled on the table in the run with the shortest step.
     b2_settled: bool
 
     @property
@@ -117,7 +118,7 @@ class Limit:
 
     @property
     def quality(self) -> dict[str, float]:
-        """Accuracy of this limit, under the names in `Outcome.diagnostics`; unknown numbers are left out."""
+        """Accuracy of this limit, under the names in `Outcome.diagnostics`; unknown values are left out."""
         numbers = {
             "limit_error": self.error,
             "regularisation": self.regularisation,
@@ -263,7 +264,7 @@ class _Regularisation:
         return not (self.moves and self.moves[-1] <= self.tolerance)
 
     def stays(self) -> bool:
-        """Return True if the change by the regularisation exceeds the tolerance and is the same at two steps.
+        """Return True if the change by the regularisation exceeds the tolerance and is the same at two step lengths.
 
         Then no shorter step makes it smaller.
         """
@@ -273,18 +274,19 @@ class _Regularisation:
         return before / ALIKE <= now <= before * ALIKE
 
     def is_enough(self, limit: Limit | None) -> bool:
-        """Return True if a limit has the accuracy asked for, or if shorter steps cannot improve it."""
+        """Return True if a limit has the requested accuracy, or if shorter steps cannot improve it."""
         if limit is None or not self.moves:
             return False
         return limit.error <= self.tolerance or self.stays()
 
 
 def _flight_doubt(before: AnyRun, last: AnyRun) -> float:
-    """Return a bound in m/s on the change by gravity if it is in doubt whether the first flight happens.
+    """Return a bound in m/s on how much gravity changes velocities if it is in doubt whether the first flight happens.
 
     The lead of a flight is the time by which a gap closes after the flight has begun, or before it would have begun. It
     is extrapolated to a step of zero as velocities are. The flight is in doubt if the lead changes its sign on the way,
-    or is too short to have a clear sign. Gravity then may or may not act in the contact that decides on the flight.
+    or is too short to have a clear sign. Gravity then may or may not act in the contact whose closing ends or prevents
+    the flight.
     """
     earlier, (now, contact), scene = before.flight_lead.time, last.flight_lead, last.scene
     if not scene.gravity or not math.isfinite(now):
@@ -297,12 +299,12 @@ def _flight_doubt(before: AnyRun, last: AnyRun) -> float:
 
 
 def _touch_doubt(runs: Sequence[AnyRun]) -> float:
-    """Return a bound in m/s on the change by the instants at which bodies touch, and by a meeting yet to come.
+    """Return a bound in m/s on how much velocities change by the instants of touch, and by a meeting yet to come.
 
     A dashpot misses a part of its first step, and the impulse of this step shrinks with the step. A rigid contact gives
-    its whole impulse in its first step, whatever the step's length, so that nothing is missing. There are three
-    exceptions. Neighbouring contacts may begin in the same step, and their impulses then depend on one another. The
-    engine may solve contacts only to its `World.accuracy`. Or it gives slow contacts no restitution.
+    its whole impulse in its first step, whatever the step's length. So nothing is missing. There are three exceptions.
+    Neighbouring contacts may begin in the same step, and their impulses then depend on one another. The engine may
+    solve contacts only to its `World.accuracy`. Or it gives slow contacts no restitution.
 
     In a plane normals turn, and impulses turn with them. The change is at most the angle times the speed.
     """
@@ -312,7 +314,7 @@ def _touch_doubt(runs: Sequence[AnyRun]) -> float:
 
 
 def _start_doubt(runs: Sequence[AnyRun], meeting_left: float) -> float:
-    """Return a bound in m/s on the change by the first steps of contacts; it is at least `meeting_left`.
+    """Return a bound in m/s on how much the first time steps of contacts change velocities; at least `meeting_left`.
 
     `meeting_left` is the bound in m/s on the change by a meeting that is still to come.
     """
@@ -325,7 +327,7 @@ def _start_doubt(runs: Sequence[AnyRun], meeting_left: float) -> float:
 
 
 def _limit_of(runs: Sequence[AnyRun], regularisation: Sequence[float]) -> Limit | None:
-    """Return the limit of runs, given from the longest step to the shortest; None for fewer than three runs.
+    """Return the limit of runs, given from the longest step to the shortest; None if there are fewer than three.
 
     `regularisation` are the measured changes of velocities in m/s by the engine's regularisation.
     """
@@ -375,8 +377,8 @@ def estimate_limit(
     convergence
         Accuracy that is asked of the limit.
     max_steps
-        Largest number of steps of the run at h and of runs at longer steps. A run at a step h/n may take n times this
-        number. It may also take at most n `PATIENCE` times the steps of the run at h.
+        Largest number of time steps of the run at h and of runs at longer steps. A run at the step h/n may take n times
+        this number. It may also take at most n `PATIENCE` times the number of time steps of the run at h.
 
     Returns
     -------

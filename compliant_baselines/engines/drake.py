@@ -44,8 +44,9 @@ from impact_xval.compliant_baselines.restitution import hunt_crossley_coefficien
 #: Relative tolerance of Drake's contact solver (SapSolverParameters). It cannot be set from Python.
 SAP_TOLERANCE = 1e-6
 
-#: Phase angle omega t of a contact at which its impulse per step must have reached the tolerance. Half the square of
-#: this angle is the fraction of the velocity that is lost before.
+#: Largest phase angle omega t, counted from the touch, until which the engine may neglect the impulses of a contact. It
+#: neglects impulses per step below the tolerance. Half the square of the angle is the fraction of the velocity change
+#: that is then missing.
 LATEST_START = 0.02
 
 #: Error over |v0| that the integrator may make in each step. The error of final velocities is 4 times as large.
@@ -134,7 +135,7 @@ class DrakeSceneGraph(Protocol):
     """The methods of a `SceneGraph` that the adapter calls."""
 
     def collision_filter_manager(self) -> DrakeFilterManager:
-        """Return the object that decides which shapes can meet."""
+        """Return the object that is told which shapes can meet."""
         ...
 
     def model_inspector(self) -> DrakeInspector:
@@ -256,7 +257,7 @@ class DrakeWorld(World):
         self._simulator.Initialize()
 
     def _add_bodies(self, plant: DrakePlant, graph: DrakeSceneGraph) -> list[DrakeJoint]:
-        """Add planes and balls and finish the plant; return the joints, ordered by ball and then by axis."""
+        """Add planes and balls, finish the plant, and return the joints, ordered by ball and then by axis."""
         geometry, tree, transforms = _module("geometry"), _module("multibody.tree"), _module("math")
         identity, arrangement = transforms.RigidTransform(), self._scene.arrangement
         sphere, inertia = geometry.Sphere(self.radius), tree.UnitInertia.SolidSphere(self.radius)
@@ -304,7 +305,7 @@ class DrakeWorld(World):
         return joints
 
     def _material(self, side: Side) -> DrakeProperties:
-        """Make frictionless contact properties with the parameters of a side."""
+        """Make frictionless contact properties with the parameters of one of the two bodies of a contact."""
         geometry, frictionless = _module("geometry"), _module("multibody.plant").CoulombFriction(0.0, 0.0)
         properties = geometry.ProximityProperties()
         dissipation = {} if self._dashpots else {"dissipation": side.dissipation}
@@ -316,7 +317,7 @@ class DrakeWorld(World):
         return properties
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
-        """Take n steps in C++; return the recorded velocities in m/s and heights in m."""
+        """Take n steps in C++, and return the recorded velocities in m/s and heights in m."""
         if self._refused:
             raise RuntimeError(self._refused)
         coordinates, step = len(self.places), self._scene.step
@@ -345,7 +346,7 @@ def _module(name: str) -> ModuleType:
 
 
 def _read_side(properties: DrakeProperties) -> Side:
-    """Read the parameters of a side back from the engine; a relaxation time that is not set becomes 0."""
+    """Read one body's parameters in a contact back from the engine. A relaxation time that is not set becomes 0."""
     names = "point_contact_stiffness", "relaxation_time"
     return Side(*(properties.GetPropertyOrDefault("material", name, 0.0) for name in names))
 
@@ -353,10 +354,10 @@ def _read_side(properties: DrakeProperties) -> Side:
 def _too_short(scene: Scene) -> str | None:
     """Return a sentence if the step is so short that the engine neglects a contact; else None.
 
-    The engine compares residuals with the momentum of all bodies, both divided by sqrt(mass). The impulse M u of two
-    bodies of reduced mass M that meet at the speed u counts as sqrt(M) u, and is compared with sqrt(sum m v^2). In a
-    step of length h at the time t after touch the impulse is k v t h. It reaches the tolerance at a phase omega t,
-    which must be small.
+    The engine compares residuals with the momentum of all bodies, both divided by sqrt(mass). For two bodies of reduced
+    mass M that meet at the speed u it compares sqrt(M) u, the impulse M u over sqrt(M), with sqrt(sum m v^2). In a step
+    of length h at the time t after touch the impulse is k v t h. It reaches the tolerance at a phase omega t. This
+    phase must be at most `LATEST_START`.
     """
     momentum = math.sqrt(sum(m * v * v for m, v in zip(scene.inertia, scene.velocities, strict=True)))
     slowest = min(c.omega * math.sqrt(c.mass) for c in scene.contacts) * scene.speed / momentum

@@ -34,7 +34,7 @@ from impact_xval.model.outcome import Outcome
 if TYPE_CHECKING:
     from impact_xval.model.graph.collision import GraphCollision
 
-#: Reason why a scene is refused if its numbers leave double precision.
+#: Reason why a scene is refused if its parameters are outside the range of double precision.
 BEYOND = (
     "periods, penetrations or energies beyond double precision; scale stiffnesses, masses or v0 (Theorem 5)"
 )
@@ -79,7 +79,7 @@ def version_of(distribution: str) -> str:
 
 
 def _comparable(version: str) -> tuple[int, ...]:
-    """Return the numbers of a version before any suffix, for example (3, 2, 7) for ``3.2.7.post1``."""
+    """Return the parts of a version that are numbers, before any suffix; for example (3, 2, 7) for ``3.2.7.post1``."""
     return tuple(map(int, re.findall(r"\d+", re.split(r"[^\d.]", version)[0])))
 
 
@@ -93,7 +93,7 @@ class Engine(Solver):
     * `timeout`: the collision is not over after `max_steps` steps; `Run.problem` says how far it came
     * `crashed`: a number is not finite, or the engine has raised an error
     * `unconverged`: the collision is over, but it has gained energy, or its limit dt -> 0 is not known to the tolerance
-      asked for. The outcome keeps its numbers.
+      asked for. The outcome keeps its velocities and impulses.
     """
 
     #: Name of the engine as its makers spell it.
@@ -162,7 +162,7 @@ class Engine(Solver):
         yield
 
     def run(self, scenes: Sequence[Scene], max_steps: int, record_path: bool = False) -> list[Run]:
-        """Run every scene until its collision is over or `max_steps` steps are taken; return the runs in order."""
+        """Run every scene until its collision is over or `max_steps` steps are taken. Return the runs in order."""
         with self.running():
             return [self.follow(scene, max_steps, record_path) for scene in scenes]
 
@@ -308,7 +308,10 @@ class Engine(Solver):
         law: str,
         settings: Settings,
     ) -> None:
-        """Add marks to the list of outcomes, by the exact law that the engine was asked for; failures get no marks."""
+        """Add marks to the outcomes in the list, by the exact law that the engine was asked for.
+
+        A mark is a sentence that warns of an outcome near a jump of this law. Failures get no marks.
+        """
         has_numbers = [i for i, outcome in enumerate(outcomes) if np.isfinite(outcome.velocities).all()]
         g = settings.gravity if settings.scenario == "drop" else 0.0
         solve = law_at(law, max_steps=settings.max_steps)
@@ -323,7 +326,10 @@ class Engine(Solver):
                     outcomes[i] = replace(outcomes[i], mark=mark)
 
     def _solve_with_limit(self, collision: Collision, settings: Settings) -> tuple[Outcome, Limit | None]:
-        """Solve one collision; return its outcome, and its limit dt -> 0 if that is asked for and known."""
+        """Solve one collision, and return its outcome and its limit dt -> 0.
+
+        In place of the limit None is returned if the limit is unknown or was not asked for.
+        """
         scene = self.scene_or_refusal(collision, settings)
         if isinstance(scene, str):
             return Outcome.failure(self.name, collision, "unrepresentable", scene), None
@@ -342,7 +348,7 @@ class Engine(Solver):
 
 
 def _end_of(limit: Limit | None) -> DropEnd | None:
-    """Return how the drop ended in the run at the shortest step of a limit; None if there is no limit."""
+    """Return how the drop ended in the run with the shortest time step of a limit; None if there is no limit."""
     return None if limit is None else DropEnd(limit.has_first_flight, limit.b2_settled)
 
 
@@ -404,9 +410,9 @@ def _by_body(coordinates: Sequence[float], axes: int) -> tuple[tuple[float, ...]
 
 
 def _diagnostics_of(run: Run) -> dict[str, float]:
-    """Return the numbers of a run that become the diagnostics of its outcome.
+    """Return the diagnostics of a run's outcome: further numbers by name.
 
-    If a new number is in m/s, it must also be listed in `experiments.measures.divergence` (`_VELOCITY`), so that it is
+    If a new diagnostic is in m/s, it must also be listed in `experiments.measures.divergence` (`_VELOCITY`). It is then
     shown as a fraction of abs(v0).
     """
     c = run.scene

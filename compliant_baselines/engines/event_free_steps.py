@@ -10,16 +10,17 @@ F_j/M_j, k_j/M_j and c_j/M_j below are summed over the active contacts j.
 
 1. The time of the first event is bounded from below. Until then only the active contacts act. Let A be a bound on all
    |g_i''|; these are at most sum_j F_j/M_j + g with gravity g. Within the time s = 0.7/Omega, Omega = sqrt(sum_j
-   k_j/M_j) + sum_j c_j/M_j, a force grows by at most (k_i s + c_i)|g_i'| + (k_i s^2/2 + c_i s) A. The second term
-   contains A itself, with the factor phi = sum_j (k_j s^2/2 + c_j s)/M_j <= 0.7. So A is at most the sum of all other
-   terms divided by 1 - phi.
+   k_j/M_j) + sum_j c_j/M_j, the force F_j grows by at most (k_j s + c_j)|g_j'| + (k_j s^2/2 + c_j s) A. With these
+   bounds on the forces, the sum over j gives A <= B + phi A, where B contains all terms without A, and phi = sum_j (k_j
+   s^2/2 + c_j s)/M_j <= 0.7. So A <= B/(1 - phi).
 2. Phi_i keeps its sign as long as k_i (|g_i'| t + A t^2/2) + c_i A t < |Phi_i|, and g_i keeps its sign as long as
-   |g_i'| t + A t^2/2 < |g_i|. A rate that leads away from zero counts as 0.
+   |g_i'| t + A t^2/2 < |g_i|. A rate g_i' that leads away from zero may be replaced by 0.
 3. Without gravity a collision is not over while a contact is active or bodies approach. With gravity there are three
    cases. While no contact is active, the collision cannot end, because all velocities change by the same amount. While
    only contact 2 is active, the collision can end only when B2 settles. While both contacts are active, it can end only
    when both balls settle. Balls settle when their energy has fallen far enough (`b2_has_settled`,
-   `both_balls_have_settled`). Within the time s this energy does not fall to a sixteenth.
+   `both_balls_have_settled`). Within the time s this energy does not fall to a sixteenth of its value. So a ball with
+   more than 16 times the energy of a settled ball (`SAFE_ENERGY`) cannot settle within this time.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ NOT_STARTED = -1
 SAFE_ENERGY = 16.0
 
 
-#: Numbers of a scene that compiled functions need, in SI units; an array of one record.
+#: Parameters of a scene that compiled functions need, in SI units; an array of one record.
 #:
 #: * ``contacts``: number of contacts, N with a table, N - 1 without
 #: * ``step``: length of a step in s
@@ -55,7 +56,7 @@ SAFE_ENERGY = 16.0
 #: * ``pulls``: 1 if contacts may pull, else 0
 #: * ``gravity``: gravity in m/s^2; 0 without gravity, and in a drop from the first flight on
 #:
-#: The following numbers are only for drops, and otherwise 0:
+#: The following fields are only for drops, and otherwise 0:
 #:
 #: * ``k1``, ``k2``: stiffness in N/m of the contact between the balls and of the support of B2
 #: * ``depth_of_b2``: depth in m at which B2 alone rests in the table
@@ -79,7 +80,7 @@ SCENE_NUMBERS = np.dtype(
     )
 )
 
-#: A contact with the numbers that the engine uses: stiffness in N/m, damping in N s/m, and the reduced mass in kg.
+#: Parameters of a contact as the engine uses them: stiffness in N/m, damping in N s/m, and the reduced mass in kg.
 CONTACT_LAW = np.dtype((np.record, [("stiffness", "f8"), ("damping", "f8"), ("mass", "f8")]))
 
 

@@ -121,7 +121,7 @@ class ExudynSystem(Protocol):
         ...
 
     def SolveDynamic(self, settings: ExudynSettings, *, updateInitialValues: bool, showHints: bool) -> bool:
-        """Take the steps in `settings`; return True if the solver succeeded."""
+        """Take the steps in `settings`, and return True if the solver succeeded."""
         ...
 
 
@@ -170,7 +170,7 @@ class ExudynWorld(World):
     def _write_state(self, velocities: Floats, heights: Floats) -> None:
         """Set the state from which the next steps start: velocities in m/s and heights in m, shape (N,).
 
-        Contacts whose bodies overlap count as closed before the start, all other contacts as open.
+        Contacts whose bodies overlap are entered as closed before the start, and all other contacts as open.
         """
         data = self._system.systemData
         initial = import_module("exudyn").ConfigurationType.Initial
@@ -187,7 +187,7 @@ class ExudynWorld(World):
         data.SetDataCoordinates(contacts.ravel(), configuration=initial)
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
-        """Take n steps; return the velocities in m/s and heights in m that the engine's sensors have recorded."""
+        """Take n steps, and return the velocities in m/s and heights in m that the engine's sensors have recorded."""
         integration = self._settings.timeIntegration
         integration.numberOfSteps, integration.endTime = n, n * self._step
         if not self._system.SolveDynamic(self._settings, updateInitialValues=True, showHints=False):
@@ -206,7 +206,7 @@ class ExudynWorld(World):
 def _build(
     system: ExudynSystem, scene: Scene, model: int, mass: float, time: float, radius: float
 ) -> tuple[list[object], list[object], list[object]]:
-    """Add balls, table and contacts to a system; return the nodes, the loads of gravity and the contacts.
+    """Add balls, table and contacts to a system. Return the nodes, the loads of gravity and the contacts.
 
     `mass`, `time` and `radius` are the engine's units in SI units.
     """

@@ -4,7 +4,7 @@
 engine's gran_sub_mod_damping.cpp, GranSubModDampingCoeffRestitution). This is the law `linear-dashpot`. With
 `limit_damping` a contact only pushes, with the same damping. This is the law `kelvin-voigt-textbook`.
 
-**Bodies.** Every ball is an atom of its own type, so that each contact has its own stiffness and restitution. The table
+**Bodies.** Every ball is an atom of its own type. So each contact can have its own stiffness and restitution. The table
 is a wall. The effective mass of a contact is the reduced mass of its two balls, and at the wall the mass of the ball.
 
 **Steps** are taken by velocity Verlet, in which a dashpot uses the velocity half a step earlier. The engine writes the
@@ -144,7 +144,7 @@ class LammpsWorld(World):
         self._simulation.numpy.extract_atom("x")[: self._atoms, 2] = self.places + heights
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
-        """Take n steps; return the velocities in m/s and heights in m that the engine has written into its file."""
+        """Take n steps, and return the velocities in m/s and heights in m that the engine has written into its file."""
         self._run_commands(f"run {n} pre {'no' if self._has_forces else 'yes'} post no")
         self._has_forces = True
         with self._dump.open("rb") as file:
@@ -208,7 +208,7 @@ class Lammps(Engine):
 
 
 class LammpsLimitDamping(Lammps):
-    """LAMMPS with `limit_damping`, so that contacts only push."""
+    """LAMMPS with `limit_damping`, with which contacts only push."""
 
     law = "kelvin-voigt-textbook"
     limits_damping = True

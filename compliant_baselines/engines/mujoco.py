@@ -1,7 +1,7 @@
 """MuJoCo: balls on joints along which they slide; docs/mapping.md, section 2, gives the reason for each setting.
 
 `mujoco.rollout` takes many steps in C++ and records each of them; all versions from 3.2.7 on have it. A model is
-compiled once for each arrangement of balls. The numbers of each collision are then written into the model's arrays.
+compiled once for each arrangement of balls. The parameters of each collision are then written into the model's arrays.
 """
 
 from __future__ import annotations
@@ -64,9 +64,9 @@ JOINTS = {1: {"": "0 0 1"}, 2: {"x": "1 0 0", "z": "0 0 1"}}
 
 
 def mjcf(arrangement: Arrangement) -> str:
-    """Return an MJCF file with balls of 1 kg and a radius of 1 m; `MujocoWorld` replaces these numbers.
+    """Return an MJCF file with balls of 1 kg and a radius of 1 m; `MujocoWorld` replaces these values.
 
-    Pairs have the numbers of the contacts as names. The first plane is the table, which exists even if nothing touches
+    The name of a pair is the number of its contact. The first plane is the table, which exists even if nothing touches
     it. Each further contact with a fixed body has its own plane.
     """
     names = [f"B{i}" for i in range(1, len(arrangement.centres) + 1)]
@@ -169,7 +169,7 @@ class MjData(Protocol):
 
 
 class _Compiled:
-    """A compiled model of an arrangement of balls, into which the numbers of a scene are written later.
+    """A compiled model of an arrangement of balls. The parameters of a scene are written into it later.
 
     Attributes
     ----------
@@ -192,7 +192,7 @@ class _Compiled:
         planes = max(1, sum(touch.second is None for touch in arrangement.touches))
         self.planes, self.balls = slice(0, planes), slice(planes, planes + len(arrangement.centres))
         self.plane_points = np.array(self.model.geom_pos[self.planes])
-        # The engine's numbers of the two bodies of each contact; body 0 does not move.
+        # The engine's indices of the two bodies of each contact; body 0 does not move.
         self.bodies = [
             (touch.first + 1, 0 if touch.second is None else touch.second + 1)
             for touch in arrangement.touches
@@ -217,7 +217,7 @@ def take_steps(model: MjModel, data: MjData, n: int) -> tuple[Floats, Floats]:
     """Take n steps of bodies on sliding joints, from the state in `data`; the steps are recorded in C++.
 
     The function returns positions in m and velocities in m/s after each step, shape (n, bodies) each. A RuntimeError
-    says that numbers became too large for the engine.
+    says that velocities or positions became too large for the engine.
     """
     mujoco = import_module("mujoco")
     full = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
@@ -321,7 +321,7 @@ class MujocoWorld(World):
         self.effective = _read_back(model, contacts, compiled.bodies)
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
-        """Take n steps in C++; return the recorded velocities in m/s and heights in m."""
+        """Take n steps in C++, and return the recorded velocities in m/s and heights in m."""
         heights, velocities = take_steps(self.model, self._data, n)
         return velocities, heights
 
@@ -334,7 +334,7 @@ class MujocoWorld(World):
 def _read_back(
     model: MjModel, contacts: list[int], bodies: Sequence[tuple[int, int]]
 ) -> dict[str, tuple[float, ...]]:
-    """Return the numbers that the engine uses for each contact of two bodies alone, as in `World.effective`."""
+    """Return the parameters that the engine uses for each contact of two bodies alone, as in `World.effective`."""
     # The reduced masses that the engine uses. The inverse weight of body 0, which does not move, is 0.
     masses = 1 / model.body_invweight0[np.array(bodies), 0].sum(axis=1)
     solref, solimp = model.pair_solref[contacts], model.pair_solimp[contacts]
@@ -362,7 +362,7 @@ class MappedScene(NamedTuple):
 
 
 def map_scene(scene: Scene) -> MappedScene:
-    """Map the contacts of a scene to MuJoCo's parameters; return them with bounds on depth and acceleration."""
+    """Return MuJoCo's parameters for the contacts of a scene, and bounds on depth and acceleration."""
     impedance = scene.regularisation * MUJOCO_IMPEDANCE
     if scene.mapping == "shipped":
         pairs = [MujocoContact(MUJOCO_DEFAULT_SOLREF, MUJOCO_DEFAULT_SOLIMP)] * len(scene.stiffnesses)

@@ -1,12 +1,13 @@
 """Newton (Warp) on a processor, in single precision: its solvers SemiImplicit and Featherstone.
 
-**Law.** While bodies overlap by delta, F = ke delta + kd max(0, delta'). Here ke and kd are the means of the numbers of
-the two shapes (the engine's kernels_contact.py). This is the law `compression-dashpot`, whose dashpot acts in
+**Law.** While bodies overlap by delta, F = ke delta + kd max(0, delta'). Here ke and kd are the means of the parameters
+of the two shapes (the engine's kernels_contact.py). This is the law `compression-dashpot`, whose dashpot acts in
 compression only. Both solvers compute the force by the same function. SemiImplicit then moves bodies, and Featherstone
 moves joints; here the joint of a ball lets it move freely. The solver XPBD is in `rigid.newton`.
 
-**Bodies.** A ball has two spheres, as in `drake`. The sphere for its lower side is above the ball's origin, and the
-sphere for its upper side below. So all contacts are at height 0, and a penetration is no difference of large heights.
+**Bodies.** A ball has two spheres, as in `drake`. The sphere for contacts below the ball has its centre above the
+ball's origin, and the sphere for contacts above the ball has its centre below. So all contacts are at height 0, and a
+penetration is no difference of large heights.
 
 **Default settings.** In the solver `newton:default` every contact has the stiffness and damping that a shape gets if a
 user sets none. Its step is the step of the engine's examples, a tenth of 1/60 s.
@@ -83,7 +84,7 @@ class NewtonSolver(Protocol):
     """The method of the solvers in `newton.solvers` that the adapter calls."""
 
     def notify_model_changed(self, flags: int) -> None:
-        """Tell the solver that numbers of the model have changed."""
+        """Tell the solver that parameters of the model have changed."""
         ...
 
 
@@ -160,7 +161,7 @@ def _record(setting: NewtonSetting, balls: int, table: bool, _thread: int) -> Re
 
 
 class RecordedScene:
-    """A scene whose numbers are written into a recording of steps.
+    """A scene whose parameters are written into a recording of steps.
 
     The units are the radius, the mass of ball 1, and the unit of time in which a step lasts `setting.time`.
 
@@ -173,7 +174,8 @@ class RecordedScene:
     setting
         The solver.
     contacts
-        Numbers of each contact in these units, shape (C,), by the name of the model's attribute for them.
+        Parameters of the contacts in these units: for each attribute of the engine's model, by its name, an array of
+        shape (C,).
     """
 
     def __init__(
@@ -193,7 +195,7 @@ class RecordedScene:
         self._gravity = model.gravity.numpy()
 
     def numbers(self, attribute: str, contacts: int) -> Floats:
-        """Return the numbers of contacts as the engine uses them: the means of the numbers of their two shapes."""
+        """Return a parameter of the contacts as the engine uses it: the mean of a contact's two shapes."""
         values: WarpArray = getattr(self._recording.model, attribute)
         of_shapes = values.numpy()[1 : 1 + 2 * contacts].astype(float)
         return 0.5 * (of_shapes[::2] + of_shapes[1::2])
@@ -213,7 +215,7 @@ class RecordedScene:
             q[:, 2], qd[:, 2] = heights / self._length, velocities / self._speed
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
-        """Replay the recorded steps; return velocities in m/s and heights in m after the first n of them."""
+        """Replay the recorded steps, and return velocities in m/s and heights in m after the first n of them."""
         import_module("warp").capture_launch(self._recording.graph)
         velocities = self._recording.twists.numpy()[:n, :, 2].astype(float)
         heights = self._recording.poses.numpy()[:n, :, 2].astype(float)
@@ -244,7 +246,7 @@ class NewtonWorld(World):
         self._recorded.start(np.array(scene.velocities), self.heights, scene.gravity)
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
-        """Take up to as many steps as a recording has; steps beyond n are not read."""
+        """Replay all steps of the recording, and return the velocities and heights after the first n of them."""
         return self._recorded.advance(n)
 
     def weightless(self, velocities: Floats, heights: Floats) -> None:

@@ -1,19 +1,25 @@
-"""Runs of a scene in a plane through the steps of an engine: they find forces and the end of the collision.
+"""A scene of balls in a plane, run step by step in an engine.
 
-All contacts touch at t = 0, and there is no gravity. With velocities v, displacements x and the matrix J of fixed
-normals (`Arrangement.jacobian`), rates of compression are -J v and gaps are J x.
+`PlaneRun` receives the results of steps. It finds in which steps contacts carry force, and when the collision is over.
+`follow_plane_scene` lets an engine take steps until then. Used by `engine` and `convergence`.
+
+All contacts touch at t = 0, and there is no gravity. The velocities of all balls are v. Their displacements from the
+places where they would just touch are x. A row of the matrix J belongs to a contact, and contains the contact's normal
+at t = 0 (`Arrangement.jacobian`). The rates of compression are -J v, and the gaps are J x.
 
 **A contact carries force** in a step if its impulse is larger than rounding, and larger than `TURNED` times the largest
-impulse of the step. Rounding is the fraction `World.rounding` of the momenta. The impulses P follow from the changes of
-momentum, J^T P = M dv, by least squares. If J^T does not have full rank, contacts depend on one another, and this is
-one of several ways to distribute the impulses. The impulses decide on states and on the error of a limit, but never
-change velocities.
+impulse of the step. Rounding is the fraction `World.rounding` of the momenta. The impulses P of a step are computed
+from the changes dv of velocities by least squares: J^T P = M dv, with the diagonal matrix M of masses. If J^T does not
+have full rank, several sets of impulses give the same velocities, and the least-squares solution is one of them. The
+impulses are used for the sequence of states and for the error of a limit. They never change velocities.
 
 **The collision is over** at the end of the first step in which momenta change only by rounding and no bodies in contact
-approach. The run also ends in flight, while bodies still approach, if two conditions are satisfied. The next meeting is
-further ahead than the collision has lasted, and it can change velocities only a little, by the bound of `stepping`.
-Then the nearest velocities, in the kinetic norm, at which all bodies part are reported. A flight that lasts longer than
-the remaining steps is given up.
+approach. In a flight no contact carries force, but bodies in contact may still approach and meet again. A flight ends
+the run in two cases. In the first case the flight lasts longer than the remaining steps. In the second case the next
+meeting is further ahead than the collision has lasted, and it can change velocities by at most
+`stepping.SLOWEST_MEETING` times the speed at the start (proof in `stepping`). If a flight has ended the run, the
+reported velocities are the nearest ones, in the kinetic norm, at which all bodies part. The collision is taken to be
+over only if the next meeting is within this bound (`PlaneRun.over`).
 """
 
 from __future__ import annotations
@@ -39,21 +45,23 @@ from impact_xval.model.status import Status
 
 _optimize: Any = optimize
 
-#: Fraction of the largest impulse of a step. Normals that have turned may make so much appear at another contact, and
-#: such an impulse is ignored.
+#: Impulses below this fraction of the largest impulse of a step are ignored. While balls move, normals turn a little. J
+#: keeps the normals at t = 0, so a part of an impulse can seem to act at another contact.
 TURNED = 1e-4
 
-#: Gap in radii above which a contact has opened. It is larger than the rounding of positions and an initial overlap.
+#: Gap in radii above which a contact is taken to be open. It is larger than the rounding of positions and the overlap
+#: at the start.
 OPEN = 2.0**-44
 
-#: Rounding of a rate of compression, over the sum of the magnitudes of its terms.
+#: Rounding error of a rate of compression, which is a sum of products in -J v, over the sum of their magnitudes.
 RATE_ROUNDING = 2.0**-48
 
 
 def project_to_parting(velocities: Floats, scene: Scene) -> Floats:
     """Return the nearest velocities, in the kinetic norm, at which no bodies in contact approach; shape (N axes,).
 
-    They are v + M^-1 J^T P, where P >= 0 are the impulses of a plastic impact at all contacts.
+    They are the velocities after a plastic impact at all contacts, v + M^-1 J^T P, with the impulses P >= 0 and the
+    diagonal matrix M of masses.
     """
     J, root = scene.arrangement.jacobian, np.sqrt(scene.inertia)
     impulses: Floats = _optimize.nnls((J / root).T, -root * velocities)[0]
@@ -61,18 +69,20 @@ def project_to_parting(velocities: Floats, scene: Scene) -> Floats:
 
 
 def _rows_of_change(acts: Booleans, opened: Booleans, moved: Booleans) -> Booleans:
-    """Return the steps of a block that `PlaneRun` looks at one by one, shape (n steps,).
+    """Return True for each step of a block that `PlaneRun.feed` must look at alone; shape (n steps,).
 
-    These are the first step, each step in which a contact becomes active, inactive or opens, and the first step of each
-    flight. In later steps of a flight the velocities are the same, and the next meeting comes nearer by one step while
-    one step fewer remains: whether the flight ends the run does not change.
+    These steps are the first step of the block, each step in which a contact becomes active, becomes inactive or opens,
+    and the first step of each flight. Later steps of a flight need no look. Their velocities are the same. Each step
+    brings the next meeting nearer by one step, and one step fewer remains. So the answer whether the flight ends the
+    run stays the same.
 
     Parameters
     ----------
     acts, opened
-        Contacts that carry force in each step, and contacts that are open before it, shape (n steps, N contacts).
+        True where a contact carries force in a step, and where a contact is open before the step; shape (n steps, N
+        contacts).
     moved
-        Steps in which the momentum of a body changes, shape (n steps,).
+        True for each step in which the momentum of a body changes; shape (n steps,).
     """
     open_and_idle = opened & ~acts
     changes = np.ones(len(acts), bool)
@@ -82,31 +92,36 @@ def _rows_of_change(acts: Booleans, opened: Booleans, moved: Booleans) -> Boolea
 
 
 class PlaneRun:
-    """A run of a scene in a plane, during or after the collision; members are named as in `stepping.Run`.
+    """A run of a scene in a plane, during or after the collision.
+
+    Its members have the same names as those of `stepping.Run`, the run of a scene in a line.
 
     Attributes
     ----------
     scene
         The scene.
     max_steps
-        Number of steps after which the run is given up.
+        Largest number of steps. A run that is not over then is given up.
     n_steps
         Number of steps taken.
     end
-        State of the run; still `RunEnd.GOING` if all `max_steps` are taken.
+        State of the run. It is `RunEnd.GOING` while the run goes on, and also if `max_steps` steps were taken without
+        an end.
     failure
         The error message of an engine that failed.
     velocities, heights
         Velocities in m/s and heights in m after the last step, shape (N axes,).
     effective, accuracy, dropped
-        The members of these names of the `World`.
+        Copies of the members of the same names of the `World`, the scene inside the engine.
     starts, starts_together
-        Sum of the changes of relative velocities in m/s in the first steps of contacts whose bodies met at a speed; and
-        the part of this sum that depends on another contact of the same body.
+        Two sums of changes of relative velocities in m/s. `starts` adds up the changes in the first time step of each
+        contact whose bodies met at a speed. `starts_together` is the part of it that depends on other contacts of the
+        same bodies.
     turning
-        Largest angle in rad by which a normal has turned until the last step with a force.
+        Largest angle in rad by which the normal of a contact has turned, from the start to the last step with a force.
     first_flight, flight_lead, b2_settled
-        Values for a run without gravity: no first flight, an infinite lead, and B2 not settled.
+        These members describe the end of a drop. A run in a plane has no gravity, so they have fixed values: no first
+        flight, an infinite lead, and B2 not settled.
     """
 
     first_flight = None
@@ -130,7 +145,10 @@ class PlaneRun:
         self._sets: list[NDArray[np.int64]] = []
 
     def feed(self, v: Floats, x: Floats) -> None:
-        """Go through the next steps until the collision is over; v and x are their results, shape (n, N axes)."""
+        """Follow the collision through the next n steps of the engine, or until it is over.
+
+        `v` and `x` are the velocities in m/s and displacements in m after each step, shape (n, N axes).
+        """
         finite = np.asarray(np.isfinite(v).all(axis=1) & np.isfinite(x).all(axis=1))
         before = np.vstack([self.velocities, v[:-1]])
         x_before = np.vstack([self.heights, x[:-1]])
@@ -166,7 +184,11 @@ class PlaneRun:
             self._note_turning(x[loaded[-1]])
 
     def _note_forces(self, acts: Booleans, opened: Booleans, impulses: Floats) -> None:
-        """Record the active contacts of a step, and the changes of velocity by contacts that begin in it at a speed."""
+        """Record the active contacts of a step, and update `starts` and `starts_together`.
+
+        A change of velocity is added for each contact that becomes active in this step, if it was open or active
+        before. Its bodies then met at a speed.
+        """
         self._met_at_speed |= opened
         self._met_at_speed |= self._active & ~acts
         starting = acts & ~self._active & self._met_at_speed
@@ -182,7 +204,10 @@ class PlaneRun:
         self._active = acts
 
     def _note_turning(self, x: Floats) -> None:
-        """Record by which angle the normals of contacts have turned at the displacements x in m, shape (N axes,)."""
+        """Update `turning`, the largest angle by which a normal has turned.
+
+        `x` are the displacements in m from the places where balls just touch, shape (N axes,).
+        """
         places = np.reshape(x - self._start, (-1, self.scene.axes))
         for touch in self.scene.arrangement.touches:
             if touch.second is None:
@@ -192,7 +217,10 @@ class PlaneRun:
             self.turning = max(self.turning, float(np.linalg.norm(across)) / (2 * self._world.radius))
 
     def _end_of_flight(self, approaching: bool) -> RunEnd:
-        """Return the state of the run after a step without forces; `approaching` says if bodies in contact approach."""
+        """Return the state of the run after a step without forces: over, ended by the flight, or going on.
+
+        `approaching` is True if bodies in contact approach.
+        """
         if not approaching:
             return RunEnd.APART
         rates, gaps = -(self._J @ self.velocities), self._J @ self.heights
@@ -205,15 +233,16 @@ class PlaneRun:
         return RunEnd.GOING
 
     def _distance_to_parting(self) -> float:
-        """Return a bound in m/s on the change of a velocity by a meeting that is still to come."""
+        """Return a bound in m/s on how much a meeting that is still to come can change a velocity."""
         change = project_to_parting(self.velocities, self.scene) - self.velocities
         return math.sqrt(float(self._inertia @ change**2) / float(self._inertia.min()))
 
     @property
     def starts(self) -> float:
-        """Changes of velocities in m/s in the first steps of contacts, summed and scaled to whole steps.
+        """Sum of the changes of relative velocities in m/s in the first time steps of contacts, scaled to whole steps.
 
-        The scale is `World.first_step_share`.
+        In its first step a dashpot gives only a fraction of a full step's impulse in some engines. The sum is divided
+        by this fraction, `World.first_step_share`.
         """
         return self._starts / self._first_step_share
 
@@ -224,14 +253,20 @@ class PlaneRun:
 
     @property
     def reported(self) -> tuple[float, ...]:
-        """Velocities in m/s that the outcome reports, shape (N axes,)."""
+        """Final velocities in m/s, as the outcome reports them; shape (N axes,).
+
+        After a flight that ends the run they are the nearest velocities at which all bodies part.
+        """
         if self.end == RunEnd.IN_FLIGHT:
             return tuple(project_to_parting(self.velocities, self.scene).tolist())
         return tuple(self.velocities.tolist())
 
     @property
     def meeting_left(self) -> float:
-        """Bound in m/s on the change of the reported velocities by a meeting that is still to come."""
+        """Bound in m/s on how much a meeting that is still to come can change the reported velocities.
+
+        It is 0 if bodies part, and infinite if the run has not come to an end.
+        """
         if self.end == RunEnd.APART:
             return 0.0
         return self._distance_to_parting() if self.end == RunEnd.IN_FLIGHT else math.inf
@@ -258,9 +293,9 @@ class PlaneRun:
         return f"not over {after}"
 
     def merged_states(self, shortest_state: float) -> Runs:
-        """Return the filtered sequence of states, with times in steps (`states.merge_runs`).
+        """Return the sequence of sets of active contacts, without very short states; times are numbers of steps.
 
-        `shortest_state` is `Settings.shortest_state`.
+        `states.merge_runs` removes the states that are shorter than `shortest_state` times the shortest contact period.
         """
         sets = np.concatenate([np.zeros(0, np.int64), *self._sets])
         starts = np.flatnonzero(np.diff(sets, prepend=-1))
@@ -270,7 +305,7 @@ class PlaneRun:
     def energy_gain(self) -> float:
         """Return the gain of kinetic energy, over the kinetic energy at the start.
 
-        Without a fixed body the energy is that of the motion relative to the centre of mass.
+        Without a fixed body the kinetic energy is the energy of the motion relative to the centre of mass.
         """
         m = np.array(self.scene.masses)
 
@@ -283,9 +318,9 @@ class PlaneRun:
         return (kinetic(self.velocities) - before) / before
 
     def too_much_energy(self) -> str:
-        """Return the reason why a result with too much energy is not converged.
+        """Return a sentence for a run that ended with too much energy, because its step is too long.
 
-        ``""`` if it has not gained too much.
+        The sentence is empty if the gain of energy is at most `ENERGY_GAIN_ALLOWED`.
         """
         if (gain := self.energy_gain()) <= ENERGY_GAIN_ALLOWED:
             return ""

@@ -11,9 +11,9 @@ Balls without a link are bodies in maximal coordinates, whose steps take 60 % of
 broadphase that tries every pair of bodies saves another seventh.
 
 **Steps.** A call from Python that takes a step and two calls that read velocities take longer than the step itself.
-While nothing can happen (`engines.event_free_steps`), one call takes up to `STRIDE` steps, and the results are the same
-to the bit. Heights after single steps are not read, but computed as the engine does: x += h v with the new v, exact to
-the last bit or two.
+While nothing can happen (`engines.event_free_steps`), one call takes at most `STRIDE` steps, and the results are the
+same to the bit. Heights after single steps are not read, but computed as the engine does: x += h v with the new v,
+exact to the last bit or two.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ from impact_xval.compliant_baselines.mapping import (
 #: Largest number of steps that are taken in one call.
 STRIDE = 256
 
-#: Length in s up to which the engine ignores a step (SIMD_EPSILON).
+#: Longest step in s that the engine ignores (SIMD_EPSILON).
 SHORTEST_STEP = sys.float_info.epsilon
 
 #: Largest impulse in N s that the engine gives to a contact in a step.
@@ -89,12 +89,12 @@ FREE = {**dict.fromkeys(ZERO, 0.0), "maxJointVelocity": 1e30}
 #: any other argument.
 SURFACE = dict.fromkeys(ZERO[:4], 0.0)
 
-#: The engine's numbers for the parts of a ball: the base and its first link.
+#: The indices by which the engine calls the parts of a ball: the base, and its first link.
 BASE, LINK = -1, 0
 
 
 class BodyPart(NamedTuple):
-    """A part of a body, by the numbers that the engine's functions take."""
+    """A part of a body, given by the indices that the engine's functions take."""
 
     body: int
     #: `BASE`, or the number of a link: `LINK` or more.
@@ -109,7 +109,7 @@ class ContactParts(NamedTuple):
 
 
 class SceneBodies(NamedTuple):
-    """The bodies of a scene, by the engine's numbers."""
+    """The bodies of a scene, given by the engine's indices."""
 
     #: The engine's number of each ball.
     balls: list[int]
@@ -171,7 +171,7 @@ class Pybullet(Engine):
     def refusal(self, scene: Scene) -> str | None:
         """Return a sentence that says why PyBullet cannot take a scene, or None.
 
-        PyBullet refuses numbers that one of its absolute limits would change, and the naive mapping for anything but
+        PyBullet refuses parameters that one of its absolute limits would change, and the naive mapping for anything but
         two balls on a table.
         """
         if scene.mapping == "naive" and _has_links(scene):
@@ -244,7 +244,7 @@ class PybulletWorld(World):
         for contact_parts, contact_sides in zip(parts, sides, strict=True):
             for part, side in zip(contact_parts, contact_sides, strict=True):
                 p.changeDynamics(*part, contactStiffness=side.stiffness, contactDamping=side.dissipation)
-        # In this step the bodies are apart, so that the engine forgets its contact points and the impulses of earlier
+        # In this step the bodies are apart. The engine then forgets its contact points and the impulses of earlier
         # steps.
         p.setGravity(0, 0, 0)
         self._place(10 * self.places, np.zeros(self.places.size))
@@ -307,9 +307,9 @@ class PybulletWorld(World):
         return SceneBodies(balls, parts)
 
     def _make_planes(self, scene: Scene, radius: float, coordinates: Mapping[str, object]) -> dict[int, int]:
-        """Make a plane for each contact with a fixed body; return the planes' numbers by contact.
+        """Make a plane for each contact with a fixed body, and return the engine's index of the plane by contact.
 
-        If there is no such contact, a plane is made that nothing touches.
+        If no contact has a fixed body, a plane is made that nothing touches.
         """
         p, arrangement = self._p, scene.arrangement
         planes: dict[int, int] = {}
@@ -355,7 +355,7 @@ class PybulletWorld(World):
         return taken, heights
 
     def leap(self, n: int) -> tuple[int, Floats, Floats]:
-        """Take up to n steps in one call; return their number, and the velocities in m/s and heights in m after them.
+        """Take at most n steps in one call. Return their number, and the velocities in m/s and heights in m after them.
 
         The engine divides the time n h of a call by n, and counts how often the quotient fits into this time
         (btDiscreteDynamicsWorld.cpp, stepSimulation). For some n rounding changes the step h or the count. Then a
@@ -404,6 +404,6 @@ def _radius(scene: Scene, contacts: Sequence[Side]) -> float:
 
 
 def _sides(scene: Scene) -> list[ContactSides]:
-    """Return the parameters of both sides of every contact."""
+    """Return the parameters of both bodies of every contact."""
     contacts = [pybullet_side(contact) for contact in scene.contacts]
     return sides_of_contacts(contacts, scene.mapping, one_side_per_body=not _has_links(scene))

@@ -25,7 +25,7 @@ MOST_CONTACTS = 60
 
 
 class RunEnd(IntEnum):
-    """State of a run after its last step: it goes on, is over, or is given up."""
+    """State of a run after its last step: it goes on, is over, or was ended before it is over."""
 
     #: The collision goes on.
     GOING = 0
@@ -62,9 +62,10 @@ class FlightPhase(IntEnum):
 #: * ``n_steps``: number of steps so far
 #: * ``starts``, ``starts_together``: the sums of these names in `stepping.Run`
 #: * ``last_pulls``: for each contact, the change of the relative velocity in m/s by its pull in the last step, or 0
-#: * ``lead``, ``lead_contact``: the contact that came nearest to deciding whether the first flight begins, and a number
-#:   of steps. If the flight began, this contact closed ``lead`` steps after its beginning. If not, this contact had
-#:   closed -``lead`` steps before the other contact opened. The number is infinite before any such event.
+#: * ``lead``, ``lead_contact``: a number of steps and a contact, of the event that came nearest to starting or
+#:   preventing the first flight. If the flight began, this contact closed ``lead`` steps after its beginning. If not,
+#:   this contact had closed -``lead`` steps before the other contact opened. The number of steps is infinite before the
+#:   first event of this kind.
 #: * ``flight_phase``, ``flight_start``: a `FlightPhase`, and the number of steps before the first flight
 #: * ``closed``, ``closed_at``: for each contact, 1 if its gap is closed, and the step at which it last closed
 MEMORY = np.dtype(
@@ -184,7 +185,7 @@ def _bodies_approach(v, row, contacts):  # pragma: no cover (compiled)
 
 @strict_helper
 def _note_gap(memory, contact, closed, other_closed):  # pragma: no cover (compiled)
-    """Record if the gap of a contact is closed, and by how many steps this event decides on the first flight."""
+    """Record if a gap is closed, and by how many steps this event starts or prevents the first flight."""
     now, was_closed = memory.n_steps, memory.closed[contact] > 0
     lead, lead_contact = np.inf, contact
     if closed and not was_closed:
@@ -231,7 +232,7 @@ def _end_of_drop(active, v, x, row, masses, numbers):  # pragma: no cover (compi
 def _end_without_gravity(active, v, x, row, contacts, time_left):  # pragma: no cover (compiled)
     """Return the state of a run without gravity after a step.
 
-    `time_left` is the time in s for which the run may still go on.
+    `time_left` is the time in s that remains until the last step that is allowed.
     """
     if active != 0:
         return RunEnd.GOING

@@ -1,4 +1,4 @@
-"""Scenes: N bodies in a line or a plane, with the numbers that an engine needs. Worlds: scenes inside an engine.
+"""Scenes: N bodies in a line or a plane, with the parameters that an engine needs. Worlds: scenes inside an engine.
 
 **In a line** bodies just touch, with no overlap, when all heights are 0: the height of a ball is counted from the place
 where it and all bodies below it just touch. The last body is the table, if there is one. Contact i has the gap x_i -
@@ -150,7 +150,7 @@ class Scene:
 
     @property
     def requested(self) -> dict[str, tuple[float, ...]]:
-        """The numbers asked for, under the same names as in `World.effective`."""
+        """The parameters that were asked for, under the same names as in `World.effective`."""
         numbers = {"restitution": self.restitutions, "step": (self.step,), "threshold": (0.0,)}
         if min(self.restitutions) > 0:
             numbers["stiffness"] = tuple(contact.k for contact in self.contacts)
@@ -199,10 +199,10 @@ class World(ABC):
 
     #: Heights in m at t = 0 in the engine, counted as in `Scene`; shape (N axes,).
     heights: Floats
-    #: The numbers that the engine will use, read back after setting them. ``"stiffness"`` (N/m), ``"damping"`` (N s/m)
-    #: and ``"restitution"`` have one number for each contact. ``"step"`` (s) and ``"threshold"`` (the speed of approach
-    #: in m/s below which the engine drops restitution) have one number. Numbers that are missing here are not compared
-    #: with the numbers asked for.
+    #: The parameters that the engine will use, read back after setting them. ``"stiffness"`` (N/m), ``"damping"`` (N
+    #: s/m) and ``"restitution"`` have one number for each contact. ``"step"`` (s) and ``"threshold"`` (the speed of
+    #: approach in m/s below which the engine drops restitution) have one number. Numbers that are missing here are not
+    #: compared with the parameters that were asked for.
     effective: Mapping[str, tuple[float, ...]]
     #: Depth in m of the settled lowest ball in equilibrium; 0 if no ball has settled or if the support is rigid.
     rest: float = 0.0
@@ -242,7 +242,7 @@ class World(ABC):
 
     @abstractmethod
     def advance(self, n: int) -> tuple[Floats, Floats]:
-        """Take up to n steps of the engine, and return the state after each of them.
+        """Take at most n steps of the engine, and return the state after each of them.
 
         Parameters
         ----------
@@ -265,7 +265,7 @@ class World(ABC):
         """Continue without gravity from velocities in m/s and heights in m, shape (N,), that `advance` has returned."""
 
     def leap(self, n: int) -> tuple[int, Floats, Floats]:
-        """Take up to n steps; return their number, and only the last velocities in m/s and heights in m."""
+        """Take at most n steps. Return their number, and only the last velocities in m/s and heights in m."""
         velocities, heights = self.advance(n)
         return len(velocities), velocities[-1], heights[-1]
 
@@ -326,7 +326,7 @@ def _radius_of_sweep(J: Floats, inertia: Floats, diagonal: Floats) -> float:
 
 
 def radius_of(depth: float, axes: int = 1) -> float:
-    """Return the radius in m of balls whose contacts are up to `depth` deep: the next power of two above four depths.
+    """Return the radius in m of balls whose contacts are at most `depth` deep: the next power of two above four depths.
 
     In a plane the radius is larger by the factor `WIDER`. While contacts act, normals turn by about depth over radius;
     with this radius final velocities change by a millionth of the speed. Positions are then rounded by 1e-9 of the
@@ -334,7 +334,7 @@ def radius_of(depth: float, axes: int = 1) -> float:
 
     With this radius no ball can pass through another one. A larger radius would cost digits, because a depth is the
     difference of positions that are as large as the radius. With a power of two the positions where balls just touch
-    are exact. So rounding does not decide whether a contact is active in the first step, whatever the unit of length
-    is.
+    are exact. So it does not depend on rounding whether a contact is active in the first step, whatever the unit of
+    length is.
     """
     return 2.0 ** math.ceil(math.log2(4 * depth)) * (1.0 if axes == 1 else WIDER)

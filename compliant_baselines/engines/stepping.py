@@ -4,24 +4,25 @@
 m_i (dv_i + g h), where g h takes the effect of gravity out. The contact forces that an engine reports are never used.
 
 **A contact carries force** in a step if its impulse is larger than the rounding of the momenta, `World.rounding` times
-their sum. A pulling impulse is taken for rounding, unless contacts of the engine may pull (`World.pulls`). A contact
-that may pull, once begun, also counts as carrying force until its gap opens.
+their sum. In engines whose contacts only push, a pulling impulse is taken for rounding (`World.pulls`). Contacts of
+some engines may pull. Such a contact is taken to carry force from its first impulse until its gap opens.
 
 **Without gravity** the collision is over at the end of the first step in which no contact carries force and no bodies
 approach. A flight that lasts longer than the remaining steps is given up.
 
-**In a drop** gravity is switched off for good when the first flight begins. This is the end of the first step in which
-no contact carries force and after which both gaps are open. A drop is also over when balls have settled, so that their
-energy about equilibrium cannot unload the contacts that are closed. Either only B2 has settled on the table, while B1
-is clear of it and rises, or both balls have settled. The velocities of settled balls are reported as 0. The diagnostic
-`rest_speed` is the velocity that B2 still had. docs/theory.md, section 8, gives the reasons. The exact solvers follow
-the same rules.
+**In a drop** gravity is switched off for good when the first flight begins: at the end of the first step in which no
+contact carries force, and after which both gaps are open. From then on the rule without gravity applies. A drop is over
+earlier if balls settle. Balls have settled if their energy about equilibrium is too small to unload the contacts that
+are closed. Either only B2 has settled on the table, while B1 is clear of it and rises, or both balls have settled. The
+velocities of settled balls are reported as 0. The diagnostic `rest_speed` is the velocity that B2 still had.
+docs/theory.md, section 8, gives the reasons. The exact solvers follow the same rules.
 
-**A flight that is given up** may end with a further meeting, which changes little if bodies approach slowly. Proof: let
-p be any velocities at which all bodies part, and |.| the kinetic norm. Contacts that only push, with impulses P_i >= 0,
-change v to v' = v + sum_i P_i n_i, where n_i . p >= 0. They create no energy, so |v' - p|^2 = |v'|^2 - 2 v' . p + |p|^2
-<= |v - p|^2. So the final velocities are no further from p than the velocities in flight. If the velocities in flight
-are within `SLOWEST_MEETING` of the nearest such p, the collision counts as over, and p is reported.
+**A flight that is given up**, because it lasts longer than the remaining steps, may end with a further meeting. This
+meeting changes little if bodies approach slowly. Proof: let p be any velocities at which all bodies part, and |.| the
+kinetic norm. Contacts that only push, with impulses P_i >= 0, change v to v' = v + sum_i P_i n_i, where n_i . p >= 0.
+They create no energy, so |v' - p|^2 = |v'|^2 - 2 v' . p + |p|^2 <= |v - p|^2. So the final velocities are no further
+from p than the velocities in flight. If the velocities in flight are within `SLOWEST_MEETING` of the nearest such p,
+the collision is taken to be over, and p is reported.
 """
 
 from __future__ import annotations
@@ -54,9 +55,10 @@ PATH_POINTS = 2000
 #: Springs and dashpots create no energy; explicit steps of 1/1000 of a period create at most 1e-4 of it.
 ENERGY_GAIN_ALLOWED = 0.01
 
-#: Largest change of a velocity by a meeting that is still to come, over the speed at the start, with which a collision
-#: counts as over. It is a tenth of the default tolerance of a limit. Elastic balls that should come to rest against one
-#: another still approach slowly: at about 1e-8 by MuJoCo's impedance, and at up to 1e-4 because PyBullet's steps damp.
+#: Largest change of a velocity by a meeting that is still to come, over the speed at the start. If the change is at
+#: most this large, the collision is taken to be over. The number is a tenth of the default tolerance of a limit.
+#: Elastic balls that should come to rest against one another still approach slowly: at about 1e-8 by MuJoCo's
+#: impedance, and at up to 1e-4 because PyBullet's steps damp.
 SLOWEST_MEETING = 1e-4
 
 #: Number of steps in a window. The steps of a window are taken first and then read together.
@@ -85,10 +87,10 @@ class FirstFlight(NamedTuple):
 
 
 class FlightLead(NamedTuple):
-    """The event that came nearest to deciding whether the first flight of a drop begins."""
+    """The closing of a gap that came nearest to starting or preventing the first flight of a drop."""
 
-    #: Time in s between the event and the beginning of the flight: positive if the flight began, negative if it did
-    #: not, and infinite if there was no such event.
+    #: Time in s between the event and the beginning of the flight. It is positive if the flight began, negative if the
+    #: event prevented it, and infinite if there was no event of this kind.
     time: float
     #: The contact whose gap closed in this event, counted from 0.
     contact: int
@@ -114,11 +116,12 @@ class Run:
     scene
         The scene.
     max_steps
-        Number of steps after which the run is given up.
+        Largest number of steps. A run that is not over then is given up.
     n_steps
         Number of steps taken.
     end
-        State of the run; still `RunEnd.GOING` if all `max_steps` are taken.
+        State of the run. It is `RunEnd.GOING` while the run goes on, and also if `max_steps` steps were taken without
+        an end.
     failure
         The error message of an engine that failed.
     start
@@ -160,10 +163,11 @@ class Run:
         self._stride, self._n_points = 1, 0
 
     def feed(self, v: Floats, x: Floats) -> bool:
-        """Go through the next steps until the collision is over; return True if a first flight begins.
+        """Follow the collision through the next steps of the engine. Return True if a first flight begins.
 
-        v and x are the velocities in m/s and heights in m after each step, shape (n, N). When a first flight begins,
-        the engine has to continue without gravity from the velocities and heights of this run.
+        v and x are the velocities in m/s and heights in m after each step, shape (n, N). Steps after the end of the
+        collision are ignored. When a first flight begins, the engine has to continue without gravity from the
+        velocities and heights of this run.
         """
         active = np.empty(len(v), np.int64)
         steps_left = self.max_steps - self.n_steps - len(v)
@@ -264,11 +268,11 @@ class Run:
 
     @property
     def starts(self) -> float:
-        """Changes of relative velocities in m/s in the first steps of contacts whose bodies met at a speed, summed.
+        """Sum of the changes of relative velocities in m/s in the first time steps of contacts.
 
-        Bodies meet at an arbitrary instant within a step. This sum bounds how much these instants change the outcome.
-        The last step of a contact that pulls until its bodies part is included. Each change is scaled to a whole step
-        (`World.first_step_share`).
+        Only contacts are added whose bodies met at a speed. Bodies meet at an arbitrary instant within a step. This sum
+        bounds how much these instants change the outcome. The last step of a contact that pulls until its bodies part
+        is included. Each change is scaled to a whole step (`World.first_step_share`).
         """
         return float(self._memory["starts"][0]) / self._first_step_share
 
@@ -283,7 +287,7 @@ class Run:
 
     @property
     def flight_lead(self) -> FlightLead:
-        """The event that came nearest to deciding whether the first flight begins."""
+        """The closing of a gap that came nearest to starting or preventing the first flight."""
         return FlightLead(
             float(self._memory["lead"][0]) * self.scene.step, int(self._memory["lead_contact"][0])
         )
@@ -325,8 +329,8 @@ class Run:
     def status(self) -> Status:
         """``ok`` if the collision is over; ``crashed`` if the engine failed; else ``timeout``.
 
-        All statuses are listed in `model.status`. `experiments.measures.divergence` (`has_numbers`) lists those with
-        which a run that is not over keeps its numbers.
+        All statuses are listed in `model.status`. `experiments.measures.divergence` (`has_numbers`) lists the statuses
+        of runs that are not over but still have velocities.
         """
         if self.over:
             return "ok"
@@ -402,9 +406,9 @@ class Run:
         return (kinetic(self.velocities) + fallen - before - held) / before
 
     def too_much_energy(self) -> str:
-        """Return the reason why a result with too much energy is not converged.
+        """Return a sentence for a run that ended with too much energy, because its step is too long.
 
-        ``""`` if it has not gained too much.
+        The sentence is empty if the gain of energy is at most `ENERGY_GAIN_ALLOWED`.
         """
         if (gain := self.energy_gain()) <= ENERGY_GAIN_ALLOWED:
             return ""
@@ -435,7 +439,10 @@ def _bits(contacts: int) -> NDArray[np.int64]:
 
 
 def _scene_numbers(scene: Scene, world: World) -> NDArray[np.void]:
-    """Return the numbers of a scene as a record for compiled functions; the world knows how deep a settled B2 is."""
+    """Return the parameters of a scene as a record of `SCENE_NUMBERS` for compiled functions.
+
+    The world gives the depth at which B2 rests in the table.
+    """
     numbers = np.zeros(1, SCENE_NUMBERS)
     numbers["contacts"] = len(scene.stiffnesses)
     numbers["step"] = scene.step
@@ -460,7 +467,7 @@ def _scene_numbers(scene: Scene, world: World) -> NDArray[np.void]:
 
 
 def _contact_law(scene: Scene, world: World) -> NDArray[np.void]:
-    """Return a record of `CONTACT_LAW` for each contact, with the numbers that the engine uses (`World.effective`)."""
+    """Return a record of `CONTACT_LAW` for each contact, with the parameters that the engine uses."""
     law = np.zeros(len(scene.stiffnesses), CONTACT_LAW)
     law["stiffness"] = world.effective["stiffness"]
     law["damping"] = world.effective["damping"]
@@ -469,7 +476,7 @@ def _contact_law(scene: Scene, world: World) -> NDArray[np.void]:
 
 
 def _new_memory(scene: Scene) -> NDArray[np.void]:
-    """Return the memory of `scan` before the first step; all gaps count as closed then."""
+    """Return the memory of `scan` before the first step, in which all gaps are noted as closed."""
     memory = np.zeros(1, MEMORY)
     memory["lead"] = np.inf
     memory["flight_phase"] = FlightPhase.BEFORE

@@ -27,7 +27,7 @@ PLACES = tuple((18 * i % 32 + 1) / 32 for i in range(16))
 #: Number of steps in a contact from which only the first two of `PLACES` are tried.
 LONG = 250
 
-#: Number of steps after which a drop is given up.
+#: Largest number of steps of a drop. A drop that is not over then is given up.
 MOST_STEPS = 20_000
 
 #: Largest change of the relative velocity in a step, over the speed of approach, that is taken for rounding.
@@ -45,7 +45,7 @@ STANDING_STEPS, STANDING_SHARE = 50, 0.5
 
 
 class MeasuredContact(NamedTuple):
-    """Measurement of contacts with equal parameters and bodies, in SI units; `reason` says why a number is None."""
+    """Measurement of contacts with equal parameters and bodies, in SI units; `reason` says why a value is None."""
 
     #: Names of the contacts.
     names: list[str]
@@ -78,7 +78,7 @@ class MeasuredContact(NamedTuple):
     change: str = ""
     #: Reason why the contact was not measured; empty if it was.
     reason: str = ""
-    #: Note on how joints change the numbers, and on missing numbers; empty if there is nothing to note.
+    #: Note on how joints change the measured values, and on missing values; empty if there is nothing to note.
     note: str = ""
 
     @property

@@ -53,14 +53,17 @@ MOST_ROWS = 50
 #: Time in s after which no further contact is measured.
 MOST_SECONDS = 60.0
 
-#: Changes up to this number are ignored: the excess of a restitution over 1, and the change of a restitution, or the
-#: relative change of a duration, by the solver's tolerance. At 30 steps in a contact the restitution of an elastic
-#: contact is wrong by up to 1.1e-3.
+#: Changes of at most this number are ignored: the excess of a restitution over 1, and the change of a restitution, or
+#: the relative change of a duration, by the solver's tolerance. At 30 steps in a contact the restitution of an elastic
+#: contact is wrong by at most 1.1e-3.
 NEGLIGIBLE = 1.5e-3
 
 
 class ExaminedContact(NamedTuple):
-    """Measurement of contacts with equal parameters and bodies, and the contacts that a user may have meant."""
+    """Measurement of contacts with equal parameters and bodies.
+
+    The record also holds the readings of the parameters: which contact a user may have meant by them.
+    """
 
     bodies: Bodies
     row: MeasuredContact
@@ -164,7 +167,7 @@ def examine_groups(
     model, speed
         The scene, and the speed in m/s at which bodies meet.
     every
-        True to measure every combination of parameters and bodies, up to `MOST_ROWS`. False to measure only the
+        True to measure every combination of parameters and bodies, but at most `MOST_ROWS`. False to measure only the
         contacts of a group that differ most.
     geom
         Name of a geom, or its number after a "#": only contacts of this geom are examined.
@@ -248,7 +251,7 @@ def list_omissions(model: Any) -> list[str]:
 def _examine_group(
     model: Any, speed: float, group: ContactGroup, members: list[Bodies], deadline: float
 ) -> tuple[list[ExaminedContact], list[tuple[list[str], list[Trap]]]]:
-    """Measure some contacts of a group; return the measurements, and their traps with the names of contacts."""
+    """Measure some contacts of a group. Return the measurements, and their traps with the names of contacts."""
     gravity = float(np.linalg.norm(model.opt.gravity))
     names = group.members
     rows: list[tuple[Bodies, MeasuredContact]] = []
@@ -298,9 +301,10 @@ def _common_measurement(rows: list[MeasuredContact]) -> MeasuredContact | None:
 def _add_readings(
     contact: ExaminedContact, option: MujocoOption, speed: float, kept: MeasuredContact, is_first: bool
 ) -> ExaminedContact:
-    """Return a contact with proposals: its readings, or advice on its damping ratio; `kept` has its present behaviour.
+    """Return a contact with proposals for its parameters: readings of its solref, or advice on its damping ratio.
 
-    The advice is the same for all contacts of a group, so that only the first contact gets it.
+    `kept` is the measurement of its present behaviour. The advice is the same for all contacts of a group, so only the
+    first contact gets it.
     """
     bodies, row = contact.bodies, contact.row
     if min(bodies.solref) > 0:
@@ -315,7 +319,7 @@ def _add_readings(
 
 
 def _note_on_joints(bodies: Bodies) -> str:
-    """Return a note on how joints change the measured numbers; ``""`` if they do not."""
+    """Return a note on how joints change the measured values; ``""`` if they do not."""
     damping = sum(losses.damping for losses in bodies.losses)
     friction = sum(losses.friction for losses in bodies.losses)
     if not (damping or friction):
@@ -346,7 +350,7 @@ def _traps_in_measurement(contact: ExaminedContact, option: MujocoOption, speed:
 
 
 def _trap_of_long_step(examined: list[ExaminedContact], option: MujocoOption, speed: float) -> list[Trap]:
-    """Return the trap of the contact for which the step is too long by most, with drops at a shorter step.
+    """Return the trap of the contact that is shortest for the time step, with drops at a shorter step.
 
     The list is empty if the step is short enough for all contacts.
     """

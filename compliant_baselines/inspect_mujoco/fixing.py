@@ -1,9 +1,10 @@
-"""Writing a MuJoCo scene in which contacts behave as a user may have meant their direct numbers, and measuring it.
+"""Write a MuJoCo scene in which contacts behave as a user may have meant their parameters, and measure it.
 
-Direct numbers are a solref with -stiffness and -damping. MuJoCo itself writes the compiled scene as one file
-(`mj_saveLastXML`), with includes and frames resolved and with six digits. Then each contact with direct numbers gets a
-<pair> in this file. The time step becomes the longest one at which all these contacts are good. The tolerance becomes 0
-if the scene's tolerance changes a contact. Geoms of such a pair that have no name get one.
+The parameters are a solref in the direct format, (-stiffness, -damping). They are called direct numbers below. MuJoCo
+itself writes the compiled scene as one file (`mj_saveLastXML`), with includes and frames resolved and with six digits.
+Then each contact with direct numbers gets a <pair> in this file. The time step becomes the longest one at which all
+these contacts are good. The tolerance becomes 0 if the scene's tolerance changes a contact. Geoms of such a pair that
+have no name get one.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ from impact_xval.compliant_baselines.restitution import contact_time, damping_ra
 mujoco: Any = import_module("mujoco")  # type checkers do not see the names of the compiled module
 
 #: Attributes that a new <pair> copies from its geoms, because otherwise the scene's defaults for pairs would apply. The
-#: margin is the distance at which the force begins, so that the gap is 0.
+#: margin is the distance at which the force begins. So the gap is 0.
 KEPT_PARAMETERS = ("margin", "solreffriction", "adhesion")
 
 #: Largest number of geoms of a scene that can be written.
@@ -51,7 +52,7 @@ MOST_GEOMS_TO_FIX = 250
 
 
 class ContactToWrite(NamedTuple):
-    """A contact that gets a new <pair>, with the contact that was meant and its parameters."""
+    """A contact that gets a new <pair>: the spring and dashpot that a user may have meant, and their parameters."""
 
     contact: SceneContact
     meant: KelvinVoigtContact
@@ -59,9 +60,9 @@ class ContactToWrite(NamedTuple):
 
 
 class WrittenContact(NamedTuple):
-    """A contact that got a new <pair>, with its measurement in the written scene."""
+    """A contact that got a new <pair>, with its measurement in the new scene."""
 
-    #: Names, in the original scene, of the contacts with these bodies and parameters.
+    #: Names of the contacts with these bodies and parameters, in the original scene.
     names: list[str]
     masses: tuple[float, float]
     solref_before: tuple[float, float]
@@ -94,14 +95,15 @@ class FixedScene:
 
 
 def fix_scene(source: Path, target: Path, kind: Kind, speed: float, geom: str | None = None) -> FixedScene:
-    """Write a scene whose contacts behave as their direct numbers may have been meant, and measure it.
+    """Write a scene whose contacts behave as a user may have meant their solref, and measure it.
 
     Parameters
     ----------
     source, target
         The file that is read, and the file that is written.
     kind
-        How direct numbers are read: ``keep`` for the present behaviour, ``newton-metre`` for N/m and N s/m.
+        How a solref of -stiffness and -damping is read: ``keep`` for the present behaviour of the contact,
+        ``newton-metre`` for N/m and N s/m.
     speed
         Speed in m/s at which bodies are dropped.
     geom
@@ -188,7 +190,7 @@ def _write_pairs(
     step: float,
     zero_tolerance: bool,
 ) -> int:
-    """Write new <pair>s into the file that MuJoCo has saved; return how many geoms got a name."""
+    """Write new <pair>s into the file that MuJoCo has saved, and return how many geoms got a name."""
     tree = ElementTree.parse(target)
     root = tree.getroot()
     world = root.find("worldbody")
@@ -259,7 +261,10 @@ def _point_to_assets(root: ElementTree.Element, folder: Path) -> None:
 
 
 def _measure_written(model: Any, to_write: Sequence[ContactToWrite], speed: float) -> list[WrittenContact]:
-    """Measure the written contacts that differ most in each group of contacts of the original scene."""
+    """Choose contacts from each group of the original scene, and measure them in the new scene.
+
+    The contacts of a group have equal parameters. Those that differ most in their bodies are chosen (`choose_members`).
+    """
     selected = {geom for one in to_write for geom in one.contact.geoms}
     now = {contact.geoms: contact.bodies for contact in find_contacts(model, selected)}
     by_bodies = {one.contact.bodies: one for one in reversed(to_write)}

@@ -45,10 +45,10 @@ def group_contacts(contacts: Sequence[SceneContact]) -> list[ContactGroup]:
 def choose_members(group: ContactGroup) -> list[Bodies]:
     """Choose the contacts of a group that are measured: those with extreme values of the quantities that matter.
 
-    They are the following, up to `MOST_MEASURED`: the lightest and the heaviest pair of bodies; the pair whose mass
-    differs most from that of the engine's inverse weights, which is the same for free bodies; the light body that is
-    solved together with most inertia, for which the solver's tolerance matters most; the body that rests on most
-    points; and bodies that joints slow down.
+    At most `MOST_MEASURED` contacts are chosen, in this order. First come the lightest and the heaviest pair of bodies.
+    Then comes the pair whose reduced mass differs most from the mass by the engine's inverse weights; for free bodies
+    both are the same. Then comes the pair in which a light body is solved together with the most inertia, because there
+    the solver's tolerance matters most. Last come the body that rests on most points, and bodies that joints slow down.
     """
     members = list(group.members)
     chosen = [

@@ -1,9 +1,9 @@
 """Contacts that a user may have meant by a solref, parameters for these contacts, and their measurements.
 
-Direct numbers are a solref (-stiffness, -damping). They can be read in two ways: keep the present behaviour of the
-contact, or take the numbers for N/m and N s/m. Each reading is written as a <pair> whose small impedance makes its
-numbers forces, so that a third body does not change the contact. If a solref is a time constant and a damping ratio,
-there is no reading. Instead damping ratios are listed with their restitutions, as advice.
+Direct numbers are a solref (-stiffness, -damping). They can be read in two ways: the user wants the present behaviour
+of the contact, or meant the numbers in N/m and N s/m. Each reading is written as a <pair> with a small impedance. Its
+numbers are then forces over the mass, and a third body does not change the contact. If a solref is a time constant and
+a damping ratio, there is no reading. Instead damping ratios are listed with their restitutions, as advice.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ ADVICE_TOLERANCE = 0.01
 #: Largest number of solrefs that are tried to get a restitution.
 _MOST_CORRECTIONS = 6
 
-#: Restitutions for which the advice lists damping ratios.
+#: The advice lists damping ratios for these restitutions.
 _USUAL_RESTITUTIONS = (0.5, 0.9)
 
 Kind = Literal["keep", "newton-metre"]
@@ -143,10 +143,11 @@ class RatioAdvice(NamedTuple):
 def read_direct_numbers(
     bodies: Bodies, option: MujocoOption, speed: float, measured: MeasuredContact, kept: MeasuredContact
 ) -> tuple[Reading | None, Reading | None]:
-    """Return both readings of direct numbers: to keep the present behaviour `kept`, and to take them as N/m and N s/m.
+    """Return both readings of a solref (-stiffness, -damping): the present behaviour, and N/m and N s/m.
 
-    A reading is None if the solref has no direct numbers, or if the contact already behaves by its numbers in N/m and N
-    s/m.
+    The present behaviour is `kept`. Both readings are None if the solref is a time constant and a damping ratio, or if
+    the contact already has the stiffness and damping of the solref in N/m and N s/m. The first reading is also None if
+    the bodies do not leave the contact.
     """
     if bodies.solref[0] >= 0:
         return None, None
@@ -165,10 +166,11 @@ def read_direct_numbers(
 def meaning_in_newton_metre(
     bodies: Bodies, option: MujocoOption, impedances: tuple[float, float] | None
 ) -> KelvinVoigtContact:
-    """Return the contact that a direct solref means if its numbers are read in N/m and N s/m.
+    """Return the contact that a solref (-stiffness, -damping) means if its numbers are read in N/m and N s/m.
 
     If the impedance is small and constant, the engine's numbers are forces: N/m and N s/m over the mass. Then they are
-    multiplied by the mass and by the factor of the friction cone. `impedances` are measured; they decide if this is so.
+    multiplied by the mass and by the factor of the friction cone. `impedances` are the measured impedances, which show
+    if they are small and constant.
     """
     solref = bodies.solref
     is_force = is_at_force_level(bodies.solimp, impedances) and solref[1] <= 0
@@ -337,7 +339,7 @@ def _bodies_with(bodies: Bodies, solref: tuple[float, float]) -> Bodies:
 def _measure_choice(
     bodies: Bodies, option: MujocoOption, speed: float, step: float, solref: tuple[float, float]
 ) -> float | None:
-    """Drop a contact with another solref; return its restitution, or None if a drop fails."""
+    """Drop a contact with another solref, and return its restitution; None if a drop fails."""
     try:
         return measure_contact(_bodies_with(bodies, solref), option, step, speed).restitution
     except RuntimeError:

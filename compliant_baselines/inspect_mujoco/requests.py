@@ -21,12 +21,12 @@ class InspectionRequest(NamedTuple):
     every: bool = False
     #: File into which the changed scene is written; None if the scene is only examined.
     target: Path | None = None
-    #: What the direct numbers of a contact are taken for when the scene is written (`readings`).
+    #: How a solref (-stiffness, -damping) of a contact is read when the scene is written (`readings`).
     kind: Kind = "keep"
 
 
 def answer_request(request: InspectionRequest, scene: Path) -> Examination | FixedScene | str:
-    """Examine a .mjb or MJCF file, or write a changed one; a text says why this is impossible."""
+    """Examine a .mjb or MJCF file, or write a changed one. If this is impossible, return a text that says why."""
     try:
         if request.target is not None:
             return fix_scene(scene, request.target, request.kind, request.speed, request.geom)

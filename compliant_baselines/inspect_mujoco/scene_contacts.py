@@ -96,7 +96,7 @@ class Bodies(NamedTuple):
 
     @property
     def parameters(self) -> tuple[tuple[str, Any], ...]:
-        """The parameters that decide how the contact behaves: all except friction, and the rule; without the bodies."""
+        """The parameters of the contact without friction and without the bodies, and the rule that combines them."""
         return (*((name, value) for name, value in self.pair if "friction" not in name), ("rule", self.rule))
 
     @property
@@ -133,7 +133,7 @@ class SceneContact(NamedTuple):
 
 
 def read_contacts(model: Any) -> dict[Bodies, list[str]]:
-    """Find the contacts of a compiled model; return their names by the bodies and parameters that they share.
+    """Find the contacts of a compiled model, and return their names by the bodies and parameters that they share.
 
     In a scene with more than `MOST_GEOMS` geoms only some geoms of each kind are examined.
     """
@@ -204,7 +204,7 @@ def name_of_geom(model: Any, geom: int) -> str:
 
 
 def select_geoms(model: Any) -> list[int]:
-    """Return the numbers of the geoms to examine: all, or in a large scene at most `MOST_GEOMS` with some of each kind.
+    """Return the indices of the geoms to examine. In a large scene they are at most `MOST_GEOMS`, some of each kind.
 
     Geoms of a kind have the same contact parameters. Those on the lightest and the heaviest bodies are taken.
     """
@@ -416,5 +416,5 @@ def flag(kind: str, name: str) -> int:
 
 
 def _round(values: Any) -> tuple[float, ...]:
-    """Return numbers rounded to twelve digits, so that equal bodies get equal numbers in spite of rounding."""
+    """Return numbers rounded to twelve digits. So equal bodies get equal numbers in spite of rounding."""
     return tuple(float(f"{value:.12g}") for value in np.ravel(values))

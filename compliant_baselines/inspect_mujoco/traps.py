@@ -34,7 +34,8 @@ GOOD_STEPS = 100
 #: Largest relative change of an impedance with the depth at which it is taken for constant.
 SAME_IMPEDANCE = 0.01
 
-#: Largest impedance at which direct numbers are N/m and N s/m over the mass, even if a third body pushes.
+#: Largest impedance at which a solref (-stiffness, -damping) is N/m and N s/m over the mass, even if a third body
+#: pushes.
 FORCE_LEVEL = 0.01
 
 #: Names of all traps, in the order in which findings are listed.
@@ -56,7 +57,7 @@ TRAPS = (
 
 
 class LongStep(NamedTuple):
-    """A contact for which the time step is too long."""
+    """A contact that is too short for the time step."""
 
     row: MeasuredContact
     #: Time in s that the step must resolve, and a phrase that names the process which takes this time.
@@ -100,7 +101,8 @@ def gather_findings(traps: Sequence[tuple[list[str], Iterable[Trap]]]) -> list[F
 def traps_of_mixing(contacts: Sequence[SceneContact]) -> Iterator[Trap]:
     """Yield the trap that the default solref of one geom is averaged with the solref of the other geom.
 
-    The contacts have the same parameters. Direct numbers are not averaged; their trap is in `traps_in_parameters`.
+    The contacts have the same parameters. A solref (-stiffness, -damping) is not averaged; its trap is in
+    `traps_in_parameters`.
     """
     default = MUJOCO_DEFAULT_SOLREF
     averaged = [
@@ -139,8 +141,7 @@ def traps_in_parameters(
     alike
         The bodies of contacts that have the same parameters.
     rows
-        Measurements of some of these contacts. Where numbers were not measured, formulas give them, and the text says
-        so.
+        Measurements of some of these contacts. Values that were not measured come from formulas, and the text says so.
     """
     measured = [row for row in rows if row.restitution is not None]
     bodies = alike[0]
@@ -202,7 +203,7 @@ def traps_in_parameters(
 
 
 def is_lengthened(solref: tuple[float, float], option: MujocoOption) -> bool:
-    """Return True if the engine lengthens the time constant of a solref to two steps (`refsafe`)."""
+    """Return True if the engine lengthens the time constant of a solref to the time of two steps (`refsafe`)."""
     has_refsafe = not _is_discrete(option) and not option.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE
     return bool(has_refsafe) and 0 < solref[0] < 2 * option.timestep and solref[1] > 0
 
@@ -213,11 +214,13 @@ def _is_discrete(option: MujocoOption) -> bool:
 
 
 def is_at_force_level(solimp: Sequence[float], impedances: tuple[float, float] | None) -> bool:
-    """Return True if the impedance is small and constant, so that direct numbers are forces over the mass.
+    """Return True if the impedance is small and constant.
 
-    `impedances` are the least and greatest measured impedance; without them solimp decides. The engine multiplies the
-    stiffness by (d/dmax)^2. So the stiffness differs from its number if the impedance d changes or stays away from
-    dmax.
+    A solref (-stiffness, -damping) is then N/m and N s/m over the mass.
+
+    `impedances` are the least and greatest measured impedance. If they are None, solimp is tested. The engine
+    multiplies the stiffness by (d/dmax)^2. So the stiffness differs from its number if the impedance d changes or stays
+    away from dmax.
     """
     dmax = max(solimp[1], MUJOCO_IMPEDANCE)
     low, high = impedances or (max(solimp[0], MUJOCO_IMPEDANCE), dmax)
@@ -227,7 +230,7 @@ def is_at_force_level(solimp: Sequence[float], impedances: tuple[float, float] |
 def _describe_direct_stiffness(
     stiffness: float, alike: Sequence[Bodies], measured: Sequence[MeasuredContact]
 ) -> str:
-    """Return a sentence with a direct stiffness in N/m: the measured stiffness, or else the largest possible one."""
+    """Return a sentence that gives the stiffness of a solref (-stiffness, -damping) in N/m."""
     dmin, dmax, *_ = alike[0].solimp
     springs = [row.stiffness for row in measured if row.stiffness is not None]
     impedances = [d for row in measured for d in row.impedances or ()]
@@ -248,16 +251,17 @@ def describe_damping_ratio(solref: tuple[float, float], measured: Sequence[Measu
 
 
 def find_long_step(measured: Sequence[MeasuredContact], step: float) -> LongStep | None:
-    """Return the measured contact for which a step in s is too long by most; None if all have `FEWEST_STEPS` steps.
+    """Return the measured contact that is shortest, if a step in s is too long for it; else None.
 
-    Contacts that the bodies do not leave are ignored, because they have no restitution that a step could change.
+    The step is too long if a contact has fewer than `FEWEST_STEPS` steps. Contacts that the bodies do not leave are
+    ignored, because they have no restitution that a step could change.
     """
     long_steps = [long for row in measured if (long := _least_resolved(row, step))]
     return min(long_steps, key=lambda long: long.time, default=None)
 
 
 def _least_resolved(row: MeasuredContact, step: float) -> LongStep | None:
-    """Return the process in a measured contact for which the step is too long; None if there is none."""
+    """Return the process in a measured contact that is too short for the step; None if the step is short enough."""
     if row.duration is None:
         return None
     long = LongStep(row, row.duration, f"a contact of {row.duration:.3g} s")

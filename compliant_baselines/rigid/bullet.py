@@ -76,7 +76,7 @@ class BulletWorld(RigidWorld):
         }
 
     def step(self) -> tuple[list[float], list[float]]:
-        """Take a step; return the velocities in m/s and the heights of the balls' centres in m after it."""
+        """Take a step, and return the velocities in m/s and the heights of the balls' centres in m after it."""
         p, client = self._p.module, self._p.number
         p.stepSimulation(client)
         v = [p.getBaseVelocity(ball, client)[0][2] for ball in self._balls]

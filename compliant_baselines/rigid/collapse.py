@@ -17,8 +17,7 @@ from impact_xval.model.arrays import Floats
 
 Bools = NDArray[np.bool_]
 
-#: Largest relative difference from common factors r and s with which a cycle counts as a repetition of the cycle
-#: before.
+#: Largest relative difference from common factors r and s with which a cycle is taken to repeat the cycle before.
 SAME_FACTOR = 1e-10
 
 #: Largest relative difference of the factors of the velocities, over (1 - r)^2. If e is slightly too large for a
@@ -26,8 +25,8 @@ SAME_FACTOR = 1e-10
 #: cycles. At t^2 = 1e-3 (1 - r)^2 all speeds have shrunk to e^-99 when the bodies part.
 LINGERING = 1e-3
 
-#: Speeds and gaps, over the largest at the start, below which a sequence of impacts counts as a collapse even without a
-#: cycle. Below 1e-308 the order in which gaps close would be lost.
+#: Speeds and gaps, over the largest at the start. Below them a sequence of impacts is taken for a collapse even without
+#: a cycle. Below 1e-308 the order in which gaps close would be lost.
 VANISHED_SPEED, VANISHED_GAP = 1e-100, 1e-200
 
 

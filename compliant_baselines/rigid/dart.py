@@ -27,7 +27,7 @@ from impact_xval.compliant_baselines.engines.arrangement import SPACE_AXES
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene
 from impact_xval.compliant_baselines.rigid.lines import PLANE_WIDER, RigidEngine, RigidWorld
 
-#: Speed of rebound in m/s up to which DART gives no restitution (DART_BOUNCING_VELOCITY_THRESHOLD in
+#: Largest speed of rebound in m/s at which DART gives no restitution (DART_BOUNCING_VELOCITY_THRESHOLD in
 #: dart/constraint/ContactConstraint.cpp).
 SLOWEST = 0.1
 
@@ -39,19 +39,19 @@ class DartJoint(Protocol):
     """The methods of `dartpy.dynamics.PrismaticJoint` and `TranslationalJoint` that the adapter calls."""
 
     def setPosition(self, index: int, position: float) -> None:
-        """Set a position along the joint in m; `index` counts the joint's axes."""
+        """Set a position along the joint in m; `index` is the number of the joint's axis, from 0."""
         ...
 
     def setVelocity(self, index: int, velocity: float) -> None:
-        """Set a velocity along the joint in m/s; `index` counts the joint's axes."""
+        """Set a velocity along the joint in m/s; `index` is the number of the joint's axis, from 0."""
         ...
 
     def getPosition(self, index: int) -> float:
-        """Return a position along the joint in m; `index` counts the joint's axes."""
+        """Return a position along the joint in m; `index` is the number of the joint's axis, from 0."""
         ...
 
     def getVelocity(self, index: int) -> float:
-        """Return a velocity along the joint in m/s; `index` counts the joint's axes."""
+        """Return a velocity along the joint in m/s; `index` is the number of the joint's axis, from 0."""
         ...
 
 
@@ -87,7 +87,7 @@ class DartShapeNode(Protocol):
         ...
 
     def createDynamicsAspect(self) -> DartMaterial:
-        """Give the shape friction and restitution; return the object that sets them."""
+        """Give the shape friction and restitution, and return the object that sets them."""
         ...
 
 
@@ -212,7 +212,7 @@ class DartWorld(RigidWorld):
         return skeleton.createPrismaticJointAndBodyNodePair(None, slide)
 
     def step(self) -> tuple[list[float], list[float]]:
-        """Take a step; return the velocities in m/s and the coordinates of the balls in m after it."""
+        """Take a step, and return the velocities in m/s and the coordinates of the balls in m after it."""
         self._world.step()
         velocities = [joint.getVelocity(index) for joint in self._joints for index in self._indices]
         return velocities, [joint.getPosition(index) for joint in self._joints for index in self._indices]

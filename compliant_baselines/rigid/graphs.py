@@ -40,7 +40,7 @@ GRAPH_LAWS = (*(name for name in LAWS if not name.startswith("sequential")), "se
 #: Laws whose final rates depend on how the impulses of compression are distributed over contacts.
 _DEPENDS_ON_SPLIT = ("poisson-restitution", "plastic-then-restitution")
 
-#: Number of impacts after which a graph is given up.
+#: Largest number of impacts. A graph that needs more is given up.
 MOST_IMPACTS = 100_000
 
 #: Fraction of the largest rate or impulse that is taken for rounding in a least-squares problem.
@@ -65,7 +65,7 @@ class RigidGraphOutcome(NamedTuple):
 
 
 class _Impact(NamedTuple):
-    """The numbers of an impact from which a law computes impulses."""
+    """The quantities of an impact from which a law computes impulses."""
 
     W: Floats
     e: Floats
@@ -219,7 +219,7 @@ def _extreme_splits(W: Floats, w: Floats, compression: Floats) -> list[Floats]:
 def _follow(
     law: str, W: Floats, e: Floats, w: Floats, order: Sequence[int], compression: Floats
 ) -> tuple[Floats, int]:
-    """Return the total impulses, and the number of impacts until no contact approaches."""
+    """Apply impacts until no contact approaches, and return the total impulses and the number of impacts."""
     total, rates, threshold = np.zeros(len(w)), w, ROUNDING * np.abs(w).max()
     for impact in range(MOST_IMPACTS):
         if not (rates > threshold).any():
@@ -243,9 +243,9 @@ def _poisson(impact: _Impact) -> Floats:
 
 
 def _reflections(impact: _Impact) -> Floats:
-    """Return the plastic impulse times 1 - e plus the elastic impulse times e.
+    """Return the impulses (1 - e) times the plastic impulses, plus e times the elastic impulses.
 
-    The elastic impulse reflects approaching contacts again and again until none is left.
+    For the elastic impulses all approaching contacts are reflected, again and again, until no contact approaches.
     """
     elastic, rates = np.zeros(len(impact.w)), impact.w
     threshold = ROUNDING * np.abs(impact.w).max()

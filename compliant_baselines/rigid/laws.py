@@ -20,8 +20,8 @@ is 0. The laws:
   GRROperator.cpp). The law has one e for all contacts.
 * **plastic-then-restitution**: the compression C of all touching contacts; then one sweep over the contacts that
   approached before. The sweep changes each impulse so that u+ + e u- = 0, or to 0 if it would pull: first the odd
-  contacts between balls, then the even ones, then the table. In later impacts at the same instant e = 0 unless e = 1,
-  because a contact that still touches is at rest. This is the law of Rapier's program (is_bouncy in its
+  contacts between balls, then the even ones, then the table. In later impacts at the same instant every e below 1 is
+  replaced by 0, because a contact that still touches is at rest. This is the law of Rapier's program (is_bouncy in its
   contact_pair.rs). Compression comes before restitution as in Catto's soft step (box2d.org/posts/2024/02/solver2d), and
   the sweep follows the colours of its contact graph. We know no paper on this law.
 
@@ -66,7 +66,7 @@ TINY = 1e-14
 
 
 class TooManyImpactsError(RuntimeError):
-    """Error of a collision that was given up; the message states the number of impacts."""
+    """Error of a collision that is not over after the largest number of impacts; the message states this number."""
 
 
 class PathPoint(NamedTuple):
@@ -236,7 +236,7 @@ class Line:
         return np.where(closed, 0.0, u - np.diff(change))
 
     def fly(self) -> bool:
-        """Move freely until the next contact closes; return False if no contact will close."""
+        """Move freely until the next contact closes. Return False if no contact will close."""
         u, closing = self.u, ~self.touching & (self.u < 0)
         times = np.divide(self.gaps, -u, out=np.full(u.size, np.inf), where=closing)
         times[(u > -self.tiny) & (times > self.horizon)] = np.inf
@@ -306,7 +306,7 @@ def apply_lowest(line: Line) -> None:
 
 
 #: Functions that apply the impact of several touching contacts, by the name of the law. A contact that touches alone
-#: rebounds in the same way under every law (`follow_impacts`). For a law with other single impacts, change
+#: rebounds in the same way by every law (`follow_impacts`). For a law with other single impacts, change
 #: `follow_impacts` too. CONTRIBUTING.md lists what else a new law needs.
 LAWS: dict[str, Callable[[Line], None]] = {
     "newton-restitution": apply_newton,

@@ -1,22 +1,22 @@
 """Base classes for adapters of rigid engines: spheres in a line or a plane, with steps that are read one by one.
 
 **Overlap.** At the start the bodies of touching contacts overlap by `OVERLAP` of a radius. Without this overlap most
-engines find the contact in a later step, or not at all, so that a single impact would become several. Each adapter
-switches off the correction of positions, so that the overlap stays.
+engines find the contact in a later step, or not at all. A single impact would then become several. Each adapter
+switches off the correction of positions. So the overlap stays.
 
 **Restitution.** Most engines compute the restitution of a contact from one number for each body. A ball therefore has a
 sphere of half its radius for each of its contacts, inside the ball and next to the body that it touches. In a line one
 of the two spheres is above the other. The sphere of the first body of a contact, which in a line is the upper ball, has
-the e of the contact. Where an engine multiplies two numbers, the sphere of the second body, or the plane, has
-`Settings.partner_restitution`, by default 1. Each contact with a fixed body has its own plane. Two shapes of different
-contacts cannot meet.
+the e of the contact. Where an engine multiplies the numbers of both bodies, the sphere of the second body, or the
+plane, has `Settings.partner_restitution`, by default 1. Each contact with a fixed body has its own plane. Two shapes of
+different contacts cannot meet.
 
 **In a plane** normals turn, by displacement over radius. In double precision radii are larger by the factor
 `PLANE_WIDER`. Single precision does not resolve the steps of balls that are so large. There normals turn by about a
 thousandth in a step of a thousandth of a period, if an engine takes several steps for a single impact. In the limit dt
 -> 0 this vanishes, and a bound on it is part of the limit's error.
 
-**Rest.** Relative velocities up to `RigidWorld.resolution` times the largest speed at the start are reported as 0.
+**Rest.** Relative velocities of at most `RigidWorld.resolution` times the largest speed at the start are reported as 0.
 Otherwise a collision would not be over until a gap has closed at 1e-17 m/s.
 """
 
@@ -44,7 +44,8 @@ SHIPPED_RADIUS = 2.0**-4
 #: place, in double and in single precision.
 DOUBLE, SINGLE = 2.0**-46, 2.0**-17
 
-#: Factor on the radii of balls in a plane, in double precision. Overlaps are as long as in a line.
+#: Factor by which the radii of balls are larger in a scene in a plane than in a line, in double precision. Overlaps are
+#: as long as in a line.
 PLANE_WIDER = 2.0**20
 
 #: Limit on masses, velocities and steps: they must be below this number and above its inverse. Single precision can
@@ -89,7 +90,7 @@ class RigidWorld(World):
     accuracy = DOUBLE
 
     def __init__(self, scene: Scene, radius: float) -> None:
-        # Scripts for version 0.4 set this attribute. Without this error they would silently get other numbers.
+        # Scripts for version 0.4 set this attribute. Without this error they would silently get other results.
         if hasattr(RigidWorld, "partner"):
             raise TypeError("RigidWorld.partner is Settings(partner_restitution=...) now")
         super().__init__(scene, radius)
@@ -135,10 +136,10 @@ class RigidWorld(World):
 
     @abstractmethod
     def step(self) -> tuple[list[float], list[float]]:
-        """Take a step; return the velocities in m/s and the coordinates of the centres in m after it."""
+        """Take a step, and return the velocities in m/s and the coordinates of the centres in m after it."""
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
-        """Take n steps; return the velocities in m/s and heights in m after each of them."""
+        """Take n steps, and return the velocities in m/s and heights in m after each of them."""
         states = np.array([self.step() for _ in range(n)])
         if not self._is_line:
             return states[:, 0], states[:, 1] - self.places
@@ -155,10 +156,10 @@ class RigidWorld(World):
 
 
 class RigidEngine(Engine):
-    """Base class of rigid engines: contacts have restitutions, and stiffnesses only decide the length of a step."""
+    """Base class of rigid engines: contacts have restitutions. Stiffnesses only determine the length of a step."""
 
     kind, law = "rigid", None
-    #: Factor on radii in a plane; it is `PLANE_WIDER` for engines in double precision.
+    #: Factor by which radii are larger in a scene in a plane; it is `PLANE_WIDER` for engines in double precision.
     plane_wider: float = 1.0
 
     def radius(self, scene: Scene) -> float:
@@ -171,7 +172,7 @@ class RigidEngine(Engine):
     def refusal(self, scene: Scene) -> str | None:
         """Return a sentence that says why the engine cannot take a scene, or None.
 
-        Rigid engines refuse drops, and numbers beyond single precision.
+        Rigid engines refuse drops, and parameters beyond single precision.
         """
         if scene.gravity:
             return f"gravity = {scene.gravity:g} m/s^2: rigid engines are run without gravity; legal: 0"
@@ -188,9 +189,9 @@ class RigidEngine(Engine):
 
 
 def filter_bit(contact: int) -> int:
-    """Return the bit with which filters let the two shapes of a contact meet only each other; contacts count from 0.
+    """Return the bit with which filters let the two shapes of a contact meet only each other.
 
-    Filters have 32 bits. Contacts that share a bit are far enough apart not to meet.
+    Contacts are numbered from 0. Filters have 32 bits. Contacts that share a bit are far enough apart not to meet.
     """
     return 1 << contact % 32
 

@@ -52,7 +52,7 @@ class XpbdWorld(RigidWorld):
         }
 
     def step(self) -> tuple[list[float], list[float]]:
-        """Take a step; return the velocities in m/s and the heights of the balls' centres in m after it."""
+        """Take a step, and return the velocities in m/s and the heights of the balls' centres in m after it."""
         if not self._states:
             velocities, heights = self._recorded.advance(XPBD.steps)
             centres = heights + self.places

@@ -52,7 +52,7 @@ class PymunkWorld(RigidWorld):
         self.effective = {"restitution": tuple(first[i].elasticity * second[i].elasticity for i in contacts)}
 
     def step(self) -> tuple[list[float], list[float]]:
-        """Take a step; return the velocities in m/s and the coordinates of the balls' centres in m after it."""
+        """Take a step, and return the velocities in m/s and the coordinates of the balls' centres in m after it."""
         self._space.step(self._h)
         if self.axes == 1:
             return [ball.velocity.y for ball in self._balls], [ball.position.y for ball in self._balls]

@@ -133,9 +133,10 @@ class RapierWorld(RigidWorld):
         }
 
     def step(self) -> tuple[list[float], list[float]]:
-        """Take a step; return the velocities in m/s and the coordinates of the balls' centres in m after it.
+        """Take a step, and return the velocities in m/s and the coordinates of the balls' centres in m after it.
 
-        A RuntimeError says that numbers are no longer finite, because Rapier stops such bodies without a message.
+        A RuntimeError says that velocities or positions are no longer finite, because Rapier stops such bodies without
+        a message.
         """
         self._world.step()
         if not self._world.quarantine.is_empty():

@@ -144,7 +144,7 @@ class SapienWorld(RigidWorld):
         }
 
     def step(self) -> tuple[list[float], list[float]]:
-        """Take a step; return the velocities in m/s and the coordinates of the balls' centres in m after it."""
+        """Take a step, and return the velocities in m/s and the coordinates of the balls' centres in m after it."""
         self._system.step()
         axes = SPACE_AXES[self.axes]
         velocities = [float(body.linear_velocity[axis]) for body in self._bodies for axis in axes]

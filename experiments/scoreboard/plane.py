@@ -1,4 +1,9 @@
-"""The scoreboard's second half: engines that know planes, and the exact laws on contact graphs."""
+"""The part of the scoreboard for collisions of balls in a plane, which are contact graphs.
+
+`collect_plane_answers` asks engines and exact laws for the outcome of each case in `plane_cases`. `judge_plane_answers`
+compares the answers of engines with those of the exact laws. `write_plane` writes the answers into a file, and returns
+the section about them for the page. Needs pandas. Each solver answers the cases in a process of its own.
+"""
 
 from __future__ import annotations
 
@@ -32,24 +37,26 @@ from impact_xval.experiments.tables.frames import Frame, Record
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.experiments.tables.parquet import replacing
 
-#: File of the answers in a plane, in the folder of a scoreboard.
+#: Name of the file with the answers to the cases in a plane, in the folder of a scoreboard.
 PLANE_ANSWERS = "plane.parquet"
 
 TITLE = "In a plane"
 
-#: Columns of velocities: x and z of up to seven balls.
+#: Columns of velocities in m/s: the components x and z of at most seven balls.
 VELOCITIES = [f"v{ball}{axis}" for ball in range(1, 8) for axis in "xz"]
 
-#: Columns of answers, as `collect_plane_answers` describes them.
+#: Columns of the table of answers; the docstring of `collect_plane_answers` explains them.
 PLANE_COLUMNS = ["solver", "version", "case", "e", "status", "reason", *VELOCITIES]
 
-#: Seconds that a solver has for one case.
+#: Time in s after which a solver's answer to one case is given up.
 _LONGEST = 120.0
 
-#: Share of the cases that an engine answers which a law must answer to be the nearest law of that engine.
+#: A law can be the nearest law of an engine only if it answers at least this share of the cases that the engine
+#: answers.
 _LEAST_ANSWERED = 0.9
 
-#: Laws whose largest D exceeds the least by no more are nearest too.
+#: The nearest law of an engine has the least largest distance D, over all cases, from the engine's answers. Laws whose
+#: largest D is larger by at most this number are also listed as nearest.
 _AS_NEAR = 1e-6
 
 CAPTION = (
@@ -64,7 +71,7 @@ CAPTION = (
 
 
 def list_plane_entrants(names: Sequence[str]) -> list[str]:
-    """List those of the given solvers that are exact laws, or engines that know planes."""
+    """Return the given solvers that take part: exact laws, and engines that can compute collisions in a plane."""
     entrants: list[str] = []
     for name in names:
         solver = get_solver(name)
@@ -78,10 +85,11 @@ def list_plane_entrants(names: Sequence[str]) -> list[str]:
 def collect_plane_answers(
     names: Sequence[str], root: Path, workers: int, progress: Callable[..., None]
 ) -> pd.DataFrame:
-    """Have solvers answer every case in a plane, each in a process of its own.
+    """Let every solver answer every case in a plane, and return the answers as a table.
 
-    Answers are kept in the folder of the scoreboard. A row an answer: solver, version, case, e, status, reason, and
-    v1x, v1z, v2x, ... in m/s.
+    Each solver runs in its own process. Answers are kept in files in the folder of the scoreboard, so that an
+    interrupted command can continue. The table has one row per answer, with the columns solver, version, case, e,
+    status, reason, and the velocities v1x, v1z, v2x, ... in m/s.
     """
     folder = root / "answers"
     if not folder.is_dir():
@@ -100,7 +108,11 @@ def collect_plane_answers(
 
 
 def _answer_or_read(slot: Slot[None], name: str, folder: Path) -> list[Record]:
-    """Return the answers of a solver from its file, named by versions and cases; without it, from its process."""
+    """Return a solver's answers to all cases: from its file of earlier answers, or else from its process.
+
+    The name of the file contains a hash of the versions, the cases and the settings. So answers from other versions are
+    not read.
+    """
     installed = get_solver(name).version()
     identifying = version("impact-xval"), installed, PLANE_SETUPS, list(PLANE_CASES), str(SETTINGS)
     identity = sha256(json.dumps(identifying).encode()).hexdigest()[:12]
@@ -122,7 +134,13 @@ def _answer_or_read(slot: Slot[None], name: str, folder: Path) -> list[Record]:
 
 
 def judge_plane_answers(answers: Frame) -> Frame:
-    """Add D from each exact law, ``D_LAW``, and ``asymmetry``, NaN where a scene has no mirror, to answers."""
+    """Return the answers with columns for the distance from each exact law and for the asymmetry.
+
+    The column ``D_LAW`` has the kinetic norm of the difference from the law's velocities, as a share of the norm at the
+    start. It is NaN where the solver or the law has no answer. ``asymmetry`` is the largest difference, over abs(v0),
+    between a velocity and the mirrored velocity of the body's mirror image. It is NaN where a scene has no mirror
+    symmetry.
+    """
     velocities = answers[VELOCITIES].to_numpy(float)
     cases = [PLANE_CASES[case] for case in zip(answers.case, answers.e, strict=True)]
     masses, starts = masses_and_starts_of_graphs([case.collision for case in cases], len(VELOCITIES))
@@ -131,7 +149,7 @@ def judge_plane_answers(answers: Frame) -> Frame:
     for law in exact_law_names():
         same_case = pd.MultiIndex.from_frame(answers.assign(solver=law)[["solver", "case", "e"]])
         difference = velocities - of_case.reindex(same_case).to_numpy()
-        # Columns of balls that a case does not have are NaN; so is the first of a case without an answer.
+        # Columns of balls that a case does not have are NaN. If there is no answer, the first column is NaN too.
         known = ~np.isnan(difference[:, 0])
         judged[f"D_{law}"] = np.where(known, norms(masses, difference, starts), np.nan)
     judged["asymmetry"] = [
@@ -144,7 +162,11 @@ def judge_plane_answers(answers: Frame) -> Frame:
 
 
 def plane_table(judged: Frame) -> Table:
-    """Lay out one row per engine: its nearest law, the largest D from it by case, and the largest asymmetry."""
+    """Return the table with one row per engine: its nearest law, the distances from it, and its asymmetry.
+
+    For each case the table has the largest D over all restitutions e. D is the distance of the engine's velocities from
+    those of the nearest law (`judge_plane_answers`). The asymmetry is the largest one of all cases.
+    """
     rows: list[tuple[str, ...]] = []
     laws = exact_law_names()
     for name, own in judged[judged.solver.map(is_engine)].groupby("solver", sort=False):
@@ -176,14 +198,14 @@ def plane_table(judged: Frame) -> Table:
 
 
 def _short(value: float, least: float = 1e-4) -> str:
-    """Write a number in two digits, or that it is below the least number of interest."""
+    """Return a number as a text with two digits, or a text such as ``< 1e-4`` if it is below `least`; ``-`` for NaN."""
     if np.isnan(value):
         return "-"
     return f"< {least:.0e}".replace("e-0", "e-") if value < least else number(value, 2)
 
 
 def write_plane(answers: Frame, root: Path) -> Section:
-    """Write the answers in a plane into the folder of a scoreboard; return the section for its page."""
+    """Write the answers in a plane into the folder of a scoreboard, and return the section about them for its page."""
     with replacing(root / PLANE_ANSWERS) as temporary:
         answers.to_parquet(temporary, index=False, compression="zstd")
     return Section(TITLE, [plane_table(judge_plane_answers(answers))])

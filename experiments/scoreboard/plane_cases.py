@@ -1,6 +1,6 @@
-"""The collisions of the scoreboard in a plane, and the answer of a solver to each of them.
+"""The collisions in a plane for the scoreboard, and the function with which a solver answers one of them.
 
-The process of a solver imports this module; it needs no pandas.
+Used by `plane`, and imported in the process of each solver. It needs no pandas.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ from impact_xval.experiments.config.graphs import GRAPH_SPECS, Mirror, named_gra
 from impact_xval.experiments.scoreboard.cases import RESTITUTIONS, SETTINGS
 from impact_xval.model.graph.collision import GraphCollision
 
-#: Name of a graph and its numbers by the name of a case. Balls weigh 1 kg, those below a bridge 2 kg; ball 1 has 1 m/s,
-#: in a corner (-1, -0.3) m/s; all contacts have 1e8 N/m.
+#: For each case by its name: the name of a graph in `GRAPH_SPECS`, and the parameters of this graph. Balls have 1 kg,
+#: but the two balls below a bridge have 2 kg. Ball 1 has a speed of 1 m/s, and in a corner the velocity (-1, -0.3) m/s.
+#: All contacts have the stiffness `STIFFNESS`.
 PLANE_SETUPS: dict[str, tuple[str, dict[str, float]]] = {
     "bernoulli": ("bernoulli", {"angle": 30.0, "stiffness_ratio": 1.0}),
     "corner, 60 degrees": ("corner", {"angle": 60.0, "stiffness_ratio": 1.0}),
@@ -44,12 +45,15 @@ def _plane_case(case: str, e: float) -> PlaneCase:
     return PlaneCase(named_graph(name, numbers, 1.0, STIFFNESS, -1.0), GRAPH_SPECS[name].mirror(numbers))
 
 
-#: Every case in a plane, in the order of the board.
+#: Every case in a plane by its name and restitution e, in the order of the scoreboard.
 PLANE_CASES = {(case, e): _plane_case(case, e) for case, e in product(PLANE_SETUPS, RESTITUTIONS)}
 
 
 def answer_plane_case(_: object, name: str, case: str, e: float) -> tuple[str, str, Sequence[float]]:
-    """Answer a case; return status, reason, and the velocities (x, z) of ball after ball in m/s, if there are any."""
+    """Let a solver answer one case, and return the status, the reason of the status, and the velocities in m/s.
+
+    The velocities are v1x, v1z, v2x, ... They are empty if there is no result. The first argument is not used.
+    """
     try:
         (outcome,) = get_solver(name).solve_graphs([PLANE_CASES[case, e].collision], SETTINGS)
     except Exception as error:  # of an engine that met what it does not expect

@@ -2,7 +2,7 @@
 
 An event is a zero of a watched function of a contact, such as its force or its rate of compression (`chain.laws`).
 `first_event` searches all watched functions of all contacts. `first_zero` finds the first zero of one function, by
-`chain.roots.first_root`. Under a power law such as Hertz's the polynomials of a window only approximate the motion, so
+`chain.roots.first_root`. For a power law such as Hertz's the polynomials of a window only approximate the motion, so
 `chain.power_law.refine_event` refines the event afterwards.
 
 Needs `chain.laws` for the watched functions. Used by `chain.kernel`.
@@ -29,7 +29,10 @@ from impact_xval.model.pair.law import Phase
 
 
 class Event(NamedTuple):
-    """First event of a window, or no event."""
+    """First event of a window, or no event.
+
+    A window is a time over which polynomials give the motion.
+    """
 
     #: Number of the contact, from 0; -1 if the window has no event.
     contact: int
@@ -96,7 +99,7 @@ def write_force_series(contact, scratch):
 def first_zero(contact, scratch, watched, sign, h, latest):
     """Return the place x = t/h of the first zero of a watched function of a contact, if it is before `latest`.
 
-    `sign` is the sign that the function has before its zero. Returned is infinity if there is no zero, 0 if the
+    `sign` is the sign that the function has before its zero. The result is infinite if there is no zero, 0 if the
     function leaves this sign at once, and -1 if the search was given up.
     """
     is_series = has_series(contact)

@@ -30,7 +30,7 @@ from impact_xval.model.path import Paths
 from impact_xval.model.states import States
 from impact_xval.model.status import Ending
 
-#: Number of windows after which a collision is given up.
+#: Largest number of windows of a collision. A collision that needs more is given up.
 MAX_WINDOWS = 1_000_000
 
 #: Number of points that the path of a collision has in each window, and largest number of floats in the log of one path
@@ -46,7 +46,7 @@ TOO_FAR_APART = (
 )
 _GAINED_ENERGY = "energy was made: double precision cannot follow masses and stiffnesses this far apart"
 
-#: Sentences for chains of which a closed form was used.
+#: Sentences for chains that were solved by a closed form.
 PLASTIC_REASON = "closed form of e = 0: the bodies of a contact that ended compression are one from there on"
 RUNAWAY_REASON = (
     "the running stiffness of a contact runs away: its bodies are one from where it is rigid to rounding"
@@ -73,7 +73,7 @@ class ChainResult(NamedTuple):
 
     @property
     def skipped(self) -> Booleans:
-        """True for each collision that was not followed, because its numbers are too far apart for double precision."""
+        """True for each collision that was not followed: its parameters are too far apart for double precision."""
         return self.records["ending"] == ChainEnding.SKIPPED
 
     @property
@@ -95,14 +95,14 @@ class Problem:
     frozen: bool
     #: Gravity in m/s^2, shape (n,); above 0 only for two balls on a table.
     gravity: Floats
-    #: Largest error of a step under laws whose motion is integrated in steps.
+    #: Largest error of a step of integration, for laws whose motion is integrated in steps.
     tolerance: float = TOLERANCE
-    #: Number of windows after which a collision is given up.
+    #: Largest number of windows of a collision. A collision that needs more is given up.
     max_windows: int = MAX_WINDOWS
 
     @property
     def most_windows(self) -> int:
-        """Number of windows after which the kernel gives up: `max_windows`, or less if there are many contacts."""
+        """Largest number of windows that the kernel follows: `max_windows`, or less if there are many contacts."""
         other_contacts = self.collisions.stiffnesses.shape[1] - 1
         return min(self.max_windows, -(-MOST_WORK // other_contacts)) if other_contacts else self.max_windows
 
@@ -193,7 +193,7 @@ class Problem:
     def paths(self, n_windows: NDArray[np.int64]) -> Paths:
         """Follow all collisions once more, and return their velocities, impulses and forces in time.
 
-        `n_windows` holds the number of windows of each collision, which `follow` has counted. It decides how many
+        `n_windows` holds the number of windows of each collision, which `follow` has counted. It determines how many
         points fit into the log.
         """
         c, g = self.collisions, self.gravity
@@ -224,7 +224,7 @@ class Problem:
             return Paths(offsets, log[:, 0] * time_unit[row], velocities, impulses, forces, active)
 
     def _rows(self, rows: Booleans) -> Problem:
-        """Return the problem with only those collisions for which `rows`, shape (n,), is true."""
+        """Return the problem with only the collisions in which `rows`, shape (n,), is true."""
         return replace(
             self, collisions=self.collisions[rows], dampings=self.dampings[rows], gravity=self.gravity[rows]
         )
@@ -263,7 +263,7 @@ class Problem:
 
 
 def closed_forms(records: Records) -> list[Ending]:
-    """Return the endings of chains for which closed forms were used, one for each combination of closed forms."""
+    """Return one ending for each combination of closed forms with which a chain may have been solved."""
     endings: list[Ending] = []
     for plastic, runaway, collapse in product((False, True), repeat=3):
         parts = [(plastic, PLASTIC_REASON), (runaway, RUNAWAY_REASON), (collapse, COLLAPSE_REASON)]

@@ -47,22 +47,24 @@ from impact_xval.model.chain.state import (
 from impact_xval.model.compiled import inlined_helper, kernel_entry, kernel_helper
 from impact_xval.model.pair.law import Phase
 
-#: If the contacts have at most this share of the energy of impact left, their bodies count as at rest.
+#: If the contacts have at most this share of the energy of impact left, their bodies are taken to be at rest.
 COLLAPSED = 1e-30
 
 #: Largest product of the number of windows and the number of contacts minus 1. A chain that reaches it is given up,
 #: after about a second.
 MOST_WORK = 1_000_000
 
-#: Largest relative gain of kinetic energy that counts as rounding; no law makes energy. In 20,000 chains, whose masses
-#: and stiffnesses differed by factors up to 1e12, the largest gain was 1.2e-11 for p = 1.5, and 3e-14 for p = 1 and 3.
+#: Largest relative gain of kinetic energy that is taken for rounding; no law makes energy. In 20,000 chains, whose
+#: masses and stiffnesses differed by factors of at most 1e12, the largest gain was 1.2e-11 for p = 1.5, and 3e-14 for p
+#: = 1 and 3.
 GAIN = 1e-9
 
 #: The numbers 0 and 1, to be passed as arguments. For a literal 0 or 1 Numba would compile the called function once
 #: more.
 ZERO, ONE = np.int64(0), np.int64(1)
 
-#: Length of the first step under a power law, in units in which masses, stiffnesses and velocities are about 1.
+#: Length of the first step of integration for power laws, in units in which masses, stiffnesses and velocities are
+#: about 1.
 FIRST_STEP = 1e-3
 
 
@@ -75,7 +77,10 @@ class Action(IntEnum):
 
 
 class Window(NamedTuple):
-    """Window that was followed up to its first event, or up to its end without an event."""
+    """Window that was followed to its first event, or to its end without an event.
+
+    A window is a time over which polynomials give the motion: one power series, or one step of integration.
+    """
 
     #: Length of the window in time.
     h: float
@@ -121,7 +126,7 @@ def fly(c, n, h, work):
 
 @kernel_helper
 def follow_series(c, n, next_step, work):
-    """Follow a chain of linear contacts through a window up to its first event, and return the window."""
+    """Follow a chain of linear contacts through a window to its first event, and return the window."""
     h = window_length(c, n, work)
     if h == inf:
         h = fall_time(c, n)
@@ -142,9 +147,10 @@ def follow_series(c, n, next_step, work):
 
 @kernel_helper
 def follow_step(c, n, first_step, tolerance, work):
-    """Follow a chain under a power law through a window up to its first event, and return the window.
+    """Follow a chain whose forces obey a power law through a window to its first event, and return the window.
 
-    The window is one step of integration, which is repeated up to the event.
+    The window is one step of integration. If an event lies inside the step, the step is computed again with a shorter
+    length, so that it ends at the event.
     """
     h, next_step = advance(c, n, first_step, tolerance, work)
     contact, watched = -1, 0
@@ -168,7 +174,7 @@ def follow_step(c, n, first_step, tolerance, work):
 
 @kernel_helper
 def follow(c, n, first_step, tolerance, work):
-    """Follow a chain through a window up to its first event, and return the window."""
+    """Follow a chain through a window to its first event, and return the window."""
     for i in range(n):
         for watched in range(4):
             work[i].ruled_out[watched] = 0
@@ -181,8 +187,8 @@ def follow(c, n, first_step, tolerance, work):
 def apply_event(c, n, i, watched, energy, result):
     """Apply the event of contact i. If it makes the contact rigid, unite the bodies of the contact.
 
-    `watched` is the function that has reached zero, and `energy` is the energy of impact. Returned are the number of
-    remaining contacts and the strain energy that was lost.
+    `watched` is the function that has reached zero, and `energy` is the energy of impact. The function returns the
+    number of remaining contacts and the strain energy that was lost.
     """
     contact = c[i]
     before = strain_energy(contact)
@@ -215,7 +221,7 @@ def apply_event(c, n, i, watched, energy, result):
 
 @kernel_helper
 def unite_resting(c, n, energy, result):
-    """Unite the bodies of contacts for which `rests_rigidly` is true, and return the number of remaining contacts."""
+    """Unite the bodies of each contact that `rests_rigidly`, and return the number of remaining contacts."""
     for i in range(n - 1, -1, -1):
         if rests_rigidly(c, n, i, energy):
             n = unite(c, n, i)
@@ -225,7 +231,7 @@ def unite_resting(c, n, energy, result):
 
 @kernel_helper
 def end_gravity(c, n):
-    """Switch gravity off, and count the deformation at the table from the surface instead of from equilibrium."""
+    """Switch gravity off, and measure the deformation at the table from the surface instead of from equilibrium."""
     last = c[n - 1]
     last.delta += equilibrium_depth(last)
     last.g = 0.0
@@ -235,9 +241,9 @@ def end_gravity(c, n):
 def collide(c, work, setup, options, logs, first_row, first_set, result):
     """Follow a chain from first touch to the end of its collision.
 
-    Returned are the number of remaining contacts and the strain energy that was lost. All fields of `result`, a record
-    of `chain.record.RESULT`, are filled in except `energy_share`. The motion is logged from row `first_row` on, and
-    sets of active contacts from row `first_set` on.
+    The function returns the number of remaining contacts and the strain energy that was lost. All fields of `result`, a
+    record of `chain.record.RESULT`, are filled in except `energy_share`. The motion is logged from row `first_row` on,
+    and sets of active contacts from row `first_set` on.
     """
     n = work.size
     frozen, dashpot, law = c[0].frozen, has_dashpot(c[0]), c[0].law
@@ -295,7 +301,7 @@ def collide(c, work, setup, options, logs, first_row, first_set, result):
             loss += lost
             if dashpot:
                 work[event_contact].force_is_zero = watched == Watched.FORCE
-            # When bodies that overlapped without force part, no force changes, so this does not count as an event.
+            # When bodies that overlapped without force part, no force changes. So this is not counted among the events.
             changes_forces = not dashpot or is_active(c[event_contact]) != was_active
             if watched != Watched.TURN and changes_forces:
                 events, quiet = events + 1, 0

@@ -48,7 +48,9 @@ from impact_xval.model.pair.law import Phase
 
 
 class Law(IntEnum):
-    """Law of all contacts of a chain. The code relies on the order: laws with a dashpot have the larger numbers.
+    """Law of all contacts of a chain.
+
+    The code relies on the order of the values: laws with a dashpot have larger values than laws without.
 
     Most of the code that depends on the law is in this module: `WATCHED`, `damping`, `force`, `force_indicator` and the
     functions that apply events. `chain.series` and `chain.event` treat `HUNT_CROSSLEY` separately, because its force is
@@ -97,7 +99,7 @@ def is_active(contact):
 
 @kernel_helper
 def has_dashpot(contact):
-    """Return whether a contact has a dashpot, so that its force depends on the rate of compression."""
+    """Return whether a contact has a dashpot: its force then depends on the rate of compression."""
     return contact.law >= Law.KELVIN_VOIGT
 
 
@@ -189,7 +191,7 @@ def end_compression(contact):
 def restart_compression(contact):
     """Put a contact in restitution back into compression; its stiffness stays the same.
 
-    Under the law of Liu, Zhao and Brogliato the stiffness becomes the original stiffness again.
+    In the law of Liu, Zhao and Brogliato the stiffness becomes the original stiffness again.
     """
     contact.phase = Phase.COMPRESSION
     if contact.law == Law.LIU_ZHAO_BROGLIATO:

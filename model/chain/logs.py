@@ -44,7 +44,7 @@ def log_points(c, n, work, degree, x, h, time, setup, points, log, row):
 def log_set(c, n, work, sets, first, row):
     """Log the set of active contacts if it differs from the set before it, and return the number of the next free row.
 
-    The sets of this chain begin at row `first`. A rigid contact counts as active while any other contact is active.
+    The sets of this chain begin at row `first`. A rigid contact is logged as active while any other contact is active.
     """
     any_active = False
     for i in range(n):

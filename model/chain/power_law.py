@@ -1,12 +1,12 @@
 """Motion of a chain under power laws such as Hertz's (p = 1.5), integrated in steps of the method DOP853.
 
-No closed form of this motion is known. `advance` makes one step, and `refine_event` repeats a step up to an event.
-`WORK` is the working memory of a contact, which the motion by power series uses as well.
+No closed form of this motion is known. `advance` makes one step, and `refine_event` repeats a step so that it ends at
+an event. `WORK` is the working memory of a contact, which the motion by power series uses as well.
 
 A step has the order 8. After each step, polynomials of degree 3 and 5 are laid through its ends, and their first event
-is found as for linear contacts. The step is then repeated up to the event, whose time is found by Newton's iteration.
-So the event has the accuracy of the method. A force is not smooth where it begins or ends; there the error estimate
-makes the steps shorter.
+is found as for linear contacts. The step is then repeated so that it ends at the event, whose time is found by Newton's
+iteration. So the event has the accuracy of the method. A force is not smooth where it begins or ends; there the error
+estimate makes the steps shorter.
 
 Needs `chain.dop853` for the coefficients of the method. Used by `chain.kernel` and `chain.event`.
 """
@@ -40,7 +40,7 @@ MOST_REFINEMENTS = 60
 REFINEMENTS, LONGEST = 8, 0.05
 
 #: Changes of the time of an event, as shares of the step. At `CONVERGED` Newton's iteration stops. A last change of at
-#: most `RESOLVED` counts as rounding.
+#: most `RESOLVED` is taken for rounding.
 CONVERGED, RESOLVED = 1e-15, 1e-6
 
 
@@ -106,8 +106,8 @@ def error_of_step(c, n, h, work):
 
     The error of a deformation is divided by a length: the deformation at which the contact would hold all the energy of
     impact. For an active contact the length is computed with its running stiffness. For an inactive contact it is
-    computed with the original stiffness. Such a contact may have become far stiffer, and the rounding of its gap would
-    count as an error in units of the shorter length.
+    computed with the original stiffness. An inactive contact may have become far stiffer. In units of the shorter
+    length the rounding of its gap would then appear as an error.
     """
     fifth, third = 0.0, 0.0
     for i in range(n):
@@ -169,8 +169,8 @@ def write_quintic(out, f0, d0, s0, f1, d1, s1):
 def advance(c, n, h, tolerance, work):
     """Move the chain by one step. Its length h is reduced until the error is at most `tolerance`.
 
-    Returned are the length of the step, and the length to try for the next step. The length is 0 if no step is short
-    enough, because a derivative exceeds double precision.
+    The function returns the length of the step, and the length to try for the next step. The length is 0 if no step is
+    short enough, because a derivative exceeds double precision.
     """
     for i in range(n):
         scratch = work[i]
@@ -226,10 +226,10 @@ def value_and_slope_at_end(contact, scratch, watched):
 
 @kernel_helper
 def refine_event(c, n, h, x, i, watched, sign, work):
-    """Repeat a step of length h up to the zero of a watched function of contact i, which is near the time x h.
+    """Repeat a step of length h so that it ends at the zero of a watched function of contact i, near the time x h.
 
-    On entry the chain is at the end of the step, and on return it is at the zero. Returned are the time of the zero,
-    divided by h, and whether the zero is an event. It is no event if only the polynomial has a root, and not the
+    On entry the chain is at the end of the step, and on return it is at the zero. The function returns the time of the
+    zero, divided by h, and whether the zero is an event. It is no event if only the polynomial has a root, and not the
     motion.
 
     Once the function is known to change its sign, Newton's iteration stays inside a bracket. If Newton's step would

@@ -17,7 +17,7 @@ class ChainEnding(IntEnum):
     """How the kernel's computation of a chain ended.
 
     `following.Problem.outcomes` translates the endings without a result into a status and a sentence. Its callers do
-    this for `UNFINISHED`. The numbers differ from all numbers of `pair.record.PairEnding`. So an ending of one kernel
+    this for `UNFINISHED`. The values differ from all values of `pair.record.PairEnding`. So an ending of one kernel
     cannot be taken for an ending of the other.
     """
 
@@ -69,9 +69,9 @@ class Chains(NamedTuple):
 class ChainOptions(NamedTuple):
     """Accuracy of the kernel of chains, and limit of its work."""
 
-    #: Largest error of a step under laws whose motion is integrated in steps.
+    #: Largest error of a step of integration, for laws whose motion is integrated in steps.
     tolerance: float
-    #: Number of windows after which a chain is given up; `kernel.MOST_WORK` is a further limit.
+    #: Largest number of windows of a chain; a chain that needs more is given up. `kernel.MOST_WORK` is a further limit.
     max_windows: int
 
 
@@ -98,7 +98,7 @@ class Setup(NamedTuple):
 
 
 #: Record of the result of one chain, in the scaled units of `Chains`. Energies are relative to the centre of mass or
-#: the table. `energy_share` checks the result: without gravity, and under laws without dashpots, only rounding makes it
+#: the table. `energy_share` checks the result: without gravity, and with laws without dashpots, only rounding makes it
 #: differ from 1.
 RESULT = np.dtype(
     [

@@ -1,7 +1,7 @@
 """Contacts of a chain that become rigid during a collision (supplement, section 3.4).
 
 Each end of compression makes a contact stiffer, and its stiffness may grow without bound in a finite time.
-`ringing_ends` decides after an end of compression whether the contact may count as rigid. `rests_rigidly` decides it
+`ringing_ends` tests after an end of compression whether the contact may be treated as rigid. `rests_rigidly` tests this
 for a contact at rest. `chain.kernel` then unites the two bodies.
 
 Needs `chain.state`. Used by `chain.kernel`.
@@ -33,12 +33,12 @@ SMALL = 1e-6
 
 @kernel_helper
 def ringing_ends(c, n, i):
-    """Return whether contact i, which has just ended compression or is at rest, may count as rigid from here on.
+    """Return whether contact i, which has just ended compression or is at rest, may be treated as rigid from here on.
 
     The force of the contact oscillates about its static load, the force that keeps its bodies at one velocity. Each end
     of compression divides its tangent stiffness by e^2 at the same force, and multiplies its period by e. So the
-    contact becomes rigid after a finite time tau (supplement, 3.4). It counts as rigid at once if four conditions are
-    true until then:
+    contact becomes rigid after a finite time tau (supplement, 3.4). It is treated as rigid at once if four conditions
+    are true until then:
 
     - its energy is negligible beside the energy of its neighbours;
     - the neighbours keep pressing it;
@@ -75,10 +75,13 @@ def ringing_ends(c, n, i):
 
 @kernel_helper
 def rests_rigidly(c, n, i, energy):
-    """Return whether contact i, at rest without force under a power law, would be rigid under its neighbours' load.
+    """Return whether contact i, at rest without force, would be rigid if its neighbours pressed it.
 
-    The energy of the contact under this load is less than rounding. So `chain.state.still_rounding` brings the contact
-    to rest after every step, and the steps never show how it oscillates. That is why it is tested here.
+    The function is used for power laws, whose motion is integrated in steps.
+
+    With the load of its neighbours the energy of the contact is less than rounding. So `chain.state.still_rounding`
+    brings the contact to rest after every step, and the steps never show how it oscillates. That is why it is tested
+    here.
     """
     contact = c[i]
     is_pristine = contact.phase == Phase.COMPRESSION and contact.w == 0 and contact.delta == 0
@@ -96,7 +99,7 @@ def rests_rigidly(c, n, i, energy):
 def bodies_meet_within(c, n, time, least):
     """Return whether bodies across an open gap may meet within a time.
 
-    Bodies that meet with little energy do not count: `least` is twice the smallest energy of approach that matters.
+    Meetings with little energy are ignored: `least` is twice the smallest energy of approach that matters.
     """
     for j in range(n):
         contact = c[j]

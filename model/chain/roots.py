@@ -117,10 +117,10 @@ def refine(f, sign, start, first, degree, low, high, f0, f1, df1):
 def first_root(f, sign, start, degree, limit):
     """Return the first root in (0, limit), limit <= 1, of a polynomial that is positive, or zero and rising, at 0.
 
-    The polynomial is `sign` times the polynomial with the coefficients f up to `degree`, except that its value at 0 is
-    `start`. If `start` is exactly 0, the zero at 0 does not count as a root. Returned is infinity if there is no root,
-    0 if the polynomial is negative from the start, and -1 if the search was given up. The result is also infinity if
-    `limit` is below 0: then an earlier search was given up.
+    The polynomial has the coefficients f, from the power 0 to the power `degree`, times `sign`. Only its value at 0 is
+    replaced by `start`. If `start` is exactly 0, the zero at 0 is not a root. The result is infinite if there is no
+    root, 0 if the polynomial is negative from the start, and -1 if the search was given up. The result is also infinity
+    if `limit` is below 0: then an earlier search was given up.
     """
     if limit < 0:
         return inf

@@ -122,7 +122,7 @@ def force_coefficient(contact, scratch, order, is_product):
 
 @kernel_helper
 def trusted_share(n, work):
-    """Return the share of a window, at most 1, over which the power series under Hunt-Crossley's law can be trusted.
+    """Return the share of a window, at most 1, over which the power series for Hunt-Crossley's law can be trusted.
 
     Over this share the last two terms of the series are below rounding. The terms decrease geometrically, so the
     remainder is about as large as the last two terms. This is the usual choice of a step in Taylor integrators (Jorba
@@ -146,7 +146,7 @@ def trusted_share(n, work):
 
 @kernel_helper
 def expand_product(c, n, h, work):
-    """Write the power series under Hunt-Crossley's law, and return the time, at most h, over which it is valid."""
+    """Write the power series for Hunt-Crossley's law, and return the time, at most h, over which they are valid."""
     expand(c, n, h, work)
     share = trusted_share(n, work)
     while not share > 0:  # some terms of the series exceed double precision

@@ -32,13 +32,13 @@ from impact_xval.model.chain.laws import (
 from impact_xval.model.compiled import kernel_helper
 from impact_xval.model.pair.law import Phase
 
-#: Energy of a contact that counts as rounding, as a share of the energy of its neighbours. `ROUNDING` is valid for
-#: motion by power series: about the square of 2^-53, the rounding of a velocity. `ROUNDING_OF_STEPS` is valid for
-#: motion in steps.
+#: Largest energy of a contact that is taken for rounding, as a share of the energy of its neighbours. `ROUNDING` is
+#: valid for motion by power series: about the square of 2^-53, the rounding of a velocity. `ROUNDING_OF_STEPS` is valid
+#: for motion in steps.
 ROUNDING, ROUNDING_OF_STEPS = 1e-32, 1e-26
 
-#: Energies below this share of the energy of impact count as zero. In a long row of balls the forces far ahead of the
-#: wave are so small that they underflow.
+#: Energies below this share of the energy of impact are taken as zero. In a long row of balls the forces far ahead of
+#: the wave are so small that they underflow.
 UNDERFLOW = 1e-150
 
 
@@ -158,8 +158,8 @@ def oscillation(c, i):
 def static_load(c, i):
     """Return the static load of contact i, its derivative in time, and the `oscillation` of a neighbouring contact.
 
-    The static load is the force that keeps the rate of the contact constant, w_i' = 0. Of the two neighbours, the one
-    with the larger `oscillation` counts.
+    The static load is the force that keeps the rate of the contact constant, w_i' = 0. The returned `oscillation` is
+    the larger one of those of the two neighbours.
     """
     inverse = c[i].a + c[i + 1].a
     static, slope, swing = c[i].g / inverse, 0.0, 0.0
@@ -179,7 +179,7 @@ def rounding_energy(contact, energy):
 
     `energy` is the energy of impact. A contact shares a ball with its neighbour, and the neighbour gives this ball at
     most its own energy. The contact gets a wrong energy only by the rounding of the ball's velocity. Ahead of a wave no
-    neighbour has moved; there only energies that underflow count as rounding.
+    neighbour has moved. There only energies that underflow are taken for rounding.
     """
     share = ROUNDING_OF_STEPS
     if has_dashpot(contact):
@@ -295,8 +295,9 @@ def energy_left(c, n):
 def bring_to_rest(c, n):
     """Make all contacts inactive that are active or whose bodies approach, and set their rates to 0.
 
-    Returned are their strain energy, which is lost, and whether a contact among them has a restitution below 1. If no
-    contact has, the state is not the limit of infinitely many events, and the lost energy is only rounding.
+    The function returns their strain energy, which is lost, and whether a contact among them has a restitution below 1.
+    If all restitutions are 1, the state is not the limit of infinitely many events, and the lost energy is only
+    rounding.
     """
     dropped, is_lossy = 0.0, False
     for i in range(n):

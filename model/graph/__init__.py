@@ -10,17 +10,17 @@ What users call:
 How a graph is solved:
 
 - `law`: which functions of a contact are watched for a zero, and the effect of each event.
-- `motion`: the power series of the motion between events, and the start rule, which decides at first touch and after
-  each event which contacts are active.
+- `motion`: the power series of the motion between events, and the start rule, which makes contacts active at first
+  touch and after each event.
 - `event`: the search for the first event. `rigid`: infinitely stiff contacts. `grazing`: how near the collision is to a
   jump of its outcome.
 - `kernel`: the compiled loop over events. `state`: the record of a contact, and its energies. `record`: types that the
   kernel shares with Python.
-- `in_time`: the same graphs under laws whose contacts have a depth, such as a spring with a dashpot.
+- `in_time`: the same graphs for contact laws over time, whose contacts have a depth, such as a spring with a dashpot.
 
 This package takes four things from `model.chain`: power series (`chain.series`), the certified first root of a
 polynomial (`chain.roots`), the turning points of a rate (`chain.grazing`), and the shares of energy below which a
-contact counts as rigid (`chain.rigid`).
+contact is treated as rigid (`chain.rigid`).
 """
 
 from importlib import import_module

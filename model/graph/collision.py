@@ -26,7 +26,7 @@ _TURNS = Legal("angular_velocities", _VELOCITIES.low, _VELOCITIES.high, "finite 
 _LENGTHS = Legal("", _VELOCITIES.low, _VELOCITIES.high, "finite numbers (m)")
 _RADII = Legal("radii", _MASSES.low, _MASSES.high, "finite numbers > 0 (m)")
 
-#: Largest gap or overlap of two balls that counts as touching, as a share of the sum of their radii. It allows for the
+#: Largest gap or overlap at which two balls are taken to touch, as a share of the sum of their radii. It allows for the
 #: rounding of positions.
 TOUCHING = 1e-9
 

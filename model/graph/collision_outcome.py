@@ -37,7 +37,8 @@ class GraphCollisionOutcome:
     reason : str
         One sentence that explains the status.
     mark : str
-        One sentence if the outcome is next to a jump of the solver's law, else empty.
+        One sentence that warns of the outcome if a tiny change of the input would make it jump to another outcome of
+        the solver's law; else empty.
     diagnostics : mapping of str to float
         Further numbers of the solver, by name, such as residuals and errors.
     limit_velocities : tuple of tuple of float
@@ -60,7 +61,7 @@ class GraphCollisionOutcome:
 
     @property
     def has_result(self) -> bool:
-        """Whether the numbers are a result of the solver."""
+        """Whether the velocities are a result of the solver."""
         return bool(IS_RESULT[STATUSES.index(self.status)])
 
     @property

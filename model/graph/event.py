@@ -8,8 +8,8 @@ has just happened must not be found again. Therefore a function that is 0 when t
 the power of x with which it begins.
 
 **Which event is first.** The event is the earliest root of all watched functions. The contacts are searched one after
-another, each only up to the earliest root so far. If two roots are equal, the root of the contact with the lower
-number counts.
+another, each only up to the earliest root so far. If two roots are equal, the event belongs to the contact with the
+lower number.
 
 Used by `graph.kernel`.
 """
@@ -26,7 +26,10 @@ from impact_xval.model.graph.law import WATCHED, GraphWatched
 
 
 class GraphEvent(NamedTuple):
-    """First event of a window, or no event."""
+    """First event of a window, or no event.
+
+    A window is a time over which one power series gives the motion.
+    """
 
     #: Number of the contact, from 0; -1 if the window has no event.
     contact: int

@@ -1,10 +1,10 @@
 """The grazing margin of a graph: how near the collision is to a jump of its outcome.
 
-The outcome jumps where the rate of compression w_i of an active contact touches zero without crossing it. Therefore
-all turning points of these rates, w_i' = 0, are found. At each turning point abs(w_i) is divided by the sum of the
+The outcome jumps where the rate of compression w_i of an active contact touches zero without crossing it. Therefore all
+turning points of these rates, w_i' = 0, are found. At each turning point abs(w_i) is divided by the sum of the
 amplitudes of the sinusoids of which w_i then consists. The margin is the smallest quotient (docs/theory.md, section 6).
-A turning point counts if its quotient is below `NEAR`, and if an end of compression at this time would lose more than
-the share `STAKE` of the energy of impact.
+A turning point is ignored if its quotient is above `NEAR`, or if an end of compression at this time would lose less
+than the share `STAKE` of the energy of impact.
 
 **Amplitudes.** With u_i = sqrt(k_i) w_i the motion is u'' = -A u (`graph.motion`). Let p be a unit eigenvector of A,
 and lambda its eigenvalue. This mode adds to w_i a sinusoid of the amplitude
@@ -31,7 +31,7 @@ from impact_xval.model.pair.grazing import NEAR, STAKE
 #: Largest number of sweeps of Jacobi's method over the matrix; about six sweeps are enough.
 MOST_SWEEPS = 40
 
-#: Largest difference between two eigenvalues that count as equal, as a share of the largest eigenvalue.
+#: Largest difference between two eigenvalues that are taken as equal, as a share of the largest eigenvalue.
 SAME = 1e-9
 
 
@@ -84,7 +84,7 @@ def amplitude(c, matrices, i, x, h):
         highest = max(highest, A[mode, mode])
     total = 0.0
     for mode in range(c.size):
-        is_new = A[mode, mode] > c.size * EPSILON * highest  # a mode of frequency 0 is not in the motion
+        is_new = A[mode, mode] > c.size * EPSILON * highest  # a mode of frequency 0 does not oscillate
         for before in range(mode):
             is_new &= abs(A[before, before] - A[mode, mode]) > SAME * highest
         if is_new:
@@ -94,9 +94,10 @@ def amplitude(c, matrices, i, x, h):
 
 @kernel_helper
 def amplitude_of_frequency(c, matrices, i, mode, distance, x, h):
-    """Return sqrt(k_i) times the amplitude that all modes with the frequency of `mode` have in the rate of contact i.
+    """Return the amplitude of one sinusoid in the rate of contact i, times sqrt(k_i).
 
-    Eigenvalues that differ by at most `distance` belong to one frequency.
+    The sinusoid has the frequency of `mode`. It is the sum of all modes with this frequency. Eigenvalues that differ by
+    at most `distance` belong to one frequency.
     """
     A, vectors = matrices.A, matrices.vectors
     by_rate, by_slope = 0.0, 0.0

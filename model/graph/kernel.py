@@ -35,10 +35,10 @@ from impact_xval.model.graph.state import (
     strain_energy,
 )
 
-#: If the contacts have less than this share of the energy of impact left, they all count as at rest.
+#: If the contacts have less than this share of the energy of impact left, they are all taken to be at rest.
 COLLAPSED = 1e-30
 
-#: Largest gain of kinetic energy that counts as rounding, as a share of the energy of impact. The model's law never
+#: Largest gain of kinetic energy that is taken for rounding, as a share of the energy of impact. The model's law never
 #: makes energy.
 GAIN = 1e-9
 
@@ -47,7 +47,7 @@ GAIN = 1e-9
 def begin(c, matrices, graphs, graph):
     """Set all contacts of a graph to their state at first touch.
 
-    No contact is active yet. The start rule of the first window decides which contacts become active (`graph.law`).
+    No contact is active yet. The start rule (`graph.law`) makes contacts active at the beginning of the first window.
     """
     for i in range(c.size):
         contact = c[i]
@@ -88,7 +88,7 @@ def energy_left(c, W):
 
 @kernel_helper
 def end_held(c, W):
-    """Deactivate the active contacts that rigid contacts keep at rest, and return their strain energy, which is lost.
+    """Deactivate the active contacts that rigid contacts keep at rest. Return their strain energy, which is lost.
 
     The rate of such a contact is 0 and stays 0, so its bodies are jammed: all forces are in balance for ever.
     """
@@ -106,7 +106,7 @@ def end_held(c, W):
 def bring_to_rest(c):
     """Deactivate all active contacts, and set their rates to 0.
 
-    Returned are their strain energy, which is lost, and whether a contact among them has a restitution below 1.
+    The function returns their strain energy, which is lost, and whether a contact among them has a restitution below 1.
     """
     dropped, is_lossy = 0.0, False
     for i in range(c.size):
@@ -190,8 +190,8 @@ def log_active(log, row, time, logged, active):
 def collide(c, matrices, energy, most_windows, log, first_row, result):
     """Follow a graph from first touch to the end of its collision.
 
-    Returned are the strain energy that was lost in contacts, and the number of the next row of the log. All fields of
-    `result`, a record of `graph.record.GRAPH_RESULT`, are filled in except `energy_residual`.
+    The function returns the strain energy that was lost in contacts, and the number of the next row of the log. All
+    fields of `result`, a record of `graph.record.GRAPH_RESULT`, are filled in except `energy_residual`.
     """
     ending, events, windows = GraphEnding.UNFINISHED, 0, 0
     margin, loss, time = inf, 0.0, 0.0
@@ -257,7 +257,7 @@ def follow_graphs(c, matrices, graphs, most_windows, log, ends):
     graphs : Graphs
         The graphs, scaled so that all values are about 1.
     most_windows : int
-        Number of windows after which a graph is given up.
+        Largest number of windows of a graph. A graph that needs more is given up.
     log : recarray of `graph.record.EVENT`
         Events of all graphs, one graph after another. Events beyond the size of the log are dropped, but are counted
         in `n_rows` of the results.

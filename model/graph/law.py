@@ -72,7 +72,7 @@ def restart_compression(contact):
 
 @kernel_helper
 def deactivate(contact):
-    """Make a contact inactive. It keeps its stiffness, with which it compresses again if it returns."""
+    """Make a contact inactive. If it becomes active again, it compresses with the stiffness that it has now."""
     contact.F = 0.0
     contact.phase = GraphPhase.INACTIVE
 

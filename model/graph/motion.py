@@ -18,7 +18,7 @@ be singular.
 **Why a series.** Natural modes need not be found, and no digits are lost where stiffnesses differ by many orders.
 
 **Start rule.** A contact at rest becomes active if the first non-zero derivative of its rate is positive (`graph.law`).
-This derivative belongs to the first non-zero coefficient of the series, so `expand` decides order by order. If a
+This derivative belongs to the first non-zero coefficient of the series, so `expand` tests this order by order. If a
 contact becomes active at order n, its force begins with order n + 1. So all coefficients that are already written stay
 valid.
 
@@ -39,7 +39,7 @@ from impact_xval.model.compiled import kernel_helper
 from impact_xval.model.graph.state import GraphPhase, is_compliant
 
 #: Largest rounding error of a sum over contacts, as a share of the sum of the absolute values of its terms. Where only
-#: the sign of a sum matters, a sum below this share counts as 0.
+#: the sign of a sum matters, a sum below this share is taken as 0.
 ROUNDING = 2.0**-46
 
 #: Factors 1/(n + 1), with which the coefficients n of a power series give its integral.
@@ -48,10 +48,10 @@ INVERSE_NEXT = 1 / np.arange(1.0, ORDER + 2)
 
 @kernel_helper
 def apply_start_rule(c):
-    """Apply the start rule to each contact without force, as far as its rate of compression decides.
+    """Apply the start rule to each contact without force, as far as only its rate of compression is needed.
 
-    If the rate is positive, the contact becomes active. If the rate is 0, the contact is flagged as undecided: `decide`
-    decides it by derivatives of the rate.
+    If the rate is positive, the contact becomes active. If the rate is 0, the contact gets the flag `undecided`, and
+    `decide` later tests derivatives of the rate.
     """
     for i in range(c.size):
         contact = c[i]
@@ -69,8 +69,8 @@ def window_length(c, W):
 
     h is `ANGLE` over the root of an upper bound of the largest eigenvalue of A = sqrt(K) W sqrt(K). The bound is the
     smaller one of two: the largest sum of a row of W K, which is similar to A (Gershgorin), and the Frobenius norm of
-    A. Undecided contacts count as active, because they may become active. If the bound is 0, because rigid contacts
-    keep all other contacts at rest, the length is 1.
+    A. Contacts with the flag `undecided` are included, because they may become active. If the bound is 0, because rigid
+    contacts keep all other contacts at rest, the length is 1.
     """
     largest_row, squares = 0.0, 0.0
     for i in range(c.size):
@@ -89,11 +89,11 @@ def window_length(c, W):
 
 @kernel_helper
 def decide(c, W, i, order):
-    """Decide whether the undecided contact i becomes active, by the derivative of its rate that belongs to `order`.
+    """Apply the start rule to contact i at one order: test the derivative of its rate that belongs to `order`.
 
-    The derivative is a sum over contacts, `total` of the contact. If it is positive the contact becomes active, and if
-    it is negative the contact stays inactive. If it may be rounding only, the contact stays undecided until the next
-    order. Returned is the sum, or 0 if it may be rounding only.
+    The contact must have the flag `undecided`. The derivative is a sum over contacts, `total` of the contact. If it is
+    positive the contact becomes active, and if it is negative the contact stays inactive. If it may be rounding only,
+    the flag stays for the next order. The function returns the sum, or 0 if it may be rounding only.
     """
     contact, size = c[i], 0.0
     for j in range(c.size):
@@ -119,9 +119,10 @@ def write_rigid_forces(c, pivots, order):
 
 @kernel_helper
 def expand(c, matrices, h):
-    """Write the power series of all rates w_i and forces F_i in x = t/h, and decide the undecided contacts.
+    """Write the power series of all rates w_i and forces F_i in x = t/h, and make contacts active by the start rule.
 
-    The series have the powers 0 to `ORDER`. h is the length of the window.
+    The series have the powers 0 to `ORDER`. h is the length of the window. The start rule is applied to contacts with
+    the flag `undecided`, which are at rest without force.
     """
     W, any_pivot = matrices.W, False
     for i in range(c.size):

@@ -18,7 +18,7 @@ from impact_xval.model.marks import GRAZING
 from impact_xval.model.states import name_of_set
 from impact_xval.model.status import IS_RESULT, STATUSES, Status
 
-#: Events count as simultaneous if their times differ by at most this share of the duration of the collision. In a
+#: Events are listed as simultaneous if their times differ by at most this share of the duration of the collision. In a
 #: symmetric graph simultaneous events get slightly different times by rounding.
 SAME_INSTANT = 1e-12
 
@@ -59,7 +59,7 @@ class GraphOutcome:
     impulses : tuple of float, one per contact
         Total impulses along the normals, in N s; NaN if there is no result, for which `status` gives the reason. If the
         Delassus matrix is singular, the final velocities alone would allow different impulses. The stiffnesses then
-        decide which impulses the model gives.
+        determine which impulses the model gives.
     rates : tuple of float, one per contact
         Rates of compression when the collision is over, in m/s: zero or negative.
     states : tuple of str
@@ -76,7 +76,7 @@ class GraphOutcome:
         How near the collision is to a jump of its outcome: the smallest relative size of a rate of compression at a
         turning point. Infinite if no rate had a turning point near zero.
     mark : str
-        One sentence if the grazing margin is below the threshold, else empty.
+        One sentence that warns of the outcome if the grazing margin is below the threshold, else empty.
     n_events : int
         Number of events of single contacts, plus the number of times at which all active contacts came to rest.
     events : tuple of ContactEvent
@@ -106,7 +106,7 @@ class GraphOutcome:
 
     @property
     def has_result(self) -> bool:
-        """Whether the numbers are a result of the model."""
+        """Whether the impulses and rates are a result of the model."""
         return bool(IS_RESULT[STATUSES.index(self.status)])
 
 
@@ -161,7 +161,7 @@ class GraphOutcomes(Sequence[GraphOutcome]):
 
     @property
     def has_result(self) -> Booleans:
-        """True for each graph whose numbers are a result of the model; shape (n,)."""
+        """True for each graph whose impulses and rates are a result of the model; shape (n,)."""
         return IS_RESULT[self.status]
 
     def __len__(self) -> int:

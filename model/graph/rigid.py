@@ -12,10 +12,10 @@ pivot W_rr is 0. This contact is not eliminated, and carries no force.
 
 **Which contacts press.** A rigid contact can only push: F_r >= 0 and w_r <= 0, and one of the two is 0. In a chain the
 neighbours of a rigid contact only press it, so it stays closed. In a graph the neighbours may also pull it open. The
-first non-zero coefficient of a power series decides. For a contact that carries force, this coefficient of its force
-must not be negative. For a contact without force, this coefficient of its rate must not be positive. `exchange` changes
-the phase of the first contact that breaks this rule. `expand_with_rigid` then writes the series anew, until no contact
-breaks the rule.
+first non-zero coefficient of a power series shows whether a contact presses. For a contact that carries force, this
+coefficient of its force must not be negative. For a contact without force, this coefficient of its rate must not be
+positive. `exchange` changes the phase of the first contact that breaks this rule. `expand_with_rigid` then writes the
+series anew, until no contact breaks the rule.
 
 This is the least-index rule of Murty (Opsearch 11, 1974) for a linear complementarity problem. The rule is valid over
 every ordered field, so also for power series. It is proven to end if the part of W that belongs to the rigid contacts
@@ -34,10 +34,10 @@ from impact_xval.model.compiled import kernel_helper
 from impact_xval.model.graph.motion import ROUNDING, apply_start_rule, expand, window_length
 from impact_xval.model.graph.state import GraphPhase, is_compliant, oscillation
 
-#: A pivot below this share of the contact's W_ii counts as 0: other rigid contacts already keep its rate at 0.
+#: A pivot below this share of the contact's W_ii is taken as 0: other rigid contacts already keep its rate at 0.
 NO_PIVOT = 1e-12
 
-#: Number of changes of phase by `exchange`, per contact of the graph, after which the graph is given up.
+#: Largest number of changes of phase by `exchange`, per contact of the graph. With more changes the graph is given up.
 MOST_EXCHANGES = 8
 
 
@@ -45,7 +45,7 @@ MOST_EXCHANGES = 8
 def eliminate(c, matrices):
     """Eliminate the contacts whose phase is RIGID from the Delassus matrix.
 
-    Written are the reduced matrix `W` and the rows `pivots`, from which the forces of these contacts follow.
+    The function writes the reduced matrix `W`, and the rows `pivots`, from which the forces of these contacts follow.
     """
     full, W, pivots = matrices.full, matrices.W, matrices.pivots
     for i in range(c.size):
@@ -78,7 +78,8 @@ def eliminate(c, matrices):
 def leading_sign(coefficients, scale):
     """Return the sign of the first coefficient that is more than rounding; 0 if all of them are rounding.
 
-    Coefficients up to `ROUNDING` times `scale` count as rounding, and are set to 0 up to the first larger coefficient.
+    A coefficient is taken for rounding if its magnitude is at most `ROUNDING` times `scale`. All coefficients before
+    the first larger one are set to 0.
     """
     for order in range(ORDER + 1):
         if abs(coefficients[order]) > ROUNDING * scale:
@@ -91,7 +92,8 @@ def leading_sign(coefficients, scale):
 def expand_with_rigid(c, matrices):
     """Decide which rigid contacts carry force, and write the power series of the next window.
 
-    Returned is the length of the window, or -1 if the decision took too many exchanges.
+    The function returns the length of the window, or -1 if more than `MOST_EXCHANGES` changes of phase per contact were
+    needed.
     """
     any_rigid = False
     for i in range(c.size):
@@ -141,11 +143,11 @@ def make_rigid(contact):
 
 @kernel_helper
 def ringing_ends(c, W, i):
-    """Return whether contact i, which has just ended compression, may count as rigid from here on.
+    """Return whether contact i, which has just ended compression, may be treated as rigid from here on.
 
     The force of the contact oscillates about its static load, the force that keeps its rate constant. Each end of
     compression divides the stiffness by e^2 and multiplies the period by e. So the contact becomes rigid after a finite
-    time tau (supplement, 3.4). It counts as rigid at once if three conditions are true until then:
+    time tau (supplement, 3.4). It is treated as rigid at once if three conditions are true until then:
 
     - its energy is negligible beside the energy of its neighbours;
     - the neighbours keep pressing it;

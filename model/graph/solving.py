@@ -34,27 +34,29 @@ from impact_xval.model.graph.state import new_contacts, new_matrices
 from impact_xval.model.inputs import GRAZING_THRESHOLD, LINE, MASS_PRECISION, Legal, checked_array
 from impact_xval.model.status import IS_RESULT, Ending, first_endings, reason_texts_of
 
-#: Limits of the computation of one graph, which is given up when it exceeds both. `MOST_WORK` is about a second, in the
-#: unit of `window_work`. `LEAST_WINDOWS` is a number of windows; a chain of 60 contacts needs up to 10,000 windows.
+#: Limits of the computation of one graph. A graph that exceeds both is given up. `MOST_WORK` is about a second, in the
+#: unit of `window_work`. `LEAST_WINDOWS` is a number of windows; a chain of 60 contacts needs at most 10,000 windows.
 MOST_WORK, LEAST_WINDOWS = 15_000_000, 20_000
 
 #: Number of graphs that a thread follows in one call of the kernel, and number of events per graph for which a log has
 #: room at first.
 SHARE, EVENT_ROWS = 512, 24
 
-#: A negative eigenvalue of W counts as rounding if its magnitude is at most this share of the largest eigenvalue. W is
-#: first scaled to ones on its diagonal.
+#: A negative eigenvalue of the Delassus matrix W is taken for rounding if its magnitude is at most this share of the
+#: largest eigenvalue. W is first scaled to ones on its diagonal.
 NEGATIVE = 1e-10
 
-#: Part of the rates that lies outside the range of W, as a share of the rates, up to which it counts as rounding.
+#: Rates of compression must lie in the range of the Delassus matrix W. A part outside the range is taken for rounding
+#: if it is at most this share of the rates.
 OUTSIDE = 1e-9
 
-#: Largest residual of the balance of impulses, and of the balance of energy, with which the numbers of a graph count as
-#: a result. Jammed bodies exceed it, because they oscillate without end at ever higher stiffnesses, until their rates
-#: are only rounding.
+#: Largest residual of the balance of impulses, and of the balance of energy, with which impulses and rates of a graph
+#: are a result. Jammed bodies exceed it, because they oscillate without end at ever higher stiffnesses, until their
+#: rates are only rounding.
 UNBALANCED = 1e-9
 
-#: Largest difference between W_ij and W_ji that counts as rounding, divided by sqrt(W_ii W_jj).
+#: Largest difference between the entries W_ij and W_ji of a Delassus matrix that is taken for rounding, divided by
+#: sqrt(W_ii W_jj).
 ASYMMETRY = 1e-12
 
 _, _STIFFNESSES, _RESTITUTIONS, _VELOCITIES, _ = LINE
@@ -89,10 +91,10 @@ def solve_graph(
         Rates of compression w = -J v at first touch, in m/s; positive where bodies approach. At least one rate is
         positive. The vector of rates has to lie in the range of W.
     max_windows : int, optional
-        Number of windows, the times over which a power series is used, after which a graph is given up. The default
-        takes about a second.
+        Largest number of windows of a graph; a window is a time over which one power series is used. A graph that needs
+        more is given up. The default takes about a second.
     grazing_threshold : float
-        Grazing margin below which the outcome is marked.
+        Grazing margin below which the outcome gets a mark, a sentence that warns that it is near a jump.
 
     Returns
     -------
@@ -125,9 +127,10 @@ def solve_graph_collision(
     ----------
     collision : GraphCollision
     max_windows : int, optional
-        Number of windows of time after which the collision is given up; the default takes about a second.
+        Largest number of windows of time of the collision. A collision that needs more is given up. The default takes
+        about a second.
     grazing_threshold : float
-        Grazing margin below which the outcome is marked.
+        Grazing margin below which the outcome gets a mark, a sentence that warns that it is near a jump.
 
     Returns
     -------
@@ -177,9 +180,9 @@ def solve_graphs(
         Stiffnesses in N/m, coefficients of restitution, and rates of compression at first touch in m/s. `solve_graph`
         states their legal ranges.
     max_windows : int, optional
-        Number of windows after which a graph is given up; the default takes about a second.
+        Largest number of windows of a graph. A graph that needs more is given up. The default takes about a second.
     grazing_threshold : float
-        Grazing margin below which an outcome is marked.
+        Grazing margin below which an outcome gets a mark, a sentence that warns that it is near a jump.
     events : bool
         Whether events are recorded. Without them the outcomes have no events and no sets of active contacts.
 
@@ -267,7 +270,7 @@ def _endings(
 ) -> list[Ending]:
     """Return all ways in which a graph may have ended, each with the graphs that ended so, a status and a sentence.
 
-    The first ending that is true of a graph counts. So the endings without a result come first.
+    A graph gets the first ending whose condition is true for it. So the endings without a result come first.
     """
     ending = results["ending"]
     failures = [
@@ -303,7 +306,7 @@ def _endings(
 
 
 def _closed_forms(results: Records) -> list[Ending]:
-    """Return the endings of graphs for which closed forms were used, one for each combination of closed forms."""
+    """Return one ending for each combination of closed forms with which a graph may have been solved."""
     parts = {"plastic": PLASTIC_REASON, "runaway": RUNAWAY_REASON, "collapse": COLLAPSE_REASON}
     endings: list[Ending] = []
     for bits in range(7, 0, -1):
@@ -379,10 +382,10 @@ def scaled_graphs(
 ) -> tuple[Graphs, tuple[Floats, Floats, Floats], Booleans]:
     """Scale graphs so that their values are about 1.
 
-    Returned are the scaled graphs; their units of mass, time and velocity; and which graphs can be followed in double
-    precision. For each graph the unit of mass is 1/W_11, the unit of time is sqrt(1/(W_11 k_1)), and the unit of
-    velocity is the largest rate. By Theorem 5 of the paper the outcome does not depend on the units. A ValueError names
-    a Delassus matrix W with a negative eigenvalue, or rates outside the range of W.
+    The function returns the scaled graphs, their units of mass, time and velocity, and True for each graph that can be
+    followed in double precision. For each graph the unit of mass is 1/W_11, the unit of time is sqrt(1/(W_11 k_1)), and
+    the unit of velocity is the largest rate. By Theorem 5 of the paper the outcome does not depend on the units. A
+    ValueError names a Delassus matrix W with a negative eigenvalue, or rates outside the range of W.
     """
     contacts = w.shape[1]
     mass, speed = 1 / W[:, 0, 0], np.abs(w).max(axis=1)

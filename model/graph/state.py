@@ -23,12 +23,12 @@ from impact_xval.model.arrays import Records, zero_records
 from impact_xval.model.chain.series import ORDER
 from impact_xval.model.compiled import kernel_helper
 
-#: Energy of a contact that counts as rounding, as a share of the largest energy of it and its neighbours. It is the
-#: square of 2^-48: a rate is a sum over many contacts, so its relative rounding is larger than 2^-53.
+#: Largest energy of a contact that is taken for rounding, as a share of the largest energy of it and its neighbours. It
+#: is the square of 2^-48: a rate is a sum over many contacts, so its relative rounding is larger than 2^-53.
 ROUNDING_ENERGY = 2.0**-96
 
-#: Energies below this share of the energy of impact count as zero. In a long row of balls the forces far ahead of the
-#: wave are so small that they underflow.
+#: Energies below this share of the energy of impact are taken as zero. In a long row of balls the forces far ahead of
+#: the wave are so small that they underflow.
 UNDERFLOW = 1e-150
 
 
@@ -53,7 +53,7 @@ GRAPH_CONTACT = np.dtype(
         ("phase", "i8"),  # one of `GraphPhase`
         ("is_rigid", "?"),  # whether the contact has become rigid; its phase is then RIGID or INACTIVE
         ("reach", "f8"),  # largest `oscillation` so far of this contact and its neighbours
-        ("undecided", "?"),  # whether the contact is at rest without force, so that the start rule decides
+        ("undecided", "?"),  # at rest without force: the start rule may make the contact active
         ("has_pivot", "?"),  # whether `graph.rigid.eliminate` has eliminated the contact from W
         ("total", "f8"),  # intermediate result: a sum in `graph.motion.expand`, or the value of `oscillation`
         (

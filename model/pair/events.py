@@ -66,7 +66,7 @@ SHORTEST_WINDOW = 1e-9
 #: at every sixth window (`clear_until`).
 ENVELOPE_RATIO = 6.0
 
-#: Number of windows after which a collision is given up, after half a second.
+#: Largest number of windows of a collision; they take half a second. A collision that needs more is given up.
 MOST_WINDOWS = 5_000_000
 
 
@@ -90,7 +90,7 @@ class Four(NamedTuple):
 
 
 class Segment(NamedTuple):
-    """A segment of S1, a time without events, whose end is searched."""
+    """A segment of the state S1: a time without events, in which both contacts are active. Its end is searched for."""
 
     #: Mass ratio m2/m1.
     mu: float
@@ -322,7 +322,7 @@ def chase_root(segment, bounds, below, before, end, noise, fresh1, fresh2, t, h)
     """Return a root of one of the functions that are below zero at the end of a window from t to t + h.
 
     The function that seems to have reached zero first is chosen, so that no roots of other functions have to be found.
-    Returned are this function, its root counted from t, and the modal coordinates q and r at the root.
+    The function returns the chosen function, its root counted from t, and the modal coordinates q and r at the root.
     """
     modes, a, b = segment.modes, segment.a, segment.b
     sign1, sign2 = segment.signs
@@ -384,7 +384,7 @@ def margin_after(segment, bounds, before, end, t, h, margin):
 
 @force_inlined
 def clear_until(segment, radius, t):
-    """Return the time, not before t, up to which the envelopes prove that all watched functions stay above zero."""
+    """Return the time, not before t, until which the envelopes prove that all watched functions stay above zero."""
     modes, omega, a, b = segment.modes, segment.modes.omega, segment.a, segment.b
     sign1, sign2 = segment.signs
     rate1 = (sign1 * modes.delta[0], sign1 * modes.delta[1])

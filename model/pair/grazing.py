@@ -18,13 +18,14 @@ from impact_xval.model.compiled import force_inlined, kernel_helper
 from impact_xval.model.pair.motion import modal_coordinates
 from impact_xval.model.pair.roots import EPSILON, Jet, positive_between, root_before
 
-#: A turning point counts if an end of compression at this time would lose at least this share of the energy of impact.
-#: If the loss is smaller, the outcome hardly depends on whether compression ends.
+#: Share of the energy of impact. A turning point of a rate of compression is ignored if an end of compression at this
+#: time would lose less than this share. The outcome then hardly depends on whether compression ends there.
 STAKE = 1e-6
 
-#: A turning point counts if the rate is at most this share of its amplitude. An outcome without such a turning point
-#: has an infinite margin. The number must not exceed `pair.roots.ENVELOPE_RESERVE`. Outcomes are marked by a far
-#: smaller threshold, `model.inputs.GRAZING_THRESHOLD`.
+#: Share of the amplitude of a rate of compression. A turning point is ignored if the rate is larger there than this
+#: share. An outcome whose turning points are all ignored has an infinite margin. The number must not exceed
+#: `pair.roots.ENVELOPE_RESERVE`. The threshold for marks, the sentences that warn of outcomes, is far smaller:
+#: `model.inputs.GRAZING_THRESHOLD`.
 NEAR = 0.05
 
 #: Shortest part of a window that is still halved in the search for pairs of turning points, in radians of the fast
@@ -94,9 +95,10 @@ def jet_of(c, omega, q, r):
 def nearest_turn(c, force, least_square, t, h, omega, a, b):
     """Return the smallest magnitude of a rate at its turning points in (t, t + h); infinity without turning points.
 
-    The rate is the sum of c_j q_j over both modes j, and the force of the contact is the sum of force_j r_j. A turning
-    point counts if the square of the force exceeds `least_square`. No turning point is missed. The window is searched
-    in parts: inside each part it is proven that the slope has no zero, and a part may end at a zero of the slope.
+    The rate is the sum of c_j q_j over both modes j, and the force of the contact is the sum of force_j r_j. Turning
+    points are ignored if the square of the force is at most `least_square`. No other turning point is missed. The
+    window is searched in parts: inside each part it is proven that the slope has no zero, and a part may end at a zero
+    of the slope.
     """
     w0, w1 = omega
     # The slope is the sum of g_j r_j. r_j starts at b_j. Its derivative is -omega_j q_j, and -q_j starts at -a_j.

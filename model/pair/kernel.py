@@ -31,11 +31,12 @@ from impact_xval.model.pair.path import write_both, write_lone, write_point
 from impact_xval.model.pair.record import PairEnding, State
 from impact_xval.model.pair.ringing import next_zero_of_rate
 
-#: Share of the energy of impact below which bodies count as at rest. Under the law of Liu, Zhao and Brogliato some
+#: Share of the energy of impact below which bodies are taken to be at rest. By the law of Liu, Zhao and Brogliato some
 #: collisions repeat one cycle of states for ever, and each cycle leaves a fixed share of the energy.
 COLLAPSED = 1e-30
 
-#: Ratios of running stiffnesses above this number count as infinite, and ratios below its inverse count as zero.
+#: Ratios of running stiffnesses above this number are taken as infinite, and ratios below its inverse are taken as
+#: zero.
 PRECISION_RATIO = 1e30
 
 
@@ -60,10 +61,10 @@ def segment_of(pair, mu, modes):
 
 @force_inlined
 def follow_both_contacts(segment, pair, options, margin):
-    """Follow a segment of S1 up to its first event, and apply the impact law to the event.
+    """Follow a segment of the state S1 to its first event, and apply the impact law to the event.
 
-    Returned are the pair after the event, whether rate 1 was zero at the event, whether rate 2 was zero, the duration
-    of the segment, the grazing margin so far, and the number of windows that the search has tried.
+    The function returns the pair after the event, whether rate 1 was zero at the event, whether rate 2 was zero, the
+    duration of the segment, the grazing margin so far, and the number of windows that the search has tried.
     """
     start = Motion(pair.d1, pair.v2, pair.contact1.F, pair.contact2.F)
     duration, windows, at_event = 0.0, 1, start

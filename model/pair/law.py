@@ -43,7 +43,7 @@ class Contact(NamedTuple):
     k: float
     #: Strain energy.
     E: float
-    #: Force sqrt(2 k E). It is up to date in S1 only, where both contacts are active.
+    #: Force sqrt(2 k E). The value is valid only in S1, where both contacts are active.
     F: float
     #: Coefficient of restitution.
     e: float

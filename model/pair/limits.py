@@ -1,8 +1,8 @@
-"""Closed forms of the limiting cases of two balls on a table: a contact counts as rigid, that is, infinitely stiff.
+"""Closed forms of the limiting cases of two balls on a table, in which a contact is rigid, that is, infinitely stiff.
 
-`rigid_contact` decides which contact counts as rigid. `runaway` computes the energy that a contact gives to the other
-contact while its stiffness grows without bound in a finite time. `view_from` returns both contacts as the stiff and the
-soft contact.
+`rigid_contact` returns the contact that is treated as rigid. `runaway` computes the energy that a contact gives to the
+other contact while its stiffness grows without bound in a finite time. `view_from` returns both contacts as the stiff
+and the soft contact.
 
 **Motion with a rigid contact.** In S1 a rigid contact does one of two things (`pair.lone`; docs/theory.md, section 4).
 If it has enough energy to part its bodies, it completes its own impact at once, in no time for the soft contact.
@@ -10,8 +10,8 @@ Otherwise its bodies move as one body, and the soft contact works against this b
 States S2 and S3 are the same as without a rigid contact.
 
 A contact of finite stiffness needs some energy to pass on the force of the soft contact. This energy cannot part its
-bodies. If it counted, a collision whose stiffness ratio exceeds the cut-off already at the first end of compression
-would lose all its restitution (docs/errata.md).
+bodies, so it must be left out of the energy that is compared. Otherwise a collision whose stiffness ratio exceeds the
+cut-off already at the first end of compression would lose all its restitution (docs/errata.md).
 
 **Cases of the supplement.** The closed form covers four sections, which differ in the time at which it begins:
 
@@ -56,7 +56,7 @@ RUNAWAY_RATIO = 1e3
 
 
 class Rigid(IntEnum):
-    """Number of the contact that counts as rigid, or none."""
+    """Number of the contact that is treated as rigid, or none."""
 
     NONE = 0
     CONTACT1 = 1
@@ -90,7 +90,7 @@ def view_from(stiff_is_1, pair, mu, M):
 
 @force_inlined
 def rigid_contact(pair, mu, M, options, highest):
-    """Return the contact that counts as rigid from now on in S1, the ending that this implies, and the pair.
+    """Return the contact that is treated as rigid from now on in S1, the ending that this implies, and the pair.
 
     A contact is rigid if the ratio of the running stiffnesses exceeds `highest`. If there is no cut-off, it is also
     rigid if `runaway` returns an energy. The soft contact of the returned pair has got this energy.

@@ -31,7 +31,7 @@ class LoneContact(NamedTuple):
 
     #: True for contact 1, between the balls; False for contact 2, between ball 2 and the table.
     is_ball_ball: bool
-    #: Whether the other contact is rigid, so that its bodies move as one body.
+    #: Whether the other contact is rigid. Its bodies then move as one body.
     united: bool
     contact: Contact
     #: Mass that the contact works against.

@@ -184,7 +184,7 @@ def rotate_briefly(h, omega, q, r):
 
 @force_inlined
 def motion_of(q, r, modes):
-    """Convert the modal coordinates q and r to rates and forces; the inverse of `amplitudes`.
+    """Return the rates and forces that belong to modal coordinates q and r; this is the inverse of `amplitudes`.
 
     F1 = m1 v1' and F2 = F1 + m2 v2', which are equations (11) and (12) differentiated.
     """

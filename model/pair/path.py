@@ -63,8 +63,8 @@ def write_both(log, row, points, time, state, duration, segment):
 def write_lone(log, row, points, time, state, pair, lone, mu, leaving):
     """Log a segment in which a single contact is active.
 
-    `pair` is the state at the start of the segment, and `leaving` describes its end. Returned are the time at the end
-    and the number of the next row. If the other contact is rigid, it passes on the force of the active contact.
+    `pair` is the state at the start of the segment, and `leaving` describes its end. The function returns the time at
+    the end and the number of the next row. If the other contact is rigid, it passes on the force of the active contact.
     Otherwise its force stays the same. If the active contact has the stiffness 0, the segment takes an infinite time.
     If its stiffness is infinite, the segment takes no time and the force is infinite.
     """

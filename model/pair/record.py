@@ -27,7 +27,7 @@ class State(IntEnum):
 class PairEnding(IntEnum):
     """How the kernel's computation of a collision of two balls ended.
 
-    The numbers differ from all numbers of `chain.record.ChainEnding`. So an ending of one kernel cannot be taken for an
+    The values differ from all values of `chain.record.ChainEnding`. So an ending of one kernel cannot be taken for an
     ending of the other.
     """
 
@@ -40,7 +40,7 @@ class PairEnding(IntEnum):
 
 
 class PairRatios(NamedTuple):
-    """Dimensionless ratios that decide a collision of two balls on a table (Theorem 5); each an array of shape (n,)."""
+    """Ratios on which collisions of two balls on a table depend (Theorem 5); each an array of shape (n,)."""
 
     #: Stiffness ratio k2/k1, from 0 to infinity.
     kappa: NDArray[np.float64]
@@ -58,10 +58,10 @@ class PairRatios(NamedTuple):
 class PairOptions(NamedTuple):
     """Rules and limits of the kernel of two balls."""
 
-    #: A contact counts as rigid if its running stiffness exceeds this number times the stiffness of the other contact.
-    #: `pair.limits.EXACT` means that there is no cut-off.
+    #: A contact is treated as rigid if its running stiffness exceeds this number times the stiffness of the other
+    #: contact. `pair.limits.EXACT` means that there is no cut-off.
     cutoff: float
-    #: Number of events after which a collision is given up.
+    #: Largest number of events. A collision that needs more is given up.
     max_events: int
     #: Whether a repeated compression begins with the stiffness to which ends of compression have raised it. If not, it
     #: begins with the original stiffness (`pair.law`).

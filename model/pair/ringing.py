@@ -27,8 +27,8 @@ LONGEST_STEP, LAST_STEP = 0.1, 1e-8
 def next_zero_of_rate(segment, start):
     """Return the next zero of the rate of a stiff contact, if this zero is certainly the first event of a segment.
 
-    Returned are its time, or 0 if this is not certain; whether the stiff contact is contact 1; and the motion at that
-    time.
+    The function returns three values: the time of this zero, or 0 if it is not certain to be the first event; whether
+    the stiff contact is contact 1; and the motion at that time.
 
     The rate of the stiff contact is zero at the start. While the amplitude of its slow sinusoid is smaller than that of
     its fast sinusoid, the rate is zero twice in each oscillation, and the force of the stiff contact is monotonic

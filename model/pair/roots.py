@@ -145,7 +145,7 @@ def positive_between(start, end, h, C):
     """Return whether it is proven that a function is positive inside an interval of length h.
 
     `start` and `end` are its value, slope and second derivative at both ends. C is the bound of the sixth derivative,
-    divided by 28800. The value at the end may be zero. If rounding makes it negative, it counts as zero.
+    divided by 28800. The value at the end may be zero. If rounding makes it negative, it is taken as zero.
     """
     # The two comparisons are made without a branch. An unpredictable branch would cost more than this computation.
     reserve = C * (h * h * h) * (h * h * h)
@@ -162,9 +162,9 @@ def time_above_zero(start, B, w1):
     """Return a time for which a function f stays positive after it leaves zero.
 
     `start` holds its value 0, its slope, which is positive or 0, and its second derivative, which is positive if the
-    slope is 0. With abs(f'') <= B the function is positive up to t = 2 f'/B. If the slope is 0, which is so for contact
+    slope is 0. With abs(f'') <= B the function is positive until t = 2 f'/B. If the slope is 0, which is so for contact
     2 at the start of a collision, the third derivative is 0, too. The fourth derivative is at most B w1^2, so the
-    function is positive up to t^2 = 12 f''/(B w1^2).
+    function is positive until t^2 = 12 f''/(B w1^2).
     """
     return 0.99 * (2 * start.slope / B if start.slope > 0 else sqrt(12 * start.bend / B) / w1)
 

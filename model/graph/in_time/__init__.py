@@ -1,4 +1,4 @@
-"""Contact graphs under laws in real time: springs and dashpots whose contacts have a depth (docs/theory.md, section 7).
+"""Contact graphs with laws over time: springs and dashpots whose contacts have a depth (docs/theory.md, section 7).
 
 The depths are measured along normals that stay fixed.
 

@@ -3,7 +3,7 @@
 An event is a zero of a watched function: of the rate of compression, the depth or the force of a contact. Over a window
 of length h each watched function is a polynomial in x = t/h, whose remainder is below rounding (`in_time.motion`).
 `chain.roots.first_root` finds its first root, and steps over no root. The contacts are searched one after another, each
-only up to the earliest root so far. If two roots are equal, the root of the contact with the lower number counts.
+only up to the earliest root so far. If two roots are equal, the event belongs to the contact with the lower number.
 
 Used by `in_time.kernel`.
 """
@@ -22,7 +22,10 @@ from impact_xval.model.pair.law import Phase
 
 
 class TimedEvent(NamedTuple):
-    """First event of a window, or no event."""
+    """First event of a window, or no event.
+
+    A window is a time over which one power series gives the motion.
+    """
 
     #: Number of the contact, from 0; -1 if the window has no event.
     contact: int
@@ -37,7 +40,7 @@ class TimedEvent(NamedTuple):
 def first_zero(contact, watched, sign, latest):
     """Return the place x = t/h of the first zero of a watched function of a contact, if it is before `latest`.
 
-    `sign` is the sign that the function has before its zero. Returned is infinity if there is no zero, 0 if the
+    `sign` is the sign that the function has before its zero. The result is infinite if there is no zero, 0 if the
     function leaves this sign at once, and -1 if the search was given up.
     """
     table = contact.rates

@@ -1,4 +1,6 @@
-"""Solution of many contact graphs under a law in real time, as arrays in SI units: `solve_timed_graphs`.
+"""Solution of many contact graphs by a contact law that is integrated over time.
+
+`solve_timed_graphs` takes and returns arrays in SI units.
 
 Needs `in_time.kernel`, and `graph.solving` for the checks of the input. Used by `compliant_baselines.references`.
 """
@@ -36,7 +38,7 @@ from impact_xval.model.status import IS_RESULT, STATUSES, Ending, Status, first_
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimedGraphOutcomes:
-    """Results of n graphs with C contacts each under a law in real time.
+    """Results of n graphs with C contacts each, for a contact law that is integrated over time.
 
     Attributes
     ----------
@@ -62,7 +64,7 @@ class TimedGraphOutcomes:
 
     @property
     def has_result(self) -> Booleans:
-        """True for each graph whose numbers are a result; shape (n,)."""
+        """True for each graph whose impulses and rates are a result; shape (n,)."""
         return IS_RESULT[self.status]
 
     def status_of(self, i: int) -> Status:
@@ -81,7 +83,7 @@ def solve_timed_graphs(
     frozen: bool = False,
     max_windows: int | None = None,
 ) -> TimedGraphOutcomes:
-    """Solve n contact graphs with C contacts each under a law in real time, on all processors.
+    """Solve n contact graphs with C contacts each on all processors, by a contact law that is integrated over time.
 
     Parameters
     ----------
@@ -97,7 +99,8 @@ def solve_timed_graphs(
     frozen : bool
         Whether gaps are ignored, as in the model: a contact that has opened returns as soon as its bodies approach.
     max_windows : int, optional
-        Number of windows after which a graph is given up. It can only lower the default, which takes about a second.
+        Largest number of windows of a graph. A graph that needs more is given up. The argument can only lower the
+        default, which takes about a second.
 
     Returns
     -------
@@ -154,7 +157,7 @@ def _endings(
 ) -> list[Ending]:
     """Return all ways in which a graph may have ended, each with the graphs that ended so, a status and a sentence.
 
-    The first ending that is true of a graph counts. So the endings without a result come first.
+    A graph gets the first ending whose condition is true for it. So the endings without a result come first.
     """
     ending = results["ending"]
     endings = [

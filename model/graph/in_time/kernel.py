@@ -1,4 +1,4 @@
-"""The compiled kernel of graphs under laws in real time: it follows each graph to the end of its collision.
+"""The compiled kernel of graphs with contact laws over time: it follows each graph to the end of its collision.
 
 Python calls `follow_timed_graphs`, which follows many graphs. `collide` follows one graph. While a contact is active,
 the graph moves window by window. Over a window every rate of compression, every depth and every force is a polynomial
@@ -37,7 +37,7 @@ from impact_xval.model.pair.law import Phase
 def begin(c, matrices, graphs, dampings, graph):
     """Set all contacts of a graph to their state at first touch.
 
-    No contact is active yet. The start rule of the first window decides which contacts become active (`in_time.law`).
+    No contact is active yet. The start rule (`in_time.law`) makes contacts active at the beginning of the first window.
     """
     for i in range(c.size):
         contact = c[i]
@@ -110,7 +110,7 @@ def apply_event(c, matrices, i, watched, energy, result):
 def collide(c, matrices, energy, most_windows, result):
     """Follow a graph from first touch to the end of its collision, and return the strain energy that it lost.
 
-    The returned energy has a meaning under bistiffness only. All fields of `result`, a record of
+    The returned energy has a meaning for bistiffness only. All fields of `result`, a record of
     `in_time.record.TIMED_RESULT`, are filled in except `energy_residual`.
     """
     ending, events, windows = TimedEnding.UNFINISHED, 0, 0
@@ -184,7 +184,7 @@ def follow_timed_graphs(c, matrices, graphs, dampings, most_windows, ends):
     dampings : ndarray, shape (n, C)
         Dampings of the contacts, in the scaled units of `graphs`.
     most_windows : int
-        Number of windows after which a graph is given up.
+        Largest number of windows of a graph. A graph that needs more is given up.
     ends : GraphEnds
         Filled in. Its results are records of `in_time.record.TIMED_RESULT`, and have to be zeros before the call.
     """

@@ -63,10 +63,10 @@ def watched_sign(contact, watched):
 
 @kernel_helper
 def begin_touching(contact):
-    """Apply the start rule to an inactive contact of depth 0, as far as its rate of compression decides.
+    """Apply the start rule to an inactive contact of depth 0, as far as only its rate of compression is needed.
 
-    If the rate is positive, the contact becomes active. If the rate is 0, the contact is flagged as undecided:
-    `graph.motion.decide` decides it by derivatives of the rate.
+    If the rate is positive, the contact becomes active. If the rate is 0, the contact gets the flag `undecided`, and
+    `graph.motion.decide` later tests derivatives of the rate.
     """
     contact.undecided = False
     if contact.is_rigid or contact.delta != 0 or contact.phase > Phase.COMPRESSION:

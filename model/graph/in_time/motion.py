@@ -1,4 +1,4 @@
-"""Exact motion between events under laws in real time: power series of rates w, depths delta and forces F.
+"""Exact motion between events, for contact laws over time: power series of rates w, depths delta and forces F.
 
 Between events w' = -W F, with the Delassus matrix W. An active contact has the force F = k delta + b w, with the
 stiffness k and the damping b. Let v be the velocities of bodies with the mass matrix M, let w = -J v, and let
@@ -36,9 +36,9 @@ from impact_xval.model.graph.motion import INVERSE_NEXT, decide
 def largest_eigenvalue(c, W, of_dampings):
     """Return an upper bound of the largest eigenvalue of sqrt(K) W sqrt(K), with stiffnesses K or dampings.
 
-    Dampings replace the stiffnesses if `of_dampings` is true. Only contacts that are active or may become active count.
-    The result is the smaller one of two bounds: the largest sum of a row of W K (Gershgorin), and the Frobenius norm of
-    the matrix.
+    Dampings replace the stiffnesses if `of_dampings` is true. The matrix has only the contacts that are active or may
+    become active. The result is the smaller one of two bounds: the largest sum of a row of W K (Gershgorin), and the
+    Frobenius norm of the matrix.
     """
     largest_row, squares = 0.0, 0.0
     for i in range(c.size):
@@ -63,7 +63,7 @@ def window_length(c, W):
 
 @kernel_helper
 def start_window(c):
-    """Apply the start rule, which makes contacts active whose bodies touch and approach, to all contacts."""
+    """Apply the start rule to all contacts: a contact becomes active if its bodies touch and approach."""
     for i in range(c.size):
         begin_touching(c[i])
 
@@ -78,10 +78,12 @@ def force_coefficient(contact, order):
 
 @kernel_helper
 def expand(c, matrices, h):
-    """Write the power series of all rates, depths and forces in x = t/h, and decide the undecided contacts.
+    """Write the power series of all rates, depths and forces in x = t/h, and make contacts active by the start rule.
 
-    The series have the powers 0 to `ORDER`. h is the length of the window. If a contact becomes active at order n, its
-    force has no coefficient of a lower order. So all coefficients that are already written stay valid.
+    The series have the powers 0 to `ORDER`. h is the length of the window. The start rule is applied to contacts that
+    are flagged as `undecided`: they touch at the rate 0. The coefficients are computed order by order. If a contact
+    becomes active at order n, its force begins with the power n. So all coefficients that are already written stay
+    valid.
     """
     W = matrices.W
     for i in range(c.size):

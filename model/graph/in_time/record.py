@@ -11,7 +11,7 @@ import numpy as np
 
 
 class TimedEnding(IntEnum):
-    """How the kernel's computation of a graph ended. The numbers differ from the endings of all other kernels."""
+    """How the kernel's computation of a graph ended. The values differ from the endings of all other kernels."""
 
     UNFINISHED = 300  # given up: the collision is not over after the largest number of windows
     FREE = 301  # the collision is over: no contact carries force, and no gap closes

@@ -1,8 +1,8 @@
 """Contacts of a graph that become rigid under bistiffness (supplement, 3.4).
 
 Each end of compression makes a contact stiffer, and its stiffness may grow without bound in a finite time. The model's
-rule `graph.rigid.ringing_ends` decides when such a contact counts as rigid. Under bistiffness the rule has one more
-condition: no gap closes until then.
+rule `graph.rigid.ringing_ends` says when such a contact may be treated as rigid. Under bistiffness the rule has one
+more condition: no gap closes until then.
 
 A rigid contact r keeps its rate of compression w_r = 0. It is eliminated from the Delassus matrix W, as in
 `graph.rigid`: W <- W - W_r W_r^T/W_rr, and its force is F_r = -sum_j W_rj F_j/W_rr. From then on it
@@ -29,7 +29,7 @@ from impact_xval.model.pair.law import Phase
 
 @kernel_helper
 def ringing_ends(c, W, i):
-    """Return whether contact i, which has just ended compression, may count as rigid from this time on.
+    """Return whether contact i, which has just ended compression, may be treated as rigid from this time on.
 
     The condition is the model's, with one addition: no gap closes within twice the time after which the contact is
     rigid.
@@ -48,7 +48,7 @@ def ringing_ends(c, W, i):
 def gap_closes_within(c, W, time, least):
     """Return whether the gap of any contact may close within a time.
 
-    Gaps that close with little energy do not count: `least` is twice the smallest energy of approach that matters.
+    Gaps that close with little energy are ignored: `least` is twice the smallest energy of approach that matters.
     """
     for j in range(c.size):
         contact = c[j]

@@ -1,4 +1,6 @@
-"""The state of a graph under a law in real time during a collision, its energies, and scratch space of the kernel.
+"""The state of a graph during a collision whose contact law is integrated over time.
+
+The module also has the energies of contacts, and the scratch space of the kernel.
 
 Needs `chain.laws`, whose functions read the fields of a contact by name. Used by `in_time.following`, which allocates
 the records, and by `in_time.kernel`.
@@ -45,7 +47,7 @@ TIMED_CONTACT = np.dtype(
         ("is_rigid", "?"),  # whether the contact has become rigid; its phase is then INACTIVE
         ("eliminated", "i8"),  # field of record n: number of the contact that became rigid after n others
         ("force_is_zero", "?"),  # whether an event at the present time has made the force zero
-        ("undecided", "?"),  # whether the contact is at rest without depth, so that the start rule decides
+        ("undecided", "?"),  # at rest without depth: the start rule may make the contact active
         (
             "total",
             "f8",
@@ -114,7 +116,7 @@ def may_still_act(contact):
 
 @kernel_helper
 def still_rounding(c, W, energy):
-    """Set rates, depths and forces of contacts under bistiffness to 0 where they are only rounding.
+    """Set rates, depths and forces of bistiffness contacts to 0 where they are only rounding.
 
     Contacts in restitution and rigid contacts keep their values. In a symmetric graph the exact rate of a contact may
     be 0 at all times. Without this function the rounding of such a rate would end compressions, and each end would make
@@ -148,7 +150,7 @@ def energy_left(c, W):
 def bring_to_rest(c):
     """Make all contacts inactive that are active or whose bodies approach, and set their rates to 0.
 
-    Returned are their strain energy, which is lost, and whether a contact among them has a restitution below 1.
+    The function returns their strain energy, which is lost, and whether a contact among them has a restitution below 1.
     """
     dropped, is_lossy = 0.0, False
     for i in range(c.size):
